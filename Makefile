@@ -1,0 +1,52 @@
+# Every target sets up what it needs and may be repeated; the second run is fast.
+.DEFAULT_GOAL := help
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+CHAIN ?= eth-tester
+
+.PHONY: help setup demo test bench lint contracts clean
+
+help:  ## show the targets
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
+
+# -- set-up ------------------------------------------------------------------------------------------
+
+$(VENV)/stamp: pyproject.toml constraints.txt
+	@echo "Installing the Python packages into $(VENV) ..."
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@touch $@
+
+node_modules/.stamp: package.json package-lock.json
+	@echo "Installing Foundry and OpenZeppelin from npm ..."
+	@command -v npm >/dev/null || { echo "Node.js 20 or newer with npm is needed for the contract tests" >&2; exit 1; }
+	@# Not npm ci: it wants the lock to name the binaries of every platform, which not every registry has.
+	@npm install --no-save --no-audit --no-fund --loglevel=error
+	@touch $@
+
+setup: $(VENV)/stamp  ## install what running needs (no Node)
+
+# -- what people run ---------------------------------------------------------------------------------
+
+demo: setup  ## one cleaning task and one charging session, end to end
+	@$(BIN)/python -m deploy.demo
+
+test: setup node_modules/.stamp  ## everything that checks the project
+	@npm run --silent contracts:test
+	@$(BIN)/python -m pytest --chain $(CHAIN)
+
+bench: setup node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, robot, itrash, bridge)
+	@$(BIN)/python -m bench $(ONLY)
+
+lint: setup node_modules/.stamp  ## linters, type checker, built contracts equal to their sources
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@npm run --silent contracts:check
+
+contracts: node_modules/.stamp  ## build the contracts' ABI and bytecode
+	@npm run --silent contracts:build
+
+clean:  ## remove what was installed, built and run
+	rm -rf $(VENV) node_modules out var contracts/out contracts/cache

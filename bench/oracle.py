@@ -1,0 +1,96 @@
+"""From URI to verdict, as the oracle does it: fetched from the store, verified in a process of its own.
+
+`verify_cleaning_s`: a 192 s cleaning at 50 Hz (eight topics), replayed in physics at 2 ms.
+`verify_charging_s`: a 65-minute charge at 1 Hz with a signed statement every 10 s.
+`verify_peak_mb`: largest resident memory of a process that verifies both.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import resource
+import statistics
+import tempfile
+import threading
+import time
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+from eth_account.signers.local import LocalAccount
+
+from rodeo.config import Site
+from rodeo.evidence import Binding, Store
+from services.oracle.case import Ledger
+from services.oracle.verify import verify_submission
+from services.oracle.worker import verify_apart
+from tests.support.assignments import (
+    BIN,
+    BINDING,
+    CHARGE_BINDING,
+    METER,
+    ROBOT,
+    charging_ledger,
+    cleaning_ledger,
+)
+from tests.support.recordings import Take, film_charging, film_cleaning, seal
+
+SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
+CLEANING_S = 192.0
+CHARGED_FROM = 0.525
+"""State of charge from which a charge takes 65 minutes."""
+REPEATS = 5
+TIME_LIMIT_S = 120.0
+
+
+def run() -> dict[str, float]:
+    with tempfile.TemporaryDirectory() as folder:
+        site = Site.load(SITE).model_copy(update={"data_dir": Path(folder, "data")})
+        brief = film_cleaning(site, "item1", BIN)
+        cleaning = film_cleaning(site, "item1", BIN, linger_s=CLEANING_S - (brief.end_s - brief.start_s))
+        charge = film_charging(site, METER, CHARGE_BINDING, soc=CHARGED_FROM)
+        cases = {
+            "cleaning": _submitted(site, cleaning, cleaning_ledger(cleaning), BINDING, ROBOT),
+            "charging": _submitted(site, charge, charging_ledger(charge), CHARGE_BINDING, METER),
+        }
+        figures = {
+            "verified_cleaning_s": cleaning.end_s - cleaning.start_s,
+            "verified_charging_s": charge.end_s - charge.start_s,
+        }
+        for name, ledger in cases.items():
+            _verify(site, ledger)  # the first starts what later ones share
+            figures[f"verify_{name}_s"] = statistics.median(_verify(site, ledger) for _ in range(REPEATS))
+        figures["verify_peak_mb"] = _peak_mb(site, list(cases.values()))
+        return figures
+
+
+def _submitted(site: Site, take: Take, ledger: Ledger, binding: Binding, device: LocalAccount) -> Ledger:
+    """The chain's view after the proof of `take` was put into the store."""
+    with tempfile.TemporaryDirectory() as folder:
+        proof = seal(take, Path(folder, "proof.mcap"), binding, device)
+        fields = {"proof_uri": Store(site).put(proof.path), "proof_sha256": proof.sha256}
+    return ledger.model_copy(update={"task": ledger.task.model_copy(update=fields)})
+
+
+def _verify(site: Site, ledger: Ledger) -> float:
+    """Wall time of one verification, s."""
+    started_s = time.perf_counter()
+    report = verify_apart(site, ledger, site.data_dir / "verifying", TIME_LIMIT_S, threading.Event())
+    if report is None or not report.accepted:
+        raise RuntimeError(f"an honest proof was refused: {report and report.reason}")
+    return time.perf_counter() - started_s
+
+
+def _peak_mb(site: Site, ledgers: list[Ledger]) -> float:
+    receiver, sender = multiprocessing.Pipe(duplex=False)
+    child = multiprocessing.get_context("spawn").Process(target=_measure_peak, args=(site, ledgers, sender))
+    child.start()
+    peak_mb: float = receiver.recv()
+    child.join()
+    return peak_mb
+
+
+def _measure_peak(site: Site, ledgers: list[Ledger], sender: Connection) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        for number, ledger in enumerate(ledgers):
+            verify_submission(site, ledger, Path(folder, str(number)))
+    sender.send(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)

@@ -1,0 +1,116 @@
+// SPDX-License-Identifier: MIT
+pragma solidity ^0.8.28;
+
+import {Strings} from "@openzeppelin/contracts/utils/Strings.sol";
+import {IECoin} from "../src/IECoin.sol";
+import {ServiceManager} from "../src/ServiceManager.sol";
+import {TaskManager} from "../src/TaskManager.sol";
+import {TaskRequest} from "../src/interfaces/ITaskManager.sol";
+import {Fixture} from "../test/Fixture.sol";
+
+/// @notice Does many tasks from beginning to end in one transaction, all by itself.
+contract Everyone {
+    TaskManager private immutable _tasks;
+
+    constructor(IECoin coin, TaskManager tasks) {
+        _tasks = tasks;
+        coin.approve(address(tasks), type(uint256).max);
+    }
+
+    function offer(ServiceManager services, bytes32 kind, uint256 price, uint256 number) external {
+        for (uint256 i = 0; i < number; ++i) {
+            services.registerService(kind, price, "");
+        }
+    }
+
+    function work(TaskRequest calldata request, uint256 number) external {
+        for (uint256 i = 0; i < number; ++i) {
+            uint256 taskId = _tasks.registerTask(request);
+            _tasks.submitProof(taskId, 1, "proof", "");
+            _tasks.postVerdict(taskId, 1, "proof", true, 0, "", "");
+        }
+    }
+}
+
+/// @notice What transactions cost, intrinsic gas and refunds included (the profile `bench` isolates each call).
+/// `bench/contracts.py` reads the figures.
+contract GasBench is Fixture {
+    uint256 private constant SERVICES = 1000;
+    uint256 private constant PRICE = 80 ether;
+    uint256 private constant REWARD = 100 ether;
+
+    /// @dev As long as real ones.
+    string private constant PARAMS = '{"item_id":"item1","x_m":4.6,"y_m":1.2}';
+    string private constant PROOF_URI =
+        "file:///srv/rodeo/store/aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa.mcap";
+
+    function test_waitingTask() public {
+        _register();
+        _cancel(1);
+        // The first task and the first service of a kind pay for what the kind needs once.
+        _register();
+        _figure("gas_register_queued", _used());
+        _cancel(2);
+        _figure("gas_cancel", _used());
+        offer(robot1, PRICE);
+        offer(robot1, PRICE);
+        _figure("gas_register_service", _used());
+    }
+
+    /// @dev Register with matching, proof, verdict with settlement; the 2nd, the 500th and the 10,000th task.
+    function test_lifecycle() public {
+        Everyone everyone = new Everyone(coin, tasks);
+        bytes32 role = organization.ORACLE_ROLE();
+        vm.prank(admin);
+        organization.grantRole(role, address(everyone));
+        vm.prank(bob);
+        coin.transfer(address(everyone), REWARD);
+        everyone.offer(services, CLEANING, PRICE, SERVICES);
+
+        everyone.work(request(REWARD), 1);
+        _lifecycle(address(everyone));
+        everyone.work(request(REWARD), 497);
+        _lifecycle(address(everyone));
+        for (uint256 i = 0; i < 18; ++i) {
+            everyone.work(request(REWARD), 500);
+        }
+        everyone.work(request(REWARD), 499);
+        _lifecycle(address(everyone));
+    }
+
+    function _lifecycle(address provider) private {
+        _register();
+        uint256 register = _used();
+        uint256 taskId = tasks.taskCount();
+        vm.prank(provider);
+        tasks.submitProof(taskId, 1, PROOF, PROOF_URI);
+        uint256 proof = _used();
+        vm.prank(oracle);
+        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, PROOF_URI, "all checks passed");
+        uint256 verdict = _used();
+        _figure(string.concat("gas_lifecycle_", Strings.toString(taskId)), register + proof + verdict);
+        _figure("gas_register", register);
+        _figure("gas_proof", proof);
+        _figure("gas_verdict", verdict);
+    }
+
+    function _register() private {
+        TaskRequest memory r = request(REWARD);
+        r.params = PARAMS;
+        vm.prank(alice);
+        tasks.registerTask(r);
+    }
+
+    function _cancel(uint256 taskId) private {
+        vm.prank(alice);
+        tasks.cancelTask(taskId);
+    }
+
+    function _used() private view returns (uint256) {
+        return vm.lastCallGas().gasTotalUsed;
+    }
+
+    function _figure(string memory name, uint256 gas) private {
+        vm.snapshotValue("contracts", name, gas);
+    }
+}

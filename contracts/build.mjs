@@ -1,0 +1,43 @@
+// Builds the contracts and writes what running needs, so that running needs no Node:
+//   node contracts/build.mjs          write rodeo/chain/artifacts/<Contract>.json
+//   node contracts/build.mjs --check  fail if they differ from the sources
+import { existsSync, mkdirSync, readFileSync, writeFileSync } from "node:fs";
+import { dirname, join } from "node:path";
+import { fileURLToPath } from "node:url";
+import { forge } from "./forge.mjs";
+
+const CONTRACTS = ["IECoin", "Organization", "ServiceManager", "TaskManager", "FirstComeFirstServed"];
+
+const root = dirname(dirname(fileURLToPath(import.meta.url)));
+const target = join(root, "rodeo", "chain", "artifacts");
+
+function artifact(name) {
+  const built = JSON.parse(readFileSync(join(root, "contracts", "out", `${name}.sol`, `${name}.json`), "utf8"));
+  const immutables = Object.values(built.deployedBytecode.immutableReferences ?? {}).flat();
+  return {
+    contractName: name,
+    abi: built.abi,
+    bytecode: built.bytecode.object,
+    deployedBytecode: built.deployedBytecode.object,
+    // Where the constructor writes into the deployed code: [start, length] in bytes.
+    immutables: immutables.map(({ start, length }) => [start, length]).sort((a, b) => a[0] - b[0]),
+  };
+}
+
+const check = process.argv.includes("--check");
+if (forge("build", "--quiet", "contracts/src") !== 0) process.exit(1);
+mkdirSync(target, { recursive: true });
+
+const stale = [];
+for (const name of CONTRACTS) {
+  const path = join(target, `${name}.json`);
+  const text = JSON.stringify(artifact(name), null, 1) + "\n";
+  if (existsSync(path) && readFileSync(path, "utf8") === text) continue;
+  if (check) stale.push(path);
+  else writeFileSync(path, text);
+}
+
+if (stale.length > 0) {
+  console.error(`built contracts differ from their sources; run \`make contracts\`:\n  ${stale.join("\n  ")}`);
+  process.exitCode = 1;
+}

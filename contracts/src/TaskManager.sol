@@ -1,0 +1,293 @@
+// SPDX-License-Identifier: MIT
+pragma solidity ^0.8.28;
+
+import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
+import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol";
+import {ReentrancyGuardTransient} from "@openzeppelin/contracts/utils/ReentrancyGuardTransient.sol";
+import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
+import {IOrganization} from "./interfaces/IOrganization.sol";
+import {IServiceManager, Outcome} from "./interfaces/IServiceManager.sol";
+import {Cause, ITaskManager, Task, TaskRequest, TaskState} from "./interfaces/ITaskManager.sol";
+import {FirstFitQueue} from "./libraries/FirstFitQueue.sol";
+import {KindTable} from "./libraries/KindTable.sol";
+import {Units} from "./libraries/Units.sol";
+
+contract TaskManager is ITaskManager, ReentrancyGuardTransient {
+    using FirstFitQueue for FirstFitQueue.Queue;
+    using KindTable for KindTable.Table;
+    using SafeCast for uint256;
+    using SafeERC20 for IERC20;
+
+    /// @dev A Task in three words; the windows fit in 24 bits because MAX_WINDOW does.
+    struct Record {
+        address creator;
+        uint96 reward;
+        uint96 price;
+        uint32 serviceId;
+        uint40 deadline;
+        uint24 executionWindow;
+        uint24 verdictWindow;
+        uint16 kindId;
+        uint8 attempt;
+        uint8 maxAttempts;
+        TaskState state;
+        bytes32 proofHash;
+    }
+
+    /// @notice A shorter window would let a creator take work for which nobody can answer in time.
+    uint32 public constant MIN_WINDOW = 1 minutes;
+    uint32 public constant MAX_WINDOW = 30 days;
+    uint8 public constant MAX_ATTEMPTS = 10;
+
+    IERC20 public immutable token;
+    IOrganization public immutable organization;
+    IServiceManager public immutable services;
+
+    uint256 private _taskCount;
+    KindTable.Table private _kinds;
+    mapping(uint256 taskId => Record) private _tasks;
+    /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place.
+    mapping(uint16 kindId => FirstFitQueue.Queue) private _open;
+
+    constructor(IOrganization organization_, IServiceManager services_) {
+        if (organization_.tasks() != this || organization_.services() != services_) {
+            revert NotWired(address(organization_), address(services_));
+        }
+        organization = organization_;
+        services = services_;
+        token = organization_.token();
+    }
+
+    /// @inheritdoc ITaskManager
+    function registerTask(TaskRequest calldata request) external nonReentrant returns (uint256 taskId) {
+        organization.requireKind(request.kind);
+        _requireWindow(request.executionWindow);
+        _requireWindow(request.verdictWindow);
+        if (request.maxAttempts == 0 || request.maxAttempts > MAX_ATTEMPTS) {
+            revert InvalidAttempts(request.maxAttempts, MAX_ATTEMPTS);
+        }
+        taskId = ++_taskCount;
+        Record storage t = _tasks[taskId];
+        t.creator = msg.sender;
+        t.reward = request.reward.toUint96();
+        t.kindId = _kinds.idOf(request.kind);
+        t.executionWindow = uint24(request.executionWindow);
+        t.verdictWindow = uint24(request.verdictWindow);
+        t.maxAttempts = request.maxAttempts;
+        t.state = TaskState.Open;
+        emit TaskRegistered(
+            taskId,
+            msg.sender,
+            request.kind,
+            request.reward,
+            request.executionWindow,
+            request.verdictWindow,
+            request.maxAttempts,
+            request.params
+        );
+        _match(taskId, t, request.kind);
+        token.safeTransferFrom(msg.sender, address(this), request.reward);
+    }
+
+    /// @inheritdoc ITaskManager
+    function cancelTask(uint256 taskId) external nonReentrant {
+        Record storage t = _get(taskId);
+        if (msg.sender != t.creator) revert NotCreator(taskId, msg.sender, t.creator);
+        _requireState(taskId, t, TaskState.Open);
+        _open[t.kindId].remove(uint64(taskId));
+        t.state = TaskState.Cancelled;
+        uint256 refund = t.reward;
+        emit TaskCancelled(taskId, refund);
+        token.safeTransfer(t.creator, refund);
+    }
+
+    /// @inheritdoc ITaskManager
+    function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri)
+        external
+        nonReentrant
+    {
+        Record storage t = _get(taskId);
+        _requireAttempt(taskId, t, attempt, TaskState.Assigned);
+        address executor = services.providerOf(t.serviceId);
+        if (msg.sender != executor) revert NotExecutor(taskId, msg.sender, executor);
+        if (proofHash == 0) revert EmptyProof(taskId);
+        t.proofHash = proofHash;
+        t.state = TaskState.Submitted;
+        uint256 deadline = block.timestamp + t.verdictWindow;
+        t.deadline = deadline.toUint40();
+        emit ProofSubmitted(taskId, attempt, executor, proofHash, uri, deadline);
+    }
+
+    /// @inheritdoc ITaskManager
+    function postVerdict(
+        uint256 taskId,
+        uint8 attempt,
+        bytes32 proofHash,
+        bool accepted,
+        bytes32 reportHash,
+        string calldata reportUri,
+        string calldata reason
+    ) external nonReentrant {
+        if (!organization.isOracle(msg.sender)) revert NotOracle(msg.sender);
+        Record storage t = _get(taskId);
+        _requireAttempt(taskId, t, attempt, TaskState.Submitted);
+        if (proofHash != t.proofHash) revert ProofMismatch(taskId, t.proofHash, proofHash);
+        emit VerdictPosted(taskId, attempt, proofHash, accepted, reportHash, reportUri, reason);
+        if (accepted) _settle(taskId, t);
+        else _failAttempt(taskId, t, Cause.Rejected);
+    }
+
+    /// @inheritdoc ITaskManager
+    function expireTask(uint256 taskId) external nonReentrant {
+        Record storage t = _get(taskId);
+        bool submitted = t.state == TaskState.Submitted;
+        if (!submitted) _requireState(taskId, t, TaskState.Assigned);
+        if (block.timestamp <= t.deadline) revert DeadlineNotPassed(taskId, t.deadline, block.timestamp);
+        _failAttempt(taskId, t, submitted ? Cause.VerdictExpired : Cause.ExecutionExpired);
+    }
+
+    /// @inheritdoc ITaskManager
+    function matchTask(uint256 taskId) external nonReentrant {
+        Record storage t = _get(taskId);
+        _requireState(taskId, t, TaskState.Open);
+        _open[t.kindId].remove(uint64(taskId));
+        _match(taskId, t, _kinds.kinds[t.kindId]);
+    }
+
+    /// @inheritdoc ITaskManager
+    function placeService(uint256 serviceId, bytes32 kind, uint256 price) external nonReentrant {
+        if (msg.sender != address(services)) revert NotServiceManager(msg.sender);
+        _place(serviceId, _kinds.ids[kind], price);
+    }
+
+    /// @inheritdoc ITaskManager
+    function task(uint256 taskId) external view returns (Task memory) {
+        Record storage t = _get(taskId);
+        return Task({
+            creator: t.creator,
+            reward: t.reward,
+            kind: _kinds.kinds[t.kindId],
+            price: t.price,
+            serviceId: t.serviceId,
+            deadline: t.deadline,
+            executionWindow: t.executionWindow,
+            verdictWindow: t.verdictWindow,
+            attempt: t.attempt,
+            maxAttempts: t.maxAttempts,
+            state: t.state,
+            proofHash: t.proofHash
+        });
+    }
+
+    /// @inheritdoc ITaskManager
+    function taskCount() external view returns (uint256) {
+        return _taskCount;
+    }
+
+    /// @inheritdoc ITaskManager
+    function oldestOpen(bytes32 kind, uint256 price) external view returns (uint256 taskId) {
+        return _open[_kinds.ids[kind]].first(Units.weight(price));
+    }
+
+    /// @dev Give an open task that is in no queue to a service, or let it wait in its place.
+    function _match(uint256 taskId, Record storage t, bytes32 kind) private {
+        (uint256 serviceId, bool failed) = organization.selectService(kind, t.reward);
+        if (failed) emit PolicyFailed(taskId);
+        if (serviceId == 0) _open[t.kindId].insert(uint64(taskId), Units.weight(t.reward));
+        else _assign(taskId, t, serviceId);
+    }
+
+    /// @dev Give an available service that is in no queue the oldest task it can do, or let it wait.
+    function _place(uint256 serviceId, uint16 kindId, uint256 price) private {
+        FirstFitQueue.Queue storage open = _open[kindId];
+        uint64 taskId = open.first(Units.weight(price));
+        if (taskId == 0) {
+            services.offer(serviceId);
+        } else {
+            open.remove(taskId);
+            _assign(taskId, _tasks[taskId], serviceId);
+        }
+    }
+
+    function _assign(uint256 taskId, Record storage t, uint256 serviceId) private {
+        (address executor, uint256 price) = services.acquire(serviceId, taskId);
+        uint8 attempt = t.attempt + 1;
+        uint256 deadline = block.timestamp + t.executionWindow;
+        t.attempt = attempt;
+        t.price = uint96(price);
+        t.serviceId = uint32(serviceId);
+        t.deadline = deadline.toUint40();
+        t.state = TaskState.Assigned;
+        bytes32 nonce = keccak256(
+            abi.encode(
+                block.chainid, address(this), taskId, attempt, block.prevrandao, blockhash(block.number - 1)
+            )
+        );
+        emit TaskAssigned(taskId, attempt, executor, serviceId, price, nonce, deadline);
+    }
+
+    function _settle(uint256 taskId, Record storage t) private {
+        uint256 price = t.price;
+        uint256 surplus = t.reward - price;
+        t.state = TaskState.Settled;
+        t.deadline = 0;
+        address executor = services.providerOf(t.serviceId);
+        emit TaskSettled(taskId, executor, price, surplus);
+        _release(t.serviceId, t.kindId, Outcome.Completed);
+        if (price != 0) token.safeTransfer(executor, price);
+        if (surplus != 0) token.safeTransfer(t.creator, surplus);
+    }
+
+    /// @dev The next attempt goes to another service that waits, before the one that failed gets its next task.
+    function _failAttempt(uint256 taskId, Record storage t, Cause cause) private {
+        uint256 serviceId = t.serviceId;
+        bool last = t.attempt == t.maxAttempts;
+        t.deadline = 0;
+        if (last) {
+            t.state = TaskState.Failed;
+            emit TaskFailed(taskId, t.reward, t.attempt, cause);
+        } else {
+            t.state = TaskState.Open;
+            t.serviceId = 0;
+            t.price = 0;
+            t.proofHash = 0;
+            emit TaskRequeued(taskId, t.attempt, cause);
+            _match(taskId, t, _kinds.kinds[t.kindId]);
+        }
+        _release(serviceId, t.kindId, _outcome(cause));
+        if (last) token.safeTransfer(t.creator, t.reward);
+    }
+
+    function _release(uint256 serviceId, uint16 kindId, Outcome outcome) private {
+        (bool available, uint256 price) = services.release(serviceId, outcome);
+        if (available) _place(serviceId, kindId, price);
+    }
+
+    function _get(uint256 taskId) private view returns (Record storage t) {
+        t = _tasks[taskId];
+        if (t.state == TaskState.None) revert UnknownTask(taskId);
+    }
+
+    function _requireState(uint256 taskId, Record storage t, TaskState expected) private view {
+        if (t.state != expected) revert WrongState(taskId, t.state, expected);
+    }
+
+    /// @dev The named attempt runs, is in `expected` and inside its window.
+    function _requireAttempt(uint256 taskId, Record storage t, uint8 attempt, TaskState expected)
+        private
+        view
+    {
+        _requireState(taskId, t, expected);
+        if (attempt != t.attempt) revert WrongAttempt(taskId, t.attempt, attempt);
+        if (block.timestamp > t.deadline) revert DeadlinePassed(taskId, t.deadline, block.timestamp);
+    }
+
+    function _requireWindow(uint32 window) private pure {
+        if (window < MIN_WINDOW || window > MAX_WINDOW) revert InvalidWindow(window, MIN_WINDOW, MAX_WINDOW);
+    }
+
+    function _outcome(Cause cause) private pure returns (Outcome) {
+        if (cause == Cause.Rejected) return Outcome.Rejected;
+        return cause == Cause.ExecutionExpired ? Outcome.Expired : Outcome.Unjudged;
+    }
+}

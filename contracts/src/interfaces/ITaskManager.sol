@@ -1,0 +1,169 @@
+// SPDX-License-Identifier: MIT
+pragma solidity ^0.8.28;
+
+enum TaskState {
+    None,
+    Open,
+    Assigned,
+    Submitted,
+    Settled,
+    Cancelled,
+    Failed
+}
+
+/// @notice Why an attempt failed.
+enum Cause {
+    Rejected,
+    ExecutionExpired,
+    VerdictExpired
+}
+
+/// @param kind what is to be done, ASCII
+/// @param reward the most it may cost, in the token's smallest unit; all of it goes to escrow
+/// @param executionWindow seconds from assignment to proof
+/// @param verdictWindow seconds from proof to verdict
+/// @param maxAttempts how many assignments before the reward goes back
+/// @param params JSON; only in the event
+struct TaskRequest {
+    bytes32 kind;
+    uint256 reward;
+    uint32 executionWindow;
+    uint32 verdictWindow;
+    uint8 maxAttempts;
+    string params;
+}
+
+/// @param price what the executor of the running (or settling) attempt is paid
+/// @param serviceId the service of the running (or last) attempt; 0 while open
+/// @param deadline end of the running window, block time in seconds; 0 when none runs
+/// @param attempt 1 for the first assignment
+/// @param proofHash SHA-256 of the proof of the running (or last) attempt; 0 before it
+struct Task {
+    address creator;
+    uint96 reward;
+    bytes32 kind;
+    uint96 price;
+    uint32 serviceId;
+    uint40 deadline;
+    uint32 executionWindow;
+    uint32 verdictWindow;
+    uint8 attempt;
+    uint8 maxAttempts;
+    TaskState state;
+    bytes32 proofHash;
+}
+
+/// @title Tasks and their escrow.
+/// @notice
+///     Open ──match──> Assigned ──proof──> Submitted ──accepted──> Settled
+///      │ ^               │                    │
+///      │ └───────────────┴── expired, rejected ┘ (attempts left)
+///      └──> Cancelled                         └──> Failed (none left)
+/// The whole reward is held from registration to one of the three terminal states, in which the executor has
+/// its price and the creator the rest.
+interface ITaskManager {
+    event TaskRegistered(
+        uint256 indexed taskId,
+        address indexed creator,
+        bytes32 indexed kind,
+        uint256 reward,
+        uint32 executionWindow,
+        uint32 verdictWindow,
+        uint8 maxAttempts,
+        string params
+    );
+    /// @param nonce could not be known before this assignment; a proof has to contain it
+    event TaskAssigned(
+        uint256 indexed taskId,
+        uint8 attempt,
+        address indexed executor,
+        uint256 indexed serviceId,
+        uint256 price,
+        bytes32 nonce,
+        uint256 deadline
+    );
+    event ProofSubmitted(
+        uint256 indexed taskId,
+        uint8 attempt,
+        address indexed executor,
+        bytes32 indexed proofHash,
+        string uri,
+        uint256 deadline
+    );
+    event VerdictPosted(
+        uint256 indexed taskId,
+        uint8 attempt,
+        bytes32 indexed proofHash,
+        bool accepted,
+        bytes32 reportHash,
+        string reportUri,
+        string reason
+    );
+    event TaskSettled(uint256 indexed taskId, address indexed executor, uint256 paid, uint256 surplus);
+    /// @param attempt the attempt that failed
+    event TaskRequeued(uint256 indexed taskId, uint8 attempt, Cause cause);
+    /// @param attempt the last attempt, which failed
+    event TaskFailed(uint256 indexed taskId, uint256 refund, uint8 attempt, Cause cause);
+    event TaskCancelled(uint256 indexed taskId, uint256 refund);
+    /// @notice The organization's policy reverted or chose an unfit service; the task waits. See matchTask.
+    event PolicyFailed(uint256 indexed taskId);
+
+    error UnknownTask(uint256 taskId);
+    error WrongState(uint256 taskId, TaskState current, TaskState expected);
+    error WrongAttempt(uint256 taskId, uint8 current, uint8 given);
+    error NotCreator(uint256 taskId, address caller, address creator);
+    error NotExecutor(uint256 taskId, address caller, address executor);
+    error NotOracle(address caller);
+    error NotServiceManager(address caller);
+    error InvalidWindow(uint32 window, uint32 min, uint32 max);
+    error InvalidAttempts(uint8 attempts, uint8 max);
+    error EmptyProof(uint256 taskId);
+    error ProofMismatch(uint256 taskId, bytes32 submitted, bytes32 given);
+    error DeadlinePassed(uint256 taskId, uint256 deadline, uint256 time);
+    error DeadlineNotPassed(uint256 taskId, uint256 deadline, uint256 time);
+    /// @notice The three contracts do not name each other.
+    error NotWired(address organization, address services);
+
+    /// @notice Put `request.reward` of the caller's tokens in escrow for a task. Assigned at once if a service can.
+    function registerTask(TaskRequest calldata request) external returns (uint256 taskId);
+
+    /// @notice The creator takes an open task back, with the whole reward.
+    function cancelTask(uint256 taskId) external;
+
+    /// @notice The executor names its evidence for the running attempt: once, inside the execution window.
+    /// @param proofHash SHA-256 of the recording
+    /// @param uri where it can be fetched; only in the event
+    function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
+
+    /// @notice The oracle's decision on the submitted proof, inside the verdict window. Settles or requeues.
+    /// @param proofHash the proof that was judged
+    /// @param reportHash SHA-256 of the report
+    function postVerdict(
+        uint256 taskId,
+        uint8 attempt,
+        bytes32 proofHash,
+        bool accepted,
+        bytes32 reportHash,
+        string calldata reportUri,
+        string calldata reason
+    ) external;
+
+    /// @notice Anyone ends an attempt whose window has passed. The task queues again, or fails with a refund.
+    function expireTask(uint256 taskId) external;
+
+    /// @notice Anyone asks the policy again for an open task; useful only after PolicyFailed.
+    function matchTask(uint256 taskId) external;
+
+    /// @notice The task, as it is now. Reverts with UnknownTask.
+    function task(uint256 taskId) external view returns (Task memory);
+
+    /// @notice How many tasks were ever registered; the last id.
+    function taskCount() external view returns (uint256);
+
+    /// @notice The oldest open task of `kind` that pays at least `price`; 0 if none.
+    function oldestOpen(bytes32 kind, uint256 price) external view returns (uint256 taskId);
+
+    /// @notice A service became available: give it the oldest open task it can do, or let it wait. Only the
+    /// service manager.
+    function placeService(uint256 serviceId, bytes32 kind, uint256 price) external;
+}

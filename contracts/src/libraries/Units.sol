@@ -1,0 +1,28 @@
+// SPDX-License-Identifier: MIT
+pragma solidity ^0.8.28;
+
+import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
+
+/// @title Amounts as 64-bit weights.
+/// @notice Prices are whole units, so `price <= reward` holds exactly when it holds for the weights.
+library Units {
+    /// @notice The token's smallest unit times 10^9: a billionth of a token with 18 decimals.
+    uint256 internal constant UNIT = 1 gwei;
+
+    /// @notice The greatest price: 18 billion tokens with 18 decimals.
+    uint256 internal constant MAX = uint256(type(uint64).max) * UNIT;
+
+    function isPrice(uint256 amount) internal pure returns (bool) {
+        return amount <= MAX && amount % UNIT == 0;
+    }
+
+    /// @notice Grows with the amount, in whole units rounded down.
+    function weight(uint256 amount) internal pure returns (uint64) {
+        return uint64(Math.min(amount, MAX) / UNIT);
+    }
+
+    /// @notice Falls with the amount: `lightness(price) >= lightness(reward)` says that the price is affordable.
+    function lightness(uint256 amount) internal pure returns (uint64) {
+        return type(uint64).max - weight(amount);
+    }
+}

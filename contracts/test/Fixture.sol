@@ -1,0 +1,111 @@
+// SPDX-License-Identifier: MIT
+pragma solidity ^0.8.28;
+
+import {Test} from "forge-std/Test.sol";
+import {IECoin} from "../src/IECoin.sol";
+import {Organization} from "../src/Organization.sol";
+import {ServiceManager} from "../src/ServiceManager.sol";
+import {TaskManager} from "../src/TaskManager.sol";
+import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
+import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {ITaskManager, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
+
+/// @notice An organization with its contracts, two humans who post tasks and three robots who do them.
+abstract contract Fixture is Test {
+    bytes32 internal constant CLEANING = "waste_disposal";
+    bytes32 internal constant CHARGING = "battery_charging";
+    bytes32 internal constant PROOF = keccak256("recording");
+    bytes32 internal constant REPORT = keccak256("report");
+    string internal constant URI = "https://store/recording.mcap";
+    uint32 internal constant WINDOW = 1 hours;
+    uint8 internal constant ATTEMPTS = 3;
+
+    address internal immutable admin = makeAddr("admin");
+    address internal immutable oracle = makeAddr("oracle");
+    address internal immutable alice = makeAddr("alice");
+    address internal immutable bob = makeAddr("bob");
+    address internal immutable robot1 = makeAddr("robot1");
+    address internal immutable robot2 = makeAddr("robot2");
+    address internal immutable robot3 = makeAddr("robot3");
+    address internal immutable stranger = makeAddr("stranger");
+
+    IECoin internal coin;
+    FirstComeFirstServed internal policy;
+    Organization internal organization;
+    ServiceManager internal services;
+    TaskManager internal tasks;
+
+    function setUp() public virtual {
+        uint64 nonce = vm.getNonce(address(this));
+        organization = Organization(vm.computeCreateAddress(address(this), nonce + 2));
+        services = ServiceManager(vm.computeCreateAddress(address(this), nonce + 3));
+        tasks = TaskManager(vm.computeCreateAddress(address(this), nonce + 4));
+
+        address[] memory holders = new address[](4);
+        uint256[] memory amounts = new uint256[](4);
+        (holders[0], holders[1], holders[2], holders[3]) = (address(organization), alice, bob, robot1);
+        for (uint256 i = 0; i < 4; ++i) {
+            amounts[i] = 2000 ether;
+        }
+        coin = new IECoin(holders, amounts);
+        policy = new FirstComeFirstServed();
+        new Organization(coin, services, tasks, policy, admin);
+        new ServiceManager(organization, tasks);
+        new TaskManager(organization, services);
+
+        vm.startPrank(admin);
+        organization.grantRole(organization.ORACLE_ROLE(), oracle);
+        organization.grantRole(organization.OPERATOR_ROLE(), admin);
+        organization.grantRole(organization.TREASURER_ROLE(), admin);
+        organization.allowKind(CLEANING, true);
+        organization.allowKind(CHARGING, true);
+        vm.stopPrank();
+
+        for (uint256 i = 1; i < 4; ++i) {
+            vm.prank(holders[i]);
+            coin.approve(address(tasks), type(uint256).max);
+        }
+        vm.warp(1_700_000_000);
+    }
+
+    function request(uint256 reward) internal pure returns (TaskRequest memory) {
+        return TaskRequest(CLEANING, reward, WINDOW, WINDOW, ATTEMPTS, "{}");
+    }
+
+    function post(address creator, uint256 reward) internal returns (uint256 taskId) {
+        vm.prank(creator);
+        return tasks.registerTask(request(reward));
+    }
+
+    function offer(address provider, uint256 price) internal returns (uint256 serviceId) {
+        vm.prank(provider);
+        return services.registerService(CLEANING, price, "");
+    }
+
+    function submit(uint256 taskId) internal {
+        Task memory t = tasks.task(taskId);
+        vm.prank(services.service(t.serviceId).provider);
+        tasks.submitProof(taskId, t.attempt, PROOF, URI);
+    }
+
+    function judge(uint256 taskId, bool accepted) internal {
+        Task memory t = tasks.task(taskId);
+        vm.prank(oracle);
+        tasks.postVerdict(taskId, t.attempt, t.proofHash, accepted, REPORT, "report", "because");
+    }
+
+    function state(uint256 taskId) internal view returns (TaskState) {
+        return tasks.task(taskId).state;
+    }
+
+    function assertState(uint256 taskId, TaskState expected) internal view {
+        assertEq(uint8(state(taskId)), uint8(expected), "task state");
+    }
+
+    function assertAssigned(uint256 taskId, uint256 serviceId) internal view {
+        assertState(taskId, TaskState.Assigned);
+        assertEq(tasks.task(taskId).serviceId, serviceId, "the task's service");
+        assertEq(services.service(serviceId).taskId, taskId, "the service's task");
+    }
+}

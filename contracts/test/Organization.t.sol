@@ -1,0 +1,226 @@
+// SPDX-License-Identifier: MIT
+pragma solidity ^0.8.28;
+
+import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
+import {Device, IDeviceRegistry} from "../src/interfaces/IDeviceRegistry.sol";
+import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
+import {IOrganization} from "../src/interfaces/IOrganization.sol";
+import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {ITaskManager, Task, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Fixture} from "./Fixture.sol";
+
+/// @notice Policies that misbehave, each in its own way.
+contract BadPolicy is IMatchingPolicy {
+    enum Way {
+        Reverts,
+        BurnsGas,
+        ChoosesUnfit
+    }
+
+    Way private immutable _way;
+
+    constructor(Way way) {
+        _way = way;
+    }
+
+    function serviceFor(IServiceManager, bytes32, uint256) external view returns (uint256) {
+        require(_way != Way.Reverts, "no");
+        while (_way == Way.BurnsGas) {}
+        return 999;
+    }
+}
+
+contract OrganizationTest is Fixture {
+    function _refusal(address caller, bytes32 role) private pure returns (bytes memory) {
+        return abi.encodeWithSelector(IAccessControl.AccessControlUnauthorizedAccount.selector, caller, role);
+    }
+
+    // -- as a participant ---------------------------------------------------------------------------------
+
+    function test_itPostsTasksFromItsTreasuryAndGetsTheSurplusBack() public {
+        offer(robot1, 80 ether);
+        vm.prank(admin);
+        uint256 taskId = organization.registerTask(request(100 ether));
+        assertEq(tasks.task(taskId).creator, address(organization));
+        assertEq(coin.balanceOf(address(organization)), 1900 ether);
+        submit(taskId);
+        judge(taskId, true);
+        assertEq(coin.balanceOf(address(organization)), 1920 ether);
+    }
+
+    function test_itCancelsItsTasksForARefund() public {
+        vm.startPrank(admin);
+        uint256 taskId = organization.registerTask(request(100 ether));
+        organization.cancelTask(taskId);
+        assertEq(coin.balanceOf(address(organization)), 2000 ether);
+    }
+
+    function test_itEarnsWithItsServices() public {
+        vm.startPrank(admin);
+        uint256 serviceId = organization.registerService(CLEANING, 80 ether, "");
+        organization.updateService(serviceId, 90 ether, ServiceState.Active);
+        vm.stopPrank();
+        uint256 taskId = post(alice, 100 ether);
+        vm.prank(admin);
+        organization.submitProof(taskId, 1, PROOF, URI);
+        judge(taskId, true);
+        assertEq(coin.balanceOf(address(organization)), 2090 ether);
+    }
+
+    function test_onlyTheOperatorActsInItsName() public {
+        bytes memory refusal = _refusal(stranger, organization.OPERATOR_ROLE());
+        vm.startPrank(stranger);
+        vm.expectRevert(refusal);
+        organization.registerTask(request(1 ether));
+        vm.expectRevert(refusal);
+        organization.cancelTask(1);
+        vm.expectRevert(refusal);
+        organization.registerService(CLEANING, 1 ether, "");
+        vm.expectRevert(refusal);
+        organization.updateService(1, 1 ether, ServiceState.Paused);
+        vm.expectRevert(refusal);
+        organization.submitProof(1, 1, PROOF, URI);
+    }
+
+    // -- treasury -----------------------------------------------------------------------------------------
+
+    function test_theTreasurerWithdrawsIncomeAndDeposits() public {
+        vm.startPrank(admin);
+        vm.expectEmit(address(organization));
+        emit IOrganization.Withdrawn(admin, 500 ether);
+        organization.withdraw(admin, 500 ether);
+        assertEq(coin.balanceOf(admin), 500 ether);
+        coin.approve(address(organization), 200 ether);
+        vm.expectEmit(address(organization));
+        emit IOrganization.Deposited(admin, 200 ether);
+        organization.deposit(200 ether);
+        assertEq(coin.balanceOf(address(organization)), 1700 ether);
+        // The allowance of the escrow is what it was.
+        assertEq(coin.allowance(address(organization), address(tasks)), type(uint256).max);
+    }
+
+    function test_onlyTheTreasurerMovesTheTreasury() public {
+        bytes memory refusal = _refusal(stranger, organization.TREASURER_ROLE());
+        vm.startPrank(stranger);
+        vm.expectRevert(refusal);
+        organization.withdraw(stranger, 1 ether);
+        vm.expectRevert(refusal);
+        organization.deposit(1 ether);
+    }
+
+    // -- rules --------------------------------------------------------------------------------------------
+
+    function test_onlyTheAdministratorRules() public {
+        bytes memory refusal = _refusal(stranger, organization.DEFAULT_ADMIN_ROLE());
+        vm.startPrank(stranger);
+        vm.expectRevert(refusal);
+        organization.allowKind("painting", true);
+        vm.expectRevert(refusal);
+        organization.setPolicy(policy);
+        vm.expectRevert(refusal);
+        organization.registerDevice(robot1, "robot", robot1);
+        vm.expectRevert(refusal);
+        organization.revokeDevice(robot1);
+    }
+
+    function test_aKindThatIsNoLongerAllowedFinishesWhatRuns() public {
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.prank(admin);
+        organization.allowKind(CLEANING, false);
+        submit(taskId);
+        judge(taskId, false);
+        submit(taskId);
+        judge(taskId, true);
+        assertEq(coin.balanceOf(robot1), 2080 ether);
+    }
+
+    function test_theAdministratorHandsOverInTwoSteps() public {
+        vm.prank(admin);
+        organization.beginDefaultAdminTransfer(alice);
+        assertEq(organization.defaultAdmin(), admin);
+        vm.warp(block.timestamp + 1);
+        vm.prank(alice);
+        organization.acceptDefaultAdminTransfer();
+        assertEq(organization.defaultAdmin(), alice);
+    }
+
+    function test_aPolicyIsAContract() public {
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.InvalidPolicy.selector, stranger));
+        vm.prank(admin);
+        organization.setPolicy(IMatchingPolicy(stranger));
+    }
+
+    function test_aBadPolicyDelaysMatchingButStopsNoVerdict() public {
+        for (uint8 way = 0; way <= uint8(type(BadPolicy.Way).max); ++way) {
+            uint256 snapshot = vm.snapshotState();
+            offer(robot1, 80 ether);
+            uint256 running = post(alice, 100 ether);
+            IMatchingPolicy bad = new BadPolicy(BadPolicy.Way(way));
+            vm.expectEmit(address(organization));
+            emit IOrganization.PolicyChanged(bad);
+            vm.prank(admin);
+            organization.setPolicy(bad);
+
+            uint256 serviceId = offer(robot2, 80 ether);
+            vm.expectEmit(address(tasks));
+            emit ITaskManager.PolicyFailed(running + 1);
+            uint256 waiting = post(bob, 100 ether);
+            assertState(waiting, TaskState.Open);
+            submit(running);
+            judge(running, false);
+            assertState(running, TaskState.Assigned);
+
+            vm.prank(admin);
+            organization.setPolicy(policy);
+            vm.prank(stranger);
+            tasks.matchTask(waiting);
+            assertAssigned(waiting, serviceId);
+            vm.revertToState(snapshot);
+        }
+    }
+
+    // -- devices ------------------------------------------------------------------------------------------
+
+    function test_aDeviceIsRegisteredAndRevokedOnce() public {
+        address device = makeAddr("device");
+        vm.startPrank(admin);
+        vm.expectEmit(address(organization));
+        emit IDeviceRegistry.DeviceRegistered(device, "robot", robot1, admin);
+        organization.registerDevice(device, "robot", robot1);
+        vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.DeviceAlreadyRegistered.selector, device));
+        organization.registerDevice(device, "bin", robot2);
+
+        uint256 registeredAt = block.timestamp;
+        vm.warp(registeredAt + 100);
+        vm.expectEmit(address(organization));
+        emit IDeviceRegistry.DeviceRevoked(device);
+        organization.revokeDevice(device);
+        Device memory d = organization.device(device);
+        assertEq(d.role, bytes32("robot"));
+        assertEq(d.owner, robot1);
+        assertEq(d.registrar, admin);
+        assertEq(d.registeredAt, registeredAt);
+        assertEq(d.revokedAt, registeredAt + 100);
+
+        vm.expectRevert(
+            abi.encodeWithSelector(IDeviceRegistry.DeviceAlreadyRevoked.selector, device, registeredAt + 100)
+        );
+        organization.revokeDevice(device);
+    }
+
+    function test_anUnknownDeviceIsAnError() public {
+        vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.UnknownDevice.selector, stranger));
+        organization.device(stranger);
+    }
+
+    function test_aDeviceNeedsAnAddressARoleAndAnOwner() public {
+        vm.startPrank(admin);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IDeviceRegistry.InvalidDevice.selector, robot1, bytes32("robot"), address(0)
+            )
+        );
+        organization.registerDevice(robot1, "robot", address(0));
+    }
+}

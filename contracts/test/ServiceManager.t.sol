@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: MIT
+pragma solidity ^0.8.28;
+
+import {IOrganization} from "../src/interfaces/IOrganization.sol";
+import {IServiceManager, Outcome, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Fixture} from "./Fixture.sol";
+
+contract ServiceManagerTest is Fixture {
+    function test_aServiceIsRegisteredForItsProvider() public {
+        vm.expectEmit(address(services));
+        emit IServiceManager.ServiceRegistered(1, robot1, CLEANING, 80 ether, "collects trash");
+        vm.prank(robot1);
+        uint256 serviceId = services.registerService(CLEANING, 80 ether, "collects trash");
+        Service memory s = services.service(serviceId);
+        assertEq(s.provider, robot1);
+        assertEq(s.price, 80 ether);
+        assertEq(s.kind, CLEANING);
+        assertEq(uint8(s.state), uint8(ServiceState.Active));
+    }
+
+    function test_anUnknownKindIsRefused() public {
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.UnknownKind.selector, bytes32("painting")));
+        services.registerService("painting", 1 ether, "");
+    }
+
+    function test_aPriceIsAWholeNumberOfUnitsAndBounded() public {
+        uint256 max = uint256(type(uint64).max) * 1 gwei;
+        vm.expectRevert(abi.encodeWithSelector(IServiceManager.InvalidPrice.selector, 1, 1 gwei, max));
+        services.registerService(CLEANING, 1, "");
+        vm.expectRevert(
+            abi.encodeWithSelector(IServiceManager.InvalidPrice.selector, max + 1 gwei, 1 gwei, max)
+        );
+        services.registerService(CLEANING, max + 1 gwei, "");
+        offer(robot1, max);
+    }
+
+    function test_onlyTheProviderUpdates() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        vm.expectRevert(
+            abi.encodeWithSelector(IServiceManager.NotProvider.selector, serviceId, stranger, robot1)
+        );
+        vm.prank(stranger);
+        services.updateService(serviceId, 1 ether, ServiceState.Active);
+    }
+
+    function test_aPausedServiceGetsNoTaskUntilItIsActiveAgain() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        vm.prank(robot1);
+        services.updateService(serviceId, 80 ether, ServiceState.Paused);
+        uint256 taskId = post(alice, 100 ether);
+        assertState(taskId, TaskState.Open);
+        vm.expectEmit(address(services));
+        emit IServiceManager.ServiceUpdated(serviceId, 80 ether, ServiceState.Active);
+        vm.prank(robot1);
+        services.updateService(serviceId, 80 ether, ServiceState.Active);
+        assertAssigned(taskId, serviceId);
+    }
+
+    function test_aLowerPriceFindsAWaitingTask() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 50 ether);
+        vm.prank(robot1);
+        services.updateService(serviceId, 50 ether, ServiceState.Active);
+        assertAssigned(taskId, serviceId);
+    }
+
+    function test_aProviderCannotFreeItselfFromARunningTask() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        uint256 waiting = post(bob, 100 ether);
+        vm.startPrank(robot1);
+        services.updateService(serviceId, 80 ether, ServiceState.Paused);
+        services.updateService(serviceId, 80 ether, ServiceState.Active);
+        vm.stopPrank();
+        assertAssigned(taskId, serviceId);
+        assertState(waiting, TaskState.Open);
+    }
+
+    function test_aServicePausedAtWorkFinishesAndThenRests() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.prank(robot1);
+        services.updateService(serviceId, 80 ether, ServiceState.Paused);
+        submit(taskId);
+        judge(taskId, true);
+        assertEq(services.service(serviceId).completed, 1);
+        assertState(post(alice, 100 ether), TaskState.Open);
+    }
+
+    function test_retiringIsForGood() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        vm.startPrank(robot1);
+        services.updateService(serviceId, 80 ether, ServiceState.Retired);
+        vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceIsRetired.selector, serviceId));
+        services.updateService(serviceId, 80 ether, ServiceState.Active);
+    }
+
+    function test_noneIsNoStateToSet() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        vm.expectRevert(
+            abi.encodeWithSelector(IServiceManager.InvalidServiceState.selector, ServiceState.None)
+        );
+        vm.prank(robot1);
+        services.updateService(serviceId, 80 ether, ServiceState.None);
+    }
+
+    function test_aServiceThatDoesNotExistIsUnknown() public {
+        vm.expectRevert(abi.encodeWithSelector(IServiceManager.UnknownService.selector, 7));
+        services.service(7);
+    }
+
+    function test_onlyTheTaskManagerOccupiesAndFrees() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        bytes memory refusal = abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, robot1);
+        vm.startPrank(robot1);
+        vm.expectRevert(refusal);
+        services.acquire(serviceId, 1);
+        vm.expectRevert(refusal);
+        services.release(serviceId, Outcome.Completed);
+        vm.expectRevert(refusal);
+        services.offer(serviceId);
+    }
+
+    function test_aServiceDoesOneTaskAtATime() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        post(alice, 100 ether);
+        bytes memory refusal = abi.encodeWithSelector(IServiceManager.ServiceNotIdle.selector, serviceId);
+        vm.startPrank(address(tasks));
+        vm.expectRevert(refusal);
+        services.acquire(serviceId, 2);
+        vm.expectRevert(refusal);
+        services.offer(serviceId);
+    }
+}

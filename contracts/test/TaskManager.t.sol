@@ -1,0 +1,524 @@
+// SPDX-License-Identifier: MIT
+pragma solidity ^0.8.28;
+
+import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
+import {TaskManager} from "../src/TaskManager.sol";
+import {IOrganization} from "../src/interfaces/IOrganization.sol";
+import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {Cause, ITaskManager, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Fixture} from "./Fixture.sol";
+
+contract TaskManagerTest is Fixture {
+    // -- the money path -----------------------------------------------------------------------------------
+
+    function test_acceptedWorkPaysThePriceAndReturnsTheSurplus() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        assertAssigned(taskId, serviceId);
+        assertEq(coin.balanceOf(address(tasks)), 100 ether);
+
+        submit(taskId);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.TaskSettled(taskId, robot1, 80 ether, 20 ether);
+        judge(taskId, true);
+
+        assertState(taskId, TaskState.Settled);
+        assertEq(coin.balanceOf(robot1), 2080 ether);
+        assertEq(coin.balanceOf(alice), 1920 ether);
+        assertEq(coin.balanceOf(address(tasks)), 0);
+    }
+
+    function test_aFreeServiceReturnsTheWholeReward() public {
+        offer(robot1, 0);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        judge(taskId, true);
+        assertEq(coin.balanceOf(robot1), 2000 ether);
+        assertEq(coin.balanceOf(alice), 2000 ether);
+    }
+
+    function test_theAgreedPriceHoldsWhateverTheProviderAsksLater() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.prank(robot1);
+        services.updateService(serviceId, 100 ether, ServiceState.Active);
+        submit(taskId);
+        judge(taskId, true);
+        assertEq(coin.balanceOf(robot1), 2080 ether);
+    }
+
+    function test_registeringWithoutTheMoneyChangesNothing() public {
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IERC20Errors.ERC20InsufficientBalance.selector, alice, 2000 ether, 2001 ether
+            )
+        );
+        post(alice, 2001 ether);
+        assertEq(tasks.taskCount(), 0);
+    }
+
+    function test_registeringWithoutApprovalIsRefused() public {
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IERC20Errors.ERC20InsufficientAllowance.selector, address(tasks), 0, 1 ether
+            )
+        );
+        post(stranger, 1 ether);
+    }
+
+    function testFuzz_everyRewardIsSplitWithoutRest(uint256 reward, uint256 price, bool accepted) public {
+        reward = bound(reward, 0, 2000 ether);
+        price = bound(price, 0, 2000 gwei) * 1 gwei;
+        uint256 serviceId = offer(robot1, price);
+        uint256 taskId = post(alice, reward);
+        if (price > reward) {
+            assertState(taskId, TaskState.Open);
+            vm.prank(alice);
+            tasks.cancelTask(taskId);
+            assertEq(coin.balanceOf(alice), 2000 ether);
+            return;
+        }
+        assertAssigned(taskId, serviceId);
+        submit(taskId);
+        judge(taskId, accepted);
+        if (accepted) {
+            assertEq(coin.balanceOf(robot1), 2000 ether + price);
+            assertEq(coin.balanceOf(alice), 2000 ether - price);
+            assertEq(coin.balanceOf(address(tasks)), 0);
+        } else {
+            assertEq(coin.balanceOf(address(tasks)), reward);
+        }
+    }
+
+    // -- requests -----------------------------------------------------------------------------------------
+
+    function test_anUnknownKindIsRefused() public {
+        TaskRequest memory r = request(1 ether);
+        r.kind = "painting";
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.UnknownKind.selector, bytes32("painting")));
+        vm.prank(alice);
+        tasks.registerTask(r);
+    }
+
+    function test_windowsAndAttemptsAreBounded() public {
+        (uint32 min, uint32 max) = (tasks.MIN_WINDOW(), tasks.MAX_WINDOW());
+        TaskRequest memory r = request(1 ether);
+        r.executionWindow = min - 1;
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.InvalidWindow.selector, min - 1, min, max));
+        vm.prank(alice);
+        tasks.registerTask(r);
+
+        r = request(1 ether);
+        r.verdictWindow = max + 1;
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.InvalidWindow.selector, max + 1, min, max));
+        vm.prank(alice);
+        tasks.registerTask(r);
+
+        for (uint8 attempts = 0; attempts <= 11; attempts += 11) {
+            r = request(1 ether);
+            r.maxAttempts = attempts;
+            vm.expectRevert(abi.encodeWithSelector(ITaskManager.InvalidAttempts.selector, attempts, 10));
+            vm.prank(alice);
+            tasks.registerTask(r);
+        }
+    }
+
+    function test_aTaskThatDoesNotExistIsUnknown() public {
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.UnknownTask.selector, 7));
+        tasks.task(7);
+    }
+
+    // -- cancelling ---------------------------------------------------------------------------------------
+
+    function test_theCreatorCancelsAnOpenTaskForAFullRefund() public {
+        uint256 taskId = post(alice, 100 ether);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.TaskCancelled(taskId, 100 ether);
+        vm.prank(alice);
+        tasks.cancelTask(taskId);
+        assertState(taskId, TaskState.Cancelled);
+        assertEq(coin.balanceOf(alice), 2000 ether);
+        // It has left the queue as well.
+        uint256 serviceId = offer(robot1, 1 ether);
+        assertEq(services.service(serviceId).taskId, 0);
+    }
+
+    function test_aStrangerCannotCancel() public {
+        uint256 taskId = post(alice, 100 ether);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotCreator.selector, taskId, stranger, alice));
+        vm.prank(stranger);
+        tasks.cancelTask(taskId);
+    }
+
+    function test_nobodyCancelsARunningTask() public {
+        offer(robot1, 1 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                ITaskManager.WrongState.selector, taskId, TaskState.Assigned, TaskState.Open
+            )
+        );
+        vm.prank(alice);
+        tasks.cancelTask(taskId);
+        submit(taskId);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                ITaskManager.WrongState.selector, taskId, TaskState.Submitted, TaskState.Open
+            )
+        );
+        vm.prank(alice);
+        tasks.cancelTask(taskId);
+    }
+
+    function test_aTaskIsCancelledOnce() public {
+        uint256 taskId = post(alice, 100 ether);
+        vm.startPrank(alice);
+        tasks.cancelTask(taskId);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                ITaskManager.WrongState.selector, taskId, TaskState.Cancelled, TaskState.Open
+            )
+        );
+        tasks.cancelTask(taskId);
+    }
+
+    // -- proofs -------------------------------------------------------------------------------------------
+
+    function test_onlyTheExecutorSubmits() public {
+        offer(robot1, 1 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotExecutor.selector, taskId, robot2, robot1));
+        vm.prank(robot2);
+        tasks.submitProof(taskId, 1, PROOF, URI);
+    }
+
+    function test_aProofIsSubmittedOnce() public {
+        offer(robot1, 1 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                ITaskManager.WrongState.selector, taskId, TaskState.Submitted, TaskState.Assigned
+            )
+        );
+        vm.prank(robot1);
+        tasks.submitProof(taskId, 1, keccak256("another"), URI);
+        assertEq(tasks.task(taskId).proofHash, PROOF);
+    }
+
+    function test_aProofNamesTheRunningAttempt() public {
+        offer(robot1, 1 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAttempt.selector, taskId, 1, 2));
+        vm.prank(robot1);
+        tasks.submitProof(taskId, 2, PROOF, URI);
+    }
+
+    function test_anEmptyProofIsRefused() public {
+        offer(robot1, 1 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.EmptyProof.selector, taskId));
+        vm.prank(robot1);
+        tasks.submitProof(taskId, 1, 0, URI);
+    }
+
+    function test_theLastSecondOfTheExecutionWindowCountsAndTheNextDoesNot() public {
+        offer(robot1, 1 ether);
+        uint256 taskId = post(alice, 100 ether);
+        uint256 deadline = block.timestamp + WINDOW;
+        vm.warp(deadline + 1);
+        vm.expectRevert(
+            abi.encodeWithSelector(ITaskManager.DeadlinePassed.selector, taskId, deadline, deadline + 1)
+        );
+        vm.prank(robot1);
+        tasks.submitProof(taskId, 1, PROOF, URI);
+        vm.warp(deadline);
+        submit(taskId);
+        assertState(taskId, TaskState.Submitted);
+    }
+
+    // -- verdicts -----------------------------------------------------------------------------------------
+
+    function test_onlyTheOracleDecides() public {
+        offer(robot1, 1 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotOracle.selector, robot1));
+        vm.prank(robot1);
+        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
+    }
+
+    function test_withoutAProofThereIsNoVerdict() public {
+        offer(robot1, 1 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                ITaskManager.WrongState.selector, taskId, TaskState.Assigned, TaskState.Submitted
+            )
+        );
+        vm.prank(oracle);
+        tasks.postVerdict(taskId, 1, 0, true, REPORT, "", "");
+    }
+
+    function test_aVerdictNamesTheSubmittedProof() public {
+        offer(robot1, 1 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        bytes32 other = keccak256("other");
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.ProofMismatch.selector, taskId, PROOF, other));
+        vm.prank(oracle);
+        tasks.postVerdict(taskId, 1, other, true, REPORT, "", "");
+    }
+
+    function test_aVerdictOnAnEarlierAttemptIsRefused() public {
+        offer(robot1, 1 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        judge(taskId, false);
+        submit(taskId);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAttempt.selector, taskId, 2, 1));
+        vm.prank(oracle);
+        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
+    }
+
+    function test_aLateVerdictIsRefused() public {
+        offer(robot1, 1 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        uint256 deadline = block.timestamp + WINDOW;
+        vm.warp(deadline + 1);
+        vm.expectRevert(
+            abi.encodeWithSelector(ITaskManager.DeadlinePassed.selector, taskId, deadline, deadline + 1)
+        );
+        vm.prank(oracle);
+        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
+    }
+
+    function test_theVerdictIsLoggedWithItsReasonAndReport() public {
+        offer(robot1, 1 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.VerdictPosted(taskId, 1, PROOF, false, REPORT, "report", "because");
+        judge(taskId, false);
+    }
+
+    // -- failed attempts ----------------------------------------------------------------------------------
+
+    function test_theLastRejectionRefundsTheCreator() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        for (uint8 attempt = 1; attempt < ATTEMPTS; ++attempt) {
+            submit(taskId);
+            vm.expectEmit(address(tasks));
+            emit ITaskManager.TaskRequeued(taskId, attempt, Cause.Rejected);
+            judge(taskId, false);
+            assertAssigned(taskId, serviceId);
+            assertEq(tasks.task(taskId).attempt, attempt + 1);
+            assertEq(tasks.task(taskId).proofHash, 0);
+        }
+        submit(taskId);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.TaskFailed(taskId, 100 ether, ATTEMPTS, Cause.Rejected);
+        judge(taskId, false);
+
+        assertState(taskId, TaskState.Failed);
+        assertEq(coin.balanceOf(alice), 2000 ether);
+        assertEq(coin.balanceOf(robot1), 2000 ether);
+        Service memory s = services.service(serviceId);
+        assertEq(s.taskId, 0);
+        assertEq(s.rejected, ATTEMPTS);
+    }
+
+    function test_anyoneExpiresAnOverdueExecution() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        uint256 deadline = block.timestamp + WINDOW;
+        vm.warp(deadline);
+        vm.expectRevert(
+            abi.encodeWithSelector(ITaskManager.DeadlineNotPassed.selector, taskId, deadline, deadline)
+        );
+        tasks.expireTask(taskId);
+        vm.warp(deadline + 1);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.TaskRequeued(taskId, 1, Cause.ExecutionExpired);
+        vm.prank(stranger);
+        tasks.expireTask(taskId);
+        assertEq(services.service(serviceId).expired, 1);
+    }
+
+    function test_anyoneExpiresAnOverdueVerdictAndTheExecutorIsNotBlamed() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        vm.warp(block.timestamp + WINDOW + 1);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.TaskRequeued(taskId, 1, Cause.VerdictExpired);
+        vm.prank(stranger);
+        tasks.expireTask(taskId);
+        Service memory s = services.service(serviceId);
+        assertEq(s.expired + s.rejected + s.completed, 0);
+    }
+
+    function test_theLastExpiryRefundsTheCreator() public {
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        for (uint8 attempt = 1; attempt <= ATTEMPTS; ++attempt) {
+            vm.warp(block.timestamp + WINDOW + 1);
+            tasks.expireTask(taskId);
+        }
+        assertState(taskId, TaskState.Failed);
+        assertEq(coin.balanceOf(alice), 2000 ether);
+    }
+
+    function test_onlyARunningAttemptExpires() public {
+        uint256 taskId = post(alice, 100 ether);
+        vm.warp(block.timestamp + 30 days);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                ITaskManager.WrongState.selector, taskId, TaskState.Open, TaskState.Assigned
+            )
+        );
+        tasks.expireTask(taskId);
+    }
+
+    function test_aTerminalTaskStaysAsItIs() public {
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        judge(taskId, true);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                ITaskManager.WrongState.selector, taskId, TaskState.Settled, TaskState.Submitted
+            )
+        );
+        vm.prank(oracle);
+        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
+        vm.warp(block.timestamp + 30 days);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                ITaskManager.WrongState.selector, taskId, TaskState.Settled, TaskState.Assigned
+            )
+        );
+        tasks.expireTask(taskId);
+    }
+
+    // -- matching -----------------------------------------------------------------------------------------
+
+    function test_tasksAreServedInOrderOfRegistration() public {
+        uint256 first = post(alice, 100 ether);
+        uint256 second = post(bob, 100 ether);
+        uint256 serviceId = offer(robot1, 80 ether);
+        assertAssigned(first, serviceId);
+        assertState(second, TaskState.Open);
+        submit(first);
+        judge(first, true);
+        assertAssigned(second, serviceId);
+    }
+
+    function test_theServiceThatWaitedLongestIsServedFirst() public {
+        uint256 one = offer(robot1, 80 ether);
+        uint256 two = offer(robot2, 80 ether);
+        uint256 a = post(alice, 100 ether);
+        uint256 b = post(alice, 100 ether);
+        assertAssigned(a, one);
+        assertAssigned(b, two);
+        submit(b);
+        judge(b, true);
+        submit(a);
+        judge(a, true);
+        // The second one was free again first.
+        assertAssigned(post(alice, 100 ether), two);
+        assertAssigned(post(alice, 100 ether), one);
+    }
+
+    function test_aPriceAboveTheRewardNeverMatches() public {
+        offer(robot1, 100 ether + 1 gwei);
+        uint256 taskId = post(alice, 100 ether);
+        assertState(taskId, TaskState.Open);
+    }
+
+    function test_aTaskThatNobodyCanDoDoesNotBlockThoseBehindIt() public {
+        uint256 poor = post(alice, 10 ether);
+        uint256 rich = post(bob, 100 ether);
+        uint256 serviceId = offer(robot1, 80 ether);
+        assertState(poor, TaskState.Open);
+        assertAssigned(rich, serviceId);
+    }
+
+    function test_aServiceThatIsTooDearDoesNotBlockThoseBehindIt() public {
+        offer(robot1, 80 ether);
+        uint256 cheap = offer(robot2, 10 ether);
+        assertAssigned(post(alice, 50 ether), cheap);
+    }
+
+    function test_kindsDoNotMix() public {
+        vm.prank(robot1);
+        services.registerService(CHARGING, 10 ether, "");
+        assertState(post(alice, 100 ether), TaskState.Open);
+    }
+
+    function test_aRequeuedTaskIsBackInItsOldPlace() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 first = post(alice, 100 ether);
+        uint256 second = post(bob, 100 ether);
+        submit(first);
+        judge(first, false);
+        assertAssigned(first, serviceId);
+        assertState(second, TaskState.Open);
+    }
+
+    function test_aFailedAttemptIsRetriedByAnotherServiceFirst() public {
+        uint256 one = offer(robot1, 80 ether);
+        uint256 two = offer(robot2, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        assertAssigned(taskId, one);
+        submit(taskId);
+        judge(taskId, false);
+        assertAssigned(taskId, two);
+        assertEq(services.service(one).taskId, 0);
+    }
+
+    function test_aRequeuedTaskWaitsBehindOlderOnes() public {
+        uint256 poor = post(alice, 10 ether);
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 rich = post(bob, 100 ether);
+        assertAssigned(rich, serviceId);
+        vm.prank(robot1);
+        services.updateService(serviceId, 5 ether, ServiceState.Active);
+        submit(rich);
+        judge(rich, false);
+        // The provider got cheaper meanwhile, so the older task is now within its reach.
+        assertAssigned(poor, serviceId);
+        assertState(rich, TaskState.Open);
+    }
+
+    function test_theNonceCannotBeKnownBeforeTheAssignment() public {
+        offer(robot1, 1 ether);
+        vm.recordLogs();
+        uint256 snapshot = vm.snapshotState();
+        vm.prevrandao(uint256(1));
+        post(alice, 100 ether);
+        bytes memory one = vm.getRecordedLogs()[1].data;
+        vm.revertToState(snapshot);
+        vm.prevrandao(uint256(2));
+        post(alice, 100 ether);
+        bytes memory two = vm.getRecordedLogs()[1].data;
+        assertNotEq(keccak256(one), keccak256(two));
+    }
+
+    // -- wiring -------------------------------------------------------------------------------------------
+
+    function test_onlyTheServiceManagerPlacesServices() public {
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotServiceManager.selector, stranger));
+        vm.prank(stranger);
+        tasks.placeService(1, CLEANING, 0);
+    }
+
+    function test_contractsThatDoNotNameEachOtherAreRefused() public {
+        vm.expectRevert(
+            abi.encodeWithSelector(ITaskManager.NotWired.selector, address(organization), address(services))
+        );
+        new TaskManager(organization, IServiceManager(address(services)));
+    }
+}

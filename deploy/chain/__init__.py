@@ -1,0 +1,11 @@
+"""The local chain: py-evm (set up by eth-tester) behind Ethereum JSON-RPC, kept in one SQLite file.
+
+    server.py   JSON-RPC 2.0 over HTTP: framing, batches, size limits
+    methods.py  the table of method names -> Ledger
+    codec.py    hex encodings and the shapes of blocks, transactions, receipts and logs
+    ledger.py   the chain itself: validate, execute, mine, query
+    store.py    what survives: state, blocks and the log index, one SQLite transaction per block
+    anvil.py    the same URL served by an anvil child process instead
+
+Any other node replaces all of this by its URL alone (`chain.backend = "external"`).
+"""

@@ -1,0 +1,163 @@
+"""anvil (Foundry) in place of the embedded chain: a child process on the same URL, on the site's clock."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import logging
+import os
+import shutil
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Callable, Sequence
+from http.client import HTTPConnection, HTTPException
+from pathlib import Path
+from typing import Any
+
+from deploy.chain.errors import AnvilFailed
+from deploy.chain.server import host_and_port, listen
+from rodeo.errors import AlreadyRunning
+from rodeo.service import lock_instance
+
+log = logging.getLogger(__name__)
+
+_PREBUILT = "node_modules/@foundry-rs/anvil-*/bin/anvil"
+"""The program itself inside the npm package, whose `.bin/anvil` would put a Node process in between."""
+
+_START_S = 20.0
+_STOP_S = 20.0
+_CLOCK_PERIOD_S = 0.05
+"""How often (wall) anvil is told the time: block time lags by this times the clock's speed at most."""
+
+_STATE_INTERVAL_S = 10
+_PR_SET_PDEATHSIG = 1
+_LIBC = ctypes.CDLL(None, use_errno=True)
+
+
+class Anvil:
+    """The anvil process, from entering to leaving; it ends with this process however this one ends.
+
+    `now_s()` as for `Ledger`. State lives in `folder`. Entering raises AnvilFailed or PortUnavailable.
+    """
+
+    def __init__(
+        self, url: str, folder: Path, chain_id: int, genesis_time_s: int, now_s: Callable[[], int | None]
+    ) -> None:
+        self._url = url
+        self._host, self._port = host_and_port(url)
+        self._state = folder / "anvil.json"
+        self._folder = folder
+        self._chain_id = chain_id
+        self._genesis_time_s = genesis_time_s
+        self._now_s = now_s
+        self._stop = threading.Event()
+
+    def __enter__(self) -> Anvil:
+        self._lock = self._wait_for_predecessor()
+        # Before anvil finds out: whoever answers there must not be taken for it, and told our time.
+        listen(self._url).close()
+        self._process = subprocess.Popen(
+            [
+                *_find_anvil(),
+                *("--host", self._host, "--port", str(self._port), "--chain-id", str(self._chain_id)),
+                *("--timestamp", str(self._genesis_time_s), "--state", str(self._state)),
+                *("--state-interval", str(_STATE_INTERVAL_S), "--preserve-historical-states", "--silent"),
+            ],
+            # anvil holds the folder's lock as well, so that a successor waits until it has written its state.
+            pass_fds=[self._lock],
+            preexec_fn=_die_with_parent,
+        )
+        self._wait_until_up()
+        self._clock = threading.Thread(target=self._feed_clock, name="anvil-clock", daemon=True)
+        self._clock.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._stop.set()
+        self._clock.join()
+        self._process.send_signal(signal.SIGTERM)
+        try:
+            self._process.wait(_STOP_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+            log.error("anvil did not stop within %s s and lost its state since the last save", _STOP_S)
+        os.close(self._lock)
+
+    def wait(self, stop: threading.Event) -> None:
+        """Block until `stop` is set. Raises AnvilFailed when anvil ends by itself."""
+        while not stop.wait(_CLOCK_PERIOD_S):
+            self._check_alive()
+
+    def block_number(self) -> int:
+        return int(self._rpc("eth_blockNumber"), 16)
+
+    def _wait_for_predecessor(self) -> int:
+        deadline_s = time.monotonic() + _STOP_S
+        while True:
+            try:
+                return lock_instance(self._folder)
+            except AlreadyRunning:
+                if time.monotonic() > deadline_s:
+                    raise
+                self._stop.wait(_CLOCK_PERIOD_S)
+
+    def _wait_until_up(self) -> None:
+        deadline_s = time.monotonic() + _START_S
+        while True:
+            self._check_alive()
+            try:
+                # anvil starts at the time of its genesis again; blocks must go on from the newest one.
+                self._set_time(int(self._rpc("eth_getBlockByNumber", "latest", False)["timestamp"], 16))
+                return
+            except (OSError, HTTPException) as error:
+                if time.monotonic() > deadline_s:
+                    raise AnvilFailed("anvil does not answer", waited_s=_START_S) from error
+                self._stop.wait(_CLOCK_PERIOD_S)
+
+    def _check_alive(self) -> None:
+        status = self._process.poll()
+        if status is not None:
+            raise AnvilFailed("anvil ended by itself", exit_status=status, state=str(self._state))
+
+    def _feed_clock(self) -> None:
+        told_s = 0
+        while not self._stop.wait(_CLOCK_PERIOD_S):
+            # Told as often as it is asked: anvil's own clock runs on at the speed of the wall.
+            told_s = max(told_s, self._now_s() or 0)
+            if not told_s:
+                continue
+            try:
+                self._set_time(told_s)
+            except (OSError, HTTPException, AnvilFailed) as error:
+                log.warning("anvil was not told the time: %s", error)
+
+    def _set_time(self, time_s: int) -> None:
+        self._rpc("anvil_setTime", time_s)
+
+    def _rpc(self, method: str, *params: Any) -> Any:
+        connection = HTTPConnection(self._host, self._port, timeout=5.0)
+        try:
+            body = json.dumps({"jsonrpc": "2.0", "id": 1, "method": method, "params": params})
+            connection.request("POST", "/", body, {"content-type": "application/json"})
+            reply = json.loads(connection.getresponse().read())
+        finally:
+            connection.close()
+        if "error" in reply:
+            raise AnvilFailed(f"anvil refused {method}", **reply["error"])
+        return reply["result"]
+
+
+def _find_anvil() -> Sequence[str]:
+    """anvil from this repository's node_modules, or from PATH. Raises AnvilFailed."""
+    program = next(map(str, Path(__file__).parents[2].glob(_PREBUILT)), None) or shutil.which("anvil")
+    if program is None:
+        raise AnvilFailed("anvil is not installed: run `npm ci`, or put Foundry's anvil on the PATH")
+    return [program]
+
+
+def _die_with_parent() -> None:
+    """In the child, before anvil starts: the kernel stops it when the thread that started it ends."""
+    _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)

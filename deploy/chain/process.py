@@ -1,0 +1,106 @@
+"""The chain process: the backend that the site file names, on the site's clock, with a heartbeat."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from deploy.chain.anvil import Anvil
+from deploy.chain.ledger import Ledger
+from deploy.chain.methods import Methods
+from deploy.chain.server import RpcServer
+from deploy.chain.store import Store
+from rodeo.clock import Clock, WallClock
+from rodeo.config import Site
+from rodeo.errors import ClockUnavailable
+from rodeo.service import HEARTBEAT_S, Service, lock_instance
+
+log = logging.getLogger(__name__)
+
+LOCAL_CHAIN_ID = 31_337
+"""Chain id of every local chain here, the one that anvil and Hardhat use."""
+
+
+class SiteTime:
+    """The site's time in whole seconds, None until it is known; the chain serves before it is."""
+
+    def __init__(self, site: Site) -> None:
+        self._clock: Clock | None = WallClock() if site.clock.source == "wall" else None
+
+    def follow(self, clock: Clock) -> None:
+        self._clock = clock
+
+    def now_s(self) -> int | None:
+        try:
+            return None if self._clock is None else int(self._clock.now_s())
+        except ClockUnavailable:
+            return None
+
+
+def run(site: Site, stop: threading.Event) -> None:
+    """Serve the site's chain until `stop`.
+
+    Raises WrongGenesis, ChainStoreCorrupted, AnvilFailed, AlreadyRunning or PortUnavailable.
+    """
+    backend = _BACKENDS[site.chain.backend]
+    folder = site.data_dir / "chain" / site.chain.backend
+    site_time = SiteTime(site)
+    backend(site, folder, site_time, stop)
+
+
+def _run_embedded(site: Site, folder: Path, site_time: SiteTime, stop: threading.Event) -> None:
+    lock_instance(folder)
+    store = Store(folder / "chain.sqlite")
+    ledger = Ledger(store, LOCAL_CHAIN_ID, int(time.time()), site_time.now_s)
+    log.info("chain %d at block %d on %s", LOCAL_CHAIN_ID, ledger.head.block_number, site.chain.url)
+    with RpcServer(site.chain.url, Methods(ledger)):
+        _keep_heartbeat(site, site_time, stop, lambda: ledger.head.block_number, stop.wait)
+    store.close()
+
+
+def _run_anvil(site: Site, folder: Path, site_time: SiteTime, stop: threading.Event) -> None:
+    with Anvil(site.chain.url, folder, LOCAL_CHAIN_ID, int(time.time()), site_time.now_s) as anvil:
+        log.info("anvil, chain %d at block %d on %s", LOCAL_CHAIN_ID, anvil.block_number(), site.chain.url)
+        _keep_heartbeat(site, site_time, stop, anvil.block_number, lambda: anvil.wait(stop))
+
+
+def _run_external(site: Site, _folder: Path, site_time: SiteTime, stop: threading.Event) -> None:
+    log.info("the site uses the chain at %s; there is nothing to start here", site.chain.url)
+
+
+_BACKENDS: dict[str, Callable[[Site, Path, SiteTime, threading.Event], None]] = {
+    "eth-tester": _run_embedded,
+    "anvil": _run_anvil,
+    "external": _run_external,
+}
+
+
+def _keep_heartbeat(
+    site: Site,
+    site_time: SiteTime,
+    stop: threading.Event,
+    block_number: Callable[[], int],
+    wait: Callable[[], object],
+) -> None:
+    """Join the bus when there is one, for the clock and the heartbeat, while `wait()` runs."""
+
+    def beat() -> None:
+        with Service("chain", site, stop) as service:
+            site_time.follow(service.clock)
+            service.ready()
+            while not stop.wait(HEARTBEAT_S):
+                service.activity("serving blocks", block=block_number())
+
+    with ThreadPoolExecutor(max_workers=1, thread_name_prefix="presence") as background:
+        presence = background.submit(beat)
+        # A chain whose clock has failed must not go on stamping blocks.
+        presence.add_done_callback(lambda _: stop.set())
+        try:
+            wait()
+        finally:
+            stop.set()
+    presence.result()

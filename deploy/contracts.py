@@ -1,0 +1,216 @@
+"""Put the organization's contracts on the site's chain: `python -m deploy.contracts --site FILE`.
+
+Idempotent, and it goes on where it was interrupted: contracts that are there are kept (unless the chain was
+reset or the sources changed since), and so is every rule that already holds. Of the fixed supply of
+`economy.supply_iec`, the organization and each robot get `economy.initial_iec`; the rest goes to the
+organization's administrator, who brings it in with Organization.deposit when the treasury needs it.
+
+On an external chain the wallets must hold gas already; on a local one the node's first account gives it.
+"""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from eth_account.signers.local import LocalAccount
+from eth_utils import to_checksum_address
+from web3 import Web3
+from web3.types import Nonce, TxReceipt, Wei
+from web3.utils import get_create_address
+
+from rodeo import wallets
+from rodeo.chain import (
+    Call,
+    ChainClient,
+    ChainUnavailable,
+    ContractReverted,
+    Deployment,
+    DeploymentMismatch,
+    NotDeployed,
+    Role,
+    artifacts,
+    to_wei,
+    transactions,
+)
+from rodeo.chain.client import connect
+from rodeo.chain.errors import translated
+from rodeo.config import Site
+from rodeo.service import main
+
+log = logging.getLogger(__name__)
+
+KINDS = ("waste_disposal", "battery_charging")
+
+_NODE_S = 60.0
+"""How long to wait for the node to answer, wall time."""
+_RETRY_S = 0.1
+_GAS_MONEY = Wei(10 * 10**18)
+_UNLIMITED = 2**256 - 1
+
+
+def run(site: Site, stop: threading.Event) -> None:
+    """Deploy what is missing. Raises ChainError or WalletError; running it again goes on from there."""
+    local = site.chain.backend != "external"
+    if local:
+        wallets.ensure_wallets(site)
+    w3 = connect(site.chain.url)
+    if not _wait_for_node(w3, stop):
+        return
+    if local:
+        _fund(w3, [wallets.address(site, name) for name in wallets.wallet_names(site)])
+    administrator = wallets.load(site, "organization")
+    deployment = _recorded(site, w3) or _deploy(site, w3, administrator)
+    client = ChainClient(site.chain.url, deployment)
+    for account, call in _missing_rules(site, client, administrator):
+        client.send(account, call)
+        log.info("%s sent by %s", call.name, account.address)
+    # Only now, so that whoever finds the record finds an organization that works.
+    path = deployment.save(site.data_dir)
+    Deployment.path(_unfinished(site), deployment.chain_id).unlink(missing_ok=True)
+    log.info("contracts on chain %d since block %d: %s", deployment.chain_id, deployment.block, path)
+
+
+def _wait_for_node(w3: Web3, stop: threading.Event) -> bool:
+    deadline_s = time.monotonic() + _NODE_S
+    while not stop.is_set():
+        try:
+            with translated():
+                return w3.eth.chain_id > 0
+        except ChainUnavailable:
+            if time.monotonic() > deadline_s:
+                raise
+            stop.wait(_RETRY_S)
+    return False
+
+
+def _fund(w3: Web3, accounts: list[str]) -> None:
+    """Gas money from the account that a local node holds itself."""
+    with translated():
+        rich = w3.eth.accounts[0]
+        for account in map(to_checksum_address, accounts):
+            if w3.eth.get_balance(account) < _GAS_MONEY // 10:
+                sent = w3.eth.send_transaction({"from": rich, "to": account, "value": _GAS_MONEY})
+                w3.eth.wait_for_transaction_receipt(sent, poll_latency=transactions.POLL_S)
+
+
+def _unfinished(site: Site) -> Path:
+    """Where the record is kept until the organization is set up."""
+    return site.data_dir / "deployments" / "unfinished"
+
+
+def _recorded(site: Site, w3: Web3) -> Deployment | None:
+    """The deployment to keep, finished or not."""
+    with translated():
+        chain_id = w3.eth.chain_id
+    for folder in (site.data_dir, _unfinished(site)):
+        try:
+            deployment = Deployment.load(folder, chain_id)
+            deployment.verify(w3)
+        except NotDeployed:
+            continue
+        except DeploymentMismatch as mismatch:
+            log.warning("deploying anew: %s", mismatch)
+            continue
+        return deployment
+    return None
+
+
+def _deploy(site: Site, w3: Web3, deployer: LocalAccount) -> Deployment:
+    """All five contracts. They name each other, so their addresses are computed before they exist."""
+    with translated():
+        nonce = w3.eth.get_transaction_count(deployer.address)
+        genesis_hash = w3.eth.get_block(0)["hash"].to_0x_hex()
+        chain_id = w3.eth.chain_id
+    coin, policy, organization, services, tasks = (
+        get_create_address(deployer.address, Nonce(nonce + offset)) for offset in range(5)
+    )
+    holders, amounts = _first_holders(site, organization, deployer.address)
+    arguments: dict[str, tuple[str, tuple[Any, ...]]] = {
+        "IECoin": (coin, (holders, amounts)),
+        "FirstComeFirstServed": (policy, ()),
+        "Organization": (organization, (coin, services, tasks, policy, deployer.address)),
+        "ServiceManager": (services, (organization, tasks)),
+        "TaskManager": (tasks, (organization, services)),
+    }
+    receipts = {name: _create(w3, deployer, name, args) for name, (_, args) in arguments.items()}
+    deployment = Deployment(
+        chain_id=chain_id,
+        genesis_hash=genesis_hash,
+        block=min(receipt["blockNumber"] for receipt in receipts.values()),
+        contracts={name: address for name, (address, _) in arguments.items()},
+    )
+    # Fails if another transaction of the deployer came in between and moved the addresses.
+    deployment.verify(w3)
+    deployment.save(_unfinished(site))
+    return deployment
+
+
+def _create(w3: Web3, deployer: LocalAccount, name: str, args: tuple[Any, ...]) -> TxReceipt:
+    artifact = artifacts.load(name)
+    constructor = w3.eth.contract(abi=artifact.abi, bytecode=artifact.bytecode).constructor(*args)
+    receipt = transactions.send(w3, deployer, data=constructor.data_in_transaction)
+    log.info("%s at %s", name, receipt["contractAddress"])
+    return receipt
+
+
+def _first_holders(site: Site, organization: str, administrator: str) -> tuple[list[str], list[int]]:
+    initial = to_wei(site.economy.initial_iec)
+    shares = {organization: initial}
+    shares |= {wallets.address(site, robot.name): initial for robot in site.robots}
+    shares[administrator] = to_wei(site.economy.supply_iec) - sum(shares.values())
+    return list(shares), list(shares.values())
+
+
+def _missing_rules(
+    site: Site, client: ChainClient, administrator: LocalAccount
+) -> Iterator[tuple[LocalAccount, Call]]:
+    """What has to be sent, and by whom, until the organization is set up as the site file says."""
+    calls = client.organization_calls
+    oracle = wallets.address(site, "oracle")
+    roles = [
+        (Role.OPERATOR, administrator.address),
+        (Role.TREASURER, administrator.address),
+        (Role.ORACLE, oracle),
+    ]
+    for role, account in roles:
+        if not client.has_role(role, account):
+            yield administrator, calls.grant_role(role, account)
+    for kind in KINDS:
+        if not client.is_kind_allowed(kind):
+            yield administrator, calls.allow_kind(kind, True)
+    for name, device_role in wallets.device_names(site).items():
+        device = wallets.address(site, name)
+        if not _is_registered(client, device):
+            yield administrator, calls.register_device(device, device_role, _owner(site, client, name))
+    for robot in site.robots:
+        wallet = wallets.address(site, robot.name)
+        if client.allowance(wallet, client.task_manager) < _UNLIMITED // 2:
+            owner = wallets.load(site, robot.name)
+            yield owner, client.calls.approve(client.task_manager, _UNLIMITED)
+
+
+def _is_registered(client: ChainClient, device: str) -> bool:
+    try:
+        client.device(device)
+    except ContractReverted as error:
+        if error.name != "UnknownDevice":
+            raise
+        return False
+    return True
+
+
+def _owner(site: Site, client: ChainClient, device_name: str) -> str:
+    """A robot's device works for the robot, everything else for the organization."""
+    participant = device_name.removesuffix("-device")
+    robots = [robot.name for robot in site.robots]
+    return wallets.address(site, participant) if participant in robots else client.organization
+
+
+if __name__ == "__main__":
+    sys.exit(main("contracts", run, "Put the organization's contracts on the site's chain."))

@@ -1,0 +1,245 @@
+"""Starts a site's processes on this machine, keeps them running and stops what it started.
+
+Every process may start alone and in any order; the launcher only adds what a site needs once: keystores for
+a local chain, and the contracts on it.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from deploy.processes import PROCESSES, Process, processes_of
+from rodeo.config import Site
+from rodeo.errors import RodeoError
+from rodeo.service import PARENT_VARIABLE, lock_holder, lock_instance
+from rodeo.wallets import ensure_wallets
+
+log = logging.getLogger(__name__)
+
+LAUNCHER = "launcher"
+"""Folder in the data directory whose locks show the launchers at work."""
+
+_STOP_S = 8.0
+"""Wall time that a process has to end by itself after SIGTERM."""
+
+_RESTART_S = (0.5, 5.0)
+"""Shortest and longest wall time before a process that ended is started again."""
+
+_STEADY_S = 30.0
+"""A process that ran this long is healthy: its next restart is prompt again."""
+
+
+class LaunchFailed(RodeoError):
+    """A one-time step of the start ended with an error; its log's last lines are in the message."""
+
+
+class UnknownProcess(RodeoError):
+    """The name is not in the process table."""
+
+
+@dataclass
+class _Child:
+    process: Process
+    popen: subprocess.Popen[bytes]
+    started_s: float
+    delay_s: float = _RESTART_S[0]
+    restart_at_s: float | None = None
+    problem: str = ""
+    """How it ended the last time."""
+
+
+@dataclass
+class Launcher:
+    """A site's processes as children of this one. Use as a context manager; call `poll` now and then.
+
+    Entering returns at once: processes become ready, and contracts are deployed, while `poll` is called.
+
+    Children die with this process even when it is killed. `only` names the processes to start, all by
+    default. `python` runs them.
+    """
+
+    site_path: Path
+    only: tuple[str, ...] = ()
+    python: str = sys.executable
+    children: dict[str, _Child] = field(default_factory=dict, init=False)
+    _deployment: subprocess.Popen[bytes] | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        self.site = Site.load(self.site_path)
+        known = [process.name for process in processes_of(self.site)]
+        unknown = [name for name in self.only if name not in known]
+        if unknown:
+            raise UnknownProcess(f"this site has no such process: {', '.join(unknown)}", known=known)
+        self.logs = self.site.data_dir / "logs"
+
+    def __enter__(self) -> Self:
+        self._locks = [lock_instance(folder) for folder in self.lock_folders()]
+        self.logs.mkdir(parents=True, exist_ok=True)
+        try:
+            if self.site.chain.backend != "external":
+                ensure_wallets(self.site)
+            for process in self.selected():
+                self._start(process)
+            if not self.only:
+                # The step waits for the chain by itself.
+                with _signals_held():
+                    self._deployment = self._spawn("contracts", "deploy.contracts")
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop()
+        for lock in self._locks:
+            os.close(lock)
+
+    def lock_folders(self) -> list[Path]:
+        """What tells `stop_site`, and a second launcher, of this one."""
+        folder = self.site.data_dir / LAUNCHER
+        return [folder / name for name in self.only] or [folder]
+
+    def selected(self) -> Iterator[Process]:
+        return (p for p in processes_of(self.site) if not self.only or p.name in self.only)
+
+    def running(self) -> dict[str, int]:
+        """The process id of each child that has not ended."""
+        return {name: c.popen.pid for name, c in self.children.items() if c.restart_at_s is None}
+
+    def problems(self) -> dict[str, str]:
+        """How the children that had to be started again ended the last time."""
+        return {name: child.problem for name, child in self.children.items() if child.problem}
+
+    def poll(self) -> None:
+        """Start again what ended. Raises LaunchFailed when the contracts could not be deployed."""
+        if self._deployment is not None and self._deployment.poll() not in (None, 0):
+            last = "\n".join(log_tail(self.site, "contracts"))
+            raise LaunchFailed(f"the contracts could not be deployed:\n{last}")
+        now_s = time.monotonic()
+        for name, child in self.children.items():
+            if child.restart_at_s is not None:
+                if now_s >= child.restart_at_s:
+                    self._restart(name, child)
+            elif (status := child.popen.poll()) is not None:
+                if now_s - child.started_s > _STEADY_S:
+                    child.delay_s = _RESTART_S[0]
+                child.problem = self._ending(name, status)
+                child.restart_at_s = now_s + child.delay_s
+
+    def stop(self) -> None:
+        """End every child: SIGTERM in reverse order of the table, SIGKILL for those that stay."""
+        with _signals_held():
+            running = {name: child.popen for name, child in reversed(self.children.items())}
+            if self._deployment is not None:
+                running["contracts"] = self._deployment
+            for popen in running.values():
+                if popen.poll() is None:
+                    popen.terminate()
+            deadline_s = time.monotonic() + _STOP_S
+            for name, popen in running.items():
+                try:
+                    popen.wait(max(0.0, deadline_s - time.monotonic()))
+                except subprocess.TimeoutExpired:
+                    log.warning("%s did not stop in %.0f s; killing it", name, _STOP_S)
+                    popen.kill()
+                    popen.wait()
+            self.children.clear()
+
+    def _start(self, process: Process) -> None:
+        with _signals_held():
+            popen = self._spawn(process.name, process.module)
+            self.children[process.name] = _Child(process, popen, time.monotonic())
+
+    def _restart(self, name: str, child: _Child) -> None:
+        delay_s = min(2 * child.delay_s, _RESTART_S[1])
+        with _signals_held():
+            popen = self._spawn(name, child.process.module)
+            self.children[name] = _Child(
+                child.process, popen, time.monotonic(), delay_s, problem=child.problem
+            )
+
+    def _ending(self, name: str, status: int) -> str:
+        if status < 0:
+            return f"ended on {signal.Signals(-status).name}"
+        # What stands before the process's own name is the time.
+        (last,) = log_tail(self.site, name, lines=1) or [""]
+        last = last.partition(f" {name}: ")[2] or last
+        return f"ended with status {status}: {last}"
+
+    def _spawn(self, name: str, module: str) -> subprocess.Popen[bytes]:
+        with open(self.logs / f"{name}.log", "ab") as output:
+            return subprocess.Popen(
+                [self.python, "-m", module, "--site", str(self.site_path)],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                # A session of its own: Ctrl-C reaches the launcher alone, which stops the rest in order.
+                start_new_session=True,
+                env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
+            )
+
+
+def log_tail(site: Site, name: str, lines: int = 12) -> list[str]:
+    """The last lines of a process's log."""
+    text = (site.data_dir / "logs" / f"{name}.log").read_text(errors="replace")
+    return text.splitlines()[-lines:]
+
+
+@contextmanager
+def _signals_held() -> Iterator[None]:
+    """Ctrl-C and its like wait until the end of the block.
+
+    They must neither come between a child's start and the note of it, nor interrupt the stopping of the rest.
+    """
+    received: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = [signal.signal(number, lambda number, _frame: received.append(number)) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+    if received:
+        signal.raise_signal(received[0])
+
+
+def stop_site(site: Site) -> list[str]:
+    """End launchers and processes of `site`, whoever started them; returns the names of the ended."""
+    processes = [process.name for process in reversed(PROCESSES)]
+    names = [LAUNCHER, *(f"{LAUNCHER}/{name}" for name in processes), *processes]
+    held = [name for name in names if lock_holder(site.data_dir / name) is not None]
+    for name in held:
+        # Asked again: the launcher has ended its children.
+        if (pid := lock_holder(site.data_dir / name)) is not None:
+            _end(name, pid)
+    return held
+
+
+def _end(name: str, pid: int) -> None:
+    try:
+        descriptor = os.pidfd_open(pid)
+    except ProcessLookupError:
+        return
+    try:
+        os.kill(pid, signal.SIGTERM)
+        # A pidfd becomes readable when the process has ended. The launcher stops its children first.
+        if not select.select([descriptor], [], [], 2 * _STOP_S)[0]:
+            log.warning("%s did not stop in %.0f s; killing it", name, 2 * _STOP_S)
+            os.kill(pid, signal.SIGKILL)
+            select.select([descriptor], [], [], _STOP_S)
+    finally:
+        os.close(descriptor)

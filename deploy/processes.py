@@ -1,0 +1,37 @@
+"""The table of processes: what a site is made of. Launcher, status, compose and systemd files follow it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from rodeo.config import Site
+
+
+@dataclass(frozen=True)
+class Process:
+    name: str
+    module: str
+    """Started as `python -m <module> --site FILE`."""
+    job: str
+
+
+PROCESSES: tuple[Process, ...] = (
+    Process("router", "deploy.router", "routes the bus"),
+    Process("chain", "deploy.chain", "the shared chain: eth-tester or anvil"),
+    Process("bridge", "services.bridge", "signs, sends and indexes for the others"),
+    Process("oracle", "services.oracle", "verifies proofs and posts verdicts"),
+    Process("itrash", "services.itrash", "the smart bin"),
+    Process("charger", "services.charger", "the dock's energy meter"),
+    Process("robot_sim", "services.robot_sim", "the robot's body and the lab"),
+    Process("robot_agent", "services.robot_agent", "the robot's mind"),
+)
+
+
+def processes_of(site: Site) -> list[Process]:
+    """The processes that `site` needs: a chain elsewhere is not started here."""
+    external = site.chain.backend == "external"
+    return [process for process in PROCESSES if not (external and process.name == "chain")]
+
+
+BY_NAME: dict[str, Process] = {process.name: process for process in PROCESSES}
+assert len(BY_NAME) == len(PROCESSES), "process names must be unique"

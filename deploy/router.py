@@ -1,0 +1,37 @@
+"""The Zenoh router as a process: a session in router mode. A stock zenohd takes the same configuration."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import threading
+from pathlib import Path
+
+import zenoh
+
+from rodeo.config import Site
+from rodeo.errors import PortUnavailable
+from rodeo.service import Service, main
+
+CONFIG = Path(__file__).parent / "zenoh" / "router.json5"
+
+
+def run(site: Site, stop: threading.Event) -> None:
+    """Route until `stop`. Raises PortUnavailable when the endpoint is taken."""
+    config = zenoh.Config.from_file(str(CONFIG))
+    config.insert_json5("listen/endpoints", json.dumps([site.bus.router]))
+    try:
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        # The library names the lines of its own source.
+        reason = re.sub(r" at /\S+", "", str(error))
+        raise PortUnavailable(f"cannot listen: {reason}", endpoint=site.bus.router) from error
+    with Service("router", site, stop, session) as service:
+        service.ready()
+        service.activity(f"routing at {site.bus.router}")
+        stop.wait()
+
+
+if __name__ == "__main__":
+    sys.exit(main("router", run, __doc__ or ""))

@@ -1,0 +1,338 @@
+"""The bus as services use it: JSON messages, queries with errors that keep their code, DAO events in order.
+
+Every process is a Zenoh *client* of one router. Measured with zenoh 1.10: subscribers and queryables come
+back by themselves after the router restarts; what was put while it was away is lost, which is why events
+carry a sequence number and `DaoEvents` asks the index for what it missed.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, Self, TypeVar
+
+import zenoh
+from pydantic import BaseModel, ValidationError
+from pydantic_core import from_json
+
+from rodeo.errors import (
+    BusUnavailable,
+    InvalidRequest,
+    MalformedJson,
+    NoResponder,
+    QueryTimeout,
+    RemoteError,
+    RodeoError,
+)
+from rodeo.messages import DaoEvent
+
+log = logging.getLogger(__name__)
+
+Model = TypeVar("Model", bound=BaseModel)
+
+MAX_PAYLOAD_BYTES = 1 << 20
+"""JSON larger than this is refused before it is parsed."""
+
+_OPEN_TIMEOUT_MS = 500
+
+
+def zenoh_config(mode: str, *, connect: Iterable[str] = (), listen: Iterable[str] = ()) -> zenoh.Config:
+    """A Zenoh configuration without discovery: what connects to what is written in the site file."""
+    config = zenoh.Config()
+    for key, value in {
+        "mode": mode,
+        "connect/endpoints": list(connect),
+        "connect/timeout_ms": _OPEN_TIMEOUT_MS,
+        "connect/exit_on_failure": True,
+        "listen/endpoints": list(listen),
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "timestamping/enabled": {"router": True, "peer": True, "client": True},
+    }.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def decode_json(payload: bytes, max_bytes: int | None = MAX_PAYLOAD_BYTES) -> dict[str, Any]:
+    """The JSON object in `payload`; its numbers are finite. Raises MalformedJson."""
+    if max_bytes is not None and len(payload) > max_bytes:
+        raise MalformedJson("the payload is too large", bytes=len(payload), limit=max_bytes)
+    try:
+        # Not json.loads: py-evm lifts Python's recursion limit, and then deep nesting overflows the stack.
+        value = from_json(payload or b"{}", allow_inf_nan=False)
+        # 1e999 becomes an infinity all the same, which nobody could read once it is passed on.
+        json.dumps(value, allow_nan=False)
+    except ValueError as error:
+        raise MalformedJson(f"the payload is not JSON: {error}") from error
+    if not isinstance(value, dict):
+        raise MalformedJson("the payload is not a JSON object", type=type(value).__name__)
+    return value
+
+
+def validate(model: type[Model], data: Any) -> Model:
+    """`data` as `model`. Raises InvalidRequest that names each wrong field."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        fields = {".".join(map(str, e["loc"])) or "(whole)": e["msg"] for e in error.errors()}
+        raise InvalidRequest(f"the request does not fit {model.__name__}", fields=fields) from error
+
+
+@dataclass(frozen=True)
+class Request:
+    """One query as its handler sees it."""
+
+    key: str
+    parameters: dict[str, str]
+    payload: bytes
+
+    def json(self) -> dict[str, Any]:
+        """The payload, an empty object when there is none. Raises MalformedJson."""
+        return decode_json(self.payload)
+
+    def parse(self, model: type[Model]) -> Model:
+        """The payload as `model`. Raises MalformedJson or InvalidRequest."""
+        return validate(model, self.json())
+
+
+Handler = Callable[[Request], dict[str, Any]]
+
+
+class Bus:
+    """A client session to the router. Thread-safe. Close it: a session left open keeps its process alive."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.session = session
+        self._workers = ThreadPoolExecutor(max_workers=16, thread_name_prefix="bus")
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    @classmethod
+    def open(cls, endpoint: str, stop: threading.Event | None = None, timeout_s: float | None = None) -> Bus:
+        """Connect to the router at `endpoint`, e.g. "tcp/127.0.0.1:7447", however long that takes.
+
+        Raises BusUnavailable when `stop` is set or `timeout_s` (wall) passes first.
+        """
+        deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
+        said = False
+        while stop is None or not stop.is_set():
+            try:
+                return cls(zenoh.open(zenoh_config("client", connect=[endpoint])))
+            except zenoh.ZError as error:
+                if deadline_s is not None and time.monotonic() >= deadline_s:
+                    raise BusUnavailable("no router answers", endpoint=endpoint) from error
+                if not said:
+                    log.info("waiting for the router at %s", endpoint)
+                    said = True
+        raise BusUnavailable("stopped while waiting for the router", endpoint=endpoint)
+
+    # -- publish and subscribe -------------------------------------------------------------------------
+
+    def put_json(self, key: str, value: BaseModel | dict[str, Any]) -> None:
+        """Publish `value` reliably: the publisher waits rather than drops."""
+        self.session.put(key, _encode(value), congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def subscribe_json(
+        self, key: str, callback: Callable[[str, dict[str, Any]], None]
+    ) -> zenoh.Subscriber[None]:
+        """Call `callback(key, object)` for each JSON object published on `key`, in a thread of its own.
+
+        A payload that is not a JSON object is logged and left out; it came from a faulty publisher, and
+        the subscription goes on.
+        """
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            try:
+                callback(str(sample.key_expr), decode_json(sample.payload.to_bytes()))
+            except RodeoError as error:
+                log.warning("left out a message on %s: %s", sample.key_expr, error)
+            except Exception:
+                # The subscription's thread must outlive one message.
+                log.exception("the handler of %s failed", sample.key_expr)
+
+        return self.session.declare_subscriber(key, on_sample)
+
+    # -- query and serve -------------------------------------------------------------------------------
+
+    def query(
+        self,
+        key: str,
+        payload: BaseModel | dict[str, Any] | bytes | None = None,
+        *,
+        parameters: dict[str, Any] | None = None,
+        timeout_s: float = 10.0,
+    ) -> dict[str, Any]:
+        """Ask the one responder of `key`; `timeout_s` is wall time.
+
+        Raises RemoteError (the responder's own error), NoResponder, QueryTimeout, or InvalidRequest when
+        `key` is no key.
+        """
+        selector = key
+        if parameters:
+            selector += "?" + ";".join(f"{name}={value}" for name, value in parameters.items())
+        body = payload if isinstance(payload, bytes | None) else _encode(payload)
+        try:
+            replies = self.session.get(selector, payload=body, timeout=timeout_s)
+        except zenoh.ZError as refusal:
+            raise InvalidRequest("this is no key of the bus", key=selector) from refusal
+        for reply in replies:
+            if reply.ok is not None:
+                # Whom we ask may answer at length: a page of tasks with all that people wrote into them.
+                return decode_json(reply.ok.payload.to_bytes(), max_bytes=None)
+            data = reply.err.payload.to_bytes() if reply.err is not None else b""
+            if data == b"Timeout":
+                raise QueryTimeout("no answer in time", key=key, timeout_s=timeout_s)
+            error = decode_json(data)
+            raise RemoteError(error.get("code", "unknown"), error.get("message", ""), error.get("details"))
+        raise NoResponder("nobody serves this key", key=key)
+
+    def serve(
+        self, key: str, handler: Handler, workers: Callable[[str], Executor | None] = lambda _key: None
+    ) -> zenoh.Queryable[None]:
+        """Answer queries on `key` (may hold wildcards). A RodeoError becomes the caller's RemoteError.
+
+        A handler runs on `workers(key of the query)`, or on threads that all keys of this session share.
+        """
+        # Of answers on one key a caller gets one only: who asks `status/*` wants each process's own.
+        own_key = None if "*" in key else key
+
+        def answer(query: zenoh.Query) -> None:
+            # A query is finished when its object goes, so the reply is sent inside the block.
+            with query:
+                payload = query.payload.to_bytes() if query.payload is not None else b""
+                parameters = {str(k): str(v) for k, v in _parameters(str(query.parameters)).items()}
+                try:
+                    reply = handler(Request(str(query.key_expr), parameters, payload))
+                except RodeoError as error:
+                    query.reply_err(json.dumps(error.to_json(), default=str))
+                except Exception as error:
+                    log.exception("the handler of %s failed", query.key_expr)
+                    query.reply_err(json.dumps({"code": "internal", "message": repr(error), "details": {}}))
+                else:
+                    query.reply(own_key or query.key_expr, _encode(reply))
+
+        def on_query(query: zenoh.Query) -> None:
+            (workers(str(query.key_expr)) or self._workers).submit(answer, query)
+
+        return self.session.declare_queryable(key, on_query)
+
+    def close(self) -> None:
+        """End the session; waits up to 10 s for a router that does not take what is still to be sent."""
+        self._workers.shutdown(wait=False, cancel_futures=True)
+        try:
+            self.session.close()
+        except zenoh.ZError as error:
+            log.warning("the router did not take all that was sent: %s", error)
+
+
+class DaoEvents:
+    """Every contract event once, in chain order, whatever was missed in between.
+
+    Live events arrive by subscription; a gap in their sequence, and the past after `after_seq`, are asked
+    from the bridge's index. `callback(event)` runs in a thread of its own. Close it before its bus.
+    """
+
+    _PAGE = 500
+    _CATCH_UP_S = 1.0
+    """Wall time after which the index is asked even without a live event: the last one may be lost."""
+
+    def __init__(
+        self, bus: Bus, org: str, callback: Callable[[DaoEvent], None], *, after_seq: int = 0
+    ) -> None:
+        self._bus = bus
+        self._org = org
+        self._callback = callback
+        self._seq = after_seq
+        self._wake = threading.Event()
+        self._stop = threading.Event()
+        self._live: dict[int, DaoEvent] = {}
+        self._lock = threading.Lock()
+        self._subscriber = bus.subscribe_json(f"rodeo/{org}/event/*", self._on_live)
+        self._thread = threading.Thread(target=self._run, name="dao-events", daemon=True)
+        self._thread.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self.close()
+
+    @property
+    def seq(self) -> int:
+        """Sequence number of the last event handed to the callback."""
+        return self._seq
+
+    def _on_live(self, _key: str, data: dict[str, Any]) -> None:
+        event = validate(DaoEvent, data)
+        with self._lock:
+            if event.seq > self._seq:
+                self._live[event.seq] = event
+        self._wake.set()
+
+    def _run(self) -> None:
+        self._catch_up()
+        while not self._stop.is_set():
+            self._wake.wait(self._CATCH_UP_S)
+            self._wake.clear()
+            with self._lock:
+                following = self._live.pop(self._seq + 1, None)
+            if following is None:
+                self._catch_up()
+            while following is not None:
+                self._deliver(following)
+                with self._lock:
+                    following = self._live.pop(self._seq + 1, None)
+
+    def _catch_up(self) -> None:
+        while not self._stop.is_set():
+            try:
+                answer = self._bus.query(
+                    f"rodeo/{self._org}/state/events",
+                    parameters={"after": self._seq, "limit": self._PAGE},
+                    timeout_s=5.0,
+                )
+            except (NoResponder, QueryTimeout, RemoteError) as error:
+                # The bridge is away; the next round asks again, and status shows it.
+                log.debug("the index does not answer: %s", error)
+                return
+            if not answer["events"]:
+                return
+            for data in answer["events"]:
+                self._deliver(validate(DaoEvent, data))
+
+    def _deliver(self, event: DaoEvent) -> None:
+        if event.seq <= self._seq:
+            return
+        self._seq = event.seq
+        with self._lock:
+            self._live = {seq: live for seq, live in self._live.items() if seq > event.seq}
+        try:
+            self._callback(event)
+        except Exception:
+            # One event that its receiver cannot handle must not keep the following ones from it.
+            log.exception("the handler of %s (seq %d) failed", event.name, event.seq)
+
+    def close(self) -> None:
+        self._stop.set()
+        self._wake.set()
+        self._subscriber.undeclare()
+        self._thread.join(timeout=2.0)
+
+
+def _parameters(text: str) -> dict[str, str]:
+    return dict(part.partition("=")[::2] for part in text.split(";") if part)
+
+
+def _encode(value: BaseModel | dict[str, Any]) -> bytes:
+    if isinstance(value, BaseModel):
+        return value.model_dump_json().encode()
+    return json.dumps(value, default=str, separators=(",", ":")).encode()

@@ -1,0 +1,46 @@
+"""ABI and bytecode of the contracts, as `contracts/build.mjs` wrote them into this folder."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from importlib import resources
+from typing import Any
+
+CONTRACTS = ("IECoin", "FirstComeFirstServed", "Organization", "ServiceManager", "TaskManager")
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """A built contract."""
+
+    name: str
+    abi: list[dict[str, Any]]
+    bytecode: bytes
+    """Init code, without constructor arguments."""
+    deployed_code: bytes
+    """What the constructor leaves on chain, with zeros where immutables go."""
+    immutables: tuple[tuple[int, int], ...]
+    """(start, length) in bytes of each immutable in the deployed code."""
+
+    def matches(self, code: bytes) -> bool:
+        """Whether `code`, read from a chain, is this contract, whatever its immutables are."""
+        masked = bytearray(code)
+        for start, length in self.immutables:
+            masked[start : start + length] = bytes(length)
+        return bytes(masked) == self.deployed_code
+
+
+@cache
+def load(name: str) -> Artifact:
+    """The artifact of contract `name`, one of CONTRACTS."""
+    text = (resources.files(__name__) / f"{name}.json").read_text()
+    built = json.loads(text)
+    return Artifact(
+        name=name,
+        abi=built["abi"],
+        bytecode=bytes.fromhex(built["bytecode"].removeprefix("0x")),
+        deployed_code=bytes.fromhex(built["deployedBytecode"].removeprefix("0x")),
+        immutables=tuple((start, length) for start, length in built["immutables"]),
+    )

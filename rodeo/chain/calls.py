@@ -1,0 +1,155 @@
+"""What to send to which contract to do something. Encoding only: signing and sending is the caller's part."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from eth_typing import ChecksumAddress, HexStr
+from web3 import Web3
+
+from rodeo.chain import artifacts
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.types import Role, ServiceState, TaskRequest, kind_to_bytes32
+
+
+@dataclass(frozen=True)
+class Call:
+    """A transaction without sender, nonce, gas and fee."""
+
+    to: ChecksumAddress
+    data: HexStr
+    name: str
+    """The function, for logs."""
+
+
+class ParticipantCalls(Protocol):
+    """What a participant does: by itself (Calls), or an operator for the organization (OrganizationCalls)."""
+
+    def register_task(self, request: TaskRequest) -> Call: ...
+    def cancel_task(self, task_id: int) -> Call: ...
+    def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call: ...
+    def register_service(self, kind: str, price: int, description: str) -> Call: ...
+    def update_service(self, service_id: int, price: int, state: ServiceState) -> Call: ...
+    def transfer(self, to: str, amount: int) -> Call: ...
+
+
+class _Contract:
+    """Encodes calls to one contract of a deployment."""
+
+    def __init__(self, name: str, deployment: Deployment) -> None:
+        self.address = deployment.address(name)
+        self._contract = Web3().eth.contract(address=self.address, abi=artifacts.load(name).abi)
+
+    def call(self, function: str, *args: Any) -> Call:
+        return Call(self.address, self._contract.encode_abi(function, list(args)), function)
+
+
+def _request(request: TaskRequest) -> tuple[Any, ...]:
+    return (
+        kind_to_bytes32(request.kind),
+        request.reward,
+        request.execution_window,
+        request.verdict_window,
+        request.max_attempts,
+        request.params,
+    )
+
+
+class Calls:
+    """Calls of a participant in its own name, of an oracle, and those that anyone may make."""
+
+    def __init__(self, deployment: Deployment) -> None:
+        self._tasks = _Contract("TaskManager", deployment)
+        self._services = _Contract("ServiceManager", deployment)
+        self._coin = _Contract("IECoin", deployment)
+
+    def register_task(self, request: TaskRequest) -> Call:
+        """The sender must have approved the TaskManager for the reward."""
+        return self._tasks.call("registerTask", _request(request))
+
+    def cancel_task(self, task_id: int) -> Call:
+        return self._tasks.call("cancelTask", task_id)
+
+    def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
+        return self._tasks.call("submitProof", task_id, attempt, proof_hash, uri)
+
+    def post_verdict(
+        self,
+        task_id: int,
+        attempt: int,
+        proof_hash: bytes,
+        accepted: bool,
+        report_hash: bytes,
+        report_uri: str,
+        reason: str,
+    ) -> Call:
+        return self._tasks.call(
+            "postVerdict", task_id, attempt, proof_hash, accepted, report_hash, report_uri, reason
+        )
+
+    def expire_task(self, task_id: int) -> Call:
+        return self._tasks.call("expireTask", task_id)
+
+    def match_task(self, task_id: int) -> Call:
+        return self._tasks.call("matchTask", task_id)
+
+    def register_service(self, kind: str, price: int, description: str) -> Call:
+        return self._services.call("registerService", kind_to_bytes32(kind), price, description)
+
+    def update_service(self, service_id: int, price: int, state: ServiceState) -> Call:
+        return self._services.call("updateService", service_id, price, state)
+
+    def transfer(self, to: str, amount: int) -> Call:
+        return self._coin.call("transfer", to, amount)
+
+    def approve(self, spender: str, amount: int) -> Call:
+        return self._coin.call("approve", spender, amount)
+
+
+class OrganizationCalls:
+    """Calls to the Organization: in its name (operator), on its treasury (treasurer), on its rules
+    (administrator)."""
+
+    def __init__(self, deployment: Deployment) -> None:
+        self._organization = _Contract("Organization", deployment)
+
+    def register_task(self, request: TaskRequest) -> Call:
+        return self._organization.call("registerTask", _request(request))
+
+    def cancel_task(self, task_id: int) -> Call:
+        return self._organization.call("cancelTask", task_id)
+
+    def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
+        return self._organization.call("submitProof", task_id, attempt, proof_hash, uri)
+
+    def register_service(self, kind: str, price: int, description: str) -> Call:
+        return self._organization.call("registerService", kind_to_bytes32(kind), price, description)
+
+    def update_service(self, service_id: int, price: int, state: ServiceState) -> Call:
+        return self._organization.call("updateService", service_id, price, state)
+
+    def transfer(self, to: str, amount: int) -> Call:
+        return self._organization.call("withdraw", to, amount)
+
+    def deposit(self, amount: int) -> Call:
+        """The sender must have approved the Organization."""
+        return self._organization.call("deposit", amount)
+
+    def allow_kind(self, kind: str, allowed: bool) -> Call:
+        return self._organization.call("allowKind", kind_to_bytes32(kind), allowed)
+
+    def set_policy(self, policy: str) -> Call:
+        return self._organization.call("setPolicy", policy)
+
+    def register_device(self, device: str, role: str, owner: str) -> Call:
+        return self._organization.call("registerDevice", device, kind_to_bytes32(role), owner)
+
+    def revoke_device(self, device: str) -> Call:
+        return self._organization.call("revokeDevice", device)
+
+    def grant_role(self, role: Role, account: str) -> Call:
+        return self._organization.call("grantRole", role.id, account)
+
+    def revoke_role(self, role: Role, account: str) -> Call:
+        return self._organization.call("revokeRole", role.id, account)

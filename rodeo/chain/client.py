@@ -1,0 +1,149 @@
+"""One deployment on one node: views, events and single transactions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from eth_account.signers.local import LocalAccount
+from eth_typing import ChecksumAddress
+from eth_utils import to_checksum_address
+from web3 import HTTPProvider, Web3
+from web3.contract import Contract
+from web3.types import TxReceipt
+
+from rodeo.chain import artifacts, events, transactions
+from rodeo.chain.calls import Call, Calls, OrganizationCalls
+from rodeo.chain.deployment import Deployment
+from rodeo.chain.errors import translated
+from rodeo.chain.types import Device, Role, Service, Task, kind_to_bytes32, value
+
+
+def connect(url: str, timeout_s: float = 10.0) -> Web3:
+    """A node behind JSON-RPC over HTTP. Nothing is sent yet."""
+    # Retrying is the caller's affair: it alone knows whether the answer still matters.
+    return Web3(HTTPProvider(url, request_kwargs={"timeout": timeout_s}, exception_retry_configuration=None))
+
+
+class ChainClient:
+    """The contracts of `deployment` on the node at `url`.
+
+    Every method that asks the node raises ChainUnavailable when it does not answer, ContractReverted when a
+    contract refuses and RpcFailed when the node does. Views answer for the newest block.
+    """
+
+    def __init__(self, url: str, deployment: Deployment) -> None:
+        self.w3 = connect(url)
+        self.deployment = deployment
+        self.calls = Calls(deployment)
+        self.organization_calls = OrganizationCalls(deployment)
+        self._contracts: dict[str, Contract] = {
+            name: self.w3.eth.contract(address=deployment.address(name), abi=artifacts.load(name).abi)
+            for name in artifacts.CONTRACTS
+        }
+
+    # -- addresses -----------------------------------------------------------------------------------------
+
+    @property
+    def organization(self) -> ChecksumAddress:
+        """The organization as a participant: creator and executor of what its operator does."""
+        return self.deployment.address("Organization")
+
+    @property
+    def task_manager(self) -> ChecksumAddress:
+        """Holds the escrow; spender that creators approve."""
+        return self.deployment.address("TaskManager")
+
+    # -- views ---------------------------------------------------------------------------------------------
+
+    def task(self, task_id: int) -> Task:
+        """Raises ContractReverted: UnknownTask."""
+        return self._view("TaskManager", "task", task_id)
+
+    def task_count(self) -> int:
+        return self._view("TaskManager", "taskCount")
+
+    def oldest_open(self, kind: str, price: int) -> int | None:
+        """The oldest open task of `kind` that pays at least `price`."""
+        return self._view("TaskManager", "oldestOpen", kind_to_bytes32(kind), price) or None
+
+    def service(self, service_id: int) -> Service:
+        """Raises ContractReverted: UnknownService."""
+        return self._view("ServiceManager", "service", service_id)
+
+    def service_count(self) -> int:
+        return self._view("ServiceManager", "serviceCount")
+
+    def longest_idle(self, kind: str, max_price: int) -> int | None:
+        """The service of `kind` that has waited longest among those that cost at most `max_price`."""
+        return self._view("ServiceManager", "longestIdle", kind_to_bytes32(kind), max_price) or None
+
+    def device(self, address: str) -> Device:
+        """Raises ContractReverted: UnknownDevice."""
+        return self._view("Organization", "device", to_checksum_address(address))
+
+    def is_kind_allowed(self, kind: str) -> bool:
+        return self._view("Organization", "isKindAllowed", kind_to_bytes32(kind))
+
+    def has_role(self, role: Role, account: str) -> bool:
+        return self._view("Organization", "hasRole", role.id, to_checksum_address(account))
+
+    def policy(self) -> ChecksumAddress:
+        return self._view("Organization", "policy")
+
+    def balance(self, account: str) -> int:
+        """IEC of `account` in wei."""
+        return self._view("IECoin", "balanceOf", to_checksum_address(account))
+
+    def allowance(self, owner: str, spender: str) -> int:
+        return self._view("IECoin", "allowance", to_checksum_address(owner), to_checksum_address(spender))
+
+    def total_supply(self) -> int:
+        return self._view("IECoin", "totalSupply")
+
+    def _view(self, contract: str, function: str, *args: Any) -> Any:
+        bound = self._contracts[contract].functions[function]
+        with translated():
+            raw = bound(*args).call()
+        (output,) = bound.abi["outputs"]
+        return value(output, raw)
+
+    # -- events --------------------------------------------------------------------------------------------
+
+    def logs(self, first_block: int, last_block: int) -> list[events.Log]:
+        """Events of the contracts in the inclusive range of blocks, in chain order."""
+        with translated():
+            found = self.w3.eth.get_logs(
+                {
+                    "fromBlock": first_block,
+                    "toBlock": last_block,
+                    "address": [contract.address for contract in self._contracts.values()],
+                    "topics": [events.topics()],
+                }
+            )
+        return sorted(map(events.decode_log, found), key=lambda log: (log.block, log.log_index))
+
+    def logs_of(self, receipt: TxReceipt) -> list[events.Log]:
+        """The contracts' events in a receipt, in order."""
+        addresses = {contract.address for contract in self._contracts.values()}
+        topics = set(events.topics())
+        return [
+            events.decode_log(log)
+            for log in receipt["logs"]
+            if log["address"] in addresses and log["topics"][0].to_0x_hex() in topics
+        ]
+
+    # -- transactions --------------------------------------------------------------------------------------
+
+    def simulate(self, call: Call, sender: str) -> bytes:
+        """What `call` would return now. Raises ContractReverted when it would be refused."""
+        with translated():
+            return bytes(
+                self.w3.eth.call({"from": to_checksum_address(sender), "to": call.to, "data": call.data})
+            )
+
+    def send(self, account: LocalAccount, call: Call, timeout_s: float = 120.0) -> TxReceipt:
+        """Sign, send and wait until mined. One at a time per account: the nonce is read from the node.
+
+        Raises ContractReverted (also before sending), TransactionFailed or TransactionTimeout.
+        """
+        return transactions.send(self.w3, account, to=call.to, data=call.data, timeout_s=timeout_s)

@@ -1,0 +1,81 @@
+"""Which contracts are where: one JSON record per chain, `<data_dir>/deployments/<chain_id>.json`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from eth_typing import ChecksumAddress
+from eth_utils import is_checksum_address, to_checksum_address
+from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
+from web3 import Web3
+
+from rodeo.chain import artifacts
+from rodeo.chain.errors import ChainError, DeploymentMismatch, NotDeployed, translated
+
+
+class Deployment(BaseModel):
+    """An organization's contracts on one chain."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    chain_id: int
+    genesis_hash: str
+    """Tells a local chain that was reset from the one before: 0x hex."""
+    block: int
+    """No event of the contracts is in an earlier block."""
+    contracts: dict[str, str]
+    """Contract name, one of `artifacts.CONTRACTS` -> checksummed address."""
+
+    @field_validator("contracts")
+    @classmethod
+    def _complete(cls, contracts: dict[str, str]) -> dict[str, str]:
+        if sorted(contracts) != sorted(artifacts.CONTRACTS):
+            raise ValueError(f"expected {sorted(artifacts.CONTRACTS)}, got {sorted(contracts)}")
+        if not all(map(is_checksum_address, contracts.values())):
+            raise ValueError("not a checksummed address")
+        return contracts
+
+    def address(self, contract: str) -> ChecksumAddress:
+        return to_checksum_address(self.contracts[contract])
+
+    @staticmethod
+    def path(data_dir: Path, chain_id: int) -> Path:
+        return data_dir / "deployments" / f"{chain_id}.json"
+
+    @classmethod
+    def load(cls, data_dir: Path, chain_id: int) -> Deployment:
+        """The record for `chain_id`. Raises NotDeployed when there is none, ChainError when it is damaged."""
+        path = cls.path(data_dir, chain_id)
+        try:
+            return cls.model_validate_json(path.read_bytes())
+        except FileNotFoundError as error:
+            raise NotDeployed("no contracts on this chain", chain_id=chain_id, path=str(path)) from error
+        except (OSError, ValidationError) as error:
+            raise ChainError(
+                "the deployment record is damaged", path=str(path), problem=str(error)
+            ) from error
+
+    def save(self, data_dir: Path) -> Path:
+        """Write the record, all of it or nothing; the path."""
+        path = self.path(data_dir, self.chain_id)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_suffix(".part")
+        part.write_text(self.model_dump_json(indent=2) + "\n")
+        part.replace(path)
+        return path
+
+    def verify(self, w3: Web3) -> None:
+        """Raises DeploymentMismatch unless the chain has these contracts as they are built now."""
+        with translated():
+            found = (w3.eth.chain_id, w3.eth.get_block(0)["hash"].to_0x_hex())
+            if found != (self.chain_id, self.genesis_hash):
+                raise DeploymentMismatch(
+                    "another chain",
+                    chain_id=found[0],
+                    genesis_hash=found[1],
+                    recorded_chain_id=self.chain_id,
+                    recorded_genesis_hash=self.genesis_hash,
+                )
+            for name in self.contracts:
+                if not artifacts.load(name).matches(bytes(w3.eth.get_code(self.address(name)))):
+                    raise DeploymentMismatch("other code", contract=name, address=self.contracts[name])

@@ -1,0 +1,130 @@
+"""Errors of the chain, below RodeoError; what nodes and web3.py raise is translated here.
+
+RodeoError
+└── ChainError
+    ├── ChainUnavailable    the node does not answer
+    ├── RpcFailed           the node answered with an error that is no revert
+    ├── ContractReverted    a contract refused; `name` and `args` are its custom error's
+    ├── TransactionFailed   mined without success for another reason than a revert (gas)
+    ├── TransactionTimeout  not mined in time; it may still be
+    ├── NotDeployed         no record of the contracts for this chain
+    └── DeploymentMismatch  the record is of other contracts than the chain has
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+import requests
+from eth_abi import decode
+from eth_abi.exceptions import DecodingError
+from eth_utils import to_bytes
+from eth_utils.abi import abi_to_signature, collapse_if_tuple, function_signature_to_4byte_selector
+from web3.exceptions import ContractLogicError, Web3Exception, Web3RPCError
+
+from rodeo.chain import artifacts
+from rodeo.chain.types import to_json, values
+from rodeo.errors import RodeoError, snake_case
+
+
+class ChainError(RodeoError):
+    """The chain did not do what was asked."""
+
+
+class ChainUnavailable(ChainError):
+    """The node does not answer. Asking again later may help."""
+
+
+class RpcFailed(ChainError):
+    """The node answered with an error that is no revert; `details` has its code and sentence."""
+
+
+class ContractReverted(ChainError):
+    """A contract refused. Nothing changed.
+
+    `code` is the error's name in snake case (`wrong_state`), `args` its values in the types of
+    `rodeo.chain.types`, `details` the same for JSON.
+    """
+
+    def __init__(self, name: str, args: dict[str, Any]) -> None:
+        super().__init__(f"the contract refused: {name}", **{key: to_json(arg) for key, arg in args.items()})
+        self.name = name
+        self.args_by_name = args
+
+    @property
+    def code(self) -> str:
+        return snake_case(self.name)
+
+
+class TransactionFailed(ChainError):
+    """Mined, but it changed nothing, and not because a contract refused: most likely it ran out of gas."""
+
+
+class TransactionTimeout(ChainError):
+    """Not mined in time. It may still be."""
+
+
+class NotDeployed(ChainError):
+    """There is no record of the contracts on this chain; `python -m deploy.contracts` makes it."""
+
+
+class DeploymentMismatch(ChainError):
+    """The record does not describe this chain: it was reset, or the contracts were built anew."""
+
+
+_BUILT_IN: dict[bytes, dict[str, Any]] = {
+    bytes.fromhex("08c379a0"): {"name": "Error", "inputs": [{"name": "reason", "type": "string"}]},
+    bytes.fromhex("4e487b71"): {"name": "Panic", "inputs": [{"name": "panicCode", "type": "uint256"}]},
+}
+"""What Solidity itself reverts with: `require(condition, "sentence")`, and failed assertions."""
+
+
+@cache
+def _errors_by_selector() -> dict[bytes, dict[str, Any]]:
+    declared = (
+        entry
+        for name in artifacts.CONTRACTS
+        for entry in artifacts.load(name).abi
+        if entry["type"] == "error"
+    )
+    by_selector = {function_signature_to_4byte_selector(abi_to_signature(e)): e for e in declared}  # type: ignore[arg-type]
+    return _BUILT_IN | by_selector
+
+
+def decode_revert(data: bytes) -> ContractReverted:
+    """The named error in revert data. `UnknownRevert(data)` for one that none of the contracts declares."""
+    error = _errors_by_selector().get(data[:4])
+    if error is None:
+        return ContractReverted("UnknownRevert", {"data": data})
+    try:
+        raws = decode([collapse_if_tuple(parameter) for parameter in error["inputs"]], data[4:])
+    except DecodingError:
+        return ContractReverted("UnknownRevert", {"data": data})
+    return ContractReverted(error["name"], values(error["inputs"], raws))
+
+
+@contextmanager
+def translated() -> Iterator[None]:
+    """Let what web3.py raises leave as ChainError."""
+    try:
+        yield
+    except ContractLogicError as error:
+        raise decode_revert(_revert_data(error)) from error
+    except Web3RPCError as error:
+        reply = error.rpc_response.get("error") if error.rpc_response else None
+        details = reply if isinstance(reply, dict) else {"message": str(error)}
+        raise RpcFailed(
+            "the node refused", rpc_code=details.get("code"), reason=details.get("message")
+        ) from error
+    except Web3Exception as error:
+        raise RpcFailed("the node's answer cannot be used", reason=str(error)) from error
+    except (requests.RequestException, OSError) as error:
+        raise ChainUnavailable("the node does not answer", reason=str(error)) from error
+
+
+def _revert_data(error: ContractLogicError) -> bytes:
+    data = error.data.get("data") if isinstance(error.data, dict) else error.data
+    return to_bytes(hexstr=data) if isinstance(data, str) and data.startswith("0x") else b""

@@ -1,0 +1,196 @@
+"""What the contracts keep, in Python. Amounts are wei: 10^-18 IEC. Times are block time in seconds.
+
+Mirrors contracts/src/interfaces; `value` turns what eth-abi decodes into these types.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from decimal import Decimal, localcontext
+from enum import IntEnum, StrEnum
+from typing import Any
+
+from eth_utils import keccak, to_checksum_address
+
+from rodeo.errors import snake_case
+
+WEI_PER_IEC = 10**18
+
+
+class TaskState(IntEnum):
+    NONE = 0
+    OPEN = 1
+    ASSIGNED = 2
+    SUBMITTED = 3
+    SETTLED = 4
+    CANCELLED = 5
+    FAILED = 6
+
+
+class ServiceState(IntEnum):
+    NONE = 0
+    ACTIVE = 1
+    PAUSED = 2
+    RETIRED = 3
+
+
+class Cause(IntEnum):
+    """Why an attempt failed."""
+
+    REJECTED = 0
+    EXECUTION_EXPIRED = 1
+    VERDICT_EXPIRED = 2
+
+
+class Role(StrEnum):
+    """Roles of the Organization, named as in its source; OpenZeppelin's default admin administers it."""
+
+    ADMINISTRATOR = "DEFAULT_ADMIN_ROLE"
+    OPERATOR = "OPERATOR_ROLE"
+    TREASURER = "TREASURER_ROLE"
+    ORACLE = "ORACLE_ROLE"
+
+    @property
+    def id(self) -> bytes:
+        """The 32 bytes that stand for the role on chain."""
+        return bytes(32) if self is Role.ADMINISTRATOR else keccak(text=self.value)
+
+
+@dataclass(frozen=True)
+class TaskRequest:
+    """What registerTask takes. `reward` in wei, windows in seconds, `params` a JSON text."""
+
+    kind: str
+    reward: int
+    execution_window: int
+    verdict_window: int
+    max_attempts: int
+    params: str
+
+
+@dataclass(frozen=True)
+class Task:
+    """A task as the TaskManager keeps it; texts are only in its events."""
+
+    creator: str
+    reward: int
+    kind: str
+    price: int
+    """What the executor of the running or last attempt is paid, wei; 0 while open."""
+    service_id: int
+    """Service of the running or last attempt; 0 while open."""
+    deadline: int
+    """End of the running window; 0 when none runs."""
+    execution_window: int
+    verdict_window: int
+    attempt: int
+    max_attempts: int
+    state: TaskState
+    proof_hash: bytes
+
+
+@dataclass(frozen=True)
+class Service:
+    """A service as the ServiceManager keeps it."""
+
+    provider: str
+    price: int
+    kind: str
+    task_id: int
+    """The task it does now; 0 when it does none."""
+    place: int
+    """Its place among the idle services, lower was there earlier; 0 when it does not wait."""
+    state: ServiceState
+    completed: int
+    rejected: int
+    expired: int
+
+
+@dataclass(frozen=True)
+class Device:
+    """A key that may sign evidence."""
+
+    role: str
+    owner: str
+    registered_at: int
+    revoked_at: int
+    """0 while its signatures count."""
+    registrar: str
+
+
+def to_wei(amount_iec: Decimal) -> int:
+    """IEC -> wei. Raises ValueError for what is negative, no number or has more than 18 decimals."""
+    if not amount_iec.is_finite() or amount_iec < 0:
+        raise ValueError(f"not an amount: {amount_iec}")
+    # The default context has 28 digits, fewer than a large balance.
+    with localcontext(prec=100):
+        wei = amount_iec * WEI_PER_IEC
+        if wei != wei.to_integral_value():
+            raise ValueError(f"more than 18 decimals: {amount_iec}")
+        return int(wei)
+
+
+def from_wei(wei: int) -> Decimal:
+    """Wei -> IEC, without trailing zeros or an exponent when formatted with `f"{amount:f}"`."""
+    with localcontext(prec=100):
+        whole, rest = divmod(wei, WEI_PER_IEC)
+        return Decimal(whole) if rest == 0 else (Decimal(wei) / WEI_PER_IEC).normalize()
+
+
+def kind_to_bytes32(kind: str) -> bytes:
+    """ASCII, padded with zeros on the right. Raises ValueError when it does not fit or is not ASCII."""
+    encoded = kind.encode("ascii")
+    if not 0 < len(encoded) <= 32:
+        raise ValueError(f"a kind has 1 to 32 characters: {kind!r}")
+    return encoded.ljust(32, b"\0")
+
+
+def bytes32_to_kind(word: bytes) -> str:
+    """The other way; hex of the whole word when it is no such text, since anybody may write any bytes."""
+    text = word.rstrip(b"\0").decode("ascii", errors="replace")
+    return text if text.isascii() and text.isprintable() else "0x" + word.hex()
+
+
+_ENUMS: Mapping[str, type[IntEnum]] = {
+    "enum TaskState": TaskState,
+    "enum ServiceState": ServiceState,
+    "enum Cause": Cause,
+}
+
+_STRUCTS: Mapping[str, type] = {"struct Task": Task, "struct Service": Service, "struct Device": Device}
+
+_ROLES = {role.id: role.value for role in Role}
+
+
+def value(parameter: Mapping[str, Any], raw: Any) -> Any:
+    """`raw`, decoded by eth-abi for an ABI `parameter`, as the type that this module gives it.
+
+    Enums and structs become theirs, kinds and device roles text, access roles their names; other bytes stay
+    bytes.
+    """
+    internal_type = parameter.get("internalType", "")
+    if internal_type in _ENUMS:
+        return _ENUMS[internal_type](raw)
+    if internal_type in _STRUCTS:
+        return _STRUCTS[internal_type](**values(parameter["components"], raw))
+    if parameter["type"] == "address":
+        return to_checksum_address(raw)
+    if parameter["type"] == "bytes32" and parameter["name"] in ("kind", "role", "neededRole"):
+        return _ROLES.get(bytes(raw)) or bytes32_to_kind(bytes(raw))
+    return bytes(raw) if parameter["type"].startswith("bytes") else raw
+
+
+def values(parameters: list[dict[str, Any]], raws: Any) -> dict[str, Any]:
+    """A decoded tuple by the parameters' names in snake case."""
+    return {
+        snake_case(parameter["name"]): value(parameter, raw)
+        for parameter, raw in zip(parameters, raws, strict=True)
+    }
+
+
+def to_json(decoded: Any) -> Any:
+    """A decoded value for JSON: bytes as 0x hex, enums as lower-case names."""
+    if isinstance(decoded, IntEnum):
+        return decoded.name.lower()
+    return "0x" + decoded.hex() if isinstance(decoded, bytes) else decoded

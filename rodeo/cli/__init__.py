@@ -1,0 +1,17 @@
+"""`rodeo`: run a site and use its organization from a terminal."""
+
+import typer
+
+from rodeo.cli import organization, site
+
+app = typer.Typer(
+    name="rodeo",
+    help="Robots join an organization, do physical work, prove it and get paid.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+for command in (site.up, site.down, site.status, organization.wallet, organization.verify):
+    app.command()(command)
+app.add_typer(organization.tasks, name="task")
+app.add_typer(organization.services, name="service")

@@ -1,0 +1,73 @@
+"""What the commands share: options, output, the connection to the site."""
+
+from __future__ import annotations
+
+import json
+import logging
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any, ParamSpec, TypeVar
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from rodeo.bus import Bus
+from rodeo.config import Site
+from rodeo.errors import RodeoError
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+console = Console()
+errors = Console(stderr=True)
+
+SiteOption = Annotated[
+    Path, typer.Option("--site", envvar="RODEO_SITE", help="Site file.", show_default=True, metavar="FILE")
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
+DEFAULT_SITE = Path("deploy/sites/lab.toml")
+
+_CONNECT_S = 3.0
+
+_HINTS = {
+    "bus_unavailable": "`rodeo up` starts the site; --site FILE or RODEO_SITE names another",
+    "no_responder": "`rodeo status` tells whether the bridge is there",
+    "bridge_not_ready": "`rodeo status` tells what is missing",
+    "config_error": "--site FILE or RODEO_SITE names the site file",
+    "already_running": "`rodeo status` shows it, `rodeo down` stops it",
+}
+"""What to do about an error, by its code."""
+
+
+def reports_errors(command: Callable[P, T]) -> Callable[P, T]:
+    """A RodeoError becomes a sentence on stderr, with a hint where there is one, and exit status 1."""
+
+    @wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        logging.basicConfig(level=logging.WARNING, format="%(message)s")
+        try:
+            return command(*args, **kwargs)
+        except RodeoError as error:
+            errors.print(f"[bold red]{error.code}[/]: {escape(str(error))}", highlight=False, soft_wrap=True)
+            if (hint := _HINTS.get(error.code)) is not None:
+                errors.print(f"[dim]{hint}[/]", highlight=False, soft_wrap=True)
+            raise typer.Exit(1) from error
+
+    return run
+
+
+@contextmanager
+def connected(site_path: Path) -> Iterator[tuple[Site, Bus]]:
+    """The site and a bus session on it. Raises ConfigError or BusUnavailable."""
+    site = Site.load(site_path)
+    with Bus.open(site.bus.router, timeout_s=_CONNECT_S) as bus:
+        yield site, bus
+
+
+def print_json(value: Any) -> None:
+    json.dump(value, sys.stdout, indent=2, default=str)
+    sys.stdout.write("\n")

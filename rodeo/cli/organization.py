@@ -1,0 +1,251 @@
+"""Commands about the organization: tasks, services, wallets, proofs."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from decimal import Decimal
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from rodeo.cli.common import (
+    DEFAULT_SITE,
+    JsonOption,
+    SiteOption,
+    connected,
+    console,
+    print_json,
+    reports_errors,
+)
+from rodeo.config import Site
+from rodeo.errors import InvalidRequest, MalformedJson
+
+tasks = typer.Typer(help="Post, list, show and cancel tasks.", no_args_is_help=True)
+services = typer.Typer(help="What participants offer.", no_args_is_help=True)
+
+STATE_COLOURS = {
+    "open": "yellow",
+    "assigned": "cyan",
+    "submitted": "blue",
+    "settled": "green",
+    "cancelled": "dim",
+    "failed": "red",
+}
+
+RESULT_COLOURS = {
+    "passed": "[green]passed[/]",
+    "FAILED": "[bold red]FAILED[/]",
+    "skipped": "[dim]skipped[/]",
+}
+
+ParticipantOption = Annotated[str, typer.Option("--as", help="Whose wallet pays and signs.")]
+
+
+@tasks.command("create")
+@reports_errors
+def create(
+    kind: Annotated[str, typer.Argument(help="waste_disposal or battery_charging.")],
+    reward: Annotated[str, typer.Option(help="Reward in IEC, put into escrow.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+    item: Annotated[str | None, typer.Option(help="The item, by its id in the site file.")] = None,
+    params: Annotated[str | None, typer.Option(help="The task's parameters as a JSON object.")] = None,
+    description: Annotated[str, typer.Option(help="A sentence for people.")] = "",
+    max_attempts: Annotated[int | None, typer.Option(help="Attempts before the reward is refunded.")] = None,
+    wait: Annotated[bool, typer.Option("--wait", help="Queue it even if every service costs more.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Post a task, for example: rodeo task create waste_disposal --item item1 --reward 100"""
+    with connected(site) as (loaded, bus):
+        request: dict[str, Any] = {
+            "kind": kind,
+            "reward_iec": reward,
+            "params": _task_params(loaded, item, params),
+            "description": description,
+            "allow_wait": wait,
+        }
+        if max_attempts is not None:
+            request["max_attempts"] = max_attempts
+        reply = bus.query(f"rodeo/{loaded.org}/wallet/{participant}/register_task", request, timeout_s=30)
+    if as_json:
+        print_json(reply)
+    else:
+        console.print(f"task [bold]{reply['task_id']}[/] posted in block {reply['block']}")
+
+
+@tasks.command("list")
+@reports_errors
+def list_tasks(
+    site: SiteOption = DEFAULT_SITE,
+    state: Annotated[str | None, typer.Option(help="Only tasks in this state.")] = None,
+    kind: Annotated[str | None, typer.Option(help="Only tasks of this kind.")] = None,
+    limit: Annotated[int, typer.Option(min=1, max=500)] = 50,
+    offset: Annotated[int, typer.Option(min=0)] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """List tasks."""
+    filters = {"state": state, "kind": kind, "limit": limit, "offset": offset}
+    with connected(site) as (loaded, bus):
+        reply = bus.query(
+            f"rodeo/{loaded.org}/state/tasks",
+            parameters={name: value for name, value in filters.items() if value is not None},
+        )
+    if as_json:
+        print_json(reply)
+        return
+    table = Table("id", "kind", "state", "attempt", "creator", "executor", "reward", "paid", box=None)
+    for task in reply["tasks"]:
+        table.add_row(
+            str(task["id"]),
+            task["kind"],
+            _coloured(task["state"]),
+            f"{task['attempt']}/{task['max_attempts']}",
+            _party(task, "creator"),
+            _party(task, "executor"),
+            iec(task["reward_iec"]),
+            iec(task["paid_iec"]),
+        )
+    console.print(table)
+    console.print(f"[dim]{len(reply['tasks'])} of {reply['total']}[/]")
+
+
+@tasks.command("show")
+@reports_errors
+def show(task_id: int, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """Show one task with its times, proof and verdict."""
+    with connected(site) as (loaded, bus):
+        task = bus.query(f"rodeo/{loaded.org}/state/task/{task_id}")
+    if as_json:
+        print_json(task)
+        return
+    table = Table(box=None, show_header=False)
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    for name, value in task.items():
+        if value is None or value == "":
+            continue
+        if name in ("registered", "assigned", "proof_submitted", "settled") or name.endswith("_deadline"):
+            value = datetime.fromtimestamp(value, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+        elif isinstance(value, dict):
+            value = json.dumps(value)
+        table.add_row(name, _coloured(value) if name == "state" else escape(str(value)))
+    console.print(table)
+
+
+@tasks.command("cancel")
+@reports_errors
+def cancel(
+    task_id: int, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
+) -> None:
+    """Cancel a task that nobody has been assigned; its reward comes back."""
+    with connected(site) as (loaded, bus):
+        bus.query(f"rodeo/{loaded.org}/wallet/{participant}/cancel_task", {"task_id": task_id}, timeout_s=30)
+    console.print(f"task {task_id} cancelled")
+
+
+@services.command("list")
+@reports_errors
+def list_services(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """List the services on offer."""
+    with connected(site) as (loaded, bus):
+        reply = bus.query(f"rodeo/{loaded.org}/state/services")
+    if as_json:
+        print_json(reply)
+        return
+    table = Table("id", "kind", "provider", "price", "state", box=None)
+    for service in reply["services"]:
+        table.add_row(
+            str(service["id"]),
+            service["kind"],
+            _party(service, "provider"),
+            iec(service["price_iec"]),
+            service["state"],
+        )
+    console.print(table)
+
+
+@reports_errors
+def wallet(
+    name: Annotated[str | None, typer.Argument(help="One participant; all by default.")] = None,
+    site: SiteOption = DEFAULT_SITE,
+    as_json: JsonOption = False,
+) -> None:
+    """Show balances."""
+    with connected(site) as (loaded, bus):
+        reply = bus.query(f"rodeo/{loaded.org}/state/wallets")
+    wallets = [entry for entry in reply["wallets"] if name in (None, entry["name"])]
+    if not wallets:
+        raise InvalidRequest("no such wallet", name=name, known=[entry["name"] for entry in reply["wallets"]])
+    if as_json:
+        print_json(wallets if name is None else wallets[0])
+        return
+    table = Table("name", "address", "balance", box=None)
+    for entry in wallets:
+        table.add_row(entry["name"], entry["address"], iec(entry["balance_iec"]))
+    console.print(table)
+
+
+@reports_errors
+def verify(
+    file: Annotated[
+        Path, typer.Argument(help="A proof (MCAP).", metavar="FILE", exists=True, dir_okay=False)
+    ],
+    site: SiteOption = DEFAULT_SITE,
+    as_json: JsonOption = False,
+) -> None:
+    """Run the oracle's checks on a proof here and now. Exit status 1 when one fails.
+
+    What only the chain knows (who may sign, whether the hash was submitted before) is skipped.
+    """
+    # Imported here: only this command needs MuJoCo and the readers of recordings.
+    from services.oracle.verify import verify_file
+
+    report = verify_file(file, Site.load(site))
+    if as_json:
+        print_json(report.model_dump())
+    else:
+        table = Table(box=None)
+        for column in ("check", "", "measured", "limit", "about"):
+            table.add_column(column, no_wrap=column == "check")
+        for name, result, *values in report.rows():
+            table.add_row(name, RESULT_COLOURS[result], *map(escape, values))
+        console.print(table)
+        console.print(f"[bold]{'accepted' if report.accepted else 'rejected'}[/]: {escape(report.reason)}")
+    if not report.accepted:
+        raise typer.Exit(1)
+
+
+def iec(amount: str) -> str:
+    """A decimal string of IEC for people."""
+    return f"{Decimal(amount):,.2f}".rstrip("0").rstrip(".") + " IEC"
+
+
+def _task_params(site: Site, item_id: str | None, params: str | None) -> dict[str, Any]:
+    values: dict[str, Any] = {}
+    if item_id is not None:
+        item = next((item for item in site.items if item.id == item_id), None)
+        if item is None:
+            raise InvalidRequest("no such item", item=item_id, known=[item.id for item in site.items])
+        values = {"item_id": item.id, "x_m": item.pose.x_m, "y_m": item.pose.y_m}
+    if params is not None:
+        try:
+            given = json.loads(params)
+        except ValueError as error:
+            raise MalformedJson(f"--params is not JSON: {error}") from error
+        if not isinstance(given, dict):
+            raise MalformedJson("--params is not a JSON object")
+        values |= given
+    return values
+
+
+def _coloured(state: str) -> str:
+    return f"[{STATE_COLOURS.get(state, 'white')}]{state}[/]"
+
+
+def _party(entry: dict[str, Any], role: str) -> str:
+    address = entry.get(role)
+    return entry.get(f"{role}_name") or (f"{address[:8]}…" if address else "")

@@ -1,0 +1,316 @@
+"""Commands about the site's processes: up, down, status."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Any, Self
+
+import typer
+from pydantic import ValidationError
+from rich.live import Live
+from rich.markup import escape
+from rich.table import Table
+
+from deploy.launcher import Launcher, log_tail, stop_site
+from deploy.processes import processes_of
+from rodeo.bus import Bus, validate
+from rodeo.cli.common import DEFAULT_SITE, JsonOption, SiteOption, console, print_json, reports_errors
+from rodeo.config import Site
+from rodeo.errors import BusUnavailable, RodeoError
+from rodeo.messages import Status
+from rodeo.service import HEARTBEAT_S, lock_holder
+
+LOST_S = 3 * HEARTBEAT_S
+"""A heartbeat older than this says nothing about now."""
+
+COLOURS = {"ready": "green", "not ready": "yellow", "lost": "red", "down": "red"}
+
+_REFRESH_S = 0.25
+
+
+class NotUp(RodeoError):
+    """The site did not come up."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What there is to say about one process."""
+
+    name: str
+    state: str
+    """ready, not ready, lost (its heartbeat stopped) or down"""
+    reason: str = ""
+    """Why it is not ready."""
+    status: Status | None = None
+    """Its last heartbeat."""
+    here: bool = True
+    """It works on this site's data directory, and not elsewhere on the same bus."""
+
+    @property
+    def coloured(self) -> str:
+        return f"[{COLOURS[self.state]}]{self.state}[/]{'' if self.here else ' elsewhere'}"
+
+
+@reports_errors
+def up(
+    site: SiteOption = DEFAULT_SITE,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", help="Start this process alone; repeatable.")
+    ] = None,
+    services: Annotated[list[str] | None, typer.Argument(help="More names for --only.")] = None,
+    detach: Annotated[bool, typer.Option("--detach", "-d", help="Return when the site is ready.")] = False,
+) -> None:
+    """Start the site's processes and keep them running until Ctrl-C, or in the background with --detach."""
+    names = (*(only or []), *(services or []))
+    if detach:
+        _detach(site, names)
+        return
+    stop_on_signals()
+    try:
+        with Launcher(site, names) as launcher:
+            try:
+                _attend(launcher)
+            except KeyboardInterrupt:
+                console.print("stopping")
+    except KeyboardInterrupt:
+        pass
+    console.print("stopped")
+
+
+@reports_errors
+def down(site: SiteOption = DEFAULT_SITE) -> None:
+    """Stop every process of the site on this machine."""
+    loaded = Site.load(site)
+    ended = stop_site(loaded)
+    console.print(f"stopped: {', '.join(ended)}" if ended else f"nothing of {loaded.data_dir} was running")
+
+
+@reports_errors
+def status(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """Every process: up or not, ready or why not, last heartbeat. Exit status 1 unless all are ready."""
+    loaded = Site.load(site)
+    rows = read_rows(loaded)
+    if as_json:
+        print_json({"site": loaded.org, "processes": [_row_json(loaded, row) for row in rows]})
+    else:
+        console.print(status_table(rows))
+    if not all(row.state == "ready" for row in rows):
+        raise typer.Exit(1)
+
+
+def read_rows(site: Site, timeout_s: float = 2.0) -> list[Row]:
+    """What each process of the site answers now."""
+    silence = "does not answer on the bus"
+    try:
+        with Bus.open(site.bus.router, timeout_s=0.5) as bus:
+            statuses = _ask(bus, site.org, timeout_s)
+    except BusUnavailable:
+        statuses = {}
+        silence = f"finds no router at {site.bus.router}"
+    rows = []
+    for process in processes_of(site):
+        pid = lock_holder(site.data_dir / process.name)
+        if (status := statuses.get(process.name)) is not None:
+            rows.append(_heard(process.name, status, here=status.pid == pid))
+        elif pid is not None:
+            rows.append(Row(process.name, "not ready", f"process {pid} runs, but {silence}"))
+        else:
+            rows.append(Row(process.name, "down", "not running"))
+    return rows
+
+
+def _ask(bus: Bus, org: str, timeout_s: float) -> dict[str, Status]:
+    statuses = {}
+    for reply in bus.session.get(f"rodeo/{org}/status/*", timeout=timeout_s):
+        if reply.ok is None:
+            continue
+        try:
+            status = Status.model_validate_json(reply.ok.payload.to_bytes())
+        except ValidationError:
+            # Somebody else's answer on our key is not the status of a process.
+            continue
+        statuses[status.process] = status
+    return statuses
+
+
+class StatusWatcher:
+    """The latest heartbeats, without ever blocking; empty until the router is there.
+
+    A context manager: a session left open keeps its threads, and so the process, alive.
+    """
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        self._bus: Bus | None = None
+        self._statuses: dict[str, Status] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        if self._bus is not None:
+            self._bus.close()
+
+    @property
+    def connected(self) -> bool:
+        """A router was there."""
+        return self._bus is not None
+
+    def statuses(self) -> dict[str, Status]:
+        if self._bus is None:
+            try:
+                self._bus = Bus.open(self._site.bus.router, timeout_s=0.0)
+            except BusUnavailable:
+                return {}
+            self._bus.subscribe_json(f"rodeo/{self._site.org}/status/*", self._on_status)
+        return dict(self._statuses)
+
+    def _on_status(self, _key: str, data: dict[str, Any]) -> None:
+        status = validate(Status, data)
+        self._statuses[status.process] = status
+
+
+def launcher_rows(launcher: Launcher, watcher: StatusWatcher) -> list[Row]:
+    """What is known of the launcher's children.
+
+    Heartbeats of others are left out: another site on the same router has processes of the same names.
+    """
+    statuses, running, problems = watcher.statuses(), launcher.running(), launcher.problems()
+    starting = "starting"
+    if "router" not in running and not watcher.connected:
+        starting += f"; no router at {launcher.site.bus.router}"
+    rows = []
+    for process in launcher.selected():
+        name = process.name
+        status, pid, problem = statuses.get(name), running.get(name), problems.get(name)
+        if pid is None:
+            rows.append(Row(name, "down", problem or ""))
+        elif status is not None and status.pid == pid:
+            rows.append(_heard(name, status))
+        else:
+            rows.append(Row(name, "not ready", f"started again; it {problem}" if problem else starting))
+    return rows
+
+
+def _heard(name: str, status: Status, here: bool = True) -> Row:
+    if time.time() - status.time_s > LOST_S:
+        return Row(name, "lost", "its heartbeat stopped", status, here)
+    return Row(name, "ready" if status.ready else "not ready", status.reason, status, here)
+
+
+def status_table(rows: list[Row]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("process", "state", "doing", "progress", "heartbeat"):
+        table.add_column(column, no_wrap=column != "doing")
+    for row in rows:
+        doing, progress, age = row.reason, "", ""
+        if row.status is not None:
+            doing = doing or row.status.activity
+            progress = bar(row.status.progress)
+            age = f"{max(0.0, time.time() - row.status.time_s):.1f} s ago"
+        table.add_row(row.name, row.coloured, escape(doing), progress, age)
+    return table
+
+
+def bar(progress: float | None, width: int = 16) -> str:
+    if progress is None:
+        return ""
+    full = round(progress * width)
+    return f"[cyan]{'━' * full}[/][dim]{'─' * (width - full)}[/] {progress:4.0%}"
+
+
+def _row_json(site: Site, row: Row) -> dict[str, Any]:
+    status = row.status
+    pid = lock_holder(site.data_dir / row.name) if status is None else status.pid
+    return {
+        "process": row.name,
+        "up": pid is not None,
+        "pid": pid,
+        "here": row.here,
+        "ready": row.state == "ready",
+        "reason": row.reason,
+        "activity": status and status.activity,
+        "progress": status and status.progress,
+        "last_heartbeat": status and status.time_s,
+    }
+
+
+def stop_on_signals() -> None:
+    """SIGTERM and a closed terminal end the command as Ctrl-C does."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGTERM, interrupt)
+    signal.signal(signal.SIGHUP, interrupt)
+
+
+def _attend(launcher: Launcher) -> None:
+    """Keep the children running and show how they are, for ever."""
+    with StatusWatcher(launcher.site) as watcher, _display() as show:
+        while True:
+            launcher.poll()
+            show(launcher_rows(launcher, watcher))
+            time.sleep(_REFRESH_S)
+
+
+@contextmanager
+def _display() -> Iterator[Callable[[list[Row]], None]]:
+    """A live table on a terminal; elsewhere a line for each change of state."""
+    if console.is_terminal:
+        with Live(console=console, refresh_per_second=4) as live:
+            yield lambda rows: live.update(status_table(rows))
+        return
+    said: dict[str, tuple[str, str]] = {}
+
+    def say(rows: list[Row]) -> None:
+        for row in rows:
+            if said.get(row.name) != (row.state, row.reason):
+                said[row.name] = row.state, row.reason
+                reason = f": {escape(row.reason)}" if row.reason else ""
+                console.print(f"{row.name} {row.coloured}{reason}", highlight=False, soft_wrap=True)
+
+    yield say
+
+
+def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 60.0) -> None:
+    launcher = Launcher(site_path, names)
+    wanted = {process.name for process in launcher.selected()}
+    child = None
+    if any(lock_holder(folder) is None for folder in launcher.lock_folders()):
+        launcher.logs.mkdir(parents=True, exist_ok=True)
+        with open(launcher.logs / "launcher.log", "ab") as output:
+            child = subprocess.Popen(
+                [sys.executable, "-m", "rodeo.cli", "up", "--site", str(site_path), *names],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
+                env={**os.environ, "TERM": "dumb"},
+            )
+    deadline_s = time.monotonic() + timeout_s
+    while True:
+        rows = [row for row in read_rows(launcher.site) if row.name in wanted]
+        if child is not None and child.poll() is not None:
+            last = "\n".join(log_tail(launcher.site, "launcher"))
+            raise NotUp(f"the launcher ended; its log ends so:\n{last}")
+        if all(row.state == "ready" and row.here for row in rows):
+            console.print(status_table(rows))
+            return
+        if time.monotonic() > deadline_s:
+            console.print(status_table(rows))
+            raise NotUp(
+                "not every process became ready; they go on trying until `rodeo down`",
+                timeout_s=timeout_s,
+                logs=str(launcher.logs),
+            )
+        time.sleep(_REFRESH_S)

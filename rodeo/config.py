@@ -1,0 +1,175 @@
+"""The site: one typed description of an organization's place, read from a TOML file and the environment.
+
+`RODEO__CHAIN__URL=http://...` overrides `[chain] url`; two underscores step into a table.
+"""
+
+from __future__ import annotations
+
+import tomllib
+from decimal import Decimal
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
+
+from rodeo.errors import ConfigError
+from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, RobotConfig
+
+MiB = 1 << 20
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+
+class BusConfig(_Table):
+    router: str = "tcp/127.0.0.1:7447"
+    """Zenoh endpoint of the router."""
+    domain_id: int = Field(default=0, ge=0, le=232)
+    """ROS_DOMAIN_ID of the robot plane."""
+
+
+class ClockConfig(_Table):
+    source: Literal["sim", "wall"] = "sim"
+    speed: float = Field(default=1.0, ge=0)
+    """Simulated seconds per wall second; 0 runs as fast as the machine allows."""
+    idle_speed: float = Field(default=1.0, ge=0)
+    """The same while every robot is parked and charging, when nothing moves."""
+
+
+class ChainConfig(_Table):
+    backend: Literal["eth-tester", "anvil", "external"] = "eth-tester"
+    """Which local chain `deploy.chain` starts; external starts none and uses `url` as it is."""
+    url: str = "http://127.0.0.1:8545"
+    confirmations: int = Field(default=0, ge=0)
+    """Blocks on top of an event's block before it is published."""
+
+
+class EconomyConfig(_Table):
+    """What the organization pays and charges, and how long it waits."""
+
+    initial_iec: Decimal = Decimal(2000)
+    """Minted to the organization and to each robot at deployment."""
+    supply_iec: Decimal = Decimal(1_000_000)
+    """All that will ever exist; what is left after the above goes to the organization's administrator."""
+    cleaning_reward_iec: Decimal = Decimal(100)
+    charging_reward_iec: Decimal = Decimal(200)
+    cleaning_window_s: int = 2 * 3600
+    """Long enough for a robot that must charge before it can do the work."""
+    charging_window_s: int = 4 * 3600
+    verdict_window_s: int = 24 * 3600
+    """Long against a verification: it only rescues the money when the oracle never answers. A simulated
+    site skips hours in seconds while the robot charges."""
+    max_attempts: int = Field(default=3, ge=1)
+
+
+class StoreConfig(_Table):
+    url: str | None = None
+    """fsspec URL where proofs and reports go; the data directory's `store` folder by default."""
+    allowed: list[str] = []
+    """Further URL prefixes that a proof may be fetched from."""
+    max_bytes: int = 256 * MiB
+
+
+class OracleConfig(_Table):
+    time_limit_s: float = 60.0
+    """Wall time for one verification; beyond it the proof is rejected with that reason."""
+
+
+class ItrashConfig(_Table):
+    http_host: str = "127.0.0.1"
+    http_port: int = Field(default=8090, ge=0, le=65535)
+    """0 takes a free port, which the process's status tells."""
+
+
+class AgentConfig(_Table):
+    charge_below: float = Field(default=0.5, ge=0, le=1)
+    """State of charge under which an idle robot buys a charge."""
+    charge_target: float = Field(default=0.95, gt=0, le=1)
+    explore_when_idle: bool = True
+
+
+class Site(BaseSettings):
+    """Everything a process is told. Read-only once loaded."""
+
+    model_config = SettingsConfigDict(env_prefix="RODEO__", env_nested_delimiter="__", extra="forbid")
+
+    org: str = Field(pattern=r"^[a-z][a-z0-9-]*$")
+    """Name of the organization; the first part of every DAO-plane key."""
+    data_dir: Path
+    """Where processes keep what must survive them; a relative path starts at the site file that says it."""
+
+    bus: BusConfig = BusConfig()
+    clock: ClockConfig = ClockConfig()
+    chain: ChainConfig = ChainConfig()
+    economy: EconomyConfig = EconomyConfig()
+    store: StoreConfig = StoreConfig()
+    oracle: OracleConfig = OracleConfig()
+    itrash: ItrashConfig = ItrashConfig()
+    agent: AgentConfig = AgentConfig()
+
+    lab: LabConfig
+    bin: BinConfig
+    dock: DockConfig
+    robots: list[RobotConfig]
+    items: list[ItemConfig] = []
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        return env_settings, init_settings
+
+    @classmethod
+    def load(cls, path: Path | str) -> Site:
+        """The site in the TOML file at `path`. Raises ConfigError that names the file and each field.
+
+        `extends = "other.toml"` (relative to the file) starts from another site: tables are merged, and
+        everything else, lists too, is replaced.
+        """
+        try:
+            return cls(**_read(Path(path)))
+        except ValidationError as error:
+            fields = {".".join(map(str, e["loc"])): e["msg"] for e in error.errors()}
+            raise ConfigError("the site is not valid", path=str(path), fields=fields) from error
+
+    @property
+    def store_url(self) -> str:
+        return self.store.url or (self.data_dir.absolute() / "store").as_uri()
+
+    def robot(self, name: str) -> RobotConfig:
+        """The robot called `name`. Raises ConfigError."""
+        for robot in self.robots:
+            if robot.name == name:
+                return robot
+        raise ConfigError("no such robot on this site", robot=name, robots=[r.name for r in self.robots])
+
+
+def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+    path = path.resolve()
+    if path in seen:
+        raise ConfigError("the site file extends itself", path=str(path))
+    try:
+        tables = tomllib.loads(path.read_text())
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise ConfigError(f"cannot read the site file: {reason}", path=str(path)) from error
+    if isinstance(data_dir := tables.get("data_dir"), str):
+        # Not at the working directory: `rodeo down` finds the site from wherever it is called.
+        tables["data_dir"] = str((path.parent / data_dir).resolve())
+    base = tables.pop("extends", None)
+    return tables if base is None else _merge(_read(path.parent / base, (*seen, path)), tables)
+
+
+def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
+    merged = dict(base)
+    for key, value in over.items():
+        old = merged.get(key)
+        merged[key] = _merge(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
+    return merged

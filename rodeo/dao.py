@@ -1,0 +1,108 @@
+"""A participant's view of the organization: its commands to the bridge, and what it asks the index."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import Any
+
+from rodeo import topics
+from rodeo.bus import Bus, validate
+from rodeo.evidence import Binding
+from rodeo.messages import Command, RegisterService, SubmitProof, Task, UpdateService
+
+CLEANING = "waste_disposal"
+CHARGING = "battery_charging"
+
+
+class Participant:
+    """One wallet's commands and questions.
+
+    Every method raises NoResponder or QueryTimeout when the bridge is away and RemoteError with the bridge's
+    own error.
+    """
+
+    def __init__(self, bus: Bus, org: str, name: str) -> None:
+        self._bus = bus
+        self._org = org
+        self.name = name
+
+    # -- queries ---------------------------------------------------------------------------------------
+
+    def task(self, task_id: int) -> Task:
+        return validate(Task, self.state(f"task/{task_id}"))
+
+    def tasks(self, **filters: Any) -> list[Task]:
+        """The newest tasks that pass the filters (`state`, `kind`, ...), at most 100."""
+        answer = self.state("tasks", limit=100, **filters)
+        return [validate(Task, task) for task in answer["tasks"]]
+
+    def assignments(self, kind: str) -> list[Task]:
+        """Tasks that this participant has to do now, the oldest first."""
+        mine = [task for task in self.tasks(kind=kind, state="assigned") if task.executor_name == self.name]
+        return sorted(mine, key=lambda task: (task.assigned or 0.0, task.id))
+
+    def own_service(self, kind: str) -> dict[str, Any] | None:
+        """The service of this kind that this participant offers, unless it is retired."""
+        for service in self.state("services")["services"]:
+            mine = service["provider_name"] == self.name and service["kind"] == kind
+            if mine and service["state"] != "retired":
+                return dict(service)
+        return None
+
+    def binding(self, task: Task) -> Binding:
+        """What ties a recording to this assignment."""
+        chain = self.state("chain")
+        return Binding(
+            chain_id=int(chain["chain_id"]),
+            task_manager=chain["contracts"]["TaskManager"],
+            task_id=task.id,
+            attempt=task.attempt,
+            executor=task.executor or "",
+            nonce=task.nonce or "",
+        )
+
+    def state(self, what: str, **parameters: Any) -> dict[str, Any]:
+        """The index's answer to `state/<what>`."""
+        return self._bus.query(topics.STATE.name(org=self._org, what=what), parameters=parameters)
+
+    # -- commands --------------------------------------------------------------------------------------
+
+    def offer_service(self, kind: str, price_iec: Decimal, description: str) -> dict[str, Any] | None:
+        """Register the service, or bring price and state of the one that there is in line.
+
+        Returns the service as it was before, None when there was none. Doing it twice changes nothing.
+        """
+        service = self.own_service(kind)
+        if service is None:
+            self.command(
+                "register_service",
+                RegisterService(
+                    request_id=f"service-{self.name}-{kind}",
+                    kind=kind,
+                    price_iec=price_iec,
+                    description=description,
+                ),
+            )
+        elif Decimal(service["price_iec"]) != price_iec or service["state"] != "active":
+            self.command(
+                "update_service",
+                UpdateService(service_id=int(service["id"]), price_iec=price_iec, state="active"),
+            )
+        return service
+
+    def submit_proof(self, task_id: int, attempt: int, sha256: str, uri: str) -> None:
+        self.command(
+            "submit_proof",
+            SubmitProof(
+                request_id=f"proof-{task_id}-{attempt}-{sha256}",
+                task_id=task_id,
+                attempt=attempt,
+                proof_sha256=sha256,
+                proof_uri=uri,
+            ),
+        )
+
+    def command(self, name: str, request: Command) -> dict[str, Any]:
+        """Send a transaction through the bridge and wait for its receipt (at most 30 s of wall time)."""
+        key = topics.COMMAND.name(org=self._org, participant=self.name, command=name)
+        return self._bus.query(key, request, timeout_s=30.0)

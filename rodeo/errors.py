@@ -1,0 +1,121 @@
+"""The error tree. Foreign exceptions are translated into it where they enter.
+
+    RodeoError
+    ├── ConfigError             the site file or the environment is wrong
+    ├── RequestError            what the caller sent is wrong; nothing happened
+    │   ├── MalformedJson
+    │   └── InvalidRequest
+    ├── BusError                the bus did not do what was asked
+    │   ├── BusUnavailable
+    │   ├── NoResponder
+    │   └── QueryTimeout
+    ├── RemoteError             the responder answered with an error; its code is kept
+    ├── PortUnavailable         an address of the site file cannot be listened on
+    ├── ClockUnavailable        the site's clock has not been heard
+    ├── WalletError             a keystore cannot be opened
+    │   └── KeystoreMissing
+    ├── Interrupted             asked to stop while waiting
+    └── AlreadyRunning          another instance holds this process's lock
+
+`rodeo.chain`, `rodeo.evidence` and `rodeo.ros2` add their own branches below RodeoError.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+
+def snake_case(name: str) -> str:
+    """`InsufficientFunds` -> `insufficient_funds`: how a Python or Solidity error name becomes a code."""
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
+
+
+class RodeoError(Exception):
+    """An error with a stable code, one sentence for a person and the values that explain it."""
+
+    def __init__(self, message: str, **details: Any) -> None:
+        super().__init__(message)
+        self.message = message
+        self.details = details
+
+    @property
+    def code(self) -> str:
+        return snake_case(type(self).__name__)
+
+    def to_json(self) -> dict[str, Any]:
+        return {"code": self.code, "message": self.message, "details": self.details}
+
+    def __str__(self) -> str:
+        if not self.details:
+            return self.message
+        values = ", ".join(f"{key}={value!r}" for key, value in self.details.items())
+        return f"{self.message} ({values})"
+
+
+class ConfigError(RodeoError):
+    """The site file or the environment does not describe a valid site."""
+
+
+class RequestError(RodeoError):
+    """What the caller sent is wrong. Nothing was done."""
+
+
+class MalformedJson(RequestError):
+    """The payload is not JSON, or not a JSON object."""
+
+
+class InvalidRequest(RequestError):
+    """The payload is JSON but does not follow the schema; `details["fields"]` says where."""
+
+
+class BusError(RodeoError):
+    """The bus did not do what was asked."""
+
+
+class BusUnavailable(BusError):
+    """No session to the router."""
+
+
+class NoResponder(BusError):
+    """Nobody serves the key."""
+
+
+class QueryTimeout(BusError):
+    """Somebody may serve the key, but no answer came in time."""
+
+
+class RemoteError(RodeoError):
+    """The responder answered with an error, which arrives here with its own code and details."""
+
+    def __init__(self, code: str, message: str, details: dict[str, Any] | None = None) -> None:
+        super().__init__(message, **(details or {}))
+        self._code = code
+
+    @property
+    def code(self) -> str:
+        return self._code
+
+
+class PortUnavailable(RodeoError):
+    """An address that the site file gives this process is taken, or is not this machine's."""
+
+
+class ClockUnavailable(RodeoError):
+    """The site's clock has not been heard yet, so there is no time to tell."""
+
+
+class WalletError(RodeoError):
+    """A keystore is missing, or its passphrase does not open it."""
+
+
+class KeystoreMissing(WalletError):
+    """There is no keystore of this name yet."""
+
+
+class Interrupted(RodeoError):
+    """The process was asked to stop while it waited for what it needs."""
+
+
+class AlreadyRunning(RodeoError):
+    """Another instance of this process works on the same data directory."""

@@ -1,0 +1,61 @@
+"""Signed statements by devices: canonical JSON (RFC 8785) under an Ethereum personal signature (EIP-191)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import rfc8785
+from eth_account import Account
+from eth_account.messages import SignableMessage, encode_defunct
+from eth_account.signers.local import LocalAccount
+from pydantic import BaseModel, ConfigDict
+
+from rodeo.evidence.errors import BadAttestation
+
+
+class Attestation(BaseModel):
+    """What `signer` (0x address) states: `payload`, with a 65-byte `signature` (0x hex) over it."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    payload: dict[str, Any]
+    signer: str
+    signature: str
+
+
+def canonical_json(payload: dict[str, Any]) -> bytes:
+    """The one byte string for `payload`, whoever writes it. Integers beyond 2**53 need strings.
+
+    Raises BadAttestation when JSON has no such value (NaN, huge integers, other types).
+    """
+    try:
+        return rfc8785.dumps(payload)
+    except rfc8785.CanonicalizationError as error:
+        raise BadAttestation("the payload has no canonical JSON form", cause=str(error)) from error
+
+
+def _signable(payload: dict[str, Any]) -> SignableMessage:
+    return encode_defunct(canonical_json(payload))
+
+
+def attest(payload: dict[str, Any], account: LocalAccount) -> Attestation:
+    """`payload` signed by `account`."""
+    signature = account.sign_message(_signable(payload)).signature
+    return Attestation(payload=payload, signer=account.address, signature="0x" + signature.hex())
+
+
+def verify_attestation(attestation: Attestation) -> str:
+    """The checksummed address that signed. Raises BadAttestation when that is not the named signer."""
+    signable = _signable(attestation.payload)
+    return recover(signable, attestation.signature, attestation.signer)
+
+
+def recover(signable: SignableMessage, signature: str, signer: str) -> str:
+    """The address behind `signature`, which must be `signer`. Raises BadAttestation."""
+    try:
+        recovered = Account.recover_message(signable, signature=signature)
+    except Exception as error:  # eth-account raises a dozen unrelated types for malformed signatures
+        raise BadAttestation("the signature is malformed", signer=signer, cause=str(error)) from error
+    if recovered.lower() != signer.lower():
+        raise BadAttestation("the signature is not the named signer's", signer=signer, recovered=recovered)
+    return recovered

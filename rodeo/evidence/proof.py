@@ -1,0 +1,171 @@
+"""A sealed recording, read back and found to be what its signer sealed."""
+
+from __future__ import annotations
+
+import json
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+from hashlib import file_digest
+from pathlib import Path
+from typing import Any
+
+from rodeo.evidence.attestation import Attestation, verify_attestation
+from rodeo.evidence.container import Limits
+from rodeo.evidence.errors import BadAttestation, CorruptProof, LayoutChanged, ProofNotFound, UnsealedProof
+from rodeo.evidence.reader import SealedReader
+from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.evidence.seal import Binding
+from rodeo.evidence.series import Table, table
+
+
+class TopicMessages:
+    """The messages of one topic in file order, as columns."""
+
+    def __init__(self, topic: str, ros_type: str) -> None:
+        self.topic = topic
+        self.ros_type = ros_type
+        """Empty for JSON channels."""
+        self.log_ns = array("Q")
+        self.publish_ns = array("Q")
+        self.sequence = array("I")
+        self.data: list[bytes] = []
+
+    def __len__(self) -> int:
+        return len(self.data)
+
+
+@dataclass(frozen=True)
+class Proof:
+    """One complete recording. Topics are absolute ROS names (`/panther1/odom`) or JSON channels."""
+
+    path: Path
+    sha256: str
+    """Of the file; 0x, 32 bytes."""
+    size_bytes: int
+    binding: Binding
+    signer: str
+    """Address of the device key that sealed it."""
+    seals: int
+    longest_unsealed_ns: int
+    """Longest recorded time that one seal covers."""
+    topics: dict[str, TopicMessages]
+    order: array[int]
+    """Index into `topics` (in order of appearance) of each message of the file."""
+
+    def __iter__(self) -> Iterator[tuple[str, int, bytes]]:
+        """(topic, log time in ns, payload) of every message in file order."""
+        columns = list(self.topics.values())
+        positions = [0] * len(columns)
+        for index in self.order:
+            column, position = columns[index], positions[index]
+            positions[index] += 1
+            yield column.topic, column.log_ns[position], column.data[position]
+
+    @property
+    def messages(self) -> int:
+        return len(self.order)
+
+    @property
+    def start_ns(self) -> int:
+        """Earliest log time."""
+        return min(min(column.log_ns) for column in self.topics.values())
+
+    @property
+    def end_ns(self) -> int:
+        """Latest log time."""
+        return max(max(column.log_ns) for column in self.topics.values())
+
+    def count(self, topic: str) -> int:
+        """How many messages; 0 for a topic that is not there."""
+        return len(self.topics[topic]) if topic in self.topics else 0
+
+    def table(self, topic: str, ros_type: str) -> Table:
+        """All messages of a ROS topic as columns.
+
+        Raises LayoutChanged when the topic is missing, has another type, or its messages differ in their
+        strings or lengths.
+        """
+        column = self.topics.get(topic)
+        if column is None:
+            raise LayoutChanged("the topic is not in the recording", topic=topic)
+        if column.ros_type != ros_type:
+            raise LayoutChanged(
+                "the topic has another type", topic=topic, found=column.ros_type[:200], expected=ros_type
+            )
+        return table(column.data, column.log_ns, ros_type, topic)
+
+    def json(self, channel: str) -> list[dict[str, Any]]:
+        """The objects on a JSON channel. Raises CorruptProof for what is not a JSON object."""
+        column = self.topics.get(channel)
+        objects = []
+        for data in column.data if column else []:
+            try:
+                value = json.loads(data)
+            except (ValueError, RecursionError) as error:
+                raise CorruptProof(
+                    "a message is not JSON", channel=channel, cause=str(error)[:500]
+                ) from error
+            if not isinstance(value, dict):
+                raise CorruptProof("a message is not a JSON object", channel=channel)
+            objects.append(value)
+        return objects
+
+    def events(self) -> list[dict[str, Any]]:
+        """DAO events and the recorder's own, as recorded."""
+        return self.json(EVENT_CHANNEL)
+
+    def attestations(self) -> list[Attestation]:
+        """Statements by other devices, each proven to be its signer's. Raises BadAttestation."""
+        statements = []
+        for fields in self.json(ATTESTATION_CHANNEL):
+            try:
+                statement = Attestation.model_validate(fields)
+            except ValueError as error:
+                raise BadAttestation("a recorded statement is malformed", cause=str(error)[:500]) from error
+            verify_attestation(statement)
+            statements.append(statement)
+        return statements
+
+
+def open_proof(path: Path | str, limits: Limits | None = None) -> Proof:
+    """Read all of `path` and check it against its own seals.
+
+    Raises ProofNotFound, ContainerError (truncated, corrupt, beyond `limits`) or SealError (not sealed, or
+    changed after sealing). Who the signer is, and what the binding should be, is for the caller to ask.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            sha256 = "0x" + file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise ProofNotFound("the proof cannot be read", path=str(path), cause=str(error)) from error
+    reader = SealedReader(path, limits)
+    topics: dict[str, TopicMessages] = {}
+    indices: dict[str, int] = {}
+    order = array("H")
+    for topic, schema_name, message in reader:
+        column = topics.get(topic)
+        if column is None:
+            column = topics[topic] = TopicMessages(topic, schema_name)
+            indices[topic] = len(indices)
+        column.log_ns.append(message.log_ns)
+        column.publish_ns.append(message.publish_ns)
+        column.sequence.append(message.sequence)
+        column.data.append(message.data)
+        order.append(indices[topic])
+    audit = reader.audit
+    if audit.binding is None or audit.signer is None or not audit.final:
+        raise UnsealedProof("the recording was never sealed for good", messages=reader.running.messages)
+    audit.check_signatures()
+    return Proof(
+        path,
+        sha256,
+        path.stat().st_size,
+        audit.binding,
+        audit.signer,
+        audit.count,
+        audit.longest_unsealed_ns,
+        topics,
+        order,
+    )

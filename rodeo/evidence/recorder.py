@@ -1,0 +1,343 @@
+"""Records one task into one sealed MCAP file.
+
+Subscribers only append to a queue; a thread of its own writes, hashes, seals and flushes, so a slow disk
+never blocks the bus. Every seal closes a chunk, so a killed process loses at most what came after the last
+one (`SEAL_PERIOD_NS` of recorded time).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import queue
+import struct
+import threading
+from dataclasses import dataclass
+from hashlib import file_digest
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from eth_account.signers.local import LocalAccount
+from mcap.writer import Writer
+
+from rodeo.clock import Clock
+from rodeo.evidence.errors import (
+    BrokenSeal,
+    ContainerError,
+    RecorderFailed,
+    RecordingExists,
+    RecordingSealed,
+)
+from rodeo.evidence.reader import SealedReader
+from rodeo.evidence.seal import (
+    SEAL_PERIOD_NS,
+    SEAL_TOPIC,
+    Binding,
+    RunningHash,
+    SealAudit,
+    SealChain,
+    channel_digest,
+)
+from rodeo.ros2.types import schema_text
+
+EVENT_CHANNEL = "rodeo/event"
+ATTESTATION_CHANNEL = "rodeo/attestation"
+_JSON_CHANNELS = frozenset({EVENT_CHANNEL, ATTESTATION_CHANNEL})
+_IDLE_SEAL_S = 1.0
+"""Wall time after which messages are sealed although no further one came."""
+
+_LENGTH = struct.Struct("<Q")
+_TAIL = struct.Struct("<IQQ")
+_MESSAGE_HEADER_BYTES = 22
+"""Channel id, sequence, log time, publish time: what an MCAP message record's length counts before data."""
+
+
+@dataclass(frozen=True)
+class SealedProof:
+    """A finished recording: `sha256` (0x, 32 bytes) of the file is what goes on chain."""
+
+    path: Path
+    sha256: str
+    messages: int
+
+
+class _Entry(NamedTuple):
+    topic: str
+    schema_name: str
+    sequence: int
+    log_ns: int
+    publish_ns: int
+    data: bytes
+
+
+class Recorder:
+    """Appends messages from any thread; `close()` seals the file for good, `suspend()` leaves it resumable.
+
+    As a context manager it suspends on exit unless it was closed.
+    """
+
+    def __init__(self, path: Path, binding: Binding, account: LocalAccount, clock: Clock) -> None:
+        """Start a new recording. Raises RecordingExists rather than overwrite."""
+        if path.exists():
+            raise RecordingExists("there is a recording already; resume it", path=str(path))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._begin(path, path, binding, account, clock, restored=[])
+
+    @classmethod
+    def resume(cls, path: Path, binding: Binding, account: LocalAccount, clock: Clock) -> Recorder:
+        """Continue a recording that was cut off, keeping every message up to its last valid chunk.
+
+        The cut is recorded as an event {"event": "recording_resumed", "kept_messages", "last_log_ns"}.
+        Raises RecordingSealed when it is finished, BrokenSeal when it belongs to another assignment or was
+        changed, OSError when it cannot be read.
+        """
+        recorder, restored = cls._reopen(path, binding, account, clock)
+        recorder.write_json(
+            EVENT_CHANNEL,
+            {
+                "event": "recording_resumed",
+                "kept_messages": len(restored),
+                "last_log_ns": str(restored[-1].log_ns) if restored else None,
+            },
+        )
+        return recorder
+
+    @classmethod
+    def finish(cls, path: Path, binding: Binding, account: LocalAccount, clock: Clock) -> SealedProof:
+        """Seal a suspended or cut off recording as it is, without adding to it. Raises like `resume`."""
+        recorder, _ = cls._reopen(path, binding, account, clock)
+        return recorder.close()
+
+    @classmethod
+    def _reopen(
+        cls, path: Path, binding: Binding, account: LocalAccount, clock: Clock
+    ) -> tuple[Recorder, list[_Entry]]:
+        restored = _restore(path, binding, account)
+        recorder = cls.__new__(cls)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # The old file stays in place until all of it is in the new one: being killed here loses nothing.
+        recorder._begin(path.with_suffix(".resuming"), path, binding, account, clock, restored)
+        return recorder, restored
+
+    def _begin(
+        self,
+        write_path: Path,
+        path: Path,
+        binding: Binding,
+        account: LocalAccount,
+        clock: Clock,
+        restored: list[_Entry],
+    ) -> None:
+        self.path = path
+        self._clock = clock
+        self._entries: queue.SimpleQueue[_Entry | None] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._accepting = True
+        self._sealing = False
+        self._failure: Exception | None = None
+        self._sequences: dict[str, int] = {}
+        self._file = _SealedFile(write_path, SealChain(binding, account))
+        if restored:
+            self._file.restore(restored)
+        else:
+            self._file.open_chain(clock.now_ns())
+        os.replace(write_path, path)
+        self._thread = threading.Thread(target=self._write_all, name=f"recorder {path.name}", daemon=True)
+        self._thread.start()
+
+    def write_ros(
+        self, topic: str, ros_type: str, cdr: bytes, log_time_ns: int, publish_time_ns: int, sequence: int = 0
+    ) -> None:
+        """One ROS 2 message exactly as it came: `cdr` with its encapsulation header.
+
+        `topic` becomes absolute (`/panther1/odom`), as ROS 2 bags name it; `sequence` is the publisher's.
+        Raises RecorderFailed when the disk failed, RecordingSealed after `close()` or `suspend()`.
+        """
+        name = topic if topic.startswith("/") else "/" + topic
+        self._put(_Entry(name, ros_type, sequence & 0xFFFFFFFF, log_time_ns, publish_time_ns, cdr))
+
+    def write_json(self, channel: str, payload: dict[str, Any]) -> None:
+        """One JSON object on `rodeo/event` or `rodeo/attestation`, stamped with the clock's time."""
+        if channel not in _JSON_CHANNELS:
+            raise ValueError(f"no such JSON channel: {channel}")
+        now_ns = self._clock.now_ns()
+        with self._lock:
+            sequence = self._sequences[channel] = self._sequences.get(channel, -1) + 1
+        data = json.dumps(payload, allow_nan=False, separators=(",", ":")).encode()
+        self._put(_Entry(channel, "", sequence, now_ns, now_ns, data))
+
+    def close(self) -> SealedProof:
+        """Write everything, the final seal and the file's index. Raises RecorderFailed."""
+        self._stop(seal=True)
+        with self.path.open("rb") as file:
+            sha256 = "0x" + file_digest(file, "sha256").hexdigest()
+        return SealedProof(self.path, sha256, self._file.running.messages)
+
+    def suspend(self) -> None:
+        """Write and seal everything so far and let go of the file, for a later `resume`."""
+        self._stop(seal=False)
+
+    def __enter__(self) -> Recorder:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._accepting:
+            self.suspend()
+
+    def _put(self, entry: _Entry) -> None:
+        with self._lock:
+            if self._failure is not None:
+                raise RecorderFailed(
+                    "the recording cannot be written", path=str(self.path)
+                ) from self._failure
+            if not self._accepting:
+                raise RecordingSealed("the recording is finished", path=str(self.path))
+            self._entries.put(entry)
+
+    def _stop(self, *, seal: bool) -> None:
+        with self._lock:
+            if not self._accepting:
+                raise RecordingSealed("the recording is finished", path=str(self.path))
+            self._accepting = False
+            self._sealing = seal
+            self._entries.put(None)
+        self._thread.join()
+        if self._failure is not None:
+            raise RecorderFailed("the recording cannot be written", path=str(self.path)) from self._failure
+
+    def _write_all(self) -> None:
+        try:
+            while True:
+                try:
+                    entry = self._entries.get(timeout=_IDLE_SEAL_S)
+                except queue.Empty:
+                    self._file.seal()
+                    continue
+                if entry is None:
+                    break
+                self._file.add(entry)
+            self._file.finish(final=self._sealing)
+        except Exception as error:  # noqa: BLE001 - whatever it is, the next caller has to hear of it
+            with self._lock:
+                self._failure = error
+
+
+class _SealedFile:
+    """The MCAP file behind a recorder; one thread at a time."""
+
+    def __init__(self, path: Path, chain: SealChain) -> None:
+        self.running = RunningHash()
+        self._chain = chain
+        self._stream = path.open("wb")
+        self._writer = Writer(self._stream)
+        self._writer.start(profile="ros2", library="rodeo")
+        self._schemas: dict[str, tuple[int, bytes]] = {}
+        self._channels: dict[str, tuple[int, bytes]] = {}
+        self._last_log_ns = 0
+        self._unsealed_since_ns: int | None = None
+
+    def open_chain(self, now_ns: int) -> None:
+        """The opening seal."""
+        self._last_log_ns = now_ns
+        self._write_seal()
+
+    def restore(self, entries: list[_Entry]) -> None:
+        """Take over the messages of an earlier file, their seals included."""
+        for entry in entries:
+            self._write(entry)
+            if entry.topic == SEAL_TOPIC:
+                self._chain.adopt(entry.data)
+                self._unsealed_since_ns = None
+        self._flush()
+
+    def add(self, entry: _Entry) -> None:
+        if self._unsealed_since_ns is not None and entry.log_ns - self._unsealed_since_ns >= SEAL_PERIOD_NS:
+            self.seal()
+        self._write(entry)
+        if entry.topic in _JSON_CHANNELS:
+            self.seal()  # rare and decisive: being killed right after it must not lose it
+
+    def seal(self) -> None:
+        """Sign what is not yet signed and put it on disk."""
+        if self._unsealed_since_ns is not None:
+            self._write_seal()
+
+    def finish(self, *, final: bool) -> None:
+        self.seal()
+        if final:
+            data = self._chain.final(self.running)
+            self._write(
+                _Entry(SEAL_TOPIC, "", self.running.messages, self._last_log_ns, self._last_log_ns, data)
+            )
+        self._writer.finish()
+        self._stream.flush()
+        os.fsync(self._stream.fileno())
+        self._stream.close()
+
+    def _write_seal(self) -> None:
+        data = self._chain.next(self.running, self._last_log_ns)
+        self._write(_Entry(SEAL_TOPIC, "", self.running.messages, self._last_log_ns, self._last_log_ns, data))
+        self._unsealed_since_ns = None
+        self._flush()
+
+    def _flush(self) -> None:
+        self._writer.flush()
+        self._stream.flush()
+
+    def _write(self, entry: _Entry) -> None:
+        channel_id, digest = self._channels.get(entry.topic) or self._register(entry.topic, entry.schema_name)
+        self._writer.add_message(channel_id, entry.log_ns, entry.data, entry.publish_ns, entry.sequence)
+        length = _LENGTH.pack(_MESSAGE_HEADER_BYTES + len(entry.data))
+        tail = _TAIL.pack(entry.sequence, entry.log_ns, entry.publish_ns) + entry.data
+        self.running.add(digest, length, tail)
+        self._last_log_ns = max(self._last_log_ns, entry.log_ns)
+        if self._unsealed_since_ns is None:
+            self._unsealed_since_ns = entry.log_ns
+
+    def _register(self, topic: str, schema_name: str) -> tuple[int, bytes]:
+        if schema_name:
+            schema_id, text = self._schemas.get(schema_name) or self._register_schema(schema_name)
+            channel_id = self._writer.register_channel(topic, "cdr", schema_id)
+            digest = channel_digest(topic, "cdr", schema_name, "ros2msg", text)
+        else:
+            # Schemaless: the rosbags reader refuses files with a jsonschema, and JSON needs none.
+            channel_id = self._writer.register_channel(topic, "json", 0)
+            digest = channel_digest(topic, "json", "", "", b"")
+        self._channels[topic] = channel_id, digest
+        return channel_id, digest
+
+    def _register_schema(self, name: str) -> tuple[int, bytes]:
+        text = schema_text(name).encode()
+        schema = self._writer.register_schema(name, "ros2msg", text), text
+        self._schemas[name] = schema
+        return schema
+
+
+def _restore(path: Path, binding: Binding, account: LocalAccount) -> list[_Entry]:
+    """The messages of a cut recording, up to its last valid chunk, checked against its own seals."""
+    entries: list[_Entry] = []
+    complete = True
+    audit = SealAudit()
+    try:
+        reader = SealedReader(path)
+        audit = reader.audit
+        for topic, schema_name, message in reader:
+            entries.append(
+                _Entry(topic, schema_name, message.sequence, message.log_ns, message.publish_ns, message.data)
+            )
+    except ContainerError:
+        complete = False  # cut off here, which is what resuming is for
+    if entries:
+        audit.check_signatures()
+    if entries and (audit.binding, audit.signer) != (binding, account.address):
+        raise BrokenSeal(
+            "the recording belongs to another assignment or signer",
+            path=str(path),
+            found=str(audit.binding),
+            signer=audit.signer,
+        )
+    if audit.final:
+        if complete:
+            raise RecordingSealed("the recording is finished", path=str(path))
+        entries.pop()  # the final seal of a file that was killed before its index was written
+    return entries

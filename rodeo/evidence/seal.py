@@ -1,0 +1,246 @@
+"""What makes a recording tamper-evident: a running hash over every message, signed while it grows.
+
+The running hash is SHA-256 over the messages in file order, seals included. One message adds
+
+    channel digest (32) | record length (8) | sequence (4) | log time (8) | publish time (8) | payload
+
+in the little-endian form of the MCAP message record; the channel digest covers topic, message encoding,
+schema name, schema encoding and schema text, so that the same bytes under another name hash differently.
+
+Seals are messages on the channel `rodeo/seal`:
+
+- the opening seal (index 0) is the first message and carries the binding to task, attempt and nonce;
+- interim seals are attestations {index, messages, hash, previous, time_ns}: `hash` is the running hash of
+  the `messages` before it, `previous` the SHA-256 of the seal before it;
+- the final seal is the last message: EIP-712 typed data that a contract could check, too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+from typing import Annotated, Any
+
+from eth_account.messages import encode_typed_data
+from eth_account.signers.local import LocalAccount
+from eth_utils.address import to_checksum_address
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+
+from rodeo.evidence.attestation import Attestation, attest, recover, verify_attestation
+from rodeo.evidence.errors import BadAttestation, BrokenSeal, UnsealedProof
+
+SEAL_TOPIC = "rodeo/seal"
+SEAL_PERIOD_NS = 1_000_000_000
+"""Longest stretch of recorded time that one seal leaves unsigned."""
+
+Address = Annotated[str, Field(pattern=r"^0x[0-9a-fA-F]{40}$"), AfterValidator(to_checksum_address)]
+Bytes32 = Annotated[str, Field(pattern=r"^0x[0-9a-fA-F]{64}$"), AfterValidator(str.lower)]
+
+
+class Binding(BaseModel):
+    """The one assignment that a recording proves; `nonce` did not exist before it (0x, 32 bytes)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    chain_id: int = Field(ge=1, lt=2**53)
+    task_manager: Address
+    task_id: int = Field(ge=0, lt=2**53)
+    attempt: int = Field(ge=1, lt=2**32)
+    executor: Address
+    nonce: Bytes32
+
+
+class RunningHash:
+    """SHA-256 over the messages added so far, and how many they were."""
+
+    def __init__(self) -> None:
+        self._sha256 = hashlib.sha256()
+        self.messages = 0
+
+    def add(self, channel_digest: bytes, length_field: bytes | memoryview, tail: bytes | memoryview) -> None:
+        """One message: its MCAP record's length field (8 bytes) and what follows the channel id in it."""
+        self._sha256.update(b"".join((channel_digest, length_field, tail)))
+        self.messages += 1
+
+    def hexdigest(self) -> str:
+        return self._sha256.copy().hexdigest()
+
+
+def channel_digest(
+    topic: str, message_encoding: str, schema_name: str, schema_encoding: str, schema_data: bytes
+) -> bytes:
+    """What the running hash knows of a channel: 32 bytes."""
+    digest = hashlib.sha256()
+    for part in (
+        topic.encode(),
+        message_encoding.encode(),
+        schema_name.encode(),
+        schema_encoding.encode(),
+        schema_data,
+    ):
+        digest.update(struct.pack("<I", len(part)) + part)
+    return digest.digest()
+
+
+class SealChain:
+    """Writes seals, each naming the one before, as the bytes of the next `rodeo/seal` message."""
+
+    def __init__(
+        self, binding: Binding, account: LocalAccount, *, index: int = 0, previous: str | None = None
+    ):
+        self._binding = binding
+        self._account = account
+        self._index = index
+        self._previous = previous
+
+    def next(self, running: RunningHash, time_ns: int) -> bytes:
+        """The opening or an interim seal over everything in `running`."""
+        payload: dict[str, Any] = {
+            "index": self._index,
+            "messages": running.messages,
+            "hash": running.hexdigest(),
+            "previous": self._previous,
+            "time_ns": str(time_ns),  # beyond 2**53, which JSON numbers cannot carry
+        }
+        if self._index == 0:
+            payload["binding"] = self._binding.model_dump()
+        data = attest(payload, self._account).model_dump_json().encode()
+        self.adopt(data)
+        return data
+
+    def adopt(self, data: bytes) -> None:
+        """Continue after the seal `data`, which is already in the file."""
+        self._index += 1
+        self._previous = hashlib.sha256(data).hexdigest()
+
+    def final(self, running: RunningHash) -> bytes:
+        """The closing seal."""
+        typed = final_typed_data(self._binding, running)
+        signature = self._account.sign_message(encode_typed_data(full_message=typed)).signature
+        seal = {"typed_data": typed, "signer": self._account.address, "signature": "0x" + signature.hex()}
+        return json.dumps(seal).encode()
+
+
+def final_typed_data(binding: Binding, running: RunningHash) -> dict[str, Any]:
+    """EIP-712 `ProofSeal` of the assignment and all messages before the final seal."""
+    return {
+        "types": {
+            "EIP712Domain": [
+                {"name": "name", "type": "string"},
+                {"name": "version", "type": "string"},
+                {"name": "chainId", "type": "uint256"},
+                {"name": "verifyingContract", "type": "address"},
+            ],
+            "ProofSeal": [
+                {"name": "taskId", "type": "uint256"},
+                {"name": "attempt", "type": "uint32"},
+                {"name": "executor", "type": "address"},
+                {"name": "nonce", "type": "bytes32"},
+                {"name": "messagesHash", "type": "bytes32"},
+                {"name": "messages", "type": "uint64"},
+            ],
+        },
+        "primaryType": "ProofSeal",
+        "domain": {
+            "name": "RODEO",
+            "version": "1",
+            "chainId": binding.chain_id,
+            "verifyingContract": binding.task_manager,
+        },
+        "message": {
+            "taskId": binding.task_id,
+            "attempt": binding.attempt,
+            "executor": binding.executor,
+            "nonce": binding.nonce,
+            "messagesHash": "0x" + running.hexdigest(),
+            "messages": running.messages,
+        },
+    }
+
+
+class SealAudit:
+    """Follows a recording's seals while its messages are read. Raises BrokenSeal at the first that fails.
+
+    Every seal is compared with the messages and the seal before it. Signatures are checked where they decide:
+    at the opening seal, which names the signer, and at the last one, which covers all others
+    (`check_signatures`).
+
+    `binding` and `signer` are known after the opening seal; `final` is true after the final one;
+    `longest_unsealed_ns` is the longest stretch of recorded time between two seals.
+    """
+
+    def __init__(self) -> None:
+        self.binding: Binding | None = None
+        self.signer: str | None = None
+        self.final = False
+        self.count = 0
+        self.longest_unsealed_ns = 0
+        self._previous: str | None = None
+        self._last: dict[str, Any] = {}
+        self._closing: dict[str, Any] = {}
+
+    def see(self, data: bytes, running: RunningHash, unsealed_ns: int) -> None:
+        """The seal message `data` after the messages in `running`, unsealed for so long before it."""
+        try:
+            fields = json.loads(data)
+            if not isinstance(fields, dict):
+                raise ValueError("not a JSON object")
+            if "typed_data" in fields:
+                self._see_final(fields, running)
+            else:
+                self._see(fields, running)
+        except BadAttestation as error:
+            raise BrokenSeal("a seal's signature does not hold", index=self.count, **error.details) from error
+        except (ValueError, RecursionError) as error:
+            raise BrokenSeal("a seal is malformed", index=self.count, cause=str(error)[:500]) from error
+        self._last = fields
+        self._previous = hashlib.sha256(data).hexdigest()
+        self.longest_unsealed_ns = max(self.longest_unsealed_ns, unsealed_ns)
+        self.count += 1
+
+    def check_signatures(self) -> None:
+        """Check the last seal's signature, and so everything that was read."""
+        if not self._last:
+            raise UnsealedProof("there is no seal")
+        try:
+            if self.final:
+                signable = encode_typed_data(full_message=self._closing)
+                recover(signable, str(self._last.get("signature")), str(self.signer))
+            else:
+                verify_attestation(Attestation.model_validate(self._last))
+        except BadAttestation as error:
+            details = {"index": self.count - 1, **error.details}
+            raise BrokenSeal("the last seal's signature does not hold", **details) from error
+        except ValueError as error:
+            raise BrokenSeal("the last seal is malformed", cause=str(error)[:500]) from error
+
+    def _see(self, fields: dict[str, Any], running: RunningHash) -> None:
+        payload = fields.get("payload")
+        if not isinstance(payload, dict):
+            raise ValueError("no payload")
+        self._require("index", payload, self.count)
+        self._require("messages", payload, running.messages)
+        self._require("hash", payload, running.hexdigest())
+        self._require("previous", payload, self._previous)
+        if self.count == 0:
+            self.signer = verify_attestation(Attestation.model_validate(fields))
+            self.binding = Binding.model_validate(payload.get("binding"))
+        self._require("signer", fields, self.signer)
+
+    def _see_final(self, fields: dict[str, Any], running: RunningHash) -> None:
+        if self.binding is None:
+            raise BrokenSeal("the final seal comes before the opening seal", index=self.count)
+        self._closing = final_typed_data(self.binding, running)
+        self._require("typed_data", fields, self._closing)
+        self._require("signer", fields, self.signer)
+        self.final = True
+
+    def _require(self, name: str, found: dict[str, Any], expected: object) -> None:
+        if name not in found or found[name] != expected:
+            raise BrokenSeal(
+                f"seal {self.count} does not match the recording: {name}",
+                index=self.count,
+                found=str(found.get(name))[:200],
+                expected=str(expected)[:200],
+            )

@@ -1,0 +1,198 @@
+"""ROS 2 messages of one topic as a numpy table, read at fixed offsets.
+
+CDR places a field by the lengths of the strings and sequences before it. Frame ids and joint names do not
+change while a source runs, so one walk over the first message gives the offset of every number in all of
+them; every byte that the walk relied on is then compared in all messages.
+"""
+
+from __future__ import annotations
+
+import struct
+from array import array
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
+
+from rodeo.evidence.errors import LayoutChanged
+
+Array = np.ndarray[Any, Any]
+
+_ENCAPSULATION = b"\x00\x01\x00\x00"
+"""XCDR1, little endian: what rmw implementations write on common machines."""
+_HEADER_BYTES = len(_ENCAPSULATION)
+_DTYPES = {"bool": "?", "byte": "u1", "char": "u1"} | {
+    f"{kind}{bits}": f"<{code}{bits // 8}"
+    for kind, code, sizes in (
+        ("int", "i", (8, 16, 32, 64)),
+        ("uint", "u", (8, 16, 32, 64)),
+        ("float", "f", (32, 64)),
+    )
+    for bits in sizes
+}
+_MAX_FIELDS = 10_000
+
+
+@cache
+def _typestore() -> Typestore:
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def _fields(ros_type: str) -> list[tuple[str, Any]]:
+    return _typestore().fielddefs[ros_type][1]
+
+
+@dataclass(frozen=True)
+class Table:
+    """All messages of one topic, a column per number. Columns are named by path ("pose.position.x")."""
+
+    topic: str
+    log_ns: Array
+    """(n,) uint64"""
+    rows: Array
+    """(n,) structured"""
+    strings: dict[str, str]
+    """Path -> the text that all messages share ("header.frame_id", "name[0]")."""
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __getitem__(self, path: str) -> Array:
+        """(n,) column of a number or (n, m) of a sequence of numbers. Raises LayoutChanged."""
+        if path not in (self.rows.dtype.names or ()):
+            raise LayoutChanged("the messages have no such number", topic=self.topic, field=path)
+        return self.rows[path]
+
+    def vector(self, path: str, components: str = "xyz") -> Array:
+        """(n, len(components)) from `path.x`, `path.y`, ..."""
+        return np.stack([self[f"{path}.{component}"] for component in components], axis=1)
+
+    def named(self, path: str, names: list[str]) -> Array:
+        """(n, len(names)): the entries of sequence `path` that belong to `names` of a JointState."""
+        found = [self.strings[key] for key in self.strings if key.startswith("name[")]
+        missing = [name for name in names if name not in found]
+        if missing or self[path].shape[1] != len(found):
+            raise LayoutChanged("joints are missing", topic=self.topic, field=path, missing=missing)
+        return self[path][:, [found.index(name) for name in names]]
+
+    @property
+    def stamp_s(self) -> Array:
+        """(n,) seconds of the messages' own headers."""
+        return self["header.stamp.sec"] + self["header.stamp.nanosec"] * 1e-9
+
+
+class _Walk:
+    """One pass over one message: where its numbers are, and which bytes decided that."""
+
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+        self._offset = _HEADER_BYTES
+        self.numbers: dict[str, tuple[Any, int]] = {}
+        """Path -> (dtype, offset)."""
+        self.guards: list[slice] = [slice(0, _HEADER_BYTES)]
+        """Bytes that must be the same in every message."""
+        self.strings: dict[str, str] = {}
+
+    def structure(self, ros_type: str, prefix: str) -> None:
+        for name, (kind, detail) in _fields(ros_type):
+            self._node(kind, detail, prefix + name)
+
+    def _node(self, kind: Nodetype, detail: Any, path: str) -> None:
+        if kind == Nodetype.BASE:
+            self._base(detail[0], path)
+        elif kind == Nodetype.NAME:
+            self.structure(detail, path + ".")
+        else:
+            (element_kind, element), count = detail
+            length = count if kind == Nodetype.ARRAY else self._count()
+            if element_kind == Nodetype.BASE and element[0] in _DTYPES:
+                self._number(
+                    (_DTYPES[element[0]], (length,)), np.dtype(_DTYPES[element[0]]).itemsize, length, path
+                )
+            else:
+                if length > _MAX_FIELDS:
+                    raise LayoutChanged("a sequence is too long to read", length=length)
+                for index in range(length):
+                    self._node(element_kind, element, f"{path}[{index}]")
+
+    def _base(self, name: str, path: str) -> None:
+        if name in _DTYPES:
+            self._number(_DTYPES[name], np.dtype(_DTYPES[name]).itemsize, 1, path)
+        elif name in ("string", "wstring"):
+            length = self._count()
+            self.strings[path] = self._data[self._offset : self._offset + length - 1].decode(
+                "utf-8", "replace"
+            )
+            self.guards.append(slice(self._offset, self._offset + length))
+            self._offset += length
+        else:
+            raise LayoutChanged("a field cannot be read as a number", field=path, type=name)
+
+    def _number(self, dtype: Any, size: int, length: int, path: str) -> None:
+        if length:
+            self._align(size)
+        self.numbers[path] = dtype, self._offset
+        self._offset += size * length
+        if self._offset > len(self._data):
+            raise LayoutChanged(
+                "a message is shorter than its type", field=path, length_bytes=len(self._data)
+            )
+
+    def _count(self) -> int:
+        self._align(4)
+        try:
+            (length,) = struct.unpack_from("<I", self._data, self._offset)
+        except struct.error as error:
+            raise LayoutChanged("a message is shorter than its type", length_bytes=len(self._data)) from error
+        self.guards.append(slice(self._offset, self._offset + 4))
+        self._offset += 4
+        if length > len(self._data):
+            raise LayoutChanged("a length exceeds its message", length=length, length_bytes=len(self._data))
+        return int(length)
+
+    def _align(self, size: int) -> None:
+        self._offset += -(self._offset - _HEADER_BYTES) % size
+
+
+def table(messages: list[bytes], log_ns: array[int], ros_type: str, topic: str) -> Table:
+    """The table of `messages`. Raises LayoutChanged with topic and index."""
+    size = len(messages[0])
+    for index, data in enumerate(messages):
+        if len(data) != size:
+            raise LayoutChanged(
+                "messages differ in length",
+                topic=topic,
+                index=index,
+                length_bytes=len(data),
+                first_bytes=size,
+            )
+    if messages[0][:_HEADER_BYTES] != _ENCAPSULATION:
+        raise LayoutChanged(
+            "the encapsulation is not little-endian CDR", topic=topic, header=messages[0][:4].hex()
+        )
+    walk = _Walk(messages[0])
+    walk.structure(ros_type, "")
+    raw = np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), size)
+    for guard in walk.guards:
+        different = np.flatnonzero((raw[:, guard] != raw[0, guard]).any(axis=1))
+        if len(different):
+            raise LayoutChanged(
+                "a string or length differs from the first message's",
+                topic=topic,
+                index=int(different[0]),
+                offset=guard.start,
+            )
+    layout = np.dtype(
+        {
+            "names": list(walk.numbers),
+            "formats": [dtype for dtype, _ in walk.numbers.values()],
+            "offsets": [offset for _, offset in walk.numbers.values()],
+            "itemsize": size,
+        }
+    )
+    rows = raw.reshape(-1).view(layout)
+    return Table(topic, np.frombuffer(log_ns, np.uint64), rows, walk.strings)

@@ -1,0 +1,165 @@
+"""The site file's description of the physical lab: what stands where, what lies where, what the robot may do.
+
+Frame `map`: origin in the lab's south-west corner on the floor, x east, y north, z up; yaw counter-clockwise
+from x. Lengths in m, angles in rad, masses in kg, energies in Wh. Reading this module needs no MuJoCo.
+"""
+
+from enum import StrEnum
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Positive = Annotated[float, Field(gt=0)]
+Point2 = tuple[float, float]
+Rgb = tuple[float, float, float]
+
+
+class ItemClass(StrEnum):
+    """The six waste classes of the TrashNet data set (Thung and Yang, 2016)."""
+
+    CARDBOARD = "cardboard"
+    GLASS = "glass"
+    METAL = "metal"
+    PAPER = "paper"
+    PLASTIC = "plastic"
+    TRASH = "trash"
+
+
+class Section(BaseModel):
+    """A section of the site file: unknown keys are mistakes, values do not change while running."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Pose2(Section):
+    """A pose on the floor in frame `map`."""
+
+    x_m: float
+    y_m: float
+    yaw_rad: float = 0.0
+
+
+class FurnitureConfig(Section):
+    """Something the robot drives around; `pose` is the centre of its footprint, `size_m` its extent."""
+
+    name: str
+    kind: Literal["desk", "shelf", "crate"]
+    pose: Pose2
+    size_m: tuple[Positive, Positive, Positive]
+
+
+class LabConfig(Section):
+    """A rectangular room from (0, 0) to `size_m` with furniture in it."""
+
+    size_m: tuple[Positive, Positive] = (7.0, 5.0)
+    wall_height_m: Positive = 0.5
+    wall_thickness_m: Positive = 0.1
+    furniture: tuple[FurnitureConfig, ...] = ()
+
+
+class BinConfig(Section):
+    """A smart bin: a row of open-top compartments and a camera on a post behind them.
+
+    `pose` is the centre of the footprint with x pointing from the back (the post) to the front, where the
+    robot parks. Compartments stand side by side along the bin's y axis, the first at the largest y.
+    """
+
+    name: str = "itrash"
+    pose: Pose2
+    rim_height_m: Positive = 0.42
+    compartment_size_m: tuple[Positive, Positive] = (0.22, 0.20)
+    wall_thickness_m: Positive = 0.01
+    compartments: dict[str, tuple[ItemClass, ...]] = {
+        "blue": (ItemClass.PAPER, ItemClass.CARDBOARD),
+        "yellow": (ItemClass.PLASTIC, ItemClass.METAL),
+        "green": (ItemClass.GLASS,),
+        "grey": (ItemClass.TRASH,),
+    }
+    camera_height_m: Positive = 0.72
+    camera_fovy_rad: Positive = 0.8
+    show_distance_m: Positive = Field(0.34, description="from the camera to the point where an item is shown")
+    presence_range_m: Positive = Field(0.55, description="longest range at which something counts as present")
+
+    def compartment_of(self, item_class: ItemClass) -> str:
+        """The compartment that takes this class."""
+        return next(name for name, classes in self.compartments.items() if item_class in classes)
+
+    @model_validator(mode="after")
+    def _every_class_has_one_compartment(self) -> "BinConfig":
+        taken = [item_class for classes in self.compartments.values() for item_class in classes]
+        if sorted(taken) != sorted(ItemClass):
+            raise ValueError(f"each class needs exactly one compartment, got {sorted(taken)}")
+        return self
+
+
+class DockConfig(Section):
+    """A charging station; its contacts face along its x axis towards the parked robot.
+
+    The supply holds `current_a` until the terminals reach `voltage_v`, then holds the voltage until the
+    current has fallen to `cutoff_a`.
+    """
+
+    name: str = "dock1"
+    pose: Pose2
+    contact_tolerance_m: Positive = 0.06
+    contact_tolerance_rad: Positive = 0.15
+    voltage_v: Positive = 42.0
+    current_a: Positive = 10.5
+    cutoff_a: Positive = 1.6
+
+
+class ItemConfig(Section):
+    """A piece of trash; see `rodeo.lab.items.SHAPES` for the shapes of each class."""
+
+    id: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
+    item_class: ItemClass = Field(alias="class")
+    shape: str
+    pose: Pose2
+    mass_kg: float = Field(0.05, ge=0.02, le=0.2)
+    rgb: Rgb | None = Field(None, description="colour; the shape's usual colour if left out")
+
+    model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
+
+
+class BatteryConfig(Section):
+    """The Panther's Li-ion pack, 10 cells in series.
+
+    Capacity, resistance and voltage: Husarion's panther_description (battery plug-in: 20 Ah, 0.15 ohm, 42 V
+    full) and data sheet (734 Wh). Idle and motion power give about 8 h of mixed operation per charge.
+    """
+
+    capacity_wh: Positive = 734.0
+    capacity_ah: Positive = 20.0
+    resistance_ohm: Positive = 0.15
+    soc: float = Field(1.0, ge=0, le=1, description="state of charge when the world is new")
+    idle_power_w: Positive = 45.0
+    arm_power_w: Positive = Field(35.0, description="added while the arm moves or holds torque")
+    drive_efficiency: float = Field(
+        0.6, gt=0, le=1, description="mechanical power at the wheels / electrical"
+    )
+
+
+class MotionLimits(Section):
+    """What the body may do: the drivers obey these and the oracle holds recordings against them.
+
+    Speed and wheel limits: Husarion (2 m/s; wheel joints 34.5 N m, 10.958 rad/s). Arm: Interbotix
+    vx300s description (pi rad/s per joint; joint ranges and torques are in the robot model itself).
+    """
+
+    linear_m_s: Positive = 2.0
+    angular_rad_s: Positive = 2.0
+    joint_rad_s: Positive = 3.1416
+    cruise_m_s: Positive = Field(0.7, description="speed the driver plans with indoors")
+    cruise_rad_s: Positive = 0.9
+    acceleration_m_s2: Positive = 0.8
+    acceleration_rad_s2: Positive = 1.5
+    gripper_force_n: Positive = Field(5.0, description="largest force of one finger")
+
+
+class RobotConfig(Section):
+    """A Husarion Panther with a ViperX 300S arm; `name` is its ROS namespace."""
+
+    name: str = Field("panther1", pattern=r"^[a-z][a-z0-9_]*$")
+    pose: Pose2
+    battery: BatteryConfig = BatteryConfig()
+    limits: MotionLimits = MotionLimits()

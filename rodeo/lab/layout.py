@@ -1,0 +1,112 @@
+"""Where things of the site are in the map frame: pure geometry for agent, simulator and oracle."""
+
+import math
+from dataclasses import dataclass
+
+from rodeo.lab.config import BinConfig, DockConfig, Pose2
+
+BUMPER_M = 0.4025
+"""From the robot's centre to its front: the front wheels reach as far as the bumper."""
+HALF_WIDTH_M = 0.425
+FOOTPRINT_RADIUS_M = math.hypot(BUMPER_M, HALF_WIDTH_M)
+"""The robot can turn on the spot where nothing is closer than this."""
+SHOULDER_M = 0.283
+"""From the robot's centre forward to the arm's shoulder axis."""
+
+PARKING_GAP_M = 0.06
+"""Between the bumper and the bin while the arm works over it."""
+CONTACT_GAP_M = 0.02
+"""Between the bumper and the dock's face: its contacts are sprung."""
+PICK_DISTANCE_M = 0.67
+"""From the robot's centre forward to an item that it takes from the floor."""
+
+BUCKET_GAP_M = 0.002
+"""Between the walls of neighbouring compartments: each stands on a scale of its own."""
+
+Vec3 = tuple[float, float, float]
+
+
+def ahead(pose: Pose2, forward_m: float, left_m: float = 0.0) -> tuple[float, float]:
+    """The point `forward_m` along and `left_m` across the pose's x axis (map frame)."""
+    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+    return pose.x_m + c * forward_m - s * left_m, pose.y_m + s * forward_m + c * left_m
+
+
+def wrap(angle_rad: float) -> float:
+    """The same angle in (-pi, pi]."""
+    return math.remainder(angle_rad, math.tau)
+
+
+def facing(pose: Pose2, distance_m: float) -> Pose2:
+    """The pose `distance_m` in front of `pose`, looking back at it."""
+    x, y = ahead(pose, distance_m)
+    return Pose2(x_m=x, y_m=y, yaw_rad=wrap(pose.yaw_rad + math.pi))
+
+
+@dataclass(frozen=True)
+class BinLayout:
+    """The bin's points in the map frame."""
+
+    config: BinConfig
+
+    @property
+    def depth_m(self) -> float:
+        return self.config.compartment_size_m[0] + 2 * self.config.wall_thickness_m
+
+    @property
+    def width_m(self) -> float:
+        return len(self.config.compartments) * self._pitch_m - BUCKET_GAP_M
+
+    @property
+    def _pitch_m(self) -> float:
+        return self.config.compartment_size_m[1] + 2 * self.config.wall_thickness_m + BUCKET_GAP_M
+
+    def offset_m(self, compartment: str) -> float:
+        """The compartment's centre on the bin's y axis."""
+        names = list(self.config.compartments)
+        return ((len(names) - 1) / 2 - names.index(compartment)) * self._pitch_m
+
+    def compartment(self, name: str) -> Vec3:
+        """Centre of the compartment's opening, at the height of the rim."""
+        return (*ahead(self.config.pose, 0.0, self.offset_m(name)), self.config.rim_height_m)
+
+    def contains(self, name: str, point_m: Vec3) -> bool:
+        """Whether the point is inside the compartment, below the rim."""
+        pose = self.config.pose
+        dx, dy = point_m[0] - pose.x_m, point_m[1] - pose.y_m
+        c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+        along, across = c * dx + s * dy, c * dy - s * dx - self.offset_m(name)
+        half_x, half_y = (size / 2 for size in self.config.compartment_size_m)
+        return abs(along) <= half_x and abs(across) <= half_y and 0 <= point_m[2] <= self.config.rim_height_m
+
+    @property
+    def camera(self) -> Vec3:
+        return (*ahead(self.config.pose, -self.config.show_distance_m), self.config.camera_height_m)
+
+    @property
+    def show_point(self) -> Vec3:
+        """Where an item is held to be seen by the camera, and the presence sensor's beam passes."""
+        return (self.config.pose.x_m, self.config.pose.y_m, self.config.camera_height_m)
+
+    @property
+    def parking(self) -> Pose2:
+        """Where the robot stands to reach every compartment and the show point."""
+        return facing(self.config.pose, self.depth_m / 2 + PARKING_GAP_M + BUMPER_M)
+
+
+def dock_parking(dock: DockConfig) -> Pose2:
+    """Where the robot stands to charge."""
+    return facing(dock.pose, CONTACT_GAP_M + BUMPER_M)
+
+
+def on_contacts(dock: DockConfig, robot: Pose2) -> bool:
+    """Whether a robot at this pose touches the dock's contacts."""
+    x, y = ahead(robot, BUMPER_M)
+    dx, dy = x - dock.pose.x_m, y - dock.pose.y_m
+    c, s = math.cos(dock.pose.yaw_rad), math.sin(dock.pose.yaw_rad)
+    turn = wrap(robot.yaw_rad - dock.pose.yaw_rad - math.pi)
+    return (
+        abs(c * dx + s * dy) <= dock.contact_tolerance_m
+        and abs(c * dy - s * dx) <= dock.contact_tolerance_m
+        and abs(turn) <= dock.contact_tolerance_rad
+    )

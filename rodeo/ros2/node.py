@@ -1,0 +1,218 @@
+"""A ROS 2 node on a Zenoh session: publishers and subscriptions (services and actions build on it)."""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import zenoh
+import zenoh.ext
+
+from rodeo.ros2 import types, wire
+from rodeo.ros2.errors import MalformedMessage
+from rodeo.ros2.service import Client, Service
+
+log = logging.getLogger(__name__)
+
+_entity_ids = itertools.count()
+"""rmw_zenoh numbers nodes and endpoints per session; numbering them per process is as unique."""
+
+
+class NanosecondClock(Protocol):
+    def now_ns(self) -> int: ...
+
+
+@dataclass(frozen=True, slots=True)
+class MessageInfo:
+    """What is known of a received message besides its fields."""
+
+    cdr: bytes
+    source_time_ns: int
+    sequence: int
+    gid: bytes
+
+
+class Publisher:
+    """Publishes one topic. Reliable publishers block when the network is congested and lose nothing."""
+
+    def __init__(self, node: Node, topic: str, typename: str, qos: wire.QoS) -> None:
+        self._clock = node.clock
+        self._msgtype = types.msg(typename).__msgtype__
+        self._token, self._gid = node.declare_endpoint("MP", topic, typename, qos)
+        reliable = qos.reliability == "reliable"
+        options: dict[str, Any] = {
+            "congestion_control": zenoh.CongestionControl.BLOCK if reliable else zenoh.CongestionControl.DROP,
+            "reliability": zenoh.Reliability.RELIABLE if reliable else zenoh.Reliability.BEST_EFFORT,
+        }
+        key = wire.data_key(node.domain_id, topic, typename)
+        self._publisher: Any
+        if qos.durability == "transient_local":
+            cache = zenoh.ext.CacheConfig(max_samples=qos.depth)
+            self._publisher = zenoh.ext.declare_advanced_publisher(
+                node.session, key, cache=cache, publisher_detection=True, **options
+            )
+        else:
+            self._publisher = node.session.declare_publisher(key, **options)
+        self._sequence = itertools.count(1)
+
+    def publish(self, message: Any, source_time_ns: int | None = None) -> None:
+        """Send a message, stamped with the node's clock unless told otherwise.
+
+        Raises ClockUnavailable (no stamp and no clock yet), MalformedMessage (wrong type).
+        """
+        if message.__msgtype__ != self._msgtype:
+            raise MalformedMessage("message of another type", expected=self._msgtype, got=message.__msgtype__)
+        self.publish_cdr(types.serialize(message), source_time_ns)
+
+    def publish_cdr(self, cdr: bytes, source_time_ns: int | None = None) -> None:
+        """Send a message that is already serialised."""
+        if source_time_ns is None:
+            source_time_ns = self._clock.now_ns()
+        attachment = wire.Attachment(next(self._sequence), source_time_ns, self._gid)
+        self._publisher.put(cdr, attachment=attachment.encode())
+
+    def close(self) -> None:
+        self._publisher.undeclare()
+        self._token.undeclare()
+
+
+class Subscription:
+    """Receives one topic, in a thread of its own or, `inline`, in the session's receiving thread."""
+
+    def __init__(
+        self,
+        node: Node,
+        topic: str,
+        typename: str,
+        callback: Callable[[MessageInfo], None],
+        qos: wire.QoS,
+        inline: bool,
+    ) -> None:
+        self._topic = topic
+        self._callback = callback
+        self._token, _ = node.declare_endpoint("MS", topic, typename, qos)
+        key = wire.data_key(node.domain_id, topic, typename)
+        handler = zenoh.handlers.Callback(self._on_sample, indirect=not inline)
+        self._subscriber: Any
+        if qos.durability == "transient_local":
+            self._subscriber = zenoh.ext.declare_advanced_subscriber(
+                node.session,
+                key,
+                handler,
+                history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
+            )
+        else:
+            self._subscriber = node.session.declare_subscriber(key, handler)
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        try:
+            attachment = wire.Attachment.decode(sample.attachment.to_bytes() if sample.attachment else b"")
+            cdr = sample.payload.to_bytes()
+            self._callback(MessageInfo(cdr, attachment.source_time_ns, attachment.sequence, attachment.gid))
+        except MalformedMessage as error:
+            log.warning("dropped a message on %s: %s", self._topic, error)
+        except Exception:
+            log.exception("the callback of %s failed", self._topic)
+
+    def close(self) -> None:
+        self._subscriber.undeclare()
+        self._token.undeclare()
+
+
+class Node:
+    """One ROS 2 node. Names are fully qualified without the leading slash (`panther1/odom`).
+
+    Args:
+        session: an open Zenoh session; the node does not close it.
+        clock: stamps what is published; anything with `now_ns()`.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, name: str, namespace: str, domain_id: int, clock: NanosecondClock
+    ) -> None:
+        self.session = session
+        self.name = name
+        self.namespace = namespace
+        self.domain_id = domain_id
+        self.clock = clock
+        self._session_id = str(session.info.zid())
+        self._node_id = next(_entity_ids)
+        token = wire.node_token(domain_id, self._session_id, self._node_id, namespace, name)
+        self._token = session.liveliness().declare_token(token)
+        self._endpoints: list[Any] = []
+
+    def publisher(self, topic: str, typename: str, qos: wire.QoS = wire.DEFAULT) -> Publisher:
+        """Raises UnknownType."""
+        return self.keep(Publisher(self, topic, typename, qos))
+
+    def subscription(
+        self,
+        topic: str,
+        typename: str,
+        callback: Callable[[Any, MessageInfo], None],
+        qos: wire.QoS = wire.DEFAULT,
+    ) -> Subscription:
+        """Calls `callback(message, info)`. What does not decode is dropped with a warning."""
+        return self.raw_subscription(
+            topic, typename, lambda info: callback(types.deserialize(info.cdr, typename), info), qos
+        )
+
+    def raw_subscription(
+        self,
+        topic: str,
+        typename: str,
+        callback: Callable[[MessageInfo], None],
+        qos: wire.QoS = wire.DEFAULT,
+        *,
+        inline: bool = False,
+    ) -> Subscription:
+        """Calls `callback(info)` with the CDR bytes as they came.
+
+        `inline` keeps the order between topics and replies: when an action's result is there, the callback
+        has seen whatever the server published before. Such a callback holds up the whole session, so it
+        must be short and must not wait for anything from the bus.
+        """
+        return self.keep(Subscription(self, topic, typename, callback, qos, inline))
+
+    def service(self, name: str, typename: str, handler: Callable[[Any], Any]) -> Service:
+        """Serve `handler(request) -> response`, one request at a time, in a thread of its own."""
+        return self.keep(Service(self, name, typename, handler))
+
+    def client(self, name: str, typename: str) -> Client:
+        """Raises UnknownType."""
+        return self.keep(Client(self, name, typename))
+
+    def declare_endpoint(
+        self, kind: wire.EntityKind, name: str, typename: str, qos: wire.QoS
+    ) -> tuple[zenoh.LivelinessToken, bytes]:
+        """Make an endpoint visible in the ROS graph; returns its token and its 16-byte gid."""
+        text = wire.endpoint_token(
+            self.domain_id,
+            self._session_id,
+            self._node_id,
+            next(_entity_ids),
+            kind,
+            self.namespace,
+            self.name,
+            name,
+            typename,
+            qos,
+        )
+        gid = hashlib.blake2b(text.encode(), digest_size=16).digest()
+        return self.session.liveliness().declare_token(text), gid
+
+    def keep(self, endpoint: Any) -> Any:
+        """Close `endpoint` with the node."""
+        self._endpoints.append(endpoint)
+        return endpoint
+
+    def close(self) -> None:
+        """Undeclare everything; the session stays open."""
+        for endpoint in reversed(self._endpoints):
+            endpoint.close()
+        self._endpoints.clear()
+        self._token.undeclare()

@@ -1,0 +1,178 @@
+"""ROS 2 services over Zenoh queries: server and client."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import TYPE_CHECKING, Any
+
+import zenoh
+
+from rodeo.errors import RodeoError
+from rodeo.ros2 import types, wire
+from rodeo.ros2.errors import MalformedMessage, ServiceFailed, ServiceTimeout, ServiceUnavailable
+
+if TYPE_CHECKING:
+    from rodeo.ros2.node import Node
+
+log = logging.getLogger(__name__)
+
+_TIMEOUT_MARGIN_S = 0.05
+"""Zenoh ends a query that timed out a little before or after the time; closer than this counts."""
+
+
+class PendingRequest:
+    """A request that may be answered later and from any thread, exactly once."""
+
+    def __init__(self, query: zenoh.Query, key: str, request: Any, attachment: wire.Attachment) -> None:
+        self.request = request
+        self._query = query
+        self._key = key
+        self._attachment = attachment
+
+    def respond(self, response: Any) -> None:
+        attachment = wire.Attachment(self._attachment.sequence, time.time_ns(), self._attachment.gid)
+        with self._query as query:
+            query.reply(self._key, types.serialize(response), attachment=attachment.encode())
+
+    def fail(self, error: RodeoError) -> None:
+        """ROS 2 has no error reply: its clients see no response, ours see the error."""
+        _reply_error(self._query, error)
+
+
+def _reply_error(query: zenoh.Query, error: RodeoError) -> None:
+    # A query is finished when its object goes, which a traceback may keep alive: finish it explicitly.
+    with query:
+        query.reply_err(json.dumps(error.to_json()).encode())
+
+
+class DeferredService:
+    """Hands each request over as a PendingRequest, in Zenoh's receiving thread."""
+
+    def __init__(
+        self, node: Node, name: str, typename: str, on_request: Callable[[PendingRequest], None]
+    ) -> None:
+        self._name = name
+        self._request_type = f"{typename}_Request"
+        self._on_request = on_request
+        self._key = wire.data_key(node.domain_id, name, typename)
+        types.msg(self._request_type)
+        self._queryable = node.session.declare_queryable(self._key, self._on_query, complete=True)
+        # The token comes last: whoever sees it may call at once.
+        self._token, _ = node.declare_endpoint("SS", name, typename, wire.DEFAULT)
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        try:
+            attachment = wire.Attachment.decode(query.attachment.to_bytes() if query.attachment else b"")
+            cdr = query.payload.to_bytes() if query.payload else b""
+            request = types.deserialize(cdr, self._request_type)
+        except MalformedMessage as error:
+            log.warning("refused a request to %s: %s", self._name, error)
+            _reply_error(query, error)
+            return
+        self._on_request(PendingRequest(query, self._key, request, attachment))
+
+    def close(self) -> None:
+        self._token.undeclare()
+        self._queryable.undeclare()
+
+
+class Service:
+    """Answers requests one at a time in a thread of its own."""
+
+    def __init__(self, node: Node, name: str, typename: str, handler: Callable[[Any], Any]) -> None:
+        self._name = name
+        self._handler = handler
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"service {name}")
+        self._service = DeferredService(node, name, typename, self._accept)
+
+    def _accept(self, pending: PendingRequest) -> None:
+        self._worker.submit(self._answer, pending)
+
+    def _answer(self, pending: PendingRequest) -> None:
+        try:
+            pending.respond(self._handler(pending.request))
+        except RodeoError as error:
+            pending.fail(error)
+        except Exception as error:
+            log.exception("the handler of %s failed", self._name)
+            pending.fail(RodeoError(f"internal error: {error}"))
+
+    def close(self) -> None:
+        self._service.close()
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+
+class Client:
+    """Calls one service, and knows whether a server is there."""
+
+    def __init__(self, node: Node, name: str, typename: str) -> None:
+        self._session = node.session
+        self._name = name
+        self._response_type = f"{typename}_Response"
+        self._key = wire.data_key(node.domain_id, name, typename)
+        self._token, self._gid = node.declare_endpoint("SC", name, typename, wire.DEFAULT)
+        self._sequence = itertools.count(1)
+        self._servers: set[str] = set()
+        self._servers_changed = threading.Condition()
+        self._watch = node.session.liveliness().declare_subscriber(
+            wire.servers_expression(node.domain_id, name, typename), self._on_server, history=True
+        )
+
+    def _on_server(self, sample: zenoh.Sample) -> None:
+        with self._servers_changed:
+            if sample.kind == zenoh.SampleKind.PUT:
+                self._servers.add(str(sample.key_expr))
+            else:
+                self._servers.discard(str(sample.key_expr))
+            self._servers_changed.notify_all()
+
+    def wait_for_server(self, timeout_s: float) -> bool:
+        """True as soon as a server is there; False after `timeout_s` wall seconds without one."""
+        with self._servers_changed:
+            return self._servers_changed.wait_for(lambda: bool(self._servers), timeout_s)
+
+    def call(self, request: Any, timeout_s: float = 5.0) -> Any:
+        """Response to `request`.
+
+        Raises ServiceUnavailable (at once, no server), ServiceTimeout (after `timeout_s` wall seconds),
+        ServiceFailed (the server's own error), MalformedMessage.
+        """
+        attachment = wire.Attachment(next(self._sequence), time.time_ns(), self._gid)
+        started_s = time.monotonic()
+        replies = self._session.get(
+            self._key,
+            target=zenoh.QueryTarget.ALL_COMPLETE,
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=timeout_s,
+            payload=types.serialize(request),
+            attachment=attachment.encode(),
+        )
+        failure: bytes | None = None
+        for reply in replies:
+            if reply.ok is not None:
+                return types.deserialize(reply.ok.payload.to_bytes(), self._response_type)
+            failure = reply.err.payload.to_bytes() if reply.err is not None else b""
+        if time.monotonic() - started_s >= timeout_s - _TIMEOUT_MARGIN_S:
+            raise ServiceTimeout(f"no response from {self._name}", service=self._name, timeout_s=timeout_s)
+        if failure is None:
+            raise ServiceUnavailable(f"no server for {self._name}", service=self._name)
+        raise _service_failed(self._name, failure)
+
+    def close(self) -> None:
+        self._watch.undeclare()
+        self._token.undeclare()
+
+
+def _service_failed(name: str, payload: bytes) -> ServiceFailed:
+    """The server's error, as our servers (JSON) or foreign ones (any text) send it."""
+    try:
+        error = json.loads(payload)
+        return ServiceFailed(error["message"], service=name, remote_code=error["code"], **error["details"])
+    except (ValueError, KeyError, TypeError):
+        return ServiceFailed(payload.decode(errors="replace"), service=name, remote_code="unknown")

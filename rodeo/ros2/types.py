@@ -1,0 +1,221 @@
+"""Message classes, CDR, RIHS01 type hashes and MCAP schema texts of every ROS 2 interface in use.
+
+The base is the rosbags type store for ROS 2 Jazzy; `interfaces.py` adds what it lacks. Messages are the
+rosbags dataclasses: sequences of numbers are numpy arrays, nested messages are dataclasses.
+
+    Twist = msg("geometry_msgs/msg/Twist")
+    command = new("geometry_msgs/msg/Twist")          # all zero
+    cdr = serialize(command)
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.serde import SerdeError
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from rodeo.ros2.errors import MalformedMessage, UnknownType
+from rodeo.ros2.interfaces import ACTIONS, MESSAGES, SERVICES
+
+_SEPARATOR = "=" * 80
+_DUMMY_FIELD = "structure_needs_at_least_one_member"
+"""rosidl gives empty structures this uint8; it is on the wire but in no definition text."""
+
+
+def _parse(typename: str, text: str) -> dict[str, Any]:
+    """Field definitions of one structure under its full name (package/kind/Name)."""
+    package, _, name = typename.split("/")
+    (definition,) = get_types_from_msg(text.strip() + "\n", f"{package}/msg/{name}").values()
+    return {typename: definition}
+
+
+def _service_structures(typename: str, request: str, response: str) -> dict[str, Any]:
+    """Request, response, event and the service itself, the way rosidl derives them from a .srv."""
+    return (
+        _parse(f"{typename}_Request", request)
+        | _parse(f"{typename}_Response", response)
+        | _service_description(typename)
+    )
+
+
+def _service_description(typename: str) -> dict[str, Any]:
+    request, response, event = (f"{typename}_{part}" for part in ("Request", "Response", "Event"))
+    name, sequence = Nodetype.NAME, Nodetype.SEQUENCE
+    return {
+        event: (
+            [],
+            [
+                ("info", (name, "service_msgs/msg/ServiceEventInfo")),
+                ("request", (sequence, ((name, request), 1))),
+                ("response", (sequence, ((name, response), 1))),
+            ],
+        ),
+        typename: (
+            [],
+            [
+                ("request_message", (name, request)),
+                ("response_message", (name, response)),
+                ("event_message", (name, event)),
+            ],
+        ),
+    }
+
+
+def _action_structures(typename: str, text: str) -> dict[str, Any]:
+    """Everything rosidl derives from an .action: goal, result, feedback and the two services."""
+    goal, result, feedback = text.split("---\n")
+    base, name = Nodetype.BASE, Nodetype.NAME
+    goal_id = ("goal_id", (name, "unique_identifier_msgs/msg/UUID"))
+    return (
+        _parse(f"{typename}_Goal", goal)
+        | _parse(f"{typename}_Result", result)
+        | _parse(f"{typename}_Feedback", feedback)
+        | {
+            f"{typename}_SendGoal_Request": ([], [goal_id, ("goal", (name, f"{typename}_Goal"))]),
+            f"{typename}_SendGoal_Response": (
+                [],
+                [("accepted", (base, ("bool", 0))), ("stamp", (name, "builtin_interfaces/msg/Time"))],
+            ),
+            f"{typename}_GetResult_Request": ([], [goal_id]),
+            f"{typename}_GetResult_Response": (
+                [],
+                [("status", (base, ("int8", 0))), ("result", (name, f"{typename}_Result"))],
+            ),
+            f"{typename}_FeedbackMessage": ([], [goal_id, ("feedback", (name, f"{typename}_Feedback"))]),
+        }
+        | _service_description(f"{typename}_SendGoal")
+        | _service_description(f"{typename}_GetResult")
+    )
+
+
+def _char_as_uint8(descriptor: Any) -> Any:
+    """rosidl maps `char` to uint8 before hashing; rosbags keeps it, which spoils every service hash."""
+    if isinstance(descriptor, tuple):
+        return tuple(_char_as_uint8(part) for part in descriptor)
+    return "uint8" if descriptor == "char" else descriptor
+
+
+def _build_store() -> Typestore:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for typename, (constants, fields) in store.fielddefs.items():
+        store.fielddefs[typename] = (constants, [(name, _char_as_uint8(desc)) for name, desc in fields])
+    added: dict[str, Any] = {}
+    for typename, text in MESSAGES.items():
+        added |= _parse(typename, text)
+    for typename, text in SERVICES.items():
+        added |= _service_structures(typename, *text.split("---\n"))
+    for typename, text in ACTIONS.items():
+        added |= _action_structures(typename, text)
+    store.register(added)
+    return store
+
+
+_store = _build_store()
+
+
+def _known(typename: str) -> str:
+    if typename not in _store.fielddefs:
+        raise UnknownType(f"unknown interface type {typename!r}", type=typename)
+    return typename
+
+
+def msg(typename: str) -> type[Any]:
+    """Class of a message type. Raises UnknownType."""
+    return _store.types[_known(typename)]
+
+
+def new(typename: str, **fields: Any) -> Any:
+    """A message with the given fields; all others are zero, empty or false. Raises UnknownType."""
+    definitions = dict(_store.fielddefs[_known(typename)][1])
+    unknown = fields.keys() - definitions.keys()
+    if unknown:
+        raise UnknownType(f"{typename} has no field {sorted(unknown)}", type=typename, fields=sorted(unknown))
+    return msg(typename)(
+        **{name: fields[name] if name in fields else _zero(desc) for name, desc in definitions.items()}
+    )
+
+
+def _zero(descriptor: Any) -> Any:
+    kind, detail = descriptor
+    if kind == Nodetype.NAME:
+        return new(detail)
+    if kind == Nodetype.BASE:
+        return {"string": "", "bool": False}.get(detail[0], 0.0 if detail[0].startswith("float") else 0)
+    (element_kind, element), count = detail
+    length = count if kind == Nodetype.ARRAY else 0
+    if element_kind == Nodetype.BASE and element[0] != "string":
+        return np.zeros(length, {"byte": "uint8"}.get(element[0], element[0]))
+    return [_zero((element_kind, element)) for _ in range(length)]
+
+
+def serialize(message: Any) -> bytes:
+    """CDR (little endian, with encapsulation header) of a message made by `msg` or `new`."""
+    return bytes(_store.serialize_cdr(message, message.__msgtype__))
+
+
+def deserialize(cdr: bytes, typename: str) -> Any:
+    """Message from CDR. Raises UnknownType, MalformedMessage."""
+    try:
+        return _store.deserialize_cdr(cdr, _known(typename))
+    except (SerdeError, IndexError, AssertionError) as error:
+        raise MalformedMessage(f"not a {typename}: {error}", type=typename, length_bytes=len(cdr)) from error
+
+
+@cache
+def type_hash(typename: str) -> str:
+    """RIHS01 hash (REP-2016) of a message, service or derived action structure. Raises UnknownType."""
+    return _store.hash_rihs01(_known(typename))
+
+
+def dds_type(typename: str) -> str:
+    """`std_msgs/msg/String` -> `std_msgs::msg::dds_::String_`, the type name in keys."""
+    package, kind, name = typename.split("/")
+    return f"{package}::{kind}::dds_::{name}_"
+
+
+@cache
+def schema_text(typename: str) -> str:
+    """Concatenated definitions in MCAP's `ros2msg` encoding. Raises UnknownType."""
+    definitions: dict[str, str] = {}
+
+    def collect(name: str) -> None:
+        if name in definitions:
+            return
+        definitions[name] = ""
+        constants, fields = _store.fielddefs[_known(name)]
+        lines = [f"{kind} {constant}={value}" for constant, kind, value in constants]
+        for field, descriptor in fields:
+            if field != _DUMMY_FIELD:
+                text, nested = _field_type(descriptor)
+                lines.append(f"{text} {field}")
+                if nested:
+                    collect(nested)
+        definitions[name] = "\n".join(lines) + "\n"
+
+    collect(typename)
+    head = definitions.pop(typename)
+    nested = "".join(f"{_SEPARATOR}\nMSG: {_short(name)}\n{text}" for name, text in definitions.items())
+    return head + nested
+
+
+def _short(typename: str) -> str:
+    return typename.replace("/msg/", "/")
+
+
+def _field_type(descriptor: Any) -> tuple[str, str | None]:
+    """Text of a field's type and, for nested messages, the full name of the message."""
+    kind, detail = descriptor
+    if kind == Nodetype.NAME:
+        return _short(detail), detail
+    if kind == Nodetype.BASE:
+        name, limit = detail
+        return (f"{name}<={limit}" if limit else name), None
+    element, count = detail
+    text, nested = _field_type(element)
+    bound = str(count) if kind == Nodetype.ARRAY else f"<={count}" if count else ""
+    return f"{text}[{bound}]", nested

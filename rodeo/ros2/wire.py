@@ -1,0 +1,105 @@
+"""What rmw_zenoh puts on the wire around a message: keys, attachments, liveliness tokens, QoS.
+
+Format: rmw_zenoh's design document (ros2/rmw_zenoh, docs/design.md), branch jazzy.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from typing import Literal
+
+from rodeo.ros2 import types
+from rodeo.ros2.errors import MalformedMessage
+
+EntityKind = Literal["MP", "MS", "SS", "SC"]
+"""Message publisher, message subscriber, service server, service client."""
+
+_ATTACHMENT = struct.Struct("<qqB16s")
+"""Sequence number, source time in ns, length of the gid (always 16), gid: 33 bytes."""
+
+
+@dataclass(frozen=True)
+class QoS:
+    """The quality of service a ROS 2 endpoint offers or asks for."""
+
+    reliability: Literal["reliable", "best_effort"] = "reliable"
+    durability: Literal["volatile", "transient_local"] = "volatile"
+    depth: int = 10
+
+    def encode(self) -> str:
+        """As in liveliness tokens; rmw_zenoh leaves default values empty."""
+        reliability = "2" if self.reliability == "best_effort" else ""
+        durability = "1" if self.durability == "transient_local" else ""
+        return f"{reliability}:{durability}:,{self.depth}:,:,:,,"
+
+
+DEFAULT = QoS()
+SENSOR_DATA = QoS(reliability="best_effort", depth=5)
+LATCHED = QoS(durability="transient_local", depth=1)
+
+
+@dataclass(frozen=True, slots=True)
+class Attachment:
+    """Travels beside each message, request and response."""
+
+    sequence: int
+    source_time_ns: int
+    gid: bytes
+
+    def encode(self) -> bytes:
+        return _ATTACHMENT.pack(self.sequence, self.source_time_ns, 16, self.gid)
+
+    @classmethod
+    def decode(cls, data: bytes) -> Attachment:
+        """Raises MalformedMessage."""
+        if len(data) != _ATTACHMENT.size or data[16] != 16:
+            raise MalformedMessage("not an rmw_zenoh attachment", length_bytes=len(data))
+        sequence, source_time_ns, _, gid = _ATTACHMENT.unpack(data)
+        return cls(sequence, source_time_ns, gid)
+
+
+def data_key(domain_id: int, name: str, typename: str) -> str:
+    """Key of a topic or service; `name` is fully qualified, its leading slash optional."""
+    return f"{domain_id}/{name.strip('/')}/{types.dds_type(typename)}/{types.type_hash(typename)}"
+
+
+def _mangle(name: str) -> str:
+    return name.replace("/", "%") or "%"
+
+
+def node_token(domain_id: int, session_id: str, node_id: int, namespace: str, name: str) -> str:
+    """Liveliness token that makes a node visible in the ROS graph."""
+    return f"@ros2_lv/{domain_id}/{session_id}/{node_id}/{node_id}/NN/%/{_namespace(namespace)}/{name}"
+
+
+def endpoint_token(
+    domain_id: int,
+    session_id: str,
+    node_id: int,
+    entity_id: int,
+    kind: EntityKind,
+    namespace: str,
+    node: str,
+    name: str,
+    typename: str,
+    qos: QoS,
+) -> str:
+    """Liveliness token of a publisher, subscriber, service or client."""
+    return (
+        f"@ros2_lv/{domain_id}/{session_id}/{node_id}/{entity_id}/{kind}/%/{_namespace(namespace)}/{node}/"
+        f"{_mangle('/' + name.strip('/'))}/{types.dds_type(typename)}/{types.type_hash(typename)}"
+        f"/{qos.encode()}"
+    )
+
+
+def servers_expression(domain_id: int, name: str, typename: str) -> str:
+    """Key expression that matches the liveliness tokens of every server of a service."""
+    return (
+        f"@ros2_lv/{domain_id}/*/*/*/SS/*/*/*/"
+        f"{_mangle('/' + name.strip('/'))}/{types.dds_type(typename)}/{types.type_hash(typename)}/*"
+    )
+
+
+def _namespace(namespace: str) -> str:
+    return _mangle(f"/{namespace.strip('/')}" if namespace.strip("/") else "")

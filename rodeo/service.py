@@ -1,0 +1,308 @@
+"""What every process does the same way: one instance, signals, logs, bus, clock, heartbeat, readiness."""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import faulthandler
+import fcntl
+import logging
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import zenoh
+from eth_account.signers.local import LocalAccount
+
+from rodeo import wallets
+from rodeo.bus import Bus, Request
+from rodeo.clock import Clock, SimClock, WallClock
+from rodeo.config import Site
+from rodeo.errors import (
+    AlreadyRunning,
+    BusUnavailable,
+    ClockUnavailable,
+    Interrupted,
+    KeystoreMissing,
+    RodeoError,
+)
+from rodeo.messages import Status
+
+log = logging.getLogger(__name__)
+
+HEARTBEAT_S = 1.0
+
+
+class Service:
+    """A process of the organization, from the lock on its data to its last heartbeat.
+
+    >>> with Service("oracle", site) as service:
+    ...     service.wait_clock()
+    ...     service.ready()
+    ...     service.stop.wait()
+
+    `data_dir` is the process's own folder: what must survive a restart lives there. `session` stands in
+    for a client session of our own (the router has one). Entering raises AlreadyRunning when another
+    instance holds the folder, and BusUnavailable when stopped before a router was there.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        site: Site,
+        stop: threading.Event | None = None,
+        session: zenoh.Session | None = None,
+    ) -> None:
+        self.name = name
+        self.site = site
+        self.stop = stop or threading.Event()
+        self.data_dir: Path = site.data_dir / name
+        self._session = session
+        self.bus: Bus
+        self.clock: Clock
+        self._started_s = time.time()
+        self._ready = False
+        self._reason = "starting"
+        self._activity = "starting"
+        self._progress: float | None = None
+        self._details: dict[str, Any] = {}
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> Self:
+        self._instance = lock_instance(self.data_dir)
+        self.bus = Bus(self._session) if self._session else Bus.open(self.site.bus.router, self.stop)
+        self.clock = (
+            WallClock()
+            if self.site.clock.source == "wall"
+            else SimClock(self.bus.session, self.site.bus.domain_id)
+        )
+        key = f"rodeo/{self.site.org}/status/{self.name}"
+        self._alive = self.bus.session.liveliness().declare_token(f"rodeo/{self.site.org}/alive/{self.name}")
+        self._queryable = self.bus.serve(key, self._serve_status)
+        self._heartbeat = threading.Thread(target=self._beat, args=(key,), name="heartbeat", daemon=True)
+        self._heartbeat.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.stop.set()
+        self._heartbeat.join(timeout=2 * HEARTBEAT_S)
+        self.bus.close()
+        os.close(self._instance)
+
+    # -- readiness and progress ------------------------------------------------------------------------
+
+    def wait_clock(self) -> None:
+        """Block until there is a site time. Raises ClockUnavailable when stopped before."""
+        if isinstance(self.clock, SimClock):
+            self.not_ready("waiting for /clock")
+            if not self.clock.wait_ready(self.stop):
+                raise ClockUnavailable("stopped while waiting for /clock")
+
+    def wait_account(self, name: str) -> LocalAccount:
+        """Open keystore `name`, waiting until there is one.
+
+        Raises WalletError when it cannot be opened and Interrupted when stopped before.
+        """
+        while not self.stop.is_set():
+            try:
+                return wallets.load(self.site, name)
+            except KeystoreMissing as error:
+                self.not_ready(f"waiting for the keystore {error.details['path']}")
+            self.stop.wait(HEARTBEAT_S)
+        raise Interrupted("stopped while waiting for a keystore", name=name)
+
+    def ready(self) -> None:
+        with self._lock:
+            if not self._ready:
+                log.info("ready")
+            self._ready, self._reason = True, ""
+            if self._activity == "starting":
+                self._activity = "idle"
+
+    def not_ready(self, reason: str) -> None:
+        with self._lock:
+            if self._ready or self._reason != reason:
+                log.info("not ready: %s", reason)
+            self._ready, self._reason = False, reason
+
+    def activity(self, text: str, progress: float | None = None, **details: Any) -> None:
+        """Say what the process is doing, for the terminal and the console."""
+        with self._lock:
+            if text != self._activity:
+                log.info("%s", text)
+            self._activity, self._progress, self._details = text, progress, details
+        self._publish_status()
+
+    def status(self) -> Status:
+        with self._lock:
+            return Status(
+                process=self.name,
+                pid=os.getpid(),
+                ready=self._ready,
+                reason=self._reason,
+                activity=self._activity,
+                progress=self._progress,
+                since_s=self._started_s,
+                time_s=time.time(),
+                details=self._details,
+            )
+
+    def _serve_status(self, _request: Request) -> dict[str, Any]:
+        return self.status().model_dump()
+
+    def _publish_status(self) -> None:
+        self.bus.put_json(f"rodeo/{self.site.org}/status/{self.name}", self.status())
+
+    def _beat(self, key: str) -> None:
+        while not self.stop.wait(HEARTBEAT_S):
+            self.bus.put_json(key, self.status())
+
+
+def lock_instance(data_dir: Path) -> int:
+    """Hold `data_dir` for this process alone; the kernel lets go of it however the process ends.
+
+    Returns the descriptor that holds the lock. Raises AlreadyRunning.
+    """
+    data_dir.mkdir(parents=True, exist_ok=True)
+    path = data_dir / "lock"
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        pid = os.read(descriptor, 32).decode().strip()
+        os.close(descriptor)
+        raise AlreadyRunning(
+            f"{data_dir.name} is already running on this site as process {pid}", data_dir=str(data_dir)
+        ) from error
+    os.ftruncate(descriptor, 0)
+    os.write(descriptor, str(os.getpid()).encode())
+    return descriptor
+
+
+def lock_holder(data_dir: Path) -> int | None:
+    """The process that holds `data_dir`, or None."""
+    try:
+        descriptor = os.open(data_dir / "lock", os.O_RDONLY)
+    except FileNotFoundError:
+        return None
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return int(os.read(descriptor, 32) or 0) or None
+    else:
+        return None
+    finally:
+        os.close(descriptor)
+
+
+def main(name: str, run: Callable[[Site, threading.Event], None], description: str) -> int:
+    """The body of every `__main__.py`: arguments -> site -> `run(site, stop)`; returns the exit status."""
+    parser = argparse.ArgumentParser(prog=name, description=description)
+    parser.add_argument("--site", type=Path, required=True, help="site file (TOML)")
+    arguments = parser.parse_args()
+    return supervise(name, lambda stop: run(Site.load(arguments.site), stop))
+
+
+PARENT_VARIABLE = "RODEO_PARENT"
+"""Set by a launcher to its own process id: the process then ends when that one does, however it ends."""
+
+_PR_SET_PDEATHSIG = 1
+"""prctl(2) option: the signal that the kernel sends when the parent dies."""
+
+
+def die_with(parent: int, number: signal.Signals) -> None:
+    """Have the kernel send this process `number` when its parent, process `parent`, ends."""
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, number)
+    if os.getppid() != parent:  # it died before prctl took effect
+        os.kill(os.getpid(), number)
+
+
+def _die_with_parent() -> None:
+    parent = os.environ.get(PARENT_VARIABLE)
+    if parent is not None:
+        die_with(int(parent), signal.SIGTERM)
+
+
+STOP_S = 6.0
+"""Wall time that a process has for its end; a launcher kills one that takes much longer."""
+
+
+def supervise(name: str, body: Callable[[threading.Event], None], stop_s: float = STOP_S) -> int:
+    """Run `body(stop)` with logging and signals set up; returns the process's exit status.
+
+    0 when it ended or was asked to stop, 1 with the reason in the log when it failed. A process that was
+    asked to stop is gone `stop_s` later, whatever it still waits for.
+    """
+    faulthandler.enable()
+    logging.basicConfig(
+        level=os.environ.get("RODEO_LOG", "INFO"), format=f"%(asctime)s %(levelname)-7s {name}: %(message)s"
+    )
+    for chatty in ("httpx", "urllib3", "web3", "asyncio"):
+        logging.getLogger(chatty).setLevel(logging.WARNING)
+    _die_with_parent()
+    stop = threading.Event()
+    status = [1]
+    ended = 0  # no signal has this number
+    # The body runs in a thread of its own and the main thread does nothing but listen for signals. Python
+    # handles a signal in the main thread once that wakes up: just before a wait without time-out it would
+    # never be seen, and in CPython 3.11 one that interrupts SimpleQueue.get(timeout) can turn the rest of
+    # the time-out negative, which waits for ever. The wake-up descriptor is written by the C handler itself.
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    signal.set_wakeup_fd(writer)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda _number, _frame: None)
+
+    def work() -> None:
+        try:
+            status[0] = _guarded(body, stop)
+        finally:
+            os.write(writer, bytes([ended]))
+
+    worker = threading.Thread(target=work, name=name)
+    worker.start()
+    while (received := os.read(reader, 1)[0]) != ended:
+        log.info("stopping on %s", signal.Signals(received).name)
+        if not stop.is_set():
+            stop.set()
+            last = threading.Timer(stop_s, _leave, (stop_s,))
+            last.daemon = True
+            last.start()
+    worker.join()
+    return status[0]
+
+
+def _leave(waited_s: float) -> None:
+    """End the process here and now. What must survive a SIGKILL survives this too.
+
+    Closing a Zenoh session waits 10 s for a router that takes nothing, as one does that is stopping itself.
+    """
+    log.warning(
+        "leaving what does not end within %.1f s: the bus may not have got all that was sent", waited_s
+    )
+    logging.shutdown()
+    os._exit(0)
+
+
+def _guarded(body: Callable[[threading.Event], None], stop: threading.Event) -> int:
+    try:
+        body(stop)
+    except (BusUnavailable, ClockUnavailable, Interrupted) as error:
+        if stop.is_set():
+            return 0
+        log.error("%s", error)
+        return 1
+    except RodeoError as error:
+        log.error("%s: %s", error.code, error)
+        return 1
+    except Exception:
+        log.exception("failed")
+        return 1
+    return 0

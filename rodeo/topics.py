@@ -1,0 +1,204 @@
+"""The table of every key on the bus. Code, documentation, access rules and the recorder are made from it.
+
+`{ns}` is a robot's namespace, `{body}` a body that the motion capture tracks, `{bin}`, `{compartment}` and
+`{dock}` name furniture, `{org}` the organization, `{participant}`, `{command}`, `{event}`, `{process}` what
+they say. Robot-plane names become Zenoh keys by `rodeo.ros2`; DAO-plane names are Zenoh keys as they are.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Plane(StrEnum):
+    ROBOT = "robot"
+    DAO = "dao"
+
+
+class Form(StrEnum):
+    """How a key is used, in ROS 2's and Zenoh's terms."""
+
+    TOPIC = "topic"
+    SERVICE = "service"
+    ACTION = "action"
+    QUERY = "query"
+
+
+@dataclass(frozen=True)
+class Topic:
+    key: str
+    """Template of the name."""
+    type: str
+    """ROS 2 type on the robot plane, model in `rodeo.messages` (or prose) on the DAO plane."""
+    form: Form
+    plane: Plane
+    rate_hz: float | None
+    """Nominal rate in site time; None for on demand."""
+    writer: str
+    """The process that publishes a topic or serves a service, action or query."""
+    recorded: bool = False
+    """Part of a proof."""
+    meaning: str = ""
+
+    def name(self, **names: str) -> str:
+        return self.key.format(**names)
+
+
+def _topic(key: str, type: str, rate_hz: float | None, writer: str, recorded: bool, meaning: str) -> Topic:
+    return Topic(key, type, Form.TOPIC, Plane.ROBOT, rate_hz, writer, recorded, meaning)
+
+
+def _dao(key: str, type: str, form: Form, writer: str, meaning: str, rate_hz: float | None = None) -> Topic:
+    return Topic(key, type, form, Plane.DAO, rate_hz, writer, False, meaning)
+
+
+# -- robot plane: what any robot offers ----------------------------------------------------------------
+
+CLOCK = _topic("clock", "rosgraph_msgs/msg/Clock", 50, "robot_sim", False, "simulated time")
+ODOM = _topic("{ns}/odom", "nav_msgs/msg/Odometry", 50, "robot_sim", True, "wheel odometry of the base")
+JOINT_STATES = _topic(
+    "{ns}/joint_states", "sensor_msgs/msg/JointState", 50, "robot_sim", True, "arm, fingers and wheels"
+)
+BATTERY_STATE = _topic(
+    "{ns}/battery_state", "sensor_msgs/msg/BatteryState", 1, "robot_sim", True, "the robot's battery"
+)
+CMD_VEL = _topic(
+    "{ns}/cmd_vel", "geometry_msgs/msg/Twist", None, "robot_agent", False, "base velocity command"
+)
+NAVIGATE_TO_POSE = Topic(
+    "{ns}/navigate_to_pose",
+    "nav2_msgs/action/NavigateToPose",
+    Form.ACTION,
+    Plane.ROBOT,
+    None,
+    "robot_sim",
+    meaning="drive the base to a pose in the map frame, around what stands in the way",
+)
+FOLLOW_JOINT_TRAJECTORY = Topic(
+    "{ns}/arm_controller/follow_joint_trajectory",
+    "control_msgs/action/FollowJointTrajectory",
+    Form.ACTION,
+    Plane.ROBOT,
+    None,
+    "robot_sim",
+    meaning="move the arm along a joint trajectory",
+)
+GRIPPER_CMD = Topic(
+    "{ns}/gripper_controller/gripper_cmd",
+    "control_msgs/action/GripperCommand",
+    Form.ACTION,
+    Plane.ROBOT,
+    None,
+    "robot_sim",
+    meaning="open or close the fingers",
+)
+
+# -- robot plane: what the lab itself offers ------------------------------------------------------------
+
+MOCAP_POSE = _topic(
+    "mocap/{body}/pose", "geometry_msgs/msg/PoseStamped", 50, "robot_sim", True, "motion capture in the map"
+)
+BIN_PRESENCE = _topic(
+    "{bin}/presence", "sensor_msgs/msg/Range", 10, "robot_sim", False, "distance to what is shown to the bin"
+)
+BIN_LOAD = _topic(
+    "{bin}/{compartment}/load",
+    "geometry_msgs/msg/WrenchStamped",
+    10,
+    "robot_sim",
+    True,
+    "weight in it",
+)
+BIN_IMAGE = _topic(
+    "{bin}/camera/image/compressed",
+    "sensor_msgs/msg/CompressedImage",
+    None,
+    "robot_sim",
+    False,
+    "a frame of the bin's camera, one per capture",
+)
+BIN_CAPTURE = Topic(
+    "{bin}/camera/capture",
+    "std_srvs/srv/Trigger",
+    Form.SERVICE,
+    Plane.ROBOT,
+    None,
+    "robot_sim",
+    meaning="software trigger of the bin's camera",
+)
+DOCK_OUTPUT = _topic(
+    "{dock}/output",
+    "sensor_msgs/msg/BatteryState",
+    1,
+    "robot_sim",
+    True,
+    "V and A at the contacts",
+)
+DOCK_ENABLE = Topic(
+    "{dock}/enable",
+    "std_srvs/srv/SetBool",
+    Form.SERVICE,
+    Plane.ROBOT,
+    None,
+    "robot_sim",
+    meaning="close or open the dock's contactor",
+)
+
+# -- DAO plane ------------------------------------------------------------------------------------------
+
+COMMAND = _dao(
+    "rodeo/{org}/wallet/{participant}/{command}",
+    "Command",
+    Form.QUERY,
+    "bridge",
+    "a signed transaction",
+)
+STATE = _dao("rodeo/{org}/state/{what}", "per query", Form.QUERY, "bridge", "the index of the chain")
+EVENT = _dao("rodeo/{org}/event/{event}", "DaoEvent", Form.TOPIC, "bridge", "a contract event in order")
+CLASSIFICATION = _dao(
+    "rodeo/{org}/itrash/{bin}/classification", "Attestation", Form.TOPIC, "itrash", "what the bin was shown"
+)
+DISPOSAL = _dao(
+    "rodeo/{org}/itrash/{bin}/disposal",
+    "Attestation",
+    Form.TOPIC,
+    "itrash",
+    "what fell where",
+)
+BIN_STATE = _dao("rodeo/{org}/itrash/{bin}/state", "BinState", Form.QUERY, "itrash", "its last attestations")
+STATUS = _dao("rodeo/{org}/status/{process}", "Status", Form.TOPIC, "every process", "heartbeat", 1)
+ALIVE = _dao("rodeo/{org}/alive/{process}", "liveliness token", Form.TOPIC, "every process", "who is there")
+
+TOPICS: tuple[Topic, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Topic))
+
+
+def markdown() -> str:
+    """The table as a page (docs/keys.md is this text): `python -m rodeo.topics > docs/keys.md`."""
+    lines = [
+        "# Keys on the bus",
+        "",
+        "Made from `rodeo/topics.py` by `python -m rodeo.topics`; a test keeps the two equal.",
+        "",
+    ]
+    for plane, text in _PLANES.items():
+        lines += [f"## {text}", "", "| key | type | form | rate (Hz) | writer | recorded | what |"]
+        lines += ["|---|---|---|---|---|---|---|"]
+        for topic in TOPICS:
+            if topic.plane is plane:
+                rate = "on demand" if topic.rate_hz is None else f"{topic.rate_hz:g}"
+                recorded = "yes" if topic.recorded else ""
+                cells = [f"`{topic.key}`", f"`{topic.type}`", topic.form, rate, topic.writer, recorded]
+                lines.append(f"| {' | '.join(cells)} | {topic.meaning} |")
+        lines.append("")
+    return "\n".join(lines)
+
+
+_PLANES = {
+    Plane.ROBOT: "Robot plane: ROS 2 as rmw_zenoh writes it",
+    Plane.DAO: "DAO plane: JSON",
+}
+
+if __name__ == "__main__":
+    sys.stdout.write(markdown())

@@ -1,0 +1,103 @@
+"""Encrypted keystores: who holds which key, and how a process opens its own.
+
+Keystores are Web3 Secret Storage files (`<data_dir>/keys/<name>.json`). The passphrase comes from
+`RODEO_KEYSTORE_PASSPHRASE`, or from the file `<data_dir>/keys/passphrase` that `ensure_wallets` writes
+(mode 0600) beside keystores it makes for a local chain. Keys are never on the bus.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import secrets
+from collections.abc import Iterable
+from pathlib import Path
+
+from eth_account import Account
+from eth_account.signers.local import LocalAccount
+from eth_utils import to_checksum_address
+
+from rodeo.config import Site
+from rodeo.errors import KeystoreMissing, WalletError
+
+PASSPHRASE_VARIABLE = "RODEO_KEYSTORE_PASSPHRASE"
+
+_SCRYPT_N = 1 << 14
+"""Work factor of the keystores made here: a quarter of a second would not protect a throw-away key more."""
+
+
+def wallet_names(site: Site) -> list[str]:
+    """Participants with a wallet on chain: the organization's operator, the robots, the oracle."""
+    return ["organization", *(robot.name for robot in site.robots), "oracle"]
+
+
+def device_names(site: Site) -> dict[str, str]:
+    """Device keys, which sign evidence and own nothing: name -> role on chain."""
+    robots = {f"{robot.name}-device": "robot" for robot in site.robots}
+    return {**robots, f"{site.bin.name}-device": "bin", "meter-device": "meter"}
+
+
+def keystore_path(site: Site, name: str) -> Path:
+    return site.data_dir / "keys" / f"{name}.json"
+
+
+def address(site: Site, name: str) -> str:
+    """The checksummed address of keystore `name`, without opening it. Raises WalletError."""
+    return to_checksum_address(str(_read(keystore_path(site, name), name)["address"]))
+
+
+def load(site: Site, name: str) -> LocalAccount:
+    """Open keystore `name`. Raises KeystoreMissing, or WalletError when the passphrase does not fit."""
+    path = keystore_path(site, name)
+    keystore = _read(path, name)
+    try:
+        return Account.from_key(Account.decrypt(keystore, _passphrase(site)))
+    except ValueError as error:
+        raise WalletError("the passphrase does not open the keystore", name=name, path=str(path)) from error
+
+
+def ensure_wallets(site: Site) -> None:
+    """Make the keystores that are missing, with fresh throw-away keys: for local chains only."""
+    folder = site.data_dir / "keys"
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    if PASSPHRASE_VARIABLE not in os.environ and not (folder / "passphrase").exists():
+        _write_private(folder / "passphrase", secrets.token_urlsafe(24))
+    for name in _missing(site, [*wallet_names(site), *device_names(site)]):
+        keystore = Account.encrypt(
+            Account.create().key, _passphrase(site), kdf="scrypt", iterations=_SCRYPT_N
+        )
+        _write_private(keystore_path(site, name), json.dumps(keystore))
+
+
+def _missing(site: Site, names: Iterable[str]) -> list[str]:
+    return [name for name in names if not keystore_path(site, name).exists()]
+
+
+def _passphrase(site: Site) -> str:
+    if PASSPHRASE_VARIABLE in os.environ:
+        return os.environ[PASSPHRASE_VARIABLE]
+    path = site.data_dir / "keys" / "passphrase"
+    try:
+        return path.read_text().strip()
+    except OSError as error:
+        raise WalletError(
+            f"no passphrase: set {PASSPHRASE_VARIABLE} or write it to a file", path=str(path)
+        ) from error
+
+
+def _read(path: Path, name: str) -> dict[str, object]:
+    try:
+        return json.loads(path.read_text())
+    except FileNotFoundError as error:
+        raise KeystoreMissing("there is no keystore of this name", name=name, path=str(path)) from error
+    except (OSError, ValueError) as error:
+        raise WalletError("cannot read the keystore", name=name, path=str(path)) from error
+
+
+def _write_private(path: Path, text: str) -> None:
+    # Written beside and renamed, so that a crash leaves no half keystore behind.
+    part = path.with_suffix(".part")
+    descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    with os.fdopen(descriptor, "w") as file:
+        file.write(text)
+    part.replace(path)

@@ -1,0 +1,9 @@
+"""python -m services.bridge --site deploy/sites/lab.toml"""
+
+import sys
+
+from rodeo.service import main
+from services.bridge.service import run
+
+if __name__ == "__main__":
+    sys.exit(main("bridge", run, "Signs, sends and indexes for the site's participants."))

@@ -1,0 +1,23 @@
+"""Amounts as the DAO plane writes them: decimal strings of IEC."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rodeo.chain import Event, from_wei
+
+_AMOUNTS = frozenset({"reward", "price", "paid", "surplus", "refund", "value", "amount"})
+"""Arguments of contract events that are wei of IECoin."""
+
+
+def iec(wei: int) -> str:
+    """Wei as a decimal string of IEC, without exponent."""
+    return f"{from_wei(wei):f}"
+
+
+def event_args(event: Event) -> dict[str, Any]:
+    """The event's arguments for JSON; amounts are named `..._iec`."""
+    return {
+        (f"{name}_iec" if name in _AMOUNTS else name): (iec(value) if name in _AMOUNTS else value)
+        for name, value in event.args().items()
+    }

@@ -1,0 +1,250 @@
+"""What each command checks before it costs anything, what it calls on chain, and who may be named in it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from hashlib import sha256
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from rodeo.bus import validate
+from rodeo.chain import Call, ChainClient, ParticipantCalls, ServiceState, TaskRequest, to_wei
+from rodeo.config import EconomyConfig
+from rodeo.errors import InvalidRequest
+from rodeo.evidence import Store
+from rodeo.messages import (
+    CancelTask,
+    Command,
+    ExpireTask,
+    PostVerdict,
+    RegisterService,
+    RegisterTask,
+    SubmitProof,
+    Transfer,
+    UpdateService,
+)
+from services.bridge.amounts import iec
+from services.bridge.errors import (
+    InsufficientFunds,
+    RequestIdReused,
+    RewardBelowPrice,
+    UnknownCommand,
+    UnknownKind,
+    UnknownService,
+)
+from services.bridge.index import Index
+from services.bridge.journal import Journal
+from services.bridge.names import ORGANIZATION, Names
+from services.bridge.sender import Sender
+
+_UNLIMITED = 2**256 - 1
+
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+"""Not a string or a truth value: parameters go on chain as they came, and their readers count on numbers."""
+
+Name = Annotated[str, Field(min_length=1, max_length=64)]
+
+Share = Annotated[Number, Field(ge=0, le=1)]
+
+MAX_TEXT_BYTES = 16 * 1024
+"""Of parameters and description together: everybody keeps and lists them for ever."""
+
+
+class WasteDisposalParams(BaseModel):
+    """What a waste_disposal task says beyond its reward."""
+
+    model_config = ConfigDict(extra="allow")
+
+    item_id: Name
+    x_m: Number
+    y_m: Number
+
+
+class BatteryChargingParams(BaseModel):
+    """What a battery_charging task says beyond its reward."""
+
+    model_config = ConfigDict(extra="allow")
+
+    robot: Name
+    dock: Name
+    soc_from: Share
+    soc_target: Share
+
+
+KIND_PARAMS: dict[str, type[BaseModel]] = {
+    "waste_disposal": WasteDisposalParams,
+    "battery_charging": BatteryChargingParams,
+}
+"""Kinds whose parameters have a schema; those of other kinds are the participants' own affair."""
+
+
+@dataclass
+class Wallet:
+    """A participant's commands. Used by one thread, the participant's own."""
+
+    participant: str
+    address: str
+    """Who creates, executes and pays on chain."""
+    client: ChainClient
+    calls: ParticipantCalls
+    """Direct, or through the Organization contract."""
+    sender: Sender
+    journal: Journal
+    index: Index
+    names: Names
+    store: Store
+    economy: EconomyConfig
+
+    def execute(self, name: str, data: dict[str, Any]) -> dict[str, Any]:
+        """Carry out the command `name`; its reply once mined.
+
+        The same `request_id` again gives the same reply. Raises RequestError before anything was sent, and
+        what `Sender.send` raises.
+        """
+        if name not in _COMMANDS:
+            raise UnknownCommand("no such command", command=name, known=sorted(_COMMANDS))
+        model, build = _COMMANDS[name]
+        command = validate(model, data)
+        content_sha256 = _content_sha256(name, command)
+        self.sender.recover()
+        if command.request_id is not None:
+            entry = self.journal.find(self.participant, command.request_id)
+            if entry is not None:
+                if entry.content_sha256 != content_sha256:
+                    raise RequestIdReused(
+                        "this request_id was used for another request", request_id=command.request_id
+                    )
+                return self.sender.finish(entry)
+        return self.sender.send(name, build(self, command), command.request_id, content_sha256)
+
+    # -- what each command becomes -------------------------------------------------------------------------
+
+    def _register_task(self, command: RegisterTask) -> Call:
+        self._require_kind(command.kind)
+        if command.kind in KIND_PARAMS:
+            validate(KIND_PARAMS[command.kind], command.params)
+        text = json.dumps(
+            {"description": command.description, "params": command.params}, separators=(",", ":")
+        )
+        if len(text) > MAX_TEXT_BYTES:
+            raise InvalidRequest(
+                "parameters and description are too long", bytes=len(text), limit=MAX_TEXT_BYTES
+            )
+        reward = to_wei(command.reward_iec)
+        if not command.allow_wait:
+            self._require_affordable_service(command.kind, reward)
+        self._require_funds(reward)
+        self._require_allowance(reward)
+        is_charging = command.kind == "battery_charging"
+        window_s = self.economy.charging_window_s if is_charging else self.economy.cleaning_window_s
+        return self.calls.register_task(
+            TaskRequest(
+                kind=command.kind,
+                reward=reward,
+                execution_window=command.execution_window_s or window_s,
+                verdict_window=command.verdict_window_s or self.economy.verdict_window_s,
+                max_attempts=command.max_attempts or self.economy.max_attempts,
+                params=text,
+            )
+        )
+
+    def _cancel_task(self, command: CancelTask) -> Call:
+        return self.calls.cancel_task(command.task_id)
+
+    def _submit_proof(self, command: SubmitProof) -> Call:
+        uri = self.store.check(command.proof_uri)
+        return self.calls.submit_proof(command.task_id, command.attempt, _bytes32(command.proof_sha256), uri)
+
+    def _post_verdict(self, command: PostVerdict) -> Call:
+        return self.client.calls.post_verdict(
+            command.task_id,
+            command.attempt,
+            _bytes32(command.proof_sha256),
+            command.accepted,
+            _bytes32(command.report_sha256),
+            command.report_uri,
+            command.reason,
+        )
+
+    def _expire_task(self, command: ExpireTask) -> Call:
+        return self.client.calls.expire_task(command.task_id)
+
+    def _register_service(self, command: RegisterService) -> Call:
+        self._require_kind(command.kind)
+        return self.calls.register_service(command.kind, to_wei(command.price_iec), command.description)
+
+    def _update_service(self, command: UpdateService) -> Call:
+        service = self.index.service(command.service_id)
+        if service is None:
+            raise UnknownService("no such service", service_id=command.service_id)
+        price = service["price"] if command.price_iec is None else to_wei(command.price_iec)
+        state = ServiceState[(command.state or service["state"]).upper()]
+        return self.calls.update_service(command.service_id, price, state)
+
+    def _transfer(self, command: Transfer) -> Call:
+        amount = to_wei(command.amount_iec)
+        to = self.names.address(command.to)
+        self._require_funds(amount)
+        return self.calls.transfer(to, amount)
+
+    # -- checks --------------------------------------------------------------------------------------------
+
+    def _require_kind(self, kind: str) -> None:
+        if not self.client.is_kind_allowed(kind):
+            raise UnknownKind(
+                "the organization does not accept this kind", kind=kind, known=self.index.kinds()
+            )
+
+    def _require_affordable_service(self, kind: str, reward: int) -> None:
+        prices = self.index.active_prices(kind)
+        if prices and min(prices) > reward:
+            raise RewardBelowPrice(
+                "every service of this kind costs more; allow_wait queues the task anyway",
+                kind=kind,
+                reward_iec=iec(reward),
+                lowest_price_iec=iec(min(prices)),
+            )
+
+    def _require_funds(self, needed: int) -> None:
+        balance = self.client.balance(self.address)
+        if balance < needed:
+            raise InsufficientFunds(
+                "the wallet has less than this needs",
+                participant=self.participant,
+                balance_iec=iec(balance),
+                needed_iec=iec(needed),
+            )
+
+    def _require_allowance(self, needed: int) -> None:
+        """Let the TaskManager take rewards from this wallet, once and for all."""
+        # The Organization approved it in its constructor.
+        if self.participant == ORGANIZATION:
+            return
+        spender = self.client.task_manager
+        if self.client.allowance(self.address, spender) < needed:
+            self.sender.send("approve", self.client.calls.approve(spender, _UNLIMITED))
+
+
+_COMMANDS: dict[str, tuple[type[Command], Callable[[Wallet, Any], Call]]] = {
+    "register_task": (RegisterTask, Wallet._register_task),
+    "cancel_task": (CancelTask, Wallet._cancel_task),
+    "submit_proof": (SubmitProof, Wallet._submit_proof),
+    "post_verdict": (PostVerdict, Wallet._post_verdict),
+    "expire_task": (ExpireTask, Wallet._expire_task),
+    "register_service": (RegisterService, Wallet._register_service),
+    "update_service": (UpdateService, Wallet._update_service),
+    "transfer": (Transfer, Wallet._transfer),
+}
+
+
+def _bytes32(value: str) -> bytes:
+    return bytes.fromhex(value.removeprefix("0x"))
+
+
+def _content_sha256(name: str, command: Command) -> str:
+    content = command.model_dump_json(exclude={"request_id"})
+    return sha256(f"{name} {content}".encode()).hexdigest()

@@ -1,0 +1,76 @@
+"""Errors of the bridge.
+
+    RodeoError
+    ├── RequestError
+    │   ├── UnknownCommand        no such command
+    │   ├── UnknownQuery          no such question
+    │   ├── RequestIdReused       the same request_id with another content
+    │   ├── UnknownKind           the organization does not accept this kind of work
+    │   ├── UnknownTask
+    │   ├── UnknownService
+    │   ├── UnknownParticipant
+    │   ├── InsufficientFunds     the wallet has less than the command needs
+    │   └── RewardBelowPrice      every service on offer costs more
+    ├── BridgeNotReady            no node, no contracts or not caught up yet; `reason` says which
+    ├── IndexUnusable             the index's file is not a database
+    ├── TransactionDropped        the node forgot the transaction and used its nonce for another
+    └── ChainReorganized          blocks that were indexed are not on the chain any more
+
+What contracts refuse arrives as `rodeo.chain.ContractReverted`, under the code of its custom error.
+"""
+
+from __future__ import annotations
+
+from rodeo.errors import RequestError, RodeoError
+
+
+class UnknownCommand(RequestError):
+    """There is no such command."""
+
+
+class UnknownQuery(RequestError):
+    """There is no such question."""
+
+
+class RequestIdReused(RequestError):
+    """The request_id was used before for a request with another content."""
+
+
+class UnknownKind(RequestError):
+    """The organization does not accept this kind of work."""
+
+
+class UnknownTask(RequestError):
+    """No such task was ever registered."""
+
+
+class UnknownService(RequestError):
+    """No such service was ever registered."""
+
+
+class UnknownParticipant(RequestError):
+    """Neither a participant of this site nor an address."""
+
+
+class InsufficientFunds(RequestError):
+    """The wallet has less than the command needs."""
+
+
+class RewardBelowPrice(RequestError):
+    """Every service of this kind costs more than the reward."""
+
+
+class BridgeNotReady(RodeoError):
+    """The bridge cannot answer now; asking again later may help."""
+
+
+class IndexUnusable(RodeoError):
+    """The index's file is not a database. Deleting it is safe: it is rebuilt from the chain."""
+
+
+class TransactionDropped(RodeoError):
+    """The node forgot the transaction and its nonce went to another one. Nothing happened."""
+
+
+class ChainReorganized(RodeoError):
+    """Blocks that were indexed are not on the chain any more."""

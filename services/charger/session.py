@@ -1,0 +1,202 @@
+"""One charging session: a state machine fed with stamped readings. It reads no clock and does no I/O.
+
+    waiting -> closing -> charging -> opening -> ended
+       ^___________________________________|  the robot slipped off the contacts and may come back
+
+The caller moves the contactor as `contactor_wanted` says and reports how it stands; everything is keyed on
+the stamps of the dock's readings, which may come hundreds of times faster than real time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from pydantic import BaseModel
+
+NEARLY_FULL = 0.995
+"""A higher target counts as reached here: a charge comes close to full ever more slowly, and battery gauges
+do not resolve the rest."""
+
+
+class Phase(StrEnum):
+    WAITING = "waiting"
+    """For the robot to stand on the contacts."""
+    CLOSING = "closing"
+    """The contactor was told to close."""
+    CHARGING = "charging"
+    OPENING = "opening"
+    """The contactor was told to open: for good, or until the robot is back."""
+    ENDED = "ended"
+
+
+class End(StrEnum):
+    """Why a session ended. The first three are a full delivery."""
+
+    TARGET_REACHED = "target_reached"
+    FULL = "full"
+    """The current tapered off at the voltage limit."""
+    ENERGY_LIMIT = "energy_limit"
+    ROBOT_LEFT = "robot_left"
+    """It was charging, left the contacts and did not come back."""
+    NO_ROBOT = "no_robot"
+    NO_CURRENT = "no_current"
+    DEADLINE = "deadline"
+    CANCELLED = "cancelled"
+    """The task is no longer assigned to us."""
+    BAD_TASK = "bad_task"
+    """The task names a robot or dock that this charger does not serve."""
+
+
+@dataclass(frozen=True)
+class SessionLimits:
+    """What bounds a session: site values first, times in s of site time."""
+
+    voltage_v: float
+    cutoff_a: float
+    max_energy_wh: float
+    soc_target: float
+    deadline_s: float
+    """By then the contactor opens, to leave time for the proof."""
+    present_s: float = 2.0
+    """A robot stands on the contacts when they report it for so long."""
+    absent_s: float = 3.0
+    """The contactor opens when the contacts were empty for so long."""
+    return_s: float = 120.0
+    """A robot that left may come back within this time; one that was restarted docks anew."""
+    taper_s: float = 30.0
+    """At the voltage limit the current must stay below the cut-off for so long."""
+    no_current_s: float = 120.0
+    reclose_s: float = 10.0
+    """Below the voltage limit, without current for so long, the contactor is told to close again."""
+    voltage_share: float = 0.98
+    """From this share of the voltage limit on, a small current means full rather than a bad contact."""
+
+
+class SessionState(BaseModel):
+    """What survives a restart."""
+
+    phase: Phase = Phase.WAITING
+    end: End | None = None
+    started_s: float | None = None
+    """When the first current was delivered."""
+    ended_s: float | None = None
+    wait_until_s: float
+    """While waiting: when to give up."""
+    soc: float | None = None
+    """Last state of charge that the robot reported, 0..1."""
+
+
+class Session:
+    """The state machine. Not thread-safe: one thread feeds it."""
+
+    def __init__(self, state: SessionState, limits: SessionLimits) -> None:
+        self.state = state
+        self._limits = limits
+        self._present_since_s: float | None = None
+        self._absent_since_s: float | None = None
+        self._small_since_s: float | None = None
+        """Since when the current is below the cut-off."""
+        self._told_s = 0.0
+        """When the contactor was last told to close for want of current."""
+        if state.phase is Phase.CHARGING:
+            # The dock may have opened while we were away; telling it to close once more costs nothing.
+            state.phase = Phase.CLOSING
+
+    @property
+    def contactor_wanted(self) -> bool:
+        """Whether the contactor should be closed now."""
+        return self.state.phase in (Phase.CLOSING, Phase.CHARGING)
+
+    @property
+    def commands_contactor(self) -> bool:
+        """Whether the contactor has to be told: report back with `contactor`."""
+        return self.state.phase in (Phase.CLOSING, Phase.OPENING)
+
+    @property
+    def ended(self) -> bool:
+        return self.state.phase is Phase.ENDED
+
+    def contactor(self, closed: bool, time_s: float) -> None:
+        """The dock confirmed how the contactor stands."""
+        if self.state.phase is Phase.CLOSING and closed:
+            self.state.phase = Phase.CHARGING
+        elif self.state.phase is Phase.OPENING and not closed:
+            if self.state.end is None:
+                self.state.phase = Phase.WAITING
+                self.state.wait_until_s = time_s + self._limits.return_s
+            else:
+                self.state.phase = Phase.ENDED
+                self.state.ended_s = time_s
+
+    def battery(self, soc: float) -> None:
+        """What the robot says of its state of charge, 0..1."""
+        self.state.soc = soc
+
+    def stop(self, end: End) -> None:
+        """End the session for a reason from outside; the first reason stays."""
+        if self.state.end is None:
+            self.state.end = end
+            self.state.phase = Phase.OPENING
+
+    def reading(
+        self, time_s: float, voltage_v: float, current_a: float, present: bool, energy_wh: float
+    ) -> None:
+        """One reading of the dock's terminals, and the energy metered up to it."""
+        self._follow_presence(present, time_s)
+        if self.state.phase in (Phase.OPENING, Phase.ENDED):
+            return
+        if time_s >= self._limits.deadline_s:
+            self.stop(End.DEADLINE)
+        elif self.state.phase is Phase.WAITING:
+            self._wait(time_s)
+        elif self._lasted(self._absent_since_s, time_s, self._limits.absent_s):
+            self.state.phase = Phase.OPENING
+        elif self.state.phase is Phase.CHARGING:
+            self._charge(time_s, voltage_v, current_a, energy_wh)
+
+    # -- inside ----------------------------------------------------------------------------------------
+
+    def _wait(self, time_s: float) -> None:
+        if self._lasted(self._present_since_s, time_s, self._limits.present_s):
+            self.state.phase = Phase.CLOSING
+            self._small_since_s = None
+        elif time_s >= self.state.wait_until_s:
+            self.stop(End.NO_ROBOT if self.state.started_s is None else End.ROBOT_LEFT)
+
+    def _charge(self, time_s: float, voltage_v: float, current_a: float, energy_wh: float) -> None:
+        limits, state = self._limits, self.state
+        if current_a > 0 and state.started_s is None:
+            state.started_s = time_s
+        started = state.started_s is not None
+        if energy_wh >= limits.max_energy_wh:
+            self.stop(End.ENERGY_LIMIT)
+        elif started and state.soc is not None and state.soc >= min(limits.soc_target, NEARLY_FULL):
+            self.stop(End.TARGET_REACHED)
+        elif current_a > limits.cutoff_a:
+            self._small_since_s = None
+        else:
+            if self._small_since_s is None:
+                self._small_since_s = self._told_s = time_s
+            small_s = time_s - self._small_since_s
+            if started and voltage_v >= limits.voltage_share * limits.voltage_v:
+                if small_s >= limits.taper_s:
+                    self.stop(End.FULL)
+            elif small_s >= limits.no_current_s:
+                self.stop(End.NO_CURRENT)
+            elif time_s - self._told_s >= limits.reclose_s:
+                # The dock may have restarted with an open contactor.
+                self._told_s = time_s
+                state.phase = Phase.CLOSING
+
+    def _follow_presence(self, present: bool, time_s: float) -> None:
+        if present:
+            self._absent_since_s = None
+            self._present_since_s = time_s if self._present_since_s is None else self._present_since_s
+        else:
+            self._present_since_s = None
+            self._absent_since_s = time_s if self._absent_since_s is None else self._absent_since_s
+
+    @staticmethod
+    def _lasted(since_s: float | None, now_s: float, seconds: float) -> bool:
+        return since_s is not None and now_s - since_s >= seconds

@@ -1,0 +1,1 @@
+"""The smart bin: photo -> class -> compartment, and what really fell where, signed."""

@@ -1,0 +1,222 @@
+"""The bin as a process: sensors in, attestations out.
+
+Sensor callbacks only feed the state machine. What takes time (photo, classification, signing, disk) is done
+by the main thread, in the order in which it was asked for.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import math
+import queue
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rodeo import topics
+from rodeo.bus import Request
+from rodeo.config import Site
+from rodeo.errors import RodeoError
+from rodeo.evidence import attest
+from rodeo.ros2 import MessageInfo, Node
+from rodeo.service import Service
+from services.itrash.behaviour import (
+    Action,
+    Attest,
+    Bin,
+    ClassificationRecord,
+    State,
+    TakePhoto,
+    compartment_of,
+)
+from services.itrash.camera import BusCamera, stamp_s
+from services.itrash.classifier import Classifier
+from services.itrash.images import decode_image
+from services.itrash.journal import Journal, Kind
+from services.itrash.web import HttpServer, make_api
+
+log = logging.getLogger(__name__)
+
+_SILENCE_S = 3.0
+"""Wall time without a reading after which a sensor counts as missing."""
+
+
+class Itrash:
+    """One bin."""
+
+    def __init__(self, service: Service, classifier: Classifier) -> None:
+        site = service.site
+        self.classifier = classifier
+        self._service = service
+        self._config = site.bin
+        self._account = service.wait_account(f"{site.bin.name}-device")
+        self._path = service.data_dir / "journal.json"
+        self._journal = Journal.load(self._path)
+        self._bin = Bin(site.bin, self._journal.memory)
+        self._lock = threading.Lock()
+        """Guards the state machine and the journal."""
+        self._actions: queue.SimpleQueue[Action | None] = queue.SimpleQueue()
+        self._heard_s: dict[str, float] = {}
+        """Wall (monotonic) time of each sensor's last reading."""
+        node = Node(service.bus.session, site.bin.name, "", site.bus.domain_id, service.clock)
+        self.url = ""
+        """Where the HTTP interface listens; set once it does."""
+        self._camera = BusCamera(node, site.bin.name)
+        presence, load = topics.BIN_PRESENCE, topics.BIN_LOAD
+        self._sensors = {presence.name(bin=site.bin.name)}
+        node.subscription(presence.name(bin=site.bin.name), presence.type, self._on_presence)
+        for compartment in site.bin.compartments:
+            name = load.name(bin=site.bin.name, compartment=compartment)
+            self._sensors.add(name)
+            node.subscription(name, load.type, self._load_callback(compartment, name))
+        self._node = node
+        state_key = topics.BIN_STATE.name(org=site.org, bin=site.bin.name)
+        self._queryable = service.bus.serve(state_key, self._serve_state)
+
+    # -- sensors ---------------------------------------------------------------------------------------
+
+    def _on_presence(self, message: Any, _info: MessageInfo) -> None:
+        if math.isnan(message.range):  # REP 117: an erroneous reading says nothing, not even "empty"
+            return
+        self._feed(
+            topics.BIN_PRESENCE.name(bin=self._config.name),
+            lambda: self._bin.presence(float(message.range), stamp_s(message)),
+        )
+
+    def _load_callback(self, compartment: str, sensor: str) -> Callable[[Any, MessageInfo], None]:
+        def on_load(message: Any, _info: MessageInfo) -> None:
+            force_n = float(message.wrench.force.z)
+            if not math.isnan(force_n):
+                self._feed(sensor, lambda: self._bin.load(compartment, force_n, stamp_s(message)))
+
+        return on_load
+
+    def _feed(self, sensor: str, step: Callable[[], list[Action]]) -> None:
+        with self._lock:
+            self._heard_s[sensor] = time.monotonic()
+            before = self._remembered()
+            actions = step()
+            changed = self._remembered() != before
+        for action in actions:
+            self._actions.put(action)
+        if changed and not actions:
+            self._actions.put(None)  # nothing to do but to remember
+
+    def _remembered(self) -> tuple[Any, ...]:
+        memory = self._bin.memory
+        return memory.state, memory.since_s, memory.pending, tuple(self._bin.loads_n.values())
+
+    # -- actions ---------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Carry out actions until the process is asked to stop."""
+        try:
+            while not self._service.stop.is_set():
+                self._tell()
+                try:
+                    action = self._actions.get(timeout=0.5)
+                except queue.Empty:
+                    continue
+                self._carry_out(action)
+        finally:
+            self._node.close()
+            with self._lock:
+                self._journal.save(self._path)
+
+    def _carry_out(self, action: Action | None) -> None:
+        if isinstance(action, TakePhoto):
+            self._look(action)
+        elif isinstance(action, Attest):
+            self._attest(action)
+        else:
+            with self._lock:
+                self._journal.save(self._path)
+
+    def _look(self, request: TakePhoto) -> None:
+        self._tell()
+        try:
+            time_s, data = self._camera.capture(request.after_s)
+            classification = self.classifier(decode_image(data))
+        except RodeoError as error:
+            log.warning("no photo of the item: %s", error)
+            failed_s = self._service.clock.now_s()
+            self._feed("photo", lambda: self._bin.photo_failed(failed_s))
+            return
+        image_sha256 = "0x" + hashlib.sha256(data).hexdigest()
+        self._feed("photo", lambda: self._bin.photo(classification, image_sha256, time_s))
+
+    def _attest(self, action: Attest) -> None:
+        kind: Kind = "classification" if isinstance(action.record, ClassificationRecord) else "disposal"
+        attestation = attest(action.record.payload(), self._account)
+        with self._lock:
+            # On disk before it is on the bus: who missed it can ask, whatever happens in between.
+            self._journal.add(kind, attestation)
+            self._journal.save(self._path)
+        topic = topics.CLASSIFICATION if kind == "classification" else topics.DISPOSAL
+        self._service.bus.put_json(topic.name(org=self._service.site.org, bin=self._config.name), attestation)
+        log.info("%s %s", kind, action.record.model_dump_json(exclude={"probabilities", "image_sha256"}))
+
+    # -- state -----------------------------------------------------------------------------------------
+
+    def compartment_of(self, label: str) -> str:
+        """Where the site puts this class."""
+        return compartment_of(self._config, label)
+
+    def state(self) -> dict[str, Any]:
+        """What the bin knows: state, weights (N), the last attestations."""
+        with self._lock:
+            pending = self._bin.memory.pending
+            return {
+                "bin": self._config.name,
+                "state": self._bin.state.value,
+                "since_s": self._bin.memory.since_s,
+                "pending_seq": None if pending is None else pending.seq,
+                "loads_n": self._bin.loads_n,
+                "classification": _dump(self._journal.last("classification")),
+                "disposal": _dump(self._journal.last("disposal")),
+            }
+
+    def events(self) -> list[dict[str, Any]]:
+        """The last attestations, newest first."""
+        with self._lock:
+            return [entry.model_dump() for entry in reversed(self._journal.entries)]
+
+    def missing_sensors(self) -> list[str]:
+        """Sensors without a reading in the last seconds."""
+        now_s = time.monotonic()
+        with self._lock:
+            return sorted(s for s in self._sensors if now_s - self._heard_s.get(s, -math.inf) > _SILENCE_S)
+
+    def _serve_state(self, _request: Request) -> dict[str, Any]:
+        return self.state()
+
+    def _tell(self) -> None:
+        """Put readiness and activity into the process's status."""
+        missing = self.missing_sensors()
+        if missing:
+            self._service.not_ready(f"no readings from {', '.join(missing)}")
+        else:
+            self._service.ready()
+        with self._lock:
+            pending, state = self._bin.memory.pending, self._bin.state
+        text = state.value.replace("_", " ")
+        if state is State.AWAITING_DROP and pending is not None:
+            text = f"{pending.item_class}: waiting for it in {pending.compartment}"
+        self._service.activity(text, http=self.url)
+
+
+def _dump(model: Any) -> dict[str, Any] | None:
+    return None if model is None else model.model_dump()
+
+
+def run(site: Site, stop: threading.Event) -> None:
+    """The process, until `stop`."""
+    with Service("itrash", site, stop) as service:
+        service.wait_clock()
+        bin_ = Itrash(service, Classifier())
+        with HttpServer(make_api(bin_), site.itrash.http_host, site.itrash.http_port) as server:
+            bin_.url = server.url
+            log.info("HTTP on %s", server.url)
+            bin_.run()

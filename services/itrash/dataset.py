@@ -1,0 +1,44 @@
+"""Photos to learn from and to measure on: one folder per class, as TrashNet ships."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from services.itrash.images import decode_image
+
+CLASSES = ("cardboard", "glass", "metal", "paper", "plastic", "trash")
+
+CACHED_PX = 256
+"""Photos are kept in memory with this shorter side; the network sees no more."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One picture and what it shows; `label` None means no item at all."""
+
+    image_bgr: np.ndarray
+    label: str | None
+
+
+def load_photos(folder: Path) -> list[Sample]:
+    """Every photo under `folder/<class>/`, in a stable order. Raises FileNotFoundError, ImageError."""
+    return [
+        Sample(_shrink(decode_image(path.read_bytes())), label)
+        for label in CLASSES
+        for path in sorted((folder / label).iterdir())
+    ]
+
+
+def recompress(image_bgr: np.ndarray, quality: int) -> np.ndarray:
+    """The picture as a camera with JPEG compression of `quality` (0..100) would send it."""
+    _, jpeg = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return decode_image(jpeg.tobytes())
+
+
+def _shrink(image_bgr: np.ndarray) -> np.ndarray:
+    factor = CACHED_PX / min(image_bgr.shape[:2])
+    return cv2.resize(image_bgr, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)

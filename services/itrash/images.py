@@ -1,0 +1,132 @@
+"""Photos from outside: hostile until measured. Bytes are limited first, then pixels, then they are decoded.
+
+Only JPEG, PNG and WebP reach a decoder, whatever else OpenCV could open: every further format is one more
+parser exposed to strangers.
+
+    ImageError (RequestError)
+    ├── ImageTooLarge         more bytes or more pixels than allowed
+    ├── UnsupportedImage      not JPEG, PNG or WebP
+    └── BrokenImage           the signature fits, the rest does not
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from rodeo.errors import RequestError
+
+_JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""Start-of-frame markers (ITU-T T.81, table B.1); C4, C8 and CC are tables, not frames."""
+_JPEG_BARE_MARKERS = frozenset((0x01, *range(0xD0, 0xD9)))
+"""Markers without a length field (same table)."""
+
+
+class ImageError(RequestError):
+    """The bytes are not a photo this bin can look at."""
+
+
+class ImageTooLarge(ImageError):
+    """More bytes or pixels than allowed; nothing was decoded."""
+
+
+class UnsupportedImage(ImageError):
+    """Neither JPEG, PNG nor WebP."""
+
+
+class BrokenImage(ImageError):
+    """The signature is of a known format, the content is not."""
+
+
+@dataclass(frozen=True)
+class ImageLimits:
+    """What one photo may cost."""
+
+    max_bytes: int = 8 * 1024 * 1024
+    max_pixels: int = 16_000_000
+
+
+IMAGE_LIMITS = ImageLimits()
+
+
+def decode_image(data: bytes, limits: ImageLimits = IMAGE_LIMITS) -> np.ndarray:
+    """The photo as BGR, uint8, shape (height, width, 3). Raises ImageError."""
+    if len(data) > limits.max_bytes:
+        raise ImageTooLarge("the photo has too many bytes", bytes=len(data), max_bytes=limits.max_bytes)
+    try:
+        width_px, height_px = image_size(data)
+    except (struct.error, IndexError):
+        raise BrokenImage("the photo ends before its size is told", bytes=len(data)) from None
+    if width_px < 1 or height_px < 1:
+        raise BrokenImage("the photo has no pixels", width_px=width_px, height_px=height_px)
+    if width_px * height_px > limits.max_pixels:
+        raise ImageTooLarge(
+            "the photo has too many pixels",
+            width_px=width_px,
+            height_px=height_px,
+            max_pixels=limits.max_pixels,
+        )
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error as error:
+        raise BrokenImage("the photo cannot be decoded", reason=error.err) from error
+    if image is None:
+        raise BrokenImage("the photo cannot be decoded", width_px=width_px, height_px=height_px)
+    return image
+
+
+def image_size(data: bytes) -> tuple[int, int]:
+    """(width, height) in pixels as the header tells, without decoding. Raises UnsupportedImage, BrokenImage,
+    and struct.error or IndexError where the header is cut."""
+    if data.startswith(b"\xff\xd8"):
+        return _jpeg_size(data)
+    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        if data[12:16] != b"IHDR":
+            raise BrokenImage("a PNG begins with IHDR", found=data[12:16].hex())
+        width_px, height_px = struct.unpack_from(">II", data, 16)
+        return width_px, height_px
+    if data.startswith(b"RIFF") and data[8:12] == b"WEBP":
+        return _webp_size(data)
+    raise UnsupportedImage("the photo is neither JPEG, PNG nor WebP", starts_with=data[:8].hex())
+
+
+def _jpeg_size(data: bytes) -> tuple[int, int]:
+    at = 2
+    while True:
+        if data[at] != 0xFF:
+            raise BrokenImage("a JPEG marker was expected", at=at)
+        marker = data[at + 1]
+        if marker == 0xFF:  # a fill byte
+            at += 1
+            continue
+        at += 2
+        if marker in _JPEG_BARE_MARKERS:
+            continue
+        if marker in _JPEG_FRAME_MARKERS:
+            height_px, width_px = struct.unpack_from(">HH", data, at + 3)
+            return width_px, height_px
+        if marker in (0xD9, 0xDA):  # end of image, start of scan
+            raise BrokenImage("the JPEG has no frame before its data", at=at)
+        (length,) = struct.unpack_from(">H", data, at)
+        if length < 2:
+            raise BrokenImage("a JPEG segment is shorter than its own length field", at=at)
+        at += length
+
+
+def _webp_size(data: bytes) -> tuple[int, int]:
+    """Layouts: RFC 9649, sections 2.5 to 2.7 and 3.4."""
+    chunk = data[12:16]
+    if chunk == b"VP8X":
+        width_less_one = int.from_bytes(data[24:27], "little")
+        height_less_one = int.from_bytes(data[27:30], "little")
+        return (width_less_one + 1, height_less_one + 1) if len(data) >= 30 else (0, 0)
+    if chunk == b"VP8 ":
+        width, height = struct.unpack_from("<HH", data, 26)
+        return width & 0x3FFF, height & 0x3FFF
+    if chunk == b"VP8L":
+        (bits,) = struct.unpack_from("<I", data, 21)
+        return (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    raise BrokenImage("the WebP has no image chunk first", found=chunk.hex())

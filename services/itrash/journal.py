@@ -1,0 +1,56 @@
+"""What the bin must not forget, in one file that is replaced as a whole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from pydantic import BaseModel, ValidationError
+
+from rodeo.errors import RodeoError
+from rodeo.evidence import Attestation
+from rodeo.files import replace_file
+from services.itrash.behaviour import Memory
+
+Kind = Literal["classification", "disposal"]
+
+_KEPT_ENTRIES = 50
+
+
+class JournalBroken(RodeoError):
+    """The file is there and is not a journal; going on without it would lose what was weighed."""
+
+
+class Entry(BaseModel):
+    """One attestation as it was published."""
+
+    kind: Kind
+    attestation: Attestation
+
+
+class Journal(BaseModel):
+    """The memory of the state machine and the last attestations, oldest first."""
+
+    memory: Memory = Memory()
+    entries: list[Entry] = []
+
+    @classmethod
+    def load(cls, path: Path) -> Journal:
+        """The journal at `path`, an empty one when there is none yet. Raises JournalBroken."""
+        try:
+            return cls.model_validate_json(path.read_bytes())
+        except FileNotFoundError:
+            return cls()
+        except (OSError, ValidationError) as error:
+            raise JournalBroken("cannot read the bin's journal", path=str(path), reason=str(error)) from error
+
+    def save(self, path: Path) -> None:
+        """Replace the file at `path`: a kill at any moment leaves the old or the new one."""
+        replace_file(path, self.model_dump_json())
+
+    def add(self, kind: Kind, attestation: Attestation) -> None:
+        self.entries = [*self.entries, Entry(kind=kind, attestation=attestation)][-_KEPT_ENTRIES:]
+
+    def last(self, kind: Kind) -> Attestation | None:
+        """The newest attestation of that kind, None before the first."""
+        return next((entry.attestation for entry in reversed(self.entries) if entry.kind == kind), None)

@@ -1,0 +1,105 @@
+"""What fell into one compartment, read from its load cell: a step up that settles."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+from pydantic import BaseModel
+
+
+@dataclass(frozen=True)
+class LoadLimits:
+    """When a change of weight counts. The lightest item weighs 0.2 N; a good cell repeats to 0.02 N."""
+
+    settle_s: float = 0.5
+    """A reading counts once the force has stayed within `tolerance_n` for so long."""
+    tolerance_n: float = 0.05
+    step_n: float = 0.1
+    """Smaller changes of a settled reading are drift."""
+    stay_s: float = 0.5
+    """What goes away again sooner than so long after it settled is no change: a touch, a push."""
+
+
+LOAD_LIMITS = LoadLimits()
+
+
+class Cell(BaseModel):
+    """What is remembered of one load cell across restarts."""
+
+    settled_n: float | None = None
+    """The last weight accounted for, N; None before the first settled reading."""
+    seen_s: float = 0.0
+    """When that weight was last on it, site time."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """The settled weight has differed by `delta_n` from the accounted one since `time_s` (site time).
+
+    It changed between `after_s`, when it was still the accounted one, and then: over a second or so, or all
+    the time for which nobody looked.
+    """
+
+    delta_n: float
+    after_s: float
+    time_s: float
+    ripe: bool
+    """Whether it has stayed."""
+
+
+class LoadCell:
+    """Follows one cell. The first settled reading ever is the zero; later ones are compared with the last.
+
+    That comparison is with `memory`, so what fell while the process was down is still seen. A step stands
+    until its weight goes away again or somebody calls `account`.
+    """
+
+    def __init__(self, memory: Cell, limits: LoadLimits = LOAD_LIMITS) -> None:
+        self.memory = memory
+        self._limits = limits
+        self._window: deque[tuple[float, float]] = deque()
+        self._step: Step | None = None
+
+    @property
+    def step(self) -> Step | None:
+        """The change of weight that stands and is not accounted for."""
+        return self._step
+
+    def reading(self, force_n: float, time_s: float) -> Step | None:
+        """One reading in N at site time `time_s`; the step that stands after it, if any."""
+        if self._window and time_s < self._window[-1][0]:
+            self._window.clear()  # a sensor that restarted its clock starts anew
+            self._step = None
+        self._window.append((time_s, force_n))
+        settled_n = self._settled()
+        if settled_n is not None and self.memory.settled_n is None:
+            self.memory.settled_n = settled_n
+        delta_n = None if settled_n is None else settled_n - (self.memory.settled_n or 0.0)
+        if delta_n is None or abs(delta_n) < self._limits.step_n:
+            self._step = None
+            if delta_n is not None:
+                self.memory.seen_s = time_s
+            return None
+        since_s = self._step.time_s if self._step else time_s
+        self._step = Step(delta_n, self.memory.seen_s, since_s, ripe=time_s - since_s >= self._limits.stay_s)
+        return self._step
+
+    def account(self) -> None:
+        """The weight that stands is the new reference."""
+        if self._step is not None:
+            self.memory.settled_n = (self.memory.settled_n or 0.0) + self._step.delta_n
+            self.memory.seen_s = self._step.time_s
+            self._step = None
+
+    def _settled(self) -> float | None:
+        """Mean of the last `settle_s` if they are complete and quiet; older readings are let go."""
+        newest_s = self._window[-1][0] if self._window else 0.0
+        while len(self._window) >= 2 and self._window[1][0] <= newest_s - self._limits.settle_s:
+            self._window.popleft()
+        if not self._window or newest_s - self._window[0][0] < self._limits.settle_s:
+            return None
+        forces_n = [force_n for _, force_n in self._window]
+        if max(forces_n) - min(forces_n) > self._limits.tolerance_n:
+            return None
+        return sum(forces_n) / len(forces_n)

@@ -1,0 +1,1 @@
+"""Decides whether the work that a proof shows was done: provenance, replay in physics, energy audit."""

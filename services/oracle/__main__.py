@@ -1,0 +1,8 @@
+import sys
+
+from rodeo.service import main
+from services.oracle.app import run
+
+if __name__ == "__main__":
+    # Spawned verifications import this module again and must not start another oracle.
+    sys.exit(main("oracle", run, "Verifies proofs of work and posts verdicts."))

@@ -1,0 +1,121 @@
+"""Does the recorded motion, replayed in physics, carry the item from its place into a compartment?"""
+
+import numpy as np
+
+from rodeo.lab.layout import BinLayout
+from services.oracle.case import Case, CaseError
+from services.oracle.replay import LIFTED_M
+from services.oracle.report import Finding, at_least, at_most, equal
+
+PLACE_LIMIT_M = 0.3
+"""The task's place is where somebody saw the item, to about a foot's length."""
+TRACKING_LIMIT_M = 0.02
+"""The servos follow within a millimetre unless something solid is in the way."""
+HELD_SHARE = 0.95
+"""Of the time between lift and release; a contact may flicker while the item settles between the pads."""
+SLIP_LIMIT_M = 0.04
+"""Within the pads' own 4 cm, so the item is still between them."""
+MOTION_CAPTURE_LIMIT_M = 0.05
+"""Replays of honest recordings stay within a centimetre until the release."""
+
+
+def replayed(case: Case) -> Finding:
+    """The recorded motion can be moved again: nothing in the lab stops it."""
+    return at_most(
+        case.replay.tracking_error_m,
+        TRACKING_LIMIT_M,
+        "m",
+        source="replay in physics",
+        detail="between the replayed base and the recorded one",
+    )
+
+
+def item_place(case: Case) -> Finding:
+    """The item lay where the task says."""
+    placed = case.replay.placed_m
+    if case.ledger is None:
+        place = case.item.pose
+        x_m, y_m = place.x_m, place.y_m
+    else:
+        params = case.ledger.task.params
+        x_m, y_m = float(params["x_m"]), float(params["y_m"])
+    return at_most(
+        float(np.hypot(placed[0] - x_m, placed[1] - y_m)),
+        PLACE_LIMIT_M,
+        "m",
+        source="the task's place" if case.ledger else "the site file",
+        detail="from where motion capture saw the item before the grasp",
+    )
+
+
+def grasp(case: Case) -> Finding:
+    """The fingers close on the item and lift it off the floor."""
+    replay = case.replay
+    rise = replay.item_m[:, 2] - replay.placed_m[2]
+    before_release = replay.time_s <= replay.release_s
+    return at_least(
+        float(rise[before_release].max(initial=0.0)),
+        2 * LIFTED_M,
+        "m",
+        source="replay in physics",
+        detail="the item rises in the gripper by",
+    )
+
+
+def transport(case: Case) -> Finding:
+    """From lift to release the item stays between the pads."""
+    replay = case.replay
+    carried = _carried(case)
+    held = float(replay.held[carried].mean())
+    grip = replay.item_in_gripper_m[carried]
+    slip = float(np.linalg.norm(grip - grip[0], axis=1).max())
+    if held < HELD_SHARE:
+        return at_least(
+            held, HELD_SHARE, "", source="replay in physics", detail="share of the way that it is held"
+        )
+    return at_most(
+        slip, SLIP_LIMIT_M, "m", source="length of the pads", detail="the item slips in the gripper by"
+    )
+
+
+def motion_capture(case: Case) -> Finding:
+    """The replayed item is where motion capture saw the real one."""
+    replay = case.replay
+    carried = _carried(case)
+    pose = case.pose(case.item.id)
+    seen = np.stack([np.interp(replay.time_s[carried], pose.time_s, c) for c in pose.position_m.T], axis=1)
+    return at_most(
+        float(np.linalg.norm(replay.item_m[carried] - seen, axis=1).max()),
+        MOTION_CAPTURE_LIMIT_M,
+        "m",
+        source="motion capture of the item",
+        detail="between the replayed item and the recorded one",
+    )
+
+
+def compartment(case: Case) -> Finding:
+    """The item comes to rest in the compartment of the class that the bin attested."""
+    from services.oracle.checks.disposal import expected_compartment
+
+    layout = BinLayout(case.site.bin)
+    last = case.replay.item_m[-1]
+    point = (float(last[0]), float(last[1]), float(last[2]))
+    found = next((n for n in case.site.bin.compartments if layout.contains(n, point)), None)
+    return equal(
+        found or f"outside the bin at {last[0]:.2f} {last[1]:.2f} {last[2]:.2f}",
+        expected_compartment(case),
+        source="replay in physics and the bin's attestation",
+        detail="where the item comes to rest",
+    )
+
+
+def _carried(case: Case) -> np.ndarray:
+    """(n,) between lift and release. Raises CaseError when the replay lets go before the recording lifts."""
+    replay = case.replay
+    carried = (replay.time_s >= replay.phases.lifted_s) & (replay.time_s <= replay.release_s)
+    if carried.sum() < 2:
+        raise CaseError(
+            "the item falls out of the gripper in the replay",
+            release_s=round(replay.release_s - replay.phases.closing_s, 2),
+        )
+    return carried

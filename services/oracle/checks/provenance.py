@@ -1,0 +1,94 @@
+"""Is this the proof of this assignment, sealed by the executor's own device while it worked?"""
+
+from rodeo.dao import CHARGING
+from services.oracle.case import Case
+from services.oracle.report import Finding, at_most, equal, skipped
+
+CHAIN_SLACK_S = 60.0
+"""Blocks lag behind the site's clock by the time it takes to tell the chain, times the clock's speed."""
+UNSEALED_LIMIT_S = 5.0
+"""Twice the seal period and room for messages that arrive late."""
+
+_NO_CHAIN = "no chain to compare with"
+
+
+def task_binding(case: Case) -> Finding:
+    """Sealed for this chain, contract, task, attempt and executor."""
+    if case.ledger is None:
+        return skipped(_NO_CHAIN)
+    ledger, task, binding = case.ledger, case.ledger.task, case.proof.binding
+    found = (binding.chain_id, binding.task_manager, binding.task_id, binding.attempt, binding.executor)
+    expected = (ledger.chain_id, ledger.task_manager, task.id, task.attempt, task.executor or "")
+    return equal(
+        " ".join(map(str, found)).lower(),
+        " ".join(map(str, expected)).lower(),
+        source="the assignment on chain",
+        detail="chain, task manager, task, attempt and executor in the seal",
+    )
+
+
+def nonce(case: Case) -> Finding:
+    """Sealed with the nonce that this assignment created."""
+    if case.ledger is None:
+        return skipped(_NO_CHAIN)
+    return equal(case.proof.binding.nonce, case.ledger.task.nonce, source="the assignment on chain")
+
+
+def signer(case: Case) -> Finding:
+    """Sealed by a registered device that works for the executor."""
+    if case.ledger is None:
+        return skipped(_NO_CHAIN)
+    role = "meter" if case.kind == CHARGING else "robot"
+    owner = (case.ledger.task.executor or "").lower()
+    for device in case.ledger.devices:
+        if device.address.lower() == case.proof.signer.lower():
+            revoked = "" if device.revoked is None else " revoked"
+            return Finding(
+                passed=not revoked and device.role == role and device.owner.lower() == owner,
+                measured=f"{device.role} of {device.owner.lower()}{revoked}",
+                limit=f"{role} of {owner}",
+                source="device registry on chain",
+                detail="the sealing device",
+            )
+    return Finding(
+        passed=False,
+        measured=case.proof.signer,
+        limit=f"{role} of {owner}",
+        source="device registry on chain",
+        detail="the sealing device is not registered",
+    )
+
+
+def first_use(case: Case) -> Finding:
+    """The file was never submitted before."""
+    if case.ledger is None:
+        return skipped(_NO_CHAIN)
+    return equal(
+        case.ledger.first_use, None, source="submissions on chain", detail="the same file was submitted for"
+    )
+
+
+def recorded_in_assignment(case: Case) -> Finding:
+    """The recording lies between assignment and submission."""
+    if case.ledger is None or case.ledger.task.assigned is None or case.ledger.task.proof_submitted is None:
+        return skipped(_NO_CHAIN)
+    early_s = case.ledger.task.assigned - case.proof.start_ns * 1e-9
+    late_s = case.proof.end_ns * 1e-9 - case.ledger.task.proof_submitted
+    return at_most(
+        max(early_s, late_s),
+        CHAIN_SLACK_S,
+        "s",
+        source="block times of assignment and submission",
+        detail="recorded outside the assignment by",
+    )
+
+
+def sealed_while_recording(case: Case) -> Finding:
+    """No stretch of the recording stayed unsigned for long."""
+    return at_most(
+        case.proof.longest_unsealed_ns * 1e-9,
+        UNSEALED_LIMIT_S,
+        "s",
+        source="a seal every second of recording",
+        detail="longest recorded time under one seal",
+    )

@@ -1,0 +1,270 @@
+"""The recorded motion, moved again through the physics of the site's lab.
+
+The world is built from the site file with the task's item alone, placed where motion capture last saw it
+before the gripper closed. Base and arm follow their recorded positions on stiff servos; the fingers get their
+recorded effort, with a soft pull towards their recorded positions; the item is moved by contact and gravity
+only. So a recording shows work exactly if the same motion does the work again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from types import SimpleNamespace
+
+import mujoco
+import numpy as np
+from mujoco import rollout
+from scipy.interpolate import PchipInterpolator
+from scipy.spatial.transform import Rotation
+
+from rodeo.evidence.series import Array
+from rodeo.lab.config import Pose2
+from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, TIMESTEP_S, WHEEL_JOINTS, world_spec
+from services.oracle.case import Case, CaseError, Pose, increasing
+
+LIFTED_M = 0.05
+"""An item this far above where it lay has left the floor."""
+BEFORE_CLOSING_S = 0.3
+CLOSING_SEARCH_S = 15.0
+"""How long before the lift the gripper may begin to close."""
+SETTLE_S = 1.0
+"""Replayed after the recorded item came to rest."""
+LONGEST_S = 600.0
+"""No carry across one room takes longer; bounds what a proof can make the oracle compute."""
+
+_BASE_JOINTS = ("base_x", "base_y", "base_z", "base_yaw", "base_pitch", "base_roll")
+_SERVO_RAD_S = 200.0
+"""Natural frequency of the servos: an acceleration a leaves an error of a / 200**2, 0.05 mm at 2 m/s2."""
+_FINGER_STIFFNESS_N_M = 500.0
+"""Soft enough that 1 mm of disagreement adds 0.5 N to the recorded effort."""
+_FINGER_DAMPING_N_S_M = 10.0
+
+
+@dataclass(frozen=True)
+class Phases:
+    """When the recorded task happened, s of site time."""
+
+    closing_s: float
+    """The gripper begins to close on the item."""
+    lifted_s: float
+    """The item has left the floor."""
+    rest_s: float
+    """The item lies still for good."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What physics made of the recording; arrays have one row per 20 ms."""
+
+    phases: Phases
+    time_s: Array
+    """(n,)"""
+    item_m: Array
+    """(n, 3) the item's centre in frame `map`"""
+    item_in_gripper_m: Array
+    """(n, 3) the same in the gripper's frame"""
+    pad_force_n: Array
+    """(n, 2) normal force of the left and right pad on the item"""
+    placed_m: Array
+    """(3,) where the item was placed, from motion capture"""
+    tracking_error_m: float
+    """Largest distance between the replayed and the recorded base; large if something held it."""
+
+    @property
+    def held(self) -> Array:
+        """(n,) whether both pads press on the item."""
+        return np.asarray((self.pad_force_n > 0).all(axis=1))
+
+    @property
+    def release_s(self) -> float:
+        """When both pads last pressed on the item. Raises CaseError if they never did."""
+        held = np.flatnonzero(self.held)
+        if not len(held):
+            raise CaseError("the gripper never holds the item in the replay")
+        return float(self.time_s[held[-1]])
+
+
+def replay(case: Case) -> Replay:
+    """Replay the carry of the task's item. Raises CaseError when the recording shows none."""
+    item, base = case.pose(case.item.id), case.pose(case.robot.name)
+    joints = case.joints
+    joint_time_s = increasing(joints)
+    fingers_m = joints.named("position", list(FINGER_JOINTS))
+    phases = find_phases(item, joint_time_s, (fingers_m[:, 0] - fingers_m[:, 1]) / 2)
+    start_s = max(phases.closing_s - BEFORE_CLOSING_S, joint_time_s[0], base.time_s[0])
+    end_s = min(phases.rest_s + SETTLE_S, joint_time_s[-1], base.time_s[-1])
+    if not 0 < end_s - start_s <= LONGEST_S:
+        raise CaseError("the carry is absurdly long or not recorded", start_s=start_s, end_s=end_s)
+    time_s = np.arange(start_s, end_s, TIMESTEP_S)
+
+    world = _World(case)
+    seen = int(np.searchsorted(item.time_s, phases.closing_s, side="right")) - 1
+    arm = PchipInterpolator(joint_time_s, joints.named("position", list(ARM_JOINTS)))
+    fingers = PchipInterpolator(joint_time_s, fingers_m)
+    effort = np.stack(
+        [np.interp(time_s, joint_time_s, e) for e in joints.named("effort", list(FINGER_JOINTS)).T], axis=1
+    )
+    return world.run(phases, time_s, _base_path(base), arm, fingers, effort, item, seen)
+
+
+def find_phases(item: Pose, joint_time_s: Array, gripper_m: Array) -> Phases:
+    """When the item was gripped, lifted and left, from its poses and the gripper's half gap (n,).
+
+    Raises CaseError when the item never leaves the floor or the gripper does not close before.
+    """
+    z = item.position_m[:, 2]
+    lifted = np.flatnonzero(z > z[0] + LIFTED_M)
+    if not len(lifted):
+        raise CaseError("the item never leaves the floor", rise_m=round(float(z.max() - z[0]), 4))
+    lifted_s = float(item.time_s[lifted[0]])
+    before = (joint_time_s <= lifted_s) & (joint_time_s > lifted_s - CLOSING_SEARCH_S)
+    if not before.any():
+        raise CaseError("the joints were not recorded when the item was lifted", lifted_s=lifted_s)
+    gaps, times = gripper_m[before], joint_time_s[before]
+    open_m, closed_m = float(gaps.max()), float(gaps[-1])
+    if open_m - closed_m < 0.001:
+        raise CaseError("the gripper does not close before the item is lifted", closes_by_m=open_m - closed_m)
+    closing_s = float(times[np.flatnonzero(gaps > open_m - 0.0005)[-1]])
+    moved = np.linalg.norm(item.position_m - item.position_m[-1], axis=1) > 0.005
+    rest_s = float(item.time_s[np.flatnonzero(moved)[-1]])
+    return Phases(closing_s, lifted_s, rest_s)
+
+
+def _base_path(base: Pose) -> PchipInterpolator:
+    """Base motion over time as the coordinates of `_BASE_JOINTS`."""
+    angles = Rotation.from_quat(np.roll(base.quaternion, -1, axis=1)).as_euler("ZYX")
+    return PchipInterpolator(base.time_s, np.hstack([base.position_m, np.unwrap(angles, axis=0)]))
+
+
+class _World:
+    """The lab with one item, its robot on servos that follow the recording."""
+
+    def __init__(self, case: Case) -> None:
+        robot, item = case.robot, case.item
+        site = SimpleNamespace(
+            lab=case.site.lab,
+            bin=case.site.bin,
+            dock=case.site.dock,
+            items=[item],
+            robots=[robot.model_copy(update={"pose": Pose2(x_m=0, y_m=0)})],
+        )
+        spec = world_spec(site)
+        prefix = f"{robot.name}/"
+        for actuator in list(spec.actuators):
+            spec.delete(actuator)
+        for sensor in list(spec.sensors):
+            spec.delete(sensor)
+        for wheel in WHEEL_JOINTS:
+            spec.delete(spec.joint(prefix + wheel))
+        spec.delete(spec.joint(prefix + "base"))
+        # The base follows its recorded pose, so its wheels need no ground to stand on.
+        spec.geom("floor").contype = 1
+        base = spec.body(prefix + "base_link")
+        slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+        axes = (*np.eye(3), *np.eye(3)[::-1])
+        for name, kind, axis in zip(_BASE_JOINTS, (slide,) * 3 + (hinge,) * 3, axes, strict=True):
+            base.add_joint(name=name, type=kind, axis=list(axis), frictionloss=0, damping=[0, 0, 0])
+        # Sleeping saves nothing while everything that can move is moved.
+        spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)
+        self._servos = [*_BASE_JOINTS, *(prefix + name for name in ARM_JOINTS)]
+        self._fingers = [prefix + name for name in FINGER_JOINTS]
+        for name in (*self._servos, *self._fingers):
+            spec.joint(name).actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+            spec.joint(name).limited = mujoco.mjtLimited.mjLIMITED_FALSE
+            actuator = spec.add_actuator(name=name, trntype=mujoco.mjtTrn.mjTRN_JOINT, target=name)
+            actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        self._add_sensors(spec, prefix, item.id)
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self._item = self.model.joint(item.id)
+        self._tune()
+
+    @staticmethod
+    def _add_sensors(spec: mujoco.MjSpec, prefix: str, item_id: str) -> None:
+        kind, obj = mujoco.mjtSensor, mujoco.mjtObj
+        spec.add_sensor(name="item", type=kind.mjSENS_FRAMEPOS, objtype=obj.mjOBJ_BODY, objname=item_id)
+        spec.add_sensor(
+            name="item_in_gripper",
+            type=kind.mjSENS_FRAMEPOS,
+            objtype=obj.mjOBJ_BODY,
+            objname=item_id,
+            reftype=obj.mjOBJ_SITE,
+            refname=prefix + "grasp",
+        )
+        for pad in ("left_pad", "right_pad"):
+            spec.add_sensor(
+                name=pad,
+                type=kind.mjSENS_CONTACT,
+                objtype=obj.mjOBJ_GEOM,
+                objname=prefix + pad,
+                reftype=obj.mjOBJ_BODY,
+                refname=item_id,
+                # The net force of all contacts between the two, in the world's frame.
+                intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1],
+            )
+
+    def _tune(self) -> None:
+        """Servo gains by the inertia that each joint moves."""
+        mujoco.mj_forward(self.model, self.data)
+        inertia = np.zeros((self.model.nv, self.model.nv))
+        mujoco.mj_fullM(self.model, self.data, inertia)
+        for name in self._servos:
+            dof = self.model.joint(name).dofadr[0]
+            self._set_gains(name, inertia[dof, dof] * _SERVO_RAD_S**2, 2 * inertia[dof, dof] * _SERVO_RAD_S)
+        for name in self._fingers:
+            self._set_gains(name, _FINGER_STIFFNESS_N_M, _FINGER_DAMPING_N_S_M)
+
+    def _set_gains(self, name: str, stiffness: float, damping: float) -> None:
+        """force = ctrl - stiffness * position - damping * speed"""
+        actuator = self.model.actuator(name).id
+        self.model.actuator_gainprm[actuator, 0] = 1.0
+        self.model.actuator_biasprm[actuator, 1:3] = -stiffness, -damping
+
+    def run(
+        self,
+        phases: Phases,
+        time_s: Array,
+        base: PchipInterpolator,
+        arm: PchipInterpolator,
+        fingers: PchipInterpolator,
+        effort: Array,
+        item: Pose,
+        seen: int,
+    ) -> Replay:
+        """Step the physics over `time_s` (2 ms apart) with the item where sample `seen` has it."""
+        model, data = self.model, self.data
+        path = np.hstack([base(time_s), arm(time_s), fingers(time_s)])
+        speed = np.hstack([part.derivative()(time_s) for part in (base, arm, fingers)])
+        stiffness, damping = -model.actuator_biasprm[:, 1], -model.actuator_biasprm[:, 2]
+        control = path * stiffness + speed * damping
+        control[:, -effort.shape[1] :] += effort
+
+        joints = [model.joint(name) for name in (*self._servos, *self._fingers)]
+        data.qpos[[j.qposadr[0] for j in joints]] = path[0]
+        data.qvel[[j.dofadr[0] for j in joints]] = speed[0]
+        at = self._item.qposadr[0]
+        data.qpos[at : at + 3] = item.position_m[seen]
+        data.qpos[at + 3 : at + 7] = item.quaternion[seen]
+        mujoco.mj_forward(model, data)
+        size = mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        state = np.zeros(size)
+        mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_FULLPHYSICS)
+        states, sensors = rollout.rollout(model, data, state, control[None])
+        if not np.isfinite(states[0, -1]).all():
+            raise CaseError("the replay is not stable")
+        every = slice(0, None, 10)
+        base_m = states[0, every, 1 + joints[0].qposadr[0] : 4 + joints[0].qposadr[0]]
+        columns = {
+            model.sensor(i).name: sensors[0, every, a : a + d]
+            for i, (a, d) in enumerate(zip(model.sensor_adr, model.sensor_dim, strict=True))
+        }
+        pads = np.stack([np.linalg.norm(columns[pad], axis=1) for pad in ("left_pad", "right_pad")], axis=1)
+        return Replay(
+            phases=phases,
+            time_s=time_s[every],
+            item_m=columns["item"],
+            item_in_gripper_m=columns["item_in_gripper"],
+            pad_force_n=pads,
+            placed_m=item.position_m[seen],
+            tracking_error_m=float(np.linalg.norm(base_m - path[every, :3], axis=1).max()),
+        )

@@ -1,0 +1,90 @@
+"""From a file to a report. The same code runs in the oracle and as `rodeo verify FILE`."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from rodeo.config import Site
+from rodeo.errors import RodeoError
+from rodeo.evidence import EvidenceError, Limits, Store, open_proof
+from services.oracle.case import Case, CaseError, Ledger
+from services.oracle.checks import CHECKS, CheckFunction
+from services.oracle.report import Check, Finding, Report, skipped
+
+log = logging.getLogger(__name__)
+
+
+def verify_file(path: Path, site: Site, ledger: Ledger | None = None) -> Report:
+    """Check the proof at `path`. Without `ledger`, what only the chain knows is skipped.
+
+    Never raises for what the file holds: a file that cannot be read is a report that says so.
+    """
+    checks: list[Check] = []
+    try:
+        proof = open_proof(path, Limits(file_bytes=site.store.max_bytes))
+    except EvidenceError as error:
+        return _report([_failed("readable_and_sealed", error)], ledger)
+    sealed = f"{proof.messages} messages under {proof.seals} seals by {proof.signer}"
+    checks.append(Check(name="readable_and_sealed", passed=True, detail=sealed))
+    case = Case(proof, site, ledger)
+    if case.kind not in CHECKS:
+        detail = "the oracle does not know this kind of task"
+        checks.append(Check(name="kind", passed=False, measured=case.kind, detail=detail))
+        return _report(checks, ledger, proof.sha256)
+    missed = ""
+    for stage in CHECKS[case.kind]:
+        if missed:
+            checks += [_skipped(check, f"not asked: {missed} did not pass") for check in stage]
+            continue
+        checks += [_run(check, case) for check in stage]
+        missed = next((check.name for check in checks if check.passed is False), "")
+    return _report(checks, ledger, proof.sha256, case.kind)
+
+
+def verify_submission(site: Site, ledger: Ledger, folder: Path) -> Report:
+    """Fetch the task's proof into `folder` and check it."""
+    task = ledger.task
+    try:
+        path = Store(site).fetch(task.proof_uri or "", task.proof_sha256 or "", folder=folder)
+    except EvidenceError as error:
+        return _report([_failed("fetched", error)], ledger, task.proof_sha256)
+    report = verify_file(path, site, ledger)
+    fetched = Check(name="fetched", passed=True, measured=task.proof_sha256, source=task.proof_uri or "")
+    return report.model_copy(update={"checks": [fetched, *report.checks]})
+
+
+def _run(function: CheckFunction, case: Case) -> Check:
+    name = function.__name__
+    try:
+        finding = function(case)
+    except EvidenceError as error:
+        return _failed(name, error)
+    except (KeyError, TypeError, ValueError, IndexError, ArithmeticError) as error:
+        # The recording's numbers or the task's parameters are of a kind that no check foresaw.
+        log.exception("%s could not be computed", name)
+        finding = Finding(passed=False, detail=f"could not be computed: {error!r}"[:300])
+    return Check(name=name, **finding.model_dump())
+
+
+def _skipped(function: CheckFunction, why: str) -> Check:
+    return Check(name=function.__name__, **skipped(why).model_dump())
+
+
+def _failed(name: str, error: RodeoError) -> Check:
+    # A case's errors are findings in words; those of a broken file are known by their code.
+    detail = str(error) if isinstance(error, CaseError) else f"{error.code}: {error}"
+    return Check(name=name, passed=False, detail=detail[:300])
+
+
+def _report(
+    checks: list[Check], ledger: Ledger | None, sha256: str | None = None, kind: str | None = None
+) -> Report:
+    task = ledger.task if ledger else None
+    return Report.of(
+        checks,
+        kind=kind or (task.kind if task else None),
+        task_id=task.id if task else None,
+        attempt=task.attempt if task else None,
+        proof_sha256=sha256 or (task.proof_sha256 if task else None),
+    )

@@ -1,0 +1,305 @@
+"""The robot's body and the lab's motion capture, as ROS 2 offers them. Real or simulated looks the same."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from rodeo import topics
+from rodeo.config import Site
+from rodeo.lab.config import Pose2, RobotConfig
+from rodeo.lab.layout import on_contacts
+from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS
+from rodeo.ros2 import ActionClient, ClientGoal, MessageInfo, Node, types
+from rodeo.ros2.errors import (
+    ActionServerLost,
+    ActionServerUnavailable,
+    GoalAborted,
+    GoalCanceled,
+    GoalRejected,
+    GoalTimeout,
+    MalformedMessage,
+    Ros2Error,
+    ServiceTimeout,
+)
+from services.robot_agent.arm import Trajectory, Vector
+from services.robot_agent.errors import BodySilent, MotionFailed
+
+log = logging.getLogger(__name__)
+
+Checkpoint = Callable[[], None]
+"""Called at least every `_SLICE_S` while waiting; raises what should end the wait."""
+
+_SLICE_S = 0.1
+_SILENT_AFTER_S = 10.0
+"""Wall time without a message until the body counts as silent."""
+_GOAL_TIME_TOLERANCE_S = 3
+
+ON_FLOOR_M = 0.25
+"""An item whose centre is lower than this, and not in the bin, lies on the floor."""
+
+
+@dataclass(frozen=True)
+class Pose3:
+    """Position in the map (m) and orientation (w, x, y, z)."""
+
+    position_m: tuple[float, float, float]
+    quat_wxyz: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Joints:
+    """`arm_rad` (6,) and half the gap between the fingers."""
+
+    arm_rad: Vector
+    gripper_m: float
+
+
+@dataclass(frozen=True)
+class Battery:
+    soc: float
+    charging: bool
+
+
+@dataclass(frozen=True)
+class Grip:
+    """How a gripper command ended."""
+
+    position_m: float
+    stalled: bool
+
+
+class Latest:
+    """The newest message of one topic; decoded when it is asked for."""
+
+    def __init__(self, node: Node, topic: str, typename: str) -> None:
+        self.topic = topic
+        self._typename = typename
+        self._changed = threading.Condition()
+        self._cdr = b""
+        self._count = 0
+        self._arrived_s = -math.inf
+        # Inline, because a message that waits in a queue of its own while the result of a motion overtakes
+        # it would show the arm where it was before.
+        node.raw_subscription(topic, typename, self._on_message, inline=True)
+
+    def _on_message(self, info: MessageInfo) -> None:
+        with self._changed:
+            self._cdr = info.cdr
+            self._count += 1
+            self._arrived_s = time.monotonic()
+            self._changed.notify_all()
+
+    def recent(self) -> Any:
+        """The newest message without waiting, None when it is older than `_SILENT_AFTER_S`."""
+        with self._changed:
+            cdr, arrived_s = self._cdr, self._arrived_s
+        return self._decoded(cdr) if time.monotonic() - arrived_s < _SILENT_AFTER_S else None
+
+    def next(self, checkpoint: Checkpoint) -> Any:
+        """The first message that arrives from now on. Raises BodySilent.
+
+        What is asked after a motion has ended must not be answered with what was sent before.
+        """
+        deadline_s = time.monotonic() + _SILENT_AFTER_S
+        seen = self._count
+        while time.monotonic() < deadline_s:
+            # Nothing is done under the lock: the session's receiving thread takes it.
+            with self._changed:
+                if self._count == seen:
+                    self._changed.wait(_SLICE_S)
+                arrived = self._count != seen
+                seen, cdr = self._count, self._cdr
+            if arrived and (message := self._decoded(cdr)) is not None:
+                return message
+            checkpoint()
+        raise BodySilent("no fresh message", topic=self.topic, silent_s=_SILENT_AFTER_S)
+
+    def _decoded(self, cdr: bytes) -> Any:
+        try:
+            return types.deserialize(cdr, self._typename)
+        except MalformedMessage as error:
+            log.warning("left out a message on %s: %s", self.topic, error)
+            return None
+
+
+class Body:
+    """What the agent knows of a robot and can make it do.
+
+    Motions block until the body reports their end; while the body is away they wait for it and start
+    again. They raise MotionFailed when the body gives up, and whatever `checkpoint` raises.
+    """
+
+    def __init__(self, node: Node, site: Site, robot: RobotConfig) -> None:
+        names = {"ns": robot.name}
+        self._joint_states = Latest(node, topics.JOINT_STATES.name(**names), topics.JOINT_STATES.type)
+        self._battery = Latest(node, topics.BATTERY_STATE.name(**names), topics.BATTERY_STATE.type)
+        self._items = [item.id for item in site.items]
+        self._poses = {
+            body: Latest(node, topics.MOCAP_POSE.name(body=body), topics.MOCAP_POSE.type)
+            for body in (robot.name, *self._items)
+        }
+        self._name = robot.name
+        self._dock = site.dock
+        self._navigate, self._follow, self._grip = (
+            ActionClient(node, action.name(**names), action.type)
+            for action in (topics.NAVIGATE_TO_POSE, topics.FOLLOW_JOINT_TRAJECTORY, topics.GRIPPER_CMD)
+        )
+
+    # -- perception ------------------------------------------------------------------------------------
+
+    def pose_of(self, body: str, checkpoint: Checkpoint) -> Pose3:
+        """Where motion capture sees `body` now. Raises BodySilent."""
+        pose = self._poses[body].next(checkpoint).pose
+        p, q = pose.position, pose.orientation
+        return Pose3((p.x, p.y, p.z), (q.w, q.x, q.y, q.z))
+
+    def base_pose(self, checkpoint: Checkpoint) -> Pose2:
+        """Where the base stands now. Raises BodySilent."""
+        return _on_plane(self._poses[self._name].next(checkpoint).pose)
+
+    def trash_on_floor(self, checkpoint: Checkpoint, but: str | None = None) -> list[tuple[float, float]]:
+        """Where items lie on the floor now, leaving out the item `but`. Raises BodySilent."""
+        places = [self.pose_of(item, checkpoint).position_m for item in self._items if item != but]
+        return [(x, y) for x, y, z in places if z < ON_FLOOR_M]
+
+    def joints(self, checkpoint: Checkpoint) -> Joints:
+        """Raises BodySilent."""
+        message = self._joint_states.next(checkpoint)
+        position = dict(zip(message.name, message.position, strict=True))
+        left, right = (position[name] for name in FINGER_JOINTS)
+        return Joints(np.array([position[name] for name in ARM_JOINTS]), float(left - right) / 2)
+
+    def battery(self, checkpoint: Checkpoint) -> Battery:
+        """Raises BodySilent."""
+        message = self._battery.next(checkpoint)
+        return Battery(float(message.percentage), message.power_supply_status == 1)
+
+    def vitals(self) -> dict[str, Any]:
+        """State of charge and whether the robot is docked, as far as recently heard, for its status."""
+        heard: dict[str, Any] = {}
+        battery, pose = self._battery.recent(), self._poses[self._name].recent()
+        if battery is not None:
+            heard["soc"] = round(float(battery.percentage), 3)
+        if pose is not None:
+            heard["docked"] = on_contacts(self._dock, _on_plane(pose.pose))
+        return heard
+
+    # -- motion ----------------------------------------------------------------------------------------
+
+    def navigate(
+        self, goal: Pose2, checkpoint: Checkpoint, feedback: Callable[[Any], None] | None = None
+    ) -> None:
+        """Drive the base to `goal` in the map."""
+        half = goal.yaw_rad / 2
+        pose = types.new("geometry_msgs/msg/PoseStamped")
+        pose.header.frame_id = "map"
+        pose.pose.position.x, pose.pose.position.y = goal.x_m, goal.y_m
+        pose.pose.orientation.z, pose.pose.orientation.w = math.sin(half), math.cos(half)
+        message = types.new(f"{topics.NAVIGATE_TO_POSE.type}_Goal", pose=pose)
+        self._execute(self._navigate, lambda: message, checkpoint, feedback)
+
+    def follow(self, plan: Callable[[Vector], Trajectory], checkpoint: Checkpoint) -> None:
+        """Move the arm along `plan(current joint angles)`, planned anew whenever it has to start again."""
+
+        def goal() -> Any:
+            return _follow_goal(plan(self.joints(checkpoint).arm_rad))
+
+        self._execute(self._follow, goal, checkpoint)
+
+    def grip(self, position_m: float, force_n: float, checkpoint: Checkpoint) -> Grip:
+        """Move each finger to `position_m` from the middle, pushing with at most `force_n`."""
+        command = types.new("control_msgs/msg/GripperCommand", position=position_m, max_effort=force_n)
+        goal = types.new(f"{topics.GRIPPER_CMD.type}_Goal", command=command)
+        result = self._execute(self._grip, lambda: goal, checkpoint)
+        return Grip(float(result.position), bool(result.stalled))
+
+    def _execute(
+        self,
+        client: ActionClient,
+        make_goal: Callable[[], Any],
+        checkpoint: Checkpoint,
+        feedback: Callable[[Any], None] | None = None,
+    ) -> Any:
+        while True:
+            checkpoint()
+            if not client.wait_for_server(_SLICE_S):
+                continue
+            try:
+                return _finish(client.send_goal(make_goal(), feedback), checkpoint)
+            except (ActionServerLost, ActionServerUnavailable, ServiceTimeout, BodySilent) as error:
+                log.warning("%s; starting this motion again", error)
+            except (GoalAborted, GoalCanceled) as error:
+                raise MotionFailed(error.message, action=client.name, result=_plain(error.result)) from error
+            except GoalRejected as error:
+                raise MotionFailed(error.message, action=client.name) from error
+
+
+def _on_plane(pose: Any) -> Pose2:
+    q = pose.orientation
+    yaw = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
+    return Pose2(x_m=pose.position.x, y_m=pose.position.y, yaw_rad=yaw)
+
+
+def _finish(goal: ClientGoal, checkpoint: Checkpoint) -> Any:
+    """Wait for the goal's end; when `checkpoint` raises, the body is told to stop first."""
+    while True:
+        try:
+            return goal.result(_SLICE_S)
+        except GoalTimeout:
+            try:
+                checkpoint()
+            except Exception:
+                _cancel(goal)
+                raise
+
+
+def _cancel(goal: ClientGoal) -> None:
+    try:
+        goal.cancel()
+        goal.result(2.0)
+    except Ros2Error as error:
+        # It is being given up for a reason of its own, which the caller raises.
+        log.info("gave up a motion: %s", error)
+
+
+def _plain(result: Any) -> dict[str, Any]:
+    # Constants of the definition are attributes too, in capitals.
+    return {name: value for name, value in vars(result).items() if name.islower() and name[0] != "_"}
+
+
+def _follow_goal(trajectory: Trajectory) -> Any:
+    points = [
+        types.new(
+            "trajectory_msgs/msg/JointTrajectoryPoint",
+            positions=position,
+            velocities=velocity,
+            time_from_start=_duration(float(time_s)),
+        )
+        for time_s, position, velocity in _rows(trajectory)
+    ]
+    message = types.new("trajectory_msgs/msg/JointTrajectory", joint_names=list(ARM_JOINTS), points=points)
+    tolerance = types.new("builtin_interfaces/msg/Duration", sec=_GOAL_TIME_TOLERANCE_S)
+    return types.new(
+        f"{topics.FOLLOW_JOINT_TRAJECTORY.type}_Goal", trajectory=message, goal_time_tolerance=tolerance
+    )
+
+
+def _rows(trajectory: Trajectory) -> Sequence[tuple[float, Vector, Vector]]:
+    return list(zip(trajectory.times_s, trajectory.positions, trajectory.velocities, strict=True))
+
+
+def _duration(time_s: float) -> Any:
+    nanoseconds = round(time_s * 1e9)
+    return types.new(
+        "builtin_interfaces/msg/Duration",
+        sec=nanoseconds // 1_000_000_000,
+        nanosec=nanoseconds % 1_000_000_000,
+    )

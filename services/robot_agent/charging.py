@@ -1,0 +1,119 @@
+"""Buying a charge: post the task, drive to the dock, stay while it is delivered."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+
+from rodeo.config import Site
+from rodeo.dao import CHARGING, CLEANING
+from rodeo.lab.layout import dock_parking, on_contacts
+from rodeo.messages import RegisterTask, Task
+from services.robot_agent.account import Account
+from services.robot_agent.body import Body, Checkpoint
+from services.robot_agent.cleaning import Report
+from services.robot_agent.errors import MotionFailed
+from services.robot_agent.navigation import Floor
+from services.robot_agent.parking import leave
+
+log = logging.getLogger(__name__)
+
+_DOCKINGS = 4
+_LOOK_WALL_S = 1.0
+"""Wall time between two looks at task and battery."""
+
+
+class Charging:
+    """The robot's side of a charging session."""
+
+    def __init__(self, site: Site, robot: str, dao: Account, body: Body, floor: Floor) -> None:
+        self._site = site
+        self._robot = robot
+        self._dao = dao
+        self._body = body
+        self._floor = floor
+
+    def buy(self, soc: float) -> int:
+        """Post the task and return its id. Raises RemoteError (no money, no such kind) and BusError.
+
+        The request id changes with the number of charging tasks there are: asked again after a crash, the
+        bridge gives the first answer instead of posting a second task.
+        """
+        target = self._site.agent.charge_target
+        request = RegisterTask(
+            request_id=f"charge-{self._robot}-{self._dao.count(CHARGING)}",
+            kind=CHARGING,
+            reward_iec=self._site.economy.charging_reward_iec,
+            params={
+                "robot": self._robot,
+                "dock": self._site.dock.name,
+                "soc_from": round(soc, 4),
+                "soc_target": target,
+            },
+            description=f"Charge {self._robot} at {self._site.dock.name} to {target:.0%}",
+            execution_window_s=self._site.economy.charging_window_s,
+        )
+        return self._dao.post(request)
+
+    def take(self, task: Task, wake: threading.Event, checkpoint: Checkpoint, report: Report) -> None:
+        """Drive to the dock and stay until the charger is done with `task`, then leave.
+
+        Raises MotionFailed when the dock cannot be reached.
+        """
+        report("driving to the dock", 0.0)
+        self._dock(checkpoint)
+        soc_from = float(task.params["soc_from"])
+        soc_target = float(task.params["soc_target"])
+        while True:
+            battery = self._body.battery(checkpoint)
+            done = (battery.soc - soc_from) / max(soc_target - soc_from, 1e-6)
+            report(f"charging, {battery.soc:.0%}", min(max(done, 0.0), 1.0))
+            current = self._dao.task(task.id)
+            if current.state not in ("open", "assigned"):
+                break
+            if battery.soc >= soc_target and self._dao.assignments(CLEANING):
+                break
+            if not battery.charging and not on_contacts(self._site.dock, self._body.base_pose(checkpoint)):
+                log.warning("not on the dock's contacts any more; docking again")
+                self._dock(checkpoint)
+            self._wait(wake, checkpoint)
+        self.clear_the_dock(checkpoint, report)
+
+    def clear_the_dock(self, checkpoint: Checkpoint, report: Report) -> None:
+        """Make room for whoever charges next, if the robot stands on the contacts."""
+        if not on_contacts(self._site.dock, self._body.base_pose(checkpoint)):
+            return
+        report("leaving the dock", 1.0)
+        leave(
+            self._body,
+            self._floor,
+            dock_parking(self._site.dock),
+            self._body.trash_on_floor(checkpoint),
+            checkpoint,
+        )
+
+    def _dock(self, checkpoint: Checkpoint) -> None:
+        parking = dock_parking(self._site.dock)
+        if on_contacts(self._site.dock, self._body.base_pose(checkpoint)):
+            return
+        for attempt in range(1, _DOCKINGS + 1):
+            try:
+                self._body.navigate(parking, checkpoint)
+            except MotionFailed as error:
+                if attempt == _DOCKINGS:
+                    raise
+                log.warning("could not dock: %s", error)
+            if on_contacts(self._site.dock, self._body.base_pose(checkpoint)):
+                return
+            log.info("missed the contacts; docking again")
+            leave(self._body, self._floor, parking, self._body.trash_on_floor(checkpoint), checkpoint)
+        raise MotionFailed("the robot does not get onto the dock's contacts", dockings=_DOCKINGS)
+
+    def _wait(self, wake: threading.Event, checkpoint: Checkpoint) -> None:
+        """Until something happens on chain or it is time to look again."""
+        end_s = time.monotonic() + _LOOK_WALL_S
+        while not wake.wait(0.1) and time.monotonic() < end_s:
+            checkpoint()
+        wake.clear()
+        checkpoint()

@@ -1,0 +1,151 @@
+"""Records one assignment: every recorded topic of the key table exactly as it comes over the bus."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import logging
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from eth_account.signers.local import LocalAccount
+
+from rodeo import topics
+from rodeo.clock import Clock
+from rodeo.config import Site
+from rodeo.evidence import Binding, EvidenceError, Recorder
+from rodeo.evidence.errors import ContainerError
+from rodeo.evidence.reader import SealedReader
+from rodeo.messages import DaoEvent
+from rodeo.ros2 import MessageInfo, Node
+from rodeo.topics import Form, Plane, Topic
+from services.robot_agent.errors import EvidenceHole
+
+log = logging.getLogger(__name__)
+
+_HOLE_NS = 400_000_000
+"""Odometry comes every 20 ms: a longer silence means that messages were lost (a router that restarts)."""
+
+
+def recorded_topics(site: Site, robot: str, items: list[str]) -> Iterator[tuple[str, str]]:
+    """(name, ROS type) of each topic that belongs into the proof of a task of `robot` with `items`."""
+    names = {
+        "ns": [robot],
+        "body": [robot, *items],
+        "bin": [site.bin.name],
+        "compartment": list(site.bin.compartments),
+        "dock": [site.dock.name],
+    }
+    for topic in topics.TOPICS:
+        if topic.recorded and topic.plane == Plane.ROBOT and topic.form == Form.TOPIC:
+            yield from ((name, topic.type) for name in _expand(topic, names))
+
+
+def _expand(topic: Topic, names: dict[str, list[str]]) -> list[str]:
+    used = {field: values for field, values in names.items() if f"{{{field}}}" in topic.key}
+    return [
+        topic.name(**dict(zip(used, values, strict=True))) for values in itertools.product(*used.values())
+    ]
+
+
+def tells_of_disposal(path: Path) -> bool:
+    """Whether the bin's word that something fell is in the recording at `path`, which may be cut off."""
+    try:
+        for topic, _, message in SealedReader(path):
+            if topic == "rodeo/attestation" and "expected_compartment" in json.loads(message.data)["payload"]:
+                return True
+    except ContainerError as error:
+        log.info("read up to where the recording is cut off: %s", error)
+    return False
+
+
+class Recording:
+    """A running recording. Events and attestations are added by whoever hears them.
+
+    Args:
+        holes_allowed: whether `check` puts up with lost stretches, as it must when the work cannot be done
+            again.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        binding: Binding,
+        device: LocalAccount,
+        clock: Clock,
+        node: Node,
+        site: Site,
+        robot: str,
+        items: list[str],
+        holes_allowed: bool = False,
+    ) -> None:
+        """Start, or go on where a killed process left off. Raises RecordingSealed when it is finished."""
+        resume = path.exists()
+        self._recorder = (Recorder.resume if resume else Recorder)(path, binding, device, clock)
+        self._clock = clock
+        self._node = node
+        self._failure: EvidenceError | None = None
+        self._over = False
+        self._holes_allowed = holes_allowed
+        self._hole_ns = 0
+        self._last_odom_ns: int | None = None
+        self._lock = threading.Lock()
+        for name, typename in recorded_topics(site, robot, items):
+            node.raw_subscription(name, typename, self._writer(name, typename))
+        node.raw_subscription(topics.ODOM.name(ns=robot), topics.ODOM.type, self._watch_for_holes)
+
+    def _writer(self, name: str, typename: str) -> Any:
+        def write(info: MessageInfo) -> None:
+            self._guard(
+                lambda: self._recorder.write_ros(
+                    name, typename, info.cdr, self._clock.now_ns(), info.source_time_ns, info.sequence
+                )
+            )
+
+        return write
+
+    def _watch_for_holes(self, info: MessageInfo) -> None:
+        if self._last_odom_ns is not None:
+            step_ns = info.source_time_ns - self._last_odom_ns
+            if step_ns > _HOLE_NS:
+                self._hole_ns = max(self._hole_ns, step_ns)
+        self._last_odom_ns = info.source_time_ns
+
+    def event(self, event: DaoEvent) -> None:
+        """A contract event of this task."""
+        self.note(event.model_dump(mode="json"))
+
+    def note(self, payload: dict[str, Any]) -> None:
+        """Something the agent wants on record."""
+        self._guard(lambda: self._recorder.write_json("rodeo/event", payload))
+
+    def attestation(self, attestation: dict[str, Any]) -> None:
+        """Another device's signed statement."""
+        self._guard(lambda: self._recorder.write_json("rodeo/attestation", attestation))
+
+    def _guard(self, write: Any) -> None:
+        """Writers run in the bus's threads: a failure is kept for `check`, which the agent calls."""
+        with self._lock:
+            if self._failure is not None or self._over:
+                return
+            try:
+                write()
+            except EvidenceError as error:
+                log.error("recording failed: %s", error)
+                self._failure = error
+
+    def check(self) -> None:
+        """Raises what kept the recording from being written, EvidenceHole when messages were lost."""
+        if self._failure is not None:
+            raise self._failure
+        if self._hole_ns and not self._holes_allowed:
+            raise EvidenceHole("messages of the robot were lost", lost_s=self._hole_ns * 1e-9)
+
+    def suspend(self) -> None:
+        """Put everything on disk and let go of the file, to be sealed or gone on with."""
+        with self._lock:
+            self._over = True  # what still arrives while the subscriptions go belongs to no task
+        self._node.close()
+        self._recorder.suspend()

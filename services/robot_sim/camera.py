@@ -1,0 +1,62 @@
+"""The bin's camera: rendered where OpenGL is, otherwise a stored rendering of what is in front of it."""
+
+import logging
+import math
+from pathlib import Path
+from typing import Protocol
+
+from rodeo.errors import RodeoError
+from rodeo.lab.render import Camera, RendererUnavailable, encode
+from services.robot_sim.simulation import Simulation
+
+log = logging.getLogger(__name__)
+
+RENDERINGS = Path(__file__).with_name("renderings")
+_SHOWN_M = 0.12
+"""An item closer to the show point than this is in the picture."""
+
+
+class NoRendering(RodeoError):
+    """There is no stored rendering of what is in front of the camera."""
+
+
+class BinCamera(Protocol):
+    def jpeg(self) -> bytes:
+        """What the camera sees now. Call it from the simulation's thread."""
+        ...
+
+
+class RenderedCamera:
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._camera = Camera(simulation.model, f"{simulation.site.bin.name}/camera")
+
+    def jpeg(self) -> bytes:
+        return encode(self._camera.image(self._simulation.data))
+
+
+class StoredCamera:
+    """Shows the kind of the item that is really there, not how it is held."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+
+    def jpeg(self) -> bytes:
+        show_point = self._simulation.bin.show_point
+        name = "empty"
+        for item in self._simulation.site.items:
+            position_m, _ = self._simulation.item_pose(item.id)
+            if math.dist(position_m, show_point) <= _SHOWN_M:
+                name = f"{item.item_class}_{item.shape}"
+        path = RENDERINGS / f"{name}.jpg"
+        if not path.is_file():
+            raise NoRendering("no stored rendering of this item", name=name)
+        return path.read_bytes()
+
+
+def open_camera(simulation: Simulation) -> BinCamera:
+    try:
+        return RenderedCamera(simulation)
+    except RendererUnavailable as error:
+        log.warning("NO OPENGL DRIVER: the bin's camera shows stored renderings of the items (%s)", error)
+        return StoredCamera(simulation)

@@ -1,0 +1,102 @@
+"""The thread that owns the simulation: paces it, saves it, and does what other threads ask for in between."""
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import Future
+from typing import Protocol, TypeVar
+
+from rodeo.config import ClockConfig
+from rodeo.errors import RodeoError
+from services.robot_sim.simulation import Simulation
+from services.robot_sim.state import StateFile
+
+Result = TypeVar("Result")
+
+_LATE_S = 0.25
+"""A simulation that is further behind than this does not catch up."""
+_EARLY_S = 0.001
+"""Waits shorter than this cost more than they are worth."""
+_STOP_CHECK_S = 0.1
+
+
+class SimulationStopped(RodeoError):
+    """The simulation has ended; nothing can be asked of it."""
+
+
+class Publisher(Protocol):
+    """What the loop tells the bus, after the state that it shows was saved."""
+
+    def publish(self, skipped: bool) -> None: ...
+
+
+class Loop:
+    def __init__(self, simulation: Simulation, state: StateFile, clock: ClockConfig) -> None:
+        self.simulation = simulation
+        self._state = state
+        self._clock = clock
+        self._jobs: queue.SimpleQueue[tuple[Callable[[], object], Future[object] | None]]
+        self._jobs = queue.SimpleQueue()
+        self._closed = threading.Event()
+        self._anchor_wall_s = 0.0
+        self._anchor_ns = 0
+        self._speed = 0.0
+
+    def call(self, function: Callable[[], Result]) -> Result:
+        """Run `function` between two control periods and return what it returns. Raises SimulationStopped."""
+        done: Future[object] = Future()
+        self._jobs.put((function, done))
+        while not self._closed.is_set():
+            try:
+                return done.result(_STOP_CHECK_S)  # type: ignore[return-value]
+            except TimeoutError:
+                if done.done():
+                    raise
+        raise SimulationStopped("the simulation has stopped")
+
+    def post(self, function: Callable[[], object]) -> None:
+        """Run `function`, which must not fail, between two control periods, some time soon."""
+        self._jobs.put((function, None))
+
+    def run(self, publisher: Publisher, stop: threading.Event) -> None:
+        """Advance until `stop` is set; afterwards all motion has ended as cancelled."""
+        while not stop.is_set():
+            skipping = self.simulation.parked and self._clock.idle_speed != self._clock.speed
+            if self._wait_turn(self._clock.idle_speed if skipping else self._clock.speed, stop):
+                continue
+            if skipping:
+                self.simulation.skip()
+            else:
+                self.simulation.step()
+            self._state.save(self.simulation.time_ns, self.simulation.row())
+            publisher.publish(skipped=skipping)
+        self.simulation.halt()
+        self._closed.set()
+
+    def _wait_turn(self, speed: float, stop: threading.Event) -> bool:
+        """Wait for the next period or for something asked for; True if it is not yet time to advance."""
+        now_s = time.monotonic()
+        behind_s = now_s - self._due_s(speed) if speed > 0 and self._speed == speed else 0.0
+        if self._speed != speed or behind_s > _LATE_S:
+            self._speed, self._anchor_wall_s, self._anchor_ns = speed, now_s, self.simulation.time_ns
+        wait_s = self._due_s(speed) - now_s if speed > 0 else 0.0
+        try:
+            job = self._jobs.get(wait_s > _EARLY_S, timeout=min(max(wait_s, 0.0), _STOP_CHECK_S))
+        except queue.Empty:
+            return wait_s > _STOP_CHECK_S
+        self._do(*job)
+        return True
+
+    def _due_s(self, speed: float) -> float:
+        return self._anchor_wall_s + (self.simulation.time_ns - self._anchor_ns) * 1e-9 / speed
+
+    @staticmethod
+    def _do(function: Callable[[], object], done: Future[object] | None) -> None:
+        if done is None:
+            function()
+            return
+        try:
+            done.set_result(function())
+        except Exception as error:  # noqa: BLE001 - raised again in the thread that asked
+            done.set_exception(error)

@@ -1,0 +1,124 @@
+"""What survives a SIGKILL: the world as it was at the last control period, in a memory-mapped file.
+
+Two slots are written in turn, numbers first and header last, so that at any moment one of them is whole. The
+kernel keeps the pages of a killed process; what a power cut tears, the checksum finds.
+"""
+
+import hashlib
+import mmap
+import os
+import struct
+import zlib
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from rodeo.errors import RodeoError
+
+_HEADER = struct.Struct("<8s32sQqI")
+"""Magic, fingerprint of the world, sequence, site time in ns, CRC-32."""
+_MAGIC = b"RODEOSIM"
+
+
+class AnotherWorld(RodeoError):
+    """The saved state is of a world that was built differently."""
+
+
+class WorldLost(RodeoError):
+    """There is a saved state, but no whole copy of it."""
+
+
+class StateFile:
+    """A row of float64 and a site time, replaced as a whole.
+
+    Args:
+        fingerprint: identifies what the numbers mean; a file of another one is not read.
+        size: how many numbers a row has.
+
+    Raises AnotherWorld.
+    """
+
+    def __init__(self, path: Path, fingerprint: bytes, size: int) -> None:
+        self._fingerprint = hashlib.sha256(fingerprint).digest()
+        self._row_bytes = 8 * size
+        self._slot_bytes = _HEADER.size + self._row_bytes
+        self.path = path
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        stored_bytes = os.fstat(descriptor).st_size
+        if stored_bytes not in (0, 2 * self._slot_bytes):
+            os.close(descriptor)
+            raise AnotherWorld("the saved world is another lab; start with --fresh", path=str(path))
+        os.ftruncate(descriptor, 2 * self._slot_bytes)
+        self._map = mmap.mmap(descriptor, 0)
+        os.close(descriptor)
+        self._sequence = 0
+
+    def load(self) -> tuple[int, np.ndarray] | None:
+        """(site time in ns, row) of the newest whole slot, or None for a new file.
+
+        Raises AnotherWorld (see the class), WorldLost when neither slot is whole.
+        """
+        best: tuple[int, int, np.ndarray] | None = None
+        for offset in (0, self._slot_bytes):
+            magic, fingerprint, sequence, time_ns, crc = _HEADER.unpack_from(self._map, offset)
+            if magic != _MAGIC:
+                continue
+            if fingerprint != self._fingerprint:
+                raise AnotherWorld("the saved world is another lab; start with --fresh", path=str(self.path))
+            start = offset + _HEADER.size
+            numbers = self._map[start : start + self._row_bytes]
+            if _checksum(sequence, time_ns, numbers) == crc and (best is None or sequence > best[0]):
+                best = (sequence, time_ns, np.frombuffer(numbers))
+        if best is None:
+            if any(self._map[:]):
+                raise WorldLost(
+                    "both copies of the saved world are torn; start with --fresh", path=str(self.path)
+                )
+            return None
+        self._sequence = best[0]
+        return best[1], best[2]
+
+    def save(self, time_ns: int, row: np.ndarray) -> None:
+        numbers = row.tobytes()
+        self._sequence += 1
+        offset = self._sequence % 2 * self._slot_bytes
+        start = offset + _HEADER.size
+        self._map[start : start + len(numbers)] = numbers
+        crc = _checksum(self._sequence, time_ns, numbers)
+        header = (_MAGIC, self._fingerprint, self._sequence, time_ns, crc)
+        _HEADER.pack_into(self._map, offset, *header)
+
+    def close(self) -> None:
+        self._map.flush()
+        self._map.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _checksum(sequence: int, time_ns: int, numbers: bytes) -> int:
+    return zlib.crc32(numbers, zlib.crc32(struct.pack("<Qq", sequence, time_ns)))
+
+
+def saved_time_ns(path: Path) -> int | None:
+    """Site time at which any world was last saved there: a new world starts no earlier."""
+    try:
+        stored = path.read_bytes()
+    except FileNotFoundError:
+        return None
+    times = []
+    if len(stored) >= _HEADER.size:
+        slot_bytes = len(stored) // 2
+        for offset in (0, slot_bytes):
+            magic, _, _, time_ns, _ = _HEADER.unpack_from(stored, offset)
+            if magic == _MAGIC:
+                times.append(time_ns)
+    return max(times, default=None)

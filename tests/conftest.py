@@ -1,0 +1,38 @@
+"""Fixtures of every test: sites of their own on free ports, and their real processes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.support.site import RunningSite, write_site
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--chain",
+        choices=("eth-tester", "anvil"),
+        default="eth-tester",
+        help="which local chain the integration tests run on",
+    )
+
+
+@pytest.fixture(scope="session")
+def chain_backend(request: pytest.FixtureRequest) -> str:
+    return str(request.config.getoption("--chain"))
+
+
+@pytest.fixture
+def site_path(tmp_path: Path, chain_backend: str) -> Path:
+    """A site file of the test's own: the lab on free ports, data under the test's folder."""
+    return write_site(tmp_path, chain_backend)
+
+
+@pytest.fixture
+def running(site_path: Path) -> Iterator[RunningSite]:
+    """Start processes with `running.start(...)`; whatever was started is stopped at the end."""
+    site = RunningSite(site_path)
+    yield site
+    site.stop()

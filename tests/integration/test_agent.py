@@ -1,0 +1,167 @@
+"""The robot's mind on a whole site of real processes: it works, is interrupted, fails honestly, explores."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from rodeo.bus import DaoEvents
+from rodeo.evidence import Store, open_proof
+from rodeo.messages import DaoEvent, Status
+from rodeo.ros2 import Node
+from services.robot_agent.body import Body
+from tests.support.site import RunningSite, write_site
+
+WAIT_S = 120.0
+SITE = """clock.speed = 20
+clock.idle_speed = 400
+agent.explore_when_idle = true
+"""
+
+
+class Organization:
+    """The organization's side of a running site."""
+
+    def __init__(self, running: RunningSite) -> None:
+        self.running = running
+        self.events: list[DaoEvent] = []
+        self.activities: list[str] = []
+        self._changed = threading.Condition()
+        self._dao_events = DaoEvents(running.bus, running.site.org, self._on_event)
+        running.bus.subscribe_json(f"rodeo/{running.site.org}/status/robot_agent", self._on_status)
+
+    def _on_event(self, event: DaoEvent) -> None:
+        with self._changed:
+            self.events.append(event)
+            self._changed.notify_all()
+
+    def _on_status(self, _key: str, data: dict[str, Any]) -> None:
+        with self._changed:
+            self.activities.append(Status.model_validate(data).activity)
+            self._changed.notify_all()
+
+    def wait_for_event(self, name: str, task_id: int) -> DaoEvent:
+        def found() -> DaoEvent | None:
+            return next((e for e in self.events if (e.name, e.task_id) == (name, task_id)), None)
+
+        return self._wait(found, f"{name} of task {task_id}")
+
+    def wait_for_activity(self, text: str) -> None:
+        self._wait(lambda: any(text in activity for activity in self.activities), text)
+
+    def _wait(self, found: Callable[[], Any], what: str) -> Any:
+        with self._changed:
+            assert self._changed.wait_for(found, WAIT_S), (
+                f"waited for {what}; the agent said:\n{self.running.log('robot_agent')}"
+            )
+            return found()
+
+    def post(self, item_id: str, **more: Any) -> int:
+        place = {item.id: item.pose for item in self.running.site.items}.get(item_id)
+        params = {"item_id": item_id, "x_m": place.x_m if place else 1.0, "y_m": place.y_m if place else 1.0}
+        request = {"kind": "waste_disposal", "reward_iec": "100", "params": params, **more}
+        key = f"rodeo/{self.running.site.org}/wallet/organization/register_task"
+        return int(self.running.bus.query(key, request, timeout_s=30.0)["task_id"])
+
+    def cancel(self, task_id: int) -> None:
+        key = f"rodeo/{self.running.site.org}/wallet/organization/cancel_task"
+        self.running.bus.query(key, {"task_id": task_id}, timeout_s=30.0)
+
+    def task(self, task_id: int) -> dict[str, Any]:
+        return self.running.bus.query(f"rodeo/{self.running.site.org}/state/task/{task_id}")
+
+    def close(self) -> None:
+        self._dao_events.close()
+
+
+@pytest.fixture(scope="module")
+def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
+    running = RunningSite(write_site(tmp_path_factory.mktemp("agent"), chain_backend, SITE))
+    running.start("router", "chain")
+    running.deploy_contracts()
+    running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
+    organization = Organization(running)
+    yield organization
+    organization.close()
+    running.stop()
+
+
+def test_an_idle_robot_explores(organization: Organization) -> None:
+    running = organization.running
+    organization.wait_for_activity("exploring")
+    body = Body(Node(running.bus.session, "test", "", 0, _NoClock()), running.site, running.site.robots[0])
+    start = body.base_pose(_go_on)
+    far = threading.Event()
+
+    def look() -> None:
+        here = body.base_pose(_go_on)
+        if math.dist((here.x_m, here.y_m), (start.x_m, start.y_m)) > 0.3:
+            far.set()
+
+    for _ in range(5000):
+        look()
+        if far.is_set():
+            return
+    raise AssertionError("it did not move")
+
+
+def test_a_robot_killed_with_the_item_in_its_gripper_starts_again_and_is_paid(
+    organization: Organization,
+) -> None:
+    task_id = organization.post("item1")
+    organization.wait_for_activity("carrying item1")
+    organization.running.kill("robot_agent")
+    organization.running.start("robot_agent", ready=False)
+    organization.wait_for_event("TaskSettled", task_id)
+    task = organization.task(task_id)
+    assert (task["state"], task["attempt"], task["verdict"]) == ("settled", 1, "accepted")
+    assert "putting item1 back to start again" in organization.activities
+
+
+def test_the_proof_holds_every_recorded_topic_the_events_and_the_bins_word(
+    organization: Organization,
+) -> None:
+    task_id = organization.post("item3")
+    organization.wait_for_event("TaskSettled", task_id)
+    task = organization.task(task_id)
+    store = Store(organization.running.site)
+    proof = open_proof(store.fetch(task["proof_uri"], task["proof_sha256"], 1 << 28))
+    assert {
+        "/panther1/odom",
+        "/panther1/joint_states",
+        "/panther1/battery_state",
+        "/mocap/panther1/pose",
+        "/mocap/item3/pose",
+        "/itrash/blue/load",
+    } <= proof.topics.keys()
+    assert "/mocap/item2/pose" not in proof.topics
+    names = [event.get("name") for event in proof.events()]
+    assert names[:2] == ["TaskRegistered", "TaskAssigned"]
+    statements = [attestation.payload for attestation in proof.attestations()]
+    assert [("class" in s, "weight_n" in s) for s in statements] == [(True, False), (False, True)]
+    assert statements[1]["classification_seq"] == statements[0]["seq"]
+
+
+def test_an_item_that_is_not_there_fails_honestly_and_the_robot_goes_on(organization: Organization) -> None:
+    task_id = organization.post("item99", max_attempts=1)
+    event = organization.wait_for_event("TaskFailed", task_id)
+    task = organization.task(task_id)
+    assert (task["state"], task["verdict"]) == ("failed", "rejected")
+    assert "item" in task["reason"]
+    assert event.args["refund_iec"] == "100"
+
+    following = organization.post("item2")
+    organization.wait_for_event("TaskSettled", following)
+
+
+def _go_on() -> None:
+    pass
+
+
+class _NoClock:
+    def now_ns(self) -> int:
+        raise NotImplementedError("nothing is published here")

@@ -1,0 +1,32 @@
+"""Processes start alone and in any order: each waits, and says for what, until it is there."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from deploy.processes import PROCESSES
+from tests.support.site import RunningSite
+
+LAST = ("chain", "router")
+
+
+@pytest.fixture
+def bare(site_path: Path) -> Iterator[RunningSite]:
+    """A site on which nothing was ever done: not even keystores."""
+    site = RunningSite(site_path, wallets=False)
+    yield site
+    site.stop()
+
+
+def test_the_last_comes_first_and_all_become_ready(bare: RunningSite) -> None:
+    first = [process.name for process in reversed(PROCESSES) if process.name not in LAST]
+    bare.start(*first, ready=False)
+    bare.start(*LAST, ready=False)
+    bare.wait_ready("chain", "router", "robot_sim", "oracle")
+    for name in ("robot_agent", "itrash", "charger", "bridge"):
+        status = bare.status(name)
+        assert not status.ready
+        assert status.reason.startswith("waiting for ") or "run python -m deploy.contracts" in status.reason
+    bare.deploy_contracts()
+    bare.wait_ready(*first)

@@ -1,0 +1,499 @@
+"""The money path over the bus: real router, chain and bridge; participants played by the test."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rodeo.bus import Bus
+from rodeo.chain import from_wei
+from rodeo.errors import NoResponder, QueryTimeout, RemoteError
+from rodeo.messages import DaoEvent, Status, Task
+from tests.support.dao import CHARGING, PARAMS, WAIT_S, Dao
+from tests.support.site import RunningSite, write_site
+
+CLEANING = "waste_disposal"
+
+
+@pytest.fixture(scope="module")
+def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
+    """One organization for the tests that leave it as they found it: no open task, one idle cleaner."""
+    running = RunningSite(write_site(tmp_path_factory.mktemp("dao"), chain_backend))
+    organization = Dao(running)
+    try:
+        organization.start()
+        organization.command("panther1", "register_service", kind=CLEANING, price_iec="100")
+        yield organization
+    finally:
+        organization.stop()
+        running.stop()
+
+
+@pytest.fixture
+def own_dao(running: RunningSite) -> Iterator[Dao]:
+    """An organization of the test's own, to break."""
+    organization = Dao(running)
+    try:
+        organization.start()
+        organization.command("panther1", "register_service", kind=CLEANING, price_iec="100")
+        yield organization
+    finally:
+        organization.stop()
+
+
+def retried(dao: Dao, participant: str, command: str, **fields: Any) -> dict[str, Any]:
+    """Ask until there is an answer, as a participant does whose bridge or node went away."""
+    deadline_s = time.monotonic() + WAIT_S
+    pause = threading.Event()
+    while True:
+        try:
+            return dao.command(participant, command, **fields)
+        except (NoResponder, QueryTimeout):
+            pass
+        except RemoteError as error:
+            if error.code not in ("bridge_not_ready", "chain_unavailable", "transaction_timeout"):
+                raise
+        assert time.monotonic() < deadline_s, dao.running.log("bridge")
+        pause.wait(0.1)
+
+
+def assert_index_equals_contracts(dao: Dao) -> None:
+    client = dao.client()
+    tasks = {task["id"]: task for task in dao.state("tasks", limit=500)["tasks"]}
+    assert sorted(tasks) == list(range(1, client.task_count() + 1))
+    for task_id, indexed in tasks.items():
+        Task.model_validate(indexed)
+        kept = client.task(task_id)
+        assert indexed["state"] == kept.state.name.lower()
+        assert indexed["attempt"] == kept.attempt
+        assert indexed["service_id"] == (kept.service_id or None)
+        assert indexed["reward_iec"] == f"{from_wei(kept.reward):f}"
+    for entry in dao.state("wallets")["wallets"]:
+        assert entry["balance_iec"] == f"{from_wei(client.balance(entry['address'])):f}"
+    for service in dao.state("services")["services"]:
+        kept_service = client.service(service["id"])
+        assert service["state"] == kept_service.state.name.lower()
+        assert service["task_id"] == (kept_service.task_id or None)
+        assert (service["completed"], service["rejected"], service["expired"]) == (
+            kept_service.completed,
+            kept_service.rejected,
+            kept_service.expired,
+        )
+
+
+def test_a_task_is_assigned_proved_judged_and_paid(dao: Dao) -> None:
+    before = dao.balances()
+    task_id = dao.post("120", description="the can by the desk")
+    task = dao.task(task_id)
+    assert (task["state"], task["executor_name"], task["attempt"]) == ("assigned", "panther1", 1)
+    assert task["params"] == PARAMS and task["description"] == "the can by the desk"
+    assert dao.balances()["organization"] == before["organization"] - 120
+    sha256 = dao.prove(task_id)
+    assert dao.task(task_id)["state"] == "submitted"
+    dao.judge(task_id, accepted=True)
+    task = dao.task(task_id)
+    assert (task["state"], task["verdict"], task["proof_sha256"]) == ("settled", "accepted", sha256)
+    assert (task["reward_iec"], task["price_iec"], task["paid_iec"]) == ("120", "100", "100")
+    after = dao.balances()
+    assert after["organization"] == before["organization"] - 100
+    assert after["panther1"] == before["panther1"] + 100
+    dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "TaskSettled")
+    assert dao.names_of(task_id) == [
+        "TaskRegistered",
+        "TaskAssigned",
+        "ProofSubmitted",
+        "VerdictPosted",
+        "TaskSettled",
+    ]
+    assert_index_equals_contracts(dao)
+
+
+def test_a_robot_pays_the_organization_for_a_charge(dao: Dao) -> None:
+    service_id = dao.command("organization", "register_service", kind="battery_charging", price_iec="200")[
+        "service_id"
+    ]
+    before = dao.balances()
+    task_id = dao.command(
+        "panther1", "register_task", kind="battery_charging", reward_iec="200", params=CHARGING
+    )["task_id"]
+    task = dao.task(task_id)
+    assert (task["creator_name"], task["executor_name"]) == ("panther1", "organization")
+    dao.prove(task_id, "organization")
+    dao.judge(task_id, accepted=True)
+    after = dao.balances()
+    assert after["organization"] == before["organization"] + 200
+    assert after["panther1"] == before["panther1"] - 200
+    dao.command("organization", "update_service", service_id=service_id, state="retired")
+    services = {service["id"]: service for service in dao.state("services")["services"]}
+    assert (services[service_id]["state"], services[service_id]["price_iec"]) == ("retired", "200")
+    with pytest.raises(RemoteError) as refused:
+        dao.command("organization", "update_service", service_id=service_id, state="active")
+    assert refused.value.code == "service_is_retired"
+
+
+def test_an_unassigned_task_can_be_cancelled_and_its_reward_comes_back(dao: Dao) -> None:
+    busy = dao.post()
+    before = dao.balances()
+    waiting = dao.post()
+    assert dao.task(waiting)["state"] == "open"
+    dao.command("organization", "cancel_task", task_id=waiting)
+    assert dao.task(waiting)["state"] == "cancelled"
+    assert dao.balances() == before
+    with pytest.raises(RemoteError) as refused:
+        dao.command("organization", "cancel_task", task_id=busy)
+    assert refused.value.code == "wrong_state"
+    assert refused.value.details == {"task_id": busy, "current": "assigned", "expected": "open"}
+    dao.prove(busy)
+    dao.judge(busy, accepted=True)
+
+
+def test_a_rejected_task_is_tried_again_and_refunded_at_the_last(dao: Dao) -> None:
+    before = dao.balances()
+    task_id = dao.post(max_attempts=2)
+    dao.prove(task_id, digit="c")
+    dao.judge(task_id, accepted=False, reason="the item never left the floor")
+    task = dao.task(task_id)
+    # The only cleaner is free again and gets the second attempt at once.
+    assert (task["state"], task["attempt"], task["proof_sha256"]) == ("assigned", 2, None)
+    dao.prove(task_id, digit="d")
+    dao.judge(task_id, accepted=False, reason="again")
+    task = dao.task(task_id)
+    assert (task["state"], task["verdict"], task["reason"]) == ("failed", "rejected", "again")
+    assert dao.balances() == before
+    assert_index_equals_contracts(dao)
+
+
+def test_overdue_tasks_are_expired_by_the_bridge(dao: Dao) -> None:
+    before = dao.balances()
+    task_id = dao.post(max_attempts=2, execution_window_s=600, verdict_window_s=900)
+    deadline_s = dao.task(task_id)["execution_deadline"]
+    dao.set_clock(deadline_s + 2)
+    dao.wait_for(lambda: "TaskRequeued" in dao.names_of(task_id), "the first expiry")
+    dao.wait_for(lambda: dao.names_of(task_id).count("TaskAssigned") == 2, "the second assignment")
+    dao.prove(task_id)
+    dao.set_clock(dao.task(task_id)["verdict_deadline"] + 2)
+    dao.wait_for(lambda: "TaskFailed" in dao.names_of(task_id), "the second expiry")
+    task = dao.task(task_id)
+    assert (task["state"], task["verdict"]) == ("failed", "expired")
+    assert task["reason"] == "no verdict within the verdict window"
+    assert dao.balances() == before
+    assert_index_equals_contracts(dao)
+
+
+def test_every_event_comes_once_in_chain_order_and_after_its_state(dao: Dao) -> None:
+    states: dict[str, str] = {}
+    done = threading.Event()
+
+    def on_event(_key: str, data: dict[str, Any]) -> None:
+        event = DaoEvent.model_validate(data)
+        if event.task_id is not None:
+            states[event.name] = dao.task(event.task_id)["state"]
+        if event.name == "TaskSettled":
+            done.set()
+
+    bus = Bus.open(dao.site.bus.router, timeout_s=5)
+    bus.subscribe_json(f"rodeo/{dao.site.org}/event/*", on_event)
+    task_id = dao.post()
+    dao.prove(task_id)
+    dao.judge(task_id, accepted=True)
+    assert done.wait(WAIT_S)
+    bus.close()
+    rank = ["open", "assigned", "submitted", "settled"]
+    least = {"TaskRegistered": 0, "TaskAssigned": 1, "ProofSubmitted": 2, "TaskSettled": 3}
+    for name, expected in least.items():
+        assert rank.index(states[name]) >= expected
+    dao.wait_for(lambda: dao.names_of(task_id)[-1] == "TaskSettled", "TaskSettled")
+    assert [event.seq for event in dao.events] == list(range(1, len(dao.events) + 1))
+    places = [(event.block, event.log_index) for event in dao.events]
+    assert places == sorted(places)
+
+
+def test_the_same_request_twice_is_done_once(dao: Dao) -> None:
+    first = dao.post(request_id="once")
+    assert dao.post(request_id="once") == first
+    with pytest.raises(RemoteError) as refused:
+        dao.post("101", request_id="once")
+    assert refused.value.code == "request_id_reused"
+    dao.prove(first)
+    dao.judge(first, accepted=True)
+
+
+def test_tokens_move_between_participants(dao: Dao) -> None:
+    before = dao.balances()
+    dao.command("organization", "transfer", to="oracle", amount_iec="1.5")
+    oracle = dao.state("wallets")["wallets"][2]
+    assert (oracle["name"], oracle["balance_iec"]) == ("oracle", "1.5")
+    dao.command("oracle", "transfer", to=dao.state("chain")["organization"], amount_iec="1.5")
+    assert dao.balances() == before
+
+
+@pytest.mark.parametrize(
+    ("participant", "command", "fields", "code"),
+    [
+        ("organization", "register_task", {"kind": "dance", "reward_iec": "1"}, "unknown_kind"),
+        ("organization", "register_task", {"kind": "Not A Kind", "reward_iec": "1"}, "invalid_request"),
+        ("organization", "register_task", {"kind": CLEANING, "reward_iec": "100"}, "invalid_request"),
+        ("organization", "register_task", {"kind": CLEANING, "reward_iec": "-1"}, "invalid_request"),
+        (
+            "organization",
+            "register_task",
+            {"kind": CLEANING, "reward_iec": "100", "params": PARAMS, "reward": 1},
+            "invalid_request",
+        ),
+        (
+            "organization",
+            "register_task",
+            {"kind": CLEANING, "reward_iec": "99.9", "params": PARAMS},
+            "reward_below_price",
+        ),
+        (
+            "organization",
+            "register_task",
+            {"kind": CLEANING, "reward_iec": "5000", "params": PARAMS},
+            "insufficient_funds",
+        ),
+        (
+            "organization",
+            "register_task",
+            {"kind": CLEANING, "reward_iec": "100", "params": PARAMS, "execution_window_s": 1},
+            "invalid_window",
+        ),
+        ("oracle", "transfer", {"to": "panther1", "amount_iec": "1"}, "insufficient_funds"),
+        ("oracle", "transfer", {"to": "nobody", "amount_iec": "1"}, "unknown_participant"),
+        ("oracle", "cancel_task", {"task_id": 12345}, "unknown_task"),
+        ("oracle", "expire_task", {"task_id": 12345}, "unknown_task"),
+        ("oracle", "update_service", {"service_id": 12345}, "unknown_service"),
+        ("oracle", "update_service", {"service_id": 1, "price_iec": "1"}, "not_provider"),
+        ("oracle", "make_coffee", {}, "unknown_command"),
+        (
+            "panther1",
+            "post_verdict",
+            {
+                "task_id": 1,
+                "attempt": 1,
+                "proof_sha256": "0x" + "a" * 64,
+                "accepted": True,
+                "reason": "mine",
+                "report_sha256": "0x" + "b" * 64,
+                "report_uri": "",
+            },
+            "not_oracle",
+        ),
+        *(
+            (
+                "panther1",
+                "submit_proof",
+                {"task_id": 1, "attempt": 1, "proof_sha256": "0x" + "a" * 64, "proof_uri": uri},
+                "proof_uri_not_allowed",
+            )
+            for uri in (
+                "http://evil.example/x.mcap",
+                "file:///etc/passwd",
+                f"file:///tmp/../{'a' * 64}.mcap",
+                "data:,x",
+            )
+        ),
+    ],
+)
+def test_bad_input_is_refused_by_name_and_changes_nothing(
+    dao: Dao, participant: str, command: str, fields: dict[str, Any], code: str
+) -> None:
+    before = (dao.balances(), dao.state("tasks")["total"], dao.state("chain")["head"])
+    with pytest.raises(RemoteError) as refused:
+        dao.command(participant, command, **fields)
+    assert refused.value.code == code, refused.value
+    assert (dao.balances(), dao.state("tasks")["total"], dao.state("chain")["head"]) == before
+
+
+@pytest.mark.parametrize(
+    "payload", [b"{", b"[]", b"\xff", b"[" * 5000, b'{"a": "' + b"x" * (1 << 20) + b'"}']
+)
+def test_what_is_no_json_object_is_refused(dao: Dao, payload: bytes) -> None:
+    with pytest.raises(RemoteError) as refused:
+        dao.running.bus.query(f"rodeo/{dao.site.org}/wallet/panther1/register_task", payload)
+    assert refused.value.code == "malformed_json"
+
+
+@pytest.mark.parametrize(
+    ("what", "parameters", "code"),
+    [
+        ("task/9999", {}, "unknown_task"),
+        ("task/x", {}, "unknown_task"),
+        ("weather", {}, "unknown_query"),
+        ("tasks", {"limit": 100_000}, "invalid_request"),
+        ("tasks", {"state": "lost"}, "invalid_request"),
+        ("tasks", {"colour": "red"}, "invalid_request"),
+        ("tasks", {"executor": "nobody"}, "unknown_participant"),
+        ("events", {"after": -1}, "invalid_request"),
+    ],
+)
+def test_bad_questions_are_refused_by_name(
+    dao: Dao, what: str, parameters: dict[str, Any], code: str
+) -> None:
+    with pytest.raises(RemoteError) as refused:
+        dao.state(what, **parameters)
+    assert refused.value.code == code
+
+
+def test_a_price_above_the_reward_can_wait_for_a_cheaper_service(dao: Dao) -> None:
+    task_id = dao.post("40", allow_wait=True)
+    assert dao.task(task_id)["state"] == "open"
+    (service,) = [one for one in dao.state("services")["services"] if one["kind"] == CLEANING]
+    dao.command("panther1", "update_service", service_id=service["id"], price_iec="40")
+    assert dao.task(task_id)["state"] == "assigned"
+    dao.prove(task_id)
+    dao.judge(task_id, accepted=True)
+    dao.command("panther1", "update_service", service_id=service["id"], price_iec="100")
+
+
+def test_tasks_are_listed_by_filter_and_page(dao: Dao) -> None:
+    everything = dao.state("tasks", limit=500)
+    mine = dao.state("tasks", creator="organization", state="settled")
+    assert 0 < mine["total"] <= everything["total"]
+    assert {task["creator_name"] for task in mine["tasks"]} == {"organization"}
+    page = dao.state("tasks", limit=2, offset=1)
+    assert page["tasks"] == everything["tasks"][1:3] and page["total"] == everything["total"]
+
+
+def test_devices_are_known_with_their_roles_and_owners(dao: Dao) -> None:
+    devices = dao.state("devices")["devices"]
+    assert {(device["role"], device["owner_name"]) for device in devices} == {
+        ("robot", "panther1"),
+        ("bin", "organization"),
+        ("meter", "organization"),
+    }
+    assert all(device["revoked"] is None for device in devices)
+
+
+def test_without_contracts_the_bridge_says_what_is_missing(running: RunningSite) -> None:
+    running.start("router", "bridge", ready=False)
+    seen: list[str] = []
+    no_node, no_contracts = threading.Event(), threading.Event()
+
+    def on_status(_key: str, data: dict[str, Any]) -> None:
+        status = Status.model_validate(data)
+        assert not status.ready
+        seen.append(status.reason)
+        if status.reason.startswith(f"no node at {running.site.chain.url}"):
+            no_node.set()
+        if status.reason == "deployment record missing: run python -m deploy.contracts":
+            no_contracts.set()
+
+    subscriber = running.bus.subscribe_json(f"rodeo/{running.site.org}/status/bridge", on_status)
+    assert no_node.wait(WAIT_S), seen
+    with pytest.raises(RemoteError) as refused:
+        Dao(running).state("tasks")
+    assert refused.value.code == "bridge_not_ready"
+    running.start("chain", ready=False)
+    assert no_contracts.wait(WAIT_S), seen
+    subscriber.undeclare()
+    running.deploy_contracts()
+    running.wait_ready("bridge")
+
+
+def test_a_killed_bridge_goes_on_where_it_was(own_dao: Dao) -> None:
+    dao = own_dao
+    task_id = dao.post()
+    dao.running.kill("bridge")
+    dao.running.start("bridge")
+    dao.prove(task_id)
+    dao.running.kill("bridge")
+    dao.running.start("bridge")
+    dao.judge(task_id, accepted=True)
+    dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "TaskSettled")
+    heard = [event.model_dump() for event in dao.events]
+    assert [event["seq"] for event in heard] == list(range(1, len(heard) + 1))
+    assert dao.state("events")["events"] == [event.model_dump(mode="json") for event in dao.events]
+    assert_index_equals_contracts(dao)
+
+
+def test_requests_survive_a_kill_of_the_bridge_neither_lost_nor_doubled(own_dao: Dao) -> None:
+    dao = own_dao
+    requests = [f"request {number}" for number in range(12)]
+
+    def post(request_id: str) -> int:
+        reply = retried(
+            dao,
+            "organization",
+            "register_task",
+            kind=CLEANING,
+            reward_iec="100",
+            params=PARAMS,
+            request_id=request_id,
+        )
+        return int(reply["task_id"])
+
+    with ThreadPoolExecutor(max_workers=4) as participants:
+        posted = [participants.submit(post, request) for request in requests]
+        for _ in range(3):
+            seen = len(dao.events)
+            dao.wait_for(lambda seen=seen: len(dao.events) > seen, "progress")  # type: ignore[misc]
+            dao.running.kill("bridge")
+            dao.running.start("bridge")
+        task_ids = [future.result() for future in posted]
+    assert sorted(task_ids) == list(range(1, len(requests) + 1))
+    assert dao.client().task_count() == len(requests)
+    assert_index_equals_contracts(dao)
+
+
+def test_a_killed_chain_comes_back_under_the_same_bridge(own_dao: Dao) -> None:
+    dao = own_dao
+    task_id = dao.post()
+    dao.running.kill("chain")
+    with pytest.raises(RemoteError) as refused:
+        dao.prove(task_id)
+    assert refused.value.code in ("chain_unavailable", "bridge_not_ready")
+    dao.running.start("chain", ready=False)
+    retried(
+        dao,
+        "panther1",
+        "submit_proof",
+        task_id=task_id,
+        attempt=1,
+        proof_sha256="0x" + "a" * 64,
+        proof_uri=f"{dao.site.store_url}/{'a' * 64}.mcap",
+        request_id="the proof",
+    )
+    dao.judge(task_id, accepted=True)
+    assert dao.task(task_id)["state"] == "settled"
+    assert_index_equals_contracts(dao)
+
+
+def test_a_killed_router_loses_no_event(own_dao: Dao) -> None:
+    dao = own_dao
+    task_id = dao.post()
+    dao.running.kill("router")
+    dao.running.start("router", ready=False)
+    sha256 = "a" * 64
+    retried(
+        dao,
+        "panther1",
+        "submit_proof",
+        task_id=task_id,
+        attempt=1,
+        proof_sha256="0x" + sha256,
+        proof_uri=f"{dao.site.store_url}/{sha256}.mcap",
+        request_id="the proof",
+    )
+    dao.judge(task_id, accepted=True)
+    dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "TaskSettled")
+    assert [event.seq for event in dao.events] == list(range(1, len(dao.events) + 1))
+
+
+def test_an_index_that_was_lost_is_rebuilt_from_the_chain(own_dao: Dao) -> None:
+    dao = own_dao
+    task_id = dao.post()
+    dao.prove(task_id)
+    dao.judge(task_id, accepted=True)
+    before = (dao.state("events"), dao.state("tasks"), dao.state("services"), dao.state("wallets"))
+    dao.running.kill("bridge")
+    for path in Path(dao.site.data_dir / "bridge").rglob("index.sqlite*"):
+        path.unlink()
+    dao.running.start("bridge")
+    assert (dao.state("events"), dao.state("tasks"), dao.state("services"), dao.state("wallets")) == before

@@ -1,0 +1,110 @@
+"""The bus over a real router: errors keep their code, nothing hangs, and a router may be restarted."""
+
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from rodeo.bus import Bus, Handler, Request
+from rodeo.errors import BusUnavailable, InvalidRequest, NoResponder, QueryTimeout, RemoteError
+from rodeo.messages import Transfer
+from tests.support.site import RunningSite, free_port
+
+
+@pytest.fixture
+def peer(running: RunningSite) -> Iterator[Bus]:
+    """A second process's session, served by the site's router."""
+    running.start("router")
+    bus = Bus.open(running.site.bus.router, timeout_s=10)
+    yield bus
+    bus.close()
+
+
+def serve(peer: Bus, asking: Bus, key: str, handler: Handler) -> None:
+    """Serve `key` and return once `asking` knows: a declaration takes its time through the router."""
+    known = threading.Event()
+    querier = asking.session.declare_querier(key)
+    listener = querier.declare_matching_listener(lambda status: known.set() if status.matching else None)
+    peer.serve(key, handler)
+    assert known.wait(10)
+    listener.undeclare()
+    querier.undeclare()
+
+
+def test_an_answer_comes_back(running: RunningSite, peer: Bus) -> None:
+    serve(peer, running.bus, "t/echo", lambda request: {"got": request.json(), "with": request.parameters})
+    answer = running.bus.query("t/echo", {"a": 1}, parameters={"limit": 5})
+    assert answer == {"got": {"a": 1}, "with": {"limit": "5"}}
+
+
+def test_an_error_of_the_responder_keeps_code_and_values(running: RunningSite, peer: Bus) -> None:
+    def handler(request: Request) -> dict[str, Any]:
+        raise InvalidRequest("no such thing", thing=7)
+
+    serve(peer, running.bus, "t/fails", handler)
+    with pytest.raises(RemoteError) as caught:
+        running.bus.query("t/fails")
+    assert (caught.value.code, caught.value.details) == ("invalid_request", {"thing": 7})
+
+
+@pytest.mark.parametrize(
+    ("payload", "code"),
+    [
+        (b"{", "malformed_json"),
+        (b"[1]", "malformed_json"),
+        (b"\xff\xfe", "malformed_json"),
+        (b"[" * 100_000, "malformed_json"),
+        (b'{"to": "x"}', "invalid_request"),
+        (b'{"to": "x", "amount_iec": "-1"}', "invalid_request"),
+        (b'{"to": "x", "amount_iec": "NaN"}', "invalid_request"),
+        (b'{"to": "x", "amount_iec": "1", "extra": 1}', "invalid_request"),
+    ],
+)
+def test_a_bad_payload_is_the_senders_error_and_the_next_is_served(
+    running: RunningSite, peer: Bus, payload: bytes, code: str
+) -> None:
+    serve(peer, running.bus, "t/transfer", lambda request: request.parse(Transfer).model_dump(mode="json"))
+    with pytest.raises(RemoteError) as caught:
+        running.bus.query("t/transfer", payload)
+    assert caught.value.code == code
+    assert running.bus.query("t/transfer", {"to": "x", "amount_iec": "1"})["to"] == "x"
+
+
+def test_a_handler_that_breaks_answers_and_serves_the_next(running: RunningSite, peer: Bus) -> None:
+    serve(peer, running.bus, "t/divide", lambda request: {"value": 1 // request.json()["by"]})
+    with pytest.raises(RemoteError) as caught:
+        running.bus.query("t/divide", {"by": 0})
+    assert caught.value.code == "internal"
+    assert running.bus.query("t/divide", {"by": 1}) == {"value": 1}
+
+
+def test_nobody_serving_and_nobody_answering_are_different_errors(running: RunningSite, peer: Bus) -> None:
+    with pytest.raises(NoResponder):
+        running.bus.query("t/nobody")
+    hold = threading.Event()
+    serve(peer, running.bus, "t/slow", lambda request: {"late": hold.wait(20)})
+    with pytest.raises(QueryTimeout):
+        running.bus.query("t/slow", timeout_s=0.3)
+    hold.set()
+
+
+def test_sessions_work_again_after_the_router_was_killed_and_started(running: RunningSite, peer: Bus) -> None:
+    heard = threading.Event()
+    peer.subscribe_json("t/news", lambda _key, data: heard.set())
+    serve(peer, running.bus, "t/echo", lambda request: {})
+    running.kill("router")
+    running.start("router")
+
+    # The peer reconnects in its own time: publish until it hears.
+    for _ in range(200):
+        running.bus.put_json("t/news", {})
+        if heard.wait(0.1):
+            break
+    assert heard.is_set()
+    assert running.bus.query("t/echo") == {}
+
+
+def test_no_router_is_an_error_and_not_a_wait_without_end() -> None:
+    with pytest.raises(BusUnavailable):
+        Bus.open(f"tcp/127.0.0.1:{free_port()}", timeout_s=0.1)

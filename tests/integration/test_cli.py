@@ -1,0 +1,247 @@
+"""`rodeo` as its user runs it: real commands, what they print and how they end."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deploy.processes import PROCESSES
+from rodeo.config import Site
+from rodeo.service import lock_holder
+from tests.support.site import RunningSite, write_site
+
+RODEO = (sys.executable, "-m", "rodeo.cli")
+WAIT_S = 60.0
+QUIET = "clock.speed = 1.0\nagent.explore_when_idle = false"
+
+
+def environment(site: Path) -> dict[str, str]:
+    return {**os.environ, "RODEO_SITE": str(site), "COLUMNS": "200"}
+
+
+def rodeo(
+    site: Path, *arguments: str, status: int = 0, cwd: Path | None = None
+) -> subprocess.CompletedProcess[str]:
+    """Run a command that must end with `status`."""
+    done = subprocess.run(
+        [*RODEO, *arguments],
+        env=environment(site),
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=WAIT_S,
+        check=False,
+    )
+    assert done.returncode == status, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+    return done
+
+
+def processes(site: Path, status: int = 0) -> dict[str, dict[str, Any]]:
+    """`rodeo status --json`, by process."""
+    answer = json.loads(rodeo(site, "status", "--json", status=status).stdout)
+    return {row["process"]: row for row in answer["processes"]}
+
+
+def holders(site: Path) -> list[str]:
+    """Processes and launchers at work on the site's data."""
+    names = [process.name for process in PROCESSES]
+    folder = Site.load(site).data_dir
+    return [n for n in ("launcher", *(f"launcher/{n}" for n in names), *names) if lock_holder(folder / n)]
+
+
+def line_with(output: Any, text: str) -> str:
+    """The next line of a running command that has `text` in it."""
+    seen = []
+    for line in output:
+        if text in line:
+            return str(line)
+        seen.append(line)
+    raise AssertionError(f"{text!r} is not in {seen}")
+
+
+@pytest.fixture(scope="module")
+def up(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Path]:
+    """A whole site in the background; stopped from another folder at the end."""
+    site = write_site(tmp_path_factory.mktemp("site"), chain_backend, extra=QUIET)
+    started = rodeo(site, "up", "--detach")
+    assert started.stdout.count(" ready") == len(PROCESSES)
+    yield site
+    stopped = rodeo(site, "down", cwd=Path("/"))
+    assert "launcher" in stopped.stdout and "robot_agent" in stopped.stdout
+    assert holders(site) == []
+
+
+# -- without a running site ------------------------------------------------------------------------------
+
+
+def test_status_of_a_site_that_is_down(site_path: Path) -> None:
+    rows = processes(site_path, status=1)
+    assert [row["reason"] for row in rows.values()] == ["not running"] * len(PROCESSES)
+
+
+def test_a_question_to_a_site_that_is_down_says_how_to_start_it(site_path: Path) -> None:
+    done = rodeo(site_path, "task", "list", status=1)
+    assert "bus_unavailable" in done.stderr and "rodeo up" in done.stderr
+
+
+def test_down_on_a_site_that_is_down(site_path: Path) -> None:
+    assert "was running" in rodeo(site_path, "down").stdout
+
+
+@pytest.mark.parametrize("command", ["up", "wallet"])
+def test_a_wrong_site_file_is_named_with_its_fields(tmp_path: Path, command: str) -> None:
+    site = write_site(tmp_path, extra='chain.sped = 1\nclock.source = "moon"')
+    done = rodeo(site, command, status=1)
+    assert all(text in done.stderr for text in ("config_error", str(site), "chain.sped", "clock.source"))
+
+
+def test_a_site_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    assert "no.toml" in rodeo(tmp_path / "no.toml", "status", status=1).stderr
+
+
+@pytest.mark.parametrize("option", [[], ["--detach"]])
+def test_an_unknown_process_is_told_what_there_is(site_path: Path, option: list[str]) -> None:
+    done = rodeo(site_path, "up", *option, "--only", "coffee", status=1)
+    assert "unknown_process" in done.stderr and "robot_sim" in done.stderr
+
+
+def test_a_chain_elsewhere_is_none_of_the_sites_processes(tmp_path: Path) -> None:
+    site = write_site(tmp_path, "external")
+    assert "chain" not in processes(site, status=1)
+
+
+def test_a_proof_that_is_not_there_is_wrong_usage(site_path: Path, tmp_path: Path) -> None:
+    assert "does not exist" in rodeo(site_path, "verify", str(tmp_path / "no.mcap"), status=2).stderr
+
+
+def test_a_file_that_is_no_proof_is_rejected(site_path: Path) -> None:
+    done = rodeo(site_path, "verify", __file__, status=1)
+    assert "rejected" in done.stdout and "corrupt_proof" in done.stdout
+
+
+# -- starting and stopping -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_up_tells_each_change_and_ends_with_all_it_started(site_path: Path, number: int) -> None:
+    with subprocess.Popen(
+        [*RODEO, "up", "router"], env=environment(site_path), stdout=subprocess.PIPE, text=True
+    ) as command:
+        line_with(command.stdout, "router not ready: starting")
+        line_with(command.stdout, "router ready")
+        command.send_signal(number)
+        line_with(command.stdout, "stopped")
+    assert command.returncode == 0
+    assert holders(site_path) == []
+
+
+def test_a_port_that_is_taken_is_said_where_the_user_looks(site_path: Path) -> None:
+    _, port = Site.load(site_path).bus.router.rsplit(":", 1)
+    with (
+        socket.create_server(("127.0.0.1", int(port))),
+        subprocess.Popen(
+            [*RODEO, "up", "router"], env=environment(site_path), stdout=subprocess.PIPE, text=True
+        ) as command,
+    ):
+        line = line_with(command.stdout, "router down")
+        command.terminate()
+    assert "port_unavailable" in line and port in line and "in use" in line
+
+
+def test_down_also_ends_the_launcher_of_a_single_process(site_path: Path) -> None:
+    rodeo(site_path, "up", "--detach", "--only", "router")
+    assert holders(site_path) == ["launcher/router", "router"]
+    rodeo(site_path, "down")
+    assert holders(site_path) == []
+
+
+def test_a_process_without_a_router_is_not_called_down(running: RunningSite) -> None:
+    running.start("router", "oracle")
+    running.kill("router")
+    row = processes(running.path, status=1)["oracle"]
+    assert row["up"] and not row["ready"] and "no router" in row["reason"]
+
+
+def test_processes_of_another_site_on_the_same_bus_are_told_apart(
+    running: RunningSite, tmp_path: Path
+) -> None:
+    running.start("router")
+    other = tmp_path / "other.toml"
+    other.write_text(f'extends = {json.dumps(str(running.path))}\ndata_dir = "other"\n')
+    row = processes(other, status=1)["router"]
+    assert row["ready"] and not row["here"]
+    assert processes(running.path, status=1)["router"]["here"]
+
+
+# -- on a running site -----------------------------------------------------------------------------------
+
+
+def test_status_of_a_running_site(up: Path) -> None:
+    rows = processes(up)
+    assert all(row["ready"] and row["here"] for row in rows.values())
+    assert list(rows) == [process.name for process in PROCESSES]
+
+
+def test_a_second_launcher_is_refused(up: Path) -> None:
+    done = rodeo(up, "up", status=1)
+    assert "already_running" in done.stderr and "rodeo down" in done.stderr
+
+
+def test_a_killed_process_is_seen_and_comes_back(up: Path) -> None:
+    killed = processes(up)["oracle"]["pid"]
+    os.kill(killed, signal.SIGKILL)
+    rodeo(up, "up", "--detach")
+    assert processes(up)["oracle"]["pid"] != killed
+    log = (Site.load(up).data_dir / "logs" / "launcher.log").read_text()
+    assert "oracle down: ended on SIGKILL" in log
+
+
+def test_a_task_is_posted_shown_listed_and_cancelled(up: Path) -> None:
+    text = "[/red] careful: [bold]glass"
+    create = ("task", "create", "waste_disposal", "--item", "item1", "--reward", "1", "--wait")
+    posted = json.loads(rodeo(up, *create, "--description", text, "--json").stdout)
+    task_id = str(posted["task_id"])
+    shown = rodeo(up, "task", "show", task_id).stdout
+    assert text in shown and "open" in shown
+    assert json.loads(rodeo(up, "task", "show", task_id, "--json").stdout)["params"]["item_id"] == "item1"
+    assert "waste_disposal" in rodeo(up, "task", "list", "--state", "open").stdout
+    rodeo(up, "task", "cancel", task_id)
+    assert "cancelled" in rodeo(up, "task", "list").stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--reward", "1", "--item", "item1"), ("reward_below_price", "100")),
+        (("--reward", "100000", "--item", "item1"), ("insufficient_funds",)),
+        (("--reward", "ten", "--item", "item1"), ("invalid_request", "reward_iec")),
+        (("--reward", "100", "--item", "item99"), ("no such item", "item1")),
+        (("--reward", "100"), ("invalid_request", "item_id", "x_m")),
+        (("--reward", "100", "--params", "{"), ("malformed_json", "--params")),
+        (("--reward", "100", "--item", "item1", "--as", "bob"), ("unknown_participant", "organization")),
+        (("--reward", "100", "--item", "item1", "--as", ""), ("invalid_request",)),
+    ],
+)
+def test_a_task_that_cannot_be_posted_says_why(
+    up: Path, arguments: tuple[str, ...], words: tuple[str, ...]
+) -> None:
+    done = rodeo(up, "task", "create", "waste_disposal", *arguments, status=1)
+    assert all(word in done.stderr for word in words), done.stderr
+
+
+def test_services_and_wallets_are_listed(up: Path) -> None:
+    services = rodeo(up, "service", "list").stdout
+    assert "panther1" in services and "100 IEC" in services
+    assert json.loads(rodeo(up, "wallet", "oracle", "--json").stdout)["balance_iec"] == "0"
+    done = rodeo(up, "wallet", "bob", status=1)
+    assert "bob" in done.stderr and "panther1" in done.stderr

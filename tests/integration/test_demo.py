@@ -1,0 +1,105 @@
+"""The demo as its user runs it: two settled tasks, a summary that adds up, and nothing left behind."""
+
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from deploy.processes import PROCESSES
+
+
+def start_demo(out: Path, chain_backend: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "deploy.demo", "--out", str(out), "--chain", chain_backend],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+
+
+def wait_for_logs(demo: subprocess.Popen[str], out: Path, count: int) -> None:
+    """Return once `count` processes were started by the demo."""
+    logs = out / "data" / "logs"
+    pause = threading.Event()
+    while not (count == 0 or (logs.exists() and len(list(logs.iterdir())) >= count)):
+        assert demo.poll() is None, demo.communicate()[0]
+        pause.wait(0.02)
+
+
+def left_behind(out: Path) -> list[str]:
+    """Command lines of processes that still work on the demo's site."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit() and int(folder.name) != os.getpid():
+            try:
+                command = (folder / "cmdline").read_bytes().replace(b"\0", b" ").decode()
+            except (FileNotFoundError, ProcessLookupError):
+                continue
+            if str(out) in command:
+                found.append(command)
+    return found
+
+
+@pytest.mark.timeout(240)
+def test_the_demo_settles_both_tasks_and_its_summary_adds_up(tmp_path: Path, chain_backend: str) -> None:
+    demo = start_demo(tmp_path / "demo", chain_backend)
+    output, _ = demo.communicate(timeout=230)
+    assert demo.returncode == 0, output
+    assert left_behind(tmp_path) == []
+
+    summary = json.loads((tmp_path / "demo" / "summary.json").read_text())
+    tasks = {task["kind"]: task for task in summary["tasks"]}
+    assert len(summary["tasks"]) == 2
+    cleaning, charging = tasks["waste_disposal"], tasks["battery_charging"]
+    assert (cleaning["creator"], cleaning["executor"]) == ("organization", "panther1")
+    assert (charging["creator"], charging["executor"]) == ("panther1", "organization")
+    assert (cleaning["reward_iec"], cleaning["paid_iec"]) == (100, 100)
+    assert (charging["reward_iec"], charging["paid_iec"]) == (200, 200)
+    for task in summary["tasks"]:
+        assert (task["state"], task["verdict"], task["attempts"]) == ("settled", "accepted", 1)
+        times = [task[name] for name in ("registered", "assigned", "proof_submitted", "settled")]
+        assert times == sorted(times)
+        assert task["proof_uri"].endswith(f"{task['proof_sha256'].removeprefix('0x')}.mcap")
+    assert summary["wallets"] == {
+        "organization": {"before_iec": 2000, "after_iec": 2100},
+        "panther1": {"before_iec": 2000, "after_iec": 1900},
+    }
+    assert summary["supply_iec"]["before"] == summary["supply_iec"]["after"]
+
+
+@pytest.mark.timeout(60)
+@pytest.mark.parametrize("running", [0, 1, 4, len(PROCESSES)])
+def test_ctrl_c_leaves_no_process_behind(tmp_path: Path, chain_backend: str, running: int) -> None:
+    """Interrupt the demo when `running` processes have begun to log."""
+    out = tmp_path / "demo"
+    demo = start_demo(out, chain_backend)
+    wait_for_logs(demo, out, running)
+    os.kill(demo.pid, signal.SIGINT)
+    output, _ = demo.communicate(timeout=40)
+    # Before the demo could say what to do on Ctrl-C, the interpreter ends itself by the signal.
+    assert demo.returncode == 130 or (running == 0 and demo.returncode == -signal.SIGINT), output
+    assert left_behind(tmp_path) == []
+
+
+@pytest.mark.timeout(60)
+def test_processes_end_with_a_launcher_that_was_killed(tmp_path: Path, chain_backend: str) -> None:
+    out = tmp_path / "demo"
+    demo = start_demo(out, chain_backend)
+    wait_for_logs(demo, out, len(PROCESSES))
+    children = [os.pidfd_open(int(pid)) for pid in _children(demo.pid)]
+    demo.kill()
+    demo.communicate(timeout=20)
+    for child in children:
+        assert select.select([child], [], [], 20)[0], left_behind(tmp_path)
+        os.close(child)
+
+
+def _children(pid: int) -> list[str]:
+    return Path(f"/proc/{pid}/task/{pid}/children").read_text().split()

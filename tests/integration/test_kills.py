@@ -1,0 +1,53 @@
+"""Any process may be killed in the middle of the work: it is started again and both tasks finish.
+
+The agent with an item in its gripper is in test_agent.py.
+"""
+
+import json
+import os
+import signal
+import threading
+from pathlib import Path
+
+import pytest
+
+from rodeo.config import Site
+from rodeo.service import lock_holder
+from tests.integration.test_demo import start_demo
+
+ASSIGNED, PROOF, CHARGING = "assigned to panther1", "proof submitted", "assigned to organization"
+
+
+@pytest.mark.timeout(240)
+@pytest.mark.parametrize(
+    "kills",
+    [
+        [("robot_sim", ASSIGNED), ("oracle", PROOF), ("charger", CHARGING)],
+        [("router", ASSIGNED), ("bridge", PROOF), ("robot_agent", CHARGING)],
+        [("itrash", ASSIGNED), ("chain", PROOF)],
+    ],
+    ids=lambda kills: "-".join(name for name, _ in kills),
+)
+def test_the_tasks_finish_although_processes_are_killed(
+    tmp_path: Path, chain_backend: str, kills: list[tuple[str, str]]
+) -> None:
+    out = tmp_path / "demo"
+    demo = start_demo(out, chain_backend)
+    assert demo.stdout is not None
+    lines = []
+    waiting = list(kills)
+    for line in demo.stdout:
+        lines.append(line)
+        if waiting and waiting[0][1] in line:
+            # In the middle of what follows, not at its very start.
+            threading.Timer(2.0, _kill, (out, waiting.pop(0)[0])).start()
+    assert demo.wait(timeout=10) == 0, "".join(lines)
+    assert waiting == []
+    tasks = json.loads((out / "summary.json").read_text())["tasks"]
+    assert [task["state"] for task in tasks] == ["settled", "settled"]
+
+
+def _kill(out: Path, name: str) -> None:
+    pid = lock_holder(Site.load(out / "site.toml").data_dir / name)
+    assert pid is not None, f"{name} does not run"
+    os.kill(pid, signal.SIGKILL)

@@ -1,0 +1,203 @@
+"""Verdicts over the bus: real router, chain, bridge and oracle; the executor's recordings come from film."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rodeo import wallets
+from rodeo.dao import Participant
+from rodeo.evidence import Store
+from services.oracle.report import Report
+from tests.support.dao import Dao
+from tests.support.recordings import Take, film_cleaning, later, seal
+from tests.support.site import RunningSite, write_site
+
+PLACE = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
+"""Of item1 in the lab's site file."""
+
+
+@pytest.fixture(scope="module")
+def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
+    running = RunningSite(write_site(tmp_path_factory.mktemp("oracle"), chain_backend))
+    organization = Dao(running)
+    try:
+        organization.start()
+        running.start("oracle")
+        organization.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
+        yield organization
+    finally:
+        organization.stop()
+        running.stop()
+
+
+class Film:
+    """One film, shown to the organization as if shot anew for each assignment: time does not go back."""
+
+    def __init__(self, dao: Dao) -> None:
+        self._bin = wallets.load(dao.site, "itrash-device")
+        self._take = film_cleaning(dao.site, "item1", self._bin)
+        self._later_s = 0
+
+    def take(self) -> Take:
+        self._later_s += 120
+        return later(self._take, self._later_s, self._bin)
+
+
+@pytest.fixture(scope="module")
+def film(dao: Dao) -> Film:
+    return Film(dao)
+
+
+class Executor:
+    """panther1, with whatever proof a test wants it to submit."""
+
+    take: Take
+
+    def __init__(self, dao: Dao, film: Film, folder: Path) -> None:
+        self.dao = dao
+        self.film = film
+        self.folder = folder
+        self.wallet = Participant(dao.running.bus, dao.site.org, "panther1")
+        self.device = wallets.load(dao.site, "panther1-device")
+        self.store = Store(dao.site)
+
+    def assigned(self, **task: Any) -> int:
+        """A task that this robot has to do, posted just before the film begins."""
+        self.take = self.film.take()
+        self.dao.set_clock(self.take.start_s - 5)
+        return self.dao.post(params=PLACE, **task)
+
+    def record(self, task_id: int) -> Path:
+        task = self.wallet.task(task_id)
+        path = self.folder / f"{task_id}-{task.attempt}.mcap"
+        seal(self.take, path, self.wallet.binding(task), self.device)
+        self.dao.set_clock(self.take.end_s + 5)
+        return path
+
+    def submit(self, task_id: int, sha256: str, uri: str) -> int:
+        """Submit for the running attempt, which is returned."""
+        attempt = self.wallet.task(task_id).attempt
+        self.wallet.submit_proof(task_id, attempt, sha256, uri)
+        return attempt
+
+    def verdict(self, task_id: int, attempt: int) -> dict[str, Any]:
+        """Arguments of the VerdictPosted of this attempt."""
+
+        def posted() -> list[dict[str, Any]]:
+            return [
+                event.args
+                for event in list(self.dao.events)
+                if event.name == "VerdictPosted"
+                and event.task_id == task_id
+                and event.args["attempt"] == attempt
+            ]
+
+        self.dao.wait_for(lambda: bool(posted()), f"a verdict on task {task_id} attempt {attempt}")
+        return posted()[0]
+
+
+@pytest.fixture
+def executor(dao: Dao, film: Film, tmp_path: Path) -> Executor:
+    return Executor(dao, film, tmp_path)
+
+
+def honest(executor: Executor, task_id: int) -> dict[str, Any]:
+    """Submit an honest proof; the verdict."""
+    path = executor.record(task_id)
+    uri = executor.store.put(path)
+    sha256 = "0x" + uri.rpartition("/")[2].removesuffix(".mcap")
+    return executor.verdict(task_id, executor.submit(task_id, sha256, uri))
+
+
+def test_honest_work_is_accepted_and_paid(dao: Dao, executor: Executor) -> None:
+    before = dao.balances()
+    task_id = executor.assigned()
+    verdict = honest(executor, task_id)
+    assert (verdict["accepted"], verdict["reason"]) == (True, "accepted")
+    dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "settlement")
+    after = dao.balances()
+    assert after["panther1"] == before["panther1"] + 100
+    assert after["organization"] == before["organization"] - 100
+    task = dao.task(task_id)
+    assert (task["state"], task["verdict"]) == ("settled", "accepted")
+
+
+def test_the_report_is_what_its_hash_says(executor: Executor, tmp_path: Path) -> None:
+    verdict = honest(executor, executor.assigned())
+    path = executor.store.fetch(verdict["report_uri"], verdict["report_hash"], folder=tmp_path / "report")
+    report = Report.model_validate_json(path.read_bytes())
+    assert report.accepted
+    assert {"signer", "energy", "compartment"} & {check.name for check in report.checks} == {
+        "signer",
+        "compartment",
+    }
+
+
+def test_bad_proofs_get_their_own_reasons_and_the_next_is_served(dao: Dao, executor: Executor) -> None:
+    task_id = executor.assigned(max_attempts=3)
+    uri = executor.store.put(executor.record(task_id))
+    attempt = executor.submit(task_id, "0x" + "ab" * 32, uri)
+    assert "fetched: proof_hash_mismatch" in executor.verdict(task_id, attempt)["reason"]
+
+    missing = f"{dao.site.store_url}/{'cd' * 32}.mcap"
+    attempt = executor.submit(task_id, "0x" + "cd" * 32, missing)
+    assert "fetched: proof_not_found" in executor.verdict(task_id, attempt)["reason"]
+
+    path = executor.record(task_id)
+    path.write_bytes(path.read_bytes()[:200_000])
+    uri = executor.store.put(path)
+    attempt = executor.submit(task_id, "0x" + uri.rpartition("/")[2].removesuffix(".mcap"), uri)
+    verdict = executor.verdict(task_id, attempt)
+    assert "readable_and_sealed: truncated_proof" in verdict["reason"]
+    dao.wait_for(lambda: "TaskFailed" in dao.names_of(task_id), "the refund")
+
+    assert honest(executor, executor.assigned())["accepted"]
+
+
+def test_a_uri_that_goes_around_the_bridge_is_refused_by_the_oracle(dao: Dao, executor: Executor) -> None:
+    task_id = executor.assigned(max_attempts=1)
+    account = wallets.load(dao.site, "panther1")
+    client = dao.client()
+    client.send(account, client.calls.submit_proof(task_id, 1, b"\xab" * 32, "file:///etc/passwd"))
+    assert "fetched: proof_uri_not_allowed" in executor.verdict(task_id, 1)["reason"]
+
+
+def test_a_proof_of_another_task_is_refused(executor: Executor) -> None:
+    first = executor.assigned()
+    uri = executor.store.put(executor.record(first))
+    sha256 = "0x" + uri.rpartition("/")[2].removesuffix(".mcap")
+    assert executor.verdict(first, executor.submit(first, sha256, uri))["accepted"]
+    second = executor.assigned(max_attempts=1)
+    verdict = executor.verdict(second, executor.submit(second, sha256, uri))
+    assert not verdict["accepted"]
+    assert verdict["reason"].startswith("task_binding")
+
+
+def test_an_oracle_that_was_killed_decides_what_was_submitted_meanwhile(dao: Dao, executor: Executor) -> None:
+    task_id = executor.assigned()
+    uri = executor.store.put(executor.record(task_id))
+    dao.running.kill("oracle")
+    sha256 = "0x" + uri.rpartition("/")[2].removesuffix(".mcap")
+    attempt = executor.submit(task_id, sha256, uri)
+    dao.running.start("oracle")
+    assert executor.verdict(task_id, attempt)["accepted"]
+
+
+def test_an_oracle_that_is_killed_while_verifying_decides_after_its_restart(
+    dao: Dao, executor: Executor
+) -> None:
+    task_id = executor.assigned()
+    uri = executor.store.put(executor.record(task_id))
+    # Stopped, it cannot finish before it is killed.
+    os.kill(dao.running.children["oracle"].pid, signal.SIGSTOP)
+    sha256 = "0x" + uri.rpartition("/")[2].removesuffix(".mcap")
+    attempt = executor.submit(task_id, sha256, uri)
+    dao.running.kill("oracle")
+    dao.running.start("oracle")
+    assert executor.verdict(task_id, attempt)["accepted"]

@@ -1,0 +1,206 @@
+"""The robot's body as another process: what any ROS 2 peer can see and make it do over the bus."""
+
+from __future__ import annotations
+
+import math
+import queue
+import threading
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rodeo.clock import SimClock
+from rodeo.lab.config import Pose2
+from rodeo.lab.layout import HALF_WIDTH_M, BinLayout
+from rodeo.lab.world import GRIPPER_CLOSED_M
+from rodeo.ros2 import ActionClient, Node, types
+from rodeo.ros2.errors import GoalCanceled
+from services.robot_agent.arm import READY_RAD, Arm, Trajectory, pointing_down
+from services.robot_agent.body import Body
+from services.robot_agent.errors import MotionFailed, Stopped
+from services.robot_agent.navigation import Floor
+from tests.support.site import RunningSite, write_site
+
+BEHIND_DESK = Pose2(x_m=4.7, y_m=3.2, yaw_rad=1.0)
+"""On the straight way there, from where the robot starts, it would hit the desk."""
+NAVIGATE = "nav2_msgs/action/NavigateToPose"
+
+
+def go_on() -> None:
+    pass
+
+
+@pytest.fixture(scope="module")
+def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningSite]:
+    """Router and simulator, faster than life but slow enough to interrupt."""
+    running = RunningSite(
+        write_site(tmp_path_factory.mktemp("robot"), extra="clock.speed = 20\nclock.idle_speed = 20")
+    )
+    running.start("router", "robot_sim")
+    yield running
+    running.stop()
+
+
+@pytest.fixture(scope="module")
+def node(lab: RunningSite) -> Node:
+    clock = SimClock(lab.bus.session, 0)
+    assert clock.wait_ready(threading.Event(), 30)
+    return Node(lab.bus.session, "test", "", 0, clock)
+
+
+@pytest.fixture(scope="module")
+def body(lab: RunningSite, node: Node) -> Body:
+    return Body(node, lab.site, lab.site.robots[0])
+
+
+def collect(node: Node, topic: str, typename: str, count: int) -> list[Any]:
+    got: queue.Queue[Any] = queue.Queue()
+    subscription = node.subscription(topic, typename, lambda message, info: got.put((message, info)))
+    messages = [got.get(timeout=30) for _ in range(count)]
+    subscription.close()
+    return messages
+
+
+@pytest.mark.parametrize(
+    ("topic", "typename"),
+    [("panther1/odom", "nav_msgs/msg/Odometry"), ("panther1/joint_states", "sensor_msgs/msg/JointState")],
+)
+def test_a_stream_has_50_hz_and_loses_nothing(node: Node, topic: str, typename: str) -> None:
+    messages = collect(node, topic, typename, 200)
+    sequences = [info.sequence for _, info in messages]
+    stamps_s = [m.header.stamp.sec + m.header.stamp.nanosec * 1e-9 for m, _ in messages]
+    assert sequences == list(range(sequences[0], sequences[0] + 200))
+    assert np.median(np.diff(stamps_s)) == pytest.approx(0.02, abs=1e-6)
+
+
+def test_joint_states_name_every_joint(node: Node) -> None:
+    ((message, _),) = collect(node, "panther1/joint_states", "sensor_msgs/msg/JointState", 1)
+    assert message.name[:8] == [
+        "waist",
+        "shoulder",
+        "elbow",
+        "forearm_roll",
+        "wrist_angle",
+        "wrist_rotate",
+        "left_finger",
+        "right_finger",
+    ]
+    assert len(message.position) == len(message.velocity) == len(message.effort) == len(message.name) == 12
+
+
+def test_it_drives_around_the_furniture(lab: RunningSite, body: Body) -> None:
+    floor = Floor(lab.site)
+    clearances: list[float] = []
+
+    def watch(feedback: Any) -> None:
+        at = feedback.current_pose.pose.position
+        clearances.append(floor.clearance_m(at.x, at.y))
+
+    body.navigate(BEHIND_DESK, go_on, watch)
+    reached = body.base_pose(go_on)
+    assert math.dist((reached.x_m, reached.y_m), (BEHIND_DESK.x_m, BEHIND_DESK.y_m)) < 0.03
+    assert abs(math.remainder(reached.yaw_rad - BEHIND_DESK.yaw_rad, math.tau)) < 0.05
+    assert min(clearances) > HALF_WIDTH_M
+    body.navigate(lab.site.robots[0].pose, go_on)
+
+
+def test_a_place_inside_the_furniture_is_refused_with_a_code(lab: RunningSite, body: Body) -> None:
+    inside = lab.site.bin.pose
+    with pytest.raises(MotionFailed) as caught:
+        body.navigate(inside, go_on)
+    assert caught.value.details["result"]["error_code"] > 0
+
+
+def test_a_cancelled_drive_stops_the_robot(body: Body) -> None:
+    moving = threading.Event()
+
+    def stop_when_moving() -> None:
+        if moving.is_set():
+            raise Stopped("enough")
+
+    start = body.base_pose(go_on)
+    with pytest.raises(Stopped):
+        body.navigate(BEHIND_DESK, stop_when_moving, lambda feedback: moving.set())
+    stopped = body.base_pose(go_on)
+    again = body.base_pose(go_on)
+    assert math.dist((stopped.x_m, stopped.y_m), (again.x_m, again.y_m)) < 0.02
+    assert math.dist((stopped.x_m, stopped.y_m), (BEHIND_DESK.x_m, BEHIND_DESK.y_m)) > 0.5
+    body.navigate(start, go_on)
+
+
+def test_a_newer_goal_replaces_the_one_under_way(lab: RunningSite, node: Node, body: Body) -> None:
+    client = ActionClient(node, "panther1/navigate_to_pose", NAVIGATE)
+    assert client.wait_for_server(10)
+    pose = types.new("geometry_msgs/msg/PoseStamped")
+    pose.pose.position.x, pose.pose.position.y = BEHIND_DESK.x_m, BEHIND_DESK.y_m
+    pose.pose.orientation.z, pose.pose.orientation.w = math.sin(0.5), math.cos(0.5)
+    first = client.send_goal(types.new(f"{NAVIGATE}_Goal", pose=pose))
+    body.navigate(lab.site.robots[0].pose, go_on)
+    with pytest.raises(GoalCanceled):
+        first.result(10)
+
+
+def test_the_arm_follows_a_planned_trajectory(lab: RunningSite, body: Body) -> None:
+    arm = Arm(lab.site.robots[0].limits)
+    target = pointing_down((0.50, 0.1, 0.62), 1.57)
+    body.follow(lambda now: arm.trajectory([now, arm.inverse(target, now)]), go_on)
+    reached = arm.forward(body.joints(go_on).arm_rad).position_m
+    assert reached == pytest.approx(target.position_m, abs=0.01)
+    body.follow(lambda now: arm.trajectory([now, READY_RAD]), go_on)
+
+
+def test_closing_on_nothing_closes_the_gripper(body: Body) -> None:
+    assert body.grip(0.0, 5.0, go_on).position_m == pytest.approx(GRIPPER_CLOSED_M, abs=0.002)
+    opened = body.grip(0.057, 5.0, go_on)
+    assert opened.position_m == pytest.approx(0.057, abs=0.002)
+    assert not opened.stalled
+
+
+@pytest.mark.parametrize("joint", ["waist", "shoulder"])
+def test_a_trajectory_beyond_a_joints_range_is_refused(body: Body, joint: str) -> None:
+    index = ["waist", "shoulder"].index(joint)
+
+    def too_far(now: Any) -> Trajectory:
+        goal = now.copy()
+        goal[index] = 4.0
+        return Trajectory(np.array([0.0, 60.0]), np.array([now, goal]), np.zeros((2, 6)))
+
+    with pytest.raises(MotionFailed) as caught:
+        body.follow(too_far, go_on)
+    assert joint in caught.value.details["result"]["error_string"]
+
+
+def test_the_bin_can_be_parked_at(lab: RunningSite, body: Body) -> None:
+    parking = BinLayout(lab.site.bin).parking
+    body.navigate(parking, go_on)
+    reached = body.base_pose(go_on)
+    assert math.dist((reached.x_m, reached.y_m), (parking.x_m, parking.y_m)) < 0.02
+
+
+def test_the_world_goes_on_where_it_was_killed(lab: RunningSite, node: Node, body: Body) -> None:
+    before = body.base_pose(go_on)
+    before_ns = node.clock.now_ns()
+    lab.kill("robot_sim")
+    lab.start("robot_sim")
+    after = body.base_pose(go_on)
+    assert math.dist((before.x_m, before.y_m), (after.x_m, after.y_m)) < 0.005
+    assert node.clock.now_ns() >= before_ns
+
+
+def test_a_drive_goes_on_after_the_simulator_was_killed(lab: RunningSite, body: Body) -> None:
+    moving, done = threading.Event(), threading.Event()
+    goal = lab.site.robots[0].pose
+
+    def drive() -> None:
+        body.navigate(goal, go_on, lambda feedback: moving.set())
+        done.set()
+
+    threading.Thread(target=drive, daemon=True).start()
+    assert moving.wait(20)
+    lab.kill("robot_sim")
+    lab.start("robot_sim")
+    assert done.wait(60)
+    reached = body.base_pose(go_on)
+    assert math.dist((reached.x_m, reached.y_m), (goal.x_m, goal.y_m)) < 0.02

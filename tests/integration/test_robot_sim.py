@@ -1,0 +1,212 @@
+"""The simulated body as a process: ROS 2 in and out, and a SIGKILL in the middle of things."""
+
+from __future__ import annotations
+
+import math
+import signal
+import subprocess
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rodeo.clock import SimClock
+from rodeo.lab.config import Pose2
+from rodeo.lab.layout import BinLayout, dock_parking, on_contacts, wrap
+from rodeo.lab.world import ARM_JOINTS, STOWED_RAD
+from rodeo.ros2 import ActionClient, MessageInfo, Node, types
+from rodeo.ros2.errors import ActionServerLost, GoalAborted
+from tests.support.site import RunningSite, write_site
+
+WALL_LIMIT_S = 60.0
+
+
+class Remote:
+    """A foreign node that watches the robot and commands it."""
+
+    def __init__(self, running: RunningSite) -> None:
+        self.site = running.site
+        session = running.bus.session
+        self.clock = SimClock(session, self.site.bus.domain_id)
+        assert self.clock.wait_ready(threading.Event(), WALL_LIMIT_S)
+        self.node = Node(session, "remote", "", self.site.bus.domain_id, self.clock)
+        self._last: dict[str, Any] = {}
+        self._came = threading.Condition()
+        action = "panther1/{}".format
+        self.navigate = ActionClient(
+            self.node, action("navigate_to_pose"), "nav2_msgs/action/NavigateToPose", lost_after_s=1.0
+        )
+        self.arm = ActionClient(
+            self.node,
+            action("arm_controller/follow_joint_trajectory"),
+            "control_msgs/action/FollowJointTrajectory",
+        )
+        self.gripper = ActionClient(
+            self.node, action("gripper_controller/gripper_cmd"), "control_msgs/action/GripperCommand"
+        )
+
+    def watch(self, topic: str, typename: str) -> None:
+        def on_message(info: MessageInfo) -> None:
+            with self._came:
+                self._last[topic] = types.deserialize(info.cdr, typename)
+                self._came.notify_all()
+
+        # Inline: what was published before a motion's result is seen before that result.
+        self.node.raw_subscription(topic, typename, on_message, inline=True)
+
+    def newest(self, topic: str, after_s: float) -> Any:
+        """A message of the watched topic that was stamped after this site time."""
+
+        def there() -> bool:
+            message = self._last.get(topic)
+            return message is not None and seconds(message.header.stamp) > after_s
+
+        with self._came:
+            assert self._came.wait_for(there, WALL_LIMIT_S), f"nothing on {topic}"
+            return self._last[topic]
+
+    def pose(self) -> Pose2:
+        """Where motion capture saw the base last."""
+        message = self.newest("mocap/panther1/pose", 0.0)
+        at, turn = message.pose.position, message.pose.orientation
+        return Pose2(x_m=at.x, y_m=at.y, yaw_rad=2 * math.atan2(turn.z, turn.w))
+
+    def drive(self, goal: Pose2) -> Any:
+        target = types.new("geometry_msgs/msg/PoseStamped")
+        target.header.frame_id = "map"
+        target.pose.position.x, target.pose.position.y = goal.x_m, goal.y_m
+        target.pose.orientation.z = math.sin(goal.yaw_rad / 2)
+        target.pose.orientation.w = math.cos(goal.yaw_rad / 2)
+        return self.navigate.send_goal(types.new("nav2_msgs/action/NavigateToPose_Goal", pose=target))
+
+    def call(self, name: str, typename: str, **fields: Any) -> Any:
+        return self.node.client(name, typename).call(types.new(f"{typename}_Request", **fields), WALL_LIMIT_S)
+
+
+def seconds(stamp: Any) -> float:
+    return stamp.sec + stamp.nanosec * 1e-9
+
+
+SITE = """
+clock.speed = 10
+clock.idle_speed = 200
+robots = [{ name = "panther1", pose = { x_m = 1.4, y_m = 1.3 }, battery = { soc = 0.5 } }]
+"""
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[RunningSite]:
+    site = RunningSite(write_site(tmp_path, extra=SITE))
+    yield site
+    site.stop()
+
+
+@pytest.fixture
+def remote(lab: RunningSite) -> Iterator[Remote]:
+    lab.start("router", "robot_sim")
+    remote = Remote(lab)
+    remote.watch("mocap/panther1/pose", "geometry_msgs/msg/PoseStamped")
+    yield remote
+    remote.node.close()
+    remote.clock.close()
+
+
+def test_the_robot_docks_and_is_charged(remote: Remote) -> None:
+    remote.watch("dock1/output", "sensor_msgs/msg/BatteryState")
+    remote.watch("panther1/battery_state", "sensor_msgs/msg/BatteryState")
+    assert remote.drive(dock_parking(remote.site.dock)).result(WALL_LIMIT_S).error_code == 0
+    goal, pose = dock_parking(remote.site.dock), remote.pose()
+    assert math.dist((pose.x_m, pose.y_m), (goal.x_m, goal.y_m)) < 0.02
+    assert abs(wrap(pose.yaw_rad - goal.yaw_rad)) < 0.03
+    assert on_contacts(remote.site.dock, pose)
+
+    assert remote.call("dock1/enable", "std_srvs/srv/SetBool", data=True).success
+    after_s = remote.clock.now_s() + 2.0
+    assert remote.newest("dock1/output", after_s).current == pytest.approx(10.5)
+    assert remote.newest("panther1/battery_state", after_s).current > 0
+    assert remote.call("dock1/enable", "std_srvs/srv/SetBool", data=False).success
+    after_s = remote.clock.now_s() + 2.0
+    assert remote.newest("dock1/output", after_s).current == 0
+    assert remote.newest("panther1/battery_state", after_s).current < 0
+
+
+def test_arm_and_gripper_do_as_told_and_refuse_nonsense(remote: Remote) -> None:
+    remote.watch("panther1/joint_states", "sensor_msgs/msg/JointState")
+    target = np.array(STOWED_RAD) + np.array([0.5, 0.1, 0, 0, 0, 0.3])
+    point = types.new(
+        "trajectory_msgs/msg/JointTrajectoryPoint",
+        positions=target,
+        velocities=np.zeros(6),
+        time_from_start=types.msg("builtin_interfaces/msg/Duration")(sec=1, nanosec=0),
+    )
+    joints = list(ARM_JOINTS)
+    trajectory = types.new("trajectory_msgs/msg/JointTrajectory", joint_names=joints, points=[point])
+    goal = types.new("control_msgs/action/FollowJointTrajectory_Goal", trajectory=trajectory)
+    assert remote.arm.send_goal(goal).result(WALL_LIMIT_S).error_code == 0
+    state = remote.newest("panther1/joint_states", remote.clock.now_s())
+    assert state.name[:6] == joints
+    assert np.abs(state.position[:6] - target).max() < 0.02
+
+    trajectory.joint_names = ["elbow"] * 6
+    with pytest.raises(GoalAborted) as aborted:
+        remote.arm.send_goal(goal).result(WALL_LIMIT_S)
+    assert aborted.value.result.error_code == -2
+
+    grip = types.new("control_msgs/action/GripperCommand_Goal")
+    grip.command.position, grip.command.max_effort = 0.0, 5.0
+    result = remote.gripper.send_goal(grip).result(WALL_LIMIT_S)
+    assert result.stalled and not result.reached_goal
+    assert result.position == pytest.approx(0.021, abs=0.001)
+
+
+def test_the_bin_takes_a_picture_when_asked(remote: Remote) -> None:
+    remote.watch("itrash/camera/image/compressed", "sensor_msgs/msg/CompressedImage")
+    before_s = remote.clock.now_s() - 1.0
+    assert remote.call("itrash/camera/capture", "std_srvs/srv/Trigger").success
+    image = remote.newest("itrash/camera/image/compressed", before_s)
+    assert image.format == "jpeg"
+    assert image.data[:3].tobytes() == b"\xff\xd8\xff"
+
+
+def test_a_goal_nobody_can_reach_is_aborted_with_nav2s_code(remote: Remote) -> None:
+    with pytest.raises(GoalAborted) as aborted:
+        remote.drive(Pose2(x_m=9.0, y_m=1.0)).result(WALL_LIMIT_S)
+    assert aborted.value.result.error_code == 204
+
+
+def test_a_killed_simulation_goes_on_where_it_was(lab: RunningSite, remote: Remote) -> None:
+    parking = BinLayout(remote.site.bin).parking
+    start = remote.pose()
+    goal = remote.drive(parking)
+    # Killed on the way, as soon as the base has moved.
+    while math.dist((remote.pose().x_m, remote.pose().y_m), (start.x_m, start.y_m)) < 0.3:
+        remote.newest("mocap/panther1/pose", remote.clock.now_s())
+    lab.kill("robot_sim")
+    killed_s, killed_at = remote.clock.now_s(), remote.pose()
+    with pytest.raises(ActionServerLost):
+        goal.result(WALL_LIMIT_S)
+
+    lab.start("robot_sim")
+    remote.newest("mocap/panther1/pose", killed_s)
+    pose = remote.pose()
+    assert math.dist((pose.x_m, pose.y_m), (killed_at.x_m, killed_at.y_m)) < 0.3
+    assert remote.clock.now_s() >= killed_s
+    assert remote.drive(parking).result(WALL_LIMIT_S).error_code == 0
+
+
+def test_it_stops_in_time_while_the_router_takes_nothing(lab: RunningSite, remote: Remote) -> None:
+    remote.drive(BinLayout(remote.site.bin).parking)
+    router, body = lab.children["router"], lab.children["robot_sim"]
+    router.send_signal(signal.SIGSTOP)
+    try:
+        # Until the streams no longer fit between the two, and the body waits for the router.
+        with pytest.raises(subprocess.TimeoutExpired):
+            body.wait(3.0)
+        body.send_signal(signal.SIGTERM)
+        assert body.wait(5.0) == 0
+    finally:
+        router.send_signal(signal.SIGCONT)
+    assert "Traceback" not in lab.log("robot_sim")

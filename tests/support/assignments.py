@@ -1,0 +1,88 @@
+"""An assignment as the chain tells it, with the keys of everybody who has a part in it."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import Any
+
+from eth_account import Account
+
+from rodeo.dao import CHARGING, CLEANING
+from rodeo.evidence import Binding
+from rodeo.messages import Task
+from services.oracle.case import Device, Ledger
+from tests.support.recordings import Take
+
+ROBOT = Account.create()
+BIN = Account.create()
+METER = Account.create()
+EXECUTOR = Account.create().address
+ORGANIZATION = Account.create().address
+
+BINDING = Binding(
+    chain_id=31337,
+    task_manager="0x" + "12" * 20,
+    task_id=7,
+    attempt=1,
+    executor=EXECUTOR,
+    nonce="0x" + "cd" * 32,
+)
+CHARGE_BINDING = BINDING.model_copy(update={"executor": ORGANIZATION})
+
+
+def devices() -> list[Device]:
+    return [
+        Device(address=ROBOT.address, role="robot", owner=EXECUTOR),
+        Device(address=BIN.address, role="bin", owner=ORGANIZATION),
+        Device(address=METER.address, role="meter", owner=ORGANIZATION),
+    ]
+
+
+def ledger(take: Take, kind: str, params: dict[str, Any], **task: Any) -> Ledger:
+    """The chain's view of an assignment during which `take` was filmed."""
+    executor = EXECUTOR if kind == CLEANING else ORGANIZATION
+    fields: dict[str, Any] = {
+        "id": BINDING.task_id,
+        "kind": kind,
+        "state": "submitted",
+        "attempt": BINDING.attempt,
+        "max_attempts": 3,
+        "creator": ORGANIZATION,
+        "creator_name": "organization",
+        "executor": executor,
+        "executor_name": None,
+        "service_id": 1,
+        "reward_iec": Decimal(100),
+        "price_iec": Decimal(100),
+        "paid_iec": Decimal(0),
+        "params": params,
+        "description": "",
+        "registered": take.start_s - 5,
+        "assigned": take.start_s - 3,
+        "proof_submitted": take.end_s + 3,
+        "settled": None,
+        "execution_deadline": take.start_s + 3600,
+        "verdict_deadline": take.end_s + 3600,
+        "nonce": BINDING.nonce,
+        "proof_sha256": None,
+        "proof_uri": None,
+        "verdict": None,
+        "reason": None,
+        "report_sha256": None,
+        "report_uri": None,
+    }
+    return Ledger(
+        chain_id=BINDING.chain_id,
+        task_manager=BINDING.task_manager,
+        task=Task(**(fields | task)),
+        devices=devices(),
+    )
+
+
+def cleaning_ledger(take: Take, params: dict[str, Any] | None = None, **task: Any) -> Ledger:
+    return ledger(take, CLEANING, params or {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}, **task)
+
+
+def charging_ledger(take: Take, params: dict[str, Any] | None = None, **task: Any) -> Ledger:
+    wanted = {"robot": "panther1", "dock": "dock1", "soc_from": 0.5, "soc_target": 0.95}
+    return ledger(take, CHARGING, params or wanted, **task)

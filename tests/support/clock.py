@@ -1,0 +1,14 @@
+"""The simulation's `/clock`, as a test sets it."""
+
+from __future__ import annotations
+
+import struct
+
+from rodeo.bus import Bus
+
+
+def publish_clock(bus: Bus, domain_id: int, time_s: float) -> None:
+    """Put rosgraph_msgs/msg/Clock on the robot plane: CDR, little endian, sec and nanosec."""
+    seconds, nanoseconds = divmod(int(time_s * 1e9), 1_000_000_000)
+    payload = b"\x00\x01\x00\x00" + struct.pack("<iI", seconds, nanoseconds)
+    bus.session.put(f"{domain_id}/clock/rosgraph_msgs::msg::dds_::Clock_/RIHS01_test", payload)

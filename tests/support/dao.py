@@ -1,0 +1,119 @@
+"""An organization on a running site, as its participants see it: commands, state, events."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from web3 import Web3
+
+from rodeo.bus import DaoEvents
+from rodeo.chain import ChainClient, Deployment
+from rodeo.messages import DaoEvent
+from tests.support.clock import publish_clock
+from tests.support.site import RunningSite
+
+WAIT_S = 30.0
+PARAMS = {"item_id": "item1", "x_m": 1.0, "y_m": 2.0}
+CHARGING = {"robot": "panther1", "dock": "dock1", "soc_from": 0.5, "soc_target": 0.95}
+
+
+class Dao:
+    """Speaks for every participant of `running` and remembers every event."""
+
+    def __init__(self, running: RunningSite) -> None:
+        self.running = running
+        self.site = running.site
+        self.events: list[DaoEvent] = []
+        self._changed = threading.Condition()
+        self._source: DaoEvents | None = None
+
+    def start(self) -> None:
+        """Router, chain, contracts, bridge."""
+        self.running.start("router", "chain", "bridge", ready=False)
+        self.running.deploy_contracts()
+        self.running.wait_ready("bridge")
+        self._source = DaoEvents(self.running.bus, self.site.org, self._on_event)
+
+    def stop(self) -> None:
+        if self._source is not None:
+            self._source.close()
+
+    def command(self, participant: str, command: str, **fields: Any) -> dict[str, Any]:
+        key = f"rodeo/{self.site.org}/wallet/{participant}/{command}"
+        return self.running.bus.query(key, fields, timeout_s=WAIT_S)
+
+    def state(self, what: str, **parameters: Any) -> dict[str, Any]:
+        return self.running.bus.query(
+            f"rodeo/{self.site.org}/state/{what}", parameters=parameters, timeout_s=WAIT_S
+        )
+
+    def task(self, task_id: int) -> dict[str, Any]:
+        return self.state(f"task/{task_id}")
+
+    def balances(self) -> dict[str, float]:
+        """Participant -> IEC."""
+        return {entry["name"]: float(entry["balance_iec"]) for entry in self.state("wallets")["wallets"]}
+
+    def post(self, reward_iec: str = "100", **fields: Any) -> int:
+        """A cleaning task of the organization; its id."""
+        request = {"kind": "waste_disposal", "reward_iec": reward_iec, "params": PARAMS, **fields}
+        return int(self.command("organization", "register_task", **request)["task_id"])
+
+    def prove(self, task_id: int, participant: str = "panther1", digit: str = "a") -> str:
+        """Submit a proof for the running attempt; its hash."""
+        sha256 = digit * 64
+        self.command(
+            participant,
+            "submit_proof",
+            task_id=task_id,
+            attempt=self.task(task_id)["attempt"],
+            proof_sha256="0x" + sha256,
+            proof_uri=f"{self.site.store_url}/{sha256}.mcap",
+        )
+        return "0x" + sha256
+
+    def judge(self, task_id: int, accepted: bool, reason: str = "as it should be") -> None:
+        """The oracle's verdict on the submitted proof."""
+        task = self.task(task_id)
+        self.command(
+            "oracle",
+            "post_verdict",
+            task_id=task_id,
+            attempt=task["attempt"],
+            proof_sha256=task["proof_sha256"],
+            accepted=accepted,
+            reason=reason,
+            report_sha256="0x" + "b" * 64,
+            report_uri=f"{self.site.store_url}/{'b' * 64}.json",
+        )
+
+    def set_clock(self, time_s: float) -> None:
+        """Set the site's clock and return once the chain would stamp its next block with it."""
+        publish_clock(self.running.bus, self.site.bus.domain_id, time_s)
+        chain = Web3(Web3.HTTPProvider(self.site.chain.url))
+        deadline_s = time.monotonic() + WAIT_S
+        while chain.eth.get_block("pending")["timestamp"] < int(time_s):
+            assert time.monotonic() < deadline_s, self.running.log("chain")
+
+    def names_of(self, task_id: int) -> list[str]:
+        """Names of the task's events so far, in order."""
+        return [event.name for event in self.events if event.task_id == task_id]
+
+    def wait_for(self, condition: Callable[[], bool], what: str) -> None:
+        """Until `condition()` after an event."""
+        with self._changed:
+            assert self._changed.wait_for(condition, WAIT_S), (
+                f"{what} did not come\n{self.running.log('bridge')}"
+            )
+
+    def client(self) -> ChainClient:
+        """The contracts' own answers."""
+        return ChainClient(self.site.chain.url, Deployment.load(self.site.data_dir, 31_337))
+
+    def _on_event(self, event: DaoEvent) -> None:
+        with self._changed:
+            self.events.append(event)
+            self._changed.notify_all()

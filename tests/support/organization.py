@@ -1,0 +1,92 @@
+"""An organization on a chain of its own, in this process, with the time in the test's hand."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from decimal import Decimal
+from functools import cached_property
+from pathlib import Path
+
+from eth_account.signers.local import LocalAccount
+from web3.types import TxReceipt
+
+from deploy import contracts
+from deploy.chain.anvil import Anvil
+from deploy.chain.ledger import Ledger
+from deploy.chain.methods import Methods
+from deploy.chain.server import RpcServer
+from deploy.chain.store import Store
+from rodeo import wallets
+from rodeo.chain import Call, ChainClient, Deployment, Event, Log, TaskRequest, events, to_wei
+from rodeo.config import Site
+from tests.support.site import write_site
+
+CHAIN_ID = 31_337
+GENESIS_S = 1_700_000_000
+KIND = "waste_disposal"
+PROOF = bytes.fromhex("aa" * 32)
+REPORT = bytes.fromhex("bb" * 32)
+
+
+@dataclass
+class Organization:
+    """The contracts deployed for `site`, and the wallets of everybody."""
+
+    site: Site
+
+    @cached_property
+    def client(self) -> ChainClient:
+        return ChainClient(self.site.chain.url, Deployment.load(self.site.data_dir, CHAIN_ID))
+
+    @cached_property
+    def operator(self) -> LocalAccount:
+        return wallets.load(self.site, "organization")
+
+    @cached_property
+    def robot(self) -> LocalAccount:
+        return wallets.load(self.site, "panther1")
+
+    @cached_property
+    def oracle(self) -> LocalAccount:
+        return wallets.load(self.site, "oracle")
+
+    def deploy(self) -> None:
+        contracts.run(self.site, threading.Event())
+
+    def send(self, account: LocalAccount, call: Call) -> TxReceipt:
+        return self.client.send(account, call)
+
+    def logs(self, account: LocalAccount, call: Call) -> list[Log]:
+        """What the call logged."""
+        return self.client.logs_of(self.send(account, call))
+
+    def events(self, account: LocalAccount, call: Call) -> list[Event]:
+        """What the call logged, without token transfers."""
+        return [log.event for log in self.logs(account, call) if not isinstance(log.event, events.Transfer)]
+
+    def request(self, reward_iec: int = 100, kind: str = KIND) -> TaskRequest:
+        return TaskRequest(kind, to_wei(Decimal(reward_iec)), 3600, 3600, 3, '{"item_id":"item1"}')
+
+    def post(self, reward_iec: int = 100) -> list[Event]:
+        """The organization posts a task."""
+        return self.events(
+            self.operator, self.client.organization_calls.register_task(self.request(reward_iec))
+        )
+
+
+@contextmanager
+def running_chain(backend: str, folder: Path) -> Iterator[Site]:
+    """A site whose chain of that backend runs until the end of the block."""
+    site = Site.load(write_site(folder, backend))
+    with ExitStack() as stack:
+        if backend == "anvil":
+            stack.enter_context(Anvil(site.chain.url, folder, CHAIN_ID, GENESIS_S, lambda: GENESIS_S))
+        else:
+            store = Store(folder / "chain.sqlite")
+            stack.callback(store.close)
+            ledger = Ledger(store, CHAIN_ID, GENESIS_S, lambda: GENESIS_S)
+            stack.enter_context(RpcServer(site.chain.url, Methods(ledger)))
+        yield site

@@ -1,0 +1,354 @@
+"""Honest recordings for tests and benchmarks: the lab's physics, driven by a scripted operator and filmed.
+
+A `Take` is what was on the bus; tests change it before `seal` makes a proof of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from math import nan
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+from eth_account.signers.local import LocalAccount
+
+from rodeo.config import Site
+from rodeo.evidence import Binding, Recorder, SealedProof, attest
+from rodeo.lab.body import JOINTS, Body, Twist2
+from rodeo.lab.config import Pose2
+from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, wrap
+from rodeo.lab.world import build_world
+from rodeo.metering import MeterSample, MeterStatement, segment_wh
+from rodeo.ros2.types import new, serialize
+from services.robot_sim.battery import Battery, Supply
+from tests.support.operator import READY_RAD, Operator
+
+START_NS = 1_900_000_000 * 10**9
+ODOMETRY, JOINTS_TYPE = "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState"
+METER_STATEMENT_SAMPLES = 10
+POSE, BATTERY = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/BatteryState"
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One message: `message` is a ROS message object, or a dict on a JSON channel."""
+
+    topic: str
+    ros_type: str
+    message: Any
+    time_ns: int
+    sequence: int = 0
+
+
+@dataclass(frozen=True)
+class Take:
+    """Everything that was on the bus while one task was done, in order."""
+
+    samples: list[Sample] = field(default_factory=list, repr=False)
+
+    def of(self, topic: str) -> list[Sample]:
+        return [sample for sample in self.samples if sample.topic == topic]
+
+    def without(self, topic: str) -> Take:
+        return Take([sample for sample in self.samples if sample.topic != topic])
+
+    def edited(self, topic: str, edit: Callable[[Sample], Sample | None]) -> Take:
+        """`topic`'s samples as `edit` returns them; None drops one."""
+        changed = (edit(sample) if sample.topic == topic else sample for sample in self.samples)
+        return Take([sample for sample in changed if sample is not None])
+
+    @property
+    def start_s(self) -> float:
+        return self.samples[0].time_ns * 1e-9
+
+    @property
+    def end_s(self) -> float:
+        return self.samples[-1].time_ns * 1e-9
+
+
+class TakeClock:
+    """Tells the time of the sample that is being written."""
+
+    def __init__(self, now_ns: int) -> None:
+        self.time_ns = now_ns
+
+    def now_ns(self) -> int:
+        return self.time_ns
+
+    def now_s(self) -> float:
+        return self.time_ns * 1e-9
+
+    def wait_until(self, time_s: float, stop: object = None) -> bool:
+        raise NotImplementedError("nobody waits while a take is written")
+
+
+def seal(take: Take, path: Path, binding: Binding, account: LocalAccount) -> SealedProof:
+    """Write `take` as the executor's device would have."""
+    clock = TakeClock(take.samples[0].time_ns)
+    recorder = Recorder(path, binding, account, clock)
+    for sample in take.samples:
+        clock.time_ns = sample.time_ns
+        if sample.ros_type:
+            cdr = serialize(sample.message)
+            recorder.write_ros(
+                sample.topic, sample.ros_type, cdr, sample.time_ns, sample.time_ns, sample.sequence
+            )
+        else:
+            recorder.write_json(sample.topic, sample.message)
+    return recorder.close()
+
+
+def stamp(message: Any, time_ns: int) -> Any:
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(time_ns, 10**9)
+    return message
+
+
+class _Camera:
+    """Films one robot and its lab at 50 Hz."""
+
+    def __init__(self, site: Site) -> None:
+        self.site = site
+        self.model = build_world(site)
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_forward(self.model, self.data)
+        self.robot = site.robots[0]
+        self.body = Body(self.model, self.data, self.robot.name, self.robot.limits)
+        self.samples: list[Sample] = []
+        self._sequence = 0
+        self._odom = np.zeros(3)
+
+    @property
+    def now_ns(self) -> int:
+        return START_NS + round(self.data.time * 1e3) * 10**6
+
+    def film(self) -> None:
+        """One 50 Hz frame of everything."""
+        ns, body = self.robot.name, self.body
+        twist = body.wheel_twist
+        self._odom[2] += twist.angular_rad_s * 0.02
+        self._odom[:2] += (
+            twist.linear_m_s * 0.02 * np.array([math.cos(self._odom[2]), math.sin(self._odom[2])])
+        )
+        odometry = new(ODOMETRY, child_frame_id=f"{ns}/base_link")
+        odometry.header.frame_id = f"{ns}/odom"
+        odometry.pose.pose.position.x, odometry.pose.pose.position.y = map(float, self._odom[:2])
+        odometry.pose.pose.orientation.z = math.sin(self._odom[2] / 2)
+        odometry.pose.pose.orientation.w = math.cos(self._odom[2] / 2)
+        odometry.twist.twist.linear.x, odometry.twist.twist.angular.z = twist.linear_m_s, twist.angular_rad_s
+        self._add(f"{ns}/odom", ODOMETRY, odometry)
+        joints = new(
+            JOINTS_TYPE,
+            name=list(JOINTS),
+            position=np.array(body.positions),
+            velocity=np.array(body.velocities),
+            effort=np.array(body.efforts),
+        )
+        self._add(f"{ns}/joint_states", JOINTS_TYPE, joints)
+        for name, frame in [(ns, f"{ns}/base_link"), *((item.id, item.id) for item in self.site.items)]:
+            pose = new(POSE)
+            pose.header.frame_id = "map"
+            place = self.data.body(frame)
+            for axis, value in zip("xyz", place.xpos, strict=True):
+                setattr(pose.pose.position, axis, float(value))
+            for axis, value in zip("wxyz", place.xquat, strict=True):
+                setattr(pose.pose.orientation, axis, float(value))
+            self._add(f"mocap/{name}/pose", POSE, pose)
+        self._sequence += 1
+
+    def attest(self, payload: dict[str, Any], account: LocalAccount) -> None:
+        statement = attest(payload, account).model_dump()
+        self.samples.append(Sample("rodeo/attestation", "", statement, self.now_ns))
+
+    def _add(self, topic: str, ros_type: str, message: Any) -> None:
+        ns = self.now_ns
+        self.samples.append(Sample(topic, ros_type, stamp(message, ns), ns, self._sequence))
+
+
+class _FilmedOperator(Operator):
+    def __init__(self, camera: _Camera) -> None:
+        super().__init__(camera.model, camera.data, camera.body)
+        self.camera = camera
+
+    def tick(self) -> None:
+        super().tick()
+        self.camera.film()
+
+    def turn_to(self, yaw_rad: float) -> None:
+        """Without the last hundredth of a radian, for which tyres that stick take half a minute."""
+        while abs(error := wrap(yaw_rad - self.body.pose.yaw_rad)) > 0.02:
+            self.body.drive(Twist2(0.0, math.copysign(min(0.8, 0.25 + 2 * abs(error)), error)))
+            self.tick()
+        self.body.drive(Twist2())
+        self.wait(0.3)
+
+
+def film_cleaning(
+    site: Site,
+    item_id: str,
+    bin_account: LocalAccount,
+    *,
+    compartment: str | None = None,
+    grip_n: float = 5.0,
+    start: Pose2 | None = None,
+    via: Sequence[tuple[float, float]] = ((4.7, 1.7), (5.2, 3.4)),
+    linger_s: float = 0.0,
+) -> Take:
+    """Fetch `item_id` and drop it into its compartment, or into `compartment`, whatever the bin asks for.
+
+    The robot starts half a metre west of the item (or at `start`) and carries it `via` these points.
+    It stands about for `linger_s` before it picks and while it carries.
+    """
+    camera = _Camera(site)
+    operator = _FilmedOperator(camera)
+    item = next(item for item in site.items if item.id == item_id)
+    layout = BinLayout(site.bin)
+    place = camera.data.body(item_id)
+    lies = (float(place.xpos[0]), float(place.xpos[1]))
+    beside = Pose2(x_m=lies[0] - PICK_DISTANCE_M, y_m=lies[1])
+    before = start or Pose2(x_m=beside.x_m - 0.5, y_m=beside.y_m)
+    qpos = camera.model.joint(f"{camera.robot.name}/base").qposadr[0]
+    camera.data.qpos[qpos : qpos + 2] = before.x_m, before.y_m
+    camera.data.qpos[qpos + 3 : qpos + 7] = math.cos(before.yaw_rad / 2), 0, 0, math.sin(before.yaw_rad / 2)
+    mujoco.mj_forward(camera.model, camera.data)
+    operator.wait(0.5)
+    operator.move(READY_RAD)
+    operator.drive_to(beside)
+
+    operator.wait(linger_s / 2)
+    operator.pick(item, grip_n)
+    operator.wait(linger_s / 2)
+    for x_m, y_m in via:
+        here = camera.body.pose
+        operator.drive_to(Pose2(x_m=x_m, y_m=y_m, yaw_rad=math.atan2(y_m - here.y_m, x_m - here.x_m)))
+    operator.drive_to(layout.parking)
+
+    operator.show(item, layout)
+    wanted = site.bin.compartment_of(item.item_class)
+    camera.attest(
+        {
+            "bin": site.bin.name,
+            "seq": 1,
+            "class": item.item_class.value,
+            "probabilities": {item.item_class.value: 1.0},
+            "compartment": wanted,
+            "image_sha256": "00" * 32,
+            "time_s": camera.now_ns * 1e-9,
+        },
+        bin_account,
+    )
+    released_s = camera.now_ns * 1e-9
+    operator.drop(item, layout, compartment or wanted)
+    inside = [n for n in site.bin.compartments if layout.contains(n, tuple(place.xpos))]
+    if inside:
+        camera.attest(
+            {
+                "bin": site.bin.name,
+                "seq": 1,
+                "classification_seq": 1,
+                "compartment": inside[0],
+                "expected_compartment": wanted,
+                "weight_n": round(item.mass_kg * 9.81, 3),
+                "after_s": released_s,
+                "time_s": camera.now_ns * 1e-9,
+                "correct": inside[0] == wanted,
+            },
+            bin_account,
+        )
+    operator.wait(0.5)
+    return Take(camera.samples)
+
+
+def later(take: Take, seconds: int, bin_account: LocalAccount, after_s: float = 0.0) -> Take:
+    """The same film, shot so much later; the bin signs its statements anew.
+
+    Only what is later than `after_s` is moved, if given: then there is a hole of so many seconds.
+    """
+    shift_ns = seconds * 10**9
+
+    def shifted(sample: Sample) -> Sample:
+        if sample.time_ns <= after_s * 1e9:
+            return sample
+        time_ns = sample.time_ns + shift_ns
+        if sample.ros_type:
+            header = replace(sample.message.header, stamp=new("builtin_interfaces/msg/Time"))
+            return replace(
+                sample,
+                message=stamp(replace(sample.message, header=header), time_ns),
+                time_ns=time_ns,
+                sequence=sample.sequence + 50 * seconds,
+            )
+        payload = sample.message["payload"]
+        times = {key: payload[key] + seconds for key in ("after_s", "time_s") if key in payload}
+        statement = attest(payload | times, bin_account)
+        return replace(sample, message=statement.model_dump(), time_ns=time_ns)
+
+    return Take([shifted(sample) for sample in take.samples])
+
+
+def moved(sample: Sample, **changes: float) -> Sample:
+    """A copy of a pose sample with coordinates of its position replaced."""
+    position = replace(sample.message.pose.position, **changes)
+    return replace(
+        sample, message=replace(sample.message, pose=replace(sample.message.pose, position=position))
+    )
+
+
+def film_charging(site: Site, meter_account: LocalAccount, binding: Binding, *, soc: float = 0.5) -> Take:
+    """A robot on the dock from `soc` to 96 %: constant current, then constant voltage, sampled at 1 Hz."""
+    dock, robot = site.dock, site.robots[0]
+    battery, supply = Battery(robot.battery, soc), Supply(dock)
+    supply.enable(True)
+    samples: list[Sample] = []
+    statement: MeterStatement | None = None
+    earlier: list[MeterSample] = []
+    metered_wh, seconds, last = 0.0, 0, None
+    while battery.soc < 0.96:
+        now_ns = START_NS + seconds * 10**9
+        current_a = supply.deliver(battery, robot.battery.idle_power_w)
+        battery.step(robot.battery.idle_power_w, current_a, 1.0)
+        terminal_v = supply.voltage_v
+        output = new(
+            BATTERY,
+            voltage=terminal_v,
+            current=current_a,
+            power_supply_status=1,
+            present=True,
+            percentage=nan,
+        )
+        gauge = new(
+            BATTERY,
+            voltage=terminal_v,
+            current=current_a,
+            power_supply_status=1,
+            present=True,
+            percentage=battery.soc,
+            capacity=robot.battery.capacity_ah,
+        )
+        samples.append(Sample(f"{dock.name}/output", BATTERY, stamp(output, now_ns), now_ns, seconds))
+        samples.append(Sample(f"{robot.name}/battery_state", BATTERY, stamp(gauge, now_ns), now_ns, seconds))
+        reading = MeterSample(
+            time_s=now_ns * 1e-9, voltage_v=terminal_v, current_a=current_a, power_w=terminal_v * current_a
+        )
+        metered_wh += segment_wh(last, reading) if last else 0.0
+        last = reading
+        earlier.append(reading)
+        if len(earlier) == METER_STATEMENT_SAMPLES:
+            statement = MeterStatement(
+                **earlier.pop().model_dump(),
+                meter=dock.name,
+                task_id=binding.task_id,
+                attempt=binding.attempt,
+                seq=statement.seq + 1 if statement else 1,
+                previous=statement.digest() if statement else None,
+                earlier=earlier,
+                energy_wh=metered_wh,
+            )
+            attested = attest(statement.model_dump(), meter_account).model_dump()
+            samples.append(Sample("rodeo/attestation", "", attested, now_ns))
+            earlier = []
+        seconds += 1
+    return Take(samples)

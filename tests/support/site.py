@@ -1,0 +1,141 @@
+"""Sites for tests: a site file on free ports, and its real processes started, killed and restarted."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+from deploy.processes import BY_NAME
+from rodeo.bus import Bus
+from rodeo.config import Site
+from rodeo.errors import BusError
+from rodeo.messages import Status
+from rodeo.service import PARENT_VARIABLE
+from rodeo.wallets import ensure_wallets
+
+LAB = Path(__file__).parents[2] / "deploy" / "sites" / "lab.toml"
+READY_S = 60.0
+
+
+def free_port() -> int:
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])
+
+
+def write_site(folder: Path, chain_backend: str = "eth-tester", extra: str = "") -> Path:
+    """The lab on free ports with its data in `folder`; `extra` is TOML (dotted keys first, then tables)."""
+    path = folder / "site.toml"
+    path.write_text(
+        f"""extends = {json.dumps(str(LAB))}
+data_dir = {json.dumps(str(folder / "data"))}
+bus.router = "tcp/127.0.0.1:{free_port()}"
+chain.url = "http://127.0.0.1:{free_port()}"
+chain.backend = "{chain_backend}"
+itrash.http_port = 0
+{extra}
+"""
+    )
+    return path
+
+
+class RunningSite:
+    """A site's processes as children of the test."""
+
+    def __init__(self, path: Path, wallets: bool = True) -> None:
+        self.path = path
+        self.site = Site.load(path)
+        self.children: dict[str, subprocess.Popen[bytes]] = {}
+        self._bus: Bus | None = None
+        if wallets:
+            ensure_wallets(self.site)
+
+    @property
+    def bus(self) -> Bus:
+        """A session on the site's router, which must have been started."""
+        if self._bus is None:
+            self._bus = Bus.open(self.site.bus.router, timeout_s=READY_S)
+        return self._bus
+
+    def start(self, *names: str, ready: bool = True) -> None:
+        """Start processes by name; with `ready`, return when each says that it is."""
+        for name in names:
+            self.children[name] = self._spawn(name, BY_NAME[name].module)
+        if ready:
+            self.wait_ready(*names)
+
+    def deploy_contracts(self) -> None:
+        step = self._spawn("contracts", "deploy.contracts")
+        assert step.wait(timeout=READY_S) == 0, self.log("contracts")
+
+    def kill(self, name: str) -> None:
+        """SIGKILL: what a power cut leaves behind."""
+        child = self.children.pop(name)
+        child.kill()
+        child.wait()
+
+    def wait_ready(self, *names: str) -> None:
+        waiting = set(names)
+        done = threading.Event()
+
+        def on_status(_key: str, data: dict[str, object]) -> None:
+            status = Status.model_validate(data)
+            child = self.children.get(status.process)
+            if status.ready and child is not None and status.pid == child.pid:
+                waiting.discard(status.process)
+                if not waiting:
+                    done.set()
+
+        subscriber = self.bus.subscribe_json(f"rodeo/{self.site.org}/status/*", on_status)
+        try:
+            assert done.wait(READY_S), f"not ready: {sorted(waiting)}\n" + "\n".join(map(self.log, waiting))
+        finally:
+            subscriber.undeclare()
+
+    def status(self, name: str) -> Status:
+        """What process `name` answers now, as soon as it answers."""
+        deadline_s = time.monotonic() + READY_S
+        while True:
+            try:
+                return Status.model_validate(self.bus.query(f"rodeo/{self.site.org}/status/{name}"))
+            except BusError:
+                assert time.monotonic() < deadline_s, self.log(name)
+
+    def log(self, name: str) -> str:
+        path = self.site.data_dir / "logs" / f"{name}.log"
+        return path.read_text(errors="replace")[-4000:] if path.exists() else "(no log)"
+
+    def stop(self) -> None:
+        if self._bus is not None:
+            self._bus.close()
+            self._bus = None
+        for child in reversed(self.children.values()):
+            child.send_signal(signal.SIGTERM)
+        for name, child in self.children.items():
+            try:
+                child.wait(timeout=10)
+            except subprocess.TimeoutExpired:
+                child.kill()
+                child.wait()
+                raise AssertionError(f"{name} did not stop on SIGTERM\n{self.log(name)}") from None
+        self.children.clear()
+
+    def _spawn(self, name: str, module: str) -> subprocess.Popen[bytes]:
+        logs = self.site.data_dir / "logs"
+        logs.mkdir(parents=True, exist_ok=True)
+        with open(logs / f"{name}.log", "ab") as output:
+            return subprocess.Popen(
+                [sys.executable, "-m", module, "--site", str(self.path)],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
+            )

@@ -1,0 +1,110 @@
+"""The client follows the ABI: nothing that the contracts offer is left out by accident."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any
+
+import pytest
+
+from rodeo.chain import (
+    Calls,
+    Deployment,
+    Event,
+    OrganizationCalls,
+    Role,
+    ServiceState,
+    TaskRequest,
+    artifacts,
+)
+from rodeo.chain.events import IGNORED
+from rodeo.errors import snake_case
+
+ADDRESS = "0x" + "00" * 19 + "01"
+DEPLOYMENT = Deployment(
+    chain_id=1,
+    genesis_hash="0x00",
+    block=0,
+    contracts={
+        name: "0x" + "00" * 19 + f"{index:02}" for index, name in enumerate(artifacts.CONTRACTS, start=1)
+    },
+)
+
+BETWEEN_CONTRACTS = {"acquire", "offer", "placeService", "release"}
+OPENZEPPELIN = {
+    "acceptDefaultAdminTransfer",
+    "beginDefaultAdminTransfer",
+    "cancelDefaultAdminTransfer",
+    "changeDefaultAdminDelay",
+    "delegate",
+    "delegateBySig",
+    "permit",
+    "renounceRole",
+    "rollbackDefaultAdminDelay",
+    "transferFrom",
+}
+"""What people do with a wallet of their own, not processes."""
+
+SAMPLES: dict[str, Any] = {
+    "request": TaskRequest("cleaning", 1, 60, 60, 1, "{}"),
+    "role": "robot",
+    "kind": "cleaning",
+    "state": ServiceState.ACTIVE,
+    "proof_hash": bytes(32),
+    "report_hash": bytes(32),
+    "accepted": True,
+    "allowed": True,
+}
+
+
+def _entries(kind: str) -> list[tuple[str, dict[str, Any]]]:
+    return [
+        (name, entry)
+        for name in artifacts.CONTRACTS
+        for entry in artifacts.load(name).abi
+        if entry["type"] == kind
+    ]
+
+
+def test_every_event_has_a_record_with_its_parameters_or_is_ignored_on_purpose() -> None:
+    records = {record.__name__: [field.name for field in fields(record)] for record in Event.__subclasses__()}
+    declared = {
+        entry["name"]: [snake_case(p["name"]).replace("from", "sender") for p in entry["inputs"]]
+        for _, entry in _entries("event")
+    }
+    assert {name: names for name, names in declared.items() if name not in IGNORED} == records
+    assert set(declared) >= IGNORED
+
+
+@pytest.mark.parametrize("calls", [Calls(DEPLOYMENT), OrganizationCalls(DEPLOYMENT)])
+def test_every_call_encodes(calls: Calls | OrganizationCalls) -> None:
+    for name in _methods(calls):
+        method = getattr(calls, name)
+        parameters = method.__annotations__
+        arguments = [
+            _sample(parameter, kind) for parameter, kind in parameters.items() if parameter != "return"
+        ]
+        assert method(*arguments).data.startswith("0x")
+
+
+def test_every_transaction_has_a_call() -> None:
+    encoded = set()
+    for calls in (Calls(DEPLOYMENT), OrganizationCalls(DEPLOYMENT)):
+        for name in _methods(calls):
+            method = getattr(calls, name)
+            arguments = [_sample(p, k) for p, k in method.__annotations__.items() if p != "return"]
+            encoded.add(method(*arguments).name)
+    declared = {e["name"] for _, e in _entries("function") if e["stateMutability"] == "nonpayable"}
+    assert declared - BETWEEN_CONTRACTS - OPENZEPPELIN == encoded
+
+
+def _methods(calls: object) -> list[str]:
+    return [name for name in dir(calls) if not name.startswith("_")]
+
+
+def _sample(parameter: str, annotation: str) -> Any:
+    if annotation == "Role":
+        return Role.ORACLE
+    if parameter in SAMPLES:
+        return SAMPLES[parameter]
+    return {"int": 1, "str": ADDRESS}[annotation]

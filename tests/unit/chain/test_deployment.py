@@ -1,0 +1,104 @@
+"""The deployment record, and deploying again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from deploy.contracts import KINDS
+from rodeo import wallets
+from rodeo.chain import ChainError, Deployment, DeploymentMismatch, NotDeployed, Role, artifacts, to_wei
+from rodeo.chain.events import Transfer
+from tests.support.organization import CHAIN_ID, Organization, running_chain
+
+
+def test_the_organization_is_set_up_as_the_site_says(organization: Organization) -> None:
+    client, site = organization.client, organization.site
+    minted = {
+        log.event.to: log.event.value
+        for log in client.logs(0, client.w3.eth.block_number)
+        if isinstance(log.event, Transfer) and int(log.event.sender, 16) == 0
+    }
+    initial, supply = to_wei(site.economy.initial_iec), to_wei(site.economy.supply_iec)
+    assert minted == {
+        client.organization: initial,
+        organization.robot.address: initial,
+        organization.operator.address: supply - 2 * initial,
+    }
+    assert client.total_supply() == supply
+    assert client.has_role(Role.ADMINISTRATOR, organization.operator.address)
+    assert client.has_role(Role.OPERATOR, organization.operator.address)
+    assert client.has_role(Role.ORACLE, organization.oracle.address)
+    assert not client.has_role(Role.ORACLE, organization.operator.address)
+    assert all(client.is_kind_allowed(kind) for kind in KINDS)
+    robot = client.device(wallets.address(site, "panther1-device"))
+    assert (robot.role, robot.owner) == ("robot", organization.robot.address)
+    meter = client.device(wallets.address(site, "meter-device"))
+    assert (meter.role, meter.owner) == ("meter", client.organization)
+    assert meter.registrar == organization.operator.address and meter.revoked_at == 0
+
+
+def test_deploying_again_sends_nothing(organization: Organization) -> None:
+    before = organization.client.w3.eth.block_number
+    organization.deploy()
+    assert organization.client.w3.eth.block_number == before
+
+
+def test_an_interrupted_deployment_goes_on_with_the_same_contracts(organization: Organization) -> None:
+    site, deployment = organization.site, organization.client.deployment
+    unfinished = Deployment.path(site.data_dir / "deployments" / "unfinished", CHAIN_ID)
+    unfinished.parent.mkdir(parents=True, exist_ok=True)
+    Deployment.path(site.data_dir, CHAIN_ID).replace(unfinished)
+    organization.deploy()
+    assert Deployment.load(site.data_dir, CHAIN_ID) == deployment
+    assert not unfinished.exists()
+
+
+def test_a_chain_that_was_reset_gets_new_contracts(tmp_path: Path) -> None:
+    with running_chain("eth-tester", tmp_path) as site:
+        organization = Organization(site)
+        organization.deploy()
+        old = organization.client.deployment
+        Deployment.model_validate(old.model_dump() | {"genesis_hash": "0x" + "11" * 32}).save(site.data_dir)
+        organization.deploy()
+        new = Deployment.load(site.data_dir, CHAIN_ID)
+        assert new.genesis_hash == old.genesis_hash
+        assert new.contracts != old.contracts
+        new.verify(organization.client.w3)
+
+
+def test_a_record_of_another_chain_does_not_verify(organization: Organization) -> None:
+    other = organization.client.deployment.model_copy(update={"genesis_hash": "0x00"})
+    with pytest.raises(DeploymentMismatch) as mismatch:
+        other.verify(organization.client.w3)
+    assert mismatch.value.details["recorded_genesis_hash"] == "0x00"
+
+
+def test_a_record_of_other_code_does_not_verify(organization: Organization) -> None:
+    contracts = organization.client.deployment.contracts
+    swapped = contracts | {"TaskManager": contracts["ServiceManager"]}
+    other = organization.client.deployment.model_copy(update={"contracts": swapped})
+    with pytest.raises(DeploymentMismatch) as mismatch:
+        other.verify(organization.client.w3)
+    assert mismatch.value.details["contract"] == "TaskManager"
+
+
+def test_no_record_means_not_deployed(tmp_path: Path) -> None:
+    with pytest.raises(NotDeployed) as missing:
+        Deployment.load(tmp_path, 5)
+    assert missing.value.details["chain_id"] == 5
+
+
+@pytest.mark.parametrize("text", ["", "{", '{"chain_id": 5}'])
+def test_a_damaged_record_is_no_record(tmp_path: Path, text: str) -> None:
+    path = Deployment.path(tmp_path, 5)
+    path.parent.mkdir()
+    path.write_text(text)
+    with pytest.raises(ChainError) as damaged:
+        Deployment.load(tmp_path, 5)
+    assert damaged.value.details["path"] == str(path)
+
+
+def test_every_contract_fits_the_limit_of_eip_170() -> None:
+    assert all(len(artifacts.load(name).deployed_code) <= 24_576 for name in artifacts.CONTRACTS)

@@ -1,0 +1,241 @@
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from eth_account import Account
+from eth_account.signers.local import LocalAccount
+from mcap.reader import make_reader
+from rosbags.rosbag2 import Reader
+from rosbags.typesys import Stores, get_typestore
+
+from rodeo.evidence import Binding, Recorder, open_proof
+from rodeo.evidence.errors import BrokenSeal, RecorderFailed, RecordingExists, RecordingSealed, UnsealedProof
+from tests.unit.evidence.conftest import START_NS, TICK_NS, HandClock, drive, joint_state, odometry
+
+
+def test_messages_come_back_byte_for_byte(recorded: Callable[..., Path]) -> None:
+    proof = open_proof(recorded(50))
+    column = proof.topics["/panther1/odom"]
+    assert column.data == [odometry(index) for index in range(50)]
+    assert list(column.log_ns) == [START_NS + index * TICK_NS for index in range(50)]
+    assert list(column.publish_ns) == [START_NS + index * TICK_NS - 5 for index in range(50)]
+    assert list(column.sequence) == list(range(50))
+
+
+def test_any_mcap_reader_reads_every_topic(recorded: Callable[..., Path]) -> None:
+    with recorded(20).open("rb") as file:
+        messages = list(make_reader(file, validate_crcs=True).iter_messages())
+    topics = {channel.topic for _, channel, _ in messages}
+    assert topics == {"/panther1/odom", "/panther1/joint_states", "rodeo/seal"}
+    schema = next(s for s, channel, _ in messages if channel.topic == "/panther1/odom")
+    assert schema is not None
+    assert (schema.name, schema.encoding) == ("nav_msgs/msg/Odometry", "ros2msg")
+
+
+def test_rosbags_reads_and_decodes_it(recorded: Callable[..., Path]) -> None:
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Reader(recorded(20)) as reader:
+        connections = [c for c in reader.connections if c.topic == "/panther1/odom"]
+        messages = [store.deserialize_cdr(data, c.msgtype) for c, _, data in reader.messages(connections)]
+    assert [message.pose.pose.position.x for message in messages] == pytest.approx(
+        [0.01 * index for index in range(20)]
+    )
+
+
+def test_a_seal_covers_at_most_a_second(recorded: Callable[..., Path]) -> None:
+    proof = open_proof(recorded(500))
+    assert proof.longest_unsealed_ns <= 1e9
+    assert proof.seals >= 11  # opening, one for each of ten seconds, final
+
+
+def test_an_event_is_sealed_at_once(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    recorder = Recorder(tmp_path / "proof.mcap", binding, device, clock)
+    for index in range(5):
+        recorder.write_json("rodeo/event", {"index": index})
+    assert open_proof(recorder.close().path).seals == 7  # opening, one for each event, final
+
+
+def test_json_is_stamped_by_the_clock(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    recorder = Recorder(tmp_path / "proof.mcap", binding, device, clock)
+    clock.time_ns += 7
+    recorder.write_json("rodeo/event", {"name": "TaskAssigned"})
+    proof = open_proof(recorder.close().path)
+    assert proof.events() == [{"name": "TaskAssigned"}]
+    assert list(proof.topics["rodeo/event"].log_ns) == [START_NS + 7]
+
+
+def test_the_hash_is_that_of_the_file(recorded: Callable[..., Path], tmp_path: Path) -> None:
+    path = recorded(10)
+    assert (
+        open_proof(path).sha256 == "0x" + subprocess.check_output(["sha256sum", path], text=True).split()[0]
+    )
+
+
+def test_threads_may_write_at_once(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    recorder = Recorder(tmp_path / "proof.mcap", binding, device, clock)
+
+    def write(name: str) -> None:
+        for index in range(300):
+            now_ns = START_NS + index * TICK_NS
+            recorder.write_ros(name, "sensor_msgs/msg/JointState", joint_state(index), now_ns, now_ns, index)
+
+    threads = [threading.Thread(target=write, args=(f"robot{number}/joint_states",)) for number in range(4)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    proof = open_proof(recorder.close().path)
+    assert [proof.count(f"/robot{number}/joint_states") for number in range(4)] == [300] * 4
+
+
+def test_a_recording_is_never_overwritten(
+    recorded: Callable[..., Path], binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    path = recorded(10)
+    with pytest.raises(RecordingExists):
+        Recorder(path, binding, device, clock)
+
+
+def test_nothing_is_added_after_closing(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    recorder = Recorder(tmp_path / "proof.mcap", binding, device, clock)
+    recorder.close()
+    with pytest.raises(RecordingSealed):
+        recorder.write_json("rodeo/event", {})
+    with pytest.raises(RecordingSealed):
+        Recorder.resume(tmp_path / "proof.mcap", binding, device, clock)
+
+
+def test_a_full_disk_is_told_to_the_next_caller(
+    tmp_path: Path,
+    binding: Binding,
+    device: LocalAccount,
+    clock: HandClock,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    recorder = Recorder(tmp_path / "proof.mcap", binding, device, clock)
+
+    def fail(_writer: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("mcap.writer.Writer.flush", fail)
+    drive(recorder, 0, 60)
+    with pytest.raises(RecorderFailed) as caught:
+        recorder.close()
+    assert isinstance(caught.value.__cause__, OSError)
+
+
+def test_a_failing_writer_makes_close_fail(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    recorder = Recorder(tmp_path / "proof.mcap", binding, device, clock)
+    recorder.write_ros("x", "no_such/msg/Type", b"", START_NS, START_NS)
+    with pytest.raises(RecorderFailed) as caught:
+        recorder.close()
+    assert "no_such/msg/Type" in str(caught.value.__cause__)
+
+
+def test_suspended_recordings_continue(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    path = tmp_path / "proof.mcap"
+    with Recorder(path, binding, device, clock) as recorder:
+        drive(recorder, 0, 120)
+    with pytest.raises(UnsealedProof):
+        open_proof(path)
+    recorder = Recorder.resume(path, binding, device, clock)
+    drive(recorder, 200, 300)
+    recorder.close()
+    proof = open_proof(path)
+    assert list(proof.topics["/panther1/odom"].sequence) == [*range(120), *range(200, 300)]
+    assert [event["event"] for event in proof.events()] == ["recording_resumed"]
+
+
+def test_a_suspended_recording_is_finished_as_it_is(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    path = tmp_path / "proof.mcap"
+    with Recorder(path, binding, device, clock) as recorder:
+        drive(recorder, 0, 120)
+    clock.time_ns += 3600 * 10**9
+    sealed = Recorder.finish(path, binding, device, clock)
+    proof = open_proof(path)
+    assert list(proof.topics["/panther1/odom"].sequence) == [*range(120)]
+    assert proof.events() == []
+    assert proof.end_ns - proof.start_ns < 10 * 10**9
+    assert sealed.path == path
+    with pytest.raises(RecordingSealed):
+        Recorder.finish(path, binding, device, clock)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.5, 0.9, 0.999])
+def test_a_cut_file_keeps_every_complete_chunk(
+    recorded: Callable[..., Path],
+    binding: Binding,
+    device: LocalAccount,
+    clock: HandClock,
+    share: float,
+) -> None:
+    path = recorded(1000)
+    whole = open_proof(path).topics["/panther1/odom"].data
+    os.truncate(path, int(path.stat().st_size * share))
+    recorder = Recorder.resume(path, binding, device, clock)
+    recorder.close()
+    kept = open_proof(path).topics["/panther1/odom"].data
+    assert kept == whole[: len(kept)]
+    assert len(kept) >= (min(share, 0.8) - 0.1) * 1000  # the index at the end is not messages
+
+
+def test_a_killed_process_loses_at_most_one_seal_period(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    path = tmp_path / "proof.mcap"
+    program = f"""
+import os, sys, threading
+from eth_account import Account
+from pathlib import Path
+from rodeo.evidence import Binding, Recorder
+from tests.unit.evidence.conftest import HandClock, drive
+recorder = Recorder(Path({str(path)!r}), Binding.model_validate_json({binding.model_dump_json()!r}),
+                    Account.from_key({device.key.hex()!r}), HandClock())
+drive(recorder, 0, 1001)
+while recorder._entries.qsize():
+    pass
+print("written", flush=True)
+threading.Event().wait()
+"""
+    child = subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True)
+    assert child.stdout is not None
+    assert child.stdout.readline() == "written\n"
+    child.send_signal(signal.SIGKILL)
+    child.wait()
+    recorder = Recorder.resume(path, binding, device, clock)
+    recorder.close()
+    assert open_proof(path).count("/panther1/odom") >= 1001 - 51
+
+
+def test_only_its_own_assignment_and_signer_resume_it(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    path = tmp_path / "proof.mcap"
+    with Recorder(path, binding, device, clock) as recorder:
+        drive(recorder, 0, 60)
+    with pytest.raises(BrokenSeal):
+        Recorder.resume(path, binding.model_copy(update={"attempt": 2}), device, clock)
+    with pytest.raises(BrokenSeal):
+        Recorder.resume(path, binding, Account.create(), clock)
+    Recorder.resume(path, binding, device, clock).close()

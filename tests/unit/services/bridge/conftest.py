@@ -1,0 +1,37 @@
+"""The contracts on a real chain inside the test process, whose node can be made to fail."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+
+import pytest
+
+from deploy import contracts
+from deploy.chain.server import RpcServer
+from rodeo import wallets
+from rodeo.chain import Deployment
+from rodeo.config import Site
+from tests.support.chain import CHAIN_ID, EmbeddedChain, FaultyNode
+from tests.support.deployed import DeployedChain
+from tests.support.site import write_site
+
+
+@pytest.fixture(scope="session")
+def deployed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[DeployedChain]:
+    folder = tmp_path_factory.mktemp("bridge")
+    site = Site.load(write_site(folder))
+    node = FaultyNode(EmbeddedChain(folder / "chain.sqlite"))
+    wallets.ensure_wallets(site)
+    with RpcServer(site.chain.url, node):
+        contracts.run(site, threading.Event())
+        yield DeployedChain(site, node, Deployment.load(site.data_dir, CHAIN_ID))
+
+
+@pytest.fixture
+def chain(deployed: DeployedChain) -> Iterator[DeployedChain]:
+    """Without the faults of the test before."""
+    deployed.node.fault = None
+    deployed.node.calls.clear()
+    yield deployed
+    deployed.node.fault = None

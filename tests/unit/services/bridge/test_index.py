@@ -1,0 +1,222 @@
+"""The index tells what the contracts' events say, and nothing else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rodeo.chain import Cause, Event, Log, ServiceState, events
+from services.bridge.errors import IndexUnusable
+from services.bridge.index import ZERO_ADDRESS, Index, Position, TimedLog, parse_task_text
+
+GENESIS = "0x" + "01" * 32
+CONTRACTS = {"TaskManager": "0x" + "aa" * 20}
+CREATOR, ROBOT = "0x" + "11" * 20, "0x" + "22" * 20
+IEC = 10**18
+
+
+class Chain:
+    """Makes blocks of events and hands them to an index."""
+
+    def __init__(self, index: Index) -> None:
+        self.index = index
+
+    def block(self, *happened: Event, time_s: int = 1_000) -> list[int]:
+        """Sequence numbers of a new block's events."""
+        number = self.index.position.block + 1
+        logs = [
+            TimedLog(
+                Log(event, CONTRACTS["TaskManager"], number, f"0x{number:064x}", i, "0x" + "0" * 64), time_s
+            )
+            for i, event in enumerate(happened)
+        ]
+        return [event.seq for event in self.index.apply(logs, Position(number, f"0x{number:064x}", time_s))]
+
+
+def open_index(folder: Path, genesis: str = GENESIS, contracts: dict[str, str] = CONTRACTS) -> Index:
+    return Index(folder / "index.sqlite", 31_337, genesis, contracts)
+
+
+@pytest.fixture
+def chain(tmp_path: Path) -> Chain:
+    return Chain(open_index(tmp_path))
+
+
+def registered(task_id: int = 1, params: str = '{"params":{"item_id":"i"},"description":"d"}') -> Event:
+    return events.TaskRegistered(task_id, CREATOR, "waste_disposal", 120 * IEC, 3600, 600, 3, params)
+
+
+def offered() -> Event:
+    return events.ServiceRegistered(1, ROBOT, "waste_disposal", 100 * IEC, "cleans")
+
+
+def assigned(attempt: int = 1, deadline: int = 4_600) -> Event:
+    return events.TaskAssigned(1, attempt, ROBOT, 1, 100 * IEC, b"\x07" * 32, deadline)
+
+
+def proved(attempt: int = 1) -> Event:
+    return events.ProofSubmitted(1, attempt, ROBOT, b"\x0a" * 32, "file:///p.mcap", 1_700)
+
+
+def judged(accepted: bool, attempt: int = 1) -> Event:
+    return events.VerdictPosted(1, attempt, b"\x0a" * 32, accepted, b"\x0b" * 32, "file:///r.json", "why")
+
+
+def task(chain: Chain) -> dict[str, Any]:
+    row = chain.index.task(1)
+    assert row is not None
+    return row
+
+
+def test_sequence_numbers_count_on_over_blocks_and_restarts(chain: Chain, tmp_path: Path) -> None:
+    assert chain.block(registered(), offered()) == [1, 2]
+    assert chain.block() == []
+    again = Chain(open_index(tmp_path))
+    assert again.index.position.block == 1
+    assert again.block(assigned()) == [3]
+    assert [event.seq for event in again.index.events_after(1, 10)] == [2, 3]
+    assert [event.seq for event in again.index.events_after(0, 1)] == [1]
+
+
+@pytest.mark.parametrize("other", [{"genesis": "0x" + "02" * 32}, {"contracts": {"TaskManager": CREATOR}}])
+def test_the_index_of_another_chain_or_deployment_is_emptied(
+    chain: Chain, tmp_path: Path, other: dict[str, Any]
+) -> None:
+    chain.block(registered())
+    emptied = open_index(tmp_path, **other)
+    assert emptied.position.block == -1
+    assert emptied.task(1) is None and emptied.last_seq() == 0
+
+
+def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "index.sqlite").write_bytes(b"not a database" * 100)
+    with pytest.raises(IndexUnusable) as refused:
+        open_index(tmp_path)
+    assert refused.value.details["path"].endswith("index.sqlite")
+
+
+def test_a_block_is_taken_in_whole_or_not_at_all(chain: Chain) -> None:
+    with pytest.raises(Exception, match="UNIQUE"):
+        chain.block(registered(2), registered(1), registered(1))
+    assert chain.index.last_seq() == 0 and chain.index.tasks({}, 10, 0) == ([], 0)
+    assert chain.index.position.block == -1
+
+
+def test_amounts_in_events_are_iec_and_names_are_text(chain: Chain) -> None:
+    chain.block(registered(), assigned())
+    first, second = chain.index.events_after(0, 10)
+    assert first.args["reward_iec"] == "120" and first.args["kind"] == "waste_disposal"
+    assert second.args["nonce"] == "0x" + "07" * 32 and second.task_id == 1
+
+
+def test_a_task_through_its_life(chain: Chain) -> None:
+    chain.block(registered(), time_s=1_000)
+    assert (task(chain)["state"], task(chain)["attempt"], task(chain)["executor"]) == ("open", 0, None)
+    assert (task(chain)["params"], task(chain)["description"]) == ({"item_id": "i"}, "d")
+    chain.block(offered(), assigned(), time_s=1_001)
+    assert (task(chain)["state"], task(chain)["assigned"], task(chain)["price"]) == (
+        "assigned",
+        1_001,
+        100 * IEC,
+    )
+    assert chain.index.services()[0]["task_id"] == 1
+    chain.block(proved(), time_s=1_100)
+    assert (task(chain)["state"], task(chain)["verdict_deadline"]) == ("submitted", 1_700)
+    chain.block(judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 20 * IEC), time_s=1_200)
+    assert (task(chain)["state"], task(chain)["settled"], task(chain)["paid"]) == (
+        "settled",
+        1_200,
+        100 * IEC,
+    )
+    assert task(chain)["report_sha256"] == "0x" + "0b" * 32
+    assert (chain.index.services()[0]["task_id"], chain.index.services()[0]["completed"]) == (None, 1)
+
+
+def test_a_requeued_task_says_why_until_it_is_tried_again(chain: Chain) -> None:
+    chain.block(registered(), offered(), assigned(), proved(), judged(False))
+    chain.block(events.TaskRequeued(1, 1, Cause.REJECTED))
+    assert (task(chain)["state"], task(chain)["verdict"], task(chain)["reason"]) == (
+        "open",
+        "rejected",
+        "why",
+    )
+    assert (task(chain)["executor"], task(chain)["nonce"], task(chain)["execution_deadline"]) == (None,) * 3
+    assert chain.index.services()[0]["rejected"] == 1
+    chain.block(assigned(2))
+    assert (task(chain)["verdict"], task(chain)["proof_sha256"], task(chain)["attempt"]) == (None, None, 2)
+
+
+@pytest.mark.parametrize(
+    ("cause", "reason", "counted"),
+    [
+        (Cause.EXECUTION_EXPIRED, "no proof within the execution window", 1),
+        (Cause.VERDICT_EXPIRED, "no verdict within the verdict window", 0),
+    ],
+)
+def test_an_expired_attempt_counts_against_the_service_only_if_it_is_its_fault(
+    chain: Chain, cause: Cause, reason: str, counted: int
+) -> None:
+    chain.block(registered(), offered(), assigned(), events.TaskFailed(1, 120 * IEC, 1, cause))
+    assert (task(chain)["state"], task(chain)["verdict"], task(chain)["reason"]) == (
+        "failed",
+        "expired",
+        reason,
+    )
+    assert chain.index.services()[0]["expired"] == counted
+
+
+def test_overdue_is_what_runs_beyond_its_window(chain: Chain) -> None:
+    chain.block(registered(), offered(), assigned(deadline=4_600))
+    assert chain.index.overdue(4_600) == []
+    assert chain.index.overdue(4_601) == [1]
+    chain.block(proved())
+    assert chain.index.overdue(1_700) == [] and chain.index.overdue(1_701) == [1]
+    chain.block(judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 0))
+    assert chain.index.overdue(10**9) == []
+
+
+def test_balances_add_up_and_hold_256_bits(chain: Chain) -> None:
+    everything = 2**256 - 1
+    chain.block(
+        events.Transfer(ZERO_ADDRESS, CREATOR, everything),
+        events.Transfer(CREATOR, ROBOT, 3),
+        events.Transfer(ROBOT, ROBOT, 2),
+        events.Transfer(ROBOT, ZERO_ADDRESS, 1),
+    )
+    assert chain.index.balances() == {CREATOR: everything - 3, ROBOT: 2}
+
+
+def test_only_active_services_are_on_offer(chain: Chain) -> None:
+    chain.block(offered(), events.ServiceRegistered(2, CREATOR, "waste_disposal", 90 * IEC, ""))
+    assert sorted(chain.index.active_prices("waste_disposal")) == [90 * IEC, 100 * IEC]
+    chain.block(events.ServiceUpdated(2, 80 * IEC, ServiceState.PAUSED))
+    assert chain.index.active_prices("waste_disposal") == [100 * IEC]
+    assert chain.index.active_prices("battery_charging") == []
+
+
+def test_kinds_can_be_allowed_and_disallowed(chain: Chain) -> None:
+    chain.block(events.KindAllowed("a", True), events.KindAllowed("b", True), events.KindAllowed("a", False))
+    assert chain.index.kinds() == ["b"]
+
+
+def test_a_device_is_kept_after_it_is_revoked(chain: Chain) -> None:
+    chain.block(events.DeviceRegistered(ROBOT, "robot", CREATOR, CREATOR), time_s=5)
+    chain.block(events.DeviceRevoked(ROBOT), time_s=9)
+    (device,) = chain.index.devices()
+    assert (device["role"], device["registered"], device["revoked"]) == ("robot", 5, 9)
+
+
+def test_what_was_published_is_remembered(chain: Chain, tmp_path: Path) -> None:
+    chain.block(registered(), offered())
+    chain.index.mark_published(1)
+    assert open_index(tmp_path).published_seq == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "clean up", "[]", '{"params": 5}', '{"params": {}, "description": 7}', '{"a": ' * 5_000, "\x00"],
+)
+def test_a_strangers_task_text_is_kept_as_a_description(text: str) -> None:
+    assert parse_task_text(text) == ({}, text)

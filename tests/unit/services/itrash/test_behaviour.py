@@ -1,0 +1,305 @@
+"""The bin's state machine under simulated time: what it does with what its sensors say."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from rodeo.lab.config import BinConfig, Pose2
+from services.itrash.behaviour import (
+    Action,
+    Attest,
+    Bin,
+    ClassificationRecord,
+    DisposalRecord,
+    Memory,
+    State,
+    TakePhoto,
+)
+from services.itrash.classifier import UNKNOWN, Classification
+
+CONFIG = BinConfig(pose=Pose2(x_m=0.0, y_m=0.0))
+SHOWN_M = 0.34
+SHA = "0x" + "ab" * 32
+
+
+def verdict(label: str) -> Classification:
+    return Classification(label, {"plastic": 0.9, "paper": 0.1})
+
+
+class Bench:
+    """A bin on a bench: sensors at 10 Hz, a camera that answers at once."""
+
+    def __init__(self, memory: Memory | None = None) -> None:
+        self.bin = Bin(CONFIG, memory or Memory())
+        self.time_s = 1000.0
+        self.labels: list[str | None] = []
+        """What the classifier will say, one after another; None for a camera that fails."""
+        self.loads_n = dict.fromkeys(CONFIG.compartments, 0.0)
+        self.attested: list[ClassificationRecord | DisposalRecord] = []
+        self.photos = 0
+
+    def run(self, seconds: float, range_m: float = math.inf, move_m: float = 0.0) -> None:
+        for _ in range(round(seconds * 10)):
+            self.time_s = round(self.time_s + 0.1, 6)
+            range_m += move_m
+            self._do(self.bin.presence(range_m, self.time_s))
+            for compartment, force_n in self.loads_n.items():
+                self._do(self.bin.load(compartment, force_n, self.time_s))
+
+    def drop(self, compartment: str, weight_n: float = 0.3) -> None:
+        self.loads_n[compartment] += weight_n
+
+    def _do(self, actions: list[Action]) -> None:
+        for action in actions:
+            if isinstance(action, Attest):
+                self.attested.append(action.record)
+            else:
+                assert action == TakePhoto(self.time_s)
+                self.photos += 1
+                label = self.labels.pop(0)
+                if label is None:
+                    self._do(self.bin.photo_failed(self.time_s))
+                else:
+                    self._do(self.bin.photo(verdict(label), SHA, self.time_s))
+
+
+def shown(*labels: str | None) -> Bench:
+    """A bin that has looked at an item and waits for it."""
+    bench = Bench()
+    bench.run(2.0)
+    bench.labels = list(labels)
+    bench.run(5.0, SHOWN_M)
+    return bench
+
+
+def test_a_shown_item_is_classified_once_and_its_drop_confirmed() -> None:
+    bench = shown("plastic")
+    assert bench.bin.state is State.AWAITING_DROP
+    (classified,) = bench.attested
+    assert isinstance(classified, ClassificationRecord)
+    assert (classified.item_class, classified.compartment, classified.seq) == ("plastic", "yellow", 1)
+    assert classified.payload()["class"] == "plastic"
+    assert classified.image_sha256 == SHA
+
+    bench.run(3.0)
+    bench.drop("yellow")
+    bench.run(1.5)
+    disposed = bench.attested[-1]
+    assert isinstance(disposed, DisposalRecord)
+    assert disposed.correct
+    assert disposed.classification_seq == 1
+    assert disposed.weight_n == 0.3
+    bench.run(1.5)
+    assert bench.bin.state is State.IDLE
+
+
+def test_the_wrong_compartment_is_attested_as_such() -> None:
+    bench = shown("glass")
+    bench.drop("grey")
+    bench.run(1.5, SHOWN_M)
+    disposed = bench.attested[-1]
+    assert isinstance(disposed, DisposalRecord)
+    assert (disposed.compartment, disposed.expected_compartment) == ("grey", "green")
+    assert not disposed.correct
+    assert bench.bin.state is State.WRONG_COMPARTMENT
+
+
+def test_a_moving_item_is_not_photographed() -> None:
+    bench = Bench()
+    bench.run(1.0)
+    bench.run(2.0, 0.5, move_m=-0.01)
+    assert (bench.photos, bench.bin.state) == (0, State.ITEM_SEEN)
+
+
+def test_something_that_only_passes_leaves_the_bin_idle() -> None:
+    bench = Bench()
+    bench.run(1.0)
+    bench.run(0.2, SHOWN_M)
+    bench.run(1.0)
+    assert (bench.photos, bench.bin.state) == (0, State.IDLE)
+
+
+def test_what_is_farther_than_the_presence_range_is_not_an_item() -> None:
+    bench = Bench()
+    bench.run(3.0, CONFIG.presence_range_m + 0.01)
+    assert bench.photos == 0
+
+
+def test_an_unsure_photo_is_taken_again_before_the_item_is_called_unknown() -> None:
+    bench = shown(UNKNOWN, "metal")
+    (classified,) = bench.attested
+    assert isinstance(classified, ClassificationRecord)
+    assert classified.item_class == "metal"
+
+    bench = shown(UNKNOWN, UNKNOWN, UNKNOWN)
+    (classified,) = bench.attested
+    assert isinstance(classified, ClassificationRecord)
+    assert (classified.item_class, classified.compartment) == (UNKNOWN, "grey")
+
+
+def test_a_camera_that_fails_is_asked_again() -> None:
+    bench = shown(None, None, "paper")
+    (classified,) = bench.attested
+    assert isinstance(classified, ClassificationRecord)
+    assert classified.item_class == "paper"
+    assert bench.photos == 3
+
+
+def test_showing_the_item_again_gives_a_new_classification() -> None:
+    bench = shown("plastic")
+    bench.run(2.0)
+    bench.labels = ["glass"]
+    bench.run(2.0, SHOWN_M)
+    bench.drop("green")
+    bench.run(1.5)
+    disposed = bench.attested[-1]
+    assert isinstance(disposed, DisposalRecord)
+    assert (disposed.classification_seq, disposed.correct) == (2, True)
+
+
+def test_an_empty_gripper_in_view_does_not_take_a_classification_back() -> None:
+    bench = shown("plastic")
+    bench.run(2.0)
+    bench.labels = [UNKNOWN] * 3
+    bench.run(3.0, SHOWN_M)
+    assert bench.bin.state is State.AWAITING_DROP
+    assert len(bench.attested) == 1
+
+
+def test_an_arm_that_swings_through_the_view_is_not_a_new_item() -> None:
+    bench = shown("plastic")
+    bench.run(0.5)
+    bench.run(2.0, SHOWN_M)
+    assert bench.photos == 1
+
+
+def test_a_gripper_that_draws_back_after_the_drop_is_not_a_new_item() -> None:
+    bench = shown("plastic")
+    bench.run(5.0)
+    bench.drop("yellow")
+    bench.run(2.0)
+    bench.run(2.0, SHOWN_M)
+    assert (bench.photos, bench.bin.state) == (1, State.CONFIRMED)
+    bench.run(2.5)
+    bench.labels = ["paper"]
+    bench.run(2.0, SHOWN_M)
+    assert bench.attested[-1].seq == 2
+
+
+def test_a_drop_that_never_comes_times_out_and_the_bin_is_free_again() -> None:
+    bench = shown("plastic")
+    bench.run(200.0)
+    assert bench.bin.state is State.IDLE
+    bench.labels = ["paper"]
+    bench.run(2.0, SHOWN_M)
+    assert bench.bin.state is State.AWAITING_DROP
+    assert bench.attested[-1].seq == 2
+
+
+def test_what_falls_in_without_being_shown_is_attested_as_not_correct() -> None:
+    bench = Bench()
+    bench.run(1.0)
+    bench.drop("blue", 1.5)
+    bench.run(1.5)
+    (disposed,) = bench.attested
+    assert isinstance(disposed, DisposalRecord)
+    assert (disposed.classification_seq, disposed.expected_compartment) == (None, None)
+    assert not disposed.correct
+    assert bench.bin.state is State.IDLE
+
+
+def test_emptying_a_compartment_is_not_a_disposal() -> None:
+    bench = Bench()
+    bench.loads_n["blue"] = 20.0
+    bench.run(1.0)
+    bench.loads_n["blue"] = 0.0
+    bench.run(2.0)
+    assert bench.attested == []
+
+
+def test_one_drop_is_one_disposal() -> None:
+    bench = shown("plastic")
+    bench.drop("yellow")
+    bench.run(30.0)
+    assert sum(isinstance(record, DisposalRecord) for record in bench.attested) == 1
+
+
+def disposals(bench: Bench) -> list[DisposalRecord]:
+    return [record for record in bench.attested if isinstance(record, DisposalRecord)]
+
+
+@pytest.mark.parametrize("lead_s", [-0.3, 0.0, 0.3])
+def test_what_a_fall_shakes_in_other_compartments_is_no_drop(lead_s: float) -> None:
+    bench = shown("plastic")
+    first, second = sorted([(0.0, "yellow", 0.3), (lead_s, "blue", 0.12)])
+    bench.drop(first[1], first[2])
+    bench.run(second[0] - first[0])
+    bench.drop(second[1], second[2])
+    bench.run(3.0)
+    (disposed,) = disposals(bench)
+    assert (disposed.compartment, disposed.weight_n, disposed.correct) == ("yellow", 0.3, True)
+
+
+def test_a_push_that_does_not_stay_is_no_drop() -> None:
+    bench = shown("plastic")
+    bench.drop("green", 4.0)
+    bench.run(0.9)
+    bench.drop("green", -4.0)
+    bench.run(2.0)
+    assert disposals(bench) == []
+    bench.drop("yellow")
+    bench.run(1.5)
+    (disposed,) = disposals(bench)
+    assert disposed.correct
+
+
+def test_a_compartment_that_is_lifted_for_a_moment_is_not_emptied() -> None:
+    bench = Bench()
+    bench.loads_n["blue"] = 20.0
+    bench.run(1.0)
+    bench.drop("blue", -20.0)
+    bench.run(0.9)
+    bench.drop("blue", 20.0)
+    bench.run(2.0)
+    assert bench.attested == []
+
+
+def test_a_restart_while_a_step_is_watched_still_sees_it() -> None:
+    bench = shown("plastic")
+    bench.drop("yellow")
+    bench.run(0.8)
+    assert disposals(bench) == []
+    restarted = Bench(Memory.model_validate_json(bench.bin.memory.model_dump_json()))
+    restarted.time_s, restarted.loads_n = bench.time_s, bench.loads_n
+    restarted.run(1.5)
+    (disposed,) = disposals(restarted)
+    assert disposed.correct
+
+
+def test_a_restart_while_waiting_still_confirms_a_drop_that_happened_meanwhile() -> None:
+    bench = shown("plastic")
+    restarted = Bench(Memory.model_validate_json(bench.bin.memory.model_dump_json()))
+    restarted.time_s = bench.time_s + 20.0
+    restarted.drop("yellow")
+    restarted.run(1.5)
+    (disposed,) = restarted.attested
+    assert isinstance(disposed, DisposalRecord)
+    assert (disposed.classification_seq, disposed.correct) == (1, True)
+
+
+@pytest.mark.parametrize("state", [State.ITEM_SEEN, State.CLASSIFYING])
+def test_a_restart_while_looking_looks_again(state: State) -> None:
+    restarted = Bench(Memory(state=state))
+    assert restarted.bin.state is State.IDLE
+    restarted.labels = ["paper"]
+    restarted.run(2.0, SHOWN_M)
+    assert restarted.bin.state is State.AWAITING_DROP
+    assert restarted.photos == 1
+
+
+def test_a_photo_that_comes_after_the_drop_changes_nothing() -> None:
+    bench = Bench()
+    assert bench.bin.photo(verdict("paper"), SHA, 1.0) == []
+    assert bench.bin.state is State.IDLE

@@ -1,0 +1,143 @@
+"""Photos from strangers: good ones decode, bad ones are refused for what is wrong with them."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+
+import cv2
+import numpy as np
+import pytest
+
+from services.itrash.images import (
+    BrokenImage,
+    ImageError,
+    ImageLimits,
+    ImageTooLarge,
+    UnsupportedImage,
+    decode_image,
+    image_size,
+)
+
+PHOTO = np.random.default_rng(1).integers(0, 256, (48, 64, 3), dtype=np.uint8)
+FORMATS = (".jpg", ".png", ".webp")
+
+
+def encoded(extension: str, image: np.ndarray = PHOTO, *options: int) -> bytes:
+    return cv2.imencode(extension, image, options)[1].tobytes()
+
+
+def png_claiming(width_px: int, height_px: int) -> bytes:
+    """A PNG whose header tells of a size that its data does not have."""
+    header = struct.pack(">IIBBBBB", width_px, height_px, 8, 2, 0, 0, 0)
+    chunk = b"IHDR" + header
+    return b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + chunk + struct.pack(">I", zlib.crc32(chunk))
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+def test_a_photo_decodes_in_each_format(extension: str) -> None:
+    data = encoded(extension)
+    assert image_size(data) == (64, 48)
+    assert decode_image(data).shape == (48, 64, 3)
+
+
+def test_a_lossless_webp_and_a_progressive_jpeg_decode() -> None:
+    assert np.array_equal(decode_image(encoded(".webp", PHOTO, cv2.IMWRITE_WEBP_QUALITY, 101)), PHOTO)
+    assert decode_image(encoded(".jpg", PHOTO, cv2.IMWRITE_JPEG_PROGRESSIVE, 1)).shape == PHOTO.shape
+
+
+def test_grey_and_transparent_photos_become_colour() -> None:
+    assert decode_image(encoded(".png", PHOTO[:, :, 0])).shape == PHOTO.shape
+    assert decode_image(encoded(".png", np.dstack([PHOTO, PHOTO[:, :, :1]]))).shape == PHOTO.shape
+
+
+def test_too_many_bytes_are_refused_before_anything_else() -> None:
+    with pytest.raises(ImageTooLarge) as refused:
+        decode_image(b"\0" * 101, ImageLimits(max_bytes=100))
+    assert refused.value.details == {"bytes": 101, "max_bytes": 100}
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+def test_too_many_pixels_are_refused(extension: str) -> None:
+    with pytest.raises(ImageTooLarge) as refused:
+        decode_image(encoded(extension), ImageLimits(max_pixels=64 * 48 - 1))
+    assert refused.value.details["max_pixels"] == 64 * 48 - 1
+
+
+def test_a_decompression_bomb_is_refused_by_its_header() -> None:
+    with pytest.raises(ImageTooLarge):
+        decode_image(png_claiming(200_000, 200_000))
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"not a photo",
+        b"GIF89a" + b"\0" * 50,
+        b"BM" + b"\0" * 50,
+        b"II*\0" + b"\0" * 50,
+        b"RIFF\0\0\0\0WAVEfmt ",
+        b"<svg xmlns='http://www.w3.org/2000/svg'/>",
+        b"%PDF-1.7",
+        b"\0\0\0\x20ftypavif" + b"\0" * 50,
+        encoded(".bmp"),
+        encoded(".tiff"),
+    ],
+)
+def test_other_formats_never_reach_a_decoder(data: bytes) -> None:
+    with pytest.raises(UnsupportedImage):
+        decode_image(data)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"\xff\xd8",
+        b"\xff\xd8\xff",
+        b"\xff\xd8\xff\xff\xff\xff",
+        b"\xff\xd8\x00\x00",
+        b"\xff\xd8\xff\xe0\x00\x00",
+        b"\xff\xd8\xff\xe0\xff\xff",
+        b"\xff\xd8\xff\xd9",
+        b"\xff\xd8\xff\xda\x00\x04\x00\x00",
+        b"\xff\xd8\xff\xc0\x00\x0b\x08\x00\x00\x00\x00",
+        b"\xff\xd8" + b"\xff\xd0" * 1000,
+        b"\x89PNG\r\n\x1a\n",
+        b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR\0\0",
+        b"\x89PNG\r\n\x1a\n\0\0\0\x0dIDAT" + b"\0" * 20,
+        png_claiming(0, 0),
+        png_claiming(64, 48),
+        b"RIFF\x10\0\0\0WEBP",
+        b"RIFF\x10\0\0\0WEBPVP8 ",
+        b"RIFF\x10\0\0\0WEBPVP8L\0\0",
+        b"RIFF\x10\0\0\0WEBPVP8X\x0a\0\0\0",
+        b"RIFF\x10\0\0\0WEBPALPH" + b"\0" * 30,
+    ],
+)
+def test_a_cut_or_nonsensical_header_is_a_broken_image(data: bytes) -> None:
+    with pytest.raises(BrokenImage):
+        decode_image(data)
+
+
+@pytest.mark.parametrize("extension", FORMATS)
+def test_a_photo_cut_or_flipped_anywhere_decodes_or_is_refused(extension: str) -> None:
+    """Corrupted on purpose a few hundred times: either a picture of bounded size or an ImageError."""
+    data = encoded(extension)
+    rng = np.random.default_rng(2)
+    limits = ImageLimits(max_pixels=1_000_000)
+    damaged = [data[:end] for end in range(0, len(data), max(1, len(data) // 60))]
+    for _ in range(100):
+        changed = bytearray(data)
+        for at in rng.integers(0, len(data) if rng.random() < 0.5 else 64, 3):
+            changed[at] ^= int(rng.integers(1, 256))
+        damaged.append(bytes(changed))
+    outcomes = set()
+    for photo in damaged:
+        try:
+            outcomes.add(decode_image(photo, limits).ndim)
+        except ImageError as error:
+            outcomes.add(error.code)
+    assert {"broken_image", "unsupported_image"} <= outcomes <= {
+        3, "broken_image", "unsupported_image", "image_too_large"
+    }  # fmt: skip

@@ -1,0 +1,60 @@
+"""One honest cleaning and one honest charge, filmed once; tests change the film or what the chain says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from eth_account.signers.local import LocalAccount
+
+from rodeo.config import Site
+from rodeo.evidence import Binding
+from services.oracle.case import Ledger
+from services.oracle.report import Report
+from services.oracle.verify import verify_file
+from tests.support.assignments import BIN, BINDING, CHARGE_BINDING, METER, ROBOT
+from tests.support.recordings import Take, film_charging, film_cleaning, seal
+from tests.support.site import LAB
+
+
+@pytest.fixture(scope="session")
+def site() -> Site:
+    return Site.load(LAB)
+
+
+@pytest.fixture(scope="session")
+def cleaning(site: Site) -> Take:
+    return film_cleaning(site, "item1", BIN)
+
+
+@pytest.fixture(scope="session")
+def charge(site: Site) -> Take:
+    return film_charging(site, METER, CHARGE_BINDING, soc=0.86)
+
+
+Judge = Callable[..., Report]
+
+
+@pytest.fixture
+def judge(site: Site, tmp_path: Path) -> Judge:
+    """Seals a take as the executor would and has it verified."""
+
+    def verdict(
+        take: Take,
+        chain: Ledger | None,
+        *,
+        binding: Binding = BINDING,
+        device: LocalAccount = ROBOT,
+        at: Site | None = None,
+    ) -> Report:
+        path = seal(take, tmp_path / "proof.mcap", binding, device).path
+        return verify_file(path, at or site, chain)
+
+    return verdict
+
+
+def failed(report: Report) -> str:
+    """Name of the check that the verdict's reason names."""
+    assert not report.accepted, report.rows()
+    return report.reason.split(":")[0]

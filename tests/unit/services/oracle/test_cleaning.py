@@ -1,0 +1,454 @@
+"""A cleaning is accepted when physics agrees, and each forgery is refused for its own reason."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from eth_account import Account
+from eth_account.signers.local import LocalAccount
+
+from rodeo.config import Site
+from rodeo.evidence import Binding, attest
+from rodeo.lab.body import JOINTS
+from rodeo.lab.config import ItemClass
+from rodeo.lab.layout import BinLayout
+from rodeo.ros2.types import new
+from services.oracle.case import Ledger
+from tests.support.assignments import BIN, BINDING, cleaning_ledger
+from tests.support.recordings import Sample, Take, film_cleaning, later, moved, stamp
+from tests.support.site import LAB
+from tests.unit.services.oracle.conftest import Judge, failed
+
+JOINT_STATES, ODOM = "panther1/joint_states", "panther1/odom"
+ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", "mocap/item1/pose"
+FINGERS = [JOINTS.index("left_finger"), JOINTS.index("right_finger")]
+
+
+def with_joints(sample: Sample, **columns: np.ndarray) -> Sample:
+    return replace(sample, message=replace(sample.message, **columns))
+
+
+def shifted(sample: Sample, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> Sample:
+    at = sample.message.pose.position
+    return moved(sample, x=at.x + x, y=at.y + y, z=at.z + z)
+
+
+def test_honest_work_is_accepted(cleaning: Take, judge: Judge) -> None:
+    report = judge(cleaning, cleaning_ledger(cleaning))
+    assert report.accepted, report.reason
+    assert report.reason == "accepted"
+    assert all(check.passed for check in report.checks)
+
+
+def test_without_a_chain_the_rest_is_still_checked(cleaning: Take, judge: Judge) -> None:
+    report = judge(cleaning, None)
+    assert report.accepted, report.reason
+    results = {check.name: check.passed for check in report.checks}
+    assert results["nonce"] is None
+    assert results["compartment"] is True
+
+
+def test_every_entry_says_what_was_measured_against_what(cleaning: Take, judge: Judge) -> None:
+    checks = {check.name: check for check in judge(cleaning, cleaning_ledger(cleaning)).checks}
+    assert checks["base_speed"].limit == pytest.approx(2.1)
+    assert isinstance(checks["transport"].measured, float)
+    assert all(check.source for name, check in checks.items() if name != "readable_and_sealed")
+
+
+@pytest.mark.parametrize("item_class", [ItemClass.PLASTIC, ItemClass.PAPER, ItemClass.GLASS])
+def test_every_kind_of_item_can_be_carried(site: Site, judge: Judge, item_class: ItemClass) -> None:
+    from rodeo.lab.items import SHAPES
+
+    item = site.items[0].model_copy(
+        update={"item_class": item_class, "shape": next(iter(SHAPES[item_class])), "mass_kg": 0.08}
+    )
+    other = site.model_copy(update={"items": [item]})
+    take = film_cleaning(other, item.id, BIN)
+    report = judge(take, cleaning_ledger(take), at=other)
+    assert report.accepted, report.reason
+
+
+def test_sensor_noise_does_not_cost_the_verdict(cleaning: Take, judge: Judge) -> None:
+    chance = np.random.default_rng(3)
+
+    def noisy(sample: Sample) -> Sample:
+        position = sample.message.position.copy()
+        position[:6] += chance.normal(0, 5e-4, 6)
+        position[FINGERS] += chance.normal(0, 1e-4, 2)
+        return with_joints(sample, position=position)
+
+    take = cleaning.edited(JOINT_STATES, noisy).edited(
+        ITEM_POSE, lambda s: shifted(s, *chance.normal(0, 3e-4, 3))
+    )
+    report = judge(take, cleaning_ledger(take))
+    assert report.accepted, report.reason
+
+
+# -- provenance ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "check"),
+    [
+        ({"task_id": 8}, "task_binding"),
+        ({"attempt": 2}, "task_binding"),
+        ({"chain_id": 1}, "task_binding"),
+        ({"task_manager": "0x" + "13" * 20}, "task_binding"),
+        ({"executor": "0x" + "aa" * 20}, "task_binding"),
+        ({"nonce": "0x" + "ce" * 32}, "nonce"),
+    ],
+)
+def test_a_proof_of_another_assignment_is_refused(
+    cleaning: Take, judge: Judge, changes: dict[str, Any], check: str
+) -> None:
+    binding = Binding.model_validate(BINDING.model_dump() | changes)
+    assert failed(judge(cleaning, cleaning_ledger(cleaning), binding=binding)) == check
+
+
+def revoked(chain: Ledger) -> Ledger:
+    devices = [chain.devices[0].model_copy(update={"revoked": 1.0}), *chain.devices[1:]]
+    return chain.model_copy(update={"devices": devices})
+
+
+def owned_by_another(chain: Ledger) -> Ledger:
+    devices = [chain.devices[0].model_copy(update={"owner": "0x" + "aa" * 20}), *chain.devices[1:]]
+    return chain.model_copy(update={"devices": devices})
+
+
+def of_another_role(chain: Ledger) -> Ledger:
+    devices = [chain.devices[0].model_copy(update={"role": "meter"}), *chain.devices[1:]]
+    return chain.model_copy(update={"devices": devices})
+
+
+@pytest.mark.parametrize("change", [revoked, owned_by_another, of_another_role])
+def test_a_device_that_may_not_sign_for_the_executor_is_refused(
+    cleaning: Take, judge: Judge, change: Any
+) -> None:
+    assert failed(judge(cleaning, change(cleaning_ledger(cleaning)))) == "signer"
+
+
+@pytest.mark.parametrize("device", [Account.create(), BIN])
+def test_a_stranger_cannot_seal(cleaning: Take, judge: Judge, device: LocalAccount) -> None:
+    assert failed(judge(cleaning, cleaning_ledger(cleaning), device=device)) == "signer"
+
+
+def test_the_same_file_pays_once(cleaning: Take, judge: Judge) -> None:
+    chain = cleaning_ledger(cleaning).model_copy(update={"first_use": "task 3 attempt 1"})
+    assert failed(judge(cleaning, chain)) == "first_use"
+
+
+def test_an_old_recording_is_refused(cleaning: Take, judge: Judge) -> None:
+    chain = cleaning_ledger(cleaning, assigned=cleaning.end_s + 100, proof_submitted=cleaning.end_s + 300)
+    assert failed(judge(cleaning, chain)) == "recorded_in_assignment"
+
+
+# -- completeness ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("topic", [JOINT_STATES, ODOM, ROBOT_POSE, ITEM_POSE])
+def test_a_missing_topic_is_refused(cleaning: Take, judge: Judge, topic: str) -> None:
+    take = cleaning.without(topic)
+    report = judge(take, cleaning_ledger(take))
+    assert failed(report) == "cleaning_topics"
+    assert topic in report.reason
+
+
+def test_a_hole_in_the_recording_is_refused(cleaning: Take, judge: Judge) -> None:
+    middle_s, length_s = (cleaning.start_s + cleaning.end_s) / 2, cleaning.end_s - cleaning.start_s
+    hole = (middle_s - 0.1 * length_s, middle_s + 0.1 * length_s)
+    take = cleaning.edited(ODOM, lambda s: None if hole[0] < s.time_ns * 1e-9 < hole[1] else s)
+    assert failed(judge(take, cleaning_ledger(take))) == "cleaning_gaps"
+
+
+HOLE_S = 25
+AT_REST_S = 0.21
+"""Before the end of the film, between two frames: the work is done and nothing moves."""
+
+
+def interrupted(take: Take, at_s: float) -> Take:
+    """Nothing is recorded for HOLE_S, and everything goes on where it was."""
+    return later(take, HOLE_S, BIN, after_s=at_s)
+
+
+def test_a_hole_in_which_the_work_was_done_and_nothing_moved_is_no_loss(cleaning: Take, judge: Judge) -> None:
+    take = interrupted(cleaning, cleaning.end_s - AT_REST_S)
+    report = judge(take, cleaning_ledger(take))
+    assert report.accepted, report.reason
+
+
+def test_a_bin_that_could_not_look_when_it_fell_is_believed(cleaning: Take, judge: Judge) -> None:
+    """It was down, or the bus was: it says between which times the weight changed."""
+    take = re_attested(cleaning, BIN, "weight_n", after_s=cleaning.start_s, time_s=cleaning.end_s + 60)
+    report = judge(take, cleaning_ledger(take))
+    assert report.accepted, report.reason
+
+
+def test_the_same_hole_while_the_item_is_carried_is_refused(cleaning: Take, judge: Judge) -> None:
+    """Even if everything stood still."""
+    take = interrupted(cleaning, (cleaning.start_s + cleaning.end_s) / 2)
+    assert failed(judge(take, cleaning_ledger(take))) == "cleaning_gaps"
+
+
+def test_a_hole_before_the_item_is_taken_is_refused(cleaning: Take, judge: Judge) -> None:
+    take = interrupted(cleaning, cleaning.start_s + 0.3)
+    assert failed(judge(take, cleaning_ledger(take))) == "cleaning_gaps"
+
+
+def test_a_hole_over_the_release_is_refused(cleaning: Take, judge: Judge) -> None:
+    rim_m = Site.load(LAB).bin.rim_height_m
+    above = [s for s in cleaning.of(ITEM_POSE) if s.message.pose.position.z > rim_m]
+    take = interrupted(cleaning, above[-1].time_ns * 1e-9)
+    assert failed(judge(take, cleaning_ledger(take))) == "cleaning_gaps"
+
+
+@pytest.mark.parametrize("topic", [JOINT_STATES, ITEM_POSE, ROBOT_POSE])
+def test_a_hole_over_which_something_moved_is_refused(cleaning: Take, judge: Judge, topic: str) -> None:
+    hole_s = cleaning.end_s - AT_REST_S
+
+    def moves(sample: Sample) -> Sample:
+        if sample.time_ns * 1e-9 <= hole_s:
+            return sample
+        if topic == JOINT_STATES:
+            return with_joints(sample, position=sample.message.position + np.eye(12)[1] * 0.02)
+        return shifted(sample, x=0.01)
+
+    take = interrupted(cleaning.edited(topic, moves), hole_s)
+    assert failed(judge(take, cleaning_ledger(take))) == "cleaning_gaps"
+
+
+def test_an_item_that_changed_its_compartment_in_a_hole_is_refused(cleaning: Take, judge: Judge) -> None:
+    hole_s = cleaning.end_s - AT_REST_S
+    layout = BinLayout(Site.load(LAB).bin)
+    (x, y, _), (to_x, to_y, _) = layout.compartment("yellow"), layout.compartment("blue")
+
+    def moves(sample: Sample) -> Sample:
+        return shifted(sample, x=to_x - x, y=to_y - y) if sample.time_ns * 1e-9 > hole_s else sample
+
+    take = interrupted(cleaning.edited(ITEM_POSE, moves), hole_s)
+    assert failed(judge(take, cleaning_ledger(take))) == "cleaning_gaps"
+
+
+def test_a_hole_does_not_hide_what_was_recorded_in_it(cleaning: Take, judge: Judge) -> None:
+    """Motion capture that goes on through a hole of the odometry is looked at."""
+    take = interrupted(cleaning, cleaning.end_s - AT_REST_S)
+    last = next(s for s in reversed(take.of(ITEM_POSE)))
+    hole_ns = round((cleaning.end_s + HOLE_S / 2) * 1e9)
+    header = replace(last.message.header, stamp=new("builtin_interfaces/msg/Time"))
+    seen = stamp(replace(shifted(last, z=0.3).message, header=header), hole_ns)
+    samples = [*take.samples, replace(last, message=seen, time_ns=hole_ns)]
+    take = Take(sorted(samples, key=lambda s: s.time_ns))
+    assert failed(judge(take, cleaning_ledger(take))) == "cleaning_gaps"
+
+
+def test_a_robot_that_is_elsewhere_after_a_hole_was_too_fast(cleaning: Take, judge: Judge) -> None:
+    """Speeds are checked across holes: a short one, which the share of holes would let pass."""
+    hole_s = cleaning.start_s + 8
+    take = cleaning.edited(ROBOT_POSE, lambda s: shifted(s, y=3.0) if s.time_ns * 1e-9 > hole_s else s)
+    take = later(take, 1, BIN, after_s=hole_s)
+    assert failed(judge(take, cleaning_ledger(take))) == "base_speed"
+
+
+def test_every_other_message_is_not_enough(cleaning: Take, judge: Judge) -> None:
+    take = cleaning.edited(ROBOT_POSE, lambda s: s if s.sequence % 2 else None)
+    assert failed(judge(take, cleaning_ledger(take))) == "cleaning_topics"
+
+
+def test_an_item_that_is_already_in_the_bin_is_the_one_reason(cleaning: Take, judge: Judge) -> None:
+    fallen_s = cleaning.end_s - 0.4
+    take = Take([s for s in cleaning.samples if s.time_ns * 1e-9 > fallen_s])
+    report = judge(take, cleaning_ledger(take))
+    assert report.reason == "item_outside_bin: the item was already in the bin"
+    assert [check.name for check in report.checks if check.passed is False] == ["item_outside_bin"]
+    not_asked = {check.name: check for check in report.checks if check.passed is None}
+    assert not_asked["dropped"].detail == "not asked: item_outside_bin did not pass"
+
+
+def test_an_item_that_the_site_does_not_have_is_the_one_reason(cleaning: Take, judge: Judge) -> None:
+    report = judge(cleaning, cleaning_ledger(cleaning, {"item_id": "item99", "x_m": 1.0, "y_m": 1.0}))
+    assert report.reason == "cleaning_topics: the site has no such item (item_id='item99')"
+    assert sum(check.passed is False for check in report.checks) == 1
+
+
+# -- motion ----------------------------------------------------------------------------------------------
+
+
+def test_a_teleport_is_refused(cleaning: Take, judge: Judge) -> None:
+    jump_s = cleaning.start_s + 8
+    take = cleaning.edited(ROBOT_POSE, lambda s: shifted(s, y=0.5) if s.time_ns * 1e-9 > jump_s else s)
+    assert failed(judge(take, cleaning_ledger(take))) == "base_speed"
+
+
+def test_odometry_that_tells_another_story_is_refused(cleaning: Take, judge: Judge) -> None:
+    parked = cleaning.of(ODOM)[0].message.pose
+
+    def parks(sample: Sample) -> Sample:
+        return replace(sample, message=replace(sample.message, pose=parked))
+
+    take = cleaning.edited(ODOM, parks)
+    assert failed(judge(take, cleaning_ledger(take))) == "odometry"
+
+
+def test_a_path_through_the_furniture_is_refused(cleaning: Take, judge: Judge) -> None:
+    take = cleaning.edited(ROBOT_POSE, lambda s: shifted(s, x=-1.0))
+    report = judge(take, cleaning_ledger(take))
+    assert failed(report) == "stays_in_room"
+    assert "desk2" in report.reason
+
+
+def test_joints_beyond_their_range_are_refused(cleaning: Take, judge: Judge) -> None:
+    take = cleaning.edited(
+        JOINT_STATES, lambda s: with_joints(s, position=s.message.position + np.eye(12)[1] * 1.0)
+    )
+    assert failed(judge(take, cleaning_ledger(take))) == "joint_range"
+
+
+def test_joints_faster_than_the_arm_are_refused(cleaning: Take, judge: Judge) -> None:
+    at_s = cleaning.start_s + 10
+
+    def jerks(sample: Sample) -> Sample:
+        jump = 1.5 if sample.time_ns * 1e-9 > at_s else 0.0
+        return with_joints(sample, position=sample.message.position + np.eye(12)[0] * jump)
+
+    take = cleaning.edited(JOINT_STATES, jerks)
+    assert failed(judge(take, cleaning_ledger(take))) == "joint_speed"
+
+
+# -- physics ---------------------------------------------------------------------------------------------
+
+
+def test_motion_without_an_item_is_refused(cleaning: Take, judge: Judge) -> None:
+    lies = cleaning.of(ITEM_POSE)[0].message.pose
+    take = cleaning.edited(ITEM_POSE, lambda s: replace(s, message=replace(s.message, pose=lies)))
+    report = judge(take, cleaning_ledger(take))
+    assert failed(report) == "replayed"
+    assert "never leaves the floor" in report.reason
+    assert sum(check.passed is False for check in report.checks) == 1
+
+
+def test_a_gripper_that_never_closes_is_refused(cleaning: Take, judge: Judge) -> None:
+    def opens(sample: Sample) -> Sample:
+        position, effort = sample.message.position.copy(), sample.message.effort.copy()
+        position[FINGERS], effort[FINGERS] = (0.057, -0.057), 0.0
+        return with_joints(sample, position=position, effort=effort)
+
+    take = cleaning.edited(JOINT_STATES, opens)
+    report = judge(take, cleaning_ledger(take))
+    assert failed(report) == "replayed"
+    assert "does not close" in report.reason
+
+
+def test_fingers_that_do_not_press_are_refused(cleaning: Take, judge: Judge) -> None:
+    def limp(sample: Sample) -> Sample:
+        effort = sample.message.effort.copy()
+        effort[FINGERS] = 0.0
+        return with_joints(sample, effort=effort)
+
+    take = cleaning.edited(JOINT_STATES, limp)
+    assert failed(judge(take, cleaning_ledger(take))) in ("grasp", "transport")
+
+
+def test_an_item_beside_the_gripper_is_refused(cleaning: Take, judge: Judge) -> None:
+    take = cleaning.edited(ITEM_POSE, lambda s: shifted(s, x=0.06))
+    assert failed(judge(take, cleaning_ledger(take))) in ("grasp", "transport")
+
+
+def test_an_item_far_from_the_tasks_place_is_refused(cleaning: Take, judge: Judge) -> None:
+    chain = cleaning_ledger(cleaning, params={"item_id": "item1", "x_m": 4.0, "y_m": 1.2})
+    assert failed(judge(cleaning, chain)) == "item_place"
+
+
+def test_an_item_that_is_let_go_on_the_way_is_refused(cleaning: Take, judge: Judge) -> None:
+    half_s = (cleaning.start_s + cleaning.end_s) / 2
+
+    def drops(sample: Sample) -> Sample:
+        if sample.time_ns * 1e-9 < half_s:
+            return sample
+        position, effort = sample.message.position.copy(), sample.message.effort.copy()
+        position[FINGERS], effort[FINGERS] = (0.057, -0.057), 0.0
+        return with_joints(sample, position=position, effort=effort)
+
+    take = cleaning.edited(JOINT_STATES, drops)
+    report = judge(take, cleaning_ledger(take))
+    assert failed(report) == "compartment"
+    assert "outside the bin" in report.reason
+
+
+def test_the_wrong_compartment_is_refused(site: Site, judge: Judge) -> None:
+    take = film_cleaning(site, "item1", BIN, compartment="green")
+    report = judge(take, cleaning_ledger(take))
+    assert failed(report) == "compartment"
+    assert "green" in report.reason
+    assert "yellow" in report.reason
+
+
+# -- the bin ---------------------------------------------------------------------------------------------
+
+
+def re_attested(take: Take, account: LocalAccount, having: str = "bin", **changes: Any) -> Take:
+    """Statements whose payload has the key `having`, changed and signed by `account`."""
+
+    def sign(sample: Sample) -> Sample:
+        payload = sample.message["payload"]
+        if having not in payload:
+            return sample
+        return replace(sample, message=attest(payload | changes, account).model_dump())
+
+    return take.edited("rodeo/attestation", sign)
+
+
+def test_a_robot_cannot_speak_for_the_bin(cleaning: Take, judge: Judge) -> None:
+    take = re_attested(cleaning, Account.create())
+    report = judge(take, cleaning_ledger(take))
+    assert failed(report) == "compartment"
+    assert "no classification signed by the bin" in report.reason
+
+
+def test_an_altered_attestation_is_refused(cleaning: Take, judge: Judge) -> None:
+    def forge(sample: Sample) -> Sample:
+        return replace(sample, message=sample.message | {"payload": sample.message["payload"] | {"seq": 9}})
+
+    take = cleaning.edited("rodeo/attestation", forge)
+    report = judge(take, cleaning_ledger(take))
+    assert failed(report) == "compartment"
+    assert "bad_attestation" in report.reason
+
+
+def test_a_drop_that_the_bin_felt_elsewhere_is_refused(cleaning: Take, judge: Judge) -> None:
+    take = re_attested(cleaning, BIN, "weight_n", compartment="blue")
+    assert failed(judge(take, cleaning_ledger(take))) == "dropped"
+
+
+def test_a_drop_long_after_the_release_is_refused(cleaning: Take, judge: Judge) -> None:
+    take = re_attested(cleaning, BIN, "weight_n", after_s=cleaning.end_s + 59, time_s=cleaning.end_s + 60)
+    assert failed(judge(take, cleaning_ledger(take))) == "dropped"
+
+
+def test_a_drop_before_the_release_is_refused(cleaning: Take, judge: Judge) -> None:
+    take = re_attested(cleaning, BIN, "weight_n", after_s=cleaning.start_s, time_s=cleaning.start_s + 5)
+    assert failed(judge(take, cleaning_ledger(take))) == "dropped"
+
+
+def test_a_drop_of_another_item_is_refused(cleaning: Take, judge: Judge) -> None:
+    take = re_attested(cleaning, BIN, "weight_n", classification_seq=2)
+    assert failed(judge(take, cleaning_ledger(take))) == "dropped"
+
+
+def test_a_classification_from_before_the_grasp_is_refused(cleaning: Take, judge: Judge) -> None:
+    take = re_attested(cleaning, BIN, "image_sha256", time_s=cleaning.start_s)
+    assert failed(judge(take, cleaning_ledger(take))) == "classified"
+
+
+def test_a_truncated_file_is_a_report_not_a_crash(
+    cleaning: Take, judge: Judge, tmp_path: Any, site: Site
+) -> None:
+    from services.oracle.verify import verify_file
+
+    judge(cleaning, None)
+    path = tmp_path / "proof.mcap"
+    path.write_bytes(path.read_bytes()[:100_000])
+    report = verify_file(path, site, cleaning_ledger(cleaning))
+    assert failed(report) == "readable_and_sealed"
+    assert "truncated_proof" in report.reason

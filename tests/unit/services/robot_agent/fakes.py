@@ -1,0 +1,175 @@
+"""Public peers of the agent's surroundings: a body that moves by kinematics alone, and a bin that answers."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from rodeo.config import Site
+from rodeo.lab.config import ItemConfig, Pose2
+from rodeo.lab.items import rest_pose, shape_of
+from rodeo.lab.layout import BinLayout, ahead
+from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M, PAD_THICKNESS_M
+from services.robot_agent.arm import READY_RAD, Arm, Trajectory, Vector
+from services.robot_agent.body import ON_FLOOR_M, Checkpoint, Grip, Joints, Pose3
+from services.robot_agent.errors import MotionFailed, NoAnswer
+from services.robot_agent.navigation import in_base_frame
+
+_GRASP_RADIUS_M = 0.03
+
+
+class ManualClock:
+    """Site time that passes when somebody waits for it."""
+
+    def __init__(self) -> None:
+        self.time_s = 1_000.0
+
+    def now_s(self) -> float:
+        return self.time_s
+
+    def now_ns(self) -> int:
+        return round(self.time_s * 1e9)
+
+    def wait_until(self, time_s: float, stop: threading.Event | None = None) -> bool:
+        self.time_s = max(self.time_s, time_s)
+        return stop is None or not stop.is_set()
+
+
+class KinematicBody:
+    """A robot whose motions always reach their end; what its fingers close on moves with them.
+
+    `slips`: number of lifts on which the item falls back. `blocked`: number of drives that fail.
+    """
+
+    def __init__(self, site: Site, clock: ManualClock) -> None:
+        self.site = site
+        self.clock = clock
+        self.base = site.robots[0].pose
+        self.arm_rad: Vector = READY_RAD.copy()
+        self.gripper_m = GRIPPER_OPEN_M
+        self.items = {item.id: Pose3(*rest_pose(item)) for item in site.items}
+        self.held: str | None = None
+        self.slips = 0
+        self.blocked = 0
+        self.drives: list[Pose2] = []
+        self.dropped_in: str | None = None
+        self._arm = Arm(site.robots[0].limits)
+        self._hang: Vector = np.zeros(3)
+
+    def pose_of(self, body: str, checkpoint: Checkpoint) -> Pose3:
+        checkpoint()
+        return self.items[body]
+
+    def trash_on_floor(self, checkpoint: Checkpoint, but: str | None = None) -> list[tuple[float, float]]:
+        checkpoint()
+        places = [pose.position_m for item, pose in self.items.items() if item != but]
+        return [(x, y) for x, y, z in places if z < ON_FLOOR_M]
+
+    def base_pose(self, checkpoint: Checkpoint) -> Pose2:
+        checkpoint()
+        return self.base
+
+    def joints(self, checkpoint: Checkpoint) -> Joints:
+        checkpoint()
+        return Joints(self.arm_rad.copy(), self.gripper_m)
+
+    def navigate(self, goal: Pose2, checkpoint: Checkpoint, feedback: Any = None) -> None:
+        checkpoint()
+        self.clock.time_s += 10
+        if self.blocked:
+            self.blocked -= 1
+            raise MotionFailed("there is no way", action="navigate")
+        self.base = goal
+        self.drives.append(goal)
+        self._carry_along()
+
+    def follow(self, plan: Callable[[Vector], Trajectory], checkpoint: Checkpoint) -> None:
+        checkpoint()
+        trajectory = plan(self.arm_rad.copy())
+        self.clock.time_s += trajectory.duration_s
+        before_m = self._pads()[2]
+        self.arm_rad = trajectory.positions[-1]
+        self._carry_along()
+        if self.held and self.slips and self._pads()[2] > before_m + 0.1:
+            self.slips -= 1
+            self.gripper_m = GRIPPER_CLOSED_M
+            self._let_go()
+
+    def grip(self, position_m: float, force_n: float, checkpoint: Checkpoint) -> Grip:
+        checkpoint()
+        self.clock.time_s += 1
+        if position_m >= GRIPPER_OPEN_M:
+            self.gripper_m = GRIPPER_OPEN_M
+            self._let_go()
+            return Grip(self.gripper_m, False)
+        pads = self._pads()
+        for item in self.site.items:
+            centre = in_base_frame(self.base, self.items[item.id].position_m)
+            if np.linalg.norm(np.array(centre)[:2] - pads[:2]) < _GRASP_RADIUS_M and pads[2] < 0.12:
+                self.held = item.id
+                self._hang = np.array(centre) - pads
+                self.gripper_m = shape_of(item).half_m[1] + PAD_THICKNESS_M
+                return Grip(self.gripper_m, True)
+        self.gripper_m = GRIPPER_CLOSED_M
+        return Grip(self.gripper_m, False)
+
+    def _pads(self) -> Vector:
+        return self._arm.forward(self.arm_rad).position_m
+
+    def _carry_along(self) -> None:
+        if self.held:
+            x_m, y_m, z_m = self._pads() + self._hang
+            self._put(self.held, (*ahead(self.base, x_m, y_m), z_m))
+
+    def _let_go(self) -> None:
+        if self.held is None:
+            return
+        item = next(item for item in self.site.items if item.id == self.held)
+        self.held = None
+        self._fall(item)
+
+    def _fall(self, item: ItemConfig) -> None:
+        x_m, y_m, _ = self.items[item.id].position_m
+        layout = BinLayout(self.site.bin)
+        for name in self.site.bin.compartments:
+            if layout.contains(name, (x_m, y_m, 0.2)):
+                self.dropped_in = name
+                self._put(item.id, (x_m, y_m, 0.15))
+                return
+        self._put(item.id, (x_m, y_m, rest_pose(item)[0][2]))
+
+    def _put(self, item: str, position_m: tuple[float, float, float]) -> None:
+        self.items[item] = Pose3(position_m, self.items[item].quat_wxyz)
+
+
+class AnsweringBin:
+    """A bin that classifies at once. `silent`: number of times it says nothing."""
+
+    def __init__(self, clock: ManualClock, compartment: str) -> None:
+        self._clock = clock
+        self._compartment = compartment
+        self.silent = 0
+        self.asked = 0
+        self.disposals = True
+        self.on_wait: Callable[[str], None] = lambda kind: None
+
+    def last_seq(self, kind: str) -> int:
+        return self.asked
+
+    def wait_for(
+        self, kind: str, wanted: Any, checkpoint: Checkpoint, timeout_wall_s: float
+    ) -> dict[str, Any]:
+        checkpoint()
+        self.on_wait(kind)
+        if kind == "classification" and self.silent:
+            self.silent -= 1
+            raise NoAnswer("the bin sent no classification", timeout_s=timeout_wall_s)
+        if kind == "disposal" and not self.disposals:
+            raise NoAnswer("the bin sent no disposal", timeout_s=timeout_wall_s)
+        self.asked += 1
+        statement = {"seq": self.asked, "compartment": self._compartment, "time_s": self._clock.now_s()}
+        assert wanted(statement)
+        return statement

@@ -1,0 +1,203 @@
+"""Body: motions over the real wire format end, fail, stop and start again as the agent expects."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+
+from rodeo.bus import zenoh_config
+from rodeo.config import Site
+from rodeo.lab.config import Pose2
+from rodeo.ros2 import ActionServer, Node, ServerGoal, types
+from services.robot_agent.arm import READY_RAD, Trajectory
+from services.robot_agent.body import Body
+from services.robot_agent.errors import MotionFailed, Stopped
+from tests.support.site import LAB
+
+NAVIGATE = "nav2_msgs/action/NavigateToPose"
+FOLLOW = "control_msgs/action/FollowJointTrajectory"
+GRIPPER = "control_msgs/action/GripperCommand"
+GOAL = Pose2(x_m=1.0, y_m=2.0, yaw_rad=1.5)
+
+
+class WallClock:
+    def now_ns(self) -> int:
+        return time.time_ns()
+
+    def now_s(self) -> float:
+        return time.time()
+
+    def wait_until(self, time_s: float, stop: threading.Event | None = None) -> bool:
+        raise NotImplementedError
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    router = zenoh.open(zenoh_config("router", listen=[endpoint]))
+    yield endpoint
+    router.close()
+
+
+@pytest.fixture
+def make_node(endpoint: str) -> Iterator[Callable[[str], Node]]:
+    nodes: list[Node] = []
+
+    def make(name: str) -> Node:
+        session = zenoh.open(zenoh_config("client", connect=[endpoint]))
+        nodes.append(Node(session, name, "panther1", 0, WallClock()))
+        return nodes[-1]
+
+    yield make
+    for node in nodes:
+        node.session.close()
+
+
+@pytest.fixture
+def body(make_node: Callable[[str], Node]) -> Body:
+    site = Site.load(LAB)
+    return Body(make_node("agent"), site, site.robots[0])
+
+
+def go_on() -> None:
+    pass
+
+
+def succeed(goal: ServerGoal) -> None:
+    goal.succeed(types.new(f"{NAVIGATE}_Result"))
+
+
+def test_a_drive_goes_to_the_pose_that_was_asked_for(make_node: Any, body: Body) -> None:
+    got: list[Any] = []
+
+    def drive(goal: ServerGoal) -> None:
+        got.append(goal.request.pose)
+        succeed(goal)
+
+    ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, drive)
+    body.navigate(GOAL, go_on)
+    (pose,) = got
+    assert (pose.header.frame_id, pose.pose.position.x, pose.pose.position.y) == ("map", 1.0, 2.0)
+    assert 2 * np.arctan2(pose.pose.orientation.z, pose.pose.orientation.w) == pytest.approx(1.5)
+
+
+def test_what_the_body_said_when_it_gave_up_is_kept(make_node: Any, body: Body) -> None:
+    ActionServer(
+        make_node("sim"),
+        "panther1/navigate_to_pose",
+        NAVIGATE,
+        lambda goal: goal.abort(types.new(f"{NAVIGATE}_Result", error_code=208)),
+    )
+    with pytest.raises(MotionFailed) as caught:
+        body.navigate(GOAL, go_on)
+    assert caught.value.details["result"] == {"error_code": 208}
+
+
+def test_a_body_that_comes_late_is_waited_for(make_node: Any, body: Body) -> None:
+    done = threading.Event()
+    thread = threading.Thread(target=lambda: (body.navigate(GOAL, go_on), done.set()), daemon=True)
+    thread.start()
+    ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, succeed)
+    assert done.wait(20)
+
+
+def test_a_motion_lost_with_its_body_is_started_again_on_the_next(make_node: Any, body: Body) -> None:
+    started = threading.Event()
+    first = make_node("first")
+
+    def hang(goal: ServerGoal) -> None:
+        started.set()
+        goal.cancel_requested.wait(30)
+
+    ActionServer(first, "panther1/navigate_to_pose", NAVIGATE, hang)
+    done = threading.Event()
+    thread = threading.Thread(target=lambda: (body.navigate(GOAL, go_on), done.set()), daemon=True)
+    thread.start()
+    assert started.wait(10)
+    first.session.close()  # as when the simulator is killed
+    ActionServer(make_node("second"), "panther1/navigate_to_pose", NAVIGATE, succeed)
+    assert done.wait(30)
+
+
+def test_the_body_is_told_to_stop_when_the_agent_has_to(make_node: Any, body: Body) -> None:
+    started, told = threading.Event(), threading.Event()
+
+    def until_told(goal: ServerGoal) -> None:
+        started.set()
+        if goal.cancel_requested.wait(20):
+            told.set()
+        goal.canceled(types.new(f"{NAVIGATE}_Result"))
+
+    def stop_once_started() -> None:
+        if started.is_set():
+            raise Stopped("the process is asked to end")
+
+    ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, until_told)
+    with pytest.raises(Stopped):
+        body.navigate(GOAL, stop_once_started)
+    assert told.wait(5)
+
+
+def test_the_arm_is_planned_from_where_it_is(make_node: Any, body: Body) -> None:
+    got: list[Any] = []
+
+    def follow(goal: ServerGoal) -> None:
+        got.append(goal.request.trajectory)
+        goal.succeed(types.new(f"{FOLLOW}_Result"))
+
+    sim = make_node("sim")
+    ActionServer(sim, "panther1/arm_controller/follow_joint_trajectory", FOLLOW, follow)
+    publisher = sim.publisher("panther1/joint_states", "sensor_msgs/msg/JointState")
+    names = ["waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate"]
+    state = types.new(
+        "sensor_msgs/msg/JointState",
+        name=[*names, "left_finger", "right_finger"],
+        position=np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.03, -0.05]),
+    )
+    silent = threading.Event()
+
+    def talk() -> None:
+        while not silent.wait(0.02):
+            publisher.publish(state)
+
+    thread = threading.Thread(target=talk)
+    thread.start()
+    try:
+        assert body.joints(go_on).gripper_m == pytest.approx(0.04)
+        body.follow(
+            lambda now: Trajectory(np.array([0.0, 1.5]), np.array([now, READY_RAD]), np.zeros((2, 6))), go_on
+        )
+    finally:
+        silent.set()
+        thread.join()
+    (trajectory,) = got
+    assert trajectory.joint_names == names
+    assert trajectory.points[0].positions.tolist() == [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    assert (trajectory.points[1].time_from_start.sec, trajectory.points[1].time_from_start.nanosec) == (
+        1,
+        500_000_000,
+    )
+
+
+def test_the_gripper_says_how_it_ended(make_node: Any, body: Body) -> None:
+    ActionServer(
+        make_node("sim"),
+        "panther1/gripper_controller/gripper_cmd",
+        GRIPPER,
+        lambda goal: goal.succeed(
+            types.new(
+                f"{GRIPPER}_Result", position=0.0345, effort=goal.request.command.max_effort, stalled=True
+            )
+        ),
+    )
+    grip = body.grip(0.0, 5.0, go_on)
+    assert (grip.position_m, grip.stalled) == (0.0345, True)

@@ -1,0 +1,33 @@
+"""Around a charge: the dock is left when there is nothing to wait for."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rodeo.config import Site
+from rodeo.lab.layout import dock_parking, on_contacts
+from services.robot_agent.charging import Charging
+from services.robot_agent.navigation import Floor
+from tests.support.site import LAB
+from tests.unit.services.robot_agent.fakes import KinematicBody, ManualClock
+
+SITE = Site.load(LAB)
+
+
+def charging(body: KinematicBody) -> Charging:
+    dao: Any = None
+    return Charging(SITE, "panther1", dao, body, Floor(SITE))  # type: ignore[arg-type]
+
+
+def test_a_robot_on_the_contacts_leaves_them() -> None:
+    body, said = KinematicBody(SITE, ManualClock()), []
+    body.base = dock_parking(SITE.dock)
+    charging(body).clear_the_dock(lambda: None, lambda text, share: said.append(text))
+    assert not on_contacts(SITE.dock, body.base)
+    assert said == ["leaving the dock"]
+
+
+def test_a_robot_elsewhere_stays_where_it_is() -> None:
+    body, said = KinematicBody(SITE, ManualClock()), []
+    charging(body).clear_the_dock(lambda: None, lambda text, share: said.append(text))
+    assert body.drives == said == []

@@ -1,0 +1,91 @@
+"""Routes around furniture, out of and into narrow places, and clear refusals."""
+
+import math
+
+import pytest
+
+from rodeo.config import Site
+from rodeo.lab.config import Pose2
+from rodeo.lab.layout import FOOTPRINT_RADIUS_M, BinLayout, dock_parking
+from services.robot_sim.planner import GoalOccupied, GoalOutsideMap, Map, NoValidPath, Route, plan
+from tests.support.site import LAB
+
+START = Pose2(x_m=1.4, y_m=1.3)
+
+
+@pytest.fixture(scope="module")
+def site() -> Site:
+    return Site.load(LAB)
+
+
+@pytest.fixture(scope="module")
+def lab(site: Site) -> Map:
+    return Map.of(site)
+
+
+def narrowest_m(lab: Map, route: Route) -> float:
+    """Least distance to anything along the part where the robot may turn."""
+    distances = []
+    for a, b in zip(route.way, route.way[1:], strict=False):
+        for k in range(101):
+            x, y = a[0] + (b[0] - a[0]) * k / 100, a[1] + (b[1] - a[1]) * k / 100
+            distances.append(lab.distance_m[lab.cell(x, y)])
+    return float(min(distances))
+
+
+@pytest.mark.parametrize("goal", [Pose2(x_m=5.5, y_m=3.0), Pose2(x_m=4.2, y_m=4.1, yaw_rad=1.0)])
+def test_the_robot_can_turn_anywhere_along_the_way(lab: Map, goal: Pose2) -> None:
+    route = plan(lab, START, goal)
+    assert narrowest_m(lab, route) > FOOTPRINT_RADIUS_M
+
+
+def test_a_way_around_furniture_is_longer_than_the_straight_line(site: Site) -> None:
+    desk = site.lab.furniture[1].pose
+    before, behind = Pose2(x_m=desk.x_m, y_m=desk.y_m - 1.2), Pose2(x_m=desk.x_m, y_m=desk.y_m + 1.2)
+    route = plan(Map.of(site), before, behind)
+    assert route.length_m > 1.3 * math.dist((before.x_m, before.y_m), (behind.x_m, behind.y_m))
+
+
+def test_the_bin_is_approached_straight_and_left_backwards(site: Site, lab: Map) -> None:
+    parking = BinLayout(site.bin).parking
+    inward = plan(lab, START, parking)
+    x, y = inward.way[-1]
+    assert x == pytest.approx(parking.x_m, abs=0.01)
+    assert y < parking.y_m - 0.4
+    outward = plan(lab, parking, START)
+    assert outward.depart.y_m < parking.y_m
+    assert outward.depart.yaw_rad == parking.yaw_rad
+
+
+def test_the_dock_can_be_reached_and_left(site: Site, lab: Map) -> None:
+    parking = dock_parking(site.dock)
+    assert plan(lab, START, parking).length_m > 0
+    assert plan(lab, parking, START).length_m > 0
+
+
+def test_items_on_the_floor_are_driven_around(site: Site) -> None:
+    start, goal = Pose2(x_m=1.4, y_m=1.3), Pose2(x_m=4.6, y_m=1.3)
+    free = plan(Map.of(site), start, goal)
+    with_item = plan(Map.of(site, [(3.0, 1.2)]), start, goal)
+    assert with_item.length_m > free.length_m + 0.05
+
+
+@pytest.mark.parametrize("x_m", [-1.0, 7.5, 1e9])
+def test_a_goal_outside_is_refused(lab: Map, x_m: float) -> None:
+    with pytest.raises(GoalOutsideMap) as caught:
+        plan(lab, START, Pose2(x_m=x_m, y_m=1.0))
+    assert caught.value.error_code == 204
+
+
+def test_a_goal_inside_furniture_is_refused(site: Site, lab: Map) -> None:
+    desk = site.lab.furniture[1].pose
+    with pytest.raises(GoalOccupied) as caught:
+        plan(lab, START, Pose2(x_m=desk.x_m, y_m=desk.y_m))
+    assert caught.value.error_code == 206
+
+
+def test_a_goal_behind_a_barrier_is_refused(site: Site) -> None:
+    barrier = [(3.9, y / 10) for y in range(0, 51, 2)]
+    with pytest.raises(NoValidPath) as caught:
+        plan(Map.of(site, barrier), START, Pose2(x_m=5.5, y_m=3.0))
+    assert caught.value.error_code == 208

@@ -1,0 +1,157 @@
+"""The world as a whole: it goes on exactly where it was saved, and charges only when it should."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rodeo.config import Site
+from rodeo.lab.body import Twist2
+from rodeo.lab.config import BatteryConfig, RobotConfig
+from rodeo.lab.layout import BinLayout, dock_parking
+from services.robot_sim.arm import Grip
+from services.robot_sim.camera import RENDERINGS, StoredCamera
+from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS, SimRobot, Simulation
+from tests.support.site import LAB
+
+START_NS = 1_800_000_000_000_000_000
+
+
+def site_with(**robot: object) -> Site:
+    site = Site.load(LAB)
+    changed: RobotConfig = site.robots[0].model_copy(update=robot)
+    return site.model_copy(update={"robots": [changed]})
+
+
+@pytest.fixture
+def docked() -> Simulation:
+    site = Site.load(LAB)
+    battery = BatteryConfig(soc=0.5)
+    simulation = Simulation(site_with(pose=dock_parking(site.dock), battery=battery), START_NS)
+    for _ in range(50):
+        simulation.step()
+    return simulation
+
+
+def the_robot(simulation: Simulation) -> SimRobot:
+    return simulation.robots["panther1"]
+
+
+def test_a_restored_world_goes_on_exactly_where_it_was() -> None:
+    site = Site.load(LAB)
+    first = Simulation(site, START_NS)
+    robot = the_robot(first)
+    robot.gripper.follow(Grip(0.03, 2.0, lambda: False))
+    robot.base.command(Twist2(0.3, 0.4), first.time_s)
+    for _ in range(40):
+        first.step()
+    row, time_ns = first.row(), first.time_ns
+
+    second = Simulation(site, START_NS)
+    second.restore(time_ns, row)
+    assert second.time_ns == time_ns
+    assert second.row() == pytest.approx(row, abs=0)
+    assert the_robot(second).gripper.position_m == 0.03
+    # The command does not survive the restart, everything else goes on in step.
+    robot.base.command(Twist2(), -math.inf)
+    the_robot(second).base.command(Twist2(), -math.inf)
+    first.step()
+    second.step()
+    assert the_robot(second).body.pose.x_m == pytest.approx(robot.body.pose.x_m, abs=5e-3)
+    assert the_robot(second).body.gripper_m == pytest.approx(robot.body.gripper_m, abs=1e-6)
+
+
+def test_a_restored_arm_holds_and_the_base_stops() -> None:
+    first = Simulation(Site.load(LAB), START_NS)
+    the_robot(first).base.command(Twist2(0.5, 0.0), first.time_s)
+    for _ in range(20):
+        first.step()
+    second = Simulation(Site.load(LAB), START_NS)
+    second.restore(first.time_ns, first.row())
+    body = the_robot(second).body
+    arm = body.arm.copy()
+    for _ in range(100):
+        second.step()
+    assert abs(body.wheel_twist.linear_m_s) < 1e-3
+    assert np.abs(body.arm - arm).max() < 0.01
+
+
+def test_the_same_site_has_the_same_fingerprint_and_another_has_not() -> None:
+    site = Site.load(LAB)
+    same = Simulation(site, START_NS).fingerprint
+    assert Simulation(site, START_NS + 1).fingerprint == same
+    fewer = site.model_copy(update={"items": site.items[:1]})
+    assert Simulation(fewer, START_NS).fingerprint != same
+
+
+def test_time_advances_by_the_control_period(docked: Simulation) -> None:
+    before_ns = docked.time_ns
+    docked.step()
+    assert docked.time_ns - before_ns == PERIOD_NS
+
+
+def test_a_docked_robot_charges_once_the_contactor_is_closed(docked: Simulation) -> None:
+    robot = the_robot(docked)
+    assert robot.battery.current_a < 0
+    assert not docked.parked
+    docked.supply.enable(True)
+    docked.step()
+    assert robot.battery.current_a > 8
+    assert docked.parked
+
+
+def test_idle_time_is_skipped_only_while_nothing_is_asked_for(docked: Simulation) -> None:
+    docked.supply.enable(True)
+    docked.step()
+    before_ns, before_soc = docked.time_ns, the_robot(docked).battery.soc
+    docked.skip()
+    assert docked.time_ns - before_ns == IDLE_PERIOD_NS
+    assert the_robot(docked).battery.soc > before_soc
+    the_robot(docked).gripper.follow(Grip(0.03, 5.0, lambda: False))
+    assert not docked.parked
+
+
+def test_skipped_time_charges_as_much_as_simulated_time(docked: Simulation) -> None:
+    docked.supply.enable(True)
+    docked.step()
+    battery = the_robot(docked).battery
+    start = battery.soc
+    for _ in range(50):
+        docked.step()
+    simulated = battery.soc - start
+    start = battery.soc
+    docked.skip()
+    assert battery.soc - start == pytest.approx(simulated, rel=1e-3)
+
+
+def test_a_robot_beside_the_dock_gets_nothing() -> None:
+    simulation = Simulation(Site.load(LAB), START_NS)
+    simulation.supply.enable(True)
+    simulation.step()
+    assert simulation.supply.current_a == 0.0
+    assert simulation.docked is None
+
+
+def test_the_presence_sensor_sees_what_is_held_before_the_camera() -> None:
+    simulation = Simulation(Site.load(LAB), START_NS)
+    assert simulation.presence_m() == math.inf
+    layout = BinLayout(simulation.site.bin)
+    qpos = simulation.data.joint("item1").qpos
+    qpos[:3] = layout.show_point
+    simulation.step()
+    assert simulation.presence_m() == pytest.approx(simulation.site.bin.show_distance_m, abs=0.04)
+
+
+def test_without_opengl_the_camera_shows_the_kind_of_thing_that_is_there() -> None:
+    simulation = Simulation(Site.load(LAB), START_NS)
+    camera = StoredCamera(simulation)
+    assert camera.jpeg() == (RENDERINGS / "empty.jpg").read_bytes()
+    simulation.data.body("item1").xpos[:] = BinLayout(simulation.site.bin).show_point
+    assert camera.jpeg() == (RENDERINGS / "metal_can.jpg").read_bytes()
+
+
+def test_items_in_the_bin_are_not_in_the_way() -> None:
+    simulation = Simulation(Site.load(LAB), START_NS)
+    assert len(simulation.items_on_floor()) == 3
+    simulation.data.body("item1").xpos[:] = (*BinLayout(simulation.site.bin).compartment("yellow")[:2], 0.13)
+    assert len(simulation.items_on_floor()) == 2

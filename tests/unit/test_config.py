@@ -1,0 +1,67 @@
+"""The site file: merging, overrides, and errors that name what is wrong."""
+
+from pathlib import Path
+
+import pytest
+
+from rodeo.config import Site
+from rodeo.errors import ConfigError
+from tests.support.site import LAB
+
+
+def test_the_lab_of_the_repository_is_valid() -> None:
+    site = Site.load(LAB)
+    assert site.robot("panther1").name == "panther1"
+
+
+def test_a_site_extends_another_and_overrides_single_values(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'extends = "{LAB}"\nclock.speed = 3.0\n')
+    site = Site.load(path)
+    assert site.clock.speed == 3.0
+    assert site.clock.idle_speed == Site.load(LAB).clock.idle_speed
+
+
+def test_the_environment_overrides_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RODEO__CHAIN__URL", "http://chain.example:1")
+    assert Site.load(LAB).chain.url == "http://chain.example:1"
+
+
+def test_an_unknown_setting_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'extends = "{LAB}"\nclock.sped = 3.0\n')
+    with pytest.raises(ConfigError) as caught:
+        Site.load(path)
+    assert list(caught.value.details["fields"]) == ["clock.sped"]
+
+
+def test_a_file_that_extends_itself_is_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text('extends = "site.toml"\n')
+    with pytest.raises(ConfigError, match="extends itself"):
+        Site.load(path)
+
+
+@pytest.mark.parametrize("text", ["= 1", "\x00", 'org = "lab'])
+def test_a_file_that_is_not_toml_is_an_error(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        Site.load(path)
+    assert caught.value.details["path"] == str(path)
+
+
+def test_an_unknown_robot_is_an_error_that_names_those_there_are() -> None:
+    with pytest.raises(ConfigError) as caught:
+        Site.load(LAB).robot("nobody")
+    assert caught.value.details == {"robot": "nobody", "robots": ["panther1"]}
+
+
+def test_the_data_directory_is_beside_the_file_that_says_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "base.toml").write_text(f'extends = "{LAB}"\ndata_dir = "data"\n')
+    (tmp_path / "elsewhere" / "site.toml").write_text('extends = "../base.toml"\n')
+    monkeypatch.chdir("/")
+    assert Site.load(tmp_path / "elsewhere" / "site.toml").data_dir == tmp_path / "data"

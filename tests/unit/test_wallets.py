@@ -1,0 +1,60 @@
+"""Keystores: made once, opened with the passphrase, never readable by others."""
+
+from pathlib import Path
+
+import pytest
+
+from rodeo import wallets
+from rodeo.config import Site
+from rodeo.errors import KeystoreMissing, WalletError
+
+
+@pytest.fixture
+def site(site_path: Path) -> Site:
+    return Site.load(site_path)
+
+
+def test_a_keystore_opens_to_the_address_it_states(site: Site) -> None:
+    wallets.ensure_wallets(site)
+    assert wallets.load(site, "panther1").address == wallets.address(site, "panther1")
+
+
+def test_making_wallets_twice_keeps_the_first(site: Site) -> None:
+    wallets.ensure_wallets(site)
+    before = wallets.address(site, "oracle")
+    wallets.ensure_wallets(site)
+    assert wallets.address(site, "oracle") == before
+
+
+def test_only_the_owner_can_read_keys_and_passphrase(site: Site) -> None:
+    wallets.ensure_wallets(site)
+    for path in (site.data_dir / "keys").iterdir():
+        assert path.stat().st_mode & 0o077 == 0, path.name
+
+
+def test_a_wrong_passphrase_is_an_error_that_names_the_keystore(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wallets.ensure_wallets(site)
+    monkeypatch.setenv(wallets.PASSPHRASE_VARIABLE, "wrong")
+    with pytest.raises(WalletError) as caught:
+        wallets.load(site, "oracle")
+    assert caught.value.details["name"] == "oracle"
+
+
+def test_a_missing_keystore_is_an_error(site: Site) -> None:
+    wallets.ensure_wallets(site)
+    with pytest.raises(WalletError) as caught:
+        wallets.load(site, "nobody")
+    assert caught.value.details["name"] == "nobody"
+
+
+def test_a_missing_keystore_is_told_apart_from_one_that_does_not_open(site: Site) -> None:
+    with pytest.raises(KeystoreMissing) as caught:
+        wallets.load(site, "oracle")
+    assert caught.value.details["name"] == "oracle"
+    wallets.keystore_path(site, "oracle").parent.mkdir(parents=True)
+    wallets.keystore_path(site, "oracle").write_text("{")
+    with pytest.raises(WalletError) as caught_other:
+        wallets.load(site, "oracle")
+    assert not isinstance(caught_other.value, KeystoreMissing)
