@@ -64,8 +64,8 @@ class Remote:
     def until(self, topic: str, holds: Callable[[Any], bool]) -> Any:
         """The newest message of the watched topic, once this holds for it.
 
-        This side's clock lags behind the body's by as much as its process does, so what the body does in answer
-        to a call is waited for, not looked for at a time.
+        This side's clock lags behind the body's by as much as its process does, so what the body does in
+        answer to a call is waited for, not looked for at a time.
         """
         with self._came:
             came = self._came.wait_for(lambda: topic in self._last and holds(self._last[topic]), WALL_LIMIT_S)
