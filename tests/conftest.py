@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -17,6 +18,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default="eth-tester",
         help="which local chain the integration tests run on",
     )
+
+
+def pytest_configure() -> None:
+    """Whatever starts the tests in the background has SIGINT ignored, and children inherit that: a test that
+    interrupts a process as Ctrl-C does would wait for ever."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
