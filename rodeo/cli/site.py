@@ -107,11 +107,13 @@ def status(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None
         raise typer.Exit(1)
 
 
-def read_rows(site: Site, timeout_s: float = 2.0) -> list[Row]:
-    """What each process of the site answers now."""
+def read_rows(site: Site, timeout_s: float = 5.0) -> list[Row]:
+    """What each process of the site answers now; one that hangs has `timeout_s` of wall time to do so."""
     silence = "does not answer on the bus"
+    # A router that runs is waited for: on a busy machine it takes its time to answer.
+    router_s = timeout_s if lock_holder(site.data_dir / "router") is not None else 0.5
     try:
-        with Bus.open(site.bus.router, timeout_s=0.5) as bus:
+        with Bus.open(site.bus.router, timeout_s=router_s) as bus:
             statuses = _ask(bus, site.org, timeout_s)
     except BusUnavailable:
         statuses = {}
@@ -245,13 +247,13 @@ def _row_json(site: Site, row: Row) -> dict[str, Any]:
 
 
 def stop_on_signals() -> None:
-    """SIGTERM and a closed terminal end the command as Ctrl-C does."""
+    """SIGTERM and a closed terminal end the command as Ctrl-C does, which raises KeyboardInterrupt."""
 
     def interrupt(_number: int, _frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    signal.signal(signal.SIGTERM, interrupt)
-    signal.signal(signal.SIGHUP, interrupt)
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, interrupt)
 
 
 def _attend(launcher: Launcher) -> None:
@@ -282,7 +284,7 @@ def _display() -> Iterator[Callable[[list[Row]], None]]:
     yield say
 
 
-def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 60.0) -> None:
+def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 120.0) -> None:
     launcher = Launcher(site_path, names)
     wanted = {process.name for process in launcher.selected()}
     child = None
@@ -290,7 +292,7 @@ def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 60.0) ->
         launcher.logs.mkdir(parents=True, exist_ok=True)
         with open(launcher.logs / "launcher.log", "ab") as output:
             child = subprocess.Popen(
-                [sys.executable, "-m", "rodeo.cli", "up", "--site", str(site_path), *names],
+                [sys.executable, "-m", "rodeo", "up", "--site", str(site_path), *names],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=output,

@@ -94,7 +94,6 @@ class Subscription:
     ) -> None:
         self._topic = topic
         self._callback = callback
-        self._token, _ = node.declare_endpoint("MS", topic, typename, qos)
         key = wire.data_key(node.domain_id, topic, typename)
         handler = zenoh.handlers.Callback(self._on_sample, indirect=not inline)
         self._subscriber: Any
@@ -107,6 +106,8 @@ class Subscription:
             )
         else:
             self._subscriber = node.session.declare_subscriber(key, handler)
+        # The token comes last: what is published by whoever sees it arrives.
+        self._token, _ = node.declare_endpoint("MS", topic, typename, qos)
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         try:
@@ -144,6 +145,7 @@ class Node:
         token = wire.node_token(domain_id, self._session_id, self._node_id, namespace, name)
         self._token = session.liveliness().declare_token(token)
         self._endpoints: list[Any] = []
+        self._closed = False
 
     def publisher(self, topic: str, typename: str, qos: wire.QoS = wire.DEFAULT) -> Publisher:
         """Raises UnknownType."""
@@ -211,7 +213,10 @@ class Node:
         return endpoint
 
     def close(self) -> None:
-        """Undeclare everything; the session stays open."""
+        """Undeclare everything; the session stays open. Closing again changes nothing."""
+        if self._closed:
+            return
+        self._closed = True
         for endpoint in reversed(self._endpoints):
             endpoint.close()
         self._endpoints.clear()

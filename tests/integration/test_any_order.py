@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from deploy.processes import PROCESSES
+from rodeo.messages import Status
 from tests.support.site import RunningSite
 
 LAST = ("chain", "router")
@@ -19,14 +20,17 @@ def bare(site_path: Path) -> Iterator[RunningSite]:
     site.stop()
 
 
+def says_what_is_missing(status: Status) -> bool:
+    return status.reason.startswith("waiting for ") or "run python -m deploy.contracts" in status.reason
+
+
 def test_the_last_comes_first_and_all_become_ready(bare: RunningSite) -> None:
     first = [process.name for process in reversed(PROCESSES) if process.name not in LAST]
     bare.start(*first, ready=False)
     bare.start(*LAST, ready=False)
     bare.wait_ready("chain", "router", "robot_sim", "oracle")
     for name in ("robot_agent", "itrash", "charger", "bridge"):
-        status = bare.status(name)
+        status = bare.wait_for_status(name, says_what_is_missing)
         assert not status.ready
-        assert status.reason.startswith("waiting for ") or "run python -m deploy.contracts" in status.reason
     bare.deploy_contracts()
     bare.wait_ready(*first)

@@ -18,7 +18,7 @@ from rodeo.dao import Participant
 from rodeo.errors import InvalidRequest, RemoteError
 from rodeo.evidence import Store
 from rodeo.messages import DaoEvent
-from tests.support.dao import CHARGING, PARAMS, Dao
+from tests.support.dao import CHARGING, PARAMS, WAIT_S, Dao
 from tests.support.recordings import START_NS, Sample, Take, seal
 from tests.support.site import RunningSite, write_site
 
@@ -46,7 +46,7 @@ def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
 def send(dao: Dao, key: str, payload: Any = None) -> dict[str, Any]:
     """Ask `rodeo/<org>/<key>`; a payload in bytes goes as it is."""
     body = payload if isinstance(payload, bytes | None) else json.dumps(payload).encode()
-    return dao.running.bus.query(f"rodeo/{dao.site.org}/{key}", body, timeout_s=10)
+    return dao.running.bus.query(f"rodeo/{dao.site.org}/{key}", body, timeout_s=WAIT_S)
 
 
 def refusal(dao: Dao, key: str, payload: Any = None) -> RemoteError:
@@ -250,8 +250,7 @@ def test_rubbish_on_every_key_stops_nobody(dao: Dao) -> None:
     dao.command("oracle", "transfer", to=dao.state("chain")["organization"], amount_iec="1")
     assert dao.balances() == before
     assert dao.state("chain")["time_s"] < 0x7F7F7F7F, "rubbish was taken for the time"
-    last = dao.state("chain")["last_seq"]
-    dao.wait_for(lambda: dao.events[-1].seq == last, "the events of the transfers")
+    dao.catch_up()
 
 
 @pytest.mark.parametrize(

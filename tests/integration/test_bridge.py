@@ -103,7 +103,7 @@ def test_a_task_is_assigned_proved_judged_and_paid(dao: Dao) -> None:
     after = dao.balances()
     assert after["organization"] == before["organization"] - 100
     assert after["panther1"] == before["panther1"] + 100
-    dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "TaskSettled")
+    dao.catch_up()
     assert dao.names_of(task_id) == [
         "TaskRegistered",
         "TaskAssigned",
@@ -197,7 +197,7 @@ def test_every_event_comes_once_in_chain_order_and_after_its_state(dao: Dao) -> 
         if event.name == "TaskSettled":
             done.set()
 
-    bus = Bus.open(dao.site.bus.router, timeout_s=5)
+    bus = Bus.open(dao.site.bus.router, timeout_s=WAIT_S)
     bus.subscribe_json(f"rodeo/{dao.site.org}/event/*", on_event)
     task_id = dao.post()
     dao.prove(task_id)
@@ -208,7 +208,7 @@ def test_every_event_comes_once_in_chain_order_and_after_its_state(dao: Dao) -> 
     least = {"TaskRegistered": 0, "TaskAssigned": 1, "ProofSubmitted": 2, "TaskSettled": 3}
     for name, expected in least.items():
         assert rank.index(states[name]) >= expected
-    dao.wait_for(lambda: dao.names_of(task_id)[-1] == "TaskSettled", "TaskSettled")
+    dao.catch_up()
     assert [event.seq for event in dao.events] == list(range(1, len(dao.events) + 1))
     places = [(event.block, event.log_index) for event in dao.events]
     assert places == sorted(places)
@@ -406,7 +406,7 @@ def test_a_killed_bridge_goes_on_where_it_was(own_dao: Dao) -> None:
     dao.running.kill("bridge")
     dao.running.start("bridge")
     dao.judge(task_id, accepted=True)
-    dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "TaskSettled")
+    dao.catch_up()
     heard = [event.model_dump() for event in dao.events]
     assert [event["seq"] for event in heard] == list(range(1, len(heard) + 1))
     assert dao.state("events")["events"] == [event.model_dump(mode="json") for event in dao.events]
@@ -482,7 +482,8 @@ def test_a_killed_router_loses_no_event(own_dao: Dao) -> None:
         request_id="the proof",
     )
     dao.judge(task_id, accepted=True)
-    dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "TaskSettled")
+    dao.catch_up()
+    assert dao.names_of(task_id)[-1] == "TaskSettled"
     assert [event.seq for event in dao.events] == list(range(1, len(dao.events) + 1))
 
 

@@ -16,11 +16,13 @@ from rodeo.messages import PostVerdict, RegisterTask, Task
 from rodeo.metering import MeterStatement, chain_breaks
 from rodeo.ros2 import Node
 from rodeo.ros2.types import new
-from tests.support.site import RunningSite, write_site
+from tests.support.site import WAIT_S, RunningSite, write_site
 
-DEADLINE_S = 60.0
 TICK_S = 0.001
 """Wall time between two readings, which are 1 s of site time apart."""
+SLOW_TICK_S = 0.05
+"""The same while the processes have to keep up, which on a busy machine takes them wall time."""
+TARGET_SOC = 0.9
 
 
 class Hardware:
@@ -51,11 +53,14 @@ class Hardware:
 
     def _enable(self, request: Any) -> Any:
         self.closed = bool(request.data)
+        # What comes after a session, sealing and submitting, must not take half its window.
+        self.fast = self.fast and self.closed
         self.commands.append(self.closed)
         return new("std_srvs/srv/SetBool_Response", success=True)
 
     def _run(self) -> None:
-        while not self._stop.wait(TICK_S if self.fast else 50 * TICK_S):
+        # At the target a second of lag must not overcharge the battery.
+        while not self._stop.wait(TICK_S if self.fast and self.soc < TARGET_SOC else SLOW_TICK_S):
             self._time_ns += 1_000_000_000
             open_circuit_v = 32 + 10 * self.soc
             current_a = 0.0
@@ -77,7 +82,7 @@ class Hardware:
 
     def wait_for_command(self, closed: bool) -> None:
         waited = threading.Event()
-        for _ in range(int(DEADLINE_S * 100)):
+        for _ in range(int(WAIT_S * 100)):
             if self.commands and self.commands[-1] is closed:
                 return
             waited.wait(0.01)
@@ -102,16 +107,22 @@ class Organization:
         )
 
     def buy(self, **params: Any) -> int:
-        wanted = {"robot": self.robot.name, "dock": "dock1", "soc_from": 0.5, "soc_target": 0.9, **params}
+        wanted = {
+            "robot": self.robot.name,
+            "dock": "dock1",
+            "soc_from": 0.5,
+            "soc_target": TARGET_SOC,
+            **params,
+        }
         request = RegisterTask.model_validate({
-            "kind": CHARGING, "reward_iec": "200", "params": wanted, "execution_window_s": 14400
+            "kind": CHARGING, "reward_iec": "200", "params": wanted | params, "execution_window_s": 14400
         })  # fmt: skip
         return int(self.robot.command("register_task", request)["task_id"])
 
     def wait_for(self, task_id: int, state: str) -> Task:
         waits = 0
         while (task := self.robot.task(task_id)).state != state:
-            assert waits < DEADLINE_S, f"task {task_id} is {task.state}\n{self.running.log('charger')}"
+            assert waits < WAIT_S, f"task {task_id} is {task.state}\n{self.running.log('charger')}"
             waits += not self._changed.wait(1.0)
             self._changed.clear()
         return task
@@ -193,7 +204,7 @@ def test_a_charge_is_delivered_metered_sealed_and_submitted(dao: Organization, h
     hardware.fast = True
     proof = dao.proof_of(task_id)
     assert hardware.commands == [True, False]
-    assert 0.9 <= hardware.soc < 0.92
+    assert TARGET_SOC <= hardware.soc < TARGET_SOC + 0.02
     said = statements(proof)
     assert chain_breaks(said) == []
     assert {(s.task_id, s.attempt, s.meter) for s in said} == {(task_id, 1, "dock1")}
@@ -218,8 +229,10 @@ def test_a_charger_killed_while_charging_goes_on_and_its_proof_is_whole(
     hardware.fast = True
     while hardware.soc < 0.6:
         dao._changed.wait(0.05)
+    hardware.fast = False
     dao.running.kill("charger")
-    dao.running.start("charger", ready=False)
+    dao.running.start("charger")
+    hardware.fast = True
     proof = dao.proof_of(task_id)
     said = statements(proof)
     assert chain_breaks(said) == []
@@ -254,6 +267,7 @@ def test_a_robot_that_leaves_early_gets_a_proof_of_what_was_delivered(
     while hardware.soc < 0.51:
         dao._changed.wait(0.05)
     hardware.docked = False
+    hardware.wait_for_command(False)
     hardware.fast = True
     proof = dao.proof_of(task_id)
     assert session_end(proof)["reason"] == "robot_left"

@@ -19,8 +19,9 @@ from rodeo.config import Site
 from rodeo.service import lock_holder
 from tests.support.site import RunningSite, write_site
 
-RODEO = (sys.executable, "-m", "rodeo.cli")
-WAIT_S = 60.0
+RODEO = (sys.executable, "-m", "rodeo")
+WAIT_S = 150.0
+"""Longer than `rodeo up --detach` itself waits for the site."""
 QUIET = "clock.speed = 1.0\nagent.explore_when_idle = false"
 
 

@@ -7,16 +7,22 @@ import signal
 import subprocess
 import sys
 import threading
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 from deploy.processes import PROCESSES
+from tests.support.site import WAIT_S
+
+LIMIT_S = 400.0
+"""Wall time for one demo on a machine that is busy with other things; alone it takes under a minute."""
 
 
 def start_demo(out: Path, chain_backend: str) -> subprocess.Popen[str]:
+    options = ("--out", str(out), "--chain", chain_backend, "--limit", str(LIMIT_S))
     return subprocess.Popen(
-        [sys.executable, "-m", "deploy.demo", "--out", str(out), "--chain", chain_backend],
+        [sys.executable, "-m", "deploy.demo", *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -47,10 +53,10 @@ def left_behind(out: Path) -> list[str]:
     return found
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(LIMIT_S + 60)
 def test_the_demo_settles_both_tasks_and_its_summary_adds_up(tmp_path: Path, chain_backend: str) -> None:
     demo = start_demo(tmp_path / "demo", chain_backend)
-    output, _ = demo.communicate(timeout=230)
+    output, _ = demo.communicate(timeout=LIMIT_S + 30)
     assert demo.returncode == 0, output
     assert left_behind(tmp_path) == []
 
@@ -74,7 +80,6 @@ def test_the_demo_settles_both_tasks_and_its_summary_adds_up(tmp_path: Path, cha
     assert summary["supply_iec"]["before"] == summary["supply_iec"]["after"]
 
 
-@pytest.mark.timeout(60)
 @pytest.mark.parametrize("running", [0, 1, 4, len(PROCESSES)])
 def test_ctrl_c_leaves_no_process_behind(tmp_path: Path, chain_backend: str, running: int) -> None:
     """Interrupt the demo when `running` processes have begun to log."""
@@ -82,24 +87,30 @@ def test_ctrl_c_leaves_no_process_behind(tmp_path: Path, chain_backend: str, run
     demo = start_demo(out, chain_backend)
     wait_for_logs(demo, out, running)
     os.kill(demo.pid, signal.SIGINT)
-    output, _ = demo.communicate(timeout=40)
-    # Before the demo could say what to do on Ctrl-C, the interpreter ends itself by the signal.
+    output, _ = demo.communicate(timeout=WAIT_S)
+    # While it is still being imported the process just ends by the signal.
     assert demo.returncode == 130 or (running == 0 and demo.returncode == -signal.SIGINT), output
+    assert "Traceback" not in output
     assert left_behind(tmp_path) == []
 
 
-@pytest.mark.timeout(60)
 def test_processes_end_with_a_launcher_that_was_killed(tmp_path: Path, chain_backend: str) -> None:
     out = tmp_path / "demo"
     demo = start_demo(out, chain_backend)
     wait_for_logs(demo, out, len(PROCESSES))
-    children = [os.pidfd_open(int(pid)) for pid in _children(demo.pid)]
+    children = _children(demo.pid)
+    assert len(children) >= len(PROCESSES)
     demo.kill()
-    demo.communicate(timeout=20)
+    demo.communicate(timeout=WAIT_S)
     for child in children:
-        assert select.select([child], [], [], 20)[0], left_behind(tmp_path)
+        assert select.select([child], [], [], WAIT_S)[0], left_behind(tmp_path)
         os.close(child)
 
 
-def _children(pid: int) -> list[str]:
-    return Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+def _children(pid: int) -> list[int]:
+    """A descriptor of each child, which becomes readable when the child has ended."""
+    descriptors = []
+    for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
+        with suppress(ProcessLookupError):  # ended just now
+            descriptors.append(os.pidfd_open(int(child)))
+    return descriptors

@@ -17,10 +17,9 @@ from rodeo import topics, wallets
 from rodeo.evidence import Attestation, verify_attestation
 from rodeo.ros2 import Node
 from rodeo.ros2.types import new
-from tests.support.site import RunningSite
+from tests.support.site import WAIT_S, RunningSite
 
 RENDERINGS = Path(__file__).parents[1] / "unit" / "services" / "itrash" / "renderings"
-DEADLINE_S = 30.0
 TICK_S = 0.01
 """Wall time between two rounds of readings, which are 0.1 s of site time apart."""
 
@@ -133,12 +132,12 @@ def test_a_shown_item_is_classified_and_its_drop_confirmed_on_the_bus_and_over_h
     listener = Listener(site)
     site.start("itrash")
     hardware.show("plastic_1.jpg")
-    classified = listener.classifications.get(timeout=DEADLINE_S)
+    classified = listener.classifications.get(timeout=WAIT_S)
     assert (classified["class"], classified["compartment"]) == ("plastic", "yellow")
 
     hardware.take_away()
     hardware.loads_n["yellow"] = 0.3
-    disposed = listener.disposals.get(timeout=DEADLINE_S)
+    disposed = listener.disposals.get(timeout=WAIT_S)
     assert disposed["correct"]
     assert disposed["classification_seq"] == classified["seq"]
     assert disposed["weight_n"] == pytest.approx(0.3)
@@ -150,7 +149,7 @@ def test_a_shown_item_is_classified_and_its_drop_confirmed_on_the_bus_and_over_h
     assert httpx.get(f"{url}/classification").json()["payload"] == classified
     assert len(httpx.get(f"{url}/events").json()) == 2
     assert httpx.get(f"{url}/health").status_code == 200
-    verdict = httpx.post(f"{url}/classify", content=hardware.photo).json()
+    verdict = httpx.post(f"{url}/classify", content=hardware.photo, timeout=WAIT_S).json()
     assert verdict["class"] == "plastic"
 
 
@@ -160,12 +159,12 @@ def test_a_drop_while_the_bin_was_killed_is_confirmed_after_its_restart(
     listener = Listener(site)
     site.start("itrash")
     hardware.show("glass_1.jpg")
-    classified = listener.classifications.get(timeout=DEADLINE_S)
+    classified = listener.classifications.get(timeout=WAIT_S)
     site.kill("itrash")
     hardware.take_away()
     hardware.loads_n["blue"] = 0.5
     site.start("itrash")
-    disposed = listener.disposals.get(timeout=DEADLINE_S)
+    disposed = listener.disposals.get(timeout=WAIT_S)
     assert (disposed["compartment"], disposed["expected_compartment"]) == ("blue", "green")
     assert disposed["classification_seq"] == classified["seq"]
     assert not disposed["correct"]
@@ -181,6 +180,6 @@ def test_a_frame_without_an_item_is_called_unknown_after_a_second_and_third_look
     listener = Listener(site)
     site.start("itrash")
     hardware.show("unknown_1.jpg")
-    classified = listener.classifications.get(timeout=DEADLINE_S)
+    classified = listener.classifications.get(timeout=WAIT_S)
     assert (classified["class"], classified["compartment"]) == ("unknown", "grey")
     assert hardware.photos == 3

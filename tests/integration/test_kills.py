@@ -13,12 +13,13 @@ import pytest
 
 from rodeo.config import Site
 from rodeo.service import lock_holder
-from tests.integration.test_demo import start_demo
+from tests.integration.test_demo import LIMIT_S, start_demo
+from tests.support.site import WAIT_S
 
 ASSIGNED, PROOF, CHARGING = "assigned to panther1", "proof submitted", "assigned to organization"
 
 
-@pytest.mark.timeout(240)
+@pytest.mark.timeout(LIMIT_S + 60)
 @pytest.mark.parametrize(
     "kills",
     [
@@ -41,7 +42,7 @@ def test_the_tasks_finish_although_processes_are_killed(
         if waiting and waiting[0][1] in line:
             # In the middle of what follows, not at its very start.
             threading.Timer(2.0, _kill, (out, waiting.pop(0)[0])).start()
-    assert demo.wait(timeout=10) == 0, "".join(lines)
+    assert demo.wait(timeout=WAIT_S) == 0, "".join(lines)
     assert waiting == []
     tasks = json.loads((out / "summary.json").read_text())["tasks"]
     assert [task["state"] for task in tasks] == ["settled", "settled"]

@@ -13,9 +13,8 @@ from rodeo.bus import DaoEvents
 from rodeo.chain import ChainClient, Deployment
 from rodeo.messages import DaoEvent
 from tests.support.clock import publish_clock
-from tests.support.site import RunningSite
+from tests.support.site import WAIT_S, RunningSite
 
-WAIT_S = 30.0
 PARAMS = {"item_id": "item1", "x_m": 1.0, "y_m": 2.0}
 CHARGING = {"robot": "panther1", "dock": "dock1", "soc_from": 0.5, "soc_target": 0.95}
 
@@ -34,7 +33,7 @@ class Dao:
         """Router, chain, contracts, bridge."""
         self.running.start("router", "chain", "bridge", ready=False)
         self.running.deploy_contracts()
-        self.running.wait_ready("bridge")
+        self.running.wait_ready("chain", "bridge")
         self._source = DaoEvents(self.running.bus, self.site.org, self._on_event)
 
     def stop(self) -> None:
@@ -92,9 +91,9 @@ class Dao:
 
     def set_clock(self, time_s: float) -> None:
         """Set the site's clock and return once the chain would stamp its next block with it."""
-        publish_clock(self.running.bus, self.site.bus.domain_id, time_s)
         chain = Web3(Web3.HTTPProvider(self.site.chain.url))
         deadline_s = time.monotonic() + WAIT_S
+        publish_clock(self.running.bus, self.site.bus.domain_id, time_s)
         while chain.eth.get_block("pending")["timestamp"] < int(time_s):
             assert time.monotonic() < deadline_s, self.running.log("chain")
 
@@ -108,6 +107,11 @@ class Dao:
             assert self._changed.wait_for(condition, WAIT_S), (
                 f"{what} did not come\n{self.running.log('bridge')}"
             )
+
+    def catch_up(self) -> None:
+        """Until every event that the index has now was heard."""
+        last = self.state("chain")["last_seq"]
+        self.wait_for(lambda: bool(self.events) and self.events[-1].seq >= last, f"event {last}")
 
     def client(self) -> ChainClient:
         """The contracts' own answers."""

@@ -10,6 +10,8 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from deploy.processes import BY_NAME
@@ -21,13 +23,24 @@ from rodeo.service import PARENT_VARIABLE
 from rodeo.wallets import ensure_wallets
 
 LAB = Path(__file__).parents[2] / "deploy" / "sites" / "lab.toml"
-READY_S = 60.0
+READY_S = 120.0
+WAIT_S = 60.0
+"""Wall time after which what a test waits for does not come any more, however slow the machine is."""
+STOP_S = 30.0
+
+
+_handed_out: set[int] = set()
 
 
 def free_port() -> int:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        return int(listener.getsockname()[1])
+    """A port that nobody listens on, and that no other test of this run was given."""
+    while True:
+        with socket.socket() as listener:
+            listener.bind(("127.0.0.1", 0))
+            port = int(listener.getsockname()[1])
+        if port not in _handed_out:
+            _handed_out.add(port)
+            return port
 
 
 def write_site(folder: Path, chain_backend: str = "eth-tester", extra: str = "") -> Path:
@@ -101,12 +114,18 @@ class RunningSite:
 
     def status(self, name: str) -> Status:
         """What process `name` answers now, as soon as it answers."""
+        return self.wait_for_status(name, lambda _status: True)
+
+    def wait_for_status(self, name: str, holds: Callable[[Status], bool]) -> Status:
+        """The status of process `name` once this holds for it."""
         deadline_s = time.monotonic() + READY_S
+        status = None
         while True:
-            try:
-                return Status.model_validate(self.bus.query(f"rodeo/{self.site.org}/status/{name}"))
-            except BusError:
-                assert time.monotonic() < deadline_s, self.log(name)
+            with suppress(BusError):
+                status = Status.model_validate(self.bus.query(f"rodeo/{self.site.org}/status/{name}"))
+                if holds(status):
+                    return status
+            assert time.monotonic() < deadline_s, f"{name}: {status}\n{self.log(name)}"
 
     def log(self, name: str) -> str:
         path = self.site.data_dir / "logs" / f"{name}.log"
@@ -120,7 +139,7 @@ class RunningSite:
             child.send_signal(signal.SIGTERM)
         for name, child in self.children.items():
             try:
-                child.wait(timeout=10)
+                child.wait(timeout=STOP_S)
             except subprocess.TimeoutExpired:
                 child.kill()
                 child.wait()

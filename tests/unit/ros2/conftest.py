@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import time
 from collections.abc import Callable, Iterator
 
@@ -11,17 +10,12 @@ import zenoh
 
 from rodeo.bus import zenoh_config
 from rodeo.ros2 import Node
+from tests.support.site import free_port
 
 
 class WallNanoseconds:
     def now_ns(self) -> int:
         return time.time_ns()
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import queue
-import socket
 import threading
 from collections.abc import Callable
 from typing import Any
@@ -23,6 +22,7 @@ from rodeo.ros2.errors import (
     GoalTimeout,
     Ros2Error,
 )
+from tests.support.site import WAIT_S, free_port
 
 GRIPPER = "control_msgs/action/GripperCommand"
 MakeNode = Callable[[str], Node]
@@ -42,20 +42,20 @@ def succeed_at_once(handle: ServerGoal) -> None:
 
 
 def until_cancelled(handle: ServerGoal) -> None:
-    assert handle.cancel_requested.wait(20)
+    assert handle.cancel_requested.wait(WAIT_S)
     handle.canceled(result(0.0))
 
 
 def connect(make_node: MakeNode, execute: Callable[[ServerGoal], None], **options: Any) -> ActionClient:
     ActionServer(make_node("body"), "gripper", GRIPPER, execute, **options)
     client = ActionClient(make_node("mind"), "gripper", GRIPPER, lost_after_s=0.5)
-    assert client.wait_for_server(5)
+    assert client.wait_for_server(WAIT_S)
     return client
 
 
 def test_a_goal_succeeds_with_its_result(make_node: MakeNode) -> None:
     client = connect(make_node, succeed_at_once)
-    assert client.send_goal(goal(0.042)).result(5).position == 0.042
+    assert client.send_goal(goal(0.042)).result(WAIT_S).position == 0.042
 
 
 def test_feedback_reaches_the_goal_it_belongs_to(make_node: MakeNode) -> None:
@@ -64,15 +64,15 @@ def test_feedback_reaches_the_goal_it_belongs_to(make_node: MakeNode) -> None:
     def report(handle: ServerGoal) -> None:
         for position in (0.05, 0.04, 0.03):
             handle.publish_feedback(types.new(f"{GRIPPER}_Feedback", position=position))
-        seen.wait(5)
+        seen.wait(WAIT_S)
         handle.succeed(result(0.03))
 
     got: queue.Queue[float] = queue.Queue()
     client = connect(make_node, report)
     running = client.send_goal(goal(), lambda feedback: got.put(feedback.position))
-    assert [got.get(timeout=5) for _ in range(3)] == [0.05, 0.04, 0.03]
+    assert [got.get(timeout=WAIT_S) for _ in range(3)] == [0.05, 0.04, 0.03]
     seen.set()
-    running.result(5)
+    running.result(WAIT_S)
 
 
 def test_a_cancelled_goal_says_what_was_reached(make_node: MakeNode) -> None:
@@ -82,14 +82,14 @@ def test_a_cancelled_goal_says_what_was_reached(make_node: MakeNode) -> None:
         handle.result(0.1)
     handle.cancel()
     with pytest.raises(GoalCanceled) as caught:
-        handle.result(5)
+        handle.result(WAIT_S)
     assert caught.value.result.position == 0.0
 
 
 def test_an_aborted_goal_carries_its_result(make_node: MakeNode) -> None:
     client = connect(make_node, lambda handle: handle.abort(result(0.057)))
     with pytest.raises(GoalAborted) as caught:
-        client.send_goal(goal()).result(5)
+        client.send_goal(goal()).result(WAIT_S)
     assert caught.value.result.position == 0.057
 
 
@@ -98,7 +98,7 @@ def test_an_exception_in_the_server_aborts_the_goal(make_node: MakeNode) -> None
         raise RuntimeError("the motor is on fire")
 
     with pytest.raises(GoalAborted):
-        connect(make_node, fail).send_goal(goal()).result(5)
+        connect(make_node, fail).send_goal(goal()).result(WAIT_S)
 
 
 @pytest.mark.parametrize("at_the_end", ["result", "feedback", "nothing"])
@@ -111,7 +111,7 @@ def test_a_goal_that_outlives_its_node_ends_quietly(
 
     def outlive(handle: ServerGoal) -> None:
         runs.put(threading.current_thread())
-        assert closed.wait(20)
+        assert closed.wait(WAIT_S)
         if at_the_end == "result":
             handle.succeed(result(0.0))
         elif at_the_end == "feedback":
@@ -121,15 +121,15 @@ def test_a_goal_that_outlives_its_node_ends_quietly(
     body = Node(other.session, "outlived", "panther1", 0, other.clock)
     ActionServer(body, "outlived", GRIPPER, outlive)
     client = ActionClient(make_node("mind"), "outlived", GRIPPER, lost_after_s=0.1)
-    assert client.wait_for_server(5)
+    assert client.wait_for_server(WAIT_S)
     failures: list[Any] = []
     hook, threading.excepthook = threading.excepthook, failures.append
     try:
         client.send_goal(goal())
-        thread = runs.get(timeout=5)
+        thread = runs.get(timeout=WAIT_S)
         close(body)
         closed.set()
-        thread.join(5)
+        thread.join(WAIT_S)
     finally:
         threading.excepthook = hook
     assert not thread.is_alive()
@@ -145,7 +145,7 @@ def test_a_failure_that_the_server_knows_aborts_the_goal_without_a_traceback(
 
     client = connect(make_node, fail)
     with pytest.raises(GoalAborted):
-        client.send_goal(goal()).result(5)
+        client.send_goal(goal()).result(WAIT_S)
     assert "the motor is off" in caplog.text
     assert [record for record in caplog.records if record.exc_info] == []
 
@@ -167,13 +167,13 @@ def test_a_newer_goal_replaces_the_running_one(make_node: MakeNode) -> None:
     first = client.send_goal(goal(1.0))
     second = client.send_goal(goal(2.0))
     with pytest.raises(GoalCanceled):
-        first.result(5)
-    assert second.result(5).position == 2.0
+        first.result(WAIT_S)
+    assert second.result(WAIT_S).position == 2.0
 
 
 def test_the_status_topic_tells_a_late_observer_how_goals_ended(make_node: MakeNode) -> None:
     client = connect(make_node, succeed_at_once)
-    client.send_goal(goal()).result(5)
+    client.send_goal(goal()).result(WAIT_S)
     got: queue.Queue[list[int]] = queue.Queue()
     make_node("observer").subscription(
         "gripper/_action/status",
@@ -181,7 +181,7 @@ def test_the_status_topic_tells_a_late_observer_how_goals_ended(make_node: MakeN
         lambda message, info: got.put([entry.status for entry in message.status_list]),
         LATCHED,
     )
-    assert got.get(timeout=5) == [GoalStatus.SUCCEEDED]
+    assert got.get(timeout=WAIT_S) == [GoalStatus.SUCCEEDED]
 
 
 def test_without_a_server_sending_fails_at_once(make_node: MakeNode) -> None:
@@ -195,19 +195,16 @@ def test_a_server_that_goes_away_loses_the_goal(make_node: MakeNode) -> None:
 
     def hang(handle: ServerGoal) -> None:
         started.set()
-        handle.cancel_requested.wait(20)
+        handle.cancel_requested.wait(WAIT_S)
 
     ActionServer(body, "vanishing", GRIPPER, hang)
     client = ActionClient(make_node("mind"), "vanishing", GRIPPER, lost_after_s=0.5)
-    assert client.wait_for_server(5)
+    assert client.wait_for_server(WAIT_S)
     handle = client.send_goal(goal())
-    assert started.wait(5)
+    assert started.wait(WAIT_S)
     body.session.close()  # as when the process is killed
     with pytest.raises(ActionServerLost):
-        handle.result(10)
-    body.session = zenoh.open(zenoh.Config())  # for the fixture to close
-    body._endpoints.clear()
-    body._token = body.session.liveliness().declare_token("@ros2_lv/closed-again-by-the-fixture")
+        handle.result(WAIT_S)
 
 
 def test_a_server_that_restarted_no_longer_knows_the_goal(make_node: MakeNode) -> None:
@@ -218,9 +215,7 @@ def test_a_server_that_restarted_no_longer_knows_the_goal(make_node: MakeNode) -
 
 
 def test_a_running_goal_survives_a_router_restart() -> None:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     router = zenoh.open(zenoh_config("router", listen=[endpoint]))
     body, mind = (zenoh.open(zenoh_config("client", connect=[endpoint])) for _ in range(2))
 
@@ -231,16 +226,16 @@ def test_a_running_goal_survives_a_router_restart() -> None:
     release = threading.Event()
 
     def execute(handle: ServerGoal) -> None:
-        release.wait(20)
+        release.wait(WAIT_S)
         handle.succeed(result(0.021))
 
     ActionServer(Node(body, "body", "", 0, Clock()), "gripper", GRIPPER, execute)
     client = ActionClient(Node(mind, "mind", "", 0, Clock()), "gripper", GRIPPER, lost_after_s=20)
-    assert client.wait_for_server(5)
+    assert client.wait_for_server(WAIT_S)
     handle = client.send_goal(goal())
     router.close()
     router = zenoh.open(zenoh_config("router", listen=[endpoint]))
     release.set()
-    assert handle.result(20).position == 0.021
+    assert handle.result(WAIT_S).position == 0.021
     for session in (body, mind, router):
         session.close()

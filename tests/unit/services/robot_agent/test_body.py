@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,7 +18,7 @@ from rodeo.ros2 import ActionServer, Node, ServerGoal, types
 from services.robot_agent.arm import READY_RAD, Trajectory
 from services.robot_agent.body import Body
 from services.robot_agent.errors import MotionFailed, Stopped
-from tests.support.site import LAB
+from tests.support.site import LAB, WAIT_S, free_port
 
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
 FOLLOW = "control_msgs/action/FollowJointTrajectory"
@@ -40,9 +39,7 @@ class WallClock:
 
 @pytest.fixture(scope="module")
 def endpoint() -> Iterator[str]:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
     router = zenoh.open(zenoh_config("router", listen=[endpoint]))
     yield endpoint
     router.close()
@@ -107,7 +104,7 @@ def test_a_body_that_comes_late_is_waited_for(make_node: Any, body: Body) -> Non
     thread = threading.Thread(target=lambda: (body.navigate(GOAL, go_on), done.set()), daemon=True)
     thread.start()
     ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, succeed)
-    assert done.wait(20)
+    assert done.wait(WAIT_S)
 
 
 def test_a_motion_lost_with_its_body_is_started_again_on_the_next(make_node: Any, body: Body) -> None:
@@ -116,16 +113,16 @@ def test_a_motion_lost_with_its_body_is_started_again_on_the_next(make_node: Any
 
     def hang(goal: ServerGoal) -> None:
         started.set()
-        goal.cancel_requested.wait(30)
+        goal.cancel_requested.wait(WAIT_S)
 
     ActionServer(first, "panther1/navigate_to_pose", NAVIGATE, hang)
     done = threading.Event()
     thread = threading.Thread(target=lambda: (body.navigate(GOAL, go_on), done.set()), daemon=True)
     thread.start()
-    assert started.wait(10)
+    assert started.wait(WAIT_S)
     first.session.close()  # as when the simulator is killed
     ActionServer(make_node("second"), "panther1/navigate_to_pose", NAVIGATE, succeed)
-    assert done.wait(30)
+    assert done.wait(WAIT_S)
 
 
 def test_the_body_is_told_to_stop_when_the_agent_has_to(make_node: Any, body: Body) -> None:
@@ -133,7 +130,7 @@ def test_the_body_is_told_to_stop_when_the_agent_has_to(make_node: Any, body: Bo
 
     def until_told(goal: ServerGoal) -> None:
         started.set()
-        if goal.cancel_requested.wait(20):
+        if goal.cancel_requested.wait(WAIT_S):
             told.set()
         goal.canceled(types.new(f"{NAVIGATE}_Result"))
 
@@ -144,7 +141,7 @@ def test_the_body_is_told_to_stop_when_the_agent_has_to(make_node: Any, body: Bo
     ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, until_told)
     with pytest.raises(Stopped):
         body.navigate(GOAL, stop_once_started)
-    assert told.wait(5)
+    assert told.wait(WAIT_S)
 
 
 def test_the_arm_is_planned_from_where_it_is(make_node: Any, body: Body) -> None:

@@ -11,7 +11,6 @@ import json
 import logging
 import shutil
 import socket
-import sys
 import threading
 import time
 from collections.abc import Callable
@@ -103,9 +102,9 @@ def main() -> int:
     parser.add_argument("--limit", type=float, default=170.0, help="give up after this many seconds")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
-    stop_on_signals()
     console = Console()
     try:
+        stop_on_signals()
         site_path = write_site(arguments.site, arguments.chain, arguments.out)
         return _run(site_path, arguments.out, arguments.limit, console)
     except KeyboardInterrupt:
@@ -352,7 +351,3 @@ def _free_port() -> int:
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
         return int(listener.getsockname()[1])
-
-
-if __name__ == "__main__":
-    sys.exit(main())
