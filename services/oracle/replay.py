@@ -26,7 +26,10 @@ LIFTED_M = 0.05
 """An item this far above where it lay has left the floor."""
 BEFORE_CLOSING_S = 0.3
 CLOSING_SEARCH_S = 15.0
-"""How long before the lift the gripper may begin to close."""
+"""The gripper takes no longer to close. How long it then stands before the lift says nothing about the work:
+an agent on a busy machine may think for long."""
+CLOSED_M = 0.001
+"""A gripper that closes by less than this closes on nothing."""
 SETTLE_S = 1.0
 """Replayed after the recorded item came to rest."""
 LONGEST_S = 600.0
@@ -117,14 +120,16 @@ def find_phases(item: Pose, joint_time_s: Array, gripper_m: Array) -> Phases:
     if not len(lifted):
         raise CaseError("the item never leaves the floor", rise_m=round(float(z.max() - z[0]), 4))
     lifted_s = float(item.time_s[lifted[0]])
-    before = (joint_time_s <= lifted_s) & (joint_time_s > lifted_s - CLOSING_SEARCH_S)
+    before = joint_time_s <= lifted_s
     if not before.any():
         raise CaseError("the joints were not recorded when the item was lifted", lifted_s=lifted_s)
     gaps, times = gripper_m[before], joint_time_s[before]
-    open_m, closed_m = float(gaps.max()), float(gaps[-1])
-    if open_m - closed_m < 0.001:
-        raise CaseError("the gripper does not close before the item is lifted", closes_by_m=open_m - closed_m)
-    closing_s = float(times[np.flatnonzero(gaps > open_m - 0.0005)[-1]])
+    wider = np.flatnonzero(gaps > gaps[-1] + CLOSED_M)
+    if not len(wider):
+        closes_by_m = round(float(gaps.max() - gaps[-1]), 4)
+        raise CaseError("the gripper does not close before the item is lifted", closes_by_m=closes_by_m)
+    closes = (times <= times[wider[-1]]) & (times > times[wider[-1]] - CLOSING_SEARCH_S)
+    closing_s = float(times[closes][np.flatnonzero(gaps[closes] > gaps[closes].max() - 0.0005)[-1]])
     moved = np.linalg.norm(item.position_m - item.position_m[-1], axis=1) > 0.005
     rest_s = float(item.time_s[np.flatnonzero(moved)[-1]])
     return Phases(closing_s, lifted_s, rest_s)
