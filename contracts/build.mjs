@@ -6,7 +6,15 @@ import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { forge } from "./forge.mjs";
 
-const CONTRACTS = ["IECoin", "Organization", "ServiceManager", "TaskManager", "FirstComeFirstServed"];
+const CONTRACTS = [
+  "IECoin",
+  "Organization",
+  "ServiceManager",
+  "TaskManager",
+  "FirstComeFirstServed",
+  "LowestPrice",
+  "HighestReputation",
+];
 
 const root = dirname(dirname(fileURLToPath(import.meta.url)));
 const target = join(root, "rodeo", "chain", "artifacts");

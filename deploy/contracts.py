@@ -33,6 +33,7 @@ from rodeo.chain import (
     Deployment,
     DeploymentMismatch,
     NotDeployed,
+    Policy,
     Role,
     artifacts,
     to_wei,
@@ -122,28 +123,29 @@ def _recorded(site: Site, w3: Web3) -> Deployment | None:
 
 
 def _deploy(site: Site, w3: Web3, deployer: LocalAccount) -> Deployment:
-    """All five contracts. They name each other, so their addresses are computed before they exist."""
+    """All contracts. They name each other, so their addresses are computed before they exist."""
     with translated():
         nonce = w3.eth.get_transaction_count(deployer.address)
         genesis_hash = w3.eth.get_block(0)["hash"].to_0x_hex()
         chain_id = w3.eth.chain_id
-    coin, policy, organization, services, tasks = (
-        get_create_address(deployer.address, Nonce(nonce + offset)) for offset in range(5)
-    )
-    holders, amounts = _first_holders(site, organization, deployer.address)
-    arguments: dict[str, tuple[str, tuple[Any, ...]]] = {
-        "IECoin": (coin, (holders, amounts)),
-        "FirstComeFirstServed": (policy, ()),
-        "Organization": (organization, (coin, services, tasks, policy, deployer.address)),
-        "ServiceManager": (services, (organization, tasks)),
-        "TaskManager": (tasks, (organization, services)),
+    addresses = {
+        name: get_create_address(deployer.address, Nonce(nonce + offset))
+        for offset, name in enumerate(artifacts.CONTRACTS)
     }
-    receipts = {name: _create(w3, deployer, name, args) for name, (_, args) in arguments.items()}
+    coin, organization = addresses["IECoin"], addresses["Organization"]
+    services, tasks = addresses["ServiceManager"], addresses["TaskManager"]
+    arguments: dict[str, tuple[Any, ...]] = {
+        "IECoin": _first_holders(site, organization, deployer.address),
+        "Organization": (coin, services, tasks, addresses[Policy.FIRST_COME], deployer.address),
+        "ServiceManager": (organization, tasks),
+        "TaskManager": (organization, services),
+    }
+    receipts = [_create(w3, deployer, name, arguments.get(name, ())) for name in artifacts.CONTRACTS]
     deployment = Deployment(
         chain_id=chain_id,
         genesis_hash=genesis_hash,
-        block=min(receipt["blockNumber"] for receipt in receipts.values()),
-        contracts={name: address for name, (address, _) in arguments.items()},
+        block=min(receipt["blockNumber"] for receipt in receipts),
+        contracts=addresses,
     )
     # Fails if another transaction of the deployer came in between and moved the addresses.
     deployment.verify(w3)

@@ -9,7 +9,7 @@ import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol
 import {DeviceRegistry} from "./DeviceRegistry.sol";
 import {IDeviceRegistry} from "./interfaces/IDeviceRegistry.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
-import {IOrganization} from "./interfaces/IOrganization.sol";
+import {IOrganization, Kind, Review, Terms} from "./interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "./interfaces/IServiceManager.sol";
 import {ITaskManager, TaskRequest} from "./interfaces/ITaskManager.sol";
 
@@ -19,9 +19,8 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     bytes32 public constant OPERATOR_ROLE = keccak256("OPERATOR_ROLE");
     bytes32 public constant TREASURER_ROLE = keccak256("TREASURER_ROLE");
     bytes32 public constant ORACLE_ROLE = keccak256("ORACLE_ROLE");
-
-    /// @dev What a policy may spend; the caller's transaction outlives one that needs more.
-    uint256 private constant POLICY_GAS = 500_000;
+    bytes32 public constant AUDITOR_ROLE = keccak256("AUDITOR_ROLE");
+    bytes32 public constant MEMBER_ROLE = keccak256("MEMBER_ROLE");
 
     /// @inheritdoc IOrganization
     IERC20 public immutable token;
@@ -32,7 +31,9 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     /// @inheritdoc IOrganization
     IMatchingPolicy public policy;
     /// @inheritdoc IOrganization
-    mapping(bytes32 kind => bool) public isKindAllowed;
+    bool public membersOnly;
+    Terms private _terms;
+    mapping(bytes32 kind => Kind) private _kinds;
 
     /// @param services_ may be deployed later, at this address; the same for `tasks_`, which checks it
     constructor(
@@ -46,14 +47,61 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         services = services_;
         tasks = tasks_;
         _setPolicy(policy_);
-        // Rewards leave through registerTask alone, which only the operator can call here.
+        // What leaves this way are rewards and bonds of what only the operator can register here.
         token_.forceApprove(address(tasks_), type(uint256).max);
     }
 
     /// @inheritdoc IOrganization
     function allowKind(bytes32 kind, bool allowed) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        isKindAllowed[kind] = allowed;
+        _kinds[kind].allowed = allowed;
         emit KindAllowed(kind, allowed);
+    }
+
+    /// @inheritdoc IOrganization
+    function setReview(bytes32 kind, Review review) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        _kinds[kind].review = review;
+        emit ReviewChanged(kind, review);
+    }
+
+    /// @inheritdoc IOrganization
+    function setMinWindow(bytes32 kind, uint32 minWindow) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        _kinds[kind].minWindow = minWindow;
+        emit MinWindowChanged(kind, minWindow);
+    }
+
+    /// @inheritdoc IOrganization
+    function setTerms(Terms calldata terms_) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        if (terms_.penalty > terms_.bond) {
+            revert InvalidTerms(terms_.bond, terms_.penalty, terms_.maxFailures);
+        }
+        _terms = terms_;
+        emit TermsChanged(terms_.bond, terms_.penalty, terms_.maxFailures);
+    }
+
+    /// @inheritdoc IOrganization
+    function setMembersOnly(bool membersOnly_) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        membersOnly = membersOnly_;
+        emit MembersOnlyChanged(membersOnly_);
+    }
+
+    /// @inheritdoc IOrganization
+    function admit(address account) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        _grantRole(MEMBER_ROLE, account);
+    }
+
+    /// @inheritdoc IOrganization
+    function dismiss(address account) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        _revokeRole(MEMBER_ROLE, account);
+    }
+
+    /// @inheritdoc IOrganization
+    function suspendService(uint256 serviceId) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        services.suspend(serviceId);
+    }
+
+    /// @inheritdoc IOrganization
+    function reinstateService(uint256 serviceId) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        services.reinstate(serviceId);
     }
 
     /// @inheritdoc IOrganization
@@ -122,28 +170,54 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function requireKind(bytes32 kind) external view {
-        if (!isKindAllowed[kind]) revert UnknownKind(kind);
+    function terms() external view returns (Terms memory) {
+        return _terms;
     }
 
     /// @inheritdoc IOrganization
-    function isOracle(address account) external view returns (bool) {
-        return hasRole(ORACLE_ROLE, account);
+    function kindOf(bytes32 kind) external view returns (Kind memory) {
+        return _kinds[kind];
     }
 
     /// @inheritdoc IOrganization
-    function selectService(bytes32 kind, uint256 reward)
+    function isKindAllowed(bytes32 kind) external view returns (bool) {
+        return _kinds[kind].allowed;
+    }
+
+    /// @inheritdoc IOrganization
+    function isMember(address account) public view returns (bool) {
+        return hasRole(MEMBER_ROLE, account);
+    }
+
+    /// @inheritdoc IOrganization
+    function mayJudge(address account, bytes32 kind) external view returns (bool) {
+        return hasRole(_kinds[kind].review == Review.Oracle ? ORACLE_ROLE : AUDITOR_ROLE, account);
+    }
+
+    /// @inheritdoc IOrganization
+    function admitTask(bytes32 kind, address creator, uint32 executionWindow)
         external
         view
-        returns (uint256 serviceId, bool failed)
+        returns (IMatchingPolicy)
     {
-        // A low-level call, because a malformed answer would revert here with `try`.
-        (bool success, bytes memory answer) = address(policy).staticcall{gas: POLICY_GAS}(
-            abi.encodeCall(IMatchingPolicy.serviceFor, (services, kind, reward))
-        );
-        if (!success || answer.length != 32) return (0, true);
-        serviceId = abi.decode(answer, (uint256));
-        if (serviceId != 0 && !services.isIdle(serviceId, kind, reward)) return (0, true);
+        uint32 minWindow = _admit(kind, creator).minWindow;
+        if (executionWindow < minWindow) revert WindowTooShort(kind, executionWindow, minWindow);
+        return policy;
+    }
+
+    /// @inheritdoc IOrganization
+    function admitService(bytes32 kind, address provider) external view returns (Terms memory) {
+        _admit(kind, provider);
+        return _terms;
+    }
+
+    /// @dev The organization itself needs no membership.
+    function _admit(bytes32 kind, address participant) private view returns (Kind storage rules) {
+        rules = _kinds[kind];
+        if (!rules.allowed) revert UnknownKind(kind);
+        if (membersOnly && participant != address(this) && !isMember(participant)) {
+            revert NotMember(participant);
+        }
     }
 
     function _setPolicy(IMatchingPolicy policy_) private {

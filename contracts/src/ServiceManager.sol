@@ -1,32 +1,57 @@
 // SPDX-License-Identifier: MIT
 pragma solidity ^0.8.28;
 
-import {IOrganization} from "./interfaces/IOrganization.sol";
-import {IServiceManager, Outcome, Service, ServiceState} from "./interfaces/IServiceManager.sol";
+import {IOrganization, Terms} from "./interfaces/IOrganization.sol";
+import {IServiceManager, Outcome, Release, Service, ServiceState} from "./interfaces/IServiceManager.sol";
 import {ITaskManager} from "./interfaces/ITaskManager.sol";
-import {FirstFitQueue} from "./libraries/FirstFitQueue.sol";
 import {KindTable} from "./libraries/KindTable.sol";
+import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
+import {WeightTree} from "./libraries/WeightTree.sol";
 
 contract ServiceManager is IServiceManager {
-    using FirstFitQueue for FirstFitQueue.Queue;
     using KindTable for KindTable.Table;
+    using WeightTree for WeightTree.Tree;
 
-    /// @dev A Service in two words.
+    /// @dev A Service in two words. Counters stop at their greatest value.
     struct Record {
         address provider;
         uint96 price;
-        uint64 taskId;
-        uint64 place;
+        uint40 taskId;
         uint16 kindId;
         ServiceState state;
-        uint32 completed;
-        uint32 rejected;
-        uint32 expired;
+        bool hasTerms;
+        uint24 completed;
+        uint24 rejected;
+        uint24 expired;
+        /// @dev Neighbours among the idle services of the same rank (see Line); `previous` of the first is stale.
+        uint32 previous;
+        uint32 next;
+        uint48 place;
     }
 
-    /// @dev A place is the number of the offer, then the service's id in the low bits: unique and in order.
-    uint256 private constant ID_BITS = 24;
+    /// @dev What a service agreed to, and what came of it. Only where `hasTerms`.
+    struct Agreement {
+        uint96 bond;
+        uint96 penalty;
+        uint8 maxFailures;
+        uint8 failures;
+    }
+
+    /// @dev Idle services of one kind, price and reputation, in order of their places: a linked list, because
+    /// services leave it in the middle and DoubleEndedQueue lets go at its ends alone.
+    struct Line {
+        uint32 first;
+        uint32 last;
+    }
+
+    /// @dev The idle services of a kind. The tree has one key per line, so that the usual case of few prices does
+    /// not climb it: price, then the best reputation first. Its weights are the age of the line's first service
+    /// (major) and the line's reputation (minor).
+    struct Idle {
+        WeightTree.Tree lines;
+        mapping(uint64 key => Line) line;
+    }
 
     IOrganization public immutable organization;
     ITaskManager public immutable tasks;
@@ -34,11 +59,16 @@ contract ServiceManager is IServiceManager {
     uint256 private _serviceCount;
     KindTable.Table private _kinds;
     mapping(uint256 serviceId => Record) private _services;
-    /// @dev Those that wait for a task, in order; cheap ones weigh more (see Units.lightness).
-    mapping(uint16 kindId => FirstFitQueue.Queue) private _idle;
+    mapping(uint256 serviceId => Agreement) private _agreements;
+    mapping(uint16 kindId => Idle) private _idle;
 
     modifier onlyTaskManager() {
         if (msg.sender != address(tasks)) revert NotTaskManager(msg.sender);
+        _;
+    }
+
+    modifier onlyOrganization() {
+        if (msg.sender != address(organization)) revert NotOrganization(msg.sender);
         _;
     }
 
@@ -52,17 +82,24 @@ contract ServiceManager is IServiceManager {
         external
         returns (uint256 serviceId)
     {
-        organization.requireKind(kind);
+        Terms memory terms = organization.admitService(kind, msg.sender);
         _requirePrice(price);
+        Texts.requireText(description);
         serviceId = ++_serviceCount;
-        assert(serviceId < 1 << ID_BITS);
+        assert(serviceId <= type(uint32).max);
         Record storage s = _services[serviceId];
         s.provider = msg.sender;
         s.price = uint96(price);
         s.kindId = _kinds.idOf(kind);
         s.state = ServiceState.Active;
         emit ServiceRegistered(serviceId, msg.sender, kind, price, description);
+        if (terms.bond != 0 || terms.maxFailures != 0) {
+            s.hasTerms = true;
+            _agreements[serviceId] = Agreement(terms.bond, terms.penalty, terms.maxFailures, 0);
+            emit TermsAgreed(serviceId, terms.bond, terms.penalty, terms.maxFailures);
+        }
         tasks.placeService(serviceId, kind, price);
+        if (terms.bond != 0) tasks.holdBond(msg.sender, terms.bond);
     }
 
     /// @inheritdoc IServiceManager
@@ -70,54 +107,93 @@ contract ServiceManager is IServiceManager {
         Record storage s = _get(serviceId);
         if (msg.sender != s.provider) revert NotProvider(serviceId, msg.sender, s.provider);
         if (s.state == ServiceState.Retired) revert ServiceIsRetired(serviceId);
-        if (state == ServiceState.None) revert InvalidServiceState(state);
+        if (state == ServiceState.None || state == ServiceState.Suspended) revert InvalidServiceState(state);
+        if (s.state == ServiceState.Suspended && state != ServiceState.Retired) {
+            revert ServiceIsSuspended(serviceId);
+        }
         _requirePrice(price);
-        _leaveQueue(s);
+        _leaveLine(serviceId, s);
         s.price = uint96(price);
         s.state = state;
         emit ServiceUpdated(serviceId, price, state);
-        if (_isAvailable(s)) tasks.placeService(serviceId, _kinds.kinds[s.kindId], price);
+        if (_isAvailable(s)) {
+            tasks.placeService(serviceId, _kinds.kinds[s.kindId], price);
+        } else if (state == ServiceState.Retired && s.taskId == 0) {
+            uint96 bond = _takeBond(serviceId, s);
+            if (bond != 0) tasks.returnBond(msg.sender, bond);
+        }
     }
 
     /// @inheritdoc IServiceManager
-    function acquire(uint256 serviceId, uint256 taskId)
+    function suspend(uint256 serviceId) external onlyOrganization {
+        Record storage s = _get(serviceId);
+        if (s.state == ServiceState.Retired) revert ServiceIsRetired(serviceId);
+        if (s.state == ServiceState.Suspended) revert ServiceIsSuspended(serviceId);
+        _leaveLine(serviceId, s);
+        s.state = ServiceState.Suspended;
+        emit ServiceSuspended(serviceId);
+    }
+
+    /// @inheritdoc IServiceManager
+    function reinstate(uint256 serviceId) external onlyOrganization {
+        Record storage s = _get(serviceId);
+        if (s.state != ServiceState.Suspended) revert ServiceNotSuspended(serviceId, s.state);
+        Agreement storage a = _agreements[serviceId];
+        if (a.bond < a.penalty) revert BondExhausted(serviceId, a.bond, a.penalty);
+        a.failures = 0;
+        s.state = ServiceState.Paused;
+        emit ServiceReinstated(serviceId);
+    }
+
+    /// @inheritdoc IServiceManager
+    function acquire(uint256 serviceId, bytes32 kind, uint256 maxPrice, uint256 taskId)
         external
         onlyTaskManager
         returns (address provider, uint256 price)
     {
-        Record storage s = _get(serviceId);
-        if (!_isAvailable(s)) revert ServiceNotIdle(serviceId);
-        _leaveQueue(s);
-        s.taskId = uint64(taskId);
+        Record storage s = _services[serviceId];
+        if (!_isAvailable(s) || s.price > maxPrice || s.kindId != _kinds.ids[kind]) return (address(0), 0);
+        _leaveLine(serviceId, s);
+        s.taskId = uint40(taskId);
         return (s.provider, s.price);
     }
 
     /// @inheritdoc IServiceManager
-    function release(uint256 serviceId, Outcome outcome)
-        external
-        onlyTaskManager
-        returns (bool available, uint256 price)
-    {
+    function release(uint256 serviceId, Outcome outcome) external onlyTaskManager returns (Release memory r) {
         Record storage s = _get(serviceId);
+        if (outcome == Outcome.Completed) s.completed = _increment(s.completed);
+        else if (outcome == Outcome.Rejected) s.rejected = _increment(s.rejected);
+        else if (outcome == Outcome.Expired) s.expired = _increment(s.expired);
+        if (s.hasTerms) r.penalty = _applyTerms(serviceId, s, outcome);
         s.taskId = 0;
-        if (outcome == Outcome.Completed) ++s.completed;
-        else if (outcome == Outcome.Rejected) ++s.rejected;
-        else if (outcome == Outcome.Expired) ++s.expired;
-        return (_isAvailable(s), s.price);
+        if (s.state == ServiceState.Retired) r.bond = _takeBond(serviceId, s);
+        (r.provider, r.available, r.price) = (s.provider, _isAvailable(s), s.price);
     }
 
     /// @inheritdoc IServiceManager
     function offer(uint256 serviceId) external onlyTaskManager {
         Record storage s = _get(serviceId);
         if (!_isAvailable(s) || s.place != 0) revert ServiceNotIdle(serviceId);
-        FirstFitQueue.Queue storage idle = _idle[s.kindId];
-        s.place = uint64((uint256(++idle.serial) << ID_BITS) | serviceId);
-        idle.insert(s.place, Units.lightness(s.price));
+        Idle storage idle = _idle[s.kindId];
+        uint48 place = uint48(++idle.lines.serial);
+        s.place = place;
+        uint64 key = _lineKey(s);
+        Line storage line = idle.line[key];
+        (uint32 id, uint32 last) = (uint32(serviceId), line.last);
+        if (last == 0) {
+            line.first = id;
+            idle.lines.put(key, _weight(s));
+        } else {
+            s.previous = last;
+            _services[last].next = id;
+        }
+        line.last = id;
     }
 
     /// @inheritdoc IServiceManager
     function service(uint256 serviceId) external view returns (Service memory) {
         Record storage s = _get(serviceId);
+        Agreement storage a = _agreements[serviceId];
         return Service({
             provider: s.provider,
             price: s.price,
@@ -127,7 +203,12 @@ contract ServiceManager is IServiceManager {
             state: s.state,
             completed: s.completed,
             rejected: s.rejected,
-            expired: s.expired
+            expired: s.expired,
+            reputation: uint8(_reputation(s)),
+            bond: a.bond,
+            penalty: a.penalty,
+            maxFailures: a.maxFailures,
+            failures: a.failures
         });
     }
 
@@ -142,20 +223,74 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function longestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256 serviceId) {
-        return _idle[_kinds.ids[kind]].first(Units.lightness(maxPrice)) & ((1 << ID_BITS) - 1);
+    function longestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256) {
+        Idle storage idle = _idle[_kinds.ids[kind]];
+        return idle.line[idle.lines.greatestMajor(_lastKey(maxPrice))].first;
     }
 
     /// @inheritdoc IServiceManager
-    function isIdle(uint256 serviceId, bytes32 kind, uint256 maxPrice) external view returns (bool) {
-        Record storage s = _services[serviceId];
-        return s.place != 0 && s.kindId == _kinds.ids[kind] && s.price <= maxPrice;
+    function cheapestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256) {
+        Idle storage idle = _idle[_kinds.ids[kind]];
+        uint64 key = idle.lines.lowest();
+        return key > _lastKey(maxPrice) ? 0 : idle.line[key].first;
     }
 
-    function _leaveQueue(Record storage s) private {
+    /// @inheritdoc IServiceManager
+    function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256) {
+        Idle storage idle = _idle[_kinds.ids[kind]];
+        return idle.line[idle.lines.greatestMinor(_lastKey(maxPrice))].first;
+    }
+
+    /// @dev Out of its line, wherever it stands, if it waits.
+    function _leaveLine(uint256 serviceId, Record storage s) private {
         if (s.place == 0) return;
-        _idle[s.kindId].remove(s.place);
         s.place = 0;
+        Idle storage idle = _idle[s.kindId];
+        uint64 key = _lineKey(s);
+        Line storage line = idle.line[key];
+        (uint32 previous, uint32 next) = (s.previous, s.next);
+        if (line.first != serviceId) {
+            _services[previous].next = next;
+            if (next == 0) line.last = previous;
+            else _services[next].previous = previous;
+        } else if (next == 0) {
+            delete idle.line[key];
+            idle.lines.remove(key);
+        } else {
+            line.first = next;
+            idle.lines.put(key, _weight(_services[next]));
+        }
+        s.next = 0;
+    }
+
+    /// @dev What the terms make of the attempt that ends: the penalty.
+    function _applyTerms(uint256 serviceId, Record storage s, Outcome outcome)
+        private
+        returns (uint96 penalty)
+    {
+        Agreement storage a = _agreements[serviceId];
+        if (outcome == Outcome.Completed) a.failures = 0;
+        if (outcome != Outcome.Rejected && outcome != Outcome.Expired) return 0;
+        if (a.failures < type(uint8).max) ++a.failures;
+        penalty = a.penalty < a.bond ? a.penalty : a.bond;
+        if (penalty != 0) {
+            a.bond -= penalty;
+            emit BondPenalized(serviceId, s.taskId, penalty);
+        }
+        bool repeated = a.maxFailures != 0 && a.failures >= a.maxFailures;
+        if ((repeated || a.bond < a.penalty) && s.state != ServiceState.Retired) {
+            if (s.state != ServiceState.Suspended) emit ServiceSuspended(serviceId);
+            s.state = ServiceState.Suspended;
+        }
+    }
+
+    /// @dev The bond of a service that is over, for its provider.
+    function _takeBond(uint256 serviceId, Record storage s) private returns (uint96 bond) {
+        if (!s.hasTerms) return 0;
+        bond = _agreements[serviceId].bond;
+        if (bond == 0) return 0;
+        _agreements[serviceId].bond = 0;
+        emit BondReturned(serviceId, s.provider, bond);
     }
 
     function _isAvailable(Record storage s) private view returns (bool) {
@@ -165,6 +300,37 @@ contract ServiceManager is IServiceManager {
     function _get(uint256 serviceId) private view returns (Record storage s) {
         s = _services[serviceId];
         if (s.provider == address(0)) revert UnknownService(serviceId);
+    }
+
+    /// @dev (completed + 1) / (all + 2) in 64ths, the rule of succession (Laplace): 0 .. 63.
+    function _reputation(Record storage s) private view returns (uint64) {
+        uint256 completed = s.completed;
+        uint256 all = completed + s.rejected + s.expired;
+        return uint64(((completed + 1) << WeightTree.MINOR_BITS) / (all + 2));
+    }
+
+    /// @dev The line of a service; neither its price nor its reputation changes while it waits there.
+    function _lineKey(Record storage s) private view returns (uint64) {
+        return _key(s.price, _reputation(s));
+    }
+
+    /// @dev Before or at this key are the lines that cost at most `price`.
+    function _lastKey(uint256 price) private pure returns (uint64) {
+        return _key(price, 0);
+    }
+
+    /// @dev Cheap before dear, then reputable before not; never 0.
+    function _key(uint256 price, uint64 reputation) private pure returns (uint64) {
+        return WeightTree.weigh(Units.weight(price) + 1, WeightTree.MAX_MINOR - reputation);
+    }
+
+    /// @dev The weight of a line that `first` leads.
+    function _weight(Record storage first) private view returns (uint64) {
+        return WeightTree.weigh(WeightTree.MAX_MAJOR - first.place, _reputation(first));
+    }
+
+    function _increment(uint24 counter) private pure returns (uint24) {
+        return counter == type(uint24).max ? counter : counter + 1;
     }
 
     function _requirePrice(uint256 price) private pure {

@@ -2,21 +2,24 @@
 pragma solidity ^0.8.28;
 
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
+import {IERC20Permit} from "@openzeppelin/contracts/token/ERC20/extensions/IERC20Permit.sol";
 import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol";
 import {ReentrancyGuardTransient} from "@openzeppelin/contracts/utils/ReentrancyGuardTransient.sol";
 import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
+import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
 import {IOrganization} from "./interfaces/IOrganization.sol";
-import {IServiceManager, Outcome} from "./interfaces/IServiceManager.sol";
+import {IServiceManager, Outcome, Release} from "./interfaces/IServiceManager.sol";
 import {Cause, ITaskManager, Task, TaskRequest, TaskState} from "./interfaces/ITaskManager.sol";
-import {FirstFitQueue} from "./libraries/FirstFitQueue.sol";
 import {KindTable} from "./libraries/KindTable.sol";
+import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
+import {WeightTree} from "./libraries/WeightTree.sol";
 
 contract TaskManager is ITaskManager, ReentrancyGuardTransient {
-    using FirstFitQueue for FirstFitQueue.Queue;
     using KindTable for KindTable.Table;
     using SafeCast for uint256;
     using SafeERC20 for IERC20;
+    using WeightTree for WeightTree.Tree;
 
     /// @dev A Task in three words; the windows fit in 24 bits because MAX_WINDOW does.
     struct Record {
@@ -39,6 +42,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     uint32 public constant MAX_WINDOW = 30 days;
     uint8 public constant MAX_ATTEMPTS = 10;
 
+    /// @dev What a policy may spend; the caller's transaction outlives one that needs more.
+    uint256 private constant POLICY_GAS = 500_000;
+
     IERC20 public immutable token;
     IOrganization public immutable organization;
     IServiceManager public immutable services;
@@ -46,8 +52,16 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     uint256 private _taskCount;
     KindTable.Table private _kinds;
     mapping(uint256 taskId => Record) private _tasks;
-    /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place.
-    mapping(uint16 kindId => FirstFitQueue.Queue) private _open;
+    /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place. Its
+    /// weight is its reward.
+    mapping(uint16 kindId => WeightTree.Tree) private _open;
+    /// @inheritdoc ITaskManager
+    mapping(address account => uint256) public owed;
+
+    modifier onlyServiceManager() {
+        if (msg.sender != address(services)) revert NotServiceManager(msg.sender);
+        _;
+    }
 
     constructor(IOrganization organization_, IServiceManager services_) {
         if (organization_.tasks() != this || organization_.services() != services_) {
@@ -59,34 +73,23 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function registerTask(TaskRequest calldata request) external nonReentrant returns (uint256 taskId) {
-        organization.requireKind(request.kind);
-        _requireWindow(request.executionWindow);
-        _requireWindow(request.verdictWindow);
-        if (request.maxAttempts == 0 || request.maxAttempts > MAX_ATTEMPTS) {
-            revert InvalidAttempts(request.maxAttempts, MAX_ATTEMPTS);
-        }
-        taskId = ++_taskCount;
-        Record storage t = _tasks[taskId];
-        t.creator = msg.sender;
-        t.reward = request.reward.toUint96();
-        t.kindId = _kinds.idOf(request.kind);
-        t.executionWindow = uint24(request.executionWindow);
-        t.verdictWindow = uint24(request.verdictWindow);
-        t.maxAttempts = request.maxAttempts;
-        t.state = TaskState.Open;
-        emit TaskRegistered(
-            taskId,
-            msg.sender,
-            request.kind,
-            request.reward,
-            request.executionWindow,
-            request.verdictWindow,
-            request.maxAttempts,
-            request.params
-        );
-        _match(taskId, t, request.kind);
-        token.safeTransferFrom(msg.sender, address(this), request.reward);
+    function registerTask(TaskRequest calldata request) external nonReentrant returns (uint256) {
+        return _register(request);
+    }
+
+    /// @inheritdoc ITaskManager
+    function registerTaskWithPermit(
+        TaskRequest calldata request,
+        uint256 deadline,
+        uint8 v,
+        bytes32 r,
+        bytes32 s
+    ) external nonReentrant returns (uint256) {
+        // Whoever sees the permit may use it first; the allowance is there then.
+        try IERC20Permit(address(token))
+            .permit(msg.sender, address(this), request.reward, deadline, v, r, s) {}
+            catch {}
+        return _register(request);
     }
 
     /// @inheritdoc ITaskManager
@@ -98,7 +101,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         t.state = TaskState.Cancelled;
         uint256 refund = t.reward;
         emit TaskCancelled(taskId, refund);
-        token.safeTransfer(t.creator, refund);
+        _pay(t.creator, refund);
     }
 
     /// @inheritdoc ITaskManager
@@ -111,6 +114,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         address executor = services.providerOf(t.serviceId);
         if (msg.sender != executor) revert NotExecutor(taskId, msg.sender, executor);
         if (proofHash == 0) revert EmptyProof(taskId);
+        Texts.requireText(uri);
         t.proofHash = proofHash;
         t.state = TaskState.Submitted;
         uint256 deadline = block.timestamp + t.verdictWindow;
@@ -128,13 +132,17 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         string calldata reportUri,
         string calldata reason
     ) external nonReentrant {
-        if (!organization.isOracle(msg.sender)) revert NotOracle(msg.sender);
         Record storage t = _get(taskId);
+        bytes32 kind = _kinds.kinds[t.kindId];
+        if (!organization.mayJudge(msg.sender, kind)) revert NotJudge(msg.sender, kind);
+        if (msg.sender == t.creator) revert JudgeIsParty(taskId, msg.sender);
         _requireAttempt(taskId, t, attempt, TaskState.Submitted);
         if (proofHash != t.proofHash) revert ProofMismatch(taskId, t.proofHash, proofHash);
+        Texts.requireText(reportUri);
+        Texts.requireText(reason);
         emit VerdictPosted(taskId, attempt, proofHash, accepted, reportHash, reportUri, reason);
-        if (accepted) _settle(taskId, t);
-        else _failAttempt(taskId, t, Cause.Rejected);
+        if (accepted) _settle(taskId, t, kind);
+        else _failAttempt(taskId, t, kind, Cause.Rejected);
     }
 
     /// @inheritdoc ITaskManager
@@ -143,7 +151,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bool submitted = t.state == TaskState.Submitted;
         if (!submitted) _requireState(taskId, t, TaskState.Assigned);
         if (block.timestamp <= t.deadline) revert DeadlineNotPassed(taskId, t.deadline, block.timestamp);
-        _failAttempt(taskId, t, submitted ? Cause.VerdictExpired : Cause.ExecutionExpired);
+        Cause cause = submitted ? Cause.VerdictExpired : Cause.ExecutionExpired;
+        _failAttempt(taskId, t, _kinds.kinds[t.kindId], cause);
     }
 
     /// @inheritdoc ITaskManager
@@ -151,13 +160,35 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Record storage t = _get(taskId);
         _requireState(taskId, t, TaskState.Open);
         _open[t.kindId].remove(uint64(taskId));
-        _match(taskId, t, _kinds.kinds[t.kindId]);
+        _match(taskId, t, _kinds.kinds[t.kindId], organization.policy());
     }
 
     /// @inheritdoc ITaskManager
-    function placeService(uint256 serviceId, bytes32 kind, uint256 price) external nonReentrant {
-        if (msg.sender != address(services)) revert NotServiceManager(msg.sender);
-        _place(serviceId, _kinds.ids[kind], price);
+    function collect(address account) external nonReentrant {
+        uint256 amount = owed[account];
+        if (amount == 0) revert NothingOwed(account);
+        owed[account] = 0;
+        emit PaymentCollected(account, amount);
+        token.safeTransfer(account, amount);
+    }
+
+    /// @inheritdoc ITaskManager
+    function placeService(uint256 serviceId, bytes32 kind, uint256 price)
+        external
+        nonReentrant
+        onlyServiceManager
+    {
+        _place(serviceId, _kinds.ids[kind], kind, price);
+    }
+
+    /// @inheritdoc ITaskManager
+    function holdBond(address provider, uint256 amount) external nonReentrant onlyServiceManager {
+        _take(provider, amount);
+    }
+
+    /// @inheritdoc ITaskManager
+    function returnBond(address provider, uint256 amount) external nonReentrant onlyServiceManager {
+        _pay(provider, amount);
     }
 
     /// @inheritdoc ITaskManager
@@ -189,28 +220,81 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return _open[_kinds.ids[kind]].first(Units.weight(price));
     }
 
-    /// @dev Give an open task that is in no queue to a service, or let it wait in its place.
-    function _match(uint256 taskId, Record storage t, bytes32 kind) private {
-        (uint256 serviceId, bool failed) = organization.selectService(kind, t.reward);
-        if (failed) emit PolicyFailed(taskId);
-        if (serviceId == 0) _open[t.kindId].insert(uint64(taskId), Units.weight(t.reward));
-        else _assign(taskId, t, serviceId);
+    function _register(TaskRequest calldata request) private returns (uint256 taskId) {
+        IMatchingPolicy policy = organization.admitTask(request.kind, msg.sender, request.executionWindow);
+        _requireWindow(request.executionWindow);
+        _requireWindow(request.verdictWindow);
+        if (request.maxAttempts == 0 || request.maxAttempts > MAX_ATTEMPTS) {
+            revert InvalidAttempts(request.maxAttempts, MAX_ATTEMPTS);
+        }
+        Texts.requireParams(request.params);
+        taskId = ++_taskCount;
+        Record storage t = _tasks[taskId];
+        t.creator = msg.sender;
+        t.reward = request.reward.toUint96();
+        t.kindId = _kinds.idOf(request.kind);
+        t.executionWindow = uint24(request.executionWindow);
+        t.verdictWindow = uint24(request.verdictWindow);
+        t.maxAttempts = request.maxAttempts;
+        t.state = TaskState.Open;
+        emit TaskRegistered(
+            taskId,
+            msg.sender,
+            request.kind,
+            request.reward,
+            request.executionWindow,
+            request.verdictWindow,
+            request.maxAttempts,
+            request.params
+        );
+        _match(taskId, t, request.kind, policy);
+        _take(msg.sender, request.reward);
     }
 
-    /// @dev Give an available service that is in no queue the oldest task it can do, or let it wait.
-    function _place(uint256 serviceId, uint16 kindId, uint256 price) private {
-        FirstFitQueue.Queue storage open = _open[kindId];
+    /// @dev Give an open task that is in no queue to a service, or let it wait in its place.
+    function _match(uint256 taskId, Record storage t, bytes32 kind, IMatchingPolicy policy) private {
+        (uint256 serviceId, bool failed) = _ask(policy, kind, t.reward);
+        if (serviceId != 0) {
+            if (_assign(taskId, t, kind, serviceId)) return;
+            failed = true;
+        }
+        if (failed) emit PolicyFailed(taskId);
+        _open[t.kindId].put(uint64(taskId), _weight(t.reward));
+    }
+
+    /// @dev What the policy says. Never reverts, so that a bad policy cannot keep money in escrow.
+    function _ask(IMatchingPolicy policy, bytes32 kind, uint256 reward)
+        private
+        view
+        returns (uint256 serviceId, bool failed)
+    {
+        // A low-level call, because a malformed answer would revert here with `try`.
+        (bool success, bytes memory answer) = address(policy).staticcall{gas: POLICY_GAS}(
+            abi.encodeCall(IMatchingPolicy.serviceFor, (services, kind, reward))
+        );
+        if (!success || answer.length != 32) return (0, true);
+        return (abi.decode(answer, (uint256)), false);
+    }
+
+    /// @dev Give an available service that is in no line the oldest task it can do, or let it wait.
+    function _place(uint256 serviceId, uint16 kindId, bytes32 kind, uint256 price) private {
+        WeightTree.Tree storage open = _open[kindId];
         uint64 taskId = open.first(Units.weight(price));
         if (taskId == 0) {
             services.offer(serviceId);
         } else {
             open.remove(taskId);
-            _assign(taskId, _tasks[taskId], serviceId);
+            assert(_assign(taskId, _tasks[taskId], kind, serviceId));
         }
     }
 
-    function _assign(uint256 taskId, Record storage t, uint256 serviceId) private {
-        (address executor, uint256 price) = services.acquire(serviceId, taskId);
+    /// @dev Whether the service takes the task; nothing happened if not.
+    function _assign(uint256 taskId, Record storage t, bytes32 kind, uint256 serviceId)
+        private
+        returns (bool)
+    {
+        (address executor, uint256 price) = services.acquire(serviceId, kind, t.reward, taskId);
+        if (executor == address(0)) return false;
         uint8 attempt = t.attempt + 1;
         uint256 deadline = block.timestamp + t.executionWindow;
         t.attempt = attempt;
@@ -224,22 +308,25 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             )
         );
         emit TaskAssigned(taskId, attempt, executor, serviceId, price, nonce, deadline);
+        return true;
     }
 
-    function _settle(uint256 taskId, Record storage t) private {
+    function _settle(uint256 taskId, Record storage t, bytes32 kind) private {
         uint256 price = t.price;
         uint256 surplus = t.reward - price;
         t.state = TaskState.Settled;
         t.deadline = 0;
-        address executor = services.providerOf(t.serviceId);
-        emit TaskSettled(taskId, executor, price, surplus);
-        _release(t.serviceId, t.kindId, Outcome.Completed);
-        if (price != 0) token.safeTransfer(executor, price);
-        if (surplus != 0) token.safeTransfer(t.creator, surplus);
+        uint256 serviceId = t.serviceId;
+        Release memory r = services.release(serviceId, Outcome.Completed);
+        if (msg.sender == r.provider) revert JudgeIsParty(taskId, msg.sender);
+        emit TaskSettled(taskId, r.provider, price, surplus);
+        if (r.available) _place(serviceId, t.kindId, kind, r.price);
+        _pay(r.provider, price + r.bond);
+        _pay(t.creator, surplus);
     }
 
     /// @dev The next attempt goes to another service that waits, before the one that failed gets its next task.
-    function _failAttempt(uint256 taskId, Record storage t, Cause cause) private {
+    function _failAttempt(uint256 taskId, Record storage t, bytes32 kind, Cause cause) private {
         uint256 serviceId = t.serviceId;
         bool last = t.attempt == t.maxAttempts;
         t.deadline = 0;
@@ -252,15 +339,29 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             t.price = 0;
             t.proofHash = 0;
             emit TaskRequeued(taskId, t.attempt, cause);
-            _match(taskId, t, _kinds.kinds[t.kindId]);
+            _match(taskId, t, kind, organization.policy());
         }
-        _release(serviceId, t.kindId, _outcome(cause));
-        if (last) token.safeTransfer(t.creator, t.reward);
+        Release memory r = services.release(serviceId, _outcome(cause));
+        if (r.available) _place(serviceId, t.kindId, kind, r.price);
+        _pay(r.provider, r.bond);
+        _pay(address(organization), r.penalty);
+        if (last) _pay(t.creator, t.reward);
     }
 
-    function _release(uint256 serviceId, uint16 kindId, Outcome outcome) private {
-        (bool available, uint256 price) = services.release(serviceId, outcome);
-        if (available) _place(serviceId, kindId, price);
+    /// @dev All of `amount` arrives, or nothing happened.
+    function _take(address from, uint256 amount) private {
+        if (amount == 0) return;
+        uint256 before = token.balanceOf(address(this));
+        token.safeTransferFrom(from, address(this), amount);
+        uint256 received = token.balanceOf(address(this)) - before;
+        if (received != amount) revert WrongAmountReceived(amount, received);
+    }
+
+    /// @dev A token that refuses `to` holds up neither the task nor the service: the amount waits for `collect`.
+    function _pay(address to, uint256 amount) private {
+        if (amount == 0 || token.trySafeTransfer(to, amount)) return;
+        owed[to] += amount;
+        emit PaymentDeferred(to, amount);
     }
 
     function _get(uint256 taskId) private view returns (Record storage t) {
@@ -284,6 +385,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     function _requireWindow(uint32 window) private pure {
         if (window < MIN_WINDOW || window > MAX_WINDOW) revert InvalidWindow(window, MIN_WINDOW, MAX_WINDOW);
+    }
+
+    function _weight(uint256 reward) private pure returns (uint64) {
+        return WeightTree.weigh(Units.weight(reward), 0);
     }
 
     function _outcome(Cause cause) private pure returns (Outcome) {

@@ -25,7 +25,7 @@ contract ServiceManagerTest is Fixture {
     }
 
     function test_aPriceIsAWholeNumberOfUnitsAndBounded() public {
-        uint256 max = uint256(type(uint64).max) * 1 gwei;
+        uint256 max = ((1 << 57) - 2) * 1 gwei;
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.InvalidPrice.selector, 1, 1 gwei, max));
         services.registerService(CLEANING, 1, "");
         vm.expectRevert(
@@ -115,7 +115,7 @@ contract ServiceManagerTest is Fixture {
         bytes memory refusal = abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, robot1);
         vm.startPrank(robot1);
         vm.expectRevert(refusal);
-        services.acquire(serviceId, 1);
+        services.acquire(serviceId, CLEANING, 100 ether, 1);
         vm.expectRevert(refusal);
         services.release(serviceId, Outcome.Completed);
         vm.expectRevert(refusal);
@@ -124,12 +124,12 @@ contract ServiceManagerTest is Fixture {
 
     function test_aServiceDoesOneTaskAtATime() public {
         uint256 serviceId = offer(robot1, 80 ether);
-        post(alice, 100 ether);
-        bytes memory refusal = abi.encodeWithSelector(IServiceManager.ServiceNotIdle.selector, serviceId);
+        uint256 taskId = post(alice, 100 ether);
         vm.startPrank(address(tasks));
-        vm.expectRevert(refusal);
-        services.acquire(serviceId, 2);
-        vm.expectRevert(refusal);
+        (address provider,) = services.acquire(serviceId, CLEANING, 100 ether, 2);
+        assertEq(provider, address(0), "refused");
+        assertAssigned(taskId, serviceId);
+        vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceNotIdle.selector, serviceId));
         services.offer(serviceId);
     }
 }

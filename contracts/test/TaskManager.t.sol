@@ -243,7 +243,7 @@ contract TaskManagerTest is Fixture {
         offer(robot1, 1 ether);
         uint256 taskId = post(alice, 100 ether);
         submit(taskId);
-        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotOracle.selector, robot1));
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, robot1, CLEANING));
         vm.prank(robot1);
         tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
     }

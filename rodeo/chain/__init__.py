@@ -1,6 +1,7 @@
 """The organization's contracts from Python: typed views, encoded calls, typed events and named errors.
 
     deployment.py   Deployment: which contracts are where, one record per chain
+    permit.py       approvals that are signed instead of sent (EIP-2612)
     client.py       ChainClient: views, events and transactions of one deployment on one node
     calls.py        what to send to do something: Calls, and OrganizationCalls in the organization's name
     events.py       one record type per contract event
@@ -28,12 +29,16 @@ from rodeo.chain.events import Event, Log
 from rodeo.chain.types import (
     Cause,
     Device,
+    KindRules,
+    Policy,
+    Review,
     Role,
     Service,
     ServiceState,
     Task,
     TaskRequest,
     TaskState,
+    Terms,
     from_wei,
     to_wei,
 )
@@ -50,10 +55,13 @@ __all__ = [
     "DeploymentMismatch",
     "Device",
     "Event",
+    "KindRules",
     "Log",
     "NotDeployed",
     "OrganizationCalls",
     "ParticipantCalls",
+    "Policy",
+    "Review",
     "Role",
     "RpcFailed",
     "Service",
@@ -61,6 +69,7 @@ __all__ = [
     "Task",
     "TaskRequest",
     "TaskState",
+    "Terms",
     "TransactionFailed",
     "TransactionTimeout",
     "from_wei",

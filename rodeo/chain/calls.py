@@ -10,7 +10,7 @@ from web3 import Web3
 
 from rodeo.chain import artifacts
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.types import Role, ServiceState, TaskRequest, kind_to_bytes32
+from rodeo.chain.types import Policy, Review, Role, ServiceState, TaskRequest, Terms, kind_to_bytes32
 
 
 @dataclass(frozen=True)
@@ -68,6 +68,12 @@ class Calls:
         """The sender must have approved the TaskManager for the reward."""
         return self._tasks.call("registerTask", _request(request))
 
+    def register_task_with_permit(
+        self, request: TaskRequest, deadline: int, v: int, r: bytes, s: bytes
+    ) -> Call:
+        """`register_task` with the sender's signed approval of the reward; see `rodeo.chain.permit`."""
+        return self._tasks.call("registerTaskWithPermit", _request(request), deadline, v, r, s)
+
     def cancel_task(self, task_id: int) -> Call:
         return self._tasks.call("cancelTask", task_id)
 
@@ -94,7 +100,12 @@ class Calls:
     def match_task(self, task_id: int) -> Call:
         return self._tasks.call("matchTask", task_id)
 
+    def collect(self, account: str) -> Call:
+        """Pay `account` what the token refused it before."""
+        return self._tasks.call("collect", account)
+
     def register_service(self, kind: str, price: int, description: str) -> Call:
+        """The sender must have approved the TaskManager for the bond, where the organization asks for one."""
         return self._services.call("registerService", kind_to_bytes32(kind), price, description)
 
     def update_service(self, service_id: int, price: int, state: ServiceState) -> Call:
@@ -103,8 +114,24 @@ class Calls:
     def transfer(self, to: str, amount: int) -> Call:
         return self._coin.call("transfer", to, amount)
 
+    def transfer_from(self, owner: str, to: str, amount: int) -> Call:
+        return self._coin.call("transferFrom", owner, to, amount)
+
     def approve(self, spender: str, amount: int) -> Call:
         return self._coin.call("approve", spender, amount)
+
+    def permit(
+        self, owner: str, spender: str, amount: int, deadline: int, v: int, r: bytes, s: bytes
+    ) -> Call:
+        """Anyone may send what the owner signed (EIP-2612)."""
+        return self._coin.call("permit", owner, spender, amount, deadline, v, r, s)
+
+    def delegate(self, delegatee: str) -> Call:
+        """Let `delegatee` vote with the sender's tokens (ERC-5805)."""
+        return self._coin.call("delegate", delegatee)
+
+    def delegate_by_sig(self, delegatee: str, nonce: int, expiry: int, v: int, r: bytes, s: bytes) -> Call:
+        return self._coin.call("delegateBySig", delegatee, nonce, expiry, v, r, s)
 
 
 class OrganizationCalls:
@@ -112,6 +139,7 @@ class OrganizationCalls:
     (administrator)."""
 
     def __init__(self, deployment: Deployment) -> None:
+        self._deployment = deployment
         self._organization = _Contract("Organization", deployment)
 
     def register_task(self, request: TaskRequest) -> Call:
@@ -139,8 +167,35 @@ class OrganizationCalls:
     def allow_kind(self, kind: str, allowed: bool) -> Call:
         return self._organization.call("allowKind", kind_to_bytes32(kind), allowed)
 
+    def set_review(self, kind: str, review: Review) -> Call:
+        return self._organization.call("setReview", kind_to_bytes32(kind), review)
+
+    def set_min_window(self, kind: str, min_window: int) -> Call:
+        """`min_window` in seconds."""
+        return self._organization.call("setMinWindow", kind_to_bytes32(kind), min_window)
+
+    def set_terms(self, terms: Terms) -> Call:
+        return self._organization.call("setTerms", (terms.bond, terms.penalty, terms.max_failures))
+
+    def set_members_only(self, members_only: bool) -> Call:
+        return self._organization.call("setMembersOnly", members_only)
+
+    def admit(self, account: str) -> Call:
+        return self._organization.call("admit", account)
+
+    def dismiss(self, account: str) -> Call:
+        return self._organization.call("dismiss", account)
+
+    def suspend_service(self, service_id: int) -> Call:
+        return self._organization.call("suspendService", service_id)
+
+    def reinstate_service(self, service_id: int) -> Call:
+        return self._organization.call("reinstateService", service_id)
+
     def set_policy(self, policy: str) -> Call:
-        return self._organization.call("setPolicy", policy)
+        """A Policy, or the address of another contract that is one."""
+        address = self._deployment.address(policy) if policy in list(Policy) else policy
+        return self._organization.call("setPolicy", address)
 
     def register_device(self, device: str, role: str, owner: str) -> Call:
         return self._organization.call("registerDevice", device, kind_to_bytes32(role), owner)
@@ -153,3 +208,24 @@ class OrganizationCalls:
 
     def revoke_role(self, role: Role, account: str) -> Call:
         return self._organization.call("revokeRole", role.id, account)
+
+    def renounce_role(self, role: Role, account: str) -> Call:
+        """The sender gives up its own role: `account` is the sender."""
+        return self._organization.call("renounceRole", role.id, account)
+
+    def begin_administrator_transfer(self, account: str) -> Call:
+        """First of the two steps that hand the organization over; `account` accepts."""
+        return self._organization.call("beginDefaultAdminTransfer", account)
+
+    def accept_administrator_transfer(self) -> Call:
+        return self._organization.call("acceptDefaultAdminTransfer")
+
+    def cancel_administrator_transfer(self) -> Call:
+        return self._organization.call("cancelDefaultAdminTransfer")
+
+    def change_administrator_delay(self, delay: int) -> Call:
+        """Seconds from now on between the two steps of a hand-over; a longer delay holds at once."""
+        return self._organization.call("changeDefaultAdminDelay", delay)
+
+    def rollback_administrator_delay(self) -> Call:
+        return self._organization.call("rollbackDefaultAdminDelay")

@@ -15,7 +15,7 @@ from rodeo.chain import artifacts, events, transactions
 from rodeo.chain.calls import Call, Calls, OrganizationCalls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.errors import translated
-from rodeo.chain.types import Device, Role, Service, Task, kind_to_bytes32, value
+from rodeo.chain.types import Device, KindRules, Role, Service, Task, Terms, kind_to_bytes32, value
 
 
 def connect(url: str, timeout_s: float = 10.0) -> Web3:
@@ -77,12 +77,43 @@ class ChainClient:
         """The service of `kind` that has waited longest among those that cost at most `max_price`."""
         return self._view("ServiceManager", "longestIdle", kind_to_bytes32(kind), max_price) or None
 
+    def cheapest_idle(self, kind: str, max_price: int) -> int | None:
+        """The cheapest service of `kind` that waits, if it costs at most `max_price`."""
+        return self._view("ServiceManager", "cheapestIdle", kind_to_bytes32(kind), max_price) or None
+
+    def most_reputable_idle(self, kind: str, max_price: int) -> int | None:
+        """The service of `kind` with the best reputation of those that wait and cost at most `max_price`."""
+        return self._view("ServiceManager", "mostReputableIdle", kind_to_bytes32(kind), max_price) or None
+
+    def owed(self, account: str) -> int:
+        """What the token refused to `account` and `collect` pays, wei."""
+        return self._view("TaskManager", "owed", to_checksum_address(account))
+
     def device(self, address: str) -> Device:
         """Raises ContractReverted: UnknownDevice."""
         return self._view("Organization", "device", to_checksum_address(address))
 
     def is_kind_allowed(self, kind: str) -> bool:
         return self._view("Organization", "isKindAllowed", kind_to_bytes32(kind))
+
+    def kind(self, kind: str) -> KindRules:
+        return self._view("Organization", "kindOf", kind_to_bytes32(kind))
+
+    def terms(self) -> Terms:
+        """What services agree to that are registered now."""
+        return self._view("Organization", "terms")
+
+    def members_only(self) -> bool:
+        return self._view("Organization", "membersOnly")
+
+    def is_member(self, account: str) -> bool:
+        return self._view("Organization", "isMember", to_checksum_address(account))
+
+    def may_judge(self, account: str, kind: str) -> bool:
+        return self._view("Organization", "mayJudge", to_checksum_address(account), kind_to_bytes32(kind))
+
+    def administrator(self) -> ChecksumAddress:
+        return self._view("Organization", "defaultAdmin")
 
     def has_role(self, role: Role, account: str) -> bool:
         return self._view("Organization", "hasRole", role.id, to_checksum_address(account))
@@ -96,6 +127,14 @@ class ChainClient:
 
     def allowance(self, owner: str, spender: str) -> int:
         return self._view("IECoin", "allowance", to_checksum_address(owner), to_checksum_address(spender))
+
+    def permit_nonce(self, owner: str) -> int:
+        """The nonce that `owner` signs next into a permit or a delegation."""
+        return self._view("IECoin", "nonces", to_checksum_address(owner))
+
+    def votes(self, account: str) -> int:
+        """Tokens that vote through `account` now, wei."""
+        return self._view("IECoin", "getVotes", to_checksum_address(account))
 
     def total_supply(self) -> int:
         return self._view("IECoin", "totalSupply")

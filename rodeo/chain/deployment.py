@@ -24,13 +24,11 @@ class Deployment(BaseModel):
     block: int
     """No event of the contracts is in an earlier block."""
     contracts: dict[str, str]
-    """Contract name, one of `artifacts.CONTRACTS` -> checksummed address."""
+    """Contract name -> checksummed address; `artifacts.CONTRACTS` where it was made by this version."""
 
     @field_validator("contracts")
     @classmethod
-    def _complete(cls, contracts: dict[str, str]) -> dict[str, str]:
-        if sorted(contracts) != sorted(artifacts.CONTRACTS):
-            raise ValueError(f"expected {sorted(artifacts.CONTRACTS)}, got {sorted(contracts)}")
+    def _checksummed(cls, contracts: dict[str, str]) -> dict[str, str]:
         if not all(map(is_checksum_address, contracts.values())):
             raise ValueError("not a checksummed address")
         return contracts
@@ -75,6 +73,10 @@ class Deployment(BaseModel):
                     genesis_hash=found[1],
                     recorded_chain_id=self.chain_id,
                     recorded_genesis_hash=self.genesis_hash,
+                )
+            if sorted(self.contracts) != sorted(artifacts.CONTRACTS):
+                raise DeploymentMismatch(
+                    "other contracts", expected=sorted(artifacts.CONTRACTS), recorded=sorted(self.contracts)
                 )
             for name in self.contracts:
                 if not artifacts.load(name).matches(bytes(w3.eth.get_code(self.address(name)))):

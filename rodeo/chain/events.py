@@ -16,7 +16,7 @@ from eth_utils.abi import collapse_if_tuple, event_abi_to_log_topic
 from web3.types import LogReceipt
 
 from rodeo.chain import artifacts
-from rodeo.chain.types import Cause, ServiceState, to_json, values
+from rodeo.chain.types import Cause, Review, ServiceState, to_json, values
 
 
 @dataclass(frozen=True)
@@ -113,6 +113,18 @@ class PolicyFailed(Event):
     task_id: int
 
 
+@dataclass(frozen=True)
+class PaymentDeferred(Event):
+    account: str
+    amount: int
+
+
+@dataclass(frozen=True)
+class PaymentCollected(Event):
+    account: str
+    amount: int
+
+
 # -- ServiceManager ----------------------------------------------------------------------------------------
 
 
@@ -130,6 +142,38 @@ class ServiceUpdated(Event):
     service_id: int
     price: int
     state: ServiceState
+
+
+@dataclass(frozen=True)
+class TermsAgreed(Event):
+    service_id: int
+    bond: int
+    penalty: int
+    max_failures: int
+
+
+@dataclass(frozen=True)
+class BondPenalized(Event):
+    service_id: int
+    task_id: int
+    amount: int
+
+
+@dataclass(frozen=True)
+class BondReturned(Event):
+    service_id: int
+    provider: str
+    amount: int
+
+
+@dataclass(frozen=True)
+class ServiceSuspended(Event):
+    service_id: int
+
+
+@dataclass(frozen=True)
+class ServiceReinstated(Event):
+    service_id: int
 
 
 # -- Organization ------------------------------------------------------------------------------------------
@@ -152,6 +196,30 @@ class DeviceRevoked(Event):
 class KindAllowed(Event):
     kind: str
     allowed: bool
+
+
+@dataclass(frozen=True)
+class ReviewChanged(Event):
+    kind: str
+    review: Review
+
+
+@dataclass(frozen=True)
+class MinWindowChanged(Event):
+    kind: str
+    min_window: int
+
+
+@dataclass(frozen=True)
+class TermsChanged(Event):
+    bond: int
+    penalty: int
+    max_failures: int
+
+
+@dataclass(frozen=True)
+class MembersOnlyChanged(Event):
+    members_only: bool
 
 
 @dataclass(frozen=True)

@@ -33,6 +33,15 @@ class ServiceState(IntEnum):
     ACTIVE = 1
     PAUSED = 2
     RETIRED = 3
+    SUSPENDED = 4
+    """By the organization, or by its terms after repeated failure; the provider can only retire."""
+
+
+class Review(IntEnum):
+    """Who judges the proofs of a kind."""
+
+    ORACLE = 0
+    AUDITOR = 1
 
 
 class Cause(IntEnum):
@@ -50,11 +59,43 @@ class Role(StrEnum):
     OPERATOR = "OPERATOR_ROLE"
     TREASURER = "TREASURER_ROLE"
     ORACLE = "ORACLE_ROLE"
+    AUDITOR = "AUDITOR_ROLE"
+    MEMBER = "MEMBER_ROLE"
 
     @property
     def id(self) -> bytes:
         """The 32 bytes that stand for the role on chain."""
         return bytes(32) if self is Role.ADMINISTRATOR else keccak(text=self.value)
+
+
+class Policy(StrEnum):
+    """The matching policies that come with the contracts, by contract name."""
+
+    FIRST_COME = "FirstComeFirstServed"
+    LOWEST_PRICE = "LowestPrice"
+    HIGHEST_REPUTATION = "HighestReputation"
+
+
+@dataclass(frozen=True)
+class Terms:
+    """What a service agrees to when it is registered; all zero: nothing."""
+
+    bond: int
+    """Locked until it retires, wei."""
+    penalty: int
+    """What a rejected or expired attempt takes from the bond for the treasury, wei; at most `bond`."""
+    max_failures: int
+    """Failures in a row that suspend the service, up to 255; 0 for no limit."""
+
+
+@dataclass(frozen=True)
+class KindRules:
+    """What the organization says about a kind of work."""
+
+    allowed: bool
+    review: Review
+    min_window: int
+    """The shortest execution window that a task may have, s."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +146,16 @@ class Service:
     completed: int
     rejected: int
     expired: int
+    reputation: int
+    """Share of accepted attempts in 64ths, (completed + 1) / (all + 2): 32 for a newcomer."""
+    bond: int
+    """What is left of it, wei."""
+    penalty: int
+    """What a failed attempt takes from the bond, wei; agreed at registration."""
+    max_failures: int
+    """Failures in a row that suspend it; 0 for no limit; agreed at registration."""
+    failures: int
+    """Failures in a row until now; counted only where there are terms."""
 
 
 @dataclass(frozen=True)
@@ -156,9 +207,16 @@ _ENUMS: Mapping[str, type[IntEnum]] = {
     "enum TaskState": TaskState,
     "enum ServiceState": ServiceState,
     "enum Cause": Cause,
+    "enum Review": Review,
 }
 
-_STRUCTS: Mapping[str, type] = {"struct Task": Task, "struct Service": Service, "struct Device": Device}
+_STRUCTS: Mapping[str, type] = {
+    "struct Task": Task,
+    "struct Service": Service,
+    "struct Device": Device,
+    "struct Terms": Terms,
+    "struct Kind": KindRules,
+}
 
 _ROLES = {role.id: role.value for role in Role}
 

@@ -289,6 +289,10 @@ def _project(connection: Connection, event: Event, time_s: int) -> None:
             )
         case events.ServiceUpdated():
             _update_service(connection, event.service_id, price=event.price, state=event.state.name.lower())
+        case events.ServiceSuspended():
+            _update_service(connection, event.service_id, state="suspended")
+        case events.ServiceReinstated():
+            _update_service(connection, event.service_id, state="paused")
         case events.DeviceRegistered():
             connection.execute(
                 insert(schema.devices).values(

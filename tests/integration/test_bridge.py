@@ -283,7 +283,7 @@ def test_tokens_move_between_participants(dao: Dao) -> None:
                 "report_sha256": "0x" + "b" * 64,
                 "report_uri": "",
             },
-            "not_oracle",
+            "not_judge",
         ),
         *(
             (

@@ -7,23 +7,79 @@ import {IMatchingPolicy} from "./IMatchingPolicy.sol";
 import {IServiceManager, ServiceState} from "./IServiceManager.sol";
 import {ITaskManager, TaskRequest} from "./ITaskManager.sol";
 
+/// @notice Who judges the proofs of a kind of work: the machine that replays recordings, or a person.
+enum Review {
+    Oracle,
+    Auditor
+}
+
+/// @notice What a service agrees to when it is registered. All zero: nothing.
+/// @param bond locked per service until it retires, in the token's smallest unit
+/// @param penalty what a rejected or expired attempt takes from the bond, for the treasury; at most `bond`
+/// @param maxFailures failures in a row that suspend the service; 0 for no limit
+struct Terms {
+    uint96 bond;
+    uint96 penalty;
+    uint8 maxFailures;
+}
+
+/// @param minWindow the shortest execution window that a task of this kind may have, s
+struct Kind {
+    bool allowed;
+    Review review;
+    uint32 minWindow;
+}
+
 /// @title The organization: who may do what, which work it accepts, how tasks meet services, and its treasury.
 /// @notice It is itself a participant: its operator posts tasks and offers services in its name, rewards come
 /// from and income goes to its own token balance. The administrator (OpenZeppelin's default admin, handed over
 /// in two steps) grants the other roles.
 interface IOrganization is IDeviceRegistry {
     event KindAllowed(bytes32 indexed kind, bool allowed);
+    event ReviewChanged(bytes32 indexed kind, Review review);
+    event MinWindowChanged(bytes32 indexed kind, uint32 minWindow);
+    event TermsChanged(uint256 bond, uint256 penalty, uint8 maxFailures);
+    event MembersOnlyChanged(bool membersOnly);
     event PolicyChanged(IMatchingPolicy indexed policy);
     event Deposited(address indexed from, uint256 amount);
     event Withdrawn(address indexed to, uint256 amount);
 
     error UnknownKind(bytes32 kind);
+    /// @notice The organization is for members only.
+    error NotMember(address account);
+    error WindowTooShort(bytes32 kind, uint32 window, uint32 min);
+    error InvalidTerms(uint256 bond, uint256 penalty, uint8 maxFailures);
     error InvalidPolicy(address policy);
 
     // -- administrator ------------------------------------------------------------------------------------
 
     /// @notice Accept tasks and services of `kind` from now on, or no longer. Live ones go on.
     function allowKind(bytes32 kind, bool allowed) external;
+
+    /// @notice Let oracles or auditors judge proofs of `kind` from now on.
+    function setReview(bytes32 kind, Review review) external;
+
+    /// @notice Refuse tasks of `kind` that leave less time for the work, from now on. Where failures cost a bond,
+    /// nobody can make others fail with a window in which the work cannot be done.
+    function setMinWindow(bytes32 kind, uint32 minWindow) external;
+
+    /// @notice What services agree to that are registered from now on. Those that are there keep their terms.
+    function setTerms(Terms calldata terms) external;
+
+    /// @notice Take tasks and services from members only, or from everyone. Live ones go on.
+    function setMembersOnly(bool membersOnly) external;
+
+    /// @notice Make `account` a member: it gets MEMBER_ROLE.
+    function admit(address account) external;
+
+    /// @notice End the membership. What the account has registered goes on; see suspendService.
+    function dismiss(address account) external;
+
+    /// @notice No new task for the service; a running one goes on.
+    function suspendService(uint256 serviceId) external;
+
+    /// @notice Forgive a suspended service its failures. Its provider finds it paused.
+    function reinstateService(uint256 serviceId) external;
 
     /// @notice Replace the matching policy. Queues and live tasks stay as they are.
     function setPolicy(IMatchingPolicy policy) external;
@@ -62,19 +118,26 @@ interface IOrganization is IDeviceRegistry {
     function tasks() external view returns (ITaskManager);
     function policy() external view returns (IMatchingPolicy);
 
+    function terms() external view returns (Terms memory);
+    function membersOnly() external view returns (bool);
+
+    /// @notice The rules for work of `kind`.
+    function kindOf(bytes32 kind) external view returns (Kind memory);
+
     function isKindAllowed(bytes32 kind) external view returns (bool);
+    function isMember(address account) external view returns (bool);
 
-    /// @notice Reverts with UnknownKind unless `kind` is allowed.
-    function requireKind(bytes32 kind) external view;
+    /// @notice Whether `account` may post verdicts on tasks of `kind`.
+    function mayJudge(address account, bytes32 kind) external view returns (bool);
 
-    /// @notice Whether `account` may post verdicts.
-    function isOracle(address account) external view returns (bool);
-
-    /// @notice What the policy says, checked. Never reverts, so that a bad policy cannot keep money in escrow.
-    /// @return serviceId an idle service of `kind` that costs at most `reward`; 0 when there is none
-    /// @return failed whether the policy reverted, ran out of its gas or chose an unfit service
-    function selectService(bytes32 kind, uint256 reward)
+    /// @notice Reverts with UnknownKind, NotMember or WindowTooShort unless `creator` may post such a task.
+    /// @return policy what matches it
+    function admitTask(bytes32 kind, address creator, uint32 executionWindow)
         external
         view
-        returns (uint256 serviceId, bool failed);
+        returns (IMatchingPolicy policy);
+
+    /// @notice Reverts with UnknownKind or NotMember unless `provider` may offer such a service.
+    /// @return terms what it agrees to
+    function admitService(bytes32 kind, address provider) external view returns (Terms memory terms);
 }

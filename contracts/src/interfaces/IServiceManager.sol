@@ -1,15 +1,17 @@
 // SPDX-License-Identifier: MIT
 pragma solidity ^0.8.28;
 
-/// @notice What the provider wants: only Active services get new tasks, Retired is for good.
+/// @notice What the provider wants: only Active services get new tasks, Retired is for good. Suspended is the
+/// organization's word, or that of the terms after repeated failure: the provider can only retire then.
 enum ServiceState {
     None,
     Active,
     Paused,
-    Retired
+    Retired,
+    Suspended
 }
 
-/// @notice How an attempt ended for the service that made it. Unjudged: the oracle did not answer in time.
+/// @notice How an attempt ended for the service that made it. Unjudged: no verdict came in time.
 enum Outcome {
     Completed,
     Rejected,
@@ -23,6 +25,11 @@ enum Outcome {
 /// @param completed attempts that were accepted
 /// @param rejected attempts that were rejected
 /// @param expired attempts without a proof in time
+/// @param reputation share of accepted attempts in 64ths, (completed + 1) / (all + 2): 32 for a newcomer
+/// @param bond what is left of the bond, in the token's smallest unit
+/// @param penalty what a failed attempt takes from the bond; agreed at registration
+/// @param maxFailures failures in a row that suspend it; 0 for no limit; agreed at registration
+/// @param failures failures in a row until now
 struct Service {
     address provider;
     uint96 price;
@@ -33,11 +40,30 @@ struct Service {
     uint32 completed;
     uint32 rejected;
     uint32 expired;
+    uint8 reputation;
+    uint96 bond;
+    uint96 penalty;
+    uint8 maxFailures;
+    uint8 failures;
+}
+
+/// @param provider who is paid
+/// @param available whether the provider wants another task
+/// @param price what that one costs
+/// @param penalty taken from the bond for the attempt that ended
+/// @param bond to be returned, because the service retired while it was at work
+struct Release {
+    address provider;
+    bool available;
+    uint96 price;
+    uint96 penalty;
+    uint96 bond;
 }
 
 /// @title Who offers which work at which price, and who waits for a task.
 /// @notice A service does one task at a time. While it does one, its provider can change the price and the
-/// state for what comes after, but nothing about the running task.
+/// state for what comes after, but nothing about the running task. The terms of the organization at the time of
+/// registration hold for the service's life; its bond is held by the task manager, as all money is.
 interface IServiceManager {
     event ServiceRegistered(
         uint256 indexed serviceId,
@@ -47,25 +73,41 @@ interface IServiceManager {
         string description
     );
     event ServiceUpdated(uint256 indexed serviceId, uint256 price, ServiceState state);
+    /// @notice Follows ServiceRegistered where the organization has terms.
+    event TermsAgreed(uint256 indexed serviceId, uint256 bond, uint256 penalty, uint8 maxFailures);
+    /// @param amount what the failed attempt took from the bond, for the organization's treasury
+    event BondPenalized(uint256 indexed serviceId, uint256 indexed taskId, uint256 amount);
+    event BondReturned(uint256 indexed serviceId, address indexed provider, uint256 amount);
+    event ServiceSuspended(uint256 indexed serviceId);
+    /// @notice The service is paused now, and its failures are forgiven.
+    event ServiceReinstated(uint256 indexed serviceId);
 
     error UnknownService(uint256 serviceId);
     error NotProvider(uint256 serviceId, address caller, address provider);
     error ServiceIsRetired(uint256 serviceId);
+    /// @notice The provider can only retire it.
+    error ServiceIsSuspended(uint256 serviceId);
+    error ServiceNotSuspended(uint256 serviceId, ServiceState state);
+    /// @notice What is left of the bond does not cover a penalty: retire the service and register a new one.
+    error BondExhausted(uint256 serviceId, uint256 bond, uint256 penalty);
     /// @notice A provider can set Active, Paused and Retired.
     error InvalidServiceState(ServiceState state);
-    /// @notice A price is a multiple of `unit`, so that it can be compared in 64 bits, and at most `max`.
+    /// @notice A price is a multiple of `unit`, so that it can be compared in 57 bits, and at most `max`.
     error InvalidPrice(uint256 price, uint256 unit, uint256 max);
     error ServiceNotIdle(uint256 serviceId);
     error NotTaskManager(address caller);
+    error NotOrganization(address caller);
 
     /// @notice Offer work of `kind` for `price` a task. The oldest open task that it can do is assigned at once.
+    /// If the organization's terms ask for a bond, it is taken from the caller, who approved the task manager.
     /// @param description free text; only in the event
     function registerService(bytes32 kind, uint256 price, string calldata description)
         external
         returns (uint256 serviceId);
 
     /// @notice Change what the service costs and whether it takes tasks, from the next task on. A service that
-    /// was waiting queues again at the back.
+    /// was waiting queues again at the back. Retired: what is left of the bond goes back, at once when the service
+    /// is idle, else when its task ends.
     function updateService(uint256 serviceId, uint256 price, ServiceState state) external;
 
     /// @notice The service, as it is now. Reverts with UnknownService.
@@ -80,18 +122,29 @@ interface IServiceManager {
     /// @notice The service of `kind` that has waited longest among those that cost at most `maxPrice`; 0 if none.
     function longestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256 serviceId);
 
-    /// @notice Whether the service waits for a task of `kind` and costs at most `maxPrice`.
-    function isIdle(uint256 serviceId, bytes32 kind, uint256 maxPrice) external view returns (bool);
+    /// @notice The cheapest service of `kind` that waits, if it costs at most `maxPrice`; 0 if none. Of equals the
+    /// one of the best reputation, then the one that has waited longest.
+    function cheapestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256 serviceId);
 
-    /// @notice Occupy an available service with a task. Only the task manager.
-    /// @return provider who will be paid
+    /// @notice The service of `kind` with the best reputation among those that wait and cost at most `maxPrice`; 0
+    /// if none. Of equals the cheapest, then the one that has waited longest.
+    function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256 serviceId);
+
+    /// @notice No new task for the service until it is reinstated; a running one goes on. Only the organization.
+    function suspend(uint256 serviceId) external;
+
+    /// @notice End a suspension. Only the organization.
+    function reinstate(uint256 serviceId) external;
+
+    /// @notice Occupy an available service of `kind` that costs at most `maxPrice`. Only the task manager.
+    /// @return provider who will be paid; 0 when the service is not such a one, and nothing happened
     /// @return price the price agreed for this task
-    function acquire(uint256 serviceId, uint256 taskId) external returns (address provider, uint256 price);
+    function acquire(uint256 serviceId, bytes32 kind, uint256 maxPrice, uint256 taskId)
+        external
+        returns (address provider, uint256 price);
 
-    /// @notice The service's task ended. Only the task manager, which places or offers it next.
-    /// @return available whether the provider wants another task
-    /// @return price what that one costs
-    function release(uint256 serviceId, Outcome outcome) external returns (bool available, uint256 price);
+    /// @notice The service's task ended. Only the task manager, which pays what it says, and places it next.
+    function release(uint256 serviceId, Outcome outcome) external returns (Release memory);
 
     /// @notice Let an available service wait, behind the others of its kind. Only the task manager.
     function offer(uint256 serviceId) external;

@@ -60,7 +60,7 @@ struct Task {
 ///      │ └───────────────┴── expired, rejected ┘ (attempts left)
 ///      └──> Cancelled                         └──> Failed (none left)
 /// The whole reward is held from registration to one of the three terminal states, in which the executor has
-/// its price and the creator the rest.
+/// its price and the creator the rest. The contract holds the bonds of services as well, and nothing else.
 interface ITaskManager {
     event TaskRegistered(
         uint256 indexed taskId,
@@ -107,16 +107,25 @@ interface ITaskManager {
     event TaskCancelled(uint256 indexed taskId, uint256 refund);
     /// @notice The organization's policy reverted or chose an unfit service; the task waits. See matchTask.
     event PolicyFailed(uint256 indexed taskId);
+    /// @notice The token refused the transfer; the amount is kept until `collect`, so that it holds up nobody else.
+    event PaymentDeferred(address indexed account, uint256 amount);
+    event PaymentCollected(address indexed account, uint256 amount);
 
     error UnknownTask(uint256 taskId);
     error WrongState(uint256 taskId, TaskState current, TaskState expected);
     error WrongAttempt(uint256 taskId, uint8 current, uint8 given);
     error NotCreator(uint256 taskId, address caller, address creator);
     error NotExecutor(uint256 taskId, address caller, address executor);
-    error NotOracle(address caller);
+    /// @notice The organization lets others judge work of this kind. See IOrganization.setReview.
+    error NotJudge(address caller, bytes32 kind);
+    /// @notice Neither the creator nor the executor judges.
+    error JudgeIsParty(uint256 taskId, address caller);
     error NotServiceManager(address caller);
     error InvalidWindow(uint32 window, uint32 min, uint32 max);
     error InvalidAttempts(uint8 attempts, uint8 max);
+    error NothingOwed(address account);
+    /// @notice The token took a fee, or moved nothing: escrow must hold what it owes.
+    error WrongAmountReceived(uint256 expected, uint256 received);
     error EmptyProof(uint256 taskId);
     error ProofMismatch(uint256 taskId, bytes32 submitted, bytes32 given);
     error DeadlinePassed(uint256 taskId, uint256 deadline, uint256 time);
@@ -127,6 +136,16 @@ interface ITaskManager {
     /// @notice Put `request.reward` of the caller's tokens in escrow for a task. Assigned at once if a service can.
     function registerTask(TaskRequest calldata request) external returns (uint256 taskId);
 
+    /// @notice registerTask with the approval (EIP-2612) of the reward in the same transaction.
+    /// @dev A permit that was used already does not stop it: what counts is the allowance.
+    function registerTaskWithPermit(
+        TaskRequest calldata request,
+        uint256 deadline,
+        uint8 v,
+        bytes32 r,
+        bytes32 s
+    ) external returns (uint256 taskId);
+
     /// @notice The creator takes an open task back, with the whole reward.
     function cancelTask(uint256 taskId) external;
 
@@ -135,7 +154,8 @@ interface ITaskManager {
     /// @param uri where it can be fetched; only in the event
     function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
 
-    /// @notice The oracle's decision on the submitted proof, inside the verdict window. Settles or requeues.
+    /// @notice The decision on the submitted proof, inside the verdict window, by an oracle or auditor as the
+    /// organization has it for this kind. Settles or requeues.
     /// @param proofHash the proof that was judged
     /// @param reportHash SHA-256 of the report
     function postVerdict(
@@ -163,7 +183,20 @@ interface ITaskManager {
     /// @notice The oldest open task of `kind` that pays at least `price`; 0 if none.
     function oldestOpen(bytes32 kind, uint256 price) external view returns (uint256 taskId);
 
+    /// @notice Anyone has what a token transfer refused to `account` paid again.
+    function collect(address account) external;
+
+    /// @notice What a token transfer refused to `account`.
+    function owed(address account) external view returns (uint256);
+
     /// @notice A service became available: give it the oldest open task it can do, or let it wait. Only the
     /// service manager.
     function placeService(uint256 serviceId, bytes32 kind, uint256 price) external;
+
+    /// @notice Take the bond of a service from its provider, who has approved this contract. Only the service
+    /// manager.
+    function holdBond(address provider, uint256 amount) external;
+
+    /// @notice Give a bond back. Only the service manager.
+    function returnBond(address provider, uint256 amount) external;
 }

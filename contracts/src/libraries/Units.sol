@@ -3,14 +3,14 @@ pragma solidity ^0.8.28;
 
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 
-/// @title Amounts as 64-bit weights.
+/// @title Amounts as 57-bit numbers, so that two of them and what they belong to fit in one storage word.
 /// @notice Prices are whole units, so `price <= reward` holds exactly when it holds for the weights.
 library Units {
     /// @notice The token's smallest unit times 10^9: a billionth of a token with 18 decimals.
     uint256 internal constant UNIT = 1 gwei;
 
-    /// @notice The greatest price: 18 billion tokens with 18 decimals.
-    uint256 internal constant MAX = uint256(type(uint64).max) * UNIT;
+    /// @notice The greatest price: 144 million tokens with 18 decimals.
+    uint256 internal constant MAX = ((1 << 57) - 2) * UNIT;
 
     function isPrice(uint256 amount) internal pure returns (bool) {
         return amount <= MAX && amount % UNIT == 0;
@@ -19,10 +19,5 @@ library Units {
     /// @notice Grows with the amount, in whole units rounded down.
     function weight(uint256 amount) internal pure returns (uint64) {
         return uint64(Math.min(amount, MAX) / UNIT);
-    }
-
-    /// @notice Falls with the amount: `lightness(price) >= lightness(reward)` says that the price is affordable.
-    function lightness(uint256 amount) internal pure returns (uint64) {
-        return type(uint64).max - weight(amount);
     }
 }

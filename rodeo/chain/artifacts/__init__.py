@@ -8,7 +8,15 @@ from functools import cache
 from importlib import resources
 from typing import Any
 
-CONTRACTS = ("IECoin", "FirstComeFirstServed", "Organization", "ServiceManager", "TaskManager")
+CONTRACTS = (
+    "IECoin",
+    "FirstComeFirstServed",
+    "LowestPrice",
+    "HighestReputation",
+    "Organization",
+    "ServiceManager",
+    "TaskManager",
+)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,200 @@
+// SPDX-License-Identifier: MIT
+pragma solidity ^0.8.28;
+
+/// @title An ordered map from keys to weights that finds the best key of a range.
+/// @notice Keys are 1 .. 2^63 - 1. A weight has two parts, `weigh(major, minor)`, which are compared each on its
+/// own. Every operation takes O(log n) of the elements that are in the tree *now*, whatever came and went before.
+/// @dev A crit-bit tree (Bernstein, https://cr.yp.to/critbit.html) in which every node knows the greatest major
+/// and the greatest minor part below each child. A reference is a number: leaf `2 * key + 1`, inner node the
+/// middle of the range it spans (common prefix, a one, zeros), so that the lowest set bit tells a node's span and
+/// comparing two references tells left from right. An inner node is one storage word; leaves live in their
+/// parent's word. Depth is at most 63, and log2(n) for keys that are counted up.
+library WeightTree {
+    error KeyMissing(uint64 key);
+
+    /// @dev An inner node's word: a reference and the greatest parts of the weights below it, per child.
+    struct Node {
+        uint64 left;
+        uint64 leftWeight;
+        uint64 right;
+        uint64 rightWeight;
+    }
+
+    struct Tree {
+        uint64 root;
+        uint64 rootWeight;
+        /// @dev Not used here: room for the owner to number what it inserts, in a word that is written anyway.
+        uint64 serial;
+        mapping(uint64 ref => Node) nodes;
+    }
+
+    uint256 internal constant MINOR_BITS = 6;
+    uint64 internal constant MAX_MINOR = uint64((1 << MINOR_BITS) - 1);
+    uint64 internal constant MAX_MAJOR = type(uint64).max >> MINOR_BITS;
+
+    /// @notice A weight of two parts, at most MAX_MAJOR and MAX_MINOR.
+    function weigh(uint64 major, uint64 minor) internal pure returns (uint64) {
+        return (major << uint64(MINOR_BITS)) | minor;
+    }
+
+    /// @notice The lowest key; 0 if there is none.
+    function lowest(Tree storage tree) internal view returns (uint64) {
+        uint64 ref = tree.root;
+        while (ref != 0 && !_isLeaf(ref)) {
+            ref = tree.nodes[ref].left;
+        }
+        return ref >> 1;
+    }
+
+    /// @notice The lowest key whose weight has at least this major part; 0 if there is none.
+    function first(Tree storage tree, uint64 minMajor) internal view returns (uint64) {
+        uint64 ref = tree.root;
+        uint64 minWeight = weigh(minMajor, 0);
+        if (ref == 0 || tree.rootWeight < minWeight) return 0;
+        while (!_isLeaf(ref)) {
+            Node storage node = tree.nodes[ref];
+            ref = node.leftWeight >= minWeight ? node.left : node.right;
+        }
+        return ref >> 1;
+    }
+
+    /// @notice Of the keys up to `maxKey` the one with the greatest major part; the lowest of equals, 0 for none.
+    function greatestMajor(Tree storage tree, uint64 maxKey) internal view returns (uint64) {
+        return _greatest(tree, maxKey, ~MAX_MINOR);
+    }
+
+    /// @notice Of the keys up to `maxKey` the one with the greatest minor part; the lowest of equals, 0 for none.
+    function greatestMinor(Tree storage tree, uint64 maxKey) internal view returns (uint64) {
+        return _greatest(tree, maxKey, MAX_MINOR);
+    }
+
+    /// @notice Add an element, or change the weight of the one that is there.
+    function put(Tree storage tree, uint64 key, uint64 weight) internal {
+        uint64 leaf = (key << 1) | 1;
+        uint64 root = tree.root;
+        (tree.root, tree.rootWeight) =
+            root == 0 ? (leaf, weight) : _put(tree, root, tree.rootWeight, leaf, weight);
+    }
+
+    /// @notice Take an element out. Reverts with KeyMissing.
+    function remove(Tree storage tree, uint64 key) internal {
+        if (tree.root == 0) revert KeyMissing(key);
+        (tree.root, tree.rootWeight) = _remove(tree, tree.root, (key << 1) | 1);
+    }
+
+    /// @dev Down the border of the range, collecting the subtrees that lie in it whole; then down the best one.
+    function _greatest(Tree storage tree, uint64 maxKey, uint64 part) private view returns (uint64) {
+        (uint64 ref, uint64 weight) = (tree.root, tree.rootWeight);
+        if (ref == 0) return 0;
+        uint64 bound = (maxKey << 1) | 1;
+        (uint64 best, uint64 greatest) = (0, 0);
+        while (true) {
+            if (_last(ref) <= bound) {
+                if (best == 0 || weight & part > greatest) (best, greatest) = (ref, weight & part);
+                break;
+            }
+            if (_isLeaf(ref)) break;
+            Node storage node = tree.nodes[ref];
+            if (bound < ref) {
+                (ref, weight) = (node.left, node.leftWeight);
+            } else {
+                (uint64 left, uint64 leftWeight) = (node.left, node.leftWeight & part);
+                if (best == 0 || leftWeight > greatest) (best, greatest) = (left, leftWeight);
+                (ref, weight) = (node.right, node.rightWeight);
+            }
+        }
+        while (best != 0 && !_isLeaf(best)) {
+            Node storage node = tree.nodes[best];
+            best = node.leftWeight & part == greatest ? node.left : node.right;
+        }
+        return best >> 1;
+    }
+
+    /// @dev Insert or change below `ref`. Returns what stands in its place now, and the greatest weight there.
+    function _put(Tree storage tree, uint64 ref, uint64 refWeight, uint64 leaf, uint64 weight)
+        private
+        returns (uint64, uint64)
+    {
+        if (ref == leaf) return (ref, weight);
+        if (!_spans(ref, leaf)) {
+            uint64 join = _join(ref, leaf);
+            tree.nodes[join] =
+                leaf < ref ? Node(leaf, weight, ref, refWeight) : Node(ref, refWeight, leaf, weight);
+            return (join, _max(weight, refWeight));
+        }
+        Node memory node = tree.nodes[ref];
+        if (leaf < ref) {
+            (uint64 left, uint64 leftWeight) = _put(tree, node.left, node.leftWeight, leaf, weight);
+            if (left != node.left || leftWeight != node.leftWeight) {
+                (node.left, node.leftWeight) = (left, leftWeight);
+                tree.nodes[ref] = node;
+            }
+        } else {
+            (uint64 right, uint64 rightWeight) = _put(tree, node.right, node.rightWeight, leaf, weight);
+            if (right != node.right || rightWeight != node.rightWeight) {
+                (node.right, node.rightWeight) = (right, rightWeight);
+                tree.nodes[ref] = node;
+            }
+        }
+        return (ref, _max(node.leftWeight, node.rightWeight));
+    }
+
+    /// @dev Remove below `ref`. Returns what stands in its place now (0 for nothing), and the greatest weight there.
+    function _remove(Tree storage tree, uint64 ref, uint64 leaf) private returns (uint64, uint64) {
+        if (ref == leaf) return (0, 0);
+        if (_isLeaf(ref) || !_spans(ref, leaf)) revert KeyMissing(leaf >> 1);
+        Node memory node = tree.nodes[ref];
+        (uint64 child, uint64 weight) = _remove(tree, leaf < ref ? node.left : node.right, leaf);
+        if (child == 0) {
+            delete tree.nodes[ref];
+            return leaf < ref ? (node.right, node.rightWeight) : (node.left, node.leftWeight);
+        }
+        if (leaf < ref) {
+            if (child != node.left || weight != node.leftWeight) {
+                (node.left, node.leftWeight) = (child, weight);
+                tree.nodes[ref] = node;
+            }
+        } else if (child != node.right || weight != node.rightWeight) {
+            (node.right, node.rightWeight) = (child, weight);
+            tree.nodes[ref] = node;
+        }
+        return (ref, _max(node.leftWeight, node.rightWeight));
+    }
+
+    /// @dev The greater of both major parts with the greater of both minor parts.
+    function _max(uint64 a, uint64 b) private pure returns (uint64) {
+        (uint64 major, uint64 minor) = (a > b ? a : b, a & MAX_MINOR);
+        if (b & MAX_MINOR > minor) minor = b & MAX_MINOR;
+        return (major & ~MAX_MINOR) | minor;
+    }
+
+    function _isLeaf(uint64 ref) private pure returns (bool) {
+        return ref & 1 == 1;
+    }
+
+    /// @dev The greatest leaf that can be below `ref`; a leaf itself.
+    function _last(uint64 ref) private pure returns (uint64) {
+        return ref | (ref - 1);
+    }
+
+    /// @dev Whether `leaf` is in the range of `ref`: they differ nowhere above the lowest set bit of `ref`.
+    function _spans(uint64 ref, uint64 leaf) private pure returns (bool) {
+        unchecked {
+            uint64 lowestBit = ref & (~ref + 1);
+            return (ref ^ leaf) <= (lowestBit | (lowestBit - 1));
+        }
+    }
+
+    /// @dev The inner node whose left and right ranges hold `a` and `b`: their common prefix, a one, zeros.
+    function _join(uint64 a, uint64 b) private pure returns (uint64) {
+        uint64 low = a ^ b;
+        low |= low >> 1;
+        low |= low >> 2;
+        low |= low >> 4;
+        low |= low >> 8;
+        low |= low >> 16;
+        low |= low >> 32;
+        // `low` masks the highest differing bit and all below it.
+        return (a | low) ^ (low >> 1);
+    }
+}

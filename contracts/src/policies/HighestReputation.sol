@@ -1,0 +1,17 @@
+// SPDX-License-Identifier: MIT
+pragma solidity ^0.8.28;
+
+import {IMatchingPolicy} from "../interfaces/IMatchingPolicy.sol";
+import {IServiceManager} from "../interfaces/IServiceManager.sol";
+
+/// @title The service of the best reputation; of those the cheapest, then the one that has waited longest.
+contract HighestReputation is IMatchingPolicy {
+    /// @inheritdoc IMatchingPolicy
+    function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
+        external
+        view
+        returns (uint256)
+    {
+        return services.mostReputableIdle(kind, reward);
+    }
+}
