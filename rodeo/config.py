@@ -42,6 +42,9 @@ class ChainConfig(_Table):
     backend: Literal["eth-tester", "anvil", "external"] = "eth-tester"
     """Which local chain `deploy.chain` starts; external starts none and uses `url` as it is."""
     url: str = "http://127.0.0.1:8545"
+    websocket_url: str | None = None
+    """Where the node tells of new blocks (eth_subscribe). None tries the address of `url`; with an empty
+    text, and where the node has no subscriptions, it is asked."""
     confirmations: int = Field(default=0, ge=0)
     """Blocks on top of an event's block before it is published."""
 
@@ -62,6 +65,15 @@ class EconomyConfig(_Table):
     """Long against a verification: it only rescues the money when the oracle never answers. A simulated
     site skips hours in seconds while the robot charges."""
     max_attempts: int = Field(default=3, ge=1)
+
+
+class ParticipantConfig(_Table):
+    """Somebody with a wallet besides the organization, its oracle and its robots."""
+
+    name: str = Field(pattern=r"^[a-z][a-z0-9-]{0,63}$")
+    address: str | None = Field(default=None, pattern=r"^0x[0-9a-fA-F]{40}$")
+    """Of a wallet that lives elsewhere: its owner signs, the bridge only broadcasts. Without one the bridge
+    has its keystore."""
 
 
 class StoreConfig(_Table):
@@ -114,6 +126,7 @@ class Site(BaseSettings):
     dock: DockConfig
     robots: list[RobotConfig]
     items: list[ItemConfig] = []
+    participants: list[ParticipantConfig] = []
 
     @classmethod
     def settings_customise_sources(

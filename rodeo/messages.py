@@ -25,6 +25,11 @@ Attempt = Annotated[int, Field(ge=1, lt=2**8)]
 Window = Annotated[int, Field(gt=0, lt=2**32)]
 """Seconds; as wide as on chain, where the shortest and the longest are."""
 
+Policy = Literal["first_come", "lowest_price", "highest_reputation"]
+"""How the organization chooses a service for a task."""
+
+ServiceState = Literal["active", "paused", "retired"]
+
 TaskState = Literal["open", "assigned", "submitted", "settled", "cancelled", "failed"]
 
 
@@ -34,10 +39,19 @@ class Message(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
 
+Address = Annotated[str, StringConstraints(pattern=r"^0x[0-9a-fA-F]{40}$")]
+"""20 bytes as hex with 0x, in any case."""
+
+Party = Annotated[str, StringConstraints(min_length=1, max_length=64)]
+"""A participant's name or an address."""
+
+
 class Command(Message):
     """A request to the bridge; the same `request_id` twice gives the first answer again."""
 
-    request_id: str | None = Field(default=None, max_length=128)
+    request_id: str | None = Field(default=None, min_length=1, max_length=128)
+    dry_run: bool = False
+    """Check and simulate only; the reply says what it would cost."""
 
 
 class RegisterTask(Command):
@@ -86,17 +100,81 @@ class RegisterService(Command):
 class UpdateService(Command):
     service_id: Id
     price_iec: Iec | None = None
-    state: Literal["active", "paused", "retired"] | None = None
+    state: ServiceState | None = None
+
+
+Payment = Annotated[Decimal, Field(gt=0, max_digits=36, decimal_places=18)]
+"""An amount of IEC that is not nothing."""
 
 
 class Transfer(Command):
-    to: str
-    """A participant's name or an address."""
-    amount_iec: Annotated[Decimal, Field(gt=0, max_digits=36, decimal_places=18)]
+    to: Party
+    amount_iec: Payment
+
+
+class MatchTask(Command):
+    """Ask the policy again for an open task; anyone may."""
+
+    task_id: Id
+
+
+# -- the organization's own affairs: its contract refuses whoever lacks the role -------------------------
+
+
+class RegisterDevice(Command):
+    device: Address
+    """The key that signs evidence."""
+    role: Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
+    owner: Party
+
+
+class RevokeDevice(Command):
+    device: Address
+
+
+class Deposit(Command):
+    """From the wallet's own account into the organization's treasury."""
+
+    amount_iec: Payment
+
+
+class Withdraw(Command):
+    """Out of the organization's treasury."""
+
+    to: Party
+    amount_iec: Payment
+
+
+class AllowKind(Command):
+    kind: Kind
+    allowed: bool = True
+
+
+class SetPolicy(Command):
+    policy: Policy
+
+
+# -- a wallet that lives elsewhere --------------------------------------------------------------------------
+
+
+class Prepare(Message):
+    """Ask for the transaction of a command, to be signed elsewhere and handed to `broadcast`."""
+
+    command: Annotated[str, StringConstraints(pattern=r"^[a-z_]{1,64}$")]
+    request: dict[str, Any] = {}
+
+
+class Broadcast(Message):
+    raw: Annotated[str, StringConstraints(pattern=r"^0x([0-9a-fA-F]{2})+$", max_length=262_144)]
+    """The signed transaction."""
 
 
 class DaoEvent(Message):
-    """One contract event. `seq` counts from 1 without gaps in chain order."""
+    """One contract event. `seq` counts from 1 without gaps in chain order.
+
+    An event that a reorganization took off the chain is followed by one named `EventUndone`, whose `args` are
+    its own with `undone_seq` and `undone_name`; the newest is undone first.
+    """
 
     seq: int
     name: str
@@ -106,6 +184,8 @@ class DaoEvent(Message):
     time_s: float
     task_id: int | None
     args: dict[str, Any]
+    chain: str = ""
+    """Genesis hash of the chain: another one counts from 1 again."""
 
 
 class Task(Message):

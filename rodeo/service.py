@@ -244,7 +244,7 @@ def supervise(name: str, body: Callable[[threading.Event], None], stop_s: float 
     logging.basicConfig(
         level=os.environ.get("RODEO_LOG", "INFO"), format=f"%(asctime)s %(levelname)-7s {name}: %(message)s"
     )
-    for chatty in ("httpx", "urllib3", "web3", "asyncio"):
+    for chatty in ("httpx", "urllib3", "web3", "asyncio", "alembic", "websockets"):
         logging.getLogger(chatty).setLevel(logging.WARNING)
     _die_with_parent()
     stop = threading.Event()

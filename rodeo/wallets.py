@@ -27,8 +27,18 @@ _SCRYPT_N = 1 << 14
 
 
 def wallet_names(site: Site) -> list[str]:
-    """Participants with a wallet on chain: the organization's operator, the robots, the oracle."""
-    return ["organization", *(robot.name for robot in site.robots), "oracle"]
+    """Participants whose wallet the site has: the organization's operator, the robots, the oracle, others."""
+    others = [participant.name for participant in site.participants if participant.address is None]
+    return ["organization", *(robot.name for robot in site.robots), "oracle", *others]
+
+
+def wallets_elsewhere(site: Site) -> dict[str, str]:
+    """Participants who sign for themselves -> their checksummed address."""
+    return {
+        participant.name: to_checksum_address(participant.address)
+        for participant in site.participants
+        if participant.address is not None
+    }
 
 
 def device_names(site: Site) -> dict[str, str]:

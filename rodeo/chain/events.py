@@ -5,18 +5,18 @@ Amounts are wei, times block time in seconds, kinds and device roles text, hashe
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from typing import Any
 
 from eth_abi import decode
-from eth_utils import to_checksum_address
 from eth_utils.abi import collapse_if_tuple, event_abi_to_log_topic
 from web3.types import LogReceipt
 
 from rodeo.chain import artifacts
-from rodeo.chain.types import Cause, Review, ServiceState, to_json, values
+from rodeo.chain.types import Cause, Review, ServiceState, checksummed, to_json, value
+from rodeo.errors import snake_case
 
 
 @dataclass(frozen=True)
@@ -302,18 +302,59 @@ class Log:
 @dataclass(frozen=True)
 class _Declaration:
     record: type[Event]
-    abi: Mapping[str, Any]
+    inputs: tuple[Mapping[str, Any], ...]
+    names: tuple[str, ...]
+
+    def decode(self, topics: Sequence[bytes], data: bytes) -> Event:
+        indexed = iter(topics)
+        unindexed = iter(_decode([p for p in self.inputs if not p["indexed"]], data))
+        raws = [_decode([p], next(indexed))[0] if p["indexed"] else next(unindexed) for p in self.inputs]
+        return self.record(
+            **{name: value(p, raw) for name, p, raw in zip(self.names, self.inputs, raws, strict=True)}
+        )
 
 
 @cache
 def _declarations() -> dict[bytes, _Declaration]:
     records = {record.__name__: record for record in Event.__subclasses__()}
     return {
-        event_abi_to_log_topic(entry): _Declaration(records[entry["name"]], entry)  # type: ignore[arg-type]
+        event_abi_to_log_topic(entry): _Declaration(  # type: ignore[arg-type]
+            records[entry["name"]],
+            tuple(entry["inputs"]),
+            # `from` is no name for a field.
+            tuple("sender" if p["name"] == "from" else snake_case(p["name"]) for p in entry["inputs"]),
+        )
         for name in artifacts.CONTRACTS
         for entry in artifacts.load(name).abi
         if entry["type"] == "event" and entry["name"] not in IGNORED
     }
+
+
+def _decode(parameters: Sequence[Mapping[str, Any]], data: bytes) -> list[Any]:
+    """What `eth_abi.decode` returns, five times as fast for what events hold, and for any text.
+
+    A string on chain is any bytes. eth-abi refuses what is not UTF-8, but no event may be lost for that.
+    Raises DecodingError for types that are left to it.
+    """
+    found: list[Any] = []
+    for position, parameter in enumerate(parameters):
+        word = data[32 * position : 32 * position + 32]
+        kind = parameter["type"]
+        if kind == "string":
+            start = int.from_bytes(word)
+            length = int.from_bytes(data[start : start + 32])
+            found.append(data[start + 32 : start + 32 + length].decode(errors="replace"))
+        elif kind == "address":
+            found.append(word[12:])
+        elif kind == "bool":
+            found.append(word[31] != 0)
+        elif kind == "bytes32":
+            found.append(word)
+        elif kind.startswith("uint") and kind[4:].isdecimal():
+            found.append(int.from_bytes(word))
+        else:
+            return list(decode([collapse_if_tuple(dict(p)) for p in parameters], data))
+    return found
 
 
 def topics() -> list[str]:
@@ -323,18 +364,24 @@ def topics() -> list[str]:
 
 def decode_log(log: LogReceipt) -> Log:
     """The record of a raw log whose first topic is one of `topics()`. Raises KeyError for any other."""
-    declaration = _declarations()[bytes(log["topics"][0])]
-    inputs = declaration.abi["inputs"]
-    indexed = (bytes(topic) for topic in log["topics"][1:])
-    data = iter(decode([collapse_if_tuple(p) for p in inputs if not p["indexed"]], bytes(log["data"])))
-    raws = [decode([p["type"]], next(indexed))[0] if p["indexed"] else next(data) for p in inputs]
-    # `from` is no name for a field.
-    named = [p | {"name": "sender"} if p["name"] == "from" else p for p in inputs]
     return Log(
-        event=declaration.record(**values(named, raws)),
-        contract=to_checksum_address(log["address"]),
+        event=_declarations()[bytes(log["topics"][0])].decode(log["topics"][1:], bytes(log["data"])),
+        contract=checksummed(log["address"]),
         block=log["blockNumber"],
         block_hash=log["blockHash"].to_0x_hex(),
         log_index=log["logIndex"],
         tx_hash=log["transactionHash"].to_0x_hex(),
+    )
+
+
+def decode_json_log(log: Mapping[str, Any]) -> Log:
+    """The same for a log as JSON-RPC has it, all in hex."""
+    first, *indexed = (bytes.fromhex(topic[2:]) for topic in log["topics"])
+    return Log(
+        event=_declarations()[first].decode(indexed, bytes.fromhex(log["data"][2:])),
+        contract=checksummed(log["address"]),
+        block=int(log["blockNumber"], 16),
+        block_hash=log["blockHash"],
+        log_index=int(log["logIndex"], 16),
+        tx_hash=log["transactionHash"],
     )

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from decimal import Decimal, localcontext
 from enum import IntEnum, StrEnum
+from functools import lru_cache
 from typing import Any
 
 from eth_utils import keccak, to_checksum_address
@@ -203,6 +204,12 @@ def bytes32_to_kind(word: bytes) -> str:
     return text if text.isascii() and text.isprintable() else "0x" + word.hex()
 
 
+@lru_cache(maxsize=16_384)
+def checksummed(address: str | bytes) -> str:
+    """EIP-55. Remembered: the same few parties appear in every event, and hashing is slow."""
+    return to_checksum_address(address)
+
+
 _ENUMS: Mapping[str, type[IntEnum]] = {
     "enum TaskState": TaskState,
     "enum ServiceState": ServiceState,
@@ -233,7 +240,7 @@ def value(parameter: Mapping[str, Any], raw: Any) -> Any:
     if internal_type in _STRUCTS:
         return _STRUCTS[internal_type](**values(parameter["components"], raw))
     if parameter["type"] == "address":
-        return to_checksum_address(raw)
+        return checksummed(raw)
     if parameter["type"] == "bytes32" and parameter["name"] in ("kind", "role", "neededRole"):
         return _ROLES.get(bytes(raw)) or bytes32_to_kind(bytes(raw))
     return bytes(raw) if parameter["type"].startswith("bytes") else raw

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from hashlib import sha256
 from typing import Annotated, Any
 
@@ -16,15 +16,22 @@ from rodeo.config import EconomyConfig
 from rodeo.errors import InvalidRequest
 from rodeo.evidence import Store
 from rodeo.messages import (
+    AllowKind,
     CancelTask,
     Command,
+    Deposit,
     ExpireTask,
+    MatchTask,
     PostVerdict,
+    RegisterDevice,
     RegisterService,
     RegisterTask,
+    RevokeDevice,
+    SetPolicy,
     SubmitProof,
     Transfer,
     UpdateService,
+    Withdraw,
 )
 from services.bridge.amounts import iec
 from services.bridge.errors import (
@@ -98,6 +105,7 @@ class Wallet:
     names: Names
     store: Store
     economy: EconomyConfig
+    _approved: set[str] = field(default_factory=set)
 
     def execute(self, name: str, data: dict[str, Any]) -> dict[str, Any]:
         """Carry out the command `name`; its reply once mined.
@@ -110,6 +118,8 @@ class Wallet:
         model, build = _COMMANDS[name]
         command = validate(model, data)
         content_sha256 = _content_sha256(name, command)
+        if command.dry_run:
+            return self._cost(build(self, command))
         self.sender.recover()
         if command.request_id is not None:
             entry = self.journal.find(self.participant, command.request_id)
@@ -119,11 +129,18 @@ class Wallet:
                         "this request_id was used for another request", request_id=command.request_id
                     )
                 return self.sender.finish(entry)
-        return self.sender.send(name, build(self, command), command.request_id, content_sha256)
+        *before, call = build(self, command)
+        for first in before:
+            self.sender.send(first.name, first)
+        return self.sender.send(name, call, command.request_id, content_sha256)
 
-    # -- what each command becomes -------------------------------------------------------------------------
+    def _cost(self, calls: list[Call]) -> dict[str, Any]:
+        """What the first of `calls` would cost; the others depend on it."""
+        return {"dry_run": True, "calls": [call.name for call in calls], **self.sender.cost(calls[0])}
 
-    def _register_task(self, command: RegisterTask) -> Call:
+    # -- what each command becomes: transactions one after the other, the last is the command's own --
+
+    def _register_task(self, command: RegisterTask) -> list[Call]:
         self._require_kind(command.kind)
         if command.kind in KIND_PARAMS:
             validate(KIND_PARAMS[command.kind], command.params)
@@ -137,64 +154,101 @@ class Wallet:
         reward = to_wei(command.reward_iec)
         if not command.allow_wait:
             self._require_affordable_service(command.kind, reward)
-        self._require_funds(reward)
-        self._require_allowance(reward)
+        self._require_funds(self.address, reward)
         is_charging = command.kind == "battery_charging"
         window_s = self.economy.charging_window_s if is_charging else self.economy.cleaning_window_s
-        return self.calls.register_task(
-            TaskRequest(
-                kind=command.kind,
-                reward=reward,
-                execution_window=command.execution_window_s or window_s,
-                verdict_window=command.verdict_window_s or self.economy.verdict_window_s,
-                max_attempts=command.max_attempts or self.economy.max_attempts,
-                params=text,
-            )
+        request = TaskRequest(
+            kind=command.kind,
+            reward=reward,
+            execution_window=command.execution_window_s or window_s,
+            verdict_window=command.verdict_window_s or self.economy.verdict_window_s,
+            max_attempts=command.max_attempts or self.economy.max_attempts,
+            params=text,
         )
+        # The Organization approved the TaskManager in its constructor.
+        approval = (
+            [] if self.participant == ORGANIZATION else self._approval(self.client.task_manager, reward)
+        )
+        return [*approval, self.calls.register_task(request)]
 
-    def _cancel_task(self, command: CancelTask) -> Call:
-        return self.calls.cancel_task(command.task_id)
+    def _cancel_task(self, command: CancelTask) -> list[Call]:
+        return [self.calls.cancel_task(command.task_id)]
 
-    def _submit_proof(self, command: SubmitProof) -> Call:
+    def _match_task(self, command: MatchTask) -> list[Call]:
+        return [self.client.calls.match_task(command.task_id)]
+
+    def _submit_proof(self, command: SubmitProof) -> list[Call]:
         uri = self.store.check(command.proof_uri)
-        return self.calls.submit_proof(command.task_id, command.attempt, _bytes32(command.proof_sha256), uri)
+        return [
+            self.calls.submit_proof(command.task_id, command.attempt, _bytes32(command.proof_sha256), uri)
+        ]
 
-    def _post_verdict(self, command: PostVerdict) -> Call:
-        return self.client.calls.post_verdict(
-            command.task_id,
-            command.attempt,
-            _bytes32(command.proof_sha256),
-            command.accepted,
-            _bytes32(command.report_sha256),
-            command.report_uri,
-            command.reason,
-        )
+    def _post_verdict(self, command: PostVerdict) -> list[Call]:
+        return [
+            self.client.calls.post_verdict(
+                command.task_id,
+                command.attempt,
+                _bytes32(command.proof_sha256),
+                command.accepted,
+                _bytes32(command.report_sha256),
+                command.report_uri,
+                command.reason,
+            )
+        ]
 
-    def _expire_task(self, command: ExpireTask) -> Call:
-        return self.client.calls.expire_task(command.task_id)
+    def _expire_task(self, command: ExpireTask) -> list[Call]:
+        return [self.client.calls.expire_task(command.task_id)]
 
-    def _register_service(self, command: RegisterService) -> Call:
+    def _register_service(self, command: RegisterService) -> list[Call]:
         self._require_kind(command.kind)
-        return self.calls.register_service(command.kind, to_wei(command.price_iec), command.description)
+        price = to_wei(command.price_iec)
+        return [self.calls.register_service(command.kind, price, command.description)]
 
-    def _update_service(self, command: UpdateService) -> Call:
+    def _update_service(self, command: UpdateService) -> list[Call]:
         service = self.index.service(command.service_id)
         if service is None:
             raise UnknownService("no such service", service_id=command.service_id)
         price = service["price"] if command.price_iec is None else to_wei(command.price_iec)
         state = ServiceState[(command.state or service["state"]).upper()]
-        return self.calls.update_service(command.service_id, price, state)
+        return [self.calls.update_service(command.service_id, price, state)]
 
-    def _transfer(self, command: Transfer) -> Call:
+    def _transfer(self, command: Transfer) -> list[Call]:
         amount = to_wei(command.amount_iec)
         to = self.names.address(command.to)
-        self._require_funds(amount)
-        return self.calls.transfer(to, amount)
+        self._require_funds(self.address, amount)
+        return [self.calls.transfer(to, amount)]
+
+    def _deposit(self, command: Deposit) -> list[Call]:
+        amount = to_wei(command.amount_iec)
+        # From the key's own account also for the organization, whose contract is where it goes.
+        self._require_funds(self.sender.address, amount)
+        approval = self._approval(self.client.organization, amount)
+        return [*approval, self.client.organization_calls.deposit(amount)]
+
+    def _withdraw(self, command: Withdraw) -> list[Call]:
+        amount = to_wei(command.amount_iec)
+        to = self.names.address(command.to)
+        self._require_funds(self.client.organization, amount)
+        return [self.client.organization_calls.transfer(to, amount)]
+
+    def _register_device(self, command: RegisterDevice) -> list[Call]:
+        owner = self.names.address(command.owner)
+        device = self.names.address(command.device)
+        return [self.client.organization_calls.register_device(device, command.role, owner)]
+
+    def _revoke_device(self, command: RevokeDevice) -> list[Call]:
+        return [self.client.organization_calls.revoke_device(self.names.address(command.device))]
+
+    def _allow_kind(self, command: AllowKind) -> list[Call]:
+        return [self.client.organization_calls.allow_kind(command.kind, command.allowed)]
+
+    def _set_policy(self, command: SetPolicy) -> list[Call]:
+        return [self.client.organization_calls.set_policy(self.names.policy_address(command.policy))]
 
     # -- checks --------------------------------------------------------------------------------------------
 
     def _require_kind(self, kind: str) -> None:
-        if not self.client.is_kind_allowed(kind):
+        if kind not in self.index.kinds() and not self.client.is_kind_allowed(kind):
             raise UnknownKind(
                 "the organization does not accept this kind", kind=kind, known=self.index.kinds()
             )
@@ -209,27 +263,33 @@ class Wallet:
                 lowest_price_iec=iec(min(prices)),
             )
 
-    def _require_funds(self, needed: int) -> None:
-        balance = self.client.balance(self.address)
+    def _require_funds(self, account: str, needed: int) -> None:
+        # The index may be a block behind, so that only the node can say no.
+        if self.index.balance(account) >= needed:
+            return
+        balance = self.client.balance(account)
         if balance < needed:
             raise InsufficientFunds(
-                "the wallet has less than this needs",
-                participant=self.participant,
+                "the account has less than this needs",
+                account=account,
+                name=self.names.key_name(account),
                 balance_iec=iec(balance),
                 needed_iec=iec(needed),
             )
 
-    def _require_allowance(self, needed: int) -> None:
-        """Let the TaskManager take rewards from this wallet, once and for all."""
-        # The Organization approved it in its constructor.
-        if self.participant == ORGANIZATION:
-            return
-        spender = self.client.task_manager
-        if self.client.allowance(self.address, spender) < needed:
-            self.sender.send("approve", self.client.calls.approve(spender, _UNLIMITED))
+    def _approval(self, spender: str, needed: int) -> list[Call]:
+        """What lets `spender` take tokens from this wallet for good; nothing where it may already."""
+        if spender in self._approved:
+            return []
+        allowance = self.client.allowance(self.sender.address, spender)
+        if allowance < needed:
+            return [self.client.calls.approve(spender, _UNLIMITED)]
+        if allowance > _UNLIMITED // 2:  # never used up
+            self._approved.add(spender)
+        return []
 
 
-_COMMANDS: dict[str, tuple[type[Command], Callable[[Wallet, Any], Call]]] = {
+_COMMANDS: dict[str, tuple[type[Command], Callable[[Wallet, Any], list[Call]]]] = {
     "register_task": (RegisterTask, Wallet._register_task),
     "cancel_task": (CancelTask, Wallet._cancel_task),
     "submit_proof": (SubmitProof, Wallet._submit_proof),
@@ -238,6 +298,13 @@ _COMMANDS: dict[str, tuple[type[Command], Callable[[Wallet, Any], Call]]] = {
     "register_service": (RegisterService, Wallet._register_service),
     "update_service": (UpdateService, Wallet._update_service),
     "transfer": (Transfer, Wallet._transfer),
+    "match_task": (MatchTask, Wallet._match_task),
+    "deposit": (Deposit, Wallet._deposit),
+    "withdraw": (Withdraw, Wallet._withdraw),
+    "register_device": (RegisterDevice, Wallet._register_device),
+    "revoke_device": (RevokeDevice, Wallet._revoke_device),
+    "allow_kind": (AllowKind, Wallet._allow_kind),
+    "set_policy": (SetPolicy, Wallet._set_policy),
 }
 
 
@@ -246,5 +313,5 @@ def _bytes32(value: str) -> bytes:
 
 
 def _content_sha256(name: str, command: Command) -> str:
-    content = command.model_dump_json(exclude={"request_id"})
+    content = command.model_dump_json(exclude={"request_id", "dry_run"})
     return sha256(f"{name} {content}".encode()).hexdigest()

@@ -5,115 +5,258 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from typing import Any
 
-from web3.types import BlockData
-
-from rodeo.chain import ChainClient
-from rodeo.chain.errors import translated
+from rodeo.chain import ChainError, Deployment, RpcFailed, events
 from rodeo.messages import DaoEvent
 from services.bridge.errors import ChainReorganized
-from services.bridge.index import Index, Position, TimedLog
+from services.bridge.heads import Header
+from services.bridge.index import KEPT_BLOCKS, NOWHERE, Index, Position, TimedLog
+from services.bridge.node import Call, Node
 
 log = logging.getLogger(__name__)
 
 MAX_BLOCKS = 2_000
-"""Blocks asked for at once; nodes limit the range or the size of an answer."""
+"""Blocks asked for at once; nodes limit the range or the size of an answer, and then it is halved."""
 
-ACTIVE_POLL_S = 0.02
-IDLE_POLL_S = 0.2
-_ACTIVE_S = 2.0
-"""Wall time after the last new block for which the node is asked often."""
+BEHIND_GRACE_S = 15.0
+"""Wall time for which a node elsewhere may answer with an older head before it counts as a reorganization:
+the nodes behind one address are not all equally far."""
 
 _PUBLISH_PAGE = 500
+_FORK_PAGE = 32
 
 
 class Follower:
-    """Keeps `index` at the head of the chain and hands each event to `publish` once it can be queried.
+    """Keeps `index` `confirmations` blocks below the head and hands each event to `publish`.
 
-    `step` belongs to one thread; `wake` and `wait_indexed` may be called from any.
+    `publish(event)` returns whether the event went out; one that did not is published later.
+    `on_undone(block)` hears that everything after `block` was taken off the chain. `step` and
+    `publish_missed` belong to one thread; `wait_indexed` may be called from any.
     """
 
     def __init__(
-        self, client: ChainClient, index: Index, confirmations: int, publish: Callable[[DaoEvent], None]
+        self,
+        node: Node,
+        deployment: Deployment,
+        index: Index,
+        confirmations: int,
+        publish: Callable[[DaoEvent], bool],
+        on_undone: Callable[[int], None] = lambda _block: None,
+        grace_s: float = 0.0,
     ) -> None:
-        self._client = client
+        self._node = node
+        self._deployment = deployment
         self._index = index
         self._confirmations = confirmations
         self._publish = publish
-        self._wake = threading.Event()
+        self._on_undone = on_undone
+        self._grace_s = grace_s
+        self._filter = {
+            "address": list(deployment.contracts.values()),
+            "topics": [events.topics()],
+        }
+        self._max_blocks = MAX_BLOCKS
+        self._behind_since_s: float | None = None
         self._advanced = threading.Condition()
-        self._active_until_s = 0.0
+        self._unpublished = True
+        self.head = -1
+        """The newest block of the node, as last heard."""
 
-    def step(self) -> bool:
-        """Take in the next blocks, at most MAX_BLOCKS; whether there were any.
+    def step(self, headers: list[Header]) -> bool:
+        """Take in the next blocks; whether there were any. `headers` are what the node told of.
 
-        Raises ChainUnavailable or RpcFailed, and ChainReorganized when what was indexed is gone.
+        Raises ChainUnavailable or RpcFailed, and ChainReorganized when not even the first block is the same.
         """
-        with translated():
-            head = self._client.w3.eth.block_number - self._confirmations
-        position = self._index.position
-        first = max(position.block + 1, self._client.deployment.block)
-        if head < position.block:
-            raise ChainReorganized("the chain is shorter than the index", head=head, indexed=position.block)
-        if head < first:
-            return False
-        self._require_same_chain(position)
-        last = min(head, first + MAX_BLOCKS - 1)
-        found = self._client.logs(first, last)
-        blocks = {number: self._block(number) for number in {last, *(one.block for one in found)}}
-        for one in found:
-            if blocks[one.block]["hash"].to_0x_hex() != one.block_hash:
-                raise ChainReorganized("a block was replaced while it was read", block=one.block)
-        applied = self._index.apply(
-            [TimedLog(one, blocks[one.block]["timestamp"]) for one in found],
-            Position(last, blocks[last]["hash"].to_0x_hex(), blocks[last]["timestamp"]),
-        )
-        self._put_on_bus(applied)
-        with self._advanced:
-            self._advanced.notify_all()
-        self._active_until_s = time.monotonic() + _ACTIVE_S
-        return True
+        applied = (len(headers) == 1 and self._take(headers[0])) or self._catch_up()
+        if self._unpublished:
+            self.publish_missed()
+        if applied:
+            with self._advanced:
+                self._advanced.notify_all()
+        return applied
 
     def publish_missed(self) -> None:
-        """Publish what was indexed but not published before a crash. Subscribers drop what they have."""
+        """Publish what was indexed but not published, before a crash or while the router was away.
+
+        Subscribers drop what they have.
+        """
+        self._unpublished = True
         while events := self._index.events_after(self._index.published_seq, _PUBLISH_PAGE):
-            self._put_on_bus(events)
-
-    def wait(self, stop: threading.Event) -> None:
-        """Until it is time for the next `step`; much sooner when there is something to expect."""
-        active = time.monotonic() < self._active_until_s
-        self._wake.wait(ACTIVE_POLL_S if active else IDLE_POLL_S)
-        self._wake.clear()
-
-    def wake(self) -> None:
-        """There is a new block, somebody knows."""
-        self._wake.set()
+            if not self._put_on_bus(events):
+                return
+        self._unpublished = False
 
     def wait_indexed(self, block: int, timeout_s: float) -> bool:
         """Block until the index has `block`; False when `timeout_s` (wall) passed before."""
-        self.wake()
         with self._advanced:
             return self._advanced.wait_for(lambda: self._index.position.block >= block, timeout_s)
 
-    def _put_on_bus(self, events: list[DaoEvent]) -> None:
-        for event in events:
-            self._publish(event)
-        if events:
-            self._index.mark_published(events[-1].seq)
+    # -- one block that the node told of -------------------------------------------------------------------
 
-    def _require_same_chain(self, position: Position) -> None:
-        if position.block < 0:
-            return
-        found = self._block(position.block)["hash"].to_0x_hex()
-        if found != position.block_hash:
-            raise ChainReorganized(
-                "an indexed block is not on the chain any more",
-                block=position.block,
-                indexed=position.block_hash,
-                found=found,
+    def _take(self, header: Header) -> bool:
+        """With one question to the node; whether the block follows on what was indexed, and it has it."""
+        position = self._index.position
+        follows = (_number(header), header["parentHash"]) == (position.block + 1, position.block_hash)
+        if self._confirmations or not follows:
+            return False
+        try:
+            found = self._node.call("eth_getLogs", {**self._filter, "blockHash": header["hash"]})
+        except RpcFailed:
+            return False
+        self.head = max(self.head, _number(header))
+        self._apply(found, {}, header)
+        return True
+
+    # -- all that there are --------------------------------------------------------------------------------
+
+    def _catch_up(self) -> bool:
+        latest = self._header("latest")
+        self.head = _number(latest)
+        position = self._index.position
+        target = self.head - self._confirmations
+        if target < 0:
+            return False
+        end = latest if self._confirmations == 0 else self._header(hex(target))
+        if target <= position.block:
+            return self._compare(end)
+        self._behind_since_s = None
+        first = max(position.block + 1, self._deployment.block)
+        if target < first:
+            return False
+        last = min(target, first + self._max_blocks - 1)
+        try:
+            found, *headers = self._ask(
+                ("eth_getLogs", [{**self._filter, "fromBlock": hex(first), "toBlock": hex(last)}]),
+                ("eth_getBlockByNumber", [hex(first), False]),
+                ("eth_getBlockByNumber", [hex(last), False]),
             )
+        except RpcFailed:
+            if self._max_blocks == 1:
+                raise
+            # More than the node answers at once.
+            self._max_blocks //= 2
+            return True
+        self._max_blocks = min(2 * self._max_blocks, MAX_BLOCKS)
+        if None in headers:
+            return False  # it went while we asked
+        if (
+            first == position.block + 1
+            and position.block >= 0
+            and headers[0]["parentHash"] != position.block_hash
+        ):
+            self._reorganize("another block follows on what was indexed")
+            return True
+        known = {_number(header): header for header in headers}
+        near = [
+            number
+            for number in sorted({int(one["blockNumber"], 16) for one in found})
+            if number not in known and (number > self.head - KEPT_BLOCKS or "blockTimestamp" not in found[0])
+        ]
+        answers = self._ask(*(("eth_getBlockByNumber", [hex(number), False]) for number in near))
+        known |= dict(zip(near, answers, strict=True))
+        for one in found:
+            header = known.get(int(one["blockNumber"], 16))
+            if header is not None and header["hash"] != one["blockHash"]:
+                log.info("block %d was replaced while it was read", _number(header))
+                return True  # again
+        if None in known.values():
+            return True
+        self._apply(found, known, headers[1])
+        return True
 
-    def _block(self, number: int) -> BlockData:
-        with translated():
-            return self._client.w3.eth.get_block(number)
+    def _apply(self, found: list[dict[str, Any]], known: dict[int, Header], end: Header) -> None:
+        def time_s(one: dict[str, Any]) -> int:
+            header = known.get(int(one["blockNumber"], 16), end)
+            # Nodes of before 2025 do not tell the time with a log.
+            at_block = header["number"] == one["blockNumber"]
+            return int(header["timestamp"] if at_block else one["blockTimestamp"], 16)
+
+        logs = [TimedLog(events.decode_json_log(one), time_s(one)) for one in found]
+        logs.sort(key=lambda one: (one.log.block, one.log.log_index))
+        applied = self._index.apply(logs, _position(end), head=self.head)
+        if self._unpublished or not self._put_on_bus(applied):
+            self._unpublished = True
+
+    # -- reorganizations -----------------------------------------------------------------------------------
+
+    def _compare(self, header: Header) -> bool:
+        """The node's head is where the index is, or before it: the same chain or another one?"""
+        position = self._index.position
+        if _number(header) == position.block and header["hash"] == position.block_hash:
+            self._behind_since_s = None
+            return False
+        kept = {block.block: block.block_hash for block in self._index.recent_blocks()}
+        if kept.get(_number(header), header["hash"]) == header["hash"] and _number(header) < position.block:
+            now_s = time.monotonic()
+            self._behind_since_s = self._behind_since_s or now_s
+            if now_s - self._behind_since_s < self._grace_s:
+                return False
+        self._reorganize("the chain ends before what was indexed")
+        return True
+
+    def _reorganize(self, why: str) -> None:
+        """Roll the index back to the newest block that is still on the chain, and say what was undone."""
+        self._behind_since_s = None
+        before = self._index.position
+        fork = self._newest_common()
+        if fork == NOWHERE:
+            genesis = self._header("0x0")["hash"]
+            if genesis != self._deployment.genesis_hash:
+                raise ChainReorganized(
+                    "another chain", genesis_hash=genesis, expected=self._deployment.genesis_hash
+                )
+        log.warning("%s: rolled back from block %d to %d", why, before.block, fork.block)
+        notices = self._index.roll_back(fork)
+        self._on_undone(fork.block)
+        if self._unpublished or not self._put_on_bus(notices):
+            self._unpublished = True
+
+    def _newest_common(self) -> Position:
+        blocks = self._index.recent_blocks()
+        for first in range(0, len(blocks), _FORK_PAGE):
+            page = blocks[first : first + _FORK_PAGE]
+            found = self._ask(*(("eth_getBlockByNumber", [hex(one.block), False]) for one in page))
+            for block, header in zip(page, found, strict=True):
+                if header is not None and header["hash"] == block.block_hash:
+                    return block
+        return NOWHERE
+
+    # ------------------------------------------------------------------------------------------------------
+
+    def _put_on_bus(self, applied: Iterable[DaoEvent]) -> bool:
+        """Whether all went out."""
+        last = None
+        for event in applied:
+            if not self._publish(event):
+                break
+            last = event.seq
+        else:
+            if last is not None:
+                self._index.mark_published(last)
+            return True
+        if last is not None:
+            self._index.mark_published(last)
+        return False
+
+    def _header(self, tag: str) -> Header:
+        header: Header | None = self._node.call("eth_getBlockByNumber", tag, False)
+        if header is None:
+            raise RpcFailed("the node lacks a block", block=tag)
+        return header
+
+    def _ask(self, *calls: Call) -> list[Any]:
+        answers = self._node.batch(calls)
+        for answer in answers:
+            if isinstance(answer, ChainError):
+                raise answer
+        return answers
+
+
+def _number(header: Header) -> int:
+    return int(header["number"], 16)
+
+
+def _position(header: Header) -> Position:
+    return Position(_number(header), header["hash"], int(header["timestamp"], 16))

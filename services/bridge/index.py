@@ -1,30 +1,36 @@
 """The organization as its contracts' events tell it, in a database that answers queries.
 
 Events of whole blocks are applied in one database transaction: a reader sees a block's effects all or not
-at all, and after a crash the index stands at the end of a block.
+at all, and after a crash the index stands at the end of a block. What a reorganization takes off the chain is
+rolled back, and each undone event becomes an event of its own: sequence numbers only ever count up.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import sqlalchemy
-from sqlalchemy import Connection, create_engine, func, insert, select, update
-from sqlalchemy.dialects.sqlite import insert as upsert
-from sqlalchemy.exc import DatabaseError
+from sqlalchemy import MetaData, Select, delete, func, insert, inspect, make_url, or_, select, update
+from sqlalchemy.exc import DBAPIError
 
-from rodeo.bus import decode_json
-from rodeo.chain import Cause, Event, Log, events
-from rodeo.errors import MalformedJson
+from rodeo.chain import Log
 from rodeo.messages import DaoEvent
 from services.bridge import schema
 from services.bridge.amounts import event_args
+from services.bridge.database import migrate, open_database, upsert
 from services.bridge.errors import IndexUnusable
+from services.bridge.projection import Projection
+from services.bridge.rows import Rows, roll_back
 
-ZERO_ADDRESS = "0x" + "00" * 20
+UNDONE = "EventUndone"
+"""Name of the event that says that an earlier one is not on the chain any more."""
+
+KEPT_BLOCKS = 256
+"""How deep a reorganization can be without the index being read anew; several times what chains allow."""
+
+Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -36,6 +42,9 @@ class Position:
     block_time_s: int
 
 
+NOWHERE = Position(-1, "", 0)
+
+
 @dataclass(frozen=True)
 class TimedLog:
     """A contract event, where it was logged, and the time of its block."""
@@ -44,45 +53,67 @@ class TimedLog:
     time_s: int
 
 
-class Index:
-    """The database at `path`, for the chain and contracts given; one that holds another chain is emptied.
+@dataclass(frozen=True)
+class Page:
+    limit: int
+    offset: int = 0
 
-    One thread applies, any thread reads. Raises IndexUnusable when the file is not a database.
+
+class Index:
+    """The database at `url`, for the chain and contracts given; one that holds another chain is emptied.
+
+    On PostgreSQL it lives in `schema_name`. One thread applies, any thread reads. Raises IndexUnusable when
+    it cannot be opened.
     """
 
-    def __init__(self, path: Path, chain_id: int, genesis_hash: str, contracts: Mapping[str, str]) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._engine = create_engine(f"sqlite:///{path}")
-        sqlalchemy.event.listen(self._engine, "connect", _configure_sqlite)
-        identity = {
+    def __init__(
+        self,
+        url: str,
+        chain_id: int,
+        genesis_hash: str,
+        contracts: Mapping[str, str],
+        schema_name: str = "",
+    ) -> None:
+        self._identity = {
             "version": schema.VERSION,
             "chain_id": chain_id,
             "genesis_hash": genesis_hash,
             "contracts": dict(contracts),
         }
+        self.genesis_hash = genesis_hash
         try:
-            with self._engine.begin() as connection:
-                schema.metadata.create_all(connection)
+            self._engine = open_database(url, schema_name)
+            self._migrate()
             rows = self._rows(select(schema.cursor))
-        except DatabaseError as error:
-            raise IndexUnusable("the index cannot be opened", path=str(path), problem=str(error)) from error
-        self._identity = identity
-        if rows and all(rows[0][name] == value for name, value in identity.items()):
+        except DBAPIError as error:
+            raise IndexUnusable(
+                "the index cannot be opened", url=_shown(url), problem=str(error.orig)
+            ) from error
+        if rows and all(rows[0][name] == value for name, value in self._identity.items()):
             self._position = Position(rows[0]["block"], rows[0]["block_hash"], rows[0]["block_time_s"])
         else:
             self.clear()
 
-    def clear(self) -> None:
-        """Start again from the chain's beginning."""
+    def _migrate(self) -> None:
+        tables = schema.metadata.tables
         with self._engine.begin() as connection:
-            schema.metadata.drop_all(connection)
-            schema.metadata.create_all(connection)
+            names = set(inspect(connection).get_table_names())
+            if names & set(tables) and "alembic_version" not in names:
+                # From before there were migrations; it can be read from the chain again.
+                before = MetaData()
+                before.reflect(connection, only=sorted(names & set(tables)))
+                before.drop_all(connection)
+        migrate(self._engine, "index")
+
+    def clear(self) -> None:
+        """Start again from the chain's beginning, as if nothing had been published."""
+        with self._engine.begin() as connection:
+            for table in schema.metadata.sorted_tables:
+                connection.execute(delete(table))
             connection.execute(
-                insert(schema.cursor).values(
-                    id=1, **self._identity, block=-1, block_hash="", block_time_s=0, published_seq=0
-                )
+                insert(schema.cursor).values(id=1, **self._identity, **_at(NOWHERE), published_seq=0)
             )
-        self._position = Position(-1, "", 0)
+        self._position = NOWHERE
 
     def close(self) -> None:
         self._engine.dispose()
@@ -96,43 +127,130 @@ class Index:
     @property
     def published_seq(self) -> int:
         """The last event that was put on the bus."""
-        return int(self._cursor()["published_seq"])
+        return int(self._rows(select(schema.cursor.c.published_seq))[0]["published_seq"])
 
-    def apply(self, logs: Iterable[TimedLog], position: Position) -> list[DaoEvent]:
-        """Take in all events up to `position`; returns them with their sequence numbers."""
+    def apply(
+        self, logs: Sequence[TimedLog], position: Position, *, head: int | None = None
+    ) -> list[DaoEvent]:
+        """Take in all events up to `position`; returns them with their sequence numbers.
+
+        `head` is the newest block of the chain: what is far below it cannot be undone and costs less.
+        """
+        final = (position.block if head is None else head) - KEPT_BLOCKS
+        applied: list[DaoEvent] = []
         with self._engine.begin() as connection:
             last = connection.scalar(select(func.max(schema.events.c.seq))) or 0
-            applied = [_apply(connection, seq, one) for seq, one in enumerate(logs, start=last + 1)]
-            connection.execute(update(schema.cursor).values(**asdict(position)))
+            rows = Rows(self._engine, connection)
+            projection = Projection(rows, self._identity["contracts"])  # type: ignore[arg-type]
+            projection.prepare(timed.log for timed in logs)
+            for seq, timed in enumerate(logs, start=last + 1):
+                rows.block, rows.undoable = timed.log.block, timed.log.block > final
+                projection.apply(seq, timed.log, timed.time_s)
+                applied.append(_dao_event(seq, timed, self.genesis_hash))
+            rows.write()
+            if applied:
+                connection.execute(insert(schema.events), [_event_row(event) for event in applied])
+            recent = {
+                one.log.block: (one.log.block_hash, one.time_s) for one in logs if one.log.block > final
+            }
+            recent[position.block] = (position.block_hash, position.block_time_s)
+            connection.execute(
+                upsert(self._engine, schema.blocks),
+                [{"number": n, "hash": block_hash, "time_s": t} for n, (block_hash, t) in recent.items()],
+            )
+            if position.block % KEPT_BLOCKS == 0 or len(recent) > 1:
+                connection.execute(delete(schema.blocks).where(schema.blocks.c.number <= final))
+                connection.execute(delete(schema.undo).where(schema.undo.c.block <= final))
+            connection.execute(update(schema.cursor).values(**_at(position)))
         self._position = position
         return applied
+
+    def recent_blocks(self) -> list[Position]:
+        """Blocks that the index can be rolled back to, the newest first."""
+        blocks = self._rows(select(schema.blocks).order_by(schema.blocks.c.number.desc()))
+        return [Position(block["number"], block["hash"], block["time_s"]) for block in blocks]
+
+    def roll_back(self, position: Position) -> list[DaoEvent]:
+        """Undo all blocks after `position`, one of `recent_blocks` or NOWHERE; returns the notices of it."""
+        events = schema.events.c
+        gone = (events.block > position.block) & ~events.undone
+        with self._engine.begin() as connection:
+            last = connection.scalar(select(func.max(events.seq))) or 0
+            undone = connection.execute(
+                select(schema.events).where(gone).order_by(events.seq.desc())
+            ).mappings()
+            notices = [
+                DaoEvent(
+                    **{name: row[name] for name in ("block", "log_index", "tx_hash", "time_s", "task_id")},
+                    seq=seq,
+                    name=UNDONE,
+                    args={**row["args"], "undone_seq": row["seq"], "undone_name": row["name"]},
+                    chain=self.genesis_hash,
+                )
+                for seq, row in enumerate(undone, start=last + 1)
+            ]
+            connection.execute(update(schema.events).where(gone).values(undone=True))
+            if notices:
+                connection.execute(
+                    insert(schema.events), [_event_row(notice, undone=True) for notice in notices]
+                )
+            if position == NOWHERE:
+                for table in _FROM_EVENTS:
+                    connection.execute(delete(table))
+            else:
+                roll_back(self._engine, connection, position.block)
+            connection.execute(delete(schema.blocks).where(schema.blocks.c.number > position.block))
+            connection.execute(delete(schema.receipts))
+            connection.execute(update(schema.cursor).values(**_at(position)))
+        self._position = position
+        return notices
 
     def mark_published(self, seq: int) -> None:
         """Remember that all events up to `seq` were put on the bus."""
         with self._engine.begin() as connection:
             connection.execute(update(schema.cursor).values(published_seq=seq))
 
-    # Questions --------------------------------------------------------------------------------------------
+    # Events -----------------------------------------------------------------------------------------------
 
-    def events_after(self, seq: int, limit: int) -> list[DaoEvent]:
+    def events_after(
+        self, seq: int, limit: int, names: Sequence[str] = (), task_id: int | None = None
+    ) -> list[DaoEvent]:
         query = select(schema.events).where(schema.events.c.seq > seq).order_by(schema.events.c.seq)
-        return [DaoEvent.model_validate(row) for row in self._rows(query.limit(limit))]
+        if names:
+            query = query.where(schema.events.c.name.in_(names))
+        if task_id is not None:
+            query = query.where(schema.events.c.task_id == task_id)
+        return [
+            DaoEvent(**{name: row[name] for name in _OF_EVENT}, chain=self.genesis_hash)
+            for row in self._rows(query.limit(limit))
+        ]
 
     def last_seq(self) -> int:
-        with self._engine.connect() as connection:
-            return connection.scalar(select(func.max(schema.events.c.seq))) or 0
+        return self._scalar(select(func.max(schema.events.c.seq))) or 0
 
-    def tasks(self, filters: Mapping[str, str], limit: int, offset: int) -> tuple[list[dict[str, Any]], int]:
-        """Rows of the tasks whose columns equal `filters`, newest first, and how many there are in all."""
-        conditions = [schema.tasks.c[name] == value for name, value in filters.items()]
-        query = select(schema.tasks).where(*conditions).order_by(schema.tasks.c.id.desc())
-        with self._engine.connect() as connection:
-            total = connection.scalar(select(func.count()).select_from(schema.tasks).where(*conditions)) or 0
-        return self._rows(query.limit(limit).offset(offset)), total
+    # Questions --------------------------------------------------------------------------------------------
 
-    def task(self, task_id: int) -> dict[str, Any] | None:
-        rows = self._rows(select(schema.tasks).where(schema.tasks.c.id == task_id))
-        return rows[0] if rows else None
+    def tasks(
+        self,
+        filters: Mapping[str, Any],
+        page: Page,
+        *,
+        states: Sequence[str] = (),
+        text: str | None = None,
+        newest_first: bool = True,
+    ) -> tuple[list[Row], int]:
+        """Tasks whose columns equal `filters`, and how many there are in all."""
+        tasks = schema.tasks.c
+        conditions = [tasks[name] == value for name, value in filters.items()]
+        if states:
+            conditions.append(tasks.state.in_(states))
+        if text:
+            conditions.append(tasks.text.contains(text.lower(), autoescape=True))
+        order = tasks.id.desc() if newest_first else tasks.id
+        return self._page(select(schema.tasks).where(*conditions).order_by(order), page)
+
+    def task(self, task_id: int) -> Row | None:
+        return self._first(select(schema.tasks).where(schema.tasks.c.id == task_id))
 
     def overdue(self, now_s: float) -> list[int]:
         """Ids of the tasks whose running window ended before `now_s`."""
@@ -143,12 +261,34 @@ class Index:
         )
         return [row["id"] for row in self._rows(late)]
 
-    def services(self) -> list[dict[str, Any]]:
-        return self._rows(select(schema.services).order_by(schema.services.c.id))
+    def task_counts(self, column: str) -> dict[str, dict[str, int]]:
+        """Address in `column` (creator, executor) -> state -> number of tasks."""
+        who, state = schema.tasks.c[column], schema.tasks.c.state
+        counts: dict[str, dict[str, int]] = {}
+        for row in self._rows(
+            select(who.label("who"), state, func.count().label("number"))
+            .where(who.is_not(None))
+            .group_by(who, state)
+        ):
+            counts.setdefault(row["who"], {})[row["state"]] = row["number"]
+        return counts
 
-    def service(self, service_id: int) -> dict[str, Any] | None:
-        rows = self._rows(select(schema.services).where(schema.services.c.id == service_id))
-        return rows[0] if rows else None
+    def task_times(self, first_s: float, last_s: float) -> list[Row]:
+        """When tasks were registered and ended, and what they cost: those that did so in between."""
+        tasks = schema.tasks.c
+        columns = (tasks.kind, tasks.state, tasks.registered, tasks.assigned, tasks.proof_submitted)
+        return self._rows(
+            select(*columns, tasks.settled, tasks.ended, tasks.paid).where(
+                or_(tasks.registered.between(first_s, last_s), tasks.ended.between(first_s, last_s))
+            )
+        )
+
+    def services(self, filters: Mapping[str, Any], page: Page) -> tuple[list[Row], int]:
+        conditions = [schema.services.c[name] == value for name, value in filters.items()]
+        return self._page(select(schema.services).where(*conditions).order_by(schema.services.c.id), page)
+
+    def service(self, service_id: int) -> Row | None:
+        return self._first(select(schema.services).where(schema.services.c.id == service_id))
 
     def active_prices(self, kind: str) -> list[int]:
         """What the services of `kind` that take tasks cost, wei."""
@@ -161,232 +301,142 @@ class Index:
         query = select(schema.kinds.c.kind).where(schema.kinds.c.allowed).order_by(schema.kinds.c.kind)
         return [row["kind"] for row in self._rows(query)]
 
-    def devices(self) -> list[dict[str, Any]]:
+    def all_kinds(self) -> list[Row]:
+        return self._rows(select(schema.kinds).order_by(schema.kinds.c.kind))
+
+    def setting(self, name: str) -> Any:
+        """What the organization's events last said about `name`; None when they never did."""
+        row = self._first(select(schema.settings).where(schema.settings.c.name == name))
+        return row and row["value"]
+
+    def roles(self) -> dict[str, list[str]]:
+        """Role -> addresses that hold it."""
+        held: dict[str, list[str]] = {}
+        for row in self._rows(select(schema.roles).where(schema.roles.c.held)):
+            held.setdefault(row["role"], []).append(row["address"])
+        return held
+
+    def devices(self) -> list[Row]:
         return self._rows(select(schema.devices).order_by(schema.devices.c.registered))
 
     def balances(self) -> dict[str, int]:
         """Address -> wei of IECoin, of everyone who ever had any."""
         return {row["address"]: row["balance"] for row in self._rows(select(schema.balances))}
 
-    def _cursor(self) -> dict[str, Any]:
-        return self._rows(select(schema.cursor))[0]
+    def balance(self, address: str) -> int:
+        row = self._first(select(schema.balances).where(schema.balances.c.address == address))
+        return row["balance"] if row else 0
 
-    def _rows(self, query: Any) -> list[dict[str, Any]]:
+    def transfers(
+        self, account: str | None, task_id: int | None, first_s: float, last_s: float, page: Page
+    ) -> tuple[list[Row], int]:
+        """What went to or from `account`, the newest first."""
+        transfers = schema.transfers.c
+        conditions: list[Any] = [transfers.time_s.between(first_s, last_s)]
+        if account is not None:
+            conditions.append(or_(transfers.sender == account, transfers.to == account))
+        if task_id is not None:
+            conditions.append(transfers.task_id == task_id)
+        query = select(schema.transfers).where(*conditions).order_by(transfers.seq.desc())
+        return self._page(query, page)
+
+    def transactions(self, task_id: int | None, page: Page) -> tuple[list[Row], int]:
+        """Transactions with events of the contracts, the newest first, with their receipts where known."""
+        events = schema.events.c
+        conditions = [~events.undone]
+        if task_id is not None:
+            conditions.append(events.task_id == task_id)
+        newest = func.max(events.seq).label("seq")
+        query = (
+            select(
+                events.tx_hash,
+                func.max(events.block).label("block"),
+                func.max(events.time_s).label("time_s"),
+                newest,
+            )
+            .where(*conditions)
+            .group_by(events.tx_hash)
+            .order_by(newest.desc())
+        )
+        rows, total = self._page(query, page)
+        hashes = [row["tx_hash"] for row in rows]
+        details: dict[str, Row] = {tx_hash: {"events": [], "task_ids": []} for tx_hash in hashes}
+        for row in self._rows(
+            select(events.tx_hash, events.name, events.task_id)
+            .where(events.tx_hash.in_(hashes), ~events.undone)
+            .order_by(events.seq)
+        ):
+            details[row["tx_hash"]]["events"].append(row["name"])
+            if row["task_id"] is not None and row["task_id"] not in details[row["tx_hash"]]["task_ids"]:
+                details[row["tx_hash"]]["task_ids"].append(row["task_id"])
+        receipts = {
+            row["tx_hash"]: row
+            for row in self._rows(select(schema.receipts).where(schema.receipts.c.tx_hash.in_(hashes)))
+        }
+        return [
+            {**row, **details[row["tx_hash"]], "receipt": receipts.get(row["tx_hash"])} for row in rows
+        ], total
+
+    def keep_receipts(self, receipts: Iterable[Row]) -> None:
+        """Remember what transactions cost."""
+        rows = list(receipts)
+        if rows:
+            with self._engine.begin() as connection:
+                connection.execute(upsert(self._engine, schema.receipts), rows)
+
+    def _page(self, query: Select[Any], page: Page) -> tuple[list[Row], int]:
+        total = self._scalar(select(func.count()).select_from(query.order_by(None).subquery()))
+        return self._rows(query.limit(page.limit).offset(page.offset)), int(total or 0)
+
+    def _first(self, query: Select[Any]) -> Row | None:
+        rows = self._rows(query)
+        return rows[0] if rows else None
+
+    def _scalar(self, query: Select[Any]) -> Any:
+        with self._engine.connect() as connection:
+            return connection.scalar(query)
+
+    def _rows(self, query: Select[Any]) -> list[Row]:
         with self._engine.connect() as connection:
             return [dict(row) for row in connection.execute(query).mappings()]
 
 
-def _configure_sqlite(connection: Any, _record: Any) -> None:
-    # Readers do not wait for the writer. What a power cut takes is read from the chain again.
-    connection.execute("pragma journal_mode = wal")
-    connection.execute("pragma synchronous = normal")
+_OF_EVENT = ("seq", "name", "block", "log_index", "tx_hash", "time_s", "task_id", "args")
+
+_FROM_EVENTS = [
+    table
+    for table in schema.metadata.sorted_tables
+    if table not in (schema.cursor, schema.events, schema.blocks)
+]
 
 
-# What each event changes ------------------------------------------------------------------------------------
+def sqlite_url(path: Path) -> str:
+    return f"sqlite:///{path}"
 
 
-def _apply(connection: Connection, seq: int, timed: TimedLog) -> DaoEvent:
+def _dao_event(seq: int, timed: TimedLog, chain: str) -> DaoEvent:
     log = timed.log
-    _project(connection, log.event, timed.time_s)
-    dao_event = DaoEvent(
+    # Built from values of known types: to validate them again would take as long as all the rest.
+    return DaoEvent.model_construct(
         seq=seq,
         name=log.event.name,
         block=log.block,
         log_index=log.log_index,
         tx_hash=log.tx_hash,
-        time_s=timed.time_s,
+        time_s=float(timed.time_s),
         task_id=getattr(log.event, "task_id", None),
         args=event_args(log.event),
+        chain=chain,
     )
-    connection.execute(insert(schema.events).values(**dao_event.model_dump()))
-    return dao_event
 
 
-def _project(connection: Connection, event: Event, time_s: int) -> None:
-    """Events without a case change nothing that can be queried; they are kept and published."""
-    match event:
-        case events.TaskRegistered():
-            params, description = parse_task_text(event.params)
-            connection.execute(
-                insert(schema.tasks).values(
-                    id=event.task_id,
-                    kind=event.kind,
-                    state="open",
-                    attempt=0,
-                    max_attempts=event.max_attempts,
-                    creator=event.creator,
-                    reward=event.reward,
-                    paid=0,
-                    params=params,
-                    description=description,
-                    registered=time_s,
-                )
-            )
-        case events.TaskAssigned():
-            _update_task(
-                connection,
-                event.task_id,
-                **dict.fromkeys(_OF_ATTEMPT),
-                state="assigned",
-                attempt=event.attempt,
-                executor=event.executor,
-                service_id=event.service_id,
-                price=event.price,
-                assigned=time_s,
-                execution_deadline=event.deadline,
-                nonce="0x" + event.nonce.hex(),
-            )
-            _update_service(connection, event.service_id, task_id=event.task_id)
-        case events.ProofSubmitted():
-            _update_task(
-                connection,
-                event.task_id,
-                state="submitted",
-                proof_submitted=time_s,
-                proof_sha256="0x" + event.proof_hash.hex(),
-                proof_uri=event.uri,
-                verdict_deadline=event.deadline,
-            )
-        case events.VerdictPosted():
-            _update_task(
-                connection,
-                event.task_id,
-                verdict="accepted" if event.accepted else "rejected",
-                reason=event.reason,
-                report_sha256="0x" + event.report_hash.hex(),
-                report_uri=event.report_uri,
-            )
-        case events.TaskSettled():
-            _release_service(connection, event.task_id, "completed")
-            _update_task(connection, event.task_id, state="settled", settled=time_s, paid=event.paid)
-        case events.TaskRequeued():
-            _release_service(connection, event.task_id, _COUNTER[event.cause])
-            _update_task(
-                connection,
-                event.task_id,
-                **dict.fromkeys(_OF_ASSIGNMENT),
-                **_VERDICT_OF_EXPIRY.get(event.cause, {}),
-                state="open",
-            )
-        case events.TaskFailed():
-            _release_service(connection, event.task_id, _COUNTER[event.cause])
-            _update_task(connection, event.task_id, **_VERDICT_OF_EXPIRY.get(event.cause, {}), state="failed")
-        case events.TaskCancelled():
-            _update_task(connection, event.task_id, state="cancelled")
-        case events.ServiceRegistered():
-            connection.execute(
-                insert(schema.services).values(
-                    id=event.service_id,
-                    kind=event.kind,
-                    provider=event.provider,
-                    price=event.price,
-                    state="active",
-                    description=event.description,
-                    completed=0,
-                    rejected=0,
-                    expired=0,
-                )
-            )
-        case events.ServiceUpdated():
-            _update_service(connection, event.service_id, price=event.price, state=event.state.name.lower())
-        case events.ServiceSuspended():
-            _update_service(connection, event.service_id, state="suspended")
-        case events.ServiceReinstated():
-            _update_service(connection, event.service_id, state="paused")
-        case events.DeviceRegistered():
-            connection.execute(
-                insert(schema.devices).values(
-                    address=event.device,
-                    role=event.role,
-                    owner=event.owner,
-                    registrar=event.registrar,
-                    registered=time_s,
-                )
-            )
-        case events.DeviceRevoked():
-            connection.execute(
-                update(schema.devices).where(schema.devices.c.address == event.device).values(revoked=time_s)
-            )
-        case events.KindAllowed():
-            row = {"kind": event.kind, "allowed": event.allowed}
-            connection.execute(upsert(schema.kinds).values(**row).on_conflict_do_update(["kind"], set_=row))
-        case events.Transfer():
-            _add_balance(connection, event.sender, -event.value)
-            _add_balance(connection, event.to, event.value)
+def _event_row(event: DaoEvent, undone: bool = False) -> Row:
+    return {**{name: getattr(event, name) for name in _OF_EVENT}, "undone": undone}
 
 
-_OF_ATTEMPT = (
-    "proof_submitted",
-    "verdict_deadline",
-    "proof_sha256",
-    "proof_uri",
-    "verdict",
-    "reason",
-    "report_sha256",
-    "report_uri",
-)
-"""Columns that a new attempt starts without. Until then they tell how the last attempt ended."""
-
-_OF_ASSIGNMENT = (
-    "executor",
-    "service_id",
-    "price",
-    "assigned",
-    "execution_deadline",
-    "verdict_deadline",
-    "nonce",
-)
-"""Columns that only an assigned task has."""
-
-_COUNTER: dict[Cause, str | None] = {
-    Cause.REJECTED: "rejected",
-    Cause.EXECUTION_EXPIRED: "expired",
-    Cause.VERDICT_EXPIRED: None,
-}
-"""What a failed attempt adds to its service's record; a verdict that never came is not its fault."""
-
-_VERDICT_OF_EXPIRY = {
-    Cause.EXECUTION_EXPIRED: {"verdict": "expired", "reason": "no proof within the execution window"},
-    Cause.VERDICT_EXPIRED: {"verdict": "expired", "reason": "no verdict within the verdict window"},
-}
+def _at(position: Position) -> Row:
+    return asdict(position)
 
 
-def _update_task(connection: Connection, task_id: int, **values: Any) -> None:
-    connection.execute(update(schema.tasks).where(schema.tasks.c.id == task_id).values(**values))
-
-
-def _update_service(connection: Connection, service_id: int | None, **values: Any) -> None:
-    connection.execute(update(schema.services).where(schema.services.c.id == service_id).values(**values))
-
-
-def _release_service(connection: Connection, task_id: int, counter: str | None) -> None:
-    """The attempt at the task is over for the service that made it."""
-    service_id = connection.scalar(select(schema.tasks.c.service_id).where(schema.tasks.c.id == task_id))
-    values: dict[str, Any] = {"task_id": None}
-    if counter is not None:
-        values[counter] = schema.services.c[counter] + 1
-    _update_service(connection, service_id, **values)
-
-
-def _add_balance(connection: Connection, address: str, change: int) -> None:
-    # Tokens are minted from and burnt to the zero address.
-    if address == ZERO_ADDRESS:
-        return
-    of = schema.balances.c.address == address
-    balance = connection.scalar(select(schema.balances.c.balance).where(of))
-    if balance is None:
-        connection.execute(insert(schema.balances).values(address=address, balance=change))
-    else:
-        connection.execute(update(schema.balances).where(of).values(balance=balance + change))
-
-
-def parse_task_text(text: str) -> tuple[dict[str, Any], str]:
-    """Parameters and description from a task's `params`, which anybody may have filled with anything."""
-    try:
-        value = decode_json(text.encode(errors="replace"))
-    except MalformedJson:
-        return {}, text
-    params, description = value.get("params"), value.get("description", "")
-    if not isinstance(params, dict) or not isinstance(description, str):
-        return {}, text
-    return params, description
+def _shown(url: str) -> str:
+    return make_url(url).render_as_string(hide_password=True)

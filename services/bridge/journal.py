@@ -27,11 +27,11 @@ from sqlalchemy import (
     update,
 )
 
-_metadata = MetaData()
+metadata = MetaData()
 
 _transactions = Table(
     "transactions",
-    _metadata,
+    metadata,
     Column("id", Integer, primary_key=True),
     Column("wallet", String(64), nullable=False, index=True),
     Column("request_id", String(128)),
@@ -71,7 +71,7 @@ class Journal:
         path.parent.mkdir(parents=True, exist_ok=True)
         self._engine = create_engine(f"sqlite:///{path}")
         event.listen(self._engine, "connect", _configure)
-        _metadata.create_all(self._engine)
+        metadata.create_all(self._engine)
 
     def find(self, wallet: str, request_id: str) -> Entry | None:
         """The wallet's transaction for this request."""

@@ -7,29 +7,53 @@ from eth_utils import is_address, to_checksum_address
 from rodeo import wallets
 from rodeo.chain import Deployment
 from rodeo.config import Site
-from services.bridge.errors import UnknownParticipant
+from services.bridge.errors import UnknownParticipant, UnknownPolicy
 
 ORGANIZATION = "organization"
+
+POLICIES = {
+    "first_come": "FirstComeFirstServed",
+    "lowest_price": "LowestPrice",
+    "highest_reputation": "HighestReputation",
+}
+"""Policy by its name on the bus -> its contract."""
 
 
 class Names:
     """Participants by name and by address. The organization's address is its contract's, not its key's."""
 
     def __init__(self, site: Site, deployment: Deployment) -> None:
-        self._addresses: dict[str, str] = {
-            name: wallets.address(site, name) for name in wallets.wallet_names(site)
-        }
-        self._addresses[ORGANIZATION] = deployment.address("Organization")
+        self._site = site
+        self._contracts = deployment.contracts
+        keys = {name: wallets.address(site, name) for name in wallets.wallet_names(site)}
+        self._keys = {**keys, **wallets.wallets_elsewhere(site)}
+        self._addresses = {**self._keys, ORGANIZATION: str(deployment.address("Organization"))}
         self._names = {address: name for name, address in self._addresses.items()}
+        self._names_of_keys = {address: name for name, address in self._keys.items()}
 
     @property
     def addresses(self) -> dict[str, str]:
         """Participant -> checksummed address."""
         return dict(self._addresses)
 
+    @property
+    def keys(self) -> dict[str, str]:
+        """Participant -> address of the key that signs for it."""
+        return dict(self._keys)
+
     def name(self, address: str | None) -> str | None:
         """The participant's name; None for a stranger."""
         return None if address is None else self._names.get(address)
+
+    def key_name(self, address: str) -> str | None:
+        """Whose key or contract this is; None for a stranger's."""
+        return self._names_of_keys.get(address) or self._names.get(address)
+
+    def role(self, name: str) -> str:
+        """What the participant is on this site."""
+        if name in (ORGANIZATION, "oracle"):
+            return name
+        return "robot" if name in [robot.name for robot in self._site.robots] else "participant"
 
     def address(self, who: str) -> str:
         """The address of a participant, or `who` itself where it is one. Raises UnknownParticipant."""
@@ -38,3 +62,17 @@ class Names:
         if not is_address(who):
             raise UnknownParticipant("no such participant", who=who, known=sorted(self._addresses))
         return to_checksum_address(who)
+
+    def policy(self, address: str) -> str:
+        """The policy's name; its address where it is none of ours."""
+        for name, contract in POLICIES.items():
+            if self._contracts.get(contract) == address:
+                return name
+        return address
+
+    def policy_address(self, name: str) -> str:
+        """Raises UnknownPolicy when the policy was not deployed."""
+        contract = POLICIES[name]
+        if contract not in self._contracts:
+            raise UnknownPolicy("this policy was not deployed", policy=name, contract=contract)
+        return self._contracts[contract]

@@ -2,32 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, StringConstraints
 
 from rodeo.bus import Request, validate
-from rodeo.chain import Deployment
-from rodeo.messages import Id, Kind, Message, TaskState
+from rodeo.chain import ChainClient, Deployment
+from rodeo.messages import Id, Kind, Message, Party, ServiceState, TaskState
 from services.bridge.amounts import iec
 from services.bridge.errors import UnknownQuery, UnknownTask
-from services.bridge.index import Index
-from services.bridge.names import Names
+from services.bridge.index import Index, Page
+from services.bridge.names import ORGANIZATION, Names
+from services.bridge.node import Node
 
 Json = dict[str, Any]
 
 MAX_PAGE = 500
+MAX_BUCKETS = 2_000
+
+Limit = Annotated[int, Field(ge=1, le=MAX_PAGE)]
+Time = Annotated[float, Field(ge=0, le=2**48, allow_inf_nan=False)]
+_END_OF_TIME = float(2**48)
 
 
 class TaskFilters(Message):
-    """Parameters of `state/tasks`; creator and executor by name or address."""
+    """Parameters of `state/tasks`."""
 
-    state: TaskState | None = None
+    state: Annotated[str, StringConstraints(pattern=r"^[a-z]+(,[a-z]+)*$", max_length=100)] | None = None
+    """One or more states, with commas in between."""
     kind: Kind | None = None
-    creator: str | None = None
-    executor: str | None = None
-    limit: Annotated[int, Field(ge=1, le=MAX_PAGE)] = 100
+    creator: Party | None = None
+    executor: Party | None = None
+    service_id: Id | None = None
+    text: Annotated[str, StringConstraints(max_length=200)] | None = None
+    """In the description or the parameters, in any case."""
+    order: Annotated[str, StringConstraints(pattern="^(newest|oldest)$")] = "newest"
+    limit: Limit = 100
+    offset: Id = 0
+
+
+class _States(Message):
+    states: list[TaskState]
+
+
+class ServiceFilters(Message):
+    """Parameters of `state/services`."""
+
+    kind: Kind | None = None
+    provider: Party | None = None
+    state: ServiceState | None = None
+    limit: Limit = MAX_PAGE
     offset: Id = 0
 
 
@@ -35,22 +60,67 @@ class EventRange(Message):
     """Parameters of `state/events`."""
 
     after: Id = 0
-    limit: Annotated[int, Field(ge=1, le=MAX_PAGE)] = MAX_PAGE
+    name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z]+(,[A-Za-z]+)*$", max_length=500)] | None = None
+    task_id: Id | None = None
+    limit: Limit = MAX_PAGE
+
+
+class TransferFilters(Message):
+    """Parameters of `state/transfers`; times are the blocks', s."""
+
+    account: Party | None = None
+    task_id: Id | None = None
+    first_s: Time = 0
+    last_s: Time = _END_OF_TIME
+    limit: Limit = 100
+    offset: Id = 0
+
+
+class TransactionFilters(Message):
+    """Parameters of `state/transactions`."""
+
+    task_id: Id | None = None
+    limit: Annotated[int, Field(ge=1, le=100)] = 50
+    offset: Id = 0
+
+
+class HistoryRange(Message):
+    """Parameters of `state/history`; times are the blocks', s."""
+
+    first_s: Time = 0
+    last_s: Time | None = None
+    bucket_s: Annotated[float, Field(ge=1, le=2**32)] = 3600
+
+
+class Account(Message):
+    """Parameter of `state/wallet`."""
+
+    account: Party = ORGANIZATION
 
 
 class Queries:
     """Answers questions about the organization."""
 
-    def __init__(self, index: Index, names: Names, deployment: Deployment, url: str) -> None:
+    def __init__(
+        self, index: Index, names: Names, deployment: Deployment, client: ChainClient, node: Node, url: str
+    ) -> None:
         self._index = index
         self._names = names
         self._deployment = deployment
+        self._client = client
+        self._node = node
         self._url = url
         self._table: Mapping[str, Callable[[Request], Json]] = {
             "tasks": self._tasks,
             "services": self._services,
+            "participants": self._participants,
             "wallets": self._wallets,
+            "wallet": self._wallet,
+            "transfers": self._transfers,
+            "transactions": self._transactions,
+            "history": self._history,
             "devices": self._devices,
+            "organization": self._organization,
             "chain": self._chain,
             "events": self._events,
         }
@@ -63,13 +133,19 @@ class Queries:
             raise UnknownQuery("no such question", what=what, known=[*self._table, "task/<id>"])
         return self._table[what](request)
 
+    # -- tasks and services --------------------------------------------------------------------------------
+
     def _tasks(self, request: Request) -> Json:
         filters = validate(TaskFilters, request.parameters)
-        wanted = filters.model_dump(exclude={"limit", "offset"}, exclude_none=True)
-        for role in ("creator", "executor"):
-            if role in wanted:
-                wanted[role] = self._names.address(wanted[role])
-        rows, total = self._index.tasks(wanted, filters.limit, filters.offset)
+        wanted = filters.model_dump(include={"kind", "creator", "executor", "service_id"}, exclude_none=True)
+        states = [] if filters.state is None else filters.state.split(",")
+        rows, total = self._index.tasks(
+            self._with_addresses(wanted, "creator", "executor"),
+            Page(filters.limit, filters.offset),
+            states=validate(_States, {"states": states}).states,
+            text=filters.text,
+            newest_first=filters.order == "newest",
+        )
         return {"tasks": [self._task_json(row) for row in rows], "total": total}
 
     def _task(self, text: str) -> Json:
@@ -79,7 +155,12 @@ class Queries:
             raise UnknownTask("no such task", task_id=text)
         return self._task_json(row)
 
-    def _services(self, _request: Request) -> Json:
+    def _services(self, request: Request) -> Json:
+        filters = validate(ServiceFilters, request.parameters)
+        wanted = filters.model_dump(exclude={"limit", "offset"}, exclude_none=True)
+        rows, total = self._index.services(
+            self._with_addresses(wanted, "provider"), Page(filters.limit, filters.offset)
+        )
         return {
             "services": [
                 {
@@ -87,7 +168,31 @@ class Queries:
                     "provider_name": self._names.name(row["provider"]),
                     "price_iec": iec(row["price"]),
                 }
-                for row in self._index.services()
+                for row in rows
+            ],
+            "total": total,
+        }
+
+    # -- people and money ----------------------------------------------------------------------------------
+
+    def _participants(self, _request: Request) -> Json:
+        balances, roles = self._index.balances(), self._index.roles()
+        created, executed = self._index.task_counts("creator"), self._index.task_counts("executor")
+        named = self._names.addresses
+        strangers = sorted((created.keys() | executed.keys()) - set(named.values()))
+        people: list[tuple[str | None, str]] = [*named.items(), *((None, one) for one in strangers)]
+        return {
+            "participants": [
+                {
+                    "name": name,
+                    "address": address,
+                    "role": None if name is None else self._names.role(name),
+                    "roles_on_chain": sorted(role for role, held in roles.items() if address in held),
+                    "balance_iec": iec(balances.get(address, 0)),
+                    "created": created.get(address, {}),
+                    "executed": executed.get(address, {}),
+                }
+                for name, address in people
             ]
         }
 
@@ -101,11 +206,151 @@ class Queries:
             "supply_iec": iec(sum(balances.values())),
         }
 
+    def _wallet(self, request: Request) -> Json:
+        address = self._names.address(validate(Account, request.parameters).account)
+        live, _ = self._index.tasks(
+            {"creator": address}, Page(MAX_PAGE), states=("open", "assigned", "submitted")
+        )
+        return {
+            "name": self._names.name(address),
+            "address": address,
+            "balance_iec": iec(self._index.balance(address)),
+            "in_escrow_iec": iec(sum(task["reward"] for task in live)),
+        }
+
+    def _transfers(self, request: Request) -> Json:
+        wanted = validate(TransferFilters, request.parameters)
+        account = None if wanted.account is None else self._names.address(wanted.account)
+        rows, total = self._index.transfers(
+            account, wanted.task_id, wanted.first_s, wanted.last_s, Page(wanted.limit, wanted.offset)
+        )
+        return {"transfers": [self._transfer_json(row, account) for row in rows], "total": total}
+
+    def _transfer_json(self, row: Mapping[str, Any], account: str | None) -> Json:
+        transfer = {
+            **{
+                key: row[key]
+                for key in ("seq", "block", "time_s", "tx_hash", "sender", "to", "task_id", "reason")
+            },
+            "sender_name": self._names.name(row["sender"]),
+            "to_name": self._names.name(row["to"]),
+            "amount_iec": iec(row["amount"]),
+        }
+        if account is not None:
+            received = row["to"] == account
+            transfer |= {
+                "change_iec": iec(row["amount"] * (received - (row["sender"] == account))),
+                "balance_iec": iec(row["to_balance"] if received else row["sender_balance"]),
+            }
+        return transfer
+
+    def _transactions(self, request: Request) -> Json:
+        wanted = validate(TransactionFilters, request.parameters)
+        page = Page(wanted.limit, wanted.offset)
+        rows, total = self._index.transactions(wanted.task_id, page)
+        if missing := [row["tx_hash"] for row in rows if row["receipt"] is None]:
+            self._index.keep_receipts(self._receipts(missing))
+            rows, total = self._index.transactions(wanted.task_id, page)
+        return {"transactions": [self._transaction_json(row) for row in rows], "total": total}
+
+    def _receipts(self, hashes: Iterable[str]) -> list[Json]:
+        """What the node says that the transactions cost; those that it does not know are left out."""
+        found = self._node.batch([("eth_getTransactionReceipt", [tx_hash]) for tx_hash in hashes])
+        return [
+            {
+                "tx_hash": receipt["transactionHash"],
+                "block_hash": receipt["blockHash"],
+                "sender": self._names.address(receipt["from"]),
+                "gas_used": int(receipt["gasUsed"], 16),
+                "gas_price": int(receipt["effectiveGasPrice"], 16),
+            }
+            for receipt in found
+            if isinstance(receipt, dict)
+        ]
+
+    def _transaction_json(self, row: Mapping[str, Any]) -> Json:
+        receipt = row["receipt"]
+        cost: Json = dict.fromkeys(("sender", "sender_name", "gas_used", "gas_price_wei", "fee_wei"))
+        if receipt is not None:
+            cost = {
+                "sender": receipt["sender"],
+                "sender_name": self._names.key_name(receipt["sender"]),
+                "gas_used": receipt["gas_used"],
+                "gas_price_wei": str(receipt["gas_price"]),
+                "fee_wei": str(receipt["gas_used"] * receipt["gas_price"]),
+            }
+        return {key: row[key] for key in ("tx_hash", "block", "time_s", "events", "task_ids")} | cost
+
+    def _history(self, request: Request) -> Json:
+        """Numbers per span of time, for charts. Spans without any are left out."""
+        wanted = validate(HistoryRange, request.parameters)
+        last_s = self._index.position.block_time_s if wanted.last_s is None else wanted.last_s
+        buckets: dict[int, dict[str, Any]] = {}
+
+        def bucket(time_s: float) -> dict[str, Any]:
+            start_s = int(time_s // wanted.bucket_s * wanted.bucket_s)
+            return buckets.setdefault(
+                start_s,
+                {
+                    "start_s": start_s,
+                    **dict.fromkeys(("registered", "settled", "failed", "cancelled", "paid"), 0),
+                    "execution_s": [],
+                    "verification_s": [],
+                },
+            )
+
+        for task in self._index.task_times(wanted.first_s, last_s):
+            if wanted.first_s <= task["registered"] <= last_s:
+                bucket(task["registered"])["registered"] += 1
+            if task["ended"] is not None and wanted.first_s <= task["ended"] <= last_s:
+                ended = bucket(task["ended"])
+                ended[task["state"]] += 1
+                ended["paid"] += task["paid"]
+                if task["settled"] is not None:
+                    ended["execution_s"].append(task["proof_submitted"] - task["assigned"])
+                    ended["verification_s"].append(task["settled"] - task["proof_submitted"])
+        newest = sorted(buckets.values(), key=lambda one: one["start_s"])[-MAX_BUCKETS:]
+        return {
+            "buckets": [
+                {
+                    **{
+                        key: value
+                        for key, value in one.items()
+                        if not isinstance(value, list) and key != "paid"
+                    },
+                    "paid_iec": iec(one["paid"]),
+                    "mean_execution_s": _mean(one["execution_s"]),
+                    "mean_verification_s": _mean(one["verification_s"]),
+                }
+                for one in newest
+            ],
+            "bucket_s": wanted.bucket_s,
+        }
+
+    # -- the organization and its chain --------------------------------------------------------------------
+
     def _devices(self, _request: Request) -> Json:
         return {
             "devices": [
                 {**row, "owner_name": self._names.name(row["owner"])} for row in self._index.devices()
             ]
+        }
+
+    def _organization(self, _request: Request) -> Json:
+        address = self._names.addresses[ORGANIZATION]
+        return {
+            "address": address,
+            "treasury_iec": iec(self._index.balance(address)),
+            "policy": self._names.policy(self._index.setting("policy") or self._client.policy()),
+            "kinds": [
+                {"kind": row["kind"], "allowed": row["allowed"], "review": row["review"] or "oracle"}
+                for row in self._index.all_kinds()
+            ],
+            "roles": {
+                role: [{"address": holder, "name": self._names.key_name(holder)} for holder in holders]
+                for role, holders in self._index.roles().items()
+            },
+            "contracts": self._deployment.contracts,
         }
 
     def _chain(self, _request: Request) -> Json:
@@ -124,15 +369,35 @@ class Queries:
 
     def _events(self, request: Request) -> Json:
         wanted = validate(EventRange, request.parameters)
-        events = self._index.events_after(wanted.after, wanted.limit)
-        return {"events": [event.model_dump(mode="json") for event in events]}
+        names = () if wanted.name is None else wanted.name.split(",")
+        events = self._index.events_after(wanted.after, wanted.limit, names, wanted.task_id)
+        return {
+            "events": [event.model_dump(mode="json") for event in events],
+            "last_seq": self._index.last_seq(),
+            "chain": self._index.genesis_hash,
+        }
+
+    # ------------------------------------------------------------------------------------------------------
+
+    def _with_addresses(self, wanted: dict[str, Any], *parties: str) -> dict[str, Any]:
+        """Parties by their address, which is how the index knows them."""
+        return {
+            name: self._names.address(value) if name in parties else value for name, value in wanted.items()
+        }
 
     def _task_json(self, row: Mapping[str, Any]) -> Json:
         """`rodeo.messages.Task`."""
         amounts = {"reward", "price", "paid"}
         return {
-            **{key: value for key, value in row.items() if key not in amounts},
+            **{key: value for key, value in row.items() if key not in {*amounts, "text", "ended"}},
             **{f"{key}_iec": None if row[key] is None else iec(row[key]) for key in sorted(amounts)},
             "creator_name": self._names.name(row["creator"]),
             "executor_name": self._names.name(row["executor"]),
         }
+
+
+_OF_TRANSFER = ("seq", "block", "time_s", "tx_hash", "sender", "to", "task_id", "reason")
+
+
+def _mean(values: list[float]) -> float | None:
+    return sum(values) / len(values) if values else None

@@ -1,9 +1,13 @@
-"""Tables of the index. They hold nothing that the chain's logs do not, so they are dropped at will."""
+"""Tables of the index. They hold nothing that the chain does not, so they are emptied at will.
+
+A change here needs a migration (`migrations/index`), a change of what is written to them a new VERSION.
+"""
 
 from __future__ import annotations
 
 from sqlalchemy import (
     JSON,
+    BigInteger,
     Boolean,
     Column,
     Dialect,
@@ -15,11 +19,10 @@ from sqlalchemy import (
     Table,
     Text,
     TypeDecorator,
-    UniqueConstraint,
 )
 
-VERSION = 1
-"""Raised when a table or what is written to it changes; an index of another version is rebuilt."""
+VERSION = 2
+"""Raised when what is written to the tables changes; an index of another version is rebuilt."""
 
 metadata = MetaData()
 
@@ -37,76 +40,110 @@ class Wei(TypeDecorator[int]):
         return None if value is None else int(value)
 
 
+class Written(TypeDecorator[str]):
+    """Text that anybody may have written. PostgreSQL takes no NUL and no lone surrogate."""
+
+    impl = Text
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
+        return None if value is None else value.replace("\0", "\ufffd").encode(errors="replace").decode()
+
+
+Word = String(66)
+"""ASCII in 32 bytes, or their hex."""
+
 cursor = Table(
     "cursor",
     metadata,
     Column("id", Integer, primary_key=True, autoincrement=False),
     Column("version", Integer, nullable=False),
-    Column("chain_id", Integer, nullable=False),
+    Column("chain_id", BigInteger, nullable=False),
     Column("genesis_hash", String(66), nullable=False),
     Column("contracts", JSON, nullable=False, doc="name -> address that the index was built from"),
-    Column("block", Integer, nullable=False, doc="last block that is in the index"),
+    Column("block", BigInteger, nullable=False, doc="last block that is in the index"),
     Column("block_hash", String(66), nullable=False),
-    Column("block_time_s", Integer, nullable=False),
-    Column("published_seq", Integer, nullable=False, doc="last event that was put on the bus"),
+    Column("block_time_s", BigInteger, nullable=False),
+    Column("published_seq", BigInteger, nullable=False, doc="last event that was put on the bus"),
+)
+
+blocks = Table(
+    "blocks",
+    metadata,
+    Column("number", BigInteger, primary_key=True, autoincrement=False),
+    Column("hash", String(66), nullable=False),
+    Column("time_s", BigInteger, nullable=False),
+    comment="the newest blocks that were taken in: where a reorganization may have left off",
+)
+
+undo = Table(
+    "undo",
+    metadata,
+    Column("id", Integer, primary_key=True),
+    Column("block", BigInteger, nullable=False, index=True),
+    Column("table", String(32), nullable=False),
+    Column("key", JSON, nullable=False),
+    Column("row", JSON, doc="as it was before the block; null when there was none"),
 )
 
 events = Table(
     "events",
     metadata,
-    Column("seq", Integer, primary_key=True, autoincrement=False),
+    Column("seq", BigInteger, primary_key=True, autoincrement=False),
     Column("name", String(64), nullable=False),
-    Column("block", Integer, nullable=False),
+    Column("block", BigInteger, nullable=False, index=True),
     Column("log_index", Integer, nullable=False),
-    Column("tx_hash", String(66), nullable=False),
-    Column("time_s", Integer, nullable=False),
-    Column("task_id", Integer, index=True),
+    Column("tx_hash", String(66), nullable=False, index=True),
+    Column("time_s", BigInteger, nullable=False),
+    Column("task_id", BigInteger, index=True),
     Column("args", JSON, nullable=False),
-    UniqueConstraint("block", "log_index"),
+    Column("undone", Boolean, nullable=False, doc="not on the chain any more, or the notice of that"),
 )
 
 tasks = Table(
     "tasks",
     metadata,
-    Column("id", Integer, primary_key=True, autoincrement=False),
-    Column("kind", String(32), nullable=False),
+    Column("id", BigInteger, primary_key=True, autoincrement=False),
+    Column("kind", Word, nullable=False),
     Column("state", String(16), nullable=False),
     Column("attempt", Integer, nullable=False),
     Column("max_attempts", Integer, nullable=False),
     Column("creator", String(42), nullable=False, index=True),
     Column("executor", String(42), index=True),
-    Column("service_id", Integer),
+    Column("service_id", BigInteger),
     Column("reward", Wei, nullable=False),
     Column("price", Wei),
     Column("paid", Wei, nullable=False),
     Column("params", JSON, nullable=False),
-    Column("description", Text, nullable=False),
+    Column("description", Written, nullable=False),
+    Column("text", Written, nullable=False, doc="lower case; what a search looks through"),
     Column("registered", Float, nullable=False),
     Column("assigned", Float),
     Column("proof_submitted", Float),
     Column("settled", Float),
+    Column("ended", Float, doc="settled, cancelled or failed"),
     Column("execution_deadline", Float),
     Column("verdict_deadline", Float),
     Column("nonce", String(66)),
     Column("proof_sha256", String(66)),
-    Column("proof_uri", Text),
+    Column("proof_uri", Written),
     Column("verdict", String(16)),
-    Column("reason", Text),
+    Column("reason", Written),
     Column("report_sha256", String(66)),
-    Column("report_uri", Text),
+    Column("report_uri", Written),
     Index("tasks_by_state_and_kind", "state", "kind"),
 )
 
 services = Table(
     "services",
     metadata,
-    Column("id", Integer, primary_key=True, autoincrement=False),
-    Column("kind", String(32), nullable=False, index=True),
+    Column("id", BigInteger, primary_key=True, autoincrement=False),
+    Column("kind", Word, nullable=False, index=True),
     Column("provider", String(42), nullable=False, index=True),
     Column("price", Wei, nullable=False),
     Column("state", String(16), nullable=False),
-    Column("description", Text, nullable=False),
-    Column("task_id", Integer, doc="the task it is doing"),
+    Column("description", Written, nullable=False),
+    Column("task_id", BigInteger, doc="the task it is doing"),
     Column("completed", Integer, nullable=False),
     Column("rejected", Integer, nullable=False),
     Column("expired", Integer, nullable=False),
@@ -116,7 +153,7 @@ devices = Table(
     "devices",
     metadata,
     Column("address", String(42), primary_key=True),
-    Column("role", String(32), nullable=False),
+    Column("role", Word, nullable=False),
     Column("owner", String(42), nullable=False),
     Column("registrar", String(42), nullable=False),
     Column("registered", Float, nullable=False),
@@ -126,8 +163,33 @@ devices = Table(
 kinds = Table(
     "kinds",
     metadata,
-    Column("kind", String(32), primary_key=True),
+    Column("kind", Word, primary_key=True),
     Column("allowed", Boolean, nullable=False),
+    Column("review", String(16), doc="who judges it: oracle or auditor"),
+)
+
+members = Table(
+    "members",
+    metadata,
+    Column("address", String(42), primary_key=True),
+    Column("admitted", Boolean, nullable=False),
+    Column("since", Float, nullable=False),
+)
+
+roles = Table(
+    "roles",
+    metadata,
+    Column("role", Word, primary_key=True),
+    Column("address", String(42), primary_key=True),
+    Column("held", Boolean, nullable=False),
+)
+
+settings = Table(
+    "settings",
+    metadata,
+    Column("name", String(32), primary_key=True),
+    Column("value", JSON),
+    comment="the organization's rules as its events last said",
 )
 
 balances = Table(
@@ -135,4 +197,31 @@ balances = Table(
     metadata,
     Column("address", String(42), primary_key=True),
     Column("balance", Wei, nullable=False),
+)
+
+transfers = Table(
+    "transfers",
+    metadata,
+    Column("seq", BigInteger, primary_key=True, autoincrement=False, doc="of the event"),
+    Column("block", BigInteger, nullable=False),
+    Column("time_s", BigInteger, nullable=False),
+    Column("tx_hash", String(66), nullable=False),
+    Column("sender", String(42), nullable=False, index=True),
+    Column("to", String(42), nullable=False, index=True),
+    Column("amount", Wei, nullable=False),
+    Column("sender_balance", Wei, doc="after it; null for the mint"),
+    Column("to_balance", Wei),
+    Column("task_id", BigInteger, index=True),
+    Column("reason", String(16), nullable=False),
+)
+
+receipts = Table(
+    "receipts",
+    metadata,
+    Column("tx_hash", String(66), primary_key=True),
+    Column("block_hash", String(66), nullable=False),
+    Column("sender", String(42), nullable=False),
+    Column("gas_used", BigInteger, nullable=False),
+    Column("gas_price", Wei, nullable=False, doc="wei per gas, paid"),
+    comment="of transactions that somebody asked for",
 )

@@ -63,6 +63,17 @@ class Sender:
                 # Its outcome is in the journal now, for whoever asks for it.
                 log.warning("%s: %s of before ended: %s", self.wallet, entry.command, error)
 
+    def cost(self, call: Call) -> dict[str, Any]:
+        """What `call` would cost at most. Raises ContractReverted when it would be refused."""
+        message: TxParams = {"from": self._account.address, "to": call.to, "data": call.data}
+        offer = priced(self._client.w3, message)
+        gas = int(offer["gas"])
+        return {
+            "gas": gas,
+            "max_fee_per_gas_wei": str(offer["maxFeePerGas"]),
+            "max_fee_wei": str(gas * int(offer["maxFeePerGas"])),
+        }
+
     def send(
         self, command: str, call: Call, request_id: str | None = None, content_sha256: str = ""
     ) -> dict[str, Any]:

@@ -31,10 +31,12 @@ from rodeo.messages import DaoEvent
 from rodeo.service import Service
 from services.bridge.commands import Wallet
 from services.bridge.errors import BridgeNotReady, ChainReorganized, UnknownParticipant
-from services.bridge.follower import Follower
-from services.bridge.index import Index
+from services.bridge.follower import BEHIND_GRACE_S, Follower
+from services.bridge.heads import Header, Heads, open_heads
+from services.bridge.index import Index, sqlite_url
 from services.bridge.journal import Journal
 from services.bridge.names import ORGANIZATION, Names
+from services.bridge.node import Node
 from services.bridge.queries import Queries
 from services.bridge.sender import Sender
 
@@ -70,6 +72,7 @@ class Bridge:
         self._site: Site = service.site
         self._stop = service.stop
         self._attachment: _Attachment | None = None
+        self._heads: Heads | None = None
         self._reason = "starting"
         self._told_block = -1
         self._accounts: dict[str, LocalAccount] = {}
@@ -94,7 +97,7 @@ class Bridge:
                 self._not_ready(f"deployment record does not fit: run python -m deploy.contracts ({error})")
             except (ChainUnavailable, RpcFailed) as error:
                 self._not_ready(f"no node at {self._site.chain.url}: {error}")
-            except (ChainError, WalletError) as error:
+            except (ChainError, ChainReorganized, WalletError) as error:
                 self._not_ready(str(error))
             self._stop.wait(_RETRY_S)
         for thread in self._threads.values():
@@ -120,8 +123,12 @@ class Bridge:
         # Named after the genesis block: a chain that was made anew starts with an empty journal.
         folder = self._service.data_dir / f"{deployment.chain_id}-{deployment.genesis_hash[2:18]}"
         index = Index(
-            folder / "index.sqlite", deployment.chain_id, deployment.genesis_hash, deployment.contracts
+            sqlite_url(folder / "index.sqlite"),
+            deployment.chain_id,
+            deployment.genesis_hash,
+            deployment.contracts,
         )
+        node = Node(site.chain.url)
         journal = Journal(folder / "journal.sqlite")
         names = Names(site, deployment)
         store = Store(site)
@@ -146,9 +153,16 @@ class Bridge:
             index=index,
             journal=journal,
             follower=Follower(
-                ChainClient(site.chain.url, deployment), index, site.chain.confirmations, self._publish
+                node,
+                deployment,
+                index,
+                site.chain.confirmations,
+                self._publish,
+                grace_s=BEHIND_GRACE_S if site.chain.backend == "external" else 0.0,
             ),
-            queries=Queries(index, names, deployment, site.chain.url),
+            queries=Queries(
+                index, names, deployment, ChainClient(site.chain.url, deployment), node, site.chain.url
+            ),
             wallets={name: wallet(name, account) for name, account in self._accounts.items()},
         )
 
@@ -157,21 +171,22 @@ class Bridge:
         for name, wallet in attachment.wallets.items():
             self._threads[name].submit(_logged, wallet.sender.recover)
         attachment.follower.publish_missed()
-        while not self._stop.is_set():
-            try:
-                advanced = attachment.follower.step()
-            except ChainReorganized as error:
-                attachment.deployment.verify(connect(self._site.chain.url))
-                log.error("the index is rebuilt: %s", error)
-                attachment.index.clear()
-                continue
-            if not advanced:
-                self._ready(attachment)
-                self._expire_overdue(attachment)
-                attachment.follower.wait(self._stop)
+        self._heads = heads = open_heads(
+            self._site.chain.url, self._site.chain.websocket_url, lambda why: log.info("polling: %s", why)
+        )
+        headers: list[Header] = []
+        try:
+            while not self._stop.is_set():
+                if not attachment.follower.step(headers):
+                    self._ready(attachment)
+                    self._expire_overdue(attachment)
+                    headers = heads.wait()
+        finally:
+            heads.close()
 
-    def _publish(self, event: DaoEvent) -> None:
+    def _publish(self, event: DaoEvent) -> bool:
         self._service.bus.put_json(f"rodeo/{self._site.org}/event/{event.name}", event)
+        return True
 
     def _ready(self, attachment: _Attachment) -> None:
         if self._reason:
@@ -210,7 +225,11 @@ class Bridge:
             raise UnknownParticipant("no such participant", who=participant, known=sorted(self._threads))
         attachment = self._attached()
         reply = attachment.wallets[participant].execute(command, request.json())
+        if "block" not in reply:
+            return reply
         # The caller may ask for the effect of its command at once.
+        if self._heads is not None:
+            self._heads.wake()
         if not attachment.follower.wait_indexed(reply["block"], _INDEXED_S):
             raise BridgeNotReady(
                 "done, but the index does not show it yet", reason=self._reason or "behind", **reply

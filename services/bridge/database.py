@@ -1,0 +1,91 @@
+"""Databases of the bridge: SQLite files by default, PostgreSQL by URL, brought to the newest schema.
+
+The index can be rebuilt from the chain and so may lose its last moments in a power cut; the journal may not.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import sqlalchemy
+from sqlalchemy import Engine, Table, create_engine, make_url
+from sqlalchemy.dialects import postgresql, sqlite
+
+_MIGRATIONS = Path(__file__).parent / "migrations"
+
+
+def open_database(url: str, schema: str = "", *, durable: bool = False) -> Engine:
+    """An engine for `url`, on PostgreSQL inside `schema`, which is made; `durable` syncs each commit."""
+    parsed = make_url(url)
+    if parsed.get_backend_name() != "sqlite":
+        engine = create_engine(
+            parsed, connect_args={"options": f"-csearch_path={schema}"} if schema else {}, pool_pre_ping=True
+        )
+        if schema:
+            with engine.begin() as connection:
+                connection.execute(sqlalchemy.schema.CreateSchema(schema, if_not_exists=True))
+        return engine
+    if parsed.database:
+        Path(parsed.database).parent.mkdir(parents=True, exist_ok=True)
+    engine = create_engine(parsed, connect_args={"timeout": 30.0})
+
+    def configure(connection: Any, _record: Any) -> None:
+        # Readers do not wait for the writer.
+        connection.execute("pragma journal_mode = wal")
+        connection.execute(f"pragma synchronous = {'full' if durable else 'normal'}")
+
+    sqlalchemy.event.listen(engine, "connect", configure)
+    return engine
+
+
+def migrate(engine: Engine, what: str, revision: str = "head") -> None:
+    """Bring the database to `revision` of the migrations in `migrations/<what>`."""
+    if revision == "head" and _revision(engine) == _newest(what):
+        return
+    # Imported here: half a second that a start without news does not have to wait.
+    from alembic import command
+
+    with engine.begin() as connection:
+        command.upgrade(_config(connection, what), revision)
+
+
+def stamp(engine: Engine, what: str, revision: str) -> None:
+    """Note that a database made before there were migrations is at `revision`."""
+    from alembic import command
+
+    with engine.begin() as connection:
+        command.stamp(_config(connection, what), revision)
+
+
+def _revision(engine: Engine) -> str | None:
+    """What alembic noted in the database."""
+    with engine.connect() as connection:
+        if not sqlalchemy.inspect(connection).has_table("alembic_version"):
+            return None
+        return connection.scalar(sqlalchemy.text("select version_num from alembic_version"))
+
+
+def _newest(what: str) -> str:
+    """Files are named `<revision>_<what it does>.py`, in order."""
+    return max(path.name for path in (_MIGRATIONS / what / "versions").glob("[0-9]*.py")).partition("_")[0]
+
+
+def _config(connection: sqlalchemy.Connection, what: str) -> Any:
+    from alembic.config import Config
+
+    config = Config()
+    config.set_main_option("script_location", str(_MIGRATIONS / what))
+    config.attributes["connection"] = connection
+    return config
+
+
+def upsert(engine: Engine, table: Table) -> Any:
+    """`insert` that overwrites the row with the same primary key."""
+    insert = postgresql.insert if engine.dialect.name == "postgresql" else sqlite.insert
+    statement = insert(table)
+    keys: Any = list(table.primary_key.columns)
+    others = {
+        column.name: statement.excluded[column.name] for column in table.columns if not column.primary_key
+    }
+    return statement.on_conflict_do_update(keys, set_=others)

@@ -1,0 +1,277 @@
+"""What each contract event changes in the index."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from rodeo.bus import decode_json
+from rodeo.chain import Cause, Log, events
+from rodeo.errors import MalformedJson
+from services.bridge import schema
+from services.bridge.rows import Rows
+
+ZERO_ADDRESS = "0x" + "00" * 20
+
+
+@dataclass
+class Projection:
+    """Applies events to `rows`. `contracts`: name -> address."""
+
+    rows: Rows
+    contracts: Mapping[str, str]
+    _reasons: dict[str, list[_Reason]] = field(default_factory=dict)
+
+    def prepare(self, logs: Iterable[Log]) -> None:
+        """See all events that will be applied: a transfer is explained by its neighbours, before or after."""
+        self._reasons = defaultdict(list)
+        for log in logs:
+            self._reasons[log.tx_hash] += self._explanations(log)
+
+    def apply(self, seq: int, log: Log, time_s: int) -> None:
+        """Events without a case change nothing that can be queried; they are kept and published."""
+        rows, event = self.rows, log.event
+        match event:
+            case events.TaskRegistered():
+                params, description = parse_task_text(event.params)
+                rows.add(
+                    schema.tasks,
+                    id=event.task_id,
+                    kind=event.kind,
+                    state="open",
+                    attempt=0,
+                    max_attempts=event.max_attempts,
+                    creator=event.creator,
+                    reward=event.reward,
+                    paid=0,
+                    params=params,
+                    description=description,
+                    text=event.params.lower(),
+                    registered=time_s,
+                )
+            case events.TaskAssigned():
+                self._change_task(
+                    event.task_id,
+                    **dict.fromkeys(_OF_ATTEMPT),
+                    state="assigned",
+                    attempt=event.attempt,
+                    executor=event.executor,
+                    service_id=event.service_id,
+                    price=event.price,
+                    assigned=time_s,
+                    execution_deadline=event.deadline,
+                    nonce="0x" + event.nonce.hex(),
+                )
+                rows.change(schema.services, event.service_id, task_id=event.task_id)
+            case events.ProofSubmitted():
+                self._change_task(
+                    event.task_id,
+                    state="submitted",
+                    proof_submitted=time_s,
+                    proof_sha256="0x" + event.proof_hash.hex(),
+                    proof_uri=event.uri,
+                    verdict_deadline=event.deadline,
+                )
+            case events.VerdictPosted():
+                self._change_task(
+                    event.task_id,
+                    verdict="accepted" if event.accepted else "rejected",
+                    reason=event.reason,
+                    report_sha256="0x" + event.report_hash.hex(),
+                    report_uri=event.report_uri,
+                )
+            case events.TaskSettled():
+                self._release_service(event.task_id, "completed")
+                self._change_task(
+                    event.task_id, state="settled", settled=time_s, ended=time_s, paid=event.paid
+                )
+            case events.TaskRequeued():
+                self._release_service(event.task_id, _COUNTER[event.cause])
+                self._change_task(
+                    event.task_id,
+                    **dict.fromkeys(_OF_ASSIGNMENT),
+                    **_VERDICT_OF_EXPIRY.get(event.cause, {}),
+                    state="open",
+                )
+            case events.TaskFailed():
+                self._release_service(event.task_id, _COUNTER[event.cause])
+                self._change_task(
+                    event.task_id, **_VERDICT_OF_EXPIRY.get(event.cause, {}), state="failed", ended=time_s
+                )
+            case events.TaskCancelled():
+                self._change_task(event.task_id, state="cancelled", ended=time_s)
+            case events.ServiceRegistered():
+                rows.add(
+                    schema.services,
+                    id=event.service_id,
+                    kind=event.kind,
+                    provider=event.provider,
+                    price=event.price,
+                    state="active",
+                    description=event.description,
+                    completed=0,
+                    rejected=0,
+                    expired=0,
+                )
+            case events.ServiceUpdated():
+                rows.change(
+                    schema.services, event.service_id, price=event.price, state=event.state.name.lower()
+                )
+            case events.DeviceRegistered():
+                rows.add(
+                    schema.devices,
+                    address=event.device,
+                    role=event.role,
+                    owner=event.owner,
+                    registrar=event.registrar,
+                    registered=time_s,
+                )
+            case events.DeviceRevoked():
+                rows.change(schema.devices, event.device, revoked=time_s)
+            case events.KindAllowed():
+                rows.put(schema.kinds, kind=event.kind, allowed=event.allowed)
+            case events.PolicyChanged():
+                rows.put(schema.settings, name="policy", value=event.policy)
+            case events.RoleGranted():
+                rows.put(schema.roles, role=event.role, address=event.account, held=True)
+            case events.RoleRevoked():
+                rows.put(schema.roles, role=event.role, address=event.account, held=False)
+            case events.Transfer():
+                self._transfer(seq, log, event, time_s)
+
+    def _change_task(self, task_id: int, **values: Any) -> None:
+        self.rows.change(schema.tasks, task_id, **values)
+
+    def _release_service(self, task_id: int, counter: str | None) -> None:
+        """The attempt at the task is over for the service that made it."""
+        service = self.rows.get(schema.services, self.rows.get(schema.tasks, task_id)["service_id"])
+        values: dict[str, Any] = {"task_id": None}
+        if counter is not None:
+            values[counter] = service[counter] + 1
+        self.rows.change(schema.services, service["id"], **values)
+
+    # -- tokens --------------------------------------------------------------------------------------------
+
+    def _transfer(self, seq: int, log: Log, event: events.Transfer, time_s: int) -> None:
+        sender_balance = self._add_balance(event.sender, -event.value)
+        to_balance = self._add_balance(event.to, event.value)
+        reason = self._reason(log.tx_hash, event)
+        self.rows.add(
+            schema.transfers,
+            seq=seq,
+            block=log.block,
+            time_s=time_s,
+            tx_hash=log.tx_hash,
+            sender=event.sender,
+            to=event.to,
+            amount=event.value,
+            sender_balance=sender_balance,
+            to_balance=to_balance,
+            task_id=reason.task_id,
+            reason=reason.text,
+        )
+
+    def _add_balance(self, address: str, change: int) -> int | None:
+        # Tokens are minted from and burnt to the zero address.
+        if address == ZERO_ADDRESS:
+            return None
+        row = self.rows.find(schema.balances, address)
+        balance = (row["balance"] if row else 0) + change
+        self.rows.put(schema.balances, address=address, balance=balance)
+        return int(balance)
+
+    def _explanations(self, log: Log) -> list[_Reason]:
+        """Why tokens move in the transaction of `log`, as its event tells."""
+        tasks, organization = self.contracts.get("TaskManager"), self.contracts.get("Organization")
+        match event := log.event:
+            case events.TaskRegistered():
+                return [_Reason("escrow", event.task_id, event.creator, tasks, event.reward)]
+            case events.TaskSettled():
+                return [
+                    _Reason("payment", event.task_id, tasks, event.executor, event.paid),
+                    _Reason("surplus", event.task_id, tasks, None, event.surplus),
+                ]
+            case events.TaskFailed() | events.TaskCancelled():
+                return [_Reason("refund", event.task_id, tasks, None, event.refund)]
+            case events.Deposited():
+                return [_Reason("deposit", None, event.sender, organization, event.amount)]
+            case events.Withdrawn():
+                return [_Reason("withdrawal", None, organization, event.to, event.amount)]
+        return []
+
+    def _reason(self, tx_hash: str, transfer: events.Transfer) -> _Reason:
+        reasons = self._reasons.get(tx_hash, [])
+        for position, reason in enumerate(reasons):
+            if reason.explains(transfer):
+                return reasons.pop(position)
+        if transfer.sender == ZERO_ADDRESS:
+            return _Reason("mint")
+        return _Reason("burn" if transfer.to == ZERO_ADDRESS else "transfer")
+
+
+@dataclass(frozen=True)
+class _Reason:
+    """Why tokens moved. None is anybody."""
+
+    text: str
+    task_id: int | None = None
+    sender: str | None = None
+    to: str | None = None
+    amount: int = 0
+
+    def explains(self, transfer: events.Transfer) -> bool:
+        return (
+            self.sender in (None, transfer.sender)
+            and self.to in (None, transfer.to)
+            and self.amount == transfer.value
+        )
+
+
+_OF_ATTEMPT = (
+    "proof_submitted",
+    "verdict_deadline",
+    "proof_sha256",
+    "proof_uri",
+    "verdict",
+    "reason",
+    "report_sha256",
+    "report_uri",
+)
+"""Columns that a new attempt starts without. Until then they tell how the last attempt ended."""
+
+_OF_ASSIGNMENT = (
+    "executor",
+    "service_id",
+    "price",
+    "assigned",
+    "execution_deadline",
+    "verdict_deadline",
+    "nonce",
+)
+"""Columns that only an assigned task has."""
+
+_COUNTER: dict[Cause, str | None] = {
+    Cause.REJECTED: "rejected",
+    Cause.EXECUTION_EXPIRED: "expired",
+    Cause.VERDICT_EXPIRED: None,
+}
+"""What a failed attempt adds to its service's record; a verdict that never came is not its fault."""
+
+_VERDICT_OF_EXPIRY = {
+    Cause.EXECUTION_EXPIRED: {"verdict": "expired", "reason": "no proof within the execution window"},
+    Cause.VERDICT_EXPIRED: {"verdict": "expired", "reason": "no verdict within the verdict window"},
+}
+
+
+def parse_task_text(text: str) -> tuple[dict[str, Any], str]:
+    """Parameters and description from a task's `params`, which anybody may have filled with anything."""
+    try:
+        value = decode_json(text.encode(errors="replace"))
+    except MalformedJson:
+        return {}, text
+    params, description = value.get("params"), value.get("description", "")
+    if not isinstance(params, dict) or not isinstance(description, str):
+        return {}, text
+    return params, description
