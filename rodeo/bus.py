@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 import threading
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Self, TypeVar
+from urllib.parse import quote, unquote
 
 import zenoh
 from pydantic import BaseModel, ValidationError
@@ -178,7 +180,7 @@ class Bus:
         """
         selector = key
         if parameters:
-            selector += "?" + ";".join(f"{name}={value}" for name, value in parameters.items())
+            selector += "?" + ";".join(f"{name}={_escaped(value)}" for name, value in parameters.items())
         body = payload if isinstance(payload, bytes | None) else _encode(payload)
         try:
             replies = self.session.get(selector, payload=body, timeout=timeout_s)
@@ -329,7 +331,13 @@ class DaoEvents:
 
 
 def _parameters(text: str) -> dict[str, str]:
-    return dict(part.partition("=")[::2] for part in text.split(";") if part)
+    pairs = (part.partition("=")[::2] for part in text.split(";") if part)
+    return {name: unquote(value) for name, value in pairs}
+
+
+def _escaped(value: Any) -> str:
+    """What separates parameters in a selector must not stand in a value."""
+    return re.sub("[%;&|#?]", lambda found: quote(found.group(), safe=""), str(value))
 
 
 def _encode(value: BaseModel | dict[str, Any]) -> bytes:

@@ -20,7 +20,7 @@ from tests.support.site import RunningSite, write_site
 
 CLEANING = "waste_disposal"
 RETRIED_S = 150.0
-"""Wall time for a request whose bridge is killed again and again: each start takes seconds on a busy machine."""
+"""Wall time for a request whose bridge is killed again and again; each start takes its time."""
 
 
 @pytest.fixture(scope="module")
@@ -330,6 +330,11 @@ def test_what_is_no_json_object_is_refused(dao: Dao, payload: bytes) -> None:
         ("weather", {}, "unknown_query"),
         ("tasks", {"limit": 100_000}, "invalid_request"),
         ("tasks", {"state": "lost"}, "invalid_request"),
+        ("tasks", {"state": "open,lost"}, "invalid_request"),
+        ("transfers", {"account": "nobody"}, "unknown_participant"),
+        ("transfers", {"first_s": "nan"}, "invalid_request"),
+        ("history", {"bucket_s": 0}, "invalid_request"),
+        ("wallet", {"account": "nobody"}, "unknown_participant"),
         ("tasks", {"colour": "red"}, "invalid_request"),
         ("tasks", {"executor": "nobody"}, "unknown_participant"),
         ("events", {"after": -1}, "invalid_request"),
@@ -371,6 +376,120 @@ def test_devices_are_known_with_their_roles_and_owners(dao: Dao) -> None:
         ("meter", "organization"),
     }
     assert all(device["revoked"] is None for device in devices)
+
+
+def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None:
+    device = "0x" + "12" * 20
+    dao.command("organization", "register_device", device=device, role="mocap", owner="panther1")
+    (known,) = [one for one in dao.state("devices")["devices"] if one["role"] == "mocap"]
+    assert (known["owner_name"], known["revoked"]) == ("panther1", None)
+    dao.command("organization", "revoke_device", device=device)
+    (known,) = [one for one in dao.state("devices")["devices"] if one["role"] == "mocap"]
+    assert known["revoked"] is not None
+    dao.command("organization", "allow_kind", kind="watering")
+    assert {"kind": "watering", "allowed": True, "review": "oracle"} in dao.state("organization")["kinds"]
+    dao.command("organization", "allow_kind", kind="watering", allowed=False)
+    assert "watering" not in dao.state("chain")["kinds"]
+    before = dao.balances()
+    dao.command("organization", "deposit", amount_iec="30")
+    dao.command("organization", "withdraw", to="panther1", amount_iec="30")
+    after = dao.balances()
+    assert after["organization"] == before["organization"]
+    assert after["panther1"] == before["panther1"] + 30
+    dao.command("panther1", "transfer", to="organization", amount_iec="30")
+    assert dao.balances() == {**before, "organization": before["organization"] + 30}
+    for command, fields in {
+        "deposit": {"amount_iec": "1"},
+        "withdraw": {"to": "panther1", "amount_iec": "1"},
+        "register_device": {"device": "0x" + "13" * 20, "role": "bin", "owner": "panther1"},
+        "allow_kind": {"kind": "watering"},
+    }.items():
+        with pytest.raises(RemoteError) as refused:
+            dao.command("panther1", command, **fields)
+        assert refused.value.code == "access_control_unauthorized_account", command
+    dao.command("organization", "withdraw", to="panther1", amount_iec="30")
+
+
+def test_a_dry_run_tells_the_cost_and_changes_nothing(dao: Dao) -> None:
+    before = (dao.balances(), dao.state("tasks")["total"], dao.state("chain")["head"])
+    task = {"kind": CLEANING, "reward_iec": "100", "params": PARAMS, "dry_run": True}
+    cost = dao.command("organization", "register_task", **task, request_id="dry")
+    assert cost["dry_run"] and cost["calls"] == ["registerTask"]
+    assert 100_000 < cost["gas"] < 3_000_000 and int(cost["max_fee_wei"]) > 0
+    with pytest.raises(RemoteError) as refused:
+        dao.command("organization", "register_task", **{**task, "execution_window_s": 1})
+    assert refused.value.code == "invalid_window"
+    assert (dao.balances(), dao.state("tasks")["total"], dao.state("chain")["head"]) == before
+
+
+def test_transfers_tell_the_task_and_the_reason_and_add_up(dao: Dao) -> None:
+    task_id = dao.post("120")
+    dao.prove(task_id)
+    dao.judge(task_id, accepted=True)
+    mine = dao.state("transfers", task_id=task_id, account="organization")["transfers"]
+    assert [(one["reason"], one["change_iec"]) for one in reversed(mine)] == [
+        ("escrow", "-120"),
+        ("surplus", "20"),
+    ]
+    paid = dao.state("transfers", task_id=task_id, account="panther1")["transfers"]
+    assert [(one["reason"], one["change_iec"]) for one in paid] == [("payment", "100")]
+    everything = dao.state("transfers", account="panther1", limit=500)
+    assert everything["total"] == len(everything["transfers"])
+    balance = sum(float(one["change_iec"]) for one in everything["transfers"])
+    assert balance == dao.balances()["panther1"] == float(everything["transfers"][0]["balance_iec"])
+    page = dao.state("transfers", account="panther1", limit=1, offset=1)["transfers"]
+    assert page == everything["transfers"][1:2]
+
+
+def test_transactions_tell_what_a_task_cost(dao: Dao) -> None:
+    task_id = dao.post()
+    dao.prove(task_id)
+    dao.judge(task_id, accepted=True)
+    found = dao.state("transactions", task_id=task_id)
+    assert found["total"] == 3
+    assert [one["sender_name"] for one in found["transactions"]] == ["oracle", "panther1", "organization"]
+    for one in found["transactions"]:
+        receipt = dao.client().w3.eth.get_transaction_receipt(one["tx_hash"])
+        assert one["gas_used"] == receipt["gasUsed"] and one["task_ids"] == [task_id]
+        assert int(one["fee_wei"]) == receipt["gasUsed"] * receipt["effectiveGasPrice"]
+
+
+def test_history_counts_every_task_once(dao: Dao) -> None:
+    buckets = dao.state("history", bucket_s=60)["buckets"]
+    assert sum(bucket["registered"] for bucket in buckets) == dao.state("tasks")["total"]
+    settled = dao.state("tasks", state="settled")
+    assert sum(bucket["settled"] for bucket in buckets) == settled["total"]
+    paid = sum(float(task["paid_iec"]) for task in settled["tasks"])
+    assert sum(float(bucket["paid_iec"]) for bucket in buckets) == paid
+
+
+def test_tasks_are_found_by_their_text_and_by_several_states(dao: Dao) -> None:
+    task_id = dao.post(description="The BLUE can; 100 % full")
+    assert [task["id"] for task in dao.state("tasks", text="blue can")["tasks"]] == [task_id]
+    assert [task["id"] for task in dao.state("tasks", text="can; 100 %")["tasks"]] == [task_id]
+    assert dao.state("tasks", text="100_%")["total"] == 0
+    live = dao.state("tasks", state="open,assigned,submitted")["tasks"]
+    assert [task["id"] for task in live] == [task_id]
+    dao.prove(task_id)
+    dao.judge(task_id, accepted=True)
+
+
+def test_participants_and_wallets_are_known_by_name(dao: Dao) -> None:
+    people = {one["name"]: one for one in dao.state("participants")["participants"]}
+    assert {name: one["role"] for name, one in people.items()} == {
+        "organization": "organization",
+        "panther1": "robot",
+        "oracle": "oracle",
+    }
+    assert people["panther1"]["executed"]["settled"] == dao.state("tasks", state="settled")["total"]
+    before = dao.state("wallet", account="organization")
+    task_id = dao.post("110")
+    wallet = dao.state("wallet", account="organization")
+    assert float(wallet["in_escrow_iec"]) == float(before["in_escrow_iec"]) + 110
+    dao.prove(task_id)
+    dao.judge(task_id, accepted=True)
+    roles = dao.state("organization")["roles"]
+    assert [one["name"] for one in roles["ORACLE_ROLE"]] == ["oracle"]
 
 
 def test_without_contracts_the_bridge_says_what_is_missing(running: RunningSite) -> None:
