@@ -28,7 +28,10 @@ Window = Annotated[int, Field(gt=0, lt=2**32)]
 Policy = Literal["first_come", "lowest_price", "highest_reputation"]
 """How the organization chooses a service for a task."""
 
-ServiceState = Literal["active", "paused", "retired"]
+ServiceState = Literal["active", "paused", "retired", "suspended"]
+"""The organization suspends; a provider chooses among the others."""
+
+RoleName = Literal["administrator", "operator", "treasurer", "oracle", "auditor", "member"]
 
 TaskState = Literal["open", "assigned", "submitted", "settled", "cancelled", "failed"]
 
@@ -100,7 +103,7 @@ class RegisterService(Command):
 class UpdateService(Command):
     service_id: Id
     price_iec: Iec | None = None
-    state: ServiceState | None = None
+    state: Literal["active", "paused", "retired"] | None = None
 
 
 Payment = Annotated[Decimal, Field(gt=0, max_digits=36, decimal_places=18)]
@@ -145,13 +148,66 @@ class Withdraw(Command):
     amount_iec: Payment
 
 
+Review = Literal["oracle", "auditor"]
+"""Who judges the proofs of a kind."""
+
+
 class AllowKind(Command):
+    """`review` and `min_window_s` stay as they are where they are left out."""
+
     kind: Kind
     allowed: bool = True
+    review: Review | None = None
+    min_window_s: Annotated[int, Field(ge=0, lt=2**32)] | None = None
+    """The shortest execution window that a task of the kind may have."""
 
 
 class SetPolicy(Command):
     policy: Policy
+
+
+class SetTerms(Command):
+    """What services agree to that are registered from now on."""
+
+    bond_iec: Iec = Decimal(0)
+    penalty_iec: Iec = Decimal(0)
+    """What a failed attempt takes from the bond."""
+    max_failures: Annotated[int, Field(ge=0, lt=2**8)] = 0
+    """Failures in a row that suspend a service; 0 for no limit."""
+
+
+class SetMembersOnly(Command):
+    enabled: bool
+
+
+class Admit(Command):
+    account: Party
+
+
+class Dismiss(Command):
+    account: Party
+
+
+class SuspendService(Command):
+    service_id: Id
+
+
+class ReinstateService(Command):
+    service_id: Id
+
+
+class GrantRole(Command):
+    role: RoleName
+    account: Party
+
+
+class RevokeRole(Command):
+    role: RoleName
+    account: Party
+
+
+class Collect(Command):
+    """Fetch what the token once refused to pay to the wallet."""
 
 
 # -- a wallet that lives elsewhere --------------------------------------------------------------------------

@@ -5,30 +5,51 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from decimal import Decimal
 from hashlib import sha256
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from rodeo.bus import validate
-from rodeo.chain import Call, ChainClient, ParticipantCalls, ServiceState, TaskRequest, to_wei
+from rodeo.chain import (
+    Call,
+    ChainClient,
+    ParticipantCalls,
+    Policy,
+    Review,
+    Role,
+    ServiceState,
+    TaskRequest,
+    Terms,
+    to_wei,
+)
 from rodeo.config import EconomyConfig
 from rodeo.errors import InvalidRequest
 from rodeo.evidence import Store
 from rodeo.messages import (
+    Admit,
     AllowKind,
     CancelTask,
+    Collect,
     Command,
     Deposit,
+    Dismiss,
     ExpireTask,
+    GrantRole,
     MatchTask,
     PostVerdict,
     RegisterDevice,
     RegisterService,
     RegisterTask,
+    ReinstateService,
     RevokeDevice,
+    RevokeRole,
+    SetMembersOnly,
     SetPolicy,
+    SetTerms,
     SubmitProof,
+    SuspendService,
     Transfer,
     UpdateService,
     Withdraw,
@@ -202,7 +223,11 @@ class Wallet:
     def _register_service(self, command: RegisterService) -> list[Call]:
         self._require_kind(command.kind)
         price = to_wei(command.price_iec)
-        return [self.calls.register_service(command.kind, price, command.description)]
+        bond = to_wei(Decimal((self.index.setting("terms") or {}).get("bond_iec", 0)))
+        self._require_funds(self.address, bond)
+        # The Organization approved the TaskManager in its constructor.
+        approval = [] if self.participant == ORGANIZATION else self._approval(self.client.task_manager, bond)
+        return [*approval, self.calls.register_service(command.kind, price, command.description)]
 
     def _update_service(self, command: UpdateService) -> list[Call]:
         service = self.index.service(command.service_id)
@@ -240,10 +265,47 @@ class Wallet:
         return [self.client.organization_calls.revoke_device(self.names.address(command.device))]
 
     def _allow_kind(self, command: AllowKind) -> list[Call]:
-        return [self.client.organization_calls.allow_kind(command.kind, command.allowed)]
+        calls = self.client.organization_calls
+        found: list[Call] = []
+        if command.review is not None:
+            found.append(calls.set_review(command.kind, Review[command.review.upper()]))
+        if command.min_window_s is not None:
+            found.append(calls.set_min_window(command.kind, command.min_window_s))
+        # Last, so that nobody posts such a task before its rules hold.
+        return [*found, calls.allow_kind(command.kind, command.allowed)]
 
     def _set_policy(self, command: SetPolicy) -> list[Call]:
-        return [self.client.organization_calls.set_policy(self.names.policy_address(command.policy))]
+        return [self.client.organization_calls.set_policy(Policy[command.policy.upper()])]
+
+    def _set_terms(self, command: SetTerms) -> list[Call]:
+        terms = Terms(to_wei(command.bond_iec), to_wei(command.penalty_iec), command.max_failures)
+        return [self.client.organization_calls.set_terms(terms)]
+
+    def _set_members_only(self, command: SetMembersOnly) -> list[Call]:
+        return [self.client.organization_calls.set_members_only(command.enabled)]
+
+    def _admit(self, command: Admit) -> list[Call]:
+        return [self.client.organization_calls.admit(self.names.address(command.account))]
+
+    def _dismiss(self, command: Dismiss) -> list[Call]:
+        return [self.client.organization_calls.dismiss(self.names.address(command.account))]
+
+    def _suspend_service(self, command: SuspendService) -> list[Call]:
+        return [self.client.organization_calls.suspend_service(command.service_id)]
+
+    def _reinstate_service(self, command: ReinstateService) -> list[Call]:
+        return [self.client.organization_calls.reinstate_service(command.service_id)]
+
+    def _grant_role(self, command: GrantRole) -> list[Call]:
+        role = Role[command.role.upper()]
+        return [self.client.organization_calls.grant_role(role, self.names.key_address(command.account))]
+
+    def _revoke_role(self, command: RevokeRole) -> list[Call]:
+        role = Role[command.role.upper()]
+        return [self.client.organization_calls.revoke_role(role, self.names.key_address(command.account))]
+
+    def _collect(self, _command: Collect) -> list[Call]:
+        return [self.client.calls.collect(self.address)]
 
     # -- checks --------------------------------------------------------------------------------------------
 
@@ -305,6 +367,15 @@ _COMMANDS: dict[str, tuple[type[Command], Callable[[Wallet, Any], list[Call]]]] 
     "revoke_device": (RevokeDevice, Wallet._revoke_device),
     "allow_kind": (AllowKind, Wallet._allow_kind),
     "set_policy": (SetPolicy, Wallet._set_policy),
+    "set_terms": (SetTerms, Wallet._set_terms),
+    "set_members_only": (SetMembersOnly, Wallet._set_members_only),
+    "admit": (Admit, Wallet._admit),
+    "dismiss": (Dismiss, Wallet._dismiss),
+    "suspend_service": (SuspendService, Wallet._suspend_service),
+    "reinstate_service": (ReinstateService, Wallet._reinstate_service),
+    "grant_role": (GrantRole, Wallet._grant_role),
+    "revoke_role": (RevokeRole, Wallet._revoke_role),
+    "collect": (Collect, Wallet._collect),
 }
 
 

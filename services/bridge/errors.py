@@ -9,7 +9,6 @@
     │   ├── UnknownTask
     │   ├── UnknownService
     │   ├── UnknownParticipant
-    │   ├── UnknownPolicy
     │   ├── InsufficientFunds     the wallet has less than the command needs
     │   └── RewardBelowPrice      every service on offer costs more
     ├── BridgeNotReady            no node, no contracts or not caught up yet; `reason` says which
@@ -51,10 +50,6 @@ class UnknownService(RequestError):
 
 class UnknownParticipant(RequestError):
     """Neither a participant of this site nor an address."""
-
-
-class UnknownPolicy(RequestError):
-    """The policy's contract was not deployed with the organization."""
 
 
 class InsufficientFunds(RequestError):

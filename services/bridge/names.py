@@ -5,18 +5,11 @@ from __future__ import annotations
 from eth_utils import is_address, to_checksum_address
 
 from rodeo import wallets
-from rodeo.chain import Deployment
+from rodeo.chain import Deployment, Policy
 from rodeo.config import Site
-from services.bridge.errors import UnknownParticipant, UnknownPolicy
+from services.bridge.errors import UnknownParticipant
 
 ORGANIZATION = "organization"
-
-POLICIES = {
-    "first_come": "FirstComeFirstServed",
-    "lowest_price": "LowestPrice",
-    "highest_reputation": "HighestReputation",
-}
-"""Policy by its name on the bus -> its contract."""
 
 
 class Names:
@@ -63,16 +56,11 @@ class Names:
             raise UnknownParticipant("no such participant", who=who, known=sorted(self._addresses))
         return to_checksum_address(who)
 
-    def policy(self, address: str) -> str:
-        """The policy's name; its address where it is none of ours."""
-        for name, contract in POLICIES.items():
-            if self._contracts.get(contract) == address:
-                return name
-        return address
+    def key_address(self, who: str) -> str:
+        """The key that signs for `who`, which is what holds roles. Raises UnknownParticipant."""
+        return self._keys.get(who) or self.address(who)
 
-    def policy_address(self, name: str) -> str:
-        """Raises UnknownPolicy when the policy was not deployed."""
-        contract = POLICIES[name]
-        if contract not in self._contracts:
-            raise UnknownPolicy("this policy was not deployed", policy=name, contract=contract)
-        return self._contracts[contract]
+    def policy(self, address: str) -> str:
+        """The policy's name in small letters; its address where it is none of ours."""
+        ours = {self._contracts[policy]: policy.name.lower() for policy in Policy}
+        return ours.get(address, address)

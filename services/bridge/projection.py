@@ -11,6 +11,7 @@ from rodeo.bus import decode_json
 from rodeo.chain import Cause, Log, events
 from rodeo.errors import MalformedJson
 from services.bridge import schema
+from services.bridge.amounts import iec
 from services.bridge.rows import Rows
 
 ZERO_ADDRESS = "0x" + "00" * 20
@@ -114,7 +115,28 @@ class Projection:
                     completed=0,
                     rejected=0,
                     expired=0,
+                    bond=0,
+                    penalty=0,
+                    max_failures=0,
+                    failures=0,
                 )
+            case events.TermsAgreed():
+                rows.change(
+                    schema.services,
+                    event.service_id,
+                    bond=event.bond,
+                    penalty=event.penalty,
+                    max_failures=event.max_failures,
+                )
+            case events.BondPenalized():
+                bond = rows.get(schema.services, event.service_id)["bond"]
+                rows.change(schema.services, event.service_id, bond=bond - event.amount)
+            case events.BondReturned():
+                rows.change(schema.services, event.service_id, bond=0)
+            case events.ServiceSuspended():
+                rows.change(schema.services, event.service_id, state="suspended")
+            case events.ServiceReinstated():
+                rows.change(schema.services, event.service_id, state="paused", failures=0)
             case events.ServiceUpdated():
                 rows.change(
                     schema.services, event.service_id, price=event.price, state=event.state.name.lower()
@@ -131,7 +153,20 @@ class Projection:
             case events.DeviceRevoked():
                 rows.change(schema.devices, event.device, revoked=time_s)
             case events.KindAllowed():
-                rows.put(schema.kinds, kind=event.kind, allowed=event.allowed)
+                self._change_kind(event.kind, allowed=event.allowed)
+            case events.ReviewChanged():
+                self._change_kind(event.kind, review=event.review.name.lower())
+            case events.MinWindowChanged():
+                self._change_kind(event.kind, min_window_s=event.min_window)
+            case events.TermsChanged():
+                terms = {
+                    "bond_iec": iec(event.bond),
+                    "penalty_iec": iec(event.penalty),
+                    "max_failures": event.max_failures,
+                }
+                rows.put(schema.settings, name="terms", value=terms)
+            case events.MembersOnlyChanged():
+                rows.put(schema.settings, name="members_only", value=event.members_only)
             case events.PolicyChanged():
                 rows.put(schema.settings, name="policy", value=event.policy)
             case events.RoleGranted():
@@ -144,12 +179,22 @@ class Projection:
     def _change_task(self, task_id: int, **values: Any) -> None:
         self.rows.change(schema.tasks, task_id, **values)
 
+    def _change_kind(self, kind: str, **values: Any) -> None:
+        row = self.rows.find(schema.kinds, kind)
+        before = row or {"kind": kind, "allowed": False, "review": "oracle", "min_window_s": 0}
+        self.rows.put(schema.kinds, **{**before, **values})
+
     def _release_service(self, task_id: int, counter: str | None) -> None:
         """The attempt at the task is over for the service that made it."""
         service = self.rows.get(schema.services, self.rows.get(schema.tasks, task_id)["service_id"])
         values: dict[str, Any] = {"task_id": None}
         if counter is not None:
             values[counter] = service[counter] + 1
+        # As ServiceManager counts: failures in a row, where there are terms.
+        if counter == "completed":
+            values["failures"] = 0
+        elif counter is not None and (service["max_failures"] or service["penalty"] or service["bond"]):
+            values["failures"] = min(service["failures"] + 1, 255)
         self.rows.change(schema.services, service["id"], **values)
 
     # -- tokens --------------------------------------------------------------------------------------------
@@ -195,6 +240,14 @@ class Projection:
                 ]
             case events.TaskFailed() | events.TaskCancelled():
                 return [_Reason("refund", event.task_id, tasks, None, event.refund)]
+            case events.TermsAgreed():
+                return [_Reason("bond", None, None, tasks, event.bond)]
+            case events.BondPenalized():
+                return [_Reason("penalty", event.task_id, tasks, organization, event.amount)]
+            case events.BondReturned():
+                return [_Reason("bond_returned", None, tasks, event.provider, event.amount)]
+            case events.PaymentCollected():
+                return [_Reason("collected", None, tasks, event.account, event.amount)]
             case events.Deposited():
                 return [_Reason("deposit", None, event.sender, organization, event.amount)]
             case events.Withdrawn():

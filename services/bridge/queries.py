@@ -8,7 +8,7 @@ from typing import Annotated, Any
 from pydantic import Field, StringConstraints
 
 from rodeo.bus import Request, validate
-from rodeo.chain import ChainClient, Deployment
+from rodeo.chain import ChainClient, Deployment, Role
 from rodeo.messages import Id, Kind, Message, Party, ServiceState, TaskState
 from services.bridge.amounts import iec
 from services.bridge.errors import UnknownQuery, UnknownTask
@@ -164,9 +164,10 @@ class Queries:
         return {
             "services": [
                 {
-                    **{key: value for key, value in row.items() if key != "price"},
+                    **{key: value for key, value in row.items() if key not in ("price", "bond", "penalty")},
+                    **{f"{key}_iec": iec(row[key]) for key in ("price", "bond", "penalty")},
                     "provider_name": self._names.name(row["provider"]),
-                    "price_iec": iec(row["price"]),
+                    "reputation": _reputation(row),
                 }
                 for row in rows
             ],
@@ -178,6 +179,7 @@ class Queries:
     def _participants(self, _request: Request) -> Json:
         balances, roles = self._index.balances(), self._index.roles()
         created, executed = self._index.task_counts("creator"), self._index.task_counts("executor")
+        members = roles.get(Role.MEMBER, [])
         named = self._names.addresses
         strangers = sorted((created.keys() | executed.keys()) - set(named.values()))
         people: list[tuple[str | None, str]] = [*named.items(), *((None, one) for one in strangers)]
@@ -191,6 +193,7 @@ class Queries:
                     "balance_iec": iec(balances.get(address, 0)),
                     "created": created.get(address, {}),
                     "executed": executed.get(address, {}),
+                    "member": address in members,
                 }
                 for name, address in people
             ]
@@ -343,9 +346,11 @@ class Queries:
             "treasury_iec": iec(self._index.balance(address)),
             "policy": self._names.policy(self._index.setting("policy") or self._client.policy()),
             "kinds": [
-                {"kind": row["kind"], "allowed": row["allowed"], "review": row["review"] or "oracle"}
+                {key: row[key] for key in ("kind", "allowed", "review", "min_window_s")}
                 for row in self._index.all_kinds()
             ],
+            "terms": self._index.setting("terms") or {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
+            "members_only": bool(self._index.setting("members_only")),
             "roles": {
                 role: [{"address": holder, "name": self._names.key_name(holder)} for holder in holders]
                 for role, holders in self._index.roles().items()
@@ -397,6 +402,12 @@ class Queries:
 
 
 _OF_TRANSFER = ("seq", "block", "time_s", "tx_hash", "sender", "to", "task_id", "reason")
+
+
+def _reputation(service: Mapping[str, Any]) -> int:
+    """As the ServiceManager has it: (completed + 1) / (all + 2) in 64ths."""
+    attempts = service["completed"] + service["rejected"] + service["expired"]
+    return int((service["completed"] + 1) * 64 // (attempts + 2))
 
 
 def _mean(values: list[float]) -> float | None:

@@ -147,6 +147,10 @@ services = Table(
     Column("completed", Integer, nullable=False),
     Column("rejected", Integer, nullable=False),
     Column("expired", Integer, nullable=False),
+    Column("bond", Wei, nullable=False, doc="what is left of it"),
+    Column("penalty", Wei, nullable=False),
+    Column("max_failures", Integer, nullable=False),
+    Column("failures", Integer, nullable=False, doc="in a row"),
 )
 
 devices = Table(
@@ -165,15 +169,8 @@ kinds = Table(
     metadata,
     Column("kind", Word, primary_key=True),
     Column("allowed", Boolean, nullable=False),
-    Column("review", String(16), doc="who judges it: oracle or auditor"),
-)
-
-members = Table(
-    "members",
-    metadata,
-    Column("address", String(42), primary_key=True),
-    Column("admitted", Boolean, nullable=False),
-    Column("since", Float, nullable=False),
+    Column("review", String(16), nullable=False, doc="who judges it: oracle or auditor"),
+    Column("min_window_s", BigInteger, nullable=False),
 )
 
 roles = Table(

@@ -82,6 +82,10 @@ def assert_index_equals_contracts(dao: Dao) -> None:
         kept_service = client.service(service["id"])
         assert service["state"] == kept_service.state.name.lower()
         assert service["task_id"] == (kept_service.task_id or None)
+        assert service["bond_iec"] == f"{from_wei(kept_service.bond):f}"
+        assert service["penalty_iec"] == f"{from_wei(kept_service.penalty):f}"
+        for name in ("reputation", "failures", "max_failures"):
+            assert service[name] == getattr(kept_service, name), name
         assert (service["completed"], service["rejected"], service["expired"]) == (
             kept_service.completed,
             kept_service.rejected,
@@ -387,7 +391,11 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
     (known,) = [one for one in dao.state("devices")["devices"] if one["role"] == "mocap"]
     assert known["revoked"] is not None
     dao.command("organization", "allow_kind", kind="watering")
-    assert {"kind": "watering", "allowed": True, "review": "oracle"} in dao.state("organization")["kinds"]
+    watering = {"kind": "watering", "allowed": True, "review": "oracle", "min_window_s": 0}
+    assert watering in dao.state("organization")["kinds"]
+    dao.command("organization", "allow_kind", kind="watering", review="auditor", min_window_s=60)
+    watering |= {"review": "auditor", "min_window_s": 60}
+    assert watering in dao.state("organization")["kinds"]
     dao.command("organization", "allow_kind", kind="watering", allowed=False)
     assert "watering" not in dao.state("chain")["kinds"]
     before = dao.balances()
@@ -490,6 +498,50 @@ def test_participants_and_wallets_are_known_by_name(dao: Dao) -> None:
     dao.judge(task_id, accepted=True)
     roles = dao.state("organization")["roles"]
     assert [one["name"] for one in roles["ORACLE_ROLE"]] == ["oracle"]
+
+
+def test_the_organization_sets_its_terms_and_its_members(dao: Dao) -> None:
+    for policy in ("lowest_price", "highest_reputation", "first_come"):
+        dao.command("organization", "set_policy", policy=policy)
+        assert dao.state("organization")["policy"] == policy
+    dao.command("organization", "allow_kind", kind="sweeping")
+    dao.command("organization", "set_terms", bond_iec="50", penalty_iec="20", max_failures=2)
+    terms = {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2}
+    assert dao.state("organization")["terms"] == terms
+    before = dao.balances()
+    service_id = dao.command("panther1", "register_service", kind="sweeping", price_iec="10")["service_id"]
+    assert dao.balances()["panther1"] == before["panther1"] - 50
+    for _ in range(2):
+        task_id = dao.post("10", kind="sweeping", params={}, max_attempts=1)
+        dao.prove(task_id)
+        dao.judge(task_id, accepted=False, reason="dusty")
+    (service,) = dao.state("services", kind="sweeping")["services"]
+    assert (service["state"], service["bond_iec"], service["failures"]) == ("suspended", "10", 2)
+    reasons = [one["reason"] for one in dao.state("transfers", account="panther1", limit=3)["transfers"]]
+    assert "bond" in reasons
+    penalties = dao.state("transfers", task_id=task_id, account="organization")["transfers"]
+    assert {one["reason"]: one["change_iec"] for one in penalties}["penalty"] == "20"
+    assert_index_equals_contracts(dao)
+    dao.command("panther1", "update_service", service_id=service_id, state="retired")
+    assert dao.balances() == {
+        **before,
+        "organization": before["organization"] + 40,
+        "panther1": before["panther1"] - 40,
+    }
+    dao.command("organization", "set_terms")
+    dao.command("organization", "set_members_only", enabled=True)
+    dao.command("organization", "admit", account="panther1")
+    people = {one["name"]: one["member"] for one in dao.state("participants")["participants"]}
+    assert dao.state("organization")["members_only"] and people["panther1"]
+    with pytest.raises(RemoteError) as refused:
+        dao.command("oracle", "register_service", kind="sweeping", price_iec="10")
+    assert refused.value.code == "not_member"
+    dao.command("organization", "dismiss", account="panther1")
+    dao.command("organization", "set_members_only", enabled=False)
+    dao.command("organization", "grant_role", role="auditor", account="panther1")
+    assert [one["name"] for one in dao.state("organization")["roles"]["AUDITOR_ROLE"]] == ["panther1"]
+    dao.command("organization", "revoke_role", role="auditor", account="panther1")
+    assert_index_equals_contracts(dao)
 
 
 def test_without_contracts_the_bridge_says_what_is_missing(running: RunningSite) -> None:

@@ -65,15 +65,9 @@ def upgrade() -> None:
         "kinds",
         sa.Column("kind", sa.String(length=66), nullable=False),
         sa.Column("allowed", sa.Boolean(), nullable=False),
-        sa.Column("review", sa.String(length=16), nullable=True),
+        sa.Column("review", sa.String(length=16), nullable=False),
+        sa.Column("min_window_s", sa.BigInteger(), nullable=False),
         sa.PrimaryKeyConstraint("kind"),
-    )
-    op.create_table(
-        "members",
-        sa.Column("address", sa.String(length=42), nullable=False),
-        sa.Column("admitted", sa.Boolean(), nullable=False),
-        sa.Column("since", sa.Float(), nullable=False),
-        sa.PrimaryKeyConstraint("address"),
     )
     op.create_table(
         "receipts",
@@ -104,6 +98,10 @@ def upgrade() -> None:
         sa.Column("completed", sa.Integer(), nullable=False),
         sa.Column("rejected", sa.Integer(), nullable=False),
         sa.Column("expired", sa.Integer(), nullable=False),
+        sa.Column("bond", sa.String(length=78), nullable=False),
+        sa.Column("penalty", sa.String(length=78), nullable=False),
+        sa.Column("max_failures", sa.Integer(), nullable=False),
+        sa.Column("failures", sa.Integer(), nullable=False),
         sa.PrimaryKeyConstraint("id"),
     )
     op.create_index("ix_services_kind", "services", ["kind"], unique=False)
@@ -197,7 +195,6 @@ def downgrade() -> None:
     op.drop_table("services")
     op.drop_table("roles")
     op.drop_table("receipts")
-    op.drop_table("members")
     op.drop_table("kinds")
     op.drop_index("ix_events_tx_hash", table_name="events")
     op.drop_index("ix_events_task_id", table_name="events")
