@@ -176,6 +176,9 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     if isinstance(data_dir := tables.get("data_dir"), str):
         # Not at the working directory: `rodeo down` finds the site from wherever it is called.
         tables["data_dir"] = str((path.parent / data_dir).resolve())
+    for robot in tables.get("robots", []):
+        if isinstance(robot, dict) and isinstance(kinematics := robot.get("kinematics"), str):
+            robot["kinematics"] = str((path.parent / kinematics).resolve())
     base = tables.pop("extends", None)
     return tables if base is None else _merge(_read(path.parent / base, (*seen, path)), tables)
 

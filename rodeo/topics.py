@@ -8,7 +8,7 @@ they say. Robot-plane names become Zenoh keys by `rodeo.ros2`; DAO-plane names a
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 
@@ -41,6 +41,10 @@ class Topic:
     recorded: bool = False
     """Part of a proof."""
     meaning: str = ""
+    latched: bool = False
+    """Transient local: a late subscriber gets the last message."""
+    lazy: bool = False
+    """Published only while somebody subscribes, because it is costly."""
 
     def name(self, **names: str) -> str:
         return self.key.format(**names)
@@ -48,6 +52,10 @@ class Topic:
 
 def _topic(key: str, type: str, rate_hz: float | None, writer: str, recorded: bool, meaning: str) -> Topic:
     return Topic(key, type, Form.TOPIC, Plane.ROBOT, rate_hz, writer, recorded, meaning)
+
+
+def _served(key: str, type: str, form: Form, meaning: str) -> Topic:
+    return Topic(key, type, form, Plane.ROBOT, None, "robot_sim", meaning=meaning)
 
 
 def _dao(key: str, type: str, form: Form, writer: str, meaning: str, rate_hz: float | None = None) -> Topic:
@@ -67,32 +75,93 @@ BATTERY_STATE = _topic(
 CMD_VEL = _topic(
     "{ns}/cmd_vel", "geometry_msgs/msg/Twist", None, "robot_agent", False, "base velocity command"
 )
-NAVIGATE_TO_POSE = Topic(
+SCAN = replace(
+    _topic(
+        "{ns}/scan", "sensor_msgs/msg/LaserScan", 10, "robot_sim", False, "obstacles 0.2 m above the floor"
+    ),
+    lazy=True,
+)
+WRIST_DEPTH = replace(
+    _topic(
+        "{ns}/wrist_camera/depth/image_rect_raw",
+        "sensor_msgs/msg/Image",
+        5,
+        "robot_sim",
+        False,
+        "depth seen from the wrist, 32FC1 in m",
+    ),
+    lazy=True,
+)
+WRIST_DEPTH_INFO = replace(
+    _topic(
+        "{ns}/wrist_camera/depth/camera_info",
+        "sensor_msgs/msg/CameraInfo",
+        5,
+        "robot_sim",
+        False,
+        "intrinsics, one message with each depth image",
+    ),
+    lazy=True,
+)
+WRIST_IMAGE = replace(
+    _topic(
+        "{ns}/wrist_camera/image/compressed",
+        "sensor_msgs/msg/CompressedImage",
+        1,
+        "robot_sim",
+        False,
+        "colour picture from the wrist, JPEG",
+    ),
+    lazy=True,
+)
+TF = replace(
+    _topic(
+        "tf", "tf2_msgs/msg/TFMessage", 50, "robot_sim", False, "frames of each robot, `{ns}/...`, in the map"
+    ),
+    lazy=True,
+)
+TF_STATIC = replace(
+    _topic("tf_static", "tf2_msgs/msg/TFMessage", None, "robot_sim", False, "frames that do not move"),
+    latched=True,
+)
+ROBOT_DESCRIPTION = replace(
+    _topic("{ns}/robot_description", "std_msgs/msg/String", None, "robot_sim", False, "the robot as URDF"),
+    latched=True,
+)
+PLAN = replace(
+    _topic(
+        "{ns}/plan",
+        "nav_msgs/msg/Path",
+        None,
+        "robot_sim",
+        False,
+        "the way the base takes, when it is planned",
+    ),
+    latched=True,
+)
+EMERGENCY_STOP = _served(
+    "{ns}/emergency_stop",
+    "std_srvs/srv/SetBool",
+    Form.SERVICE,
+    "true stops base and arm, aborts and refuses goals until it is called with false",
+)
+NAVIGATE_TO_POSE = _served(
     "{ns}/navigate_to_pose",
     "nav2_msgs/action/NavigateToPose",
     Form.ACTION,
-    Plane.ROBOT,
-    None,
-    "robot_sim",
-    meaning="drive the base to a pose in the map frame, around what stands in the way",
+    "drive the base to a pose in the map frame, around what stands in the way",
 )
-FOLLOW_JOINT_TRAJECTORY = Topic(
+FOLLOW_JOINT_TRAJECTORY = _served(
     "{ns}/arm_controller/follow_joint_trajectory",
     "control_msgs/action/FollowJointTrajectory",
     Form.ACTION,
-    Plane.ROBOT,
-    None,
-    "robot_sim",
-    meaning="move the arm along a joint trajectory",
+    "move the arm along a joint trajectory",
 )
-GRIPPER_CMD = Topic(
+GRIPPER_CMD = _served(
     "{ns}/gripper_controller/gripper_cmd",
     "control_msgs/action/GripperCommand",
     Form.ACTION,
-    Plane.ROBOT,
-    None,
-    "robot_sim",
-    meaning="open or close the fingers",
+    "open or close the fingers",
 )
 
 # -- robot plane: what the lab itself offers ------------------------------------------------------------
@@ -119,14 +188,8 @@ BIN_IMAGE = _topic(
     False,
     "a frame of the bin's camera, one per capture",
 )
-BIN_CAPTURE = Topic(
-    "{bin}/camera/capture",
-    "std_srvs/srv/Trigger",
-    Form.SERVICE,
-    Plane.ROBOT,
-    None,
-    "robot_sim",
-    meaning="software trigger of the bin's camera",
+BIN_CAPTURE = _served(
+    "{bin}/camera/capture", "std_srvs/srv/Trigger", Form.SERVICE, "software trigger of the bin's camera"
 )
 DOCK_OUTPUT = _topic(
     "{dock}/output",
@@ -136,14 +199,14 @@ DOCK_OUTPUT = _topic(
     True,
     "V and A at the contacts",
 )
-DOCK_ENABLE = Topic(
-    "{dock}/enable",
-    "std_srvs/srv/SetBool",
+DOCK_ENABLE = _served(
+    "{dock}/enable", "std_srvs/srv/SetBool", Form.SERVICE, "close or open the dock's contactor"
+)
+SET_ENTITY_STATE = _served(
+    "lab/set_entity_state",
+    "simulation_interfaces/srv/SetEntityState",
     Form.SERVICE,
-    Plane.ROBOT,
-    None,
-    "robot_sim",
-    meaning="close or open the dock's contactor",
+    "simulated labs only: put an item, an obstacle or a robot that is not simulated somewhere",
 )
 
 # -- DAO plane ------------------------------------------------------------------------------------------
@@ -188,6 +251,8 @@ def markdown() -> str:
         for topic in TOPICS:
             if topic.plane is plane:
                 rate = "on demand" if topic.rate_hz is None else f"{topic.rate_hz:g}"
+                rate += ", while subscribed" if topic.lazy else ""
+                rate += ", latched" if topic.latched else ""
                 recorded = "yes" if topic.recorded else ""
                 cells = [f"`{topic.key}`", f"`{topic.type}`", topic.form, rate, topic.writer, recorded]
                 lines.append(f"| {' | '.join(cells)} | {topic.meaning} |")

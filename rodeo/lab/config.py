@@ -5,7 +5,8 @@ from x. Lengths in m, angles in rad, masses in kg, energies in Wh. Reading this 
 """
 
 from enum import StrEnum
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -156,10 +157,46 @@ class MotionLimits(Section):
     gripper_force_n: Positive = Field(5.0, description="largest force of one finger")
 
 
+class NoiseConfig(Section):
+    """What a simulated robot's sensors add to the truth: standard deviations of Gaussian noise; 0 is perfect.
+
+    Scale and bias are drawn once per robot, from its name, so that a run can be repeated.
+    """
+
+    wheel_scale: float = Field(0.01, ge=0, lt=0.2, description="relative error of the way per wheel turn")
+    gyro_bias_rad_s: float = Field(0.0005, ge=0, description="BMI088 after calibration at rest")
+    gyro_rad_s: float = Field(0.0017, ge=0, description="BMI088: 0.014 deg/s per root Hz, read at 50 Hz")
+    lidar_m: float = Field(0.01, ge=0, description="Slamtec S-series: 10 to 30 mm")
+    depth_share: float = Field(
+        0.005, ge=0, lt=0.2, description="of the depth; RealSense D405: 2 % at 0.5 m is its limit"
+    )
+
+
 class RobotConfig(Section):
-    """A Husarion Panther with a ViperX 300S arm; `name` is its ROS namespace."""
+    """One robot: by default a Husarion Panther with a ViperX 300S arm.
+
+    `body` says who moves it: `robot_sim`, or a robot that runs ROS 2 on the same Zenoh network.
+    """
 
     name: str = Field("panther1", pattern=r"^[a-z][a-z0-9_]*$")
+    """Of the robot in the organization, of its motion capture body, of its keystore unless `wallet` says."""
+    namespace: str = Field("", pattern=r"^[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)*$", validate_default=True)
+    """ROS namespace of its topics and prefix of its frames; the name if left out."""
+    body: Literal["sim", "ros2"] = "sim"
+    kinematics: Path | None = None
+    """MJCF or URDF of the robot, seen from the site file; `rodeo/lab/panther_viperx.xml` if left out."""
+    wallet: str = Field("", pattern=r"^[a-z][a-z0-9_-]*$", validate_default=True)
+    """Keystore of its account; the name if left out."""
     pose: Pose2
+    """Where a simulated body stands in a new world."""
     battery: BatteryConfig = BatteryConfig()
     limits: MotionLimits = MotionLimits()
+    noise: NoiseConfig = NoiseConfig()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named_after_the_robot(cls, fields: Any) -> Any:
+        if not isinstance(fields, dict):
+            return fields
+        name = fields.get("name", cls.model_fields["name"].default)
+        return {"namespace": name, "wallet": name, **fields}

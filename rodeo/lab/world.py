@@ -15,6 +15,7 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from rodeo.errors import ConfigError
 from rodeo.lab import items as trash
 from rodeo.lab.config import (
     BinConfig,
@@ -46,6 +47,12 @@ GRIPPER_CLOSED_M = 0.021
 
 STOWED_RAD = (0.0, -1.1, 0.55, 0.0, 1.77, 0.0)
 """Arm joints for driving: the gripper points down, 0.63 m above the floor and hardly beyond the bumper."""
+
+GRASP_SITE = "grasp"
+"""Where the pads meet; x points out of the hand, the fingers close along y."""
+CAMERA_SITE = "wrist_camera_optical_frame"
+"""Of the wrist's depth and colour camera (REP 103: z ahead, x right, y down)."""
+LIDAR_SITE = "lidar_link"
 
 ROBOT_XML = Path(__file__).with_name("panther_viperx.xml")
 
@@ -117,9 +124,25 @@ def begin(model: mujoco.MjModel, site: LabSite) -> mujoco.MjData:
     return data
 
 
-def robot_model() -> mujoco.MjModel:
-    """The robot with base_link fixed at the origin, joints and sites without prefix."""
-    return mujoco.MjModel.from_xml_path(str(ROBOT_XML))
+def robot_model(kinematics: Path | None = None) -> mujoco.MjModel:
+    """The robot with base_link fixed at the origin, joints and sites without prefix.
+
+    From an MJCF or a URDF file, by default the Panther with a ViperX 300S. A URDF says by links of their
+    names where GRASP_SITE and CAMERA_SITE are. Raises ConfigError when the file does not describe a robot
+    with them.
+    """
+    try:
+        spec = mujoco.MjSpec.from_file(str(kinematics or ROBOT_XML))
+        spec.compiler.fusestatic = False
+        for name in (GRASP_SITE, CAMERA_SITE):
+            if spec.site(name) is None and (link := spec.body(name)) is not None:
+                link.add_site(name=name)
+        model = spec.compile()
+        for name in (GRASP_SITE, CAMERA_SITE):
+            model.site(name)
+    except (ValueError, KeyError) as error:
+        raise ConfigError(f"not a usable robot: {error}", kinematics=str(kinematics)) from error
+    return model
 
 
 def _set_physics(spec: mujoco.MjSpec) -> None:

@@ -1,9 +1,9 @@
 """Interface definitions that the rosbags type store for ROS 2 Jazzy lacks, field by field.
 
 Sources: nav2_msgs (Navigation2, branch jazzy), control_msgs (ros2_control, branch jazzy), std_srvs and
-example_interfaces (ros2, branch jazzy), action_msgs (rcl_interfaces, branch jazzy). Field order, names
-and types decide the RIHS01 hash, so a change here makes us invisible to real robots; tests compare with
-hashes published by ROS 2.
+example_interfaces (ros2, branch jazzy), action_msgs (rcl_interfaces, branch jazzy), simulation_interfaces
+(ros-simulation, 2.0, as released for jazzy). Field order, names and types decide the RIHS01 hash, so a
+change here makes us invisible to real robots; tests compare with hashes published by ROS 2.
 """
 
 MESSAGES: dict[str, str] = {
@@ -29,6 +29,21 @@ float64 position
 float64 velocity
 float64 acceleration
 """,
+    "simulation_interfaces/msg/Result": """
+uint8 FEATURE_UNSUPPORTED=0
+uint8 OK=1
+uint8 NOT_FOUND=2
+uint8 INCORRECT_STATE=3
+uint8 OPERATION_FAILED=4
+uint8 result
+string error_message
+""",
+    "simulation_interfaces/msg/EntityState": """
+std_msgs/Header header
+geometry_msgs/Pose pose
+geometry_msgs/Twist twist
+geometry_msgs/Accel acceleration
+""",
 }
 
 SERVICES: dict[str, str] = {
@@ -42,6 +57,12 @@ bool data
 ---
 bool success
 string message
+""",
+    "simulation_interfaces/srv/SetEntityState": """
+string entity
+simulation_interfaces/EntityState state
+---
+simulation_interfaces/Result result
 """,
     "example_interfaces/srv/AddTwoInts": """
 int64 a

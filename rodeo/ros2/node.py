@@ -59,6 +59,11 @@ class Publisher:
             self._publisher = node.session.declare_publisher(key, **options)
         self._sequence = itertools.count(1)
 
+    @property
+    def matched(self) -> bool:
+        """Whether anybody subscribes, so that what is costly is made only then. Not for latched topics."""
+        return bool(self._publisher.matching_status.matching)
+
     def publish(self, message: Any, source_time_ns: int | None = None) -> None:
         """Send a message, stamped with the node's clock unless told otherwise.
 

@@ -126,6 +126,14 @@ class ArmDriver:
         if self._motion is not None:
             self._end(self._motion, cancelled=True)
 
+    def stop(self) -> None:
+        """Emergency stop: hold still here and now; the trajectory under way fails."""
+        if self._motion is not None:
+            self._motion.error = TrajectoryError.INVALID_GOAL
+            self._motion.reason = "emergency stop"
+            self._end(self._motion)
+            self._hold_rad = self._body.arm.copy()
+
     def hold(self, setpoint_rad: np.ndarray) -> None:
         """Stay at this set-point."""
         self._hold_rad = setpoint_rad
@@ -188,6 +196,8 @@ class Grip:
     finished: threading.Event = field(default_factory=threading.Event)
     stalled: bool = False
     was_cancelled: bool = False
+    was_stopped: bool = False
+    """By the emergency stop."""
     still_since_s: float | None = None
 
 
@@ -212,6 +222,12 @@ class GripperDriver:
         """End the command under way, if there is one, as cancelled; the fingers keep pushing."""
         if self._grip is not None:
             self._end(self._grip, cancelled=True)
+
+    def stop(self) -> None:
+        """Emergency stop: the command under way fails; what is held stays held."""
+        if self._grip is not None:
+            self._grip.was_stopped = True
+            self._end(self._grip)
 
     def step(self, now_s: float) -> None:
         self._body.move_gripper(self.position_m, self.force_n)

@@ -1,9 +1,11 @@
-"""The bin's camera: rendered where OpenGL is, otherwise a stored rendering of what is in front of it."""
+"""Cameras. The bin's: rendered where OpenGL is, otherwise a stored rendering of what is in front of it."""
 
 import logging
 import math
 from pathlib import Path
 from typing import Protocol
+
+import mujoco
 
 from rodeo.errors import RodeoError
 from rodeo.lab.render import Camera, RendererUnavailable, encode
@@ -60,3 +62,22 @@ def open_camera(simulation: Simulation) -> BinCamera:
     except RendererUnavailable as error:
         log.warning("NO OPENGL DRIVER: the bin's camera shows stored renderings of the items (%s)", error)
         return StoredCamera(simulation)
+
+
+class WristCamera:
+    """The robot's own colour camera. Its OpenGL context belongs to the thread that first asks for one."""
+
+    def __init__(self, model: mujoco.MjModel, name: str) -> None:
+        self._model, self._name = model, name
+        self._camera: Camera | None = None
+        self._unavailable = False
+
+    def jpeg(self, data: mujoco.MjData) -> bytes | None:
+        """What it sees now; None where there is no OpenGL driver."""
+        if self._camera is None and not self._unavailable:
+            try:
+                self._camera = Camera(self._model, self._name)
+            except RendererUnavailable as error:
+                self._unavailable = True
+                log.warning("NO OPENGL DRIVER: %s shows nothing (%s)", self._name, error)
+        return None if self._camera is None else encode(self._camera.image(data))

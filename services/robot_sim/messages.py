@@ -6,11 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from rodeo.lab.body import JOINTS, Body
-from rodeo.lab.config import BatteryConfig
+from rodeo.lab.body import JOINTS
+from rodeo.lab.config import BatteryConfig, NoiseConfig
+from rodeo.lab.sensors import Lidar, Pinhole
+from rodeo.lab.world import CAMERA_SITE, LIDAR_SITE
 from rodeo.ros2 import types
 from services.robot_sim.battery import Battery, Supply, SupplyStatus
-from services.robot_sim.simulation import SimRobot
+from services.robot_sim.cdr import JointStates, StampedDoubles
+from services.robot_sim.frames import Transform
+from services.robot_sim.planner import Point2
 
 Numbers = Sequence[float] | np.ndarray
 
@@ -22,7 +26,8 @@ _Quaternion = types.msg("geometry_msgs/msg/Quaternion")
 _Pose = types.msg("geometry_msgs/msg/Pose")
 _PoseStamped = types.msg("geometry_msgs/msg/PoseStamped")
 _PoseWithCovariance = types.msg("geometry_msgs/msg/PoseWithCovariance")
-_Twist = types.msg("geometry_msgs/msg/Twist")
+_Transform = types.msg("geometry_msgs/msg/Transform")
+_TransformStamped = types.msg("geometry_msgs/msg/TransformStamped")
 _TwistWithCovariance = types.msg("geometry_msgs/msg/TwistWithCovariance")
 _Odometry = types.msg("nav_msgs/msg/Odometry")
 _JointState = types.msg("sensor_msgs/msg/JointState")
@@ -30,7 +35,12 @@ _JointState = types.msg("sensor_msgs/msg/JointState")
 _LION = 2
 """sensor_msgs/BatteryState POWER_SUPPLY_TECHNOLOGY_LION; GOOD health is 1."""
 _INFRARED = 1
-_COVARIANCE = np.zeros(36)
+_PERFECT = 1e-6
+_UNUSED = 1e-9
+"""Variance of what a base on a floor does not do: small, because zero would mean unknown."""
+ODOMETRY_NUMBERS = 7 + 36 + 6 + 36
+ODOMETRY_TWIST = 7 + 36
+"""Where the twist begins."""
 
 
 def stamp(time_ns: int) -> Any:
@@ -60,38 +70,112 @@ def pose_stamped(time_ns: int, pose_in_map: Any) -> Any:
     return _PoseStamped(header=header(time_ns, "map"), pose=pose_in_map)
 
 
-def odometry(time_ns: int, robot: SimRobot) -> Any:
-    reckoned, twist = robot.odometry, robot.body.wheel_twist
-    moving = _Twist(
-        linear=_Vector3(x=twist.linear_m_s, y=0.0, z=0.0),
-        angular=_Vector3(x=0.0, y=0.0, z=twist.angular_rad_s),
+def odometry_template(namespace: str, noise: NoiseConfig) -> StampedDoubles:
+    """Numbers: pose (x, y, z, qx, qy, qz, qw), its covariance, twist (linear, angular), its covariance.
+
+    The covariance of the pose is that of one second of driving, as robot_localization expects of a pose that
+    drifts without bound.
+    """
+    moving = np.diag(
+        [(noise.wheel_scale or _PERFECT) ** 2, *[_UNUSED] * 4, (noise.gyro_rad_s or _PERFECT) ** 2]
     )
-    return _Odometry(
-        header=header(time_ns, "odom"),
-        child_frame_id="base_link",
-        pose=_PoseWithCovariance(
-            pose=planar_pose(reckoned.x_m, reckoned.y_m, reckoned.yaw_rad), covariance=_COVARIANCE
-        ),
-        twist=_TwistWithCovariance(twist=moving, covariance=_COVARIANCE),
+    template = _Odometry(
+        header=header(0, f"{namespace}/odom"),
+        child_frame_id=f"{namespace}/base_link",
+        pose=_PoseWithCovariance(pose=planar_pose(0.0, 0.0, 0.0), covariance=moving.ravel()),
+        twist=_TwistWithCovariance(twist=types.new("geometry_msgs/msg/Twist"), covariance=moving.ravel()),
+    )
+    return StampedDoubles(template, ODOMETRY_NUMBERS)
+
+
+def pose_template() -> StampedDoubles:
+    """Numbers: x, y, z, qx, qy, qz, qw."""
+    return StampedDoubles(pose_stamped(0, planar_pose(0.0, 0.0, 0.0)), 7)
+
+
+def joint_state_template() -> JointStates:
+    zeros = np.zeros(len(JOINTS))
+    return JointStates(
+        _JointState(header=header(0, ""), name=list(JOINTS), position=zeros, velocity=zeros, effort=zeros)
     )
 
 
-def joint_state(time_ns: int, body: Body) -> Any:
-    return _JointState(
-        header=header(time_ns, ""),
-        name=list(JOINTS),
-        position=body.positions,
-        velocity=body.velocities,
-        effort=body.efforts,
+def scan(time_ns: int, namespace: str, ranges_m: np.ndarray) -> Any:
+    return types.new(
+        "sensor_msgs/msg/LaserScan",
+        header=header(time_ns, f"{namespace}/{LIDAR_SITE}"),
+        angle_min=Lidar.ANGLE_MIN_RAD,
+        angle_max=Lidar.ANGLE_MIN_RAD + (Lidar.BEAMS - 1) * Lidar.STEP_RAD,
+        angle_increment=Lidar.STEP_RAD,
+        range_min=Lidar.NEAREST_M,
+        range_max=Lidar.FARTHEST_M,
+        ranges=ranges_m.astype(np.float32),
     )
 
 
-def battery_state(time_ns: int, battery: Battery) -> Any:
+def depth_image(time_ns: int, namespace: str, depth_m: np.ndarray) -> Any:
+    """32FC1, row by row."""
+    height, width = depth_m.shape
+    return types.new(
+        "sensor_msgs/msg/Image",
+        header=header(time_ns, f"{namespace}/{CAMERA_SITE}"),
+        height=height,
+        width=width,
+        encoding="32FC1",
+        step=4 * width,
+        data=np.frombuffer(depth_m.astype("<f4").tobytes(), np.uint8),
+    )
+
+
+def camera_info(time_ns: int, namespace: str, lens: Pinhole) -> Any:
+    matrix = lens.matrix
+    return types.new(
+        "sensor_msgs/msg/CameraInfo",
+        header=header(time_ns, f"{namespace}/{CAMERA_SITE}"),
+        height=lens.height_px,
+        width=lens.width_px,
+        distortion_model="plumb_bob",
+        d=np.zeros(5),
+        k=matrix.ravel(),
+        r=np.eye(3).ravel(),
+        p=np.hstack([matrix, np.zeros((3, 1))]).ravel(),
+    )
+
+
+def transforms(time_ns: int, frames: Sequence[Transform]) -> Any:
+    stamped = [
+        _TransformStamped(
+            header=header(time_ns, frame.parent),
+            child_frame_id=frame.child,
+            transform=_transform(frame.position_m, frame.quat_wxyz),
+        )
+        for frame in frames
+    ]
+    return types.new("tf2_msgs/msg/TFMessage", transforms=stamped)
+
+
+def _transform(position_m: Numbers, quat_wxyz: Numbers) -> Any:
+    x, y, z = position_m
+    qw, qx, qy, qz = quat_wxyz
+    return _Transform(translation=_Vector3(x=x, y=y, z=z), rotation=_Quaternion(x=qx, y=qy, z=qz, w=qw))
+
+
+def path(time_ns: int, corners: Sequence[Point2]) -> Any:
+    """A nav_msgs/Path along `corners`, a pose at each, facing the next."""
+    poses, yaw_rad = [], 0.0
+    for k, (x_m, y_m) in enumerate(corners):
+        if k + 1 < len(corners) and corners[k + 1] != corners[k]:
+            yaw_rad = math.atan2(corners[k + 1][1] - y_m, corners[k + 1][0] - x_m)
+        poses.append(pose_stamped(time_ns, planar_pose(x_m, y_m, yaw_rad)))
+    return types.new("nav_msgs/msg/Path", header=header(time_ns, "map"), poses=poses)
+
+
+def battery_state(time_ns: int, namespace: str, battery: Battery) -> Any:
     config: BatteryConfig = battery.config
     charging = battery.current_a > 0
     return types.new(
         "sensor_msgs/msg/BatteryState",
-        header=header(time_ns, "base_link"),
+        header=header(time_ns, f"{namespace}/base_link"),
         voltage=battery.voltage_v,
         temperature=math.nan,
         current=battery.current_a,

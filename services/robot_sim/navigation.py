@@ -41,6 +41,8 @@ class NavigationError(IntEnum):
     """error_code of nav2_msgs/action/NavigateToPose (codes of FollowPath)."""
 
     NONE = 0
+    UNKNOWN = 100
+    """Here: the emergency stop."""
     FAILED_TO_MAKE_PROGRESS = 105
 
 
@@ -53,7 +55,11 @@ class Drive:
     finished: threading.Event = field(default_factory=threading.Event)
     error: NavigationError = NavigationError.NONE
     was_cancelled: bool = False
+    was_blocked: bool = False
+    """Something that the route did not know of stands on it: plan another one."""
     remaining_m: float = 0.0
+    ahead: tuple[Point2, ...] = ()
+    """Corners of the route not yet passed, its end included."""
 
 
 class BaseDriver:
@@ -76,6 +82,12 @@ class BaseDriver:
         """Start on a route; a route under way ends as cancelled."""
         self.halt()
         self._drive = drive
+        goal = drive.route.goal
+        drive.ahead = (
+            (drive.route.depart.x_m, drive.route.depart.y_m),
+            *drive.route.way,
+            (goal.x_m, goal.y_m),
+        )
         self._follower = self._follow(drive)
         self._progress = None
 
@@ -83,6 +95,28 @@ class BaseDriver:
         """End the route under way, if there is one, as cancelled."""
         if self._drive is not None:
             self._end(self._drive, cancelled=True)
+
+    @property
+    def way(self) -> list[Point2]:
+        """From where the base is along the rest of its route; empty without a route."""
+        if self._drive is None:
+            return []
+        pose = self._body.pose
+        return [(pose.x_m, pose.y_m), *self._drive.ahead]
+
+    def block(self) -> None:
+        """End the route under way because something stands on it."""
+        if self._drive is not None:
+            self._drive.was_blocked = True
+            self._end(self._drive)
+
+    def stop(self) -> None:
+        """Emergency stop: no ramp; the route under way fails, and a velocity command is forgotten."""
+        if self._drive is not None:
+            self._drive.error = NavigationError.UNKNOWN
+            self._end(self._drive)
+        self._command_until_s = -math.inf
+        self._twist = Twist2()
 
     def command(self, twist: Twist2, now_s: float) -> None:
         """A velocity command; it holds for CMD_VEL_TIMEOUT_S of site time."""
@@ -136,9 +170,11 @@ class BaseDriver:
         yield from self._line(drive, route.depart, route.length_m)
         goal = (route.goal.x_m, route.goal.y_m)
         for k, (a, b) in enumerate(pairwise(route.way)):
+            drive.ahead = (*route.way[k + 1 :], goal)
             rest_m = sum(math.dist(p, q) for p, q in pairwise((*route.way[k + 1 :], goal)))
             last = k == len(route.way) - 2
             yield from self._segment(drive, a, b, rest_m, None if last else route.way[k + 2])
+        drive.ahead = (goal,)
         yield from self._approach(drive)
         while not self._arrived(route.goal):
             yield from self._retry(drive)

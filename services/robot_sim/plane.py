@@ -1,4 +1,4 @@
-"""The robot plane: what the simulated robot and lab publish, and the services and actions they offer."""
+"""The robot plane: what the simulated robot and lab publish, and the services they offer."""
 
 import logging
 import math
@@ -9,35 +9,25 @@ import numpy as np
 
 from rodeo import topics
 from rodeo.lab.body import Twist2
-from rodeo.lab.config import Pose2
-from rodeo.lab.layout import wrap
-from rodeo.lab.world import ARM_JOINTS
-from rodeo.ros2 import ActionServer, MessageInfo, Node, Publisher, ServerGoal, types
+from rodeo.lab.sensors import DepthCamera
+from rodeo.lab.world import CAMERA_SITE
+from rodeo.ros2 import DEFAULT, LATCHED, MessageInfo, Node, Publisher, types
 from services.robot_sim import messages
-from services.robot_sim.arm import (
-    GOAL_TIME_TOLERANCE_S,
-    GOAL_TOLERANCE_RAD,
-    PATH_TOLERANCE_RAD,
-    BadTrajectory,
-    Grip,
-    Motion,
-    TrajectoryError,
-    Waypoint,
-    check,
-)
-from services.robot_sim.camera import BinCamera
+from services.robot_sim.camera import BinCamera, WristCamera
+from services.robot_sim.entities import UnknownEntity
+from services.robot_sim.frames import RobotFrames, Transform, compose, relative
 from services.robot_sim.loop import Loop
-from services.robot_sim.navigation import Drive
-from services.robot_sim.planner import GoalOutsideMap, Map, PlanningFailed, Route, UnknownFrame, plan
 from services.robot_sim.simulation import SimRobot
 
 log = logging.getLogger(__name__)
 
 _SLOW_TICKS = 5
+_DEPTH_TICKS = 10
 _SECOND_TICKS = 50
-"""Control periods between messages of 10 Hz and 1 Hz."""
+"""Control periods between messages of 10 Hz, 5 Hz and 1 Hz."""
 _CLOCK_WALL_PERIOD_S = 0.01
-_FEEDBACK_WALL_PERIOD_S = 0.1
+_CDR_ORDER = np.array([1, 2, 3, 0])
+"""From MuJoCo's w, x, y, z to ROS's x, y, z, w."""
 
 
 class LabPlane:
@@ -53,7 +43,8 @@ class LabPlane:
 
         self._clock = publisher(topics.CLOCK)
         self._clock_sent_s = -math.inf
-        self._items = {item.id: publisher(topics.MOCAP_POSE, body=item.id) for item in site.items}
+        self._mocap = {body: publisher(topics.MOCAP_POSE, body=body) for body in self._simulation.captured}
+        self._pose = messages.pose_template()
         self._presence = publisher(topics.BIN_PRESENCE, bin=self._bin)
         self._loads = {
             name: publisher(topics.BIN_LOAD, bin=self._bin, compartment=name)
@@ -63,11 +54,20 @@ class LabPlane:
         self._output = publisher(topics.DOCK_OUTPUT, dock=self._dock)
         node.service(topics.BIN_CAPTURE.name(bin=self._bin), topics.BIN_CAPTURE.type, self._capture)
         node.service(topics.DOCK_ENABLE.name(dock=self._dock), topics.DOCK_ENABLE.type, self._enable)
+        node.service(topics.SET_ENTITY_STATE.name(), topics.SET_ENTITY_STATE.type, self._set_entity_state)
+        static = node.publisher(topics.TF_STATIC.name(), topics.TF_STATIC.type, LATCHED)
+        static.publish(
+            messages.transforms(self._simulation.time_ns, self._simulation.lab_frames()),
+            self._simulation.time_ns,
+        )
 
     def publish(self, tick: int, skipped: bool) -> None:
         now_ns, simulation = self._simulation.time_ns, self._simulation
-        for item, mocap in self._items.items():
-            mocap.publish(messages.pose_stamped(now_ns, messages.pose(*simulation.item_pose(item))), now_ns)
+        for body, mocap in self._mocap.items():
+            if (seen := simulation.captured_pose(body)) is not None:
+                position_m, quat_wxyz = seen
+                cdr = self._pose.encode(now_ns, (0, position_m), (3, quat_wxyz[_CDR_ORDER]))
+                mocap.publish_cdr(cdr, now_ns)
         if skipped or tick % _SLOW_TICKS == 0:
             self._presence.publish(messages.presence(now_ns, self._bin, simulation.presence_m()), now_ns)
             for name, scale in self._loads.items():
@@ -95,187 +95,119 @@ class LabPlane:
         self._loop.call(lambda: self._simulation.supply.enable(request.data))
         return types.new("std_srvs/srv/SetBool_Response", success=True)
 
+    def _set_entity_state(self, request: Any) -> Any:
+        frame, pose = request.state.header.frame_id, request.state.pose
+        position_m = np.array([pose.position.x, pose.position.y, pose.position.z])
+        turn = pose.orientation
+        quat_wxyz = np.array([turn.w, turn.x, turn.y, turn.z])
+        norm = float(np.linalg.norm(quat_wxyz))
+        if frame not in ("", "map", "world"):
+            return _entity_result(_OPERATION_FAILED, f"poses are in the frame map, not {frame!r}")
+        if not (np.isfinite(position_m).all() and math.isfinite(norm) and norm > 0):
+            return _entity_result(_OPERATION_FAILED, "not a pose")
+        try:
+            self._loop.call(lambda: self._simulation.place(request.entity, position_m, quat_wxyz / norm))
+        except UnknownEntity as error:
+            return _entity_result(_NOT_FOUND, str(error))
+        return _entity_result(_OK)
+
+
+_OK, _NOT_FOUND, _OPERATION_FAILED = 1, 2, 4
+"""simulation_interfaces/msg/Result."""
+
+
+def _entity_result(result: int, message: str = "") -> Any:
+    outcome = types.new("simulation_interfaces/msg/Result", result=result, error_message=message)
+    return types.new(f"{topics.SET_ENTITY_STATE.type}_Response", result=outcome)
+
 
 class RobotPlane:
-    """Odometry, joints, battery, velocity commands and the three actions of one robot."""
+    """What one robot tells, velocity commands and the emergency stop; its actions are `Actions`."""
 
     def __init__(self, node: Node, loop: Loop, robot: SimRobot) -> None:
         self._loop, self._simulation, self._robot = loop, loop.simulation, robot
-        namespace = robot.config.name
+        model, data = self._simulation.model, self._simulation.data
+        name, self._ns = robot.config.name, robot.config.namespace
 
-        def publisher(topic: topics.Topic, **names: str) -> Publisher:
-            return node.publisher(topic.name(**names), topic.type)
+        def publisher(topic: topics.Topic) -> Publisher:
+            return node.publisher(topic.name(ns=self._ns), topic.type, LATCHED if topic.latched else DEFAULT)
 
-        self._odom = publisher(topics.ODOM, ns=namespace)
-        self._joints = publisher(topics.JOINT_STATES, ns=namespace)
-        self._battery = publisher(topics.BATTERY_STATE, ns=namespace)
-        self._mocap = publisher(topics.MOCAP_POSE, body=namespace)
-        node.subscription(topics.CMD_VEL.name(ns=namespace), topics.CMD_VEL.type, self._on_cmd_vel)
-        for action, execute in (
-            (topics.NAVIGATE_TO_POSE, self._navigate),
-            (topics.FOLLOW_JOINT_TRAJECTORY, self._follow_trajectory),
-            (topics.GRIPPER_CMD, self._grip),
-        ):
-            ActionServer(node, action.name(ns=namespace), action.type, execute)
+        self._odom = publisher(topics.ODOM)
+        self._odometry = messages.odometry_template(self._ns, robot.config.noise)
+        self._joints = publisher(topics.JOINT_STATES)
+        self._joint_states = messages.joint_state_template()
+        self._battery = publisher(topics.BATTERY_STATE)
+        self._scan = publisher(topics.SCAN)
+        self._depth_image, self._depth_info = (
+            publisher(topics.WRIST_DEPTH),
+            publisher(topics.WRIST_DEPTH_INFO),
+        )
+        self._depth = DepthCamera(model, f"{name}/{CAMERA_SITE}")
+        self._image, self._camera = publisher(topics.WRIST_IMAGE), WristCamera(model, f"{name}/wrist_camera")
+        self._tf = publisher(topics.TF)
+        self._frames = RobotFrames(model, data, name, self._ns)
+        now_ns = self._simulation.time_ns
+        publisher(topics.TF_STATIC).publish(messages.transforms(now_ns, self._frames.fixed()), now_ns)
+        description = types.new(topics.ROBOT_DESCRIPTION.type, data=robot.description)
+        publisher(topics.ROBOT_DESCRIPTION).publish(description, now_ns)
+        node.subscription(topics.CMD_VEL.name(ns=self._ns), topics.CMD_VEL.type, self._on_cmd_vel)
+        stop = topics.EMERGENCY_STOP
+        node.service(stop.name(ns=self._ns), stop.type, self._on_emergency_stop)
 
     def publish(self, tick: int, skipped: bool) -> None:
         now_ns, robot = self._simulation.time_ns, self._robot
-        self._odom.publish(messages.odometry(now_ns, robot), now_ns)
-        self._joints.publish(messages.joint_state(now_ns, robot.body), now_ns)
-        at = messages.pose(robot.body.position_m, robot.body.quat_wxyz)
-        self._mocap.publish(messages.pose_stamped(now_ns, at), now_ns)
+        self._publish_motion(now_ns)
         if skipped or tick % _SECOND_TICKS == 0:
-            self._battery.publish(messages.battery_state(now_ns, robot.battery), now_ns)
+            self._battery.publish(messages.battery_state(now_ns, self._ns, robot.battery), now_ns)
+        if self._tf.matched:
+            self._tf.publish(messages.transforms(now_ns, self._transforms()), now_ns)
+        if (skipped or tick % _SLOW_TICKS == 0) and self._scan.matched:
+            self._scan.publish(messages.scan(now_ns, self._ns, robot.scan_m()), now_ns)
+        if (skipped or tick % _DEPTH_TICKS == 0) and self._depth_image.matched:
+            depth_m = robot.blur(self._depth.image(self._simulation.data))
+            self._depth_info.publish(messages.camera_info(now_ns, self._ns, self._depth.lens), now_ns)
+            self._depth_image.publish(messages.depth_image(now_ns, self._ns, depth_m), now_ns)
+        if (skipped or tick % _SECOND_TICKS == 0) and self._image.matched:
+            jpeg = self._camera.jpeg(self._simulation.data)
+            if jpeg is not None:
+                frame = f"{self._ns}/{CAMERA_SITE}"
+                self._image.publish(messages.compressed_image(now_ns, frame, jpeg), now_ns)
+
+    def _publish_motion(self, now_ns: int) -> None:
+        body, at = self._robot.body, self._robot.odometry
+        half = at.yaw_rad / 2
+        odometry = self._odometry.encode(
+            now_ns,
+            (0, (at.x_m, at.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))),
+            (messages.ODOMETRY_TWIST, (at.twist.linear_m_s, 0.0, 0.0, 0.0, 0.0, at.twist.angular_rad_s)),
+        )
+        self._odom.publish_cdr(odometry, now_ns)
+        joints = self._joint_states.encode(now_ns, body.positions, body.velocities, body.efforts)
+        self._joints.publish_cdr(joints, now_ns)
+
+    def _transforms(self) -> list[Transform]:
+        """map -> odom (localisation, which is the motion capture's), odom -> base_link, the links."""
+        body, at = self._robot.body, self._robot.odometry
+        half = at.yaw_rad / 2
+        reckoned_m = np.array([at.x_m, at.y_m, 0.0])
+        reckoned_quat = np.array([math.cos(half), 0.0, 0.0, math.sin(half)])
+        origin, none = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
+        # Where odom's origin is, seen from the base, carried to where the base really is.
+        back_m, back_quat = relative(reckoned_m, reckoned_quat, origin, none)
+        odom_m, odom_quat = compose(body.position_m, body.quat_wxyz, back_m, back_quat)
+        odom, base = f"{self._ns}/odom", f"{self._ns}/base_link"
+        return [
+            Transform("map", odom, odom_m, odom_quat),
+            Transform(odom, base, reckoned_m, reckoned_quat),
+            *self._frames.moving(),
+        ]
 
     def _on_cmd_vel(self, twist: Any, _info: MessageInfo) -> None:
         command = Twist2(twist.linear.x, twist.angular.z)
         if math.isfinite(command.linear_m_s) and math.isfinite(command.angular_rad_s):
-            self._loop.post(lambda: self._robot.base.command(command, self._simulation.time_s))
+            self._loop.post(lambda: self._robot.command(command, self._simulation.time_s))
 
-    # -- NavigateToPose ----------------------------------------------------------------------------
-
-    def _navigate(self, goal: ServerGoal) -> None:
-        started_ns = self._simulation.time_ns
-        result = "nav2_msgs/action/NavigateToPose_Result"
-        try:
-            route = self._route(goal.request.pose)
-        except PlanningFailed as error:
-            log.warning("%s: no route: %s", self._robot.config.name, error)
-            goal.abort(types.new(result, error_code=error.error_code))
-            return
-        drive = Drive(route, lambda: goal.is_cancel_requested)
-        self._loop.call(lambda: self._robot.base.follow(drive))
-        while not drive.finished.wait(_FEEDBACK_WALL_PERIOD_S):
-            goal.publish_feedback(self._navigation_feedback(drive, started_ns))
-        if drive.was_cancelled:
-            goal.canceled(types.new(result))
-        elif drive.error:
-            log.warning("%s: navigation failed: %s", self._robot.config.name, drive.error.name)
-            goal.abort(types.new(result, error_code=int(drive.error)))
-        else:
-            goal.succeed(types.new(result))
-
-    def _route(self, target: Any) -> Route:
-        frame, at, turn = target.header.frame_id, target.pose.position, target.pose.orientation
-        if frame not in ("", "map"):
-            raise UnknownFrame(202, "goals are in the frame map", frame=frame)
-        yaw_rad = math.atan2(2 * (turn.w * turn.z + turn.x * turn.y), 1 - 2 * (turn.y**2 + turn.z**2))
-        if not all(map(math.isfinite, (at.x, at.y, yaw_rad))):
-            raise GoalOutsideMap(204, "the goal is not a place", x=at.x, y=at.y, yaw=yaw_rad)
-        here, items = self._loop.call(lambda: (self._robot.body.pose, self._simulation.items_on_floor()))
-        goal = Pose2(x_m=at.x, y_m=at.y, yaw_rad=wrap(yaw_rad))
-        return plan(Map.of(self._simulation.site, items), here, goal)
-
-    def _navigation_feedback(self, drive: Drive, started_ns: int) -> Any:
-        now_ns, at = self._simulation.time_ns, self._robot.body.pose
-        sec, nanosec = divmod(now_ns - started_ns, 1_000_000_000)
-        left_s = drive.remaining_m / self._robot.config.limits.cruise_m_s
-        duration = types.msg("builtin_interfaces/msg/Duration")
-        return types.new(
-            "nav2_msgs/action/NavigateToPose_Feedback",
-            current_pose=messages.pose_stamped(now_ns, messages.planar_pose(at.x_m, at.y_m, at.yaw_rad)),
-            navigation_time=duration(sec=sec, nanosec=nanosec),
-            estimated_time_remaining=duration(sec=int(left_s), nanosec=0),
-            distance_remaining=drive.remaining_m,
-        )
-
-    # -- FollowJointTrajectory ---------------------------------------------------------------------
-
-    def _follow_trajectory(self, goal: ServerGoal) -> None:
-        result = "control_msgs/action/FollowJointTrajectory_Result"
-        robot = self._robot
-        try:
-            motion = _motion(goal)
-            check(motion.waypoints, robot.body.arm_ranges, robot.config.limits)
-        except BadTrajectory as error:
-            log.warning("%s: refused a trajectory: %s", robot.config.name, error)
-            goal.abort(types.new(result, error_code=int(error.error), error_string=str(error)))
-            return
-        self._loop.call(lambda: robot.arm.follow(motion))
-        while not motion.finished.wait(_FEEDBACK_WALL_PERIOD_S):
-            goal.publish_feedback(self._arm_feedback(motion))
-        if motion.was_cancelled:
-            goal.canceled(types.new(result))
-        elif motion.error:
-            log.warning("%s: trajectory aborted: %s", robot.config.name, motion.reason)
-            goal.abort(types.new(result, error_code=int(motion.error), error_string=motion.reason))
-        else:
-            goal.succeed(types.new(result))
-
-    def _arm_feedback(self, motion: Motion) -> Any:
-        point = "trajectory_msgs/msg/JointTrajectoryPoint"
-        desired, actual = motion.desired_rad, self._robot.body.arm
-        return types.new(
-            "control_msgs/action/FollowJointTrajectory_Feedback",
-            header=messages.header(self._simulation.time_ns, ""),
-            joint_names=list(ARM_JOINTS),
-            desired=types.new(point, positions=desired),
-            actual=types.new(point, positions=actual),
-            error=types.new(point, positions=desired - actual),
-        )
-
-    # -- GripperCommand ----------------------------------------------------------------------------
-
-    def _grip(self, goal: ServerGoal) -> None:
-        command, robot = goal.request.command, self._robot
-        # As in ros2_control, no effort given means as much as the gripper has.
-        force_n = command.max_effort if command.max_effort > 0 else robot.config.limits.gripper_force_n
-        if not (math.isfinite(command.position) and math.isfinite(force_n)):
-            log.warning("%s: refused a gripper command that is not finite", robot.config.name)
-            goal.abort(self._grip_state("Result", False, False))
-            return
-        grip = Grip(command.position, force_n, lambda: goal.is_cancel_requested)
-        self._loop.call(lambda: robot.gripper.follow(grip))
-        while not grip.finished.wait(_FEEDBACK_WALL_PERIOD_S):
-            goal.publish_feedback(self._grip_state("Feedback", False, False))
-        state = self._grip_state("Result", grip.stalled, not (grip.stalled or grip.was_cancelled))
-        if grip.was_cancelled:
-            goal.canceled(state)
-        else:
-            # Stalling on an object is what closing a gripper is for.
-            goal.succeed(state)
-
-    def _grip_state(self, part: str, stalled: bool, reached: bool) -> Any:
-        body = self._robot.body
-        return types.new(
-            f"control_msgs/action/GripperCommand_{part}",
-            position=body.gripper_m,
-            effort=abs(body.gripper_force_n),
-            stalled=stalled,
-            reached_goal=reached,
-        )
-
-
-def _motion(goal: ServerGoal) -> Motion:
-    """The trajectory in a goal. Raises BadTrajectory."""
-    trajectory = goal.request.trajectory
-    names = list(trajectory.joint_names)
-    if sorted(names) != sorted(ARM_JOINTS):
-        raise BadTrajectory(TrajectoryError.INVALID_JOINTS, "the joints are not the arm's", joints=names)
-    order = [names.index(name) for name in ARM_JOINTS]
-    waypoints = []
-    for k, point in enumerate(trajectory.points):
-        values = [np.asarray(point.positions), np.asarray(point.velocities), np.asarray(point.accelerations)]
-        given = [v for v in values if len(v)]
-        if len(values[0]) != 6 or any(len(v) != 6 for v in given) or (len(values[2]) and not len(values[1])):
-            raise BadTrajectory(TrajectoryError.INVALID_GOAL, "a point lacks joints or derivatives", point=k)
-        time_s = _seconds(point.time_from_start)
-        waypoints.append(Waypoint(time_s, tuple(v[order] for v in given)))
-    return Motion(
-        waypoints,
-        lambda: goal.is_cancel_requested,
-        _tolerance(goal.request.path_tolerance, PATH_TOLERANCE_RAD),
-        _tolerance(goal.request.goal_tolerance, GOAL_TOLERANCE_RAD),
-        _seconds(goal.request.goal_time_tolerance) or GOAL_TIME_TOLERANCE_S,
-    )
-
-
-def _seconds(duration: Any) -> float:
-    return duration.sec + duration.nanosec * 1e-9
-
-
-def _tolerance(given: list[Any], default_rad: float) -> np.ndarray:
-    """control_msgs/JointTolerance: 0 means the default, negative means none."""
-    by_name = {tolerance.name: tolerance.position for tolerance in given}
-    values = [by_name.get(name, 0.0) for name in ARM_JOINTS]
-    return np.array([default_rad if v == 0 else math.inf if v < 0 else v for v in values])
+    def _on_emergency_stop(self, request: Any) -> Any:
+        log.warning("%s: emergency stop %s", self._ns, "engaged" if request.data else "released")
+        self._loop.call(lambda: self._robot.emergency_stop(request.data))
+        return types.new("std_srvs/srv/SetBool_Response", success=True)

@@ -7,6 +7,7 @@ import time
 from rodeo.config import Site
 from rodeo.ros2 import Node
 from rodeo.service import Service
+from services.robot_sim.actions import Actions
 from services.robot_sim.camera import open_camera
 from services.robot_sim.loop import Loop
 from services.robot_sim.plane import LabPlane, RobotPlane
@@ -59,10 +60,11 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             lab_node = Node(session, "lab", "", domain_id, simulation)
             lab = LabPlane(lab_node, loop, open_camera(simulation))
             nodes, robots = [lab_node], []
-            for name, robot in simulation.robots.items():
-                node = Node(session, "body", name, domain_id, simulation)
+            for robot in simulation.robots.values():
+                node = Node(session, "body", robot.config.namespace, domain_id, simulation)
                 nodes.append(node)
                 robots.append(RobotPlane(node, loop, robot))
+                Actions(node, loop, robot)
             service.ready()
             loop.run(Bus(service, lab, robots, simulation), service.stop)
             for node in nodes:

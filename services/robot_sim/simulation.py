@@ -1,37 +1,46 @@
 """The simulated world: physics, drivers, battery and dock, one control period at a time. Knows no bus."""
 
 import math
-from dataclasses import dataclass
+import zlib
 
 import mujoco
 import numpy as np
 
 from rodeo.config import Site
-from rodeo.lab.body import Body
+from rodeo.lab.body import Body, Twist2
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.layout import BinLayout, on_contacts
-from rodeo.lab.world import CONTROL_PERIOD_S, CONTROL_STEPS, begin, build_world, scale_weight_n
+from rodeo.lab.sensors import Lidar
+from rodeo.lab.urdf import to_urdf
+from rodeo.lab.world import (
+    CONTROL_PERIOD_S,
+    CONTROL_STEPS,
+    LIDAR_SITE,
+    begin,
+    robot_model,
+    scale_weight_n,
+    world_spec,
+)
 from services.robot_sim.arm import ArmDriver, GripperDriver
 from services.robot_sim.battery import Battery, Supply
+from services.robot_sim.entities import Entities
+from services.robot_sim.frames import Transform, lab_frames
 from services.robot_sim.navigation import BaseDriver
+from services.robot_sim.odometry import Odometry
+from services.robot_sim.planner import Map
+from services.robot_sim.surroundings import blocked, unknown_returns
 
 PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 IDLE_PERIOD_NS = 1_000_000_000
 """Stride of the site time while a parked robot charges and nothing else happens."""
 
+_LOOK_PERIODS = 10
+"""Control periods between two looks for obstacles on the way."""
 _REST_SPEED = 1e-3
 _MJ_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _ON_FLOOR_M = 0.15
+_UNDERGROUND_M = -1.0
 _PRESENCE_MAX_M = 2.0
-
-
-@dataclass
-class Odometry:
-    """Dead reckoning from wheels and gyro; starts at the pose where the world began."""
-
-    x_m: float
-    y_m: float
-    yaw_rad: float
 
 
 class SimRobot:
@@ -44,7 +53,11 @@ class SimRobot:
         self.arm = ArmDriver(self.body)
         self.gripper = GripperDriver(self.body)
         self.battery = Battery(config.battery, config.battery.soc)
-        self.odometry = Odometry(config.pose.x_m, config.pose.y_m, config.pose.yaw_rad)
+        self.odometry = Odometry(config.name, config.pose, config.noise)
+        self.stopped = False
+        """The emergency stop is engaged."""
+        self._lidar = Lidar(model, f"{config.name}/{LIDAR_SITE}", f"{config.name}/base_link")
+        self._random = np.random.default_rng(zlib.crc32(config.name.encode()) + 1)
 
     @property
     def idle(self) -> bool:
@@ -57,22 +70,62 @@ class SimRobot:
         arm_w = 0.0 if self.arm.idle and self.gripper.idle else battery.arm_power_w
         return battery.idle_power_w + arm_w + self.body.wheel_power_w / battery.drive_efficiency
 
-    def reckon(self) -> None:
-        """Advance the odometry by one control period."""
-        twist, odometry = self.body.wheel_twist, self.odometry
-        middle = odometry.yaw_rad + twist.angular_rad_s * CONTROL_PERIOD_S / 2
-        odometry.x_m += math.cos(middle) * twist.linear_m_s * CONTROL_PERIOD_S
-        odometry.y_m += math.sin(middle) * twist.linear_m_s * CONTROL_PERIOD_S
-        odometry.yaw_rad += twist.angular_rad_s * CONTROL_PERIOD_S
+    def step(self, now_s: float) -> None:
+        """Let the drivers command the motors for one control period."""
+        self.base.step(now_s)
+        self.arm.step(now_s)
+        self.gripper.step(now_s)
+
+    @property
+    def description(self) -> str:
+        """Its URDF: the site's, or the model's as one."""
+        kinematics = self.config.kinematics
+        if kinematics is not None and kinematics.suffix == ".urdf":
+            return kinematics.read_text()
+        return to_urdf(robot_model(kinematics), self.config.name)
+
+    def command(self, twist: Twist2, now_s: float) -> None:
+        """A velocity command; while the emergency stop is engaged it is not heard."""
+        if not self.stopped:
+            self.base.command(twist, now_s)
+
+    def emergency_stop(self, engage: bool) -> None:
+        """Stop base and arm where they are and fail their goals, or let them move again."""
+        self.stopped = engage
+        if engage:
+            self.base.stop()
+            self.arm.stop()
+            self.gripper.stop()
+
+    def scan_m(self) -> np.ndarray:
+        """(Lidar.BEAMS,) ranges as the lidar measures them, noise included."""
+        ranges_m = self._lidar.ranges(self.body.data)
+        return ranges_m + self.config.noise.lidar_m * self._random.standard_normal(len(ranges_m))
+
+    def blur(self, depth_m: np.ndarray) -> np.ndarray:
+        """Depths as the wrist's camera measures them."""
+        share = self.config.noise.depth_share
+        return depth_m * (1 + share * self._random.standard_normal(depth_m.shape, np.float32))
+
+    def watch(self, lab: Map) -> None:
+        """Stop the drive under way if the lidar shows something on its route that `lab` has not."""
+        way = self.base.way
+        if way and blocked(way, self.unmapped(lab)):
+            self.base.block()
+
+    def unmapped(self, lab: Map) -> np.ndarray:
+        """(n, 2) points in the map where the lidar sees what `lab` has not."""
+        return unknown_returns(lab, self.body.pose, self._lidar.angles_rad, self.scan_m())
 
     def row(self) -> list[float]:
         o, g = self.odometry, self.gripper
-        return [self.battery.soc, o.x_m, o.y_m, o.yaw_rad, g.position_m, g.force_n]
+        return [self.battery.soc, o.x_m, o.y_m, o.yaw_rad, g.position_m, g.force_n, float(self.stopped)]
 
     def restore(self, row: np.ndarray) -> None:
-        soc, x, y, yaw, position_m, force_n = (float(value) for value in row)
+        soc, x, y, yaw, position_m, force_n, stopped = (float(value) for value in row)
         self.battery.soc = soc
-        self.odometry = Odometry(x, y, yaw)
+        self.odometry.x_m, self.odometry.y_m, self.odometry.yaw_rad = x, y, yaw
+        self.stopped = bool(stopped)
         self.gripper.position_m, self.gripper.force_n = position_m, force_n
         self.arm.hold(self.body.arm_setpoint)
 
@@ -87,12 +140,23 @@ class Simulation:
     def __init__(self, site: Site, time_ns: int) -> None:
         self.site = site
         self.time_ns = time_ns
-        self.model = build_world(site)
-        self.data = begin(self.model, site)
-        self.robots = {config.name: SimRobot(self.model, self.data, config) for config in site.robots}
+        bodies = [robot for robot in site.robots if robot.body == "sim"]
+        elsewhere = [robot for robot in site.robots if robot.body != "sim"]
+        simulated = site.model_copy(update={"robots": bodies})
+        spec = world_spec(simulated)
+        self.entities = Entities(spec, [item.id for item in site.items], [robot.name for robot in elsewhere])
+        self.model = spec.compile()
+        self.data = begin(self.model, simulated)
+        self.robots = {config.name: SimRobot(self.model, self.data, config) for config in bodies}
+        self.map = Map.of(site)
         self.supply = Supply(site.dock)
         self.bin = BinLayout(site.bin)
         self._items = {item.id: self.model.body(item.id).id for item in site.items}
+        self._captured = {
+            **self._items,
+            **{robot.name: self.model.body(f"{robot.name}/base_link").id for robot in bodies},
+            **{robot.name: self.model.body(robot.name).id for robot in elsewhere},
+        }
         self._presence = self.model.site(f"{site.bin.name}/presence").id
 
     @property
@@ -107,14 +171,15 @@ class Simulation:
     def step(self) -> None:
         """One control period: drivers, physics, odometry, power."""
         now_s = self.time_s
+        look = self.time_ns // PERIOD_NS % _LOOK_PERIODS == 0
         for robot in self.robots.values():
-            robot.base.step(now_s)
-            robot.arm.step(now_s)
-            robot.gripper.step(now_s)
+            if look:
+                robot.watch(self.map)
+            robot.step(now_s)
         mujoco.mj_step(self.model, self.data, nstep=CONTROL_STEPS)
         self.time_ns += PERIOD_NS
         for robot in self.robots.values():
-            robot.reckon()
+            robot.odometry.advance(robot.body.wheel_twist)
         self._power(CONTROL_PERIOD_S)
 
     def skip(self) -> None:
@@ -158,6 +223,27 @@ class Simulation:
         """Position (3,) in m and quaternion (4,) w, x, y, z, in the map frame."""
         body = self._items[item]
         return self.data.xpos[body], self.data.xquat[body]
+
+    @property
+    def captured(self) -> list[str]:
+        """Bodies that the motion capture tracks."""
+        return list(self._captured)
+
+    def captured_pose(self, body: str) -> tuple[np.ndarray, np.ndarray] | None:
+        """Position (3,) in m and quaternion (4,) w, x, y, z in the map; None if it is not in the lab."""
+        index = self._captured[body]
+        position_m = self.data.xpos[index]
+        return None if position_m[2] < _UNDERGROUND_M else (position_m, self.data.xquat[index])
+
+    def lab_frames(self) -> list[Transform]:
+        return lab_frames(self.model, [self.site.bin.name, self.site.dock.name])
+
+    def place(self, entity: str, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
+        """Put an item, an obstacle or a robot that is not simulated somewhere, at rest.
+
+        Raises UnknownEntity.
+        """
+        self.entities.place(self.model, self.data, entity, position_m, quat_wxyz)
 
     def items_on_floor(self) -> list[tuple[float, float]]:
         """Where items lie that a base has to drive around."""

@@ -7,7 +7,7 @@ import pytest
 
 from rodeo.config import Site
 from rodeo.lab.body import Twist2
-from rodeo.lab.config import Pose2
+from rodeo.lab.config import NoiseConfig, Pose2
 from rodeo.lab.layout import BinLayout, dock_parking, wrap
 from rodeo.lab.world import STOWED_RAD
 from services.robot_sim.arm import BadTrajectory, Grip, Motion, TrajectoryError, Waypoint, check
@@ -110,11 +110,62 @@ def test_a_base_pushed_off_its_goal_at_the_last_moment_drives_there_again(
     assert off_m() < 0.02
 
 
-def test_odometry_agrees_with_the_motion_capture(simulation: Simulation, robot: SimRobot) -> None:
-    drive(simulation, robot, dock_parking(simulation.site.dock))
+def perfect() -> Simulation:
+    site = Site.load(LAB)
+    noise = NoiseConfig(wheel_scale=0, gyro_bias_rad_s=0, gyro_rad_s=0)
+    return Simulation(
+        site.model_copy(update={"robots": [site.robots[0].model_copy(update={"noise": noise})]}), START_NS
+    )
+
+
+def drift_m(simulation: Simulation) -> float:
+    robot = simulation.robots["panther1"]
+    drive(simulation, robot, BinLayout(simulation.site.bin).parking)
     pose, odometry = robot.body.pose, robot.odometry
-    assert math.dist((pose.x_m, pose.y_m), (odometry.x_m, odometry.y_m)) < 0.05
-    assert abs(wrap(pose.yaw_rad - odometry.yaw_rad)) < 0.02
+    return math.dist((pose.x_m, pose.y_m), (odometry.x_m, odometry.y_m))
+
+
+def test_odometry_drifts_as_far_as_its_sensors_err() -> None:
+    without, usual = drift_m(perfect()), drift_m(Simulation(Site.load(LAB), START_NS))
+    assert without < 0.05, "slip alone"
+    assert 0.01 < usual < 0.4
+    assert usual != pytest.approx(without, abs=0.005)
+
+
+def test_odometry_of_a_standing_robot_does_not_drift(simulation: Simulation, robot: SimRobot) -> None:
+    run_for(simulation, 2.0)
+    before = (robot.odometry.x_m, robot.odometry.y_m, robot.odometry.yaw_rad)
+    run_for(simulation, 5.0)
+    assert (robot.odometry.x_m, robot.odometry.y_m, robot.odometry.yaw_rad) == pytest.approx(before, abs=1e-4)
+
+
+def test_the_emergency_stop_stops_at_once_and_holds_until_released(
+    simulation: Simulation, robot: SimRobot
+) -> None:
+    under_way = Drive(
+        plan(Map.of(simulation.site), robot.body.pose, BinLayout(simulation.site.bin).parking), lambda: False
+    )
+    robot.base.follow(under_way)
+    target = np.array(STOWED_RAD) + np.array([1.5, 0, 0, 0, 0, 0])
+    motion, grip = motion_to(target, 5.0), Grip(0.0, 5.0, lambda: False)
+    robot.arm.follow(motion)
+    robot.gripper.follow(grip)
+    run_for(simulation, 0.4)
+    robot.emergency_stop(True)
+    assert under_way.finished.is_set() and under_way.error == NavigationError.UNKNOWN
+    assert motion.finished.is_set() and motion.error == TrajectoryError.INVALID_GOAL
+    assert grip.finished.is_set() and grip.was_stopped
+    run_for(simulation, 0.5)
+    assert abs(robot.body.wheel_twist.linear_m_s) < 0.01 and abs(robot.body.wheel_twist.angular_rad_s) < 0.02
+    before, arm = robot.body.pose, robot.body.arm.copy()
+    robot.command(Twist2(0.5, 0.0), simulation.time_s)
+    run_for(simulation, 1.0)
+    assert math.dist((robot.body.pose.x_m, robot.body.pose.y_m), (before.x_m, before.y_m)) < 0.005
+    assert np.abs(robot.body.arm - arm).max() < 0.01
+    robot.emergency_stop(False)
+    robot.command(Twist2(0.5, 0.0), simulation.time_s)
+    run_for(simulation, 0.4)
+    assert robot.body.wheel_twist.linear_m_s > 0.1
 
 
 def test_a_base_that_cannot_get_on_says_so(simulation: Simulation, robot: SimRobot) -> None:

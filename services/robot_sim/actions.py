@@ -1,0 +1,276 @@
+"""The three actions of a simulated robot: drive, move the arm, move the fingers."""
+
+import logging
+import math
+from typing import Any
+
+import numpy as np
+
+from rodeo import topics
+from rodeo.lab.config import Pose2
+from rodeo.lab.layout import wrap
+from rodeo.lab.world import ARM_JOINTS
+from rodeo.ros2 import LATCHED, ActionServer, Node, ServerGoal, types
+from services.robot_sim import messages
+from services.robot_sim.arm import (
+    GOAL_TIME_TOLERANCE_S,
+    GOAL_TOLERANCE_RAD,
+    PATH_TOLERANCE_RAD,
+    BadTrajectory,
+    Grip,
+    Motion,
+    TrajectoryError,
+    Waypoint,
+    check,
+)
+from services.robot_sim.loop import Loop
+from services.robot_sim.navigation import Drive
+from services.robot_sim.planner import GoalOutsideMap, Map, PlanningFailed, Route, UnknownFrame, plan
+from services.robot_sim.simulation import SimRobot
+
+log = logging.getLogger(__name__)
+
+_FEEDBACK_WALL_PERIOD_S = 0.1
+_REPLANS = 8
+"""A goal that needs more new routes than this is given up."""
+_BLOCKED_WAIT_S = 2.0
+"""Site time until a way that is blocked altogether is looked at again: people walk on."""
+_BLOCKED_LOOKS = 3
+_GIVEN_UP = 208
+"""Nav2's NO_VALID_PATH."""
+
+
+class Actions:
+    """Serves the robot's actions; each goal runs in a thread of its own and leaves motion to the loop."""
+
+    def __init__(self, node: Node, loop: Loop, robot: SimRobot) -> None:
+        self._loop, self._simulation, self._robot = loop, loop.simulation, robot
+        namespace = robot.config.namespace
+        self._plan = node.publisher(topics.PLAN.name(ns=namespace), topics.PLAN.type, LATCHED)
+        for action, execute in (
+            (topics.NAVIGATE_TO_POSE, self._navigate),
+            (topics.FOLLOW_JOINT_TRAJECTORY, self._follow_trajectory),
+            (topics.GRIPPER_CMD, self._grip),
+        ):
+            ActionServer(node, action.name(ns=namespace), action.type, execute, self._accept)
+
+    def _accept(self, _goal: Any) -> bool:
+        return not self._robot.stopped
+
+    # -- NavigateToPose ----------------------------------------------------------------------------
+
+    def _navigate(self, goal: ServerGoal) -> None:
+        started_ns = self._simulation.time_ns
+        result = "nav2_msgs/action/NavigateToPose_Result"
+        replans = 0
+        while True:
+            try:
+                route = self._route(goal)
+            except PlanningFailed as error:
+                log.warning("%s: no route: %s", self._robot.config.name, error)
+                goal.abort(types.new(result, error_code=error.error_code))
+                return
+            if route is None:
+                goal.canceled(types.new(result))
+                return
+            drive = self._drive(goal, route, started_ns, replans)
+            if not drive.was_blocked or replans == _REPLANS:
+                break
+            replans += 1
+            log.info("%s: the way is blocked; planning another", self._robot.config.name)
+        if drive.was_cancelled:
+            goal.canceled(types.new(result))
+        elif drive.error or drive.was_blocked:
+            log.warning("%s: navigation failed: %s", self._robot.config.name, drive.error.name)
+            goal.abort(types.new(result, error_code=int(drive.error) or _GIVEN_UP))
+        else:
+            goal.succeed(types.new(result))
+
+    def _drive(self, goal: ServerGoal, route: Route, started_ns: int, replans: int) -> Drive:
+        """Follow the route to its end, whatever that is."""
+        drive = Drive(route, lambda: goal.is_cancel_requested)
+        self._loop.call(lambda: self._start(drive))
+        while not drive.finished.wait(_FEEDBACK_WALL_PERIOD_S):
+            goal.publish_feedback(self._navigation_feedback(drive, started_ns, replans))
+        return drive
+
+    def _start(self, drive: Drive) -> None:
+        self._robot.base.follow(drive)
+        now_ns = self._simulation.time_ns
+        self._plan.publish(messages.path(now_ns, self._robot.base.way), now_ns)
+        if self._robot.stopped:
+            self._robot.base.stop()
+
+    def _route(self, goal: ServerGoal) -> Route | None:
+        """A route around everything that is known or seen; None when cancelled while the way was blocked.
+
+        Raises PlanningFailed.
+        """
+        pose = _goal_pose(goal.request.pose)
+        for look in range(_BLOCKED_LOOKS + 1):
+            here, lab = self._loop.call(self._look)
+            try:
+                return plan(lab, here, pose)
+            except PlanningFailed:
+                # What the map alone forbids will not change; what was seen in the way may go.
+                if look == _BLOCKED_LOOKS or not self._possible(here, pose):
+                    raise
+            if not self._wait(goal):
+                return None
+        raise AssertionError("the last look returns or raises")
+
+    def _look(self) -> tuple[Pose2, Map]:
+        simulation, robot = self._simulation, self._robot
+        seen = [(float(x), float(y)) for x, y in robot.unmapped(simulation.map)]
+        return robot.body.pose, Map.of(simulation.site, [*simulation.items_on_floor(), *seen])
+
+    def _possible(self, here: Pose2, goal: Pose2) -> bool:
+        try:
+            plan(Map.of(self._simulation.site), here, goal)
+        except PlanningFailed:
+            return False
+        return True
+
+    def _wait(self, goal: ServerGoal) -> bool:
+        """Let _BLOCKED_WAIT_S of site time pass; False when the goal is cancelled meanwhile."""
+        until_ns = self._simulation.time_ns + round(_BLOCKED_WAIT_S * 1e9)
+        while self._loop.call(lambda: self._simulation.time_ns) < until_ns:
+            if goal.cancel_requested.wait(_FEEDBACK_WALL_PERIOD_S / 10):
+                return False
+        return True
+
+    def _navigation_feedback(self, drive: Drive, started_ns: int, replans: int) -> Any:
+        now_ns, at = self._simulation.time_ns, self._robot.body.pose
+        sec, nanosec = divmod(now_ns - started_ns, 1_000_000_000)
+        left_s = drive.remaining_m / self._robot.config.limits.cruise_m_s
+        duration = types.msg("builtin_interfaces/msg/Duration")
+        return types.new(
+            "nav2_msgs/action/NavigateToPose_Feedback",
+            current_pose=messages.pose_stamped(now_ns, messages.planar_pose(at.x_m, at.y_m, at.yaw_rad)),
+            navigation_time=duration(sec=sec, nanosec=nanosec),
+            estimated_time_remaining=duration(sec=int(left_s), nanosec=0),
+            number_of_recoveries=replans,
+            distance_remaining=drive.remaining_m,
+        )
+
+    # -- FollowJointTrajectory ---------------------------------------------------------------------
+
+    def _follow_trajectory(self, goal: ServerGoal) -> None:
+        result = "control_msgs/action/FollowJointTrajectory_Result"
+        robot = self._robot
+        try:
+            motion = _motion(goal)
+            check(motion.waypoints, robot.body.arm_ranges, robot.config.limits)
+        except BadTrajectory as error:
+            log.warning("%s: refused a trajectory: %s", robot.config.name, error)
+            goal.abort(types.new(result, error_code=int(error.error), error_string=str(error)))
+            return
+        self._loop.call(lambda: self._begin(robot.arm, motion))
+        while not motion.finished.wait(_FEEDBACK_WALL_PERIOD_S):
+            goal.publish_feedback(self._arm_feedback(motion))
+        if motion.was_cancelled:
+            goal.canceled(types.new(result))
+        elif motion.error:
+            log.warning("%s: trajectory aborted: %s", robot.config.name, motion.reason)
+            goal.abort(types.new(result, error_code=int(motion.error), error_string=motion.reason))
+        else:
+            goal.succeed(types.new(result))
+
+    def _arm_feedback(self, motion: Motion) -> Any:
+        point = "trajectory_msgs/msg/JointTrajectoryPoint"
+        desired, actual = motion.desired_rad, self._robot.body.arm
+        return types.new(
+            "control_msgs/action/FollowJointTrajectory_Feedback",
+            header=messages.header(self._simulation.time_ns, ""),
+            joint_names=list(ARM_JOINTS),
+            desired=types.new(point, positions=desired),
+            actual=types.new(point, positions=actual),
+            error=types.new(point, positions=desired - actual),
+        )
+
+    # -- GripperCommand ----------------------------------------------------------------------------
+
+    def _grip(self, goal: ServerGoal) -> None:
+        command, robot = goal.request.command, self._robot
+        # As in ros2_control, no effort given means as much as the gripper has.
+        force_n = command.max_effort if command.max_effort > 0 else robot.config.limits.gripper_force_n
+        if not (math.isfinite(command.position) and math.isfinite(force_n)):
+            log.warning("%s: refused a gripper command that is not finite", robot.config.name)
+            goal.abort(self._grip_state("Result", False, False))
+            return
+        grip = Grip(command.position, force_n, lambda: goal.is_cancel_requested)
+        self._loop.call(lambda: self._begin(robot.gripper, grip))
+        while not grip.finished.wait(_FEEDBACK_WALL_PERIOD_S):
+            goal.publish_feedback(self._grip_state("Feedback", False, False))
+        state = self._grip_state(
+            "Result", grip.stalled, not (grip.stalled or grip.was_cancelled or grip.was_stopped)
+        )
+        if grip.was_cancelled:
+            goal.canceled(state)
+        elif grip.was_stopped:
+            goal.abort(state)
+        else:
+            # Stalling on an object is what closing a gripper is for.
+            goal.succeed(state)
+
+    def _grip_state(self, part: str, stalled: bool, reached: bool) -> Any:
+        body = self._robot.body
+        return types.new(
+            f"control_msgs/action/GripperCommand_{part}",
+            position=body.gripper_m,
+            effort=abs(body.gripper_force_n),
+            stalled=stalled,
+            reached_goal=reached,
+        )
+
+    def _begin(self, driver: Any, motion: Motion | Grip) -> None:
+        driver.follow(motion)
+        # The emergency stop may have been engaged since the goal was accepted.
+        if self._robot.stopped:
+            driver.stop()
+
+
+def _goal_pose(target: Any) -> Pose2:
+    """Raises UnknownFrame, GoalOutsideMap."""
+    frame, at, turn = target.header.frame_id, target.pose.position, target.pose.orientation
+    if frame not in ("", "map"):
+        raise UnknownFrame(202, "goals are in the frame map", frame=frame)
+    yaw_rad = math.atan2(2 * (turn.w * turn.z + turn.x * turn.y), 1 - 2 * (turn.y**2 + turn.z**2))
+    if not all(map(math.isfinite, (at.x, at.y, yaw_rad))):
+        raise GoalOutsideMap(204, "the goal is not a place", x=at.x, y=at.y, yaw=yaw_rad)
+    return Pose2(x_m=at.x, y_m=at.y, yaw_rad=wrap(yaw_rad))
+
+
+def _motion(goal: ServerGoal) -> Motion:
+    """The trajectory in a goal. Raises BadTrajectory."""
+    trajectory = goal.request.trajectory
+    names = list(trajectory.joint_names)
+    if sorted(names) != sorted(ARM_JOINTS):
+        raise BadTrajectory(TrajectoryError.INVALID_JOINTS, "the joints are not the arm's", joints=names)
+    order = [names.index(name) for name in ARM_JOINTS]
+    waypoints = []
+    for k, point in enumerate(trajectory.points):
+        values = [np.asarray(point.positions), np.asarray(point.velocities), np.asarray(point.accelerations)]
+        given = [v for v in values if len(v)]
+        if len(values[0]) != 6 or any(len(v) != 6 for v in given) or (len(values[2]) and not len(values[1])):
+            raise BadTrajectory(TrajectoryError.INVALID_GOAL, "a point lacks joints or derivatives", point=k)
+        time_s = _seconds(point.time_from_start)
+        waypoints.append(Waypoint(time_s, tuple(v[order] for v in given)))
+    return Motion(
+        waypoints,
+        lambda: goal.is_cancel_requested,
+        _tolerance(goal.request.path_tolerance, PATH_TOLERANCE_RAD),
+        _tolerance(goal.request.goal_tolerance, GOAL_TOLERANCE_RAD),
+        _seconds(goal.request.goal_time_tolerance) or GOAL_TIME_TOLERANCE_S,
+    )
+
+
+def _seconds(duration: Any) -> float:
+    return duration.sec + duration.nanosec * 1e-9
+
+
+def _tolerance(given: list[Any], default_rad: float) -> np.ndarray:
+    """control_msgs/JointTolerance: 0 means the default, negative means none."""
+    by_name = {tolerance.name: tolerance.position for tolerance in given}
+    values = [by_name.get(name, 0.0) for name in ARM_JOINTS]
+    return np.array([default_rad if v == 0 else math.inf if v < 0 else v for v in values])

@@ -1,0 +1,53 @@
+"""Messages that are published fifty times a second, written into a template instead of serialised anew.
+
+CDR places a field by the lengths of what precedes it. In these messages the strings never change, so only
+stamp and numbers do: the template is serialised once, and the numbers that end the message (and, in a joint
+state, its three sequences) are overwritten in place.
+"""
+
+import struct
+from typing import Any
+
+import numpy as np
+
+from rodeo.ros2 import types
+
+_STAMP = struct.Struct("<iI")
+_STAMP_AT = 4
+"""After the encapsulation header: the message begins with a std_msgs/Header."""
+_DOUBLE_BYTES = 8
+
+
+class StampedDoubles:
+    """A stamped message whose last fields are float64 without a gap, as Odometry and PoseStamped are."""
+
+    def __init__(self, template: Any, count: int) -> None:
+        self._buffer = bytearray(types.serialize(template))
+        self._numbers = np.frombuffer(self._buffer, "<f8", count, len(self._buffer) - _DOUBLE_BYTES * count)
+
+    def encode(self, time_ns: int, *blocks: tuple[int, Any]) -> bytes:
+        """CDR with each block (index of the first number, numbers) written over what was there."""
+        _STAMP.pack_into(self._buffer, _STAMP_AT, *divmod(time_ns, 1_000_000_000))
+        for first, numbers in blocks:
+            self._numbers[first : first + len(numbers)] = numbers
+        return bytes(self._buffer)
+
+
+class JointStates:
+    """sensor_msgs/JointState of always the same joints."""
+
+    def __init__(self, template: Any) -> None:
+        self._buffer = bytearray(types.serialize(template))
+        count = len(template.name)
+        # A length (4 bytes, then 4 to align) precedes each sequence.
+        step = _DOUBLE_BYTES * count + 8
+        ends = [len(self._buffer) - step * k for k in (2, 1, 0)]
+        self._sequences = [
+            np.frombuffer(self._buffer, "<f8", count, end - _DOUBLE_BYTES * count) for end in ends
+        ]
+
+    def encode(self, time_ns: int, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> bytes:
+        _STAMP.pack_into(self._buffer, _STAMP_AT, *divmod(time_ns, 1_000_000_000))
+        for sequence, values in zip(self._sequences, (position, velocity, effort), strict=True):
+            sequence[:] = values
+        return bytes(self._buffer)

@@ -1,0 +1,79 @@
+"""Messages of the simulated robot: templates equal what the type store serialises, frames follow REP 105."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rodeo.config import Site
+from rodeo.lab.body import JOINTS
+from rodeo.lab.config import NoiseConfig
+from rodeo.ros2 import types
+from services.robot_sim import messages
+from services.robot_sim.frames import RobotFrames, compose, relative
+from services.robot_sim.simulation import Simulation
+from tests.support.site import LAB
+
+TIME_NS = 1_800_000_000_123_456_789
+
+
+def test_a_pose_written_into_its_template_is_the_serialised_pose() -> None:
+    pose = messages.pose((1.0, 2.0, 3.0), (0.5, 0.1, 0.2, 0.3))
+    expected = types.serialize(messages.pose_stamped(TIME_NS, pose))
+    template = messages.pose_template()
+    template.encode(1, (0, [9.0] * 7))
+    assert template.encode(TIME_NS, (0, (1.0, 2.0, 3.0)), (3, (0.1, 0.2, 0.3, 0.5))) == expected
+
+
+def test_odometry_written_into_its_template_reads_back() -> None:
+    template = messages.odometry_template("robots/one", NoiseConfig())
+    cdr = template.encode(
+        TIME_NS,
+        (0, (1.0, 2.0, 0.0, 0.0, 0.0, 0.6, 0.8)),
+        (messages.ODOMETRY_TWIST, (0.3, 0.0, 0.0, 0.0, 0.0, -0.2)),
+    )
+    message = types.deserialize(cdr, "nav_msgs/msg/Odometry")
+    assert (message.header.frame_id, message.child_frame_id) == ("robots/one/odom", "robots/one/base_link")
+    assert message.header.stamp.nanosec == 123_456_789
+    pose, twist = message.pose.pose, message.twist.twist
+    assert (pose.position.x, pose.position.y, pose.orientation.w) == (1.0, 2.0, 0.8)
+    assert (twist.linear.x, twist.angular.z) == (0.3, -0.2)
+    assert message.pose.covariance[0] > 0 and message.twist.covariance[35] > 0
+
+
+def test_joint_states_written_into_their_template_read_back() -> None:
+    count = len(JOINTS)
+    position, velocity, effort = (np.arange(count) + offset for offset in (0.0, 100.0, 200.0))
+    cdr = messages.joint_state_template().encode(TIME_NS, position, velocity, effort)
+    message = types.deserialize(cdr, "sensor_msgs/msg/JointState")
+    assert message.name == list(JOINTS)
+    assert (message.position == position).all()
+    assert (message.velocity == velocity).all()
+    assert (message.effort == effort).all()
+
+
+def test_the_frames_lead_from_the_base_to_where_the_hand_is() -> None:
+    simulation = Simulation(Site.load(LAB), TIME_NS)
+    for _ in range(5):
+        simulation.step()
+    model, data = simulation.model, simulation.data
+    frames = RobotFrames(model, data, "panther1", "ns")
+    tree = {t.child: t for t in (*frames.fixed(), *frames.moving())}
+    frame, position, quat = "ns/grasp", np.zeros(3), np.array([1.0, 0, 0, 0])
+    while frame != "ns/base_link":
+        step = tree[frame]
+        position, quat = compose(step.position_m, step.quat_wxyz, position, quat)
+        frame = step.parent
+    base = data.body("panther1/base_link")
+    there_m, _ = compose(base.xpos, base.xquat, position, quat)
+    assert there_m == pytest.approx(data.site("panther1/grasp").xpos, abs=1e-4)
+
+
+def test_relative_undoes_compose() -> None:
+    half = math.sqrt(0.5)
+    parent_m, parent_quat = np.array([1.0, 2.0, 3.0]), np.array([half, 0.0, 0.0, half])
+    child_m, child_quat = np.array([0.1, 0.2, 0.3]), np.array([half, half, 0.0, 0.0])
+    pose = compose(parent_m, parent_quat, child_m, child_quat)
+    back_m, back_quat = relative(parent_m, parent_quat, *pose)
+    assert back_m == pytest.approx(child_m)
+    assert back_quat == pytest.approx(child_quat)
