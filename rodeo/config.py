@@ -10,7 +10,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
 from rodeo.errors import ConfigError
@@ -127,6 +127,15 @@ class Site(BaseSettings):
     robots: list[RobotConfig]
     items: list[ItemConfig] = []
     participants: list[ParticipantConfig] = []
+
+    @field_validator("robots")
+    @classmethod
+    def _robots_differ(cls, robots: list[RobotConfig]) -> list[RobotConfig]:
+        for field in ("name", "namespace"):
+            values = [getattr(robot, field) for robot in robots]
+            if len(set(values)) != len(values):
+                raise ValueError(f"two robots have the same {field}: {sorted(values)}")
+        return robots
 
     @classmethod
     def settings_customise_sources(

@@ -48,7 +48,9 @@ def device_names(site: Site) -> dict[str, str]:
 
 
 def keystore_path(site: Site, name: str) -> Path:
-    return site.data_dir / "keys" / f"{name}.json"
+    """Of participant or device `name`; a robot's is the one that the site file gives it as wallet."""
+    stem = next((robot.wallet for robot in site.robots if robot.name == name), name)
+    return site.data_dir / "keys" / f"{stem}.json"
 
 
 def address(site: Site, name: str) -> str:

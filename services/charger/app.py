@@ -79,7 +79,7 @@ class Charger:
         for robot in site.robots:
             battery = topics.BATTERY_STATE
             self._node.subscription(
-                battery.name(ns=robot.name), battery.type, self._battery_callback(robot.name)
+                battery.name(ns=robot.namespace), battery.type, self._battery_callback(robot.name)
             )
         self._dao_events = DaoEvents(service.bus, site.org, self._on_event)
 
@@ -172,9 +172,13 @@ class Charger:
         if not bindings:
             return None
         limits, problem = self._limits(job.task)
+        robot = str(job.task.params.get("robot"))
+        # A robot that the site does not know publishes nothing, wherever that is; `problem` says it.
+        namespace = next((r.namespace for r in self._site.robots if r.name == robot), robot)
+        battery = topics.BATTERY_STATE.name(ns=namespace)
         try:
             delivery = Delivery(
-                job, limits, path, bindings[0], self._account, self._service.clock, self._save
+                job, limits, path, bindings[0], self._account, self._service.clock, self._save, battery
             )
         except RecordingSealed:  # killed between sealing and submitting
             with path.open("rb") as file:

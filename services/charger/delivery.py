@@ -42,6 +42,7 @@ class Delivery:
         account: LocalAccount,
         clock: Clock,
         save: Callable[[Job], None],
+        battery_topic: str,
     ) -> None:
         """Start the recording at `path`, or go on with it. Raises RecordingSealed when it is finished."""
         self.job = job
@@ -55,7 +56,7 @@ class Delivery:
         self._last_time_s = 0.0
         dock = str(job.task.params.get("dock"))
         self._output_topic = topics.DOCK_OUTPUT.name(dock=dock)
-        self._battery_topic = topics.BATTERY_STATE.name(ns=str(job.task.params.get("robot")))
+        self._battery_topic = battery_topic
         resume = path.exists()
         recorded = recover(path, "/" + self._output_topic) if resume else Recorded(Register(), 0)
         self._events_seq = recorded.events_seq

@@ -86,14 +86,16 @@ class Case:
         """The task's kind; without a chain, what the recording looks like."""
         if self.ledger is not None:
             return self.ledger.task.kind
-        moved = any(self.proof.count("/" + topics.JOINT_STATES.name(ns=r.name)) for r in self.site.robots)
+        moved = any(
+            self.proof.count("/" + topics.JOINT_STATES.name(ns=r.namespace)) for r in self.site.robots
+        )
         return CLEANING if moved else CHARGING
 
     @cached_property
     def robot(self) -> RobotConfig:
         """The robot that the recording is of. Raises CaseError."""
         for robot in self.site.robots:
-            if any(topic.startswith(f"/{robot.name}/") for topic in self.proof.topics):
+            if any(topic.startswith(f"/{robot.namespace}/") for topic in self.proof.topics):
                 return robot
         raise CaseError(
             "no robot of this site is in the recording", robots=[r.name for r in self.site.robots]
@@ -119,7 +121,7 @@ class Case:
 
     @cached_property
     def joints(self) -> Table:
-        return self.table(topics.JOINT_STATES, ns=self.robot.name)
+        return self.table(topics.JOINT_STATES, ns=self.robot.namespace)
 
     def pose(self, body: str) -> Pose:
         """Motion capture of a body. Raises LayoutChanged, CaseError when stamps or numbers are absurd."""

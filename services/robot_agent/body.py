@@ -138,7 +138,7 @@ class Body:
     """
 
     def __init__(self, node: Node, site: Site, robot: RobotConfig) -> None:
-        names = {"ns": robot.name}
+        names = {"ns": robot.namespace}
         self._joint_states = Latest(node, topics.JOINT_STATES.name(**names), topics.JOINT_STATES.type)
         self._battery = Latest(node, topics.BATTERY_STATE.name(**names), topics.BATTERY_STATE.type)
         self._items = [item.id for item in site.items]

@@ -32,7 +32,7 @@ _HOLE_NS = 400_000_000
 def recorded_topics(site: Site, robot: str, items: list[str]) -> Iterator[tuple[str, str]]:
     """(name, ROS type) of each topic that belongs into the proof of a task of `robot` with `items`."""
     names = {
-        "ns": [robot],
+        "ns": [site.robot(robot).namespace],
         "body": [robot, *items],
         "bin": [site.bin.name],
         "compartment": list(site.bin.compartments),
@@ -94,7 +94,9 @@ class Recording:
         self._lock = threading.Lock()
         for name, typename in recorded_topics(site, robot, items):
             node.raw_subscription(name, typename, self._writer(name, typename))
-        node.raw_subscription(topics.ODOM.name(ns=robot), topics.ODOM.type, self._watch_for_holes)
+        node.raw_subscription(
+            topics.ODOM.name(ns=site.robot(robot).namespace), topics.ODOM.type, self._watch_for_holes
+        )
 
     def _writer(self, name: str, typename: str) -> Any:
         def write(info: MessageInfo) -> None:

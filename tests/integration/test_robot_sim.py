@@ -6,6 +6,7 @@ import math
 import signal
 import subprocess
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,8 @@ from rodeo.clock import SimClock
 from rodeo.lab.config import Pose2
 from rodeo.lab.layout import BinLayout, dock_parking, on_contacts, wrap
 from rodeo.lab.world import ARM_JOINTS, STOWED_RAD
-from rodeo.ros2 import ActionClient, MessageInfo, Node, types
-from rodeo.ros2.errors import ActionServerLost, GoalAborted
+from rodeo.ros2 import LATCHED, ActionClient, MessageInfo, Node, types
+from rodeo.ros2.errors import ActionServerLost, GoalAborted, GoalRejected
 from tests.support.site import RunningSite, write_site
 
 WALL_LIMIT_S = 60.0
@@ -212,3 +213,92 @@ def test_it_stops_in_time_while_the_router_takes_nothing(lab: RunningSite, remot
     finally:
         router.send_signal(signal.SIGCONT)
     assert "Traceback" not in lab.log("robot_sim")
+
+
+def test_sensors_and_frames_are_there_for_who_subscribes_late(remote: Remote) -> None:
+    described: list[str] = []
+    remote.node.subscription(
+        "panther1/robot_description",
+        "std_msgs/msg/String",
+        lambda message, _info: described.append(message.data),
+        LATCHED,
+    )
+    remote.watch("panther1/scan", "sensor_msgs/msg/LaserScan")
+    remote.watch("panther1/wrist_camera/depth/image_rect_raw", "sensor_msgs/msg/Image")
+    remote.watch("panther1/wrist_camera/depth/camera_info", "sensor_msgs/msg/CameraInfo")
+    frames: dict[str, str] = {}
+
+    def on_transforms(message: Any, _info: MessageInfo) -> None:
+        frames.update({t.child_frame_id: t.header.frame_id for t in message.transforms})
+
+    remote.node.subscription("tf", "tf2_msgs/msg/TFMessage", on_transforms)
+    remote.node.subscription("tf_static", "tf2_msgs/msg/TFMessage", on_transforms, LATCHED)
+
+    scan = remote.newest("panther1/scan", 0.0)
+    assert scan.header.frame_id == "panther1/lidar_link"
+    assert len(scan.ranges) == round((scan.angle_max - scan.angle_min) / scan.angle_increment) + 1
+    assert scan.ranges[0] == pytest.approx(1.4, abs=0.06), "the wall behind the robot"
+
+    image = remote.newest("panther1/wrist_camera/depth/image_rect_raw", 0.0)
+    info = remote.newest("panther1/wrist_camera/depth/camera_info", 0.0)
+    assert image.encoding == "32FC1"
+    assert (image.width, image.height) == (info.width, info.height)
+    depth_m = np.frombuffer(image.data.tobytes(), np.float32).reshape(image.height, image.width)
+    assert depth_m[image.height // 2, image.width // 2] == pytest.approx(0.71, abs=0.03), "the floor"
+    eventually(lambda: described, "the description")
+    assert "<robot" in described[0]
+    eventually(lambda: "panther1/wrist_camera_optical_frame" in frames and "itrash" in frames, "tf_static")
+    eventually(lambda: "panther1/base_link" in frames, "tf")
+    # One tree: every frame leads to the map.
+    eventually(lambda: all(leads_to_map(frame, frames) for frame in frames), "a tree")
+    tokens = [
+        str(reply.ok.key_expr)
+        for reply in remote.node.session.liveliness().get("@ros2_lv/0/*/*/*/MP/**", timeout=WALL_LIMIT_S)
+        if reply.ok is not None
+    ]
+    (token,) = (token for token in tokens if "%panther1%robot_description/" in token)
+    assert token.endswith("/:1:,1:,:,:,,"), "transient local"
+
+
+def leads_to_map(frame: str, parents: dict[str, str]) -> bool:
+    for _ in parents:
+        frame = parents.get(frame, frame)
+    return frame == "map"
+
+
+def eventually(holds: Callable[[], Any], what: str) -> None:
+    deadline_s = time.monotonic() + WALL_LIMIT_S
+    while not holds():
+        assert time.monotonic() < deadline_s, what
+        time.sleep(0.05)
+
+
+def test_an_emergency_stop_aborts_the_goal_and_refuses_the_next(remote: Remote) -> None:
+    goal = remote.drive(BinLayout(remote.site.bin).parking)
+    stop = "panther1/emergency_stop", "std_srvs/srv/SetBool"
+    assert remote.call(*stop, data=True).success
+    with pytest.raises(GoalAborted):
+        goal.result(WALL_LIMIT_S)
+    with pytest.raises(GoalRejected):
+        remote.drive(BinLayout(remote.site.bin).parking)
+    assert remote.call(*stop, data=False).success
+    there = remote.pose()
+    assert remote.drive(there).result(WALL_LIMIT_S).error_code == 0
+
+
+def test_the_base_drives_around_what_was_put_in_its_way(remote: Remote) -> None:
+    service = "lab/set_entity_state", "simulation_interfaces/srv/SetEntityState"
+    state = types.new("simulation_interfaces/msg/EntityState")
+    state.pose.position.x, state.pose.position.y, state.pose.orientation.w = 2.4, 1.0, 1.0
+    assert remote.call(*service, entity="obstacle1", state=state).result.result == 1
+    refused = remote.call(*service, entity="desk1", state=state).result
+    assert refused.result == 2 and "obstacle1" in refused.error_message
+
+    plans: list[Any] = []
+    remote.node.subscription(
+        "panther1/plan", "nav_msgs/msg/Path", lambda path, _: plans.append(path), LATCHED
+    )
+    assert remote.drive(Pose2(x_m=4.0, y_m=1.6)).result(WALL_LIMIT_S).error_code == 0
+    eventually(lambda: plans, "the plan")
+    corners = [pose.pose.position for pose in plans[0].poses]
+    assert max(corner.y for corner in corners) > 1.8, "the straight way is blocked"

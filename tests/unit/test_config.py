@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from rodeo.config import Site
 from rodeo.errors import ConfigError
@@ -20,6 +21,38 @@ def test_a_site_extends_another_and_overrides_single_values(tmp_path: Path) -> N
     site = Site.load(path)
     assert site.clock.speed == 3.0
     assert site.clock.idle_speed == Site.load(LAB).clock.idle_speed
+
+
+def test_a_robot_is_called_by_its_name_unless_the_site_says_otherwise(tmp_path: Path) -> None:
+    robot = Site.load(LAB).robots[0]
+    assert (robot.namespace, robot.wallet, robot.body, robot.kinematics) == (
+        "panther1",
+        "panther1",
+        "sim",
+        None,
+    )
+    path = tmp_path / "site.toml"
+    path.write_text(f"""extends = "{LAB}"
+[[robots]]
+name = "arthur"
+namespace = "fleet/a1"
+body = "ros2"
+wallet = "arthurs-purse"
+kinematics = "models/arthur.urdf"
+pose = {{ x_m = 1.4, y_m = 1.3 }}
+""")
+    robot = Site.load(path).robot("arthur")
+    assert (robot.namespace, robot.wallet, robot.body) == ("fleet/a1", "arthurs-purse", "ros2")
+    assert robot.kinematics == tmp_path / "models" / "arthur.urdf", "seen from the site file"
+
+
+@pytest.mark.parametrize("field", ["name", "namespace"])
+def test_two_robots_cannot_be_called_the_same(field: str) -> None:
+    site = Site.load(LAB)
+    first = site.robots[0].model_dump()
+    second = {**first, "name": "other", "namespace": "other", field: first[field]}
+    with pytest.raises(ValidationError, match=field):
+        Site.model_validate({**site.model_dump(by_alias=True), "robots": [first, second]})
 
 
 def test_the_environment_overrides_the_file(monkeypatch: pytest.MonkeyPatch) -> None:

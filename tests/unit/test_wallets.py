@@ -19,6 +19,15 @@ def test_a_keystore_opens_to_the_address_it_states(site: Site) -> None:
     assert wallets.load(site, "panther1").address == wallets.address(site, "panther1")
 
 
+def test_a_robot_uses_the_wallet_that_the_site_names(site: Site) -> None:
+    robot = site.robots[0].model_copy(update={"wallet": "purse"})
+    site = site.model_copy(update={"robots": [robot]})
+    wallets.ensure_wallets(site)
+    assert (site.data_dir / "keys" / "purse.json").exists()
+    assert wallets.keystore_path(site, robot.name).name == "purse.json"
+    assert wallets.keystore_path(site, f"{robot.name}-device").name == f"{robot.name}-device.json"
+
+
 def test_making_wallets_twice_keeps_the_first(site: Site) -> None:
     wallets.ensure_wallets(site)
     before = wallets.address(site, "oracle")

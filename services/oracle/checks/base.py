@@ -46,7 +46,7 @@ def turning_speed(case: Case) -> Finding:
 def odometry(case: Case) -> Finding:
     """The robot's own odometry covers the ground that motion capture saw it cover."""
     pose = case.pose(case.robot.name)
-    table = case.table(ODOM, ns=case.robot.name)
+    table = case.table(ODOM, ns=case.robot.namespace)
     time_s = increasing(table)
     start_s, end_s = max(time_s[0], pose.time_s[0]), min(time_s[-1], pose.time_s[-1])
     edges = np.arange(start_s, end_s, ODOMETRY_WINDOW_S)

@@ -87,7 +87,7 @@ def robot_docked(case: Case) -> Finding:
         source = "motion capture of the robot"
     else:
         # Only what is connected has the voltage of the terminals.
-        battery = case.table(BATTERY_STATE, ns=case.robot.name)
+        battery = case.table(BATTERY_STATE, ns=case.robot.namespace)
         times = increasing(battery)
         terminals_v = np.interp(times, time_s, volt)
         docked = np.abs(battery["voltage"] - terminals_v) <= METER_CLASS * case.site.dock.voltage_v
@@ -126,7 +126,7 @@ def energy(case: Case) -> Finding:
     metered_ah = float(((samples[1:, 2] + samples[:-1, 2]) / 2 * seconds).sum()) / 3600
     if metered_ah <= 0:
         raise CaseError("the meter counted no charge", charge_ah=metered_ah)
-    gauge = case.table(BATTERY_STATE, ns=case.robot.name)
+    gauge = case.table(BATTERY_STATE, ns=case.robot.namespace)
     soc, time_s = gauge["percentage"].astype(float), increasing(gauge)
     battery = case.robot.battery
     gained_ah = float(soc[-1] - soc[0]) * battery.capacity_ah
@@ -145,7 +145,7 @@ def energy(case: Case) -> Finding:
 
 def target(case: Case) -> Finding:
     """The battery ends where the task asked for."""
-    reached = float(case.table(BATTERY_STATE, ns=case.robot.name)["percentage"][-1])
+    reached = float(case.table(BATTERY_STATE, ns=case.robot.namespace)["percentage"][-1])
     if case.ledger is None:
         wanted, source = case.site.agent.charge_target, "the site file"
     else:

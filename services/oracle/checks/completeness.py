@@ -18,10 +18,10 @@ already in the bin, misses nothing (`services.oracle.rest`)."""
 
 
 def _cleaning(case: Case) -> list[tuple[Topic, str]]:
-    robot, item = case.robot.name, case.item.id
+    robot, namespace, item = case.robot.name, case.robot.namespace, case.item.id
     return [
-        (ODOM, ODOM.name(ns=robot)),
-        (JOINT_STATES, JOINT_STATES.name(ns=robot)),
+        (ODOM, ODOM.name(ns=namespace)),
+        (JOINT_STATES, JOINT_STATES.name(ns=namespace)),
         (MOCAP_POSE, MOCAP_POSE.name(body=robot)),
         (MOCAP_POSE, MOCAP_POSE.name(body=item)),
     ]
@@ -30,7 +30,7 @@ def _cleaning(case: Case) -> list[tuple[Topic, str]]:
 def _charging(case: Case) -> list[tuple[Topic, str]]:
     return [
         (DOCK_OUTPUT, DOCK_OUTPUT.name(dock=case.site.dock.name)),
-        (BATTERY_STATE, BATTERY_STATE.name(ns=case.robot.name)),
+        (BATTERY_STATE, BATTERY_STATE.name(ns=case.robot.namespace)),
     ]
 
 

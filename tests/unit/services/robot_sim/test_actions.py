@@ -1,0 +1,140 @@
+"""The robot's actions over a real bus, with a simulation whose every control period the test sees."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+
+from rodeo.bus import zenoh_config
+from rodeo.config import ClockConfig, Site
+from rodeo.ros2 import LATCHED, ActionClient, Node, types
+from rodeo.ros2.errors import GoalAborted
+from services.robot_sim.actions import Actions
+from services.robot_sim.loop import Loop
+from services.robot_sim.simulation import SimRobot, Simulation
+from services.robot_sim.state import StateFile
+from tests.support.site import LAB, free_port
+
+WALL_LIMIT_S = 120.0
+UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
+NAVIGATE = "nav2_msgs/action/NavigateToPose"
+
+
+class Bench:
+    """One simulation in a thread, its actions, and a client of them."""
+
+    def __init__(self, folder: Path, session: zenoh.Session) -> None:
+        site = Site.load(LAB).model_copy(update={"items": []})
+        self.simulation = Simulation(site, 1_800_000_000_000_000_000)
+        self.robot: SimRobot = self.simulation.robots["panther1"]
+        self.each_period: Callable[[], None] = lambda: None
+        """Called in the simulation's thread after each control period."""
+        self._state = StateFile(folder / "world", b"", self.simulation.row_size)
+        self._loop = loop = Loop(self.simulation, self._state, ClockConfig(speed=0))
+        self._server = Node(session, "body", "panther1", 0, self.simulation)
+        self.node = Node(session, "client", "", 0, self.simulation)
+        Actions(self._server, loop, self.robot)
+        self.client = ActionClient(self.node, "panther1/navigate_to_pose", NAVIGATE)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=loop.run, args=(self, self._stop))
+        self._thread.start()
+
+    def publish(self, skipped: bool) -> None:
+        self.each_period()
+
+    def place(self, name: str, x_m: float, y_m: float) -> None:
+        self._loop.call(lambda: self.simulation.place(name, np.array([x_m, y_m, 0.0]), UPRIGHT))
+
+    def drive(self, x_m: float, y_m: float, feedback: Callable[[Any], None] | None = None) -> Any:
+        pose = types.new("geometry_msgs/msg/PoseStamped")
+        pose.header.frame_id = "map"
+        pose.pose.position.x, pose.pose.position.y, pose.pose.orientation.w = x_m, y_m, 1.0
+        assert self.client.wait_for_server(WALL_LIMIT_S)
+        return self.client.send_goal(types.new(f"{NAVIGATE}_Goal", pose=pose), feedback, WALL_LIMIT_S)
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self.node.close()
+        self._server.close()
+        self._state.close()
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    session = zenoh.open(zenoh_config("router", listen=[f"tcp/127.0.0.1:{free_port()}"]))
+    bench = Bench(tmp_path, session)
+    yield bench
+    bench.close()
+    session.close()
+
+
+def test_a_route_that_is_blocked_on_the_way_is_planned_anew_and_published(bench: Bench) -> None:
+    plans: list[Any] = []
+    two = threading.Event()
+
+    def on_plan(path: Any, _info: Any) -> None:
+        plans.append(path)
+        if len(plans) == 2:
+            two.set()
+
+    bench.node.subscription("panther1/plan", "nav_msgs/msg/Path", on_plan, LATCHED)
+    closest_m = math.inf
+
+    def watch() -> None:
+        nonlocal closest_m
+        pose = bench.robot.body.pose
+        if pose.x_m > 1.7 and math.isinf(closest_m):
+            bench.simulation.place("obstacle1", np.array([2.9, 0.75, 0.0]), UPRIGHT)
+            closest_m = math.dist((pose.x_m, pose.y_m), (2.9, 0.75))
+        elif not math.isinf(closest_m):
+            closest_m = min(closest_m, math.dist((pose.x_m, pose.y_m), (2.9, 0.75)))
+
+    bench.each_period = watch
+    assert bench.drive(4.6, 1.3).result(WALL_LIMIT_S).error_code == 0
+    pose = bench.robot.body.pose
+    assert math.dist((pose.x_m, pose.y_m), (4.6, 1.3)) < 0.03
+    assert closest_m > 0.6, "it went around"
+    assert two.wait(WALL_LIMIT_S)
+    ends = [path.poses[-1].pose.position for path in plans]
+    assert all((end.x, end.y) == pytest.approx((4.6, 1.3)) for end in ends)
+    assert all(path.header.frame_id == "map" for path in plans)
+
+
+def test_a_robot_waits_for_a_way_that_becomes_free_again(bench: Bench) -> None:
+    bench.place("obstacle1", 2.9, 0.6)
+    bench.place("obstacle2", 2.9, 1.8)
+    leaves_s = bench.simulation.time_s + 3.0
+
+    def leave() -> None:
+        if bench.simulation.time_s > leaves_s:
+            bench.simulation.place("obstacle2", np.array([0.0, 0.0, -10.0]), UPRIGHT)
+
+    bench.each_period = leave
+    assert bench.drive(4.6, 1.3).result(WALL_LIMIT_S).error_code == 0
+
+
+def test_a_way_that_stays_blocked_is_given_up_with_nav2s_code(bench: Bench) -> None:
+    bench.place("obstacle1", 2.9, 0.6)
+    bench.place("obstacle2", 2.9, 1.8)
+    with pytest.raises(GoalAborted) as aborted:
+        bench.drive(4.6, 1.3).result(WALL_LIMIT_S)
+    assert aborted.value.result.error_code == 208
+
+
+def test_a_stop_engaged_in_the_middle_of_a_drive_aborts_it(bench: Bench) -> None:
+    def stop() -> None:
+        if bench.robot.body.pose.x_m > 1.7 and not bench.robot.stopped:
+            bench.robot.emergency_stop(True)
+
+    bench.each_period = stop
+    with pytest.raises(GoalAborted):
+        bench.drive(4.6, 1.3).result(WALL_LIMIT_S)
+    assert bench.robot.body.pose.x_m < 2.0
