@@ -10,7 +10,7 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
 from rodeo.errors import ConfigError
@@ -89,10 +89,26 @@ class OracleConfig(_Table):
     """Wall time for one verification; beyond it the proof is rejected with that reason."""
 
 
+class CameraConfig(_Table):
+    """Where the bin's pictures come from."""
+
+    source: Literal["bus", "video", "folder"] = "bus"
+    address: str = ""
+    """`video`: what OpenCV opens, a device number or path ("0", "/dev/video0") or a stream ("rtsp://...");
+    `folder`: its path; the bus needs none."""
+
+    @model_validator(mode="after")
+    def _has_an_address(self) -> CameraConfig:
+        if (self.source == "bus") != (not self.address):
+            raise ValueError("a camera's address belongs to the sources video and folder, and they need one")
+        return self
+
+
 class ItrashConfig(_Table):
     http_host: str = "127.0.0.1"
     http_port: int = Field(default=8090, ge=0, le=65535)
     """0 takes a free port, which the process's status tells."""
+    camera: CameraConfig = CameraConfig()
 
 
 class AgentConfig(_Table):

@@ -2,7 +2,7 @@
 
 import typer
 
-from rodeo.cli import organization, site
+from rodeo.cli import classify, organization, site
 
 app = typer.Typer(
     name="rodeo",
@@ -11,7 +11,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (site.up, site.down, site.status, organization.wallet, organization.verify):
+for command in (site.up, site.down, site.status, organization.wallet, organization.verify, classify.classify):
     app.command()(command)
 app.add_typer(organization.tasks, name="task")
 app.add_typer(organization.services, name="service")

@@ -80,6 +80,7 @@ class BinConfig(Section):
     camera_fovy_rad: Positive = 0.8
     show_distance_m: Positive = Field(0.34, description="from the camera to the point where an item is shown")
     presence_range_m: Positive = Field(0.55, description="longest range at which something counts as present")
+    full_at_n: Positive = Field(200.0, description="weight of what is in a compartment that takes no more")
 
     def compartment_of(self, item_class: ItemClass) -> str:
         """The compartment that takes this class."""

@@ -31,7 +31,7 @@ from services.itrash.behaviour import (
     TakePhoto,
     compartment_of,
 )
-from services.itrash.camera import BusCamera, stamp_s
+from services.itrash.camera import open_camera, stamp_s
 from services.itrash.classifier import Classifier
 from services.itrash.images import decode_image
 from services.itrash.journal import Journal, Kind
@@ -63,7 +63,7 @@ class Itrash:
         node = Node(service.bus.session, site.bin.name, "", site.bus.domain_id, service.clock)
         self.url = ""
         """Where the HTTP interface listens; set once it does."""
-        self._camera = BusCamera(node, site.bin.name)
+        self._camera = open_camera(site.itrash.camera, node, site.bin.name, service.clock)
         presence, load = topics.BIN_PRESENCE, topics.BIN_LOAD
         self._sensors = {presence.name(bin=site.bin.name)}
         node.subscription(presence.name(bin=site.bin.name), presence.type, self._on_presence)
@@ -121,6 +121,7 @@ class Itrash:
                     continue
                 self._carry_out(action)
         finally:
+            self._camera.close()
             self._node.close()
             with self._lock:
                 self._journal.save(self._path)
@@ -165,7 +166,7 @@ class Itrash:
         return compartment_of(self._config, label)
 
     def state(self) -> dict[str, Any]:
-        """What the bin knows: state, weights (N), the last attestations."""
+        """What the bin knows: state, weights (N), fill levels (1 is full), the last attestations."""
         with self._lock:
             pending = self._bin.memory.pending
             return {
@@ -174,6 +175,7 @@ class Itrash:
                 "since_s": self._bin.memory.since_s,
                 "pending_seq": None if pending is None else pending.seq,
                 "loads_n": self._bin.loads_n,
+                "fill": {name: round(share, 3) for name, share in self._bin.fill.items()},
                 "classification": _dump(self._journal.last("classification")),
                 "disposal": _dump(self._journal.last("disposal")),
             }
@@ -184,10 +186,15 @@ class Itrash:
             return [entry.model_dump() for entry in reversed(self._journal.entries)]
 
     def missing_sensors(self) -> list[str]:
-        """Sensors without a reading in the last seconds."""
+        """Sensors without a reading in the last seconds; the camera when it is known to be away."""
         now_s = time.monotonic()
         with self._lock:
-            return sorted(s for s in self._sensors if now_s - self._heard_s.get(s, -math.inf) > _SILENCE_S)
+            silent = sorted(s for s in self._sensors if now_s - self._heard_s.get(s, -math.inf) > _SILENCE_S)
+        return silent if self._camera.problem() is None else ["camera", *silent]
+
+    def image(self) -> bytes | None:
+        """The camera's newest picture, encoded."""
+        return self._camera.latest()
 
     def _serve_state(self, _request: Request) -> dict[str, Any]:
         return self.state()

@@ -1,6 +1,7 @@
 """The bin's behaviour: a state machine fed with stamped sensor readings. It reads no clock and does no I/O.
 
     idle -> item_seen -> classifying -> awaiting_drop -> confirmed | wrong_compartment | timed_out -> idle
+                                     -> full -> idle
 
 Its callers feed it and carry out the actions that it returns. Everything it must not forget is in `Memory`.
 """
@@ -31,6 +32,8 @@ class State(StrEnum):
     WRONG_COMPARTMENT = "wrong_compartment"
     TIMED_OUT = "timed_out"
     """Nothing fell; a later drop counts as one that was never shown."""
+    FULL = "full"
+    """The compartment for what was shown takes no more; a drop now counts as one that was never shown."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +70,8 @@ class ClassificationRecord(BaseModel):
     item_class: str = Field(alias="class")
     probabilities: dict[str, float]
     compartment: str
+    full: bool
+    """Whether that compartment takes no more: nothing may be dropped."""
     image_sha256: str
     time_s: float
 
@@ -163,6 +168,13 @@ class Bin:
         """Last accounted weight of each compartment."""
         return {name: cell.settled_n for name, cell in self.memory.cells.items()}
 
+    @property
+    def fill(self) -> dict[str, float]:
+        """How full each compartment is by weight: 0 empty, 1 and more full."""
+        return {
+            name: max(load_n or 0.0, 0.0) / self._config.full_at_n for name, load_n in self.loads_n.items()
+        }
+
     # -- sensors ---------------------------------------------------------------------------------------
 
     def presence(self, range_m: float, time_s: float) -> list[Action]:
@@ -181,7 +193,7 @@ class Bin:
         if state is State.AWAITING_DROP and time_s - self.memory.since_s > self._limits.drop_timeout_s:
             self.memory.pending = None
             self._enter(State.TIMED_OUT, time_s)
-        elif state in (State.CONFIRMED, State.WRONG_COMPARTMENT, State.TIMED_OUT):
+        elif state in (State.CONFIRMED, State.WRONG_COMPARTMENT, State.TIMED_OUT, State.FULL):
             clear_s = min(absent_s, time_s - self.memory.since_s)
             if not present and clear_s >= self._limits.done_gone_s:
                 self._enter(State.IDLE, time_s)
@@ -207,22 +219,24 @@ class Bin:
             self._retry_at_s = time_s + self._limits.still_s
             self._enter(State.ITEM_SEEN, time_s)
             return []
-        if unknown and self.memory.pending is not None:
+        if unknown and self.memory.pending is not None and self.memory.pending.item_class != UNKNOWN:
             # A worse view does not take back what a better one showed.
             self._enter(State.AWAITING_DROP, time_s)
             return []
+        compartment = compartment_of(self._config, classification.label)
         self.memory.classification_seq += 1
         record = ClassificationRecord(
             bin=self._config.name,
             seq=self.memory.classification_seq,
             item_class=classification.label,
             probabilities={name: round(p, 4) for name, p in classification.probabilities.items()},
-            compartment=compartment_of(self._config, classification.label),
+            compartment=compartment,
+            full=self.fill[compartment] >= 1.0,
             image_sha256=image_sha256,
             time_s=time_s,
         )
-        self.memory.pending = record
-        self._enter(State.AWAITING_DROP, time_s)
+        self.memory.pending = None if record.full else record
+        self._enter(State.FULL if record.full else State.AWAITING_DROP, time_s)
         return [Attest(record)]
 
     def photo_failed(self, time_s: float) -> list[Action]:

@@ -78,6 +78,15 @@ def decode_image(data: bytes, limits: ImageLimits = IMAGE_LIMITS) -> np.ndarray:
     return image
 
 
+def media_type(data: bytes) -> str:
+    """The MIME type by the first bytes; what is none of the three is just bytes."""
+    if data.startswith(b"\xff\xd8"):
+        return "image/jpeg"
+    if data.startswith(b"\x89PNG\r\n\x1a\n"):
+        return "image/png"
+    return "image/webp" if data.startswith(b"RIFF") and data[8:12] == b"WEBP" else "application/octet-stream"
+
+
 def image_size(data: bytes) -> tuple[int, int]:
     """(width, height) in pixels as the header tells, without decoding. Raises UnsupportedImage, BrokenImage,
     and struct.error or IndexError where the header is cut."""

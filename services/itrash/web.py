@@ -6,7 +6,9 @@ import hashlib
 import socket
 import threading
 import time
+from collections.abc import Callable
 from http import HTTPStatus
+from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Any, Protocol, Self
 
@@ -28,11 +30,19 @@ from services.itrash.images import (
     ImageTooLarge,
     UnsupportedImage,
     decode_image,
+    media_type,
 )
 
 _MULTIPART_OVERHEAD_BYTES = 64 * 1024
 _MAX_CONNECTIONS = 64
 _KEEP_ALIVE_S = 5
+_HERE = Path(__file__).parent
+_PAGE = (
+    ("/", "page.html", "text/html"),
+    ("/page.js", "page.js", "text/javascript"),
+    ("/page.css", "page.css", "text/css"),
+)
+_PAGE_HEADERS = {"content-security-policy": "default-src 'self'", "x-content-type-options": "nosniff"}
 
 
 class MissingPhoto(ImageError):
@@ -48,6 +58,7 @@ class BinView(Protocol):
     def state(self) -> dict[str, Any]: ...
     def events(self) -> list[dict[str, Any]]: ...
     def missing_sensors(self) -> list[str]: ...
+    def image(self) -> bytes | None: ...
 
 
 class Verdict(BaseModel):
@@ -145,6 +156,14 @@ def make_api(bin_: BinView, limits: ImageLimits = IMAGE_LIMITS) -> FastAPI:
         """What the bin is doing, and the weight in each compartment (N)."""
         return bin_.state()
 
+    @api.get("/image", responses={200: {"content": {"image/*": {}}}, 204: {"description": "No picture yet"}})
+    def image() -> Response:
+        """The camera's newest picture."""
+        data = bin_.image()
+        if data is None:
+            return Response(status_code=204)
+        return Response(data, media_type=media_type(data), headers={"cache-control": "no-store"})
+
     @api.get("/health", responses={503: {"model": Problem, "description": "A sensor is silent"}})
     def health() -> Response:
         """200 when every sensor reports."""
@@ -154,7 +173,15 @@ def make_api(bin_: BinView, limits: ImageLimits = IMAGE_LIMITS) -> FastAPI:
             return JSONResponse(problem.model_dump(), 503)
         return JSONResponse({"status": "ok"})
 
+    for path, file, kind in _PAGE:
+        api.add_api_route(path, _sends(_HERE / file, kind), include_in_schema=False)
     return api
+
+
+def _sends(path: Path, media_type: str) -> Callable[[], Response]:
+    """A handler that answers with a file of this package."""
+    data = path.read_bytes()
+    return lambda: Response(data, media_type=media_type, headers=_PAGE_HEADERS)
 
 
 async def _photo_of(request: Request) -> bytes:

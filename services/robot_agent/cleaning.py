@@ -70,6 +70,8 @@ _HOLD_WALL_S = 5.0
 is no loss."""
 _RETREAT_M = 0.08
 _LOOK_AWAY_S = 1.5
+_OTHER_VIEWS_RAD = (0.6, -0.6)
+"""How far the gripper turns for the next views of what the bin does not know."""
 _AHEAD_M = (PICK_DISTANCE_M - 0.08, PICK_DISTANCE_M + 0.04)
 _BESIDE_M = 0.08
 """With the item in this window ahead the robot need not drive to take it."""
@@ -265,21 +267,33 @@ class Cleaning:
         self._drop(item, compartment, checkpoint, note)
 
     def _show(self, item: ItemConfig, checkpoint: Checkpoint) -> dict[str, Any]:
-        """Hold the item where the camera looks until the bin says what it is. Raises NoAnswer."""
+        """Hold the item where the camera looks until the bin says what it is.
+
+        What the bin does not know is turned and shown again before its word counts. Raises NoAnswer, and
+        TaskFailed when the compartment takes no more.
+        """
+        closing = _ACROSS_RAD
         for attempt in range(1, _SHOWS + 1):
             last = self._bin.last_seq("classification")
             base = self._body.base_pose(checkpoint)
             point = np.array(in_base_frame(base, self._layout.show_point))
             target = point - self._offset(item, checkpoint)
-            self._reach((target[0], target[1], target[2]), _ACROSS_RAD, checkpoint)
+            self._reach((target[0], target[1], target[2]), closing, checkpoint)
             try:
-                return self._bin.wait_for("classification", _newer_than(last), checkpoint, _BIN_ANSWER_WALL_S)
+                said = self._bin.wait_for("classification", _newer_than(last), checkpoint, _BIN_ANSWER_WALL_S)
             except NoAnswer:
                 if attempt == _SHOWS:
                     raise
                 log.warning("the bin said nothing; showing %s again", item.id)
-                self._aside(checkpoint)
-                self._pause(_LOOK_AWAY_S, checkpoint)
+            else:
+                if said.get("full"):
+                    raise TaskFailed("the compartment is full", compartment=said["compartment"])
+                if said.get("class") != "unknown" or attempt == _SHOWS:
+                    return said
+                closing = _ACROSS_RAD + _OTHER_VIEWS_RAD[attempt - 1]
+                log.info("the bin does not know %s; showing another side", item.id)
+            self._aside(checkpoint)
+            self._pause(_LOOK_AWAY_S, checkpoint)
         raise AssertionError("unreachable")
 
     def _drop(self, item: ItemConfig, compartment: str, checkpoint: Checkpoint, note: Note) -> None:

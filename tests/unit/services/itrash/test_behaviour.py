@@ -159,6 +159,84 @@ def test_showing_the_item_again_gives_a_new_classification() -> None:
     assert (disposed.classification_seq, disposed.correct) == (2, True)
 
 
+def test_another_view_of_what_was_unknown_is_believed_and_attested_anew() -> None:
+    bench = shown(*[UNKNOWN] * 3)
+    bench.run(2.0)
+    bench.labels = ["glass"]
+    bench.run(2.0, SHOWN_M)
+    assert [record.payload().get("class") for record in bench.attested] == [UNKNOWN, "glass"]
+
+
+def test_what_stays_unknown_from_another_side_is_said_again() -> None:
+    bench = shown(*[UNKNOWN] * 3)
+    bench.run(2.0)
+    bench.labels = [UNKNOWN] * 3
+    bench.run(3.0, SHOWN_M)
+    assert [record.seq for record in bench.attested] == [1, 2]
+    assert bench.bin.state is State.AWAITING_DROP
+
+
+def test_a_full_compartment_accepts_nothing_until_it_was_emptied() -> None:
+    bench = Bench()
+    bench.run(1.0)
+    bench.drop("yellow", CONFIG.full_at_n)
+    bench.run(2.0)
+    assert bench.bin.fill["yellow"] == pytest.approx(1.0)
+    bench.labels = ["plastic", "glass", "plastic"]
+    bench.run(2.0, SHOWN_M)
+    refused = bench.attested[-1]
+    assert isinstance(refused, ClassificationRecord)
+    assert (refused.compartment, refused.full) == ("yellow", True)
+    assert bench.bin.state is State.FULL
+
+    bench.run(3.0)
+    bench.run(2.0, SHOWN_M)
+    other = bench.attested[-1]
+    assert isinstance(other, ClassificationRecord)
+    assert (other.compartment, other.full, bench.bin.state) == ("green", False, State.AWAITING_DROP)
+    bench.drop("green")
+    bench.run(4.0)
+
+    bench.drop("yellow", -CONFIG.full_at_n)
+    bench.run(2.0)
+    bench.run(2.0, SHOWN_M)
+    accepted = bench.attested[-1]
+    assert isinstance(accepted, ClassificationRecord)
+    assert (accepted.compartment, accepted.full) == ("yellow", False)
+
+
+def test_a_drop_into_a_full_compartment_is_attested_as_not_correct() -> None:
+    bench = Bench()
+    bench.run(1.0)
+    bench.drop("yellow", CONFIG.full_at_n)
+    bench.run(2.0)
+    bench.labels = ["plastic"]
+    bench.run(2.0, SHOWN_M)
+    bench.drop("yellow")
+    bench.run(2.0)
+    disposed = bench.attested[-1]
+    assert isinstance(disposed, DisposalRecord)
+    assert (disposed.classification_seq, disposed.correct) == (None, False)
+
+
+def test_robots_and_people_are_served_one_after_another() -> None:
+    bench = Bench()
+    bench.run(1.0)
+    for label, compartment in (
+        ("plastic", "yellow"),
+        ("paper", "blue"),
+        ("glass", "green"),
+        ("trash", "grey"),
+    ):
+        bench.labels = [label]
+        bench.run(3.0, SHOWN_M)
+        bench.run(2.0)
+        bench.drop(compartment)
+        bench.run(4.0)
+    drops = [record for record in bench.attested if isinstance(record, DisposalRecord)]
+    assert [(drop.classification_seq, drop.correct) for drop in drops] == [(n, True) for n in (1, 2, 3, 4)]
+
+
 def test_an_empty_gripper_in_view_does_not_take_a_classification_back() -> None:
     bench = shown("plastic")
     bench.run(2.0)

@@ -29,6 +29,7 @@ class QuietBin:
         self.classifier = Classifier()
         self.missing: list[str] = []
         self.classification: dict[str, Any] | None = None
+        self.picture: bytes | None = None
 
     def compartment_of(self, label: str) -> str:
         return compartment_of(BinConfig(pose=Pose2(x_m=0, y_m=0)), label)
@@ -41,6 +42,9 @@ class QuietBin:
 
     def missing_sensors(self) -> list[str]:
         return self.missing
+
+    def image(self) -> bytes | None:
+        return self.picture
 
 
 @pytest.fixture(scope="module")
@@ -142,9 +146,33 @@ def test_health_names_the_sensors_that_are_silent(client: TestClient, quiet_bin:
     assert (answer.status_code, answer.json()["details"]["sensors"]) == (503, ["itrash/presence"])
 
 
+def test_the_page_and_the_newest_picture_are_served_to_a_browser(
+    client: TestClient, quiet_bin: QuietBin
+) -> None:
+    page = client.get("/")
+    assert page.headers["content-type"].startswith("text/html")
+    assert "default-src 'self'" in page.headers["content-security-policy"]
+    for part in ("/page.js", "/page.css"):
+        assert part[1:] in page.text
+        assert client.get(part).status_code == 200
+    assert client.get("/image").status_code == 204
+    quiet_bin.picture = CAN
+    answer = client.get("/image")
+    quiet_bin.picture = None
+    assert (answer.headers["content-type"], answer.content) == ("image/jpeg", CAN)
+
+
 def test_the_interface_describes_itself(client: TestClient) -> None:
     paths = client.get("/openapi.json").json()["paths"]
-    assert set(paths) == {"/classify", "/classification", "/disposal", "/events", "/state", "/health"}
+    assert set(paths) == {
+        "/classify",
+        "/classification",
+        "/disposal",
+        "/events",
+        "/state",
+        "/health",
+        "/image",
+    }
     assert set(paths["/classify"]["post"]["requestBody"]["content"]) >= {"image/jpeg", "multipart/form-data"}
 
 

@@ -146,12 +146,16 @@ class KinematicBody:
 
 
 class AnsweringBin:
-    """A bin that classifies at once. `silent`: number of times it says nothing."""
+    """A bin that classifies at once. `silent`: number of times it says nothing; `unsure`: that it knows
+    nothing."""
 
     def __init__(self, clock: ManualClock, compartment: str) -> None:
         self._clock = clock
         self._compartment = compartment
         self.silent = 0
+        self.unsure = 0
+        self.full = False
+        self.shown = 0
         self.asked = 0
         self.disposals = True
         self.on_wait: Callable[[str], None] = lambda kind: None
@@ -171,5 +175,10 @@ class AnsweringBin:
             raise NoAnswer("the bin sent no disposal", timeout_s=timeout_wall_s)
         self.asked += 1
         statement = {"seq": self.asked, "compartment": self._compartment, "time_s": self._clock.now_s()}
+        if kind == "classification":
+            self.shown += 1
+            if self.shown <= self.unsure:
+                statement |= {"class": "unknown", "compartment": "grey"}
+            statement["full"] = self.full
         assert wanted(statement)
         return statement

@@ -105,6 +105,27 @@ def test_a_bin_that_says_nothing_is_shown_the_item_again() -> None:
     assert scene.body.dropped_in == "yellow"
 
 
+@pytest.mark.parametrize(
+    ("unsure", "shown", "compartment"), [(1, 2, "yellow"), (2, 3, "yellow"), (9, 3, "grey")]
+)
+def test_what_the_bin_does_not_know_is_shown_from_other_sides_before_grey_is_chosen(
+    unsure: int, shown: int, compartment: str
+) -> None:
+    scene = Scene()
+    scene.bin.unsure = unsure
+    scene.dispose()
+    assert (scene.bin.shown, scene.body.dropped_in) == (shown, compartment)
+
+
+def test_nothing_is_dropped_into_a_full_compartment() -> None:
+    scene = Scene()
+    scene.bin.full = True
+    with pytest.raises(TaskFailed) as caught:
+        scene.dispose()
+    assert caught.value.details["compartment"] == "yellow"
+    assert scene.body.dropped_in is None
+
+
 def test_a_bin_that_never_answers_fails_the_task_with_the_item_still_held() -> None:
     scene = Scene()
     scene.bin.silent = 999

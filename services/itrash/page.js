@@ -1,0 +1,67 @@
+"use strict";
+// Everything from the bin is shown as text, never as markup.
+
+const byId = (id) => document.getElementById(id);
+let shownSeq = null;
+
+const percent = (share) => `${Math.round(share * 100)} %`;
+
+function showVerdict(attestation) {
+  if (attestation === null) return;
+  const said = attestation.payload;
+  const best = Math.max(...Object.values(said.probabilities));
+  byId("verdict").textContent = said.full
+    ? `${said.class}: ${said.compartment} is full`
+    : `${said.class} → ${said.compartment}`;
+  byId("detail").textContent = said.class === "unknown" ? "not sure what it is" : `${percent(best)} sure`;
+  if (said.seq !== shownSeq) {
+    shownSeq = said.seq;
+    byId("camera").src = `image?seq=${said.seq}`;
+    byId("camera").hidden = false;
+  }
+}
+
+function showDisposal(attestation) {
+  if (attestation === null) return;
+  const fell = attestation.payload;
+  const verdict = fell.correct ? "right" : `expected ${fell.expected_compartment ?? "nothing"}`;
+  byId("disposal").textContent = `${fell.weight_n.toFixed(2)} N into ${fell.compartment} (${verdict})`;
+}
+
+function showFill(fill) {
+  byId("fill").replaceChildren(...Object.entries(fill).map(([name, share]) => {
+    const label = document.createElement("label");
+    const text = document.createElement("span");
+    const bar = document.createElement("progress");
+    text.textContent = name;
+    bar.value = Math.min(share, 1);
+    bar.title = percent(share);
+    label.append(text, bar);
+    return label;
+  }));
+}
+
+async function refresh() {
+  try {
+    const state = await (await fetch("state")).json();
+    byId("state").textContent = state.state.replaceAll("_", " ");
+    showVerdict(state.classification);
+    showDisposal(state.disposal);
+    showFill(state.fill);
+  } catch (error) {
+    byId("state").textContent = `the bin does not answer: ${error.message}`;
+  }
+  setTimeout(refresh, 1000);
+}
+
+byId("try").addEventListener("change", async (event) => {
+  const [file] = event.target.files;
+  if (!file) return;
+  const answer = await fetch("classify", { method: "POST", body: file });
+  const said = await answer.json();
+  byId("answer").textContent = answer.ok
+    ? `${said.class} → ${said.compartment}, ${percent(said.confidence)}, ${said.milliseconds} ms`
+    : said.message;
+});
+
+refresh();

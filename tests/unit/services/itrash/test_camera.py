@@ -1,0 +1,118 @@
+"""Cameras other than the bus: a video device that is unplugged and comes back, a folder of pictures."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from rodeo.config import CameraConfig
+from services.itrash.camera import CameraError, FolderCamera, VideoCamera
+from services.itrash.images import decode_image
+
+DEADLINE_S = 60.0
+
+
+class StillClock:
+    """Site time as the test sets it."""
+
+    def __init__(self) -> None:
+        self.time_s = 100.0
+
+    def now_s(self) -> float:
+        return self.time_s
+
+    def now_ns(self) -> int:
+        return int(self.time_s * 1e9)
+
+
+def wait_until(condition: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + DEADLINE_S
+    while not condition():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    """A short film, which OpenCV opens as it opens a device; its end is an unplug."""
+    path = tmp_path / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 25, (64, 48))
+    for _ in range(5):
+        writer.write(np.full((48, 64, 3), 200, np.uint8))
+    writer.release()
+    return path
+
+
+def test_a_video_camera_gives_pictures_and_is_opened_again_after_an_unplug(video: Path) -> None:
+    away = video.with_suffix(".gone")
+    camera = VideoCamera(str(video), StillClock())
+    try:
+        _, data = camera.capture(100.0)
+        assert decode_image(data).shape == (48, 64, 3)
+        video.rename(away)
+        wait_until(lambda: camera.problem() is not None and camera.latest() is None)
+        away.rename(video)
+        _, data = camera.capture(100.0)
+        assert decode_image(data).shape == (48, 64, 3)
+    finally:
+        camera.close()
+
+
+def test_a_frame_from_before_the_question_is_no_answer(video: Path) -> None:
+    clock = StillClock()
+    camera = VideoCamera(str(video), clock, timeout_s=0.1)
+    try:
+        with pytest.raises(CameraError):
+            camera.capture(200.0)
+        clock.time_s = 201.0
+        wait_until(lambda: _captures(camera, 200.0))
+    finally:
+        camera.close()
+
+
+def _captures(camera: VideoCamera, after_s: float) -> bool:
+    try:
+        return camera.capture(after_s)[0] == 201.0
+    except CameraError:
+        return False
+
+
+def test_a_camera_that_is_not_there_says_so(tmp_path: Path) -> None:
+    camera = VideoCamera(str(tmp_path / "none.avi"), StillClock(), timeout_s=0.1)
+    try:
+        with pytest.raises(CameraError) as failed:
+            camera.capture(0.0)
+        assert "none.avi" in str(failed.value)
+        assert camera.problem() is not None
+    finally:
+        camera.close()
+
+
+def test_a_folder_gives_its_pictures_in_turn_and_survives_being_unmounted(tmp_path: Path) -> None:
+    folder = tmp_path / "pictures"
+    camera = FolderCamera(folder, StillClock())
+    assert camera.problem() is not None
+    with pytest.raises(CameraError):
+        camera.capture(0.0)
+    folder.mkdir()
+    for name in ("b.jpg", "a.PNG", "notes.txt"):
+        (folder / name).write_bytes(name.encode())
+    assert camera.problem() is None
+    assert [camera.capture(0.0) for _ in range(3)] == [
+        (100.0, b"a.PNG"), (100.0, b"b.jpg"), (100.0, b"a.PNG")
+    ]  # fmt: skip
+    assert camera.latest() == b"a.PNG"
+
+
+def test_the_site_file_must_say_where_a_camera_is() -> None:
+    assert CameraConfig().source == "bus"
+    with pytest.raises(ValidationError):
+        CameraConfig(source="video")
+    with pytest.raises(ValidationError):
+        CameraConfig(source="bus", address="0")
