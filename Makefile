@@ -4,6 +4,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 CHAIN ?= eth-tester
+# Test files that run at the same time.
+JOBS ?= 2
 
 .PHONY: help setup demo test bench lint contracts clean
 
@@ -34,7 +36,7 @@ demo: setup  ## one cleaning task and one charging session, end to end
 
 test: setup node_modules/.stamp  ## everything that checks the project
 	@npm run --silent contracts:test
-	@$(BIN)/python -m pytest --chain $(CHAIN)
+	@$(BIN)/python -m pytest --chain $(CHAIN) --numprocesses $(JOBS) --dist loadfile
 
 bench: setup node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, robot, itrash, bridge)
 	@$(BIN)/python -m bench $(ONLY)

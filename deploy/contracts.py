@@ -42,6 +42,7 @@ from rodeo.chain import (
 from rodeo.chain.client import connect
 from rodeo.chain.errors import translated
 from rodeo.config import Site
+from rodeo.errors import RodeoError
 from rodeo.service import main
 
 log = logging.getLogger(__name__)
@@ -55,8 +56,15 @@ _GAS_MONEY = Wei(10 * 10**18)
 _UNLIMITED = 2**256 - 1
 
 
+class WithoutGasMoney(RodeoError):
+    """Wallets that have to send transactions hold nothing to pay for them."""
+
+
 def run(site: Site, stop: threading.Event) -> None:
-    """Deploy what is missing. Raises ChainError or WalletError; running it again goes on from there."""
+    """Deploy what is missing; running it again after an error goes on from there.
+
+    Raises ChainError, WalletError or WithoutGasMoney.
+    """
     local = site.chain.backend != "external"
     if local:
         wallets.ensure_wallets(site)
@@ -66,7 +74,10 @@ def run(site: Site, stop: threading.Event) -> None:
     if local:
         _fund(w3, [wallets.address(site, name) for name in wallets.wallet_names(site)])
     administrator = wallets.load(site, "organization")
-    deployment = _recorded(site, w3) or _deploy(site, w3, administrator)
+    deployment = _recorded(site, w3)
+    if deployment is None:
+        _require_gas_money(site, w3)
+        deployment = _deploy(site, w3, administrator)
     client = ChainClient(site.chain.url, deployment)
     for account, call in _missing_rules(site, client, administrator):
         client.send(account, call)
@@ -98,6 +109,18 @@ def _fund(w3: Web3, accounts: list[str]) -> None:
             if w3.eth.get_balance(account) < _GAS_MONEY // 10:
                 sent = w3.eth.send_transaction({"from": rich, "to": account, "value": _GAS_MONEY})
                 w3.eth.wait_for_transaction_receipt(sent, poll_latency=transactions.POLL_S)
+
+
+def _require_gas_money(site: Site, w3: Web3) -> None:
+    accounts = {name: wallets.address(site, name) for name in wallets.wallet_names(site)}
+    with translated():
+        empty = {
+            name: account
+            for name, account in accounts.items()
+            if not w3.eth.get_balance(to_checksum_address(account))
+        }
+    if empty:
+        raise WithoutGasMoney("these wallets need the chain's own currency, to pay for gas", **empty)
 
 
 def _unfinished(site: Site) -> Path:

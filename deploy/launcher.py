@@ -1,7 +1,7 @@
 """Starts a site's processes on this machine, keeps them running and stops what it started.
 
 Every process may start alone and in any order; the launcher only adds what a site needs once: keystores for
-a local chain, and the contracts on it.
+a local chain, and the contracts on it. On a chain elsewhere that costs money, and is done by hand.
 """
 
 from __future__ import annotations
@@ -88,11 +88,12 @@ class Launcher:
         self._locks = [lock_instance(folder) for folder in self.lock_folders()]
         self.logs.mkdir(parents=True, exist_ok=True)
         try:
-            if self.site.chain.backend != "external":
+            local = self.site.chain.backend != "external"
+            if local:
                 ensure_wallets(self.site)
             for process in self.selected():
                 self._start(process)
-            if not self.only:
+            if local and not self.only:
                 # The step waits for the chain by itself.
                 with _signals_held():
                     self._deployment = self._spawn("contracts", "deploy.contracts")

@@ -54,8 +54,12 @@ def keystore_path(site: Site, name: str) -> Path:
 
 
 def address(site: Site, name: str) -> str:
-    """The checksummed address of keystore `name`, without opening it. Raises WalletError."""
-    return to_checksum_address(str(_read(keystore_path(site, name), name)["address"]))
+    """The checksummed address of keystore `name`, if it says so without being opened. Raises WalletError."""
+    keystore = _read(keystore_path(site, name), name)
+    # The format does not require it, and Foundry's keystores keep it to themselves.
+    if "address" not in keystore:
+        return load(site, name).address
+    return to_checksum_address(str(keystore["address"]))
 
 
 def load(site: Site, name: str) -> LocalAccount:
@@ -64,21 +68,35 @@ def load(site: Site, name: str) -> LocalAccount:
     keystore = _read(path, name)
     try:
         return Account.from_key(Account.decrypt(keystore, _passphrase(site)))
+    except (KeyError, TypeError) as error:
+        raise WalletError("this is not a keystore", name=name, path=str(path)) from error
     except ValueError as error:
         raise WalletError("the passphrase does not open the keystore", name=name, path=str(path)) from error
 
 
 def ensure_wallets(site: Site) -> None:
     """Make the keystores that are missing, with fresh throw-away keys: for local chains only."""
-    folder = site.data_dir / "keys"
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    folder = _folder(site)
     if PASSPHRASE_VARIABLE not in os.environ and not (folder / "passphrase").exists():
         _write_private(folder / "passphrase", secrets.token_urlsafe(24))
+    make_missing(site, _SCRYPT_N)
+
+
+def make_missing(site: Site, scrypt_n: int | None = None) -> None:
+    """Make the keystores that are missing, with fresh keys. Raises WalletError without a passphrase.
+
+    `scrypt_n` is the work factor; by default eth-account's own, a second per keystore.
+    """
+    _folder(site)
     for name in _missing(site, [*wallet_names(site), *device_names(site)]):
-        keystore = Account.encrypt(
-            Account.create().key, _passphrase(site), kdf="scrypt", iterations=_SCRYPT_N
-        )
+        keystore = Account.encrypt(Account.create().key, _passphrase(site), kdf="scrypt", iterations=scrypt_n)
         _write_private(keystore_path(site, name), json.dumps(keystore))
+
+
+def _folder(site: Site) -> Path:
+    folder = site.data_dir / "keys"
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    return folder
 
 
 def _missing(site: Site, names: Iterable[str]) -> list[str]:

@@ -67,3 +67,11 @@ def test_a_missing_keystore_is_told_apart_from_one_that_does_not_open(site: Site
     with pytest.raises(WalletError) as caught_other:
         wallets.load(site, "oracle")
     assert not isinstance(caught_other.value, KeystoreMissing)
+
+
+@pytest.mark.parametrize("text", ["[]", "{}", '{"crypto": 1, "version": 3}'])
+def test_what_is_no_keystore_is_called_so(site: Site, text: str) -> None:
+    wallets.ensure_wallets(site)
+    wallets.keystore_path(site, "oracle").write_text(text)
+    with pytest.raises(WalletError, match="not a keystore"):
+        wallets.load(site, "oracle")

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import json
+import threading
 from pathlib import Path
 
 import pytest
 
-from deploy.contracts import KINDS
+from deploy import contracts
+from deploy.contracts import KINDS, WithoutGasMoney
 from rodeo import wallets
 from rodeo.chain import ChainError, Deployment, DeploymentMismatch, NotDeployed, Role, artifacts, to_wei
+from rodeo.chain.client import connect
 from rodeo.chain.events import Transfer
 from tests.support.organization import CHAIN_ID, Organization, running_chain
 
@@ -102,3 +106,25 @@ def test_a_damaged_record_is_no_record(tmp_path: Path, text: str) -> None:
 
 def test_every_contract_fits_the_limit_of_eip_170() -> None:
     assert all(len(artifacts.load(name).deployed_code) <= 24_576 for name in artifacts.CONTRACTS)
+
+
+def test_on_a_chain_elsewhere_wallets_bring_their_own_keys_and_gas_money(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(wallets.PASSPHRASE_VARIABLE, "secret")
+    with running_chain("eth-tester", tmp_path) as local:
+        site = local.model_copy(update={"chain": local.chain.model_copy(update={"backend": "external"})})
+        wallets.make_missing(site, scrypt_n=2)
+        for path in (site.data_dir / "keys").glob("*.json"):
+            keystore = json.loads(path.read_text())
+            del keystore["address"]  # as Foundry writes them
+            path.write_text(json.dumps(keystore))
+        with pytest.raises(WithoutGasMoney) as caught:
+            contracts.run(site, threading.Event())
+        accounts = {name: wallets.address(site, name) for name in wallets.wallet_names(site)}
+        assert caught.value.details == accounts
+        w3 = connect(site.chain.url)
+        for account in accounts.values():
+            w3.eth.send_transaction({"from": w3.eth.accounts[0], "to": account, "value": 10**19})
+        contracts.run(site, threading.Event())
+        assert Organization(site).client.is_kind_allowed(KINDS[0])
