@@ -8,7 +8,7 @@ from __future__ import annotations
 import tomllib
 from decimal import Decimal
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
@@ -174,8 +174,15 @@ class Site(BaseSettings):
         try:
             return cls(**_read(Path(path)))
         except ValidationError as error:
-            fields = {".".join(map(str, e["loc"])): e["msg"] for e in error.errors()}
+            fields = {".".join(map(str, e["loc"])) or "site": e["msg"] for e in error.errors()}
             raise ConfigError("the site is not valid", path=str(path), fields=fields) from error
+
+    @model_validator(mode="after")
+    def _one_time(self) -> Self:
+        simulated = self.clock.source == "sim" and (self.clock.speed, self.clock.idle_speed) != (1, 1)
+        if self.chain.backend == "external" and simulated:
+            raise ValueError("an external chain keeps wall time: clock.speed and clock.idle_speed must be 1")
+        return self
 
     @property
     def store_url(self) -> str:

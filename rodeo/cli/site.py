@@ -91,7 +91,10 @@ def down(site: SiteOption = DEFAULT_SITE) -> None:
     """Stop every process of the site on this machine."""
     loaded = Site.load(site)
     ended = stop_site(loaded)
-    console.print(f"stopped: {', '.join(ended)}" if ended else f"nothing of {loaded.data_dir} was running")
+    console.print(
+        f"stopped: {', '.join(ended)}" if ended else f"nothing of {loaded.data_dir} was running",
+        soft_wrap=True,
+    )
 
 
 @reports_errors

@@ -53,7 +53,11 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
         simulation = Simulation(site, start_ns)
         with StateFile(path, simulation.fingerprint, simulation.row_size) as state:
             if (saved := state.load()) is not None:
-                simulation.restore(*saved)
+                time_ns, row = saved
+                if site.chain.backend == "external":
+                    # A chain elsewhere has gone on meanwhile, and its windows with it.
+                    time_ns = max(time_ns, time.time_ns())
+                simulation.restore(time_ns, row)
                 log.info("going on from the saved world at %.2f s", simulation.time_s)
             loop = Loop(simulation, state, site.clock)
             session, domain_id = service.bus.session, site.bus.domain_id

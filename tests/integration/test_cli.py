@@ -117,7 +117,7 @@ def test_an_unknown_process_is_told_what_there_is(site_path: Path, option: list[
 
 
 def test_a_chain_elsewhere_is_none_of_the_sites_processes(tmp_path: Path) -> None:
-    site = write_site(tmp_path, "external")
+    site = write_site(tmp_path, "external", "clock.speed = 1\nclock.idle_speed = 1")
     assert "chain" not in processes(site, status=1)
 
 

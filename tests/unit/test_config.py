@@ -98,3 +98,12 @@ def test_the_data_directory_is_beside_the_file_that_says_it(
     (tmp_path / "elsewhere" / "site.toml").write_text('extends = "../base.toml"\n')
     monkeypatch.chdir("/")
     assert Site.load(tmp_path / "elsewhere" / "site.toml").data_dir == tmp_path / "data"
+
+
+def test_a_chain_elsewhere_cannot_follow_a_clock_that_runs_faster(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'extends = "{LAB}"\nchain.backend = "external"\n')
+    with pytest.raises(ConfigError, match=r"clock\.speed"):
+        Site.load(path)
+    path.write_text(path.read_text() + "clock.speed = 1\nclock.idle_speed = 1\n")
+    assert Site.load(path).chain.backend == "external"
