@@ -22,6 +22,9 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     bytes32 public constant AUDITOR_ROLE = keccak256("AUDITOR_ROLE");
     bytes32 public constant MEMBER_ROLE = keccak256("MEMBER_ROLE");
 
+    /// @notice The longest window that a task may have: a longer minimum would refuse every task.
+    uint32 public constant MAX_MIN_WINDOW = 30 days;
+
     /// @inheritdoc IOrganization
     IERC20 public immutable token;
     /// @inheritdoc IOrganization
@@ -65,6 +68,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
 
     /// @inheritdoc IOrganization
     function setMinWindow(bytes32 kind, uint32 minWindow) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        if (minWindow > MAX_MIN_WINDOW) revert MinWindowTooLong(minWindow, MAX_MIN_WINDOW);
         _kinds[kind].minWindow = minWindow;
         emit MinWindowChanged(kind, minWindow);
     }

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: MIT
 pragma solidity ^0.8.28;
 
+import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IOrganization, Terms} from "./interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Release, Service, ServiceState} from "./interfaces/IServiceManager.sol";
 import {ITaskManager} from "./interfaces/ITaskManager.sol";
@@ -272,7 +273,7 @@ contract ServiceManager is IServiceManager {
         if (outcome == Outcome.Completed) a.failures = 0;
         if (outcome != Outcome.Rejected && outcome != Outcome.Expired) return 0;
         if (a.failures < type(uint8).max) ++a.failures;
-        penalty = a.penalty < a.bond ? a.penalty : a.bond;
+        penalty = uint96(Math.min(a.penalty, a.bond));
         if (penalty != 0) {
             a.bond -= penalty;
             emit BondPenalized(serviceId, s.taskId, penalty);

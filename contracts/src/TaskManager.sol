@@ -21,7 +21,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     using SafeERC20 for IERC20;
     using WeightTree for WeightTree.Tree;
 
-    /// @dev A Task in three words; the windows fit in 24 bits because MAX_WINDOW does.
+    /// @dev A Task in two words; the windows fit in 24 bits because MAX_WINDOW does.
     struct Record {
         address creator;
         uint96 reward;
@@ -34,7 +34,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint8 attempt;
         uint8 maxAttempts;
         TaskState state;
-        bytes32 proofHash;
     }
 
     /// @notice A shorter window would let a creator take work for which nobody can answer in time.
@@ -44,6 +43,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev What a policy may spend; the caller's transaction outlives one that needs more.
     uint256 private constant POLICY_GAS = 500_000;
+
+    /// @dev Makes the word of a service's proofs when the service is made, so that no task pays for it.
+    bytes32 private constant NO_PROOF = bytes32(uint256(1));
 
     IERC20 public immutable token;
     IOrganization public immutable organization;
@@ -55,6 +57,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place. Its
     /// weight is its reward.
     mapping(uint16 kindId => WeightTree.Tree) private _open;
+    /// @dev The proof of what a service does now. A service does one task at a time, and its word is written over
+    /// with the next: a quarter of the gas of a word per task.
+    mapping(uint256 serviceId => bytes32) private _proofs;
     /// @inheritdoc ITaskManager
     mapping(address account => uint256) public owed;
 
@@ -64,7 +69,10 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     constructor(IOrganization organization_, IServiceManager services_) {
-        if (organization_.tasks() != this || organization_.services() != services_) {
+        if (
+            address(organization_.tasks()) != address(this)
+                || address(organization_.services()) != address(services_)
+        ) {
             revert NotWired(address(organization_), address(services_));
         }
         organization = organization_;
@@ -115,7 +123,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (msg.sender != executor) revert NotExecutor(taskId, msg.sender, executor);
         if (proofHash == 0) revert EmptyProof(taskId);
         Texts.requireText(uri);
-        t.proofHash = proofHash;
+        _proofs[t.serviceId] = proofHash;
         t.state = TaskState.Submitted;
         uint256 deadline = block.timestamp + t.verdictWindow;
         t.deadline = deadline.toUint40();
@@ -137,7 +145,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (!organization.mayJudge(msg.sender, kind)) revert NotJudge(msg.sender, kind);
         if (msg.sender == t.creator) revert JudgeIsParty(taskId, msg.sender);
         _requireAttempt(taskId, t, attempt, TaskState.Submitted);
-        if (proofHash != t.proofHash) revert ProofMismatch(taskId, t.proofHash, proofHash);
+        bytes32 submitted = _proofs[t.serviceId];
+        if (proofHash != submitted) revert ProofMismatch(taskId, submitted, proofHash);
         Texts.requireText(reportUri);
         Texts.requireText(reason);
         emit VerdictPosted(taskId, attempt, proofHash, accepted, reportHash, reportUri, reason);
@@ -178,6 +187,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         nonReentrant
         onlyServiceManager
     {
+        if (_proofs[serviceId] == 0) _proofs[serviceId] = NO_PROOF;
         _place(serviceId, _kinds.ids[kind], kind, price);
     }
 
@@ -206,7 +216,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             attempt: t.attempt,
             maxAttempts: t.maxAttempts,
             state: t.state,
-            proofHash: t.proofHash
+            proofHash: t.state == TaskState.Submitted ? _proofs[t.serviceId] : bytes32(0)
         });
     }
 
@@ -337,7 +347,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             t.state = TaskState.Open;
             t.serviceId = 0;
             t.price = 0;
-            t.proofHash = 0;
             emit TaskRequeued(taskId, t.attempt, cause);
             _match(taskId, t, kind, organization.policy());
         }

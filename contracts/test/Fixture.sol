@@ -1,14 +1,15 @@
 // SPDX-License-Identifier: MIT
 pragma solidity ^0.8.28;
 
+import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {Test} from "forge-std/Test.sol";
 import {IECoin} from "../src/IECoin.sol";
 import {Organization} from "../src/Organization.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
-import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
-import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Terms} from "../src/interfaces/IOrganization.sol";
+import {ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
 
 /// @notice An organization with its contracts, two humans who post tasks and three robots who do them.
@@ -23,6 +24,7 @@ abstract contract Fixture is Test {
 
     address internal immutable admin = makeAddr("admin");
     address internal immutable oracle = makeAddr("oracle");
+    address internal immutable auditor = makeAddr("auditor");
     address internal immutable alice = makeAddr("alice");
     address internal immutable bob = makeAddr("bob");
     address internal immutable robot1 = makeAddr("robot1");
@@ -37,36 +39,58 @@ abstract contract Fixture is Test {
     TaskManager internal tasks;
 
     function setUp() public virtual {
-        uint64 nonce = vm.getNonce(address(this));
-        organization = Organization(vm.computeCreateAddress(address(this), nonce + 2));
-        services = ServiceManager(vm.computeCreateAddress(address(this), nonce + 3));
-        tasks = TaskManager(vm.computeCreateAddress(address(this), nonce + 4));
-
         address[] memory holders = new address[](4);
         uint256[] memory amounts = new uint256[](4);
-        (holders[0], holders[1], holders[2], holders[3]) = (address(organization), alice, bob, robot1);
+        // The organization comes after the coin.
+        address organization_ = vm.computeCreateAddress(address(this), vm.getNonce(address(this)) + 2);
+        (holders[0], holders[1], holders[2], holders[3]) = (organization_, alice, bob, robot1);
         for (uint256 i = 0; i < 4; ++i) {
             amounts[i] = 2000 ether;
         }
         coin = new IECoin(holders, amounts);
         policy = new FirstComeFirstServed();
-        new Organization(coin, services, tasks, policy, admin);
-        new ServiceManager(organization, tasks);
-        new TaskManager(organization, services);
-
-        vm.startPrank(admin);
-        organization.grantRole(organization.ORACLE_ROLE(), oracle);
-        organization.grantRole(organization.OPERATOR_ROLE(), admin);
-        organization.grantRole(organization.TREASURER_ROLE(), admin);
-        organization.allowKind(CLEANING, true);
-        organization.allowKind(CHARGING, true);
-        vm.stopPrank();
-
+        found(coin);
         for (uint256 i = 1; i < 4; ++i) {
             vm.prank(holders[i]);
             coin.approve(address(tasks), type(uint256).max);
         }
         vm.warp(1_700_000_000);
+    }
+
+    /// @dev An organization that pays in `token`: all variables but `coin` and `policy`.
+    function found(IERC20 token) internal {
+        uint64 nonce = vm.getNonce(address(this));
+        organization = Organization(vm.computeCreateAddress(address(this), nonce));
+        services = ServiceManager(vm.computeCreateAddress(address(this), nonce + 1));
+        tasks = TaskManager(vm.computeCreateAddress(address(this), nonce + 2));
+        new Organization(token, services, tasks, policy, admin);
+        new ServiceManager(organization, tasks);
+        new TaskManager(organization, services);
+
+        vm.startPrank(admin);
+        organization.grantRole(organization.ORACLE_ROLE(), oracle);
+        organization.grantRole(organization.AUDITOR_ROLE(), auditor);
+        organization.grantRole(organization.OPERATOR_ROLE(), admin);
+        organization.grantRole(organization.TREASURER_ROLE(), admin);
+        organization.allowKind(CLEANING, true);
+        organization.allowKind(CHARGING, true);
+        vm.stopPrank();
+    }
+
+    function setTerms(uint96 bond, uint96 penalty, uint8 maxFailures) internal {
+        vm.prank(admin);
+        organization.setTerms(Terms(bond, penalty, maxFailures));
+    }
+
+    function update(uint256 serviceId, uint256 price, ServiceState next) internal {
+        vm.prank(services.providerOf(serviceId));
+        services.updateService(serviceId, price, next);
+    }
+
+    /// @dev One attempt at the task from proof to verdict.
+    function attempt(uint256 taskId, bool accepted) internal {
+        submit(taskId);
+        judge(taskId, accepted);
     }
 
     function request(uint256 reward) internal pure returns (TaskRequest memory) {

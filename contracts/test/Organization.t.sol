@@ -4,7 +4,7 @@ pragma solidity ^0.8.28;
 import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
 import {Device, IDeviceRegistry} from "../src/interfaces/IDeviceRegistry.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
-import {IOrganization} from "../src/interfaces/IOrganization.sol";
+import {IOrganization, Review, Terms} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, Task, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {Fixture} from "./Fixture.sol";
@@ -118,6 +118,22 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         organization.setPolicy(policy);
         vm.expectRevert(refusal);
+        organization.setReview(CLEANING, Review.Auditor);
+        vm.expectRevert(refusal);
+        organization.setMinWindow(CLEANING, 60);
+        vm.expectRevert(refusal);
+        organization.setTerms(Terms(0, 0, 1));
+        vm.expectRevert(refusal);
+        organization.setMembersOnly(true);
+        vm.expectRevert(refusal);
+        organization.admit(stranger);
+        vm.expectRevert(refusal);
+        organization.dismiss(stranger);
+        vm.expectRevert(refusal);
+        organization.suspendService(1);
+        vm.expectRevert(refusal);
+        organization.reinstateService(1);
+        vm.expectRevert(refusal);
         organization.registerDevice(robot1, "robot", robot1);
         vm.expectRevert(refusal);
         organization.revokeDevice(robot1);
@@ -178,6 +194,86 @@ contract OrganizationTest is Fixture {
             assertAssigned(waiting, serviceId);
             vm.revertToState(snapshot);
         }
+    }
+
+    function test_theAdministratorRenouncesInTwoStepsAsWell() public {
+        vm.startPrank(admin);
+        organization.beginDefaultAdminTransfer(address(0));
+        vm.warp(block.timestamp + 1);
+        organization.renounceRole(organization.DEFAULT_ADMIN_ROLE(), admin);
+        assertEq(organization.defaultAdmin(), address(0));
+    }
+
+    // -- members ------------------------------------------------------------------------------------------
+
+    function test_aMembersOnlyOrganizationTakesTasksAndServicesFromMembers() public {
+        vm.expectEmit(address(organization));
+        emit IOrganization.MembersOnlyChanged(true);
+        vm.prank(admin);
+        organization.setMembersOnly(true);
+        assertTrue(organization.membersOnly());
+        bytes memory refusal = abi.encodeWithSelector(IOrganization.NotMember.selector, alice);
+        vm.startPrank(alice);
+        vm.expectRevert(refusal);
+        tasks.registerTask(request(1 ether));
+        vm.expectRevert(refusal);
+        services.registerService(CLEANING, 1 ether, "");
+        vm.stopPrank();
+
+        vm.prank(admin);
+        organization.admit(alice);
+        assertTrue(organization.isMember(alice));
+        uint256 taskId = post(alice, 1 ether);
+        vm.prank(admin);
+        organization.dismiss(alice);
+        assertFalse(organization.isMember(alice));
+        vm.expectRevert(refusal);
+        vm.prank(alice);
+        tasks.registerTask(request(1 ether));
+        vm.prank(alice);
+        tasks.cancelTask(taskId);
+    }
+
+    function test_theOrganizationIsAtHomeWithItself() public {
+        vm.startPrank(admin);
+        organization.setMembersOnly(true);
+        organization.registerTask(request(1 ether));
+        organization.registerService(CHARGING, 1 ether, "");
+        assertEq(tasks.taskCount() + services.serviceCount(), 2);
+    }
+
+    // -- kinds --------------------------------------------------------------------------------------------
+
+    function test_auditorsJudgeTheKindsThatTheyReview() public {
+        vm.expectEmit(address(organization));
+        emit IOrganization.ReviewChanged(CLEANING, Review.Auditor);
+        vm.prank(admin);
+        organization.setReview(CLEANING, Review.Auditor);
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, oracle, CLEANING));
+        vm.prank(oracle);
+        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
+        vm.prank(auditor);
+        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "looks clean");
+        assertState(taskId, TaskState.Settled);
+        assertFalse(organization.mayJudge(auditor, CHARGING));
+        assertTrue(organization.mayJudge(oracle, CHARGING));
+    }
+
+    function test_aKindMayAskForTime() public {
+        vm.expectEmit(address(organization));
+        emit IOrganization.MinWindowChanged(CLEANING, WINDOW + 1);
+        vm.prank(admin);
+        organization.setMinWindow(CLEANING, WINDOW + 1);
+        vm.expectRevert(
+            abi.encodeWithSelector(IOrganization.WindowTooShort.selector, CLEANING, WINDOW, WINDOW + 1)
+        );
+        post(alice, 1 ether);
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.MinWindowTooLong.selector, 30 days + 1, 30 days));
+        vm.prank(admin);
+        organization.setMinWindow(CLEANING, 30 days + 1);
     }
 
     // -- devices ------------------------------------------------------------------------------------------

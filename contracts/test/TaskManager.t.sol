@@ -2,10 +2,12 @@
 pragma solidity ^0.8.28;
 
 import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
+import {MessageHashUtils} from "@openzeppelin/contracts/utils/cryptography/MessageHashUtils.sol";
 import {TaskManager} from "../src/TaskManager.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Cause, ITaskManager, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Texts} from "../src/libraries/Texts.sol";
 import {Fixture} from "./Fixture.sol";
 
 contract TaskManagerTest is Fixture {
@@ -507,6 +509,77 @@ contract TaskManagerTest is Fixture {
         assertNotEq(keccak256(one), keccak256(two));
     }
 
+    // -- one transaction ----------------------------------------------------------------------------------
+
+    function test_aPermitAndItsTaskAreOneTransaction() public {
+        (address carol, uint256 key) = makeAddrAndKey("carol");
+        vm.prank(alice);
+        coin.transfer(carol, 100 ether);
+        (uint8 v, bytes32 r, bytes32 s) = _permit(carol, key, 100 ether);
+        uint256 serviceId = offer(robot1, 80 ether);
+        vm.prank(carol);
+        uint256 taskId = tasks.registerTaskWithPermit(request(100 ether), block.timestamp, v, r, s);
+        assertAssigned(taskId, serviceId);
+        assertEq(tasks.task(taskId).creator, carol);
+        assertEq(coin.balanceOf(carol), 0);
+        assertEq(coin.allowance(carol, address(tasks)), 0);
+    }
+
+    function test_aPermitThatSomebodyUsedFirstStopsNoTask() public {
+        (address carol, uint256 key) = makeAddrAndKey("carol");
+        vm.prank(alice);
+        coin.transfer(carol, 100 ether);
+        (uint8 v, bytes32 r, bytes32 s) = _permit(carol, key, 100 ether);
+        vm.prank(stranger);
+        coin.permit(carol, address(tasks), 100 ether, block.timestamp, v, r, s);
+        vm.prank(carol);
+        tasks.registerTaskWithPermit(request(100 ether), block.timestamp, v, r, s);
+        assertEq(coin.balanceOf(address(tasks)), 100 ether);
+    }
+
+    function test_aPermitForLessThanTheRewardIsNoApproval() public {
+        (address carol, uint256 key) = makeAddrAndKey("carol");
+        (uint8 v, bytes32 r, bytes32 s) = _permit(carol, key, 99 ether);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IERC20Errors.ERC20InsufficientAllowance.selector, address(tasks), 0, 100 ether
+            )
+        );
+        vm.prank(carol);
+        tasks.registerTaskWithPermit(request(100 ether), block.timestamp, v, r, s);
+    }
+
+    // -- texts --------------------------------------------------------------------------------------------
+
+    function test_textsAreBounded() public {
+        string memory long = new string(8193);
+        bytes memory refusal = abi.encodeWithSelector(Texts.TextTooLong.selector, 8193, 8192);
+        vm.expectRevert(refusal);
+        vm.prank(robot1);
+        services.registerService(CLEANING, 1 ether, long);
+
+        offer(robot1, 1 ether);
+        TaskRequest memory r = request(1 ether);
+        r.params = new string(16_385);
+        vm.expectRevert(abi.encodeWithSelector(Texts.TextTooLong.selector, 16_385, 16_384));
+        vm.prank(alice);
+        tasks.registerTask(r);
+
+        r.params = new string(16_384);
+        vm.prank(alice);
+        uint256 taskId = tasks.registerTask(r);
+        vm.expectRevert(refusal);
+        vm.prank(robot1);
+        tasks.submitProof(taskId, 1, PROOF, long);
+        submit(taskId);
+        vm.startPrank(oracle);
+        vm.expectRevert(refusal);
+        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, long, "");
+        vm.expectRevert(refusal);
+        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", long);
+        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, new string(8192), new string(8192));
+    }
+
     // -- wiring -------------------------------------------------------------------------------------------
 
     function test_onlyTheServiceManagerPlacesServices() public {
@@ -520,5 +593,18 @@ contract TaskManagerTest is Fixture {
             abi.encodeWithSelector(ITaskManager.NotWired.selector, address(organization), address(services))
         );
         new TaskManager(organization, IServiceManager(address(services)));
+    }
+
+    function _permit(address owner, uint256 key, uint256 amount)
+        private
+        view
+        returns (uint8 v, bytes32 r, bytes32 s)
+    {
+        bytes32 kind = keccak256(
+            "Permit(address owner,address spender,uint256 value,uint256 nonce,uint256 deadline)"
+        );
+        bytes32 message =
+            keccak256(abi.encode(kind, owner, address(tasks), amount, coin.nonces(owner), block.timestamp));
+        return vm.sign(key, MessageHashUtils.toTypedDataHash(coin.DOMAIN_SEPARATOR(), message));
     }
 }

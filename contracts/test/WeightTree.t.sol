@@ -82,6 +82,7 @@ contract WeightTreeTest is Test {
         assertEq(_tree.first(WeightTree.MAX_MAJOR), key);
     }
 
+    /// forge-config: default.fuzz.runs = 64
     function testFuzz_itAnswersAsAListWould(uint256 seed, uint8 bits) public {
         bits = uint8(bound(bits, 1, 63));
         for (uint256 i = 0; i < 60; ++i) {

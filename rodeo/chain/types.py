@@ -130,6 +130,7 @@ class Task:
     max_attempts: int
     state: TaskState
     proof_hash: bytes
+    """The proof that waits for its verdict; zeros unless SUBMITTED."""
 
 
 @dataclass(frozen=True)

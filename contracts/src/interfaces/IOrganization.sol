@@ -48,6 +48,7 @@ interface IOrganization is IDeviceRegistry {
     /// @notice The organization is for members only.
     error NotMember(address account);
     error WindowTooShort(bytes32 kind, uint32 window, uint32 min);
+    error MinWindowTooLong(uint32 minWindow, uint32 max);
     error InvalidTerms(uint256 bond, uint256 penalty, uint8 maxFailures);
     error InvalidPolicy(address policy);
 

@@ -37,7 +37,7 @@ struct TaskRequest {
 /// @param serviceId the service of the running (or last) attempt; 0 while open
 /// @param deadline end of the running window, block time in seconds; 0 when none runs
 /// @param attempt 1 for the first assignment
-/// @param proofHash SHA-256 of the proof of the running (or last) attempt; 0 before it
+/// @param proofHash SHA-256 of the proof that waits for its verdict; 0 unless Submitted, earlier ones are in events
 struct Task {
     address creator;
     uint96 reward;

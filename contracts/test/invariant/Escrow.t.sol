@@ -1,8 +1,11 @@
 // SPDX-License-Identifier: MIT
 pragma solidity ^0.8.28;
 
+import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
 import {Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {Task, TaskState} from "../../src/interfaces/ITaskManager.sol";
+import {HighestReputation} from "../../src/policies/HighestReputation.sol";
+import {LowestPrice} from "../../src/policies/LowestPrice.sol";
 import {Fixture} from "../Fixture.sol";
 import {Handler} from "./Handler.sol";
 
@@ -16,18 +19,30 @@ contract EscrowInvariants is Fixture {
         (creators[0], creators[1], creators[2]) = (alice, bob, robot1);
         address[] memory providers = new address[](3);
         (providers[0], providers[1], providers[2]) = (robot1, robot2, robot3);
-        _participants = [alice, bob, robot1, robot2, robot3];
-        _handler = new Handler(coin, services, tasks, oracle, creators, providers);
+        for (uint256 i = 1; i < 3; ++i) {
+            vm.prank(bob);
+            coin.transfer(providers[i], 500 ether);
+            vm.prank(providers[i]);
+            coin.approve(address(tasks), type(uint256).max);
+        }
+        IMatchingPolicy[] memory policies = new IMatchingPolicy[](3);
+        (policies[0], policies[1], policies[2]) = (policy, new LowestPrice(), new HighestReputation());
+        _participants = [alice, bob, robot1, robot2, robot3, address(organization)];
+        _handler = new Handler(coin, organization, admin, oracle, creators, providers, policies);
         targetContract(address(_handler));
     }
 
-    /// @notice The escrow holds the rewards of live tasks, no more and no less.
-    function invariant_escrowEqualsLiveRewards() public view {
-        uint256 live = 0;
+    /// @notice The escrow holds the rewards of live tasks and the bonds, no more and no less: terminal tasks and
+    /// services that have gone hold nothing.
+    function invariant_escrowEqualsLiveRewardsAndBonds() public view {
+        uint256 held = 0;
         for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
-            if (_isLive(taskId)) live += tasks.task(taskId).reward;
+            if (_isLive(taskId)) held += tasks.task(taskId).reward;
         }
-        assertEq(coin.balanceOf(address(tasks)), live);
+        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+            held += services.service(serviceId).bond;
+        }
+        assertEq(coin.balanceOf(address(tasks)), held);
     }
 
     /// @notice Everyone owns what its own calls and the rules say.
@@ -69,6 +84,55 @@ contract EscrowInvariants is Fixture {
             if (state(taskId) == TaskState.Open) oldest = taskId;
         }
         assertEq(tasks.oldestOpen(CLEANING, 0), oldest);
+    }
+
+    /// @notice Bonds, failures and suspensions are what the terms make of what happened.
+    function invariant_everyServiceStandsWhereItsTermsPutIt() public view {
+        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+            Service memory s = services.service(serviceId);
+            (uint256 bond,,, uint256 failures, bool suspended) = _handler.ghost(serviceId);
+            assertEq(s.bond, bond, "bond");
+            assertEq(s.state == ServiceState.Suspended, suspended, "suspended");
+            if (s.maxFailures != 0) assertEq(s.failures, failures, "failures");
+        }
+    }
+
+    /// @notice Nothing that the rules forbid ever succeeded, and tasks were served in order of registration.
+    function invariant_nothingForbiddenHappened() public view {
+        assertEq(_handler.violation(), "");
+    }
+
+    /// @dev At the end of every run: whatever state it ended in, everything gets out without oracle and
+    /// administrator.
+    function afterInvariant() public {
+        for (bool running = true; running;) {
+            running = false;
+            vm.warp(block.timestamp + 2 hours);
+            for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
+                if (!_isRunning(taskId)) continue;
+                running = true;
+                if (tasks.task(taskId).deadline >= block.timestamp) continue;
+                vm.prank(stranger);
+                tasks.expireTask(taskId);
+            }
+        }
+        for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
+            if (state(taskId) != TaskState.Open) continue;
+            Task memory t = tasks.task(taskId);
+            vm.prank(t.creator);
+            tasks.cancelTask(taskId);
+        }
+        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+            if (services.service(serviceId).state != ServiceState.Retired) {
+                update(serviceId, 0, ServiceState.Retired);
+            }
+        }
+        assertEq(coin.balanceOf(address(tasks)), 0, "everything got out");
+        uint256 owned = 0;
+        for (uint256 i = 0; i < _participants.length; ++i) {
+            owned += coin.balanceOf(_participants[i]);
+        }
+        assertEq(owned, coin.totalSupply(), "and is with the participants");
     }
 
     function _isRunning(uint256 taskId) private view returns (bool) {

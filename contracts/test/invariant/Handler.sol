@@ -4,44 +4,87 @@ pragma solidity ^0.8.28;
 import {CommonBase} from "forge-std/Base.sol";
 import {StdUtils} from "forge-std/StdUtils.sol";
 import {IECoin} from "../../src/IECoin.sol";
+import {Organization} from "../../src/Organization.sol";
 import {ServiceManager} from "../../src/ServiceManager.sol";
 import {TaskManager} from "../../src/TaskManager.sol";
+import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
+import {Terms} from "../../src/interfaces/IOrganization.sol";
 import {Outcome, Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {Task, TaskRequest, TaskState} from "../../src/interfaces/ITaskManager.sol";
 
-/// @notice Everything that anyone can do at any time, with bounded arguments, and what it should do to balances.
+/// @notice What a service agreed to and what should be left of it, from the rules alone.
+struct Ghost {
+    uint256 bond;
+    uint256 penalty;
+    uint256 maxFailures;
+    uint256 failures;
+    bool suspended;
+}
+
+/// @notice Everything that anyone can do at any time, with bounded arguments, and what it should do to balances,
+/// bonds and standing.
 contract Handler is CommonBase, StdUtils {
     bytes32 private constant CLEANING = "waste_disposal";
 
     IECoin private immutable _coin;
+    Organization private immutable _organization;
     ServiceManager private immutable _services;
     TaskManager private immutable _tasks;
+    address private immutable _admin;
     address private immutable _oracle;
     address[] private _creators;
     address[] private _providers;
+    IMatchingPolicy[] private _policies;
 
     /// @notice What each participant should own, from its own calls and the rules alone.
     mapping(address participant => uint256) public expected;
+    mapping(uint256 serviceId => Ghost) public ghost;
+    /// @notice What the rules forbid and happened nevertheless; empty if nothing did.
+    string public violation;
+
+    mapping(uint256 taskId => uint8) private _attemptSeen;
+
+    /// @dev After every call: whoever was assigned was next in line.
+    modifier inOrder() {
+        _;
+        uint256 count = _tasks.taskCount();
+        for (uint256 taskId = 1; taskId <= count; ++taskId) {
+            Task memory t = _tasks.task(taskId);
+            if (t.attempt == _attemptSeen[taskId]) continue;
+            _attemptSeen[taskId] = t.attempt;
+            if (t.state != TaskState.Assigned) continue;
+            for (uint256 older = 1; older < taskId; ++older) {
+                Task memory o = _tasks.task(older);
+                if (o.state == TaskState.Open && o.reward >= t.price) violation = "a task was overtaken";
+            }
+        }
+    }
 
     constructor(
         IECoin coin,
-        ServiceManager services,
-        TaskManager tasks,
+        Organization organization,
+        address admin,
         address oracle,
         address[] memory creators,
-        address[] memory providers
+        address[] memory providers,
+        IMatchingPolicy[] memory policies
     ) {
-        (_coin, _services, _tasks, _oracle) = (coin, services, tasks, oracle);
-        (_creators, _providers) = (creators, providers);
+        (_coin, _organization, _admin, _oracle) = (coin, organization, admin, oracle);
+        _services = ServiceManager(address(organization.services()));
+        _tasks = TaskManager(address(organization.tasks()));
+        (_creators, _providers, _policies) = (creators, providers, policies);
         for (uint256 i = 0; i < creators.length; ++i) {
             expected[creators[i]] = coin.balanceOf(creators[i]);
         }
         for (uint256 i = 0; i < providers.length; ++i) {
             expected[providers[i]] = coin.balanceOf(providers[i]);
         }
+        expected[address(organization)] = coin.balanceOf(address(organization));
     }
 
-    function registerTask(uint256 who, uint256 reward, uint8 attempts) external {
+    // -- creators -----------------------------------------------------------------------------------------
+
+    function registerTask(uint256 who, uint256 reward, uint8 attempts) external inOrder {
         address creator = _creators[bound(who, 0, _creators.length - 1)];
         reward = bound(reward, 0, _min(expected[creator], 200 ether));
         attempts = uint8(bound(attempts, 1, 3));
@@ -51,88 +94,227 @@ contract Handler is CommonBase, StdUtils {
     }
 
     /// @dev Creators try at any time; the rules give the reward back only while the task is open.
-    function cancelTask(uint256 which) external {
+    function cancelTask(uint256 which) external inOrder {
         uint256 taskId = _any(which);
         if (taskId == 0) return;
         Task memory t = _tasks.task(taskId);
         vm.prank(t.creator);
         try _tasks.cancelTask(taskId) {
             if (t.state == TaskState.Open) expected[t.creator] += t.reward;
-        } catch {}
+        } catch {
+            if (t.state == TaskState.Open) violation = "an open task could not be cancelled";
+        }
     }
 
-    /// @dev Whoever is no party tries everything; the rules give it nothing.
-    function meddle(uint256 which, address who) external {
-        uint256 taskId = _any(which);
-        if (taskId == 0 || _isParty(who)) return;
-        Task memory t = _tasks.task(taskId);
-        vm.startPrank(who);
-        try _tasks.cancelTask(taskId) {} catch {}
-        try _tasks.submitProof(taskId, t.attempt, "meddled", "") {} catch {}
-        try _tasks.postVerdict(taskId, t.attempt, t.proofHash, true, 0, "", "") {} catch {}
-        try _tasks.placeService(1, CLEANING, 0) {} catch {}
-        try _services.release(1, Outcome.Completed) {} catch {}
-        vm.stopPrank();
+    // -- providers ----------------------------------------------------------------------------------------
+
+    function registerService(uint256 who, uint256 price) external inOrder {
+        address provider = _providers[bound(who, 0, _providers.length - 1)];
+        Terms memory terms = _organization.terms();
+        if (_services.serviceCount() >= 12 || expected[provider] < terms.bond) return;
+        vm.prank(provider);
+        uint256 serviceId = _services.registerService(CLEANING, _price(price), "");
+        expected[provider] -= terms.bond;
+        ghost[serviceId] = Ghost(terms.bond, terms.penalty, terms.maxFailures, 0, false);
     }
 
-    function registerService(uint256 who, uint256 price) external {
-        if (_services.serviceCount() >= 12) return;
-        vm.prank(_providers[bound(who, 0, _providers.length - 1)]);
-        _services.registerService(CLEANING, bound(price, 0, 150) * 1 ether, "");
-    }
-
-    function updateService(uint256 which, uint256 price, uint8 state) external {
-        uint256 services = _services.serviceCount();
-        if (services == 0) return;
-        uint256 serviceId = bound(which, 1, services);
+    function updateService(uint256 which, uint256 price, uint8 state) external inOrder {
+        uint256 serviceId = _anyService(which);
+        if (serviceId == 0) return;
         Service memory s = _services.service(serviceId);
         if (s.state == ServiceState.Retired) return;
         // One in ten retires, else there would soon be no service left.
         ServiceState next = state % 10 == 0 ? ServiceState.Retired : ServiceState(1 + state % 2);
         vm.prank(s.provider);
-        _services.updateService(serviceId, bound(price, 0, 150) * 1 ether, next);
+        try _services.updateService(serviceId, _price(price), next) {
+            if (ghost[serviceId].suspended && next != ServiceState.Retired) violation = "left a suspension";
+            if (next == ServiceState.Retired && s.taskId == 0) _expectBondBack(serviceId, s.provider);
+        } catch {
+            if (!ghost[serviceId].suspended || next == ServiceState.Retired) violation = "locked in";
+        }
     }
 
-    function submitProof(uint256 which, bytes32 proofHash) external {
+    function submitProof(uint256 which, bytes32 proofHash) external inOrder {
         uint256 taskId = _find(which, TaskState.Assigned);
         if (taskId == 0 || proofHash == 0) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
-        vm.prank(_services.service(t.serviceId).provider);
+        vm.prank(_services.providerOf(t.serviceId));
         _tasks.submitProof(taskId, t.attempt, proofHash, "");
     }
 
-    function postVerdict(uint256 which, bool accepted) external {
+    function replaceProof(uint256 which, bytes32 proofHash) external inOrder {
+        uint256 taskId = _find(which, TaskState.Submitted);
+        if (taskId == 0 || proofHash == 0) return;
+        Task memory t = _tasks.task(taskId);
+        vm.prank(_services.providerOf(t.serviceId));
+        try _tasks.submitProof(taskId, t.attempt, proofHash, "") {
+            violation = "a proof was replaced";
+        } catch {}
+    }
+
+    // -- judges -------------------------------------------------------------------------------------------
+
+    function postVerdict(uint256 which, bool accepted) external inOrder {
         uint256 taskId = _find(which, TaskState.Submitted);
         if (taskId == 0) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
-        address executor = _services.service(t.serviceId).provider;
+        address executor = _services.providerOf(t.serviceId);
         vm.prank(_oracle);
         _tasks.postVerdict(taskId, t.attempt, t.proofHash, accepted, 0, "", "");
         if (accepted) {
             expected[executor] += t.price;
             expected[t.creator] += t.reward - t.price;
+            ghost[t.serviceId].failures = 0;
+            _expectRelease(t.serviceId);
         } else {
-            _expectRefundAfterLast(t);
+            _expectFailure(t, true);
         }
     }
 
-    function expireTask(uint256 which, bool submitted) external {
+    /// @dev On nothing, on another proof, on another attempt, after the window.
+    function postWrongVerdict(uint256 which, bytes32 proofHash, uint8 attempt, bool accepted)
+        external
+        inOrder
+    {
+        uint256 taskId = _any(which);
+        if (taskId == 0) return;
+        Task memory t = _tasks.task(taskId);
+        bool right = t.state == TaskState.Submitted && t.attempt == attempt && t.proofHash == proofHash
+            && block.timestamp <= t.deadline;
+        if (right) return;
+        vm.prank(_oracle);
+        try _tasks.postVerdict(taskId, attempt % 4, proofHash, accepted, 0, "", "") {
+            violation = "a wrong verdict was taken";
+        } catch {}
+    }
+
+    // -- anyone -------------------------------------------------------------------------------------------
+
+    function expireTask(uint256 which, bool submitted) external inOrder {
         uint256 taskId = _find(which, submitted ? TaskState.Submitted : TaskState.Assigned);
         if (taskId == 0) return;
         Task memory t = _tasks.task(taskId);
-        if (block.timestamp <= t.deadline) return;
+        if (block.timestamp <= t.deadline) {
+            try _tasks.expireTask(taskId) {
+                violation = "expired before its time";
+            } catch {}
+            return;
+        }
         _tasks.expireTask(taskId);
-        _expectRefundAfterLast(t);
+        _expectFailure(t, !submitted);
+    }
+
+    function matchTask(uint256 which) external inOrder {
+        uint256 taskId = _find(which, TaskState.Open);
+        if (taskId != 0) _tasks.matchTask(taskId);
     }
 
     function wait(uint256 time) external {
         vm.warp(block.timestamp + bound(time, 1 minutes, 45 minutes));
     }
 
-    function _expectRefundAfterLast(Task memory t) private {
+    /// @dev Whoever is no party tries everything; the rules give it nothing.
+    function meddle(uint256 which, address who) external inOrder {
+        uint256 taskId = _any(which);
+        if (taskId == 0 || _isParty(who)) return;
+        Task memory t = _tasks.task(taskId);
+        vm.startPrank(who);
+        try _tasks.cancelTask(taskId) {
+            violation = "a stranger cancelled";
+        } catch {}
+        try _tasks.submitProof(taskId, t.attempt, "meddled", "") {
+            violation = "a stranger proved";
+        } catch {}
+        try _tasks.postVerdict(taskId, t.attempt, t.proofHash, true, 0, "", "") {
+            violation = "a stranger judged";
+        } catch {}
+        try _tasks.placeService(1, CLEANING, 0) {
+            violation = "a stranger placed a service";
+        } catch {}
+        try _tasks.returnBond(who, 1) {
+            violation = "a stranger took a bond";
+        } catch {}
+        try _tasks.collect(t.creator) {
+            violation = "a stranger collected";
+        } catch {}
+        try _services.release(1, Outcome.Completed) {
+            violation = "a stranger released a service";
+        } catch {}
+        try _services.updateService(1, 0, ServiceState.Retired) {
+            violation = "a stranger retired a service";
+        } catch {}
+        try _services.suspend(1) {
+            violation = "a stranger suspended a service";
+        } catch {}
+        try _organization.withdraw(who, 1) {
+            violation = "a stranger withdrew";
+        } catch {}
+        vm.stopPrank();
+    }
+
+    // -- the administrator --------------------------------------------------------------------------------
+
+    function setTerms(uint96 bond, uint96 penalty, uint8 maxFailures) external {
+        bond = uint96(bound(bond, 0, 60)) * 1 ether;
+        penalty = uint96(bound(penalty, 0, bond));
+        vm.prank(_admin);
+        _organization.setTerms(Terms(bond, penalty, maxFailures % 4));
+    }
+
+    function setPolicy(uint256 which) external {
+        vm.prank(_admin);
+        _organization.setPolicy(_policies[bound(which, 0, _policies.length - 1)]);
+    }
+
+    function suspend(uint256 which) external {
+        uint256 serviceId = _anyService(which);
+        // One in four, else hardly any would work.
+        if (serviceId == 0 || which % 4 != 0) return;
+        Service memory s = _services.service(serviceId);
+        if (s.state == ServiceState.Retired || s.state == ServiceState.Suspended) return;
+        vm.prank(_admin);
+        _organization.suspendService(serviceId);
+        ghost[serviceId].suspended = true;
+    }
+
+    function reinstate(uint256 which) external {
+        uint256 serviceId = _anyService(which);
+        if (serviceId == 0 || _services.service(serviceId).state != ServiceState.Suspended) return;
+        Ghost storage g = ghost[serviceId];
+        if (g.bond < g.penalty) return;
+        vm.prank(_admin);
+        _organization.reinstateService(serviceId);
+        (g.suspended, g.failures) = (false, 0);
+    }
+
+    // -- the rules ----------------------------------------------------------------------------------------
+
+    function _expectFailure(Task memory t, bool blamed) private {
         if (t.attempt == t.maxAttempts) expected[t.creator] += t.reward;
+        Ghost storage g = ghost[t.serviceId];
+        if (blamed && (g.bond != 0 || g.maxFailures != 0)) {
+            uint256 penalty = _min(g.penalty, g.bond);
+            g.bond -= penalty;
+            expected[address(_organization)] += penalty;
+            ++g.failures;
+            bool repeated = g.maxFailures != 0 && g.failures >= g.maxFailures;
+            bool retired = _services.service(t.serviceId).state == ServiceState.Retired;
+            if ((repeated || g.bond < g.penalty) && !retired) g.suspended = true;
+        }
+        _expectRelease(t.serviceId);
+    }
+
+    function _expectRelease(uint256 serviceId) private {
+        Service memory s = _services.service(serviceId);
+        if (s.state == ServiceState.Retired) _expectBondBack(serviceId, s.provider);
+    }
+
+    function _expectBondBack(uint256 serviceId, address provider) private {
+        expected[provider] += ghost[serviceId].bond;
+        ghost[serviceId].bond = 0;
+        ghost[serviceId].suspended = false;
     }
 
     function _isParty(address who) private view returns (bool) {
@@ -142,12 +324,22 @@ contract Handler is CommonBase, StdUtils {
         for (uint256 i = 0; i < _providers.length; ++i) {
             if (who == _providers[i]) return true;
         }
-        return who == _oracle || who == address(_tasks) || who == address(_services);
+        return who == _oracle || who == _admin || who == address(_tasks) || who == address(_services)
+            || who == address(_organization);
+    }
+
+    function _price(uint256 price) private pure returns (uint256) {
+        return bound(price, 0, 15) * 10 ether;
     }
 
     function _any(uint256 which) private view returns (uint256) {
         uint256 tasks = _tasks.taskCount();
         return tasks == 0 ? 0 : which % tasks + 1;
+    }
+
+    function _anyService(uint256 which) private view returns (uint256) {
+        uint256 services = _services.serviceCount();
+        return services == 0 ? 0 : which % services + 1;
     }
 
     /// @dev Some task in `state`, searched from a random place; 0 if there is none.

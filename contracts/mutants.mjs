@@ -1,0 +1,73 @@
+// Plants the bugs of contracts/test/mutants, one at a time, into a copy of the contracts, and fails unless the
+// invariants find each of them (and nothing in the contracts as they are):
+//   node contracts/mutants.mjs [NAME...]
+import { spawnSync } from "node:child_process";
+import { cpSync, mkdtempSync, readFileSync, readdirSync, rmSync, symlinkSync } from "node:fs";
+import { tmpdir } from "node:os";
+import { basename, dirname, join } from "node:path";
+import { argv } from "node:process";
+import { fileURLToPath } from "node:url";
+
+const LIMIT_MS = 15 * 60_000;
+
+const root = dirname(dirname(fileURLToPath(import.meta.url)));
+const patches = join(root, "contracts", "test", "mutants");
+const wanted = argv.slice(2);
+const names = readdirSync(patches)
+  .filter((file) => file.endsWith(".patch"))
+  .map((file) => basename(file, ".patch"))
+  .filter((name) => wanted.length === 0 || wanted.includes(name));
+
+const copy = mkdtempSync(join(tmpdir(), "rodeo-mutants-"));
+const source = (path) => cpSync(join(root, path), join(copy, path), { recursive: true });
+
+/** What the invariants find: the names of those that fail. Throws when the copy does not compile or run. */
+function broken() {
+  const { status, stdout, stderr, error } = spawnSync(
+    "node",
+    [join(copy, "contracts", "forge.mjs"), "test", "--fail-fast", "--match-path", "contracts/test/invariant/*"],
+    {
+      cwd: copy,
+      // Compiling is most of the time. Half the runs: a bug that takes more luck than that is no test of the tests.
+      env: {
+        ...process.env,
+        FOUNDRY_OPTIMIZER: "false",
+        FOUNDRY_INVARIANT_RUNS: "8",
+        FOUNDRY_INVARIANT_SHRINK_RUN_LIMIT: "0",
+      },
+      encoding: "utf8",
+      timeout: LIMIT_MS,
+      maxBuffer: 1 << 28,
+    },
+  );
+  if (error) throw error;
+  const failed = new Set([...stdout.matchAll(/^\[FAIL.*\] (\w+)\(/gm)].map((match) => match[1]));
+  if (!/Ran \d+ test suite/.test(stdout)) throw new Error(`forge did not run:\n${stdout}\n${stderr}`);
+  if ((status === 0) !== (failed.size === 0)) throw new Error(`forge ended with ${status}:\n${stdout}`);
+  return [...failed];
+}
+
+const missed = [];
+try {
+  for (const path of ["foundry.toml", "package.json", "contracts/src", "contracts/test/Fixture.sol"]) source(path);
+  for (const path of ["contracts/test/invariant", "contracts/forge.mjs", "contracts/solc.mjs"]) source(path);
+  symlinkSync(join(root, "node_modules"), join(copy, "node_modules"));
+  const found = broken();
+  if (found.length > 0) throw new Error(`without a planted bug the invariants fail: ${found}`);
+  for (const name of names) {
+    const patch = spawnSync("git", ["apply", join(patches, `${name}.patch`)], {
+      cwd: copy,
+      encoding: "utf8",
+    });
+    if (patch.status !== 0) throw new Error(`${name} does not apply: ${patch.stderr}`);
+    const caught = broken();
+    console.log(caught.length > 0 ? `caught  ${name}: ${caught.join(", ")}` : `MISSED  ${name}`);
+    if (caught.length === 0) missed.push(name);
+    rmSync(join(copy, "contracts", "src"), { recursive: true });
+    source("contracts/src");
+  }
+} finally {
+  rmSync(copy, { recursive: true });
+}
+console.log(`${names.length - missed.length} of ${names.length} planted bugs caught`);
+process.exitCode = missed.length > 0 ? 1 : 0;

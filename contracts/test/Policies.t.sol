@@ -1,0 +1,191 @@
+// SPDX-License-Identifier: MIT
+pragma solidity ^0.8.28;
+
+import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
+import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {ITaskManager, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {HighestReputation} from "../src/policies/HighestReputation.sol";
+import {LowestPrice} from "../src/policies/LowestPrice.sol";
+import {Fixture} from "./Fixture.sol";
+
+contract PolicyTest is Fixture {
+    IMatchingPolicy private _lowestPrice;
+    IMatchingPolicy private _highestReputation;
+
+    function setUp() public override {
+        super.setUp();
+        _lowestPrice = new LowestPrice();
+        _highestReputation = new HighestReputation();
+    }
+
+    function _use(IMatchingPolicy policy_) private {
+        vm.prank(admin);
+        organization.setPolicy(policy_);
+    }
+
+    // -- first come, first served -------------------------------------------------------------------------
+
+    function test_firstCome_thePriceDoesNotMatter() public {
+        uint256 dear = offer(robot1, 90 ether);
+        uint256 cheap = offer(robot2, 10 ether);
+        assertAssigned(post(alice, 100 ether), dear);
+        assertAssigned(post(alice, 100 ether), cheap);
+    }
+
+    function test_firstCome_reputationDoesNotMatter() public {
+        uint256 one = offer(robot1, 80 ether);
+        attempt(post(alice, 100 ether), true);
+        uint256 two = offer(robot2, 80 ether);
+        assertAssigned(post(alice, 100 ether), one);
+        assertAssigned(post(alice, 100 ether), two);
+    }
+
+    // -- lowest price -------------------------------------------------------------------------------------
+
+    function test_lowestPrice_theCheapestIsServedFirst() public {
+        _use(_lowestPrice);
+        uint256 dear = offer(robot1, 90 ether);
+        uint256 cheap = offer(robot2, 10 ether);
+        uint256 middle = offer(robot3, 50 ether);
+        assertAssigned(post(alice, 100 ether), cheap);
+        assertAssigned(post(alice, 100 ether), middle);
+        assertState(post(alice, 89 ether), TaskState.Open);
+        assertAssigned(post(alice, 100 ether), dear);
+    }
+
+    function test_lowestPrice_ofEqualsTheOneOfBetterReputation() public {
+        uint256 one = offer(robot1, 80 ether);
+        uint256 two = offer(robot2, 80 ether);
+        attempt(post(alice, 100 ether), false);
+        attempt(1, true);
+        assertGt(services.service(two).reputation, services.service(one).reputation);
+        _use(_lowestPrice);
+        assertAssigned(post(alice, 100 ether), two);
+    }
+
+    function test_lowestPrice_ofEqualsTheOneThatWaitedLongest() public {
+        _use(_lowestPrice);
+        uint256 one = offer(robot1, 80 ether);
+        uint256 two = offer(robot2, 80 ether);
+        assertAssigned(post(alice, 100 ether), one);
+        assertAssigned(post(alice, 100 ether), two);
+    }
+
+    // -- highest reputation -------------------------------------------------------------------------------
+
+    function test_highestReputation_theMostReliableIsServedFirst() public {
+        _use(_highestReputation);
+        uint256 bad = offer(robot1, 10 ether);
+        attempt(post(alice, 100 ether), false);
+        attempt(1, false);
+        attempt(1, false);
+        uint256 fresh = offer(robot2, 50 ether);
+        vm.prank(robot3);
+        uint256 good = services.registerService(CLEANING, 90 ether, "");
+        update(bad, 10 ether, ServiceState.Paused);
+        update(fresh, 50 ether, ServiceState.Paused);
+        attempt(post(alice, 100 ether), true);
+        update(bad, 10 ether, ServiceState.Active);
+        update(fresh, 50 ether, ServiceState.Active);
+        assertEq(services.service(bad).reputation, 12, "1 of 5");
+        assertEq(services.service(fresh).reputation, 32, "1 of 2");
+        assertEq(services.service(good).reputation, 42, "2 of 3");
+        assertAssigned(post(alice, 100 ether), good);
+        assertAssigned(post(alice, 100 ether), fresh);
+        assertAssigned(post(alice, 100 ether), bad);
+    }
+
+    function test_highestReputation_whoCostsTooMuchIsLeftOut() public {
+        uint256 good = offer(robot1, 90 ether);
+        attempt(post(alice, 100 ether), true);
+        uint256 fresh = offer(robot2, 50 ether);
+        _use(_highestReputation);
+        assertAssigned(post(alice, 60 ether), fresh);
+        assertAssigned(post(alice, 90 ether), good);
+    }
+
+    function test_highestReputation_ofEqualsTheCheapest() public {
+        _use(_highestReputation);
+        offer(robot1, 90 ether);
+        uint256 cheap = offer(robot2, 50 ether);
+        assertAssigned(post(alice, 100 ether), cheap);
+    }
+
+    // -- all of them --------------------------------------------------------------------------------------
+
+    function test_aNewPolicyHoldsFromTheNextTaskOnAndMovesNoLiveOne() public {
+        uint256 dear = offer(robot1, 90 ether);
+        uint256 cheap = offer(robot2, 10 ether);
+        uint256 dearest = offer(robot3, 95 ether);
+        uint256 running = post(alice, 100 ether);
+        uint256 waiting = post(bob, 5 ether);
+        _use(_lowestPrice);
+        assertAssigned(running, dear);
+        assertState(waiting, TaskState.Open);
+        assertAssigned(post(alice, 100 ether), cheap);
+        _use(policy);
+        attempt(running, true);
+        assertAssigned(post(alice, 100 ether), dearest);
+        // The freed service still takes the oldest task that pays for it.
+        update(dear, 5 ether, ServiceState.Active);
+        assertAssigned(waiting, dear);
+    }
+
+    /// @dev Whatever was registered, priced, paused and judged before, each policy finds what a list would.
+    /// forge-config: default.fuzz.runs = 48
+    function testFuzz_policiesChooseAsASearchOfAllServicesWould(uint256 seed) public {
+        for (uint256 i = 0; i < 25; ++i) {
+            seed = uint256(keccak256(abi.encode(seed)));
+            uint256 count = services.serviceCount();
+            uint256 serviceId = count == 0 ? 0 : 1 + (seed >> 16) % count;
+            uint256 choice = seed % 4;
+            if (choice == 0 || count < 3) {
+                offer(robot1, _price(seed));
+            } else if (choice == 1 && services.service(serviceId).taskId == 0) {
+                update(serviceId, _price(seed), ServiceState(1 + (seed >> 32) % 2));
+            } else {
+                uint256 taskId = post(alice, 5 ether);
+                if (state(taskId) == TaskState.Assigned) attempt(taskId, seed & (1 << 100) == 0);
+                if (state(taskId) == TaskState.Assigned) attempt(taskId, true);
+                if (state(taskId) == TaskState.Open) {
+                    vm.prank(alice);
+                    tasks.cancelTask(taskId);
+                }
+            }
+            uint256 reward = ((seed >> 64) % 6) * 1 ether;
+            assertEq(services.longestIdle(CLEANING, reward), _search(reward, _longer), "longest");
+            assertEq(services.cheapestIdle(CLEANING, reward), _search(reward, _cheaper), "cheapest");
+            assertEq(services.mostReputableIdle(CLEANING, reward), _search(reward, _better), "reputable");
+        }
+    }
+
+    function _price(uint256 seed) private pure returns (uint256) {
+        return ((seed >> 48) % 5) * 1 ether;
+    }
+
+    function _search(uint256 reward, function(Service memory, Service memory) pure returns (bool) isBetter)
+        private
+        view
+        returns (uint256 best)
+    {
+        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+            Service memory s = services.service(serviceId);
+            if (s.place == 0 || s.price > reward) continue;
+            if (best == 0 || isBetter(s, services.service(best))) best = serviceId;
+        }
+    }
+
+    function _longer(Service memory a, Service memory b) private pure returns (bool) {
+        return a.place < b.place;
+    }
+
+    function _cheaper(Service memory a, Service memory b) private pure returns (bool) {
+        if (a.price != b.price) return a.price < b.price;
+        return a.reputation != b.reputation ? a.reputation > b.reputation : _longer(a, b);
+    }
+
+    function _better(Service memory a, Service memory b) private pure returns (bool) {
+        if (a.reputation != b.reputation) return a.reputation > b.reputation;
+        return a.price != b.price ? a.price < b.price : _longer(a, b);
+    }
+}

@@ -1,0 +1,304 @@
+// SPDX-License-Identifier: MIT
+pragma solidity ^0.8.28;
+
+import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
+import {IOrganization, Terms} from "../src/interfaces/IOrganization.sol";
+import {IServiceManager, Outcome, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {ITaskManager, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Fixture} from "./Fixture.sol";
+
+/// @notice Bonds, penalties and suspension.
+contract TermsTest is Fixture {
+    function test_withoutTermsNothingIsLocked() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        assertEq(services.service(serviceId).bond, 0);
+        uint256 taskId = post(alice, 100 ether);
+        for (uint256 i = 0; i < ATTEMPTS; ++i) {
+            attempt(taskId, false);
+        }
+        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Active));
+        assertEq(coin.balanceOf(robot1), 2000 ether);
+    }
+
+    function test_aServiceLocksTheBondThatTheOrganizationAsksFor() public {
+        setTerms(50 ether, 20 ether, 3);
+        vm.expectEmit(address(services));
+        emit IServiceManager.TermsAgreed(1, 50 ether, 20 ether, 3);
+        uint256 serviceId = offer(robot1, 80 ether);
+        Service memory s = services.service(serviceId);
+        assertEq(s.bond, 50 ether);
+        assertEq(s.penalty, 20 ether);
+        assertEq(s.maxFailures, 3);
+        assertEq(coin.balanceOf(robot1), 1950 ether);
+        assertEq(coin.balanceOf(address(tasks)), 50 ether);
+    }
+
+    function test_whoCannotPayTheBondOffersNothing() public {
+        setTerms(50 ether, 20 ether, 3);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IERC20Errors.ERC20InsufficientAllowance.selector, address(tasks), 0, 50 ether
+            )
+        );
+        offer(robot2, 80 ether);
+        assertEq(services.serviceCount(), 0);
+    }
+
+    function test_aRejectedAttemptCostsAPenaltyThatGoesToTheTreasury() public {
+        setTerms(50 ether, 20 ether, 0);
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        vm.expectEmit(address(services));
+        emit IServiceManager.BondPenalized(serviceId, taskId, 20 ether);
+        judge(taskId, false);
+        assertEq(services.service(serviceId).bond, 30 ether);
+        assertEq(coin.balanceOf(address(organization)), 2020 ether);
+        assertEq(coin.balanceOf(address(tasks)), 130 ether);
+    }
+
+    function test_anExpiredAttemptCostsAPenalty() public {
+        setTerms(50 ether, 20 ether, 0);
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.warp(block.timestamp + WINDOW + 1);
+        tasks.expireTask(taskId);
+        assertEq(coin.balanceOf(address(organization)), 2020 ether);
+    }
+
+    function test_aVerdictThatNeverComesCostsTheExecutorNothing() public {
+        setTerms(50 ether, 20 ether, 1);
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        vm.warp(block.timestamp + WINDOW + 1);
+        tasks.expireTask(taskId);
+        Service memory s = services.service(serviceId);
+        assertEq(s.bond, 50 ether);
+        assertEq(s.failures, 0);
+        assertAssigned(taskId, serviceId);
+    }
+
+    function test_failuresInARowSuspendTheService() public {
+        setTerms(0, 0, 2);
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        attempt(taskId, false);
+        attempt(taskId, true);
+        assertEq(services.service(serviceId).failures, 0, "a success forgives");
+        taskId = post(alice, 100 ether);
+        attempt(taskId, false);
+        submit(taskId);
+        vm.expectEmit(address(services));
+        emit IServiceManager.ServiceSuspended(serviceId);
+        judge(taskId, false);
+        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Suspended));
+        assertState(taskId, TaskState.Open);
+    }
+
+    function test_aBondThatNoLongerCoversAPenaltySuspends() public {
+        setTerms(50 ether, 20 ether, 0);
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        attempt(taskId, false);
+        attempt(taskId, false);
+        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Suspended));
+        assertEq(services.service(serviceId).bond, 10 ether);
+        vm.expectRevert(
+            abi.encodeWithSelector(IServiceManager.BondExhausted.selector, serviceId, 10 ether, 20 ether)
+        );
+        vm.prank(admin);
+        organization.reinstateService(serviceId);
+    }
+
+    function test_aServiceThatIsSuspendedAtWorkFinishesAndAnswersForIt() public {
+        setTerms(20 ether, 20 ether, 0);
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.prank(admin);
+        organization.suspendService(serviceId);
+        attempt(taskId, false);
+        assertEq(services.service(serviceId).bond, 0);
+        assertEq(coin.balanceOf(address(organization)), 2020 ether);
+    }
+
+    function test_aSuspendedServiceCanOnlyRetire() public {
+        setTerms(50 ether, 20 ether, 1);
+        uint256 serviceId = offer(robot1, 80 ether);
+        attempt(post(alice, 100 ether), false);
+        bytes memory refusal = abi.encodeWithSelector(IServiceManager.ServiceIsSuspended.selector, serviceId);
+        vm.startPrank(robot1);
+        vm.expectRevert(refusal);
+        services.updateService(serviceId, 80 ether, ServiceState.Active);
+        vm.expectRevert(refusal);
+        services.updateService(serviceId, 80 ether, ServiceState.Paused);
+        vm.expectEmit(address(services));
+        emit IServiceManager.BondReturned(serviceId, robot1, 30 ether);
+        services.updateService(serviceId, 80 ether, ServiceState.Retired);
+        assertEq(coin.balanceOf(robot1), 1980 ether);
+    }
+
+    function test_retiringWhenIdleReturnsTheBondAtOnce() public {
+        setTerms(50 ether, 20 ether, 0);
+        uint256 serviceId = offer(robot1, 80 ether);
+        update(serviceId, 80 ether, ServiceState.Paused);
+        assertEq(coin.balanceOf(robot1), 1950 ether, "a pause keeps it");
+        update(serviceId, 80 ether, ServiceState.Retired);
+        assertEq(coin.balanceOf(robot1), 2000 ether);
+        assertEq(services.service(serviceId).bond, 0);
+    }
+
+    function test_retiringAtWorkReturnsTheBondWhenTheTaskEnds() public {
+        setTerms(50 ether, 20 ether, 1);
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        update(serviceId, 80 ether, ServiceState.Retired);
+        assertEq(coin.balanceOf(robot1), 1950 ether);
+        attempt(taskId, false);
+        assertEq(coin.balanceOf(robot1), 1980 ether, "less the penalty");
+        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Retired));
+        assertEq(coin.balanceOf(address(tasks)), 100 ether);
+    }
+
+    function test_retiringAtWorkPaysBondAndPriceOnAcceptance() public {
+        setTerms(50 ether, 20 ether, 1);
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        update(serviceId, 80 ether, ServiceState.Retired);
+        attempt(taskId, true);
+        assertEq(coin.balanceOf(robot1), 2080 ether);
+        assertEq(coin.balanceOf(address(tasks)), 0);
+    }
+
+    function test_changedTermsAreForNewServicesOnly() public {
+        setTerms(50 ether, 20 ether, 0);
+        uint256 serviceId = offer(robot1, 80 ether);
+        vm.expectEmit(address(organization));
+        emit IOrganization.TermsChanged(500 ether, 500 ether, 1);
+        setTerms(500 ether, 500 ether, 1);
+        assertEq(organization.terms().bond, 500 ether);
+        attempt(post(alice, 100 ether), false);
+        assertEq(services.service(serviceId).bond, 30 ether);
+        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Active));
+    }
+
+    function test_aPenaltyIsAtMostTheBond() public {
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.InvalidTerms.selector, 1, 2, 3));
+        vm.prank(admin);
+        organization.setTerms(Terms(1, 2, 3));
+    }
+
+    // -- suspension by the organization -------------------------------------------------------------------
+
+    function test_theOrganizationSuspendsAndReinstates() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        vm.startPrank(admin);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IServiceManager.ServiceNotSuspended.selector, serviceId, ServiceState.Active
+            )
+        );
+        organization.reinstateService(serviceId);
+        organization.suspendService(serviceId);
+        vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceIsSuspended.selector, serviceId));
+        organization.suspendService(serviceId);
+        vm.stopPrank();
+        uint256 taskId = post(alice, 100 ether);
+        assertState(taskId, TaskState.Open);
+        vm.expectEmit(address(services));
+        emit IServiceManager.ServiceReinstated(serviceId);
+        vm.prank(admin);
+        organization.reinstateService(serviceId);
+        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Paused));
+        update(serviceId, 80 ether, ServiceState.Active);
+        assertAssigned(taskId, serviceId);
+    }
+
+    function test_whatIsRetiredIsNotSuspended() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        update(serviceId, 80 ether, ServiceState.Retired);
+        vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceIsRetired.selector, serviceId));
+        vm.prank(admin);
+        organization.suspendService(serviceId);
+    }
+
+    function test_reinstatingForgivesFailures() public {
+        setTerms(0, 0, 2);
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        attempt(taskId, false);
+        attempt(taskId, false);
+        vm.prank(admin);
+        organization.reinstateService(serviceId);
+        assertEq(services.service(serviceId).failures, 0);
+    }
+
+    function test_onlyTheOrganizationSuspends() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        bytes memory refusal = abi.encodeWithSelector(IServiceManager.NotOrganization.selector, admin);
+        vm.startPrank(admin);
+        vm.expectRevert(refusal);
+        services.suspend(serviceId);
+        vm.expectRevert(refusal);
+        services.reinstate(serviceId);
+    }
+
+    function test_onlyTheServiceManagerMovesBonds() public {
+        bytes memory refusal = abi.encodeWithSelector(ITaskManager.NotServiceManager.selector, stranger);
+        vm.startPrank(stranger);
+        vm.expectRevert(refusal);
+        tasks.holdBond(alice, 1 ether);
+        vm.expectRevert(refusal);
+        tasks.returnBond(stranger, 1 ether);
+    }
+
+    function testFuzz_theBondIsSplitBetweenProviderAndTreasury(
+        uint96 bond,
+        uint96 penalty,
+        uint8 maxFailures,
+        uint8 attempts
+    ) public {
+        bond = uint96(bound(bond, 0, 1000 ether));
+        penalty = uint96(bound(penalty, 0, bond));
+        attempts = uint8(bound(attempts, 0, 12));
+        setTerms(bond, penalty, maxFailures);
+        uint256 serviceId = offer(robot1, 80 ether);
+        for (uint256 i = 0; i < attempts; ++i) {
+            uint256 taskId = post(alice, 100 ether);
+            if (state(taskId) == TaskState.Assigned) attempt(taskId, false);
+            if (state(taskId) == TaskState.Assigned) attempt(taskId, true);
+            if (state(taskId) != TaskState.Open) continue;
+            vm.prank(alice);
+            tasks.cancelTask(taskId);
+        }
+        uint256 left = services.service(serviceId).bond;
+        assertEq(coin.balanceOf(address(tasks)), left);
+        uint256 lost = bond - left;
+        assertEq(coin.balanceOf(address(organization)), 2000 ether + lost);
+        uint256 earned = services.service(serviceId).completed * 80 ether;
+        update(serviceId, 80 ether, ServiceState.Retired);
+        assertEq(coin.balanceOf(robot1), 2000 ether + earned - lost);
+        assertEq(coin.balanceOf(address(tasks)), 0);
+    }
+
+    function test_countersStopAtTheirGreatestValue() public {
+        setTerms(0, 0, 255);
+        uint256 serviceId = offer(robot1, 80 ether);
+        // The second word of the service: completed, rejected and expired at the brink.
+        bytes32 slot = bytes32(uint256(keccak256(abi.encode(serviceId, uint256(4)))) + 1);
+        uint256 word = uint256(vm.load(address(services), slot));
+        vm.store(address(services), slot, bytes32(word | (((1 << 72) - 1) << 72)));
+        assertEq(services.service(serviceId).completed, type(uint24).max);
+        vm.startPrank(address(tasks));
+        services.release(serviceId, Outcome.Completed);
+        services.release(serviceId, Outcome.Rejected);
+        services.release(serviceId, Outcome.Expired);
+        assertEq(services.service(serviceId).completed, type(uint24).max);
+        assertEq(services.service(serviceId).rejected, type(uint24).max);
+        assertEq(services.service(serviceId).expired, type(uint24).max);
+        for (uint256 i = 0; i < 300; ++i) {
+            services.release(serviceId, Outcome.Rejected);
+        }
+        assertEq(services.service(serviceId).failures, type(uint8).max);
+    }
+}

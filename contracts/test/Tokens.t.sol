@@ -1,0 +1,260 @@
+// SPDX-License-Identifier: MIT
+pragma solidity ^0.8.28;
+
+import {ERC20} from "@openzeppelin/contracts/token/ERC20/ERC20.sol";
+import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol";
+import {ReentrancyGuardTransient} from "@openzeppelin/contracts/utils/ReentrancyGuardTransient.sol";
+import {ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {ITaskManager, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Fixture} from "./Fixture.sol";
+
+/// @notice A token that misbehaves as it is told.
+contract WeirdToken is ERC20("Weird", "WRD") {
+    enum Way {
+        Well,
+        ReturnsFalse,
+        Reverts,
+        TakesAFee,
+        MovesNothing
+    }
+
+    error Refused();
+
+    Way private _way;
+    address private _victim;
+    address private _target;
+    bytes private _reentry;
+    bytes public answer;
+    bool public entered;
+
+    /// @dev What happens to transfers from or to `victim`; to all where it is 0.
+    function behave(Way way, address victim) external {
+        (_way, _victim) = (way, victim);
+    }
+
+    /// @dev Call `target` back in the middle of the next transfer.
+    function reenter(address target, bytes calldata data) external {
+        (_target, _reentry) = (target, data);
+    }
+
+    function mint(address to, uint256 amount) external {
+        _mint(to, amount);
+    }
+
+    function transfer(address to, uint256 amount) public override returns (bool) {
+        return _weird(msg.sender, to, amount, false);
+    }
+
+    function transferFrom(address from, address to, uint256 amount) public override returns (bool) {
+        return _weird(from, to, amount, true);
+    }
+
+    function _weird(address from, address to, uint256 amount, bool spend) private returns (bool) {
+        if (_target != address(0)) {
+            address target = _target;
+            _target = address(0);
+            (entered, answer) = target.call(_reentry);
+        }
+        if (_way != Way.Well && (_victim == address(0) || _victim == from || _victim == to)) {
+            if (_way == Way.ReturnsFalse) return false;
+            if (_way == Way.Reverts) revert Refused();
+            if (_way == Way.MovesNothing) return true;
+            // A hundredth is lost on the way.
+            _burn(from, amount / 100);
+            amount -= amount / 100;
+        }
+        if (spend) _spendAllowance(from, msg.sender, amount);
+        _transfer(from, to, amount);
+        return true;
+    }
+}
+
+contract TokenTest is Fixture {
+    WeirdToken private _token;
+
+    function setUp() public override {
+        super.setUp();
+        _token = new WeirdToken();
+        found(_token);
+        address[3] memory holders = [alice, bob, robot1];
+        for (uint256 i = 0; i < holders.length; ++i) {
+            _token.mint(holders[i], 1000 ether);
+            vm.prank(holders[i]);
+            _token.approve(address(tasks), type(uint256).max);
+        }
+    }
+
+    // -- coming in ----------------------------------------------------------------------------------------
+
+    function test_aTokenThatReturnsFalseIsNotTakenForPaid() public {
+        _token.behave(WeirdToken.Way.ReturnsFalse, address(0));
+        vm.expectRevert(abi.encodeWithSelector(SafeERC20.SafeERC20FailedOperation.selector, address(_token)));
+        post(alice, 100 ether);
+    }
+
+    function test_aTokenThatRevertsStopsTheRegistration() public {
+        _token.behave(WeirdToken.Way.Reverts, address(0));
+        vm.expectRevert(WeirdToken.Refused.selector);
+        post(alice, 100 ether);
+    }
+
+    function test_aTokenThatTakesAFeeIsRefused() public {
+        _token.behave(WeirdToken.Way.TakesAFee, address(0));
+        vm.expectRevert(
+            abi.encodeWithSelector(ITaskManager.WrongAmountReceived.selector, 100 ether, 99 ether)
+        );
+        post(alice, 100 ether);
+    }
+
+    function test_aTokenThatMovesNothingIsRefused() public {
+        _token.behave(WeirdToken.Way.MovesNothing, address(0));
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAmountReceived.selector, 100 ether, 0));
+        post(alice, 100 ether);
+    }
+
+    function test_aBondWithAFeeIsRefused() public {
+        setTerms(100 ether, 0, 0);
+        _token.behave(WeirdToken.Way.TakesAFee, address(0));
+        vm.expectRevert(
+            abi.encodeWithSelector(ITaskManager.WrongAmountReceived.selector, 100 ether, 99 ether)
+        );
+        offer(robot1, 1 ether);
+    }
+
+    function test_aTokenWithoutPermitStillTakesAnApprovedTask() public {
+        vm.prank(alice);
+        tasks.registerTaskWithPermit(request(100 ether), 0, 0, 0, 0);
+        assertEq(_token.balanceOf(address(tasks)), 100 ether);
+    }
+
+    // -- going out ----------------------------------------------------------------------------------------
+
+    function _refuse(WeirdToken.Way way, address victim) private {
+        _token.behave(way, victim);
+    }
+
+    function test_anExecutorThatTheTokenRefusesHoldsUpNoVerdict() public {
+        for (uint8 way = 1; way <= 2; ++way) {
+            uint256 snapshot = vm.snapshotState();
+            uint256 serviceId = offer(robot1, 80 ether);
+            uint256 taskId = post(alice, 100 ether);
+            uint256 next = post(bob, 100 ether);
+            submit(taskId);
+            _refuse(WeirdToken.Way(way), robot1);
+            vm.expectEmit(address(tasks));
+            emit ITaskManager.PaymentDeferred(robot1, 80 ether);
+            judge(taskId, true);
+            assertState(taskId, TaskState.Settled);
+            assertAssigned(next, serviceId);
+            assertEq(_token.balanceOf(alice), 920 ether, "the surplus came back");
+            assertEq(tasks.owed(robot1), 80 ether);
+
+            _refuse(WeirdToken.Way.Well, address(0));
+            vm.expectEmit(address(tasks));
+            emit ITaskManager.PaymentCollected(robot1, 80 ether);
+            vm.prank(stranger);
+            tasks.collect(robot1);
+            assertEq(_token.balanceOf(robot1), 1080 ether);
+            vm.expectRevert(abi.encodeWithSelector(ITaskManager.NothingOwed.selector, robot1));
+            tasks.collect(robot1);
+            vm.revertToState(snapshot);
+        }
+    }
+
+    function test_aCreatorThatTheTokenRefusesHoldsUpNoService() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        uint256 next = post(bob, 100 ether);
+        _refuse(WeirdToken.Way.Reverts, alice);
+        for (uint8 i = 1; i <= ATTEMPTS; ++i) {
+            attempt(taskId, false);
+        }
+        assertState(taskId, TaskState.Failed);
+        assertAssigned(next, serviceId);
+        assertEq(tasks.owed(alice), 100 ether);
+    }
+
+    function test_aTreasuryThatTheTokenRefusesHoldsUpNobody() public {
+        setTerms(50 ether, 20 ether, 0);
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        _refuse(WeirdToken.Way.Reverts, address(organization));
+        attempt(taskId, false);
+        assertAssigned(taskId, serviceId);
+        assertEq(tasks.owed(address(organization)), 20 ether);
+        _refuse(WeirdToken.Way.Well, address(0));
+        tasks.collect(address(organization));
+        assertEq(_token.balanceOf(address(organization)), 20 ether);
+    }
+
+    function test_aCollectionThatTheTokenRefusesKeepsTheDebt() public {
+        uint256 taskId = post(alice, 100 ether);
+        _refuse(WeirdToken.Way.Reverts, alice);
+        vm.prank(alice);
+        tasks.cancelTask(taskId);
+        vm.expectRevert(WeirdToken.Refused.selector);
+        tasks.collect(alice);
+        assertEq(tasks.owed(alice), 100 ether);
+    }
+
+    // -- in the middle ------------------------------------------------------------------------------------
+
+    function test_aTokenThatReentersGetsNowhere() public {
+        offer(robot1, 80 ether);
+        uint256 open = post(address(_token));
+        uint256 running = post(alice, 100 ether);
+        submit(open);
+        bytes[] memory calls = new bytes[](6);
+        calls[0] = abi.encodeCall(ITaskManager.cancelTask, (running));
+        calls[1] = abi.encodeCall(ITaskManager.registerTask, (request(1 ether)));
+        calls[2] = abi.encodeCall(ITaskManager.expireTask, (open));
+        calls[3] = abi.encodeCall(ITaskManager.matchTask, (running));
+        calls[4] = abi.encodeCall(ITaskManager.collect, (alice));
+        calls[5] = abi.encodeCall(ITaskManager.submitProof, (running, 1, PROOF, URI));
+        for (uint256 i = 0; i < calls.length; ++i) {
+            uint256 snapshot = vm.snapshotState();
+            _token.reenter(address(tasks), calls[i]);
+            judge(open, true);
+            assertFalse(_token.entered(), "entered");
+            assertEq(
+                _token.answer(),
+                abi.encodeWithSelector(ReentrancyGuardTransient.ReentrancyGuardReentrantCall.selector)
+            );
+            assertEq(_token.balanceOf(robot1), 1080 ether);
+            assertEq(_token.balanceOf(address(tasks)), 100 ether);
+            vm.revertToState(snapshot);
+        }
+    }
+
+    function test_aProviderThatIsTheTokenCannotLeaveInTheMiddle() public {
+        setTerms(50 ether, 20 ether, 0);
+        _token.mint(address(_token), 100 ether);
+        vm.startPrank(address(_token));
+        _token.approve(address(tasks), type(uint256).max);
+        uint256 serviceId = services.registerService(CLEANING, 80 ether, "");
+        vm.stopPrank();
+        uint256 taskId = post(alice, 100 ether);
+        uint256 waiting = post(bob, 100 ether);
+        submit(taskId);
+        // It retires while it is being paid: the next task runs already, so its bond waits for that one.
+        _token.reenter(
+            address(services),
+            abi.encodeCall(services.updateService, (serviceId, 80 ether, ServiceState.Retired))
+        );
+        judge(taskId, true);
+        assertTrue(_token.entered(), "retired");
+        assertAssigned(waiting, serviceId);
+        assertEq(_token.balanceOf(address(tasks)), 150 ether);
+        attempt(waiting, true);
+        assertEq(_token.balanceOf(address(tasks)), 0);
+    }
+
+    /// @dev A task of the organization's token itself, so that it is a party that calls back.
+    function post(address creator) private returns (uint256 taskId) {
+        _token.mint(creator, 100 ether);
+        vm.startPrank(creator);
+        _token.approve(address(tasks), type(uint256).max);
+        taskId = tasks.registerTask(request(100 ether));
+        vm.stopPrank();
+    }
+}
