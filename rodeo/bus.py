@@ -13,7 +13,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterable
-from concurrent.futures import Executor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Self, TypeVar
 from urllib.parse import quote, unquote
@@ -32,6 +32,7 @@ from rodeo.errors import (
     RodeoError,
 )
 from rodeo.messages import DaoEvent
+from rodeo.metrics import REQUESTS
 
 log = logging.getLogger(__name__)
 
@@ -102,7 +103,8 @@ class Request:
         return validate(model, self.json())
 
 
-Handler = Callable[[Request], dict[str, Any]]
+Handler = Callable[[Request], "dict[str, Any] | Future[dict[str, Any]]"]
+"""What it returns is the reply; a future is replied when it is done."""
 
 
 class Bus:
@@ -136,6 +138,11 @@ class Bus:
                     log.info("waiting for the router at %s", endpoint)
                     said = True
         raise BusUnavailable("stopped while waiting for the router", endpoint=endpoint)
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a router now. What is put while there is none is lost."""
+        return bool(self.session.info.routers_zid())
 
     # -- publish and subscribe -------------------------------------------------------------------------
 
@@ -208,19 +215,37 @@ class Bus:
         own_key = None if "*" in key else key
 
         def answer(query: zenoh.Query) -> None:
+            started_s = time.perf_counter()
+            payload = query.payload.to_bytes() if query.payload is not None else b""
+            parameters = {str(k): str(v) for k, v in _parameters(str(query.parameters)).items()}
+            reply: Future[dict[str, Any]] = Future()
+            try:
+                result = handler(Request(str(query.key_expr), parameters, payload))
+            except Exception as error:  # noqa: BLE001 - `send` tells it, and logs what is no RodeoError
+                reply.set_exception(error)
+            else:
+                if isinstance(result, Future):
+                    reply = result
+                else:
+                    reply.set_result(result)
+            reply.add_done_callback(lambda done: send(query, done, started_s))
+
+        def send(query: zenoh.Query, done: Future[dict[str, Any]], started_s: float) -> None:
+            outcome = "ok"
             # A query is finished when its object goes, so the reply is sent inside the block.
             with query:
-                payload = query.payload.to_bytes() if query.payload is not None else b""
-                parameters = {str(k): str(v) for k, v in _parameters(str(query.parameters)).items()}
                 try:
-                    reply = handler(Request(str(query.key_expr), parameters, payload))
+                    reply = done.result()
                 except RodeoError as error:
+                    outcome = error.code
                     query.reply_err(json.dumps(error.to_json(), default=str))
                 except Exception as error:
+                    outcome = "internal"
                     log.exception("the handler of %s failed", query.key_expr)
                     query.reply_err(json.dumps({"code": "internal", "message": repr(error), "details": {}}))
                 else:
                     query.reply(own_key or query.key_expr, _encode(reply))
+            REQUESTS.labels(key, outcome).observe(time.perf_counter() - started_s)
 
         def on_query(query: zenoh.Query) -> None:
             (workers(str(query.key_expr)) or self._workers).submit(answer, query)
@@ -254,6 +279,7 @@ class DaoEvents:
         self._org = org
         self._callback = callback
         self._seq = after_seq
+        self._chain = ""
         self._wake = threading.Event()
         self._stop = threading.Event()
         self._live: dict[int, DaoEvent] = {}
@@ -276,6 +302,7 @@ class DaoEvents:
     def _on_live(self, _key: str, data: dict[str, Any]) -> None:
         event = validate(DaoEvent, data)
         with self._lock:
+            self._follow_chain(event.chain)
             if event.seq > self._seq:
                 self._live[event.seq] = event
         self._wake.set()
@@ -306,13 +333,26 @@ class DaoEvents:
                 # The bridge is away; the next round asks again, and status shows it.
                 log.debug("the index does not answer: %s", error)
                 return
+            with self._lock:
+                if self._follow_chain(answer.get("chain", "")):
+                    continue
             if not answer["events"]:
                 return
             for data in answer["events"]:
                 self._deliver(validate(DaoEvent, data))
 
+    def _follow_chain(self, chain: str) -> bool:
+        """Count from 1 again where a local chain was made anew; whether it was."""
+        anew = bool(self._chain and chain and chain != self._chain)
+        if anew:
+            log.info("another chain: its events count from 1 again")
+            self._seq = 0
+            self._live.clear()
+        self._chain = chain or self._chain
+        return anew
+
     def _deliver(self, event: DaoEvent) -> None:
-        if event.seq <= self._seq:
+        if event.seq <= self._seq or event.chain != self._chain:
             return
         self._seq = event.seq
         with self._lock:

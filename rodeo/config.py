@@ -8,7 +8,7 @@ from __future__ import annotations
 import tomllib
 from decimal import Decimal
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
@@ -67,6 +67,34 @@ class EconomyConfig(_Table):
     max_attempts: int = Field(default=3, ge=1)
 
 
+class WalletLimits(_Table):
+    """What a wallet may spend. None is no limit; a day is 24 h of block time."""
+
+    max_fee_per_gas_gwei: Decimal | None = Field(default=None, gt=0)
+    max_fee_eth: Decimal | None = Field(default=None, gt=0, max_digits=36, decimal_places=18)
+    """For one transaction: its gas limit times what it offers per gas."""
+    daily_fee_eth: Decimal | None = Field(default=None, ge=0, max_digits=36, decimal_places=18)
+    daily_iec: Decimal | None = Field(default=None, ge=0, max_digits=36, decimal_places=18)
+    """Rewards, transfers, deposits and bonds."""
+
+
+class BridgeConfig(_Table):
+    """One process bridges all wallets of a site, or each robot's computer runs one for its own."""
+
+    name: str = Field(default="bridge", pattern=r"^[a-z][a-z0-9_-]*$")
+    """Of the process: its data folder, its status."""
+    wallets: list[str] | None = None
+    """Participants whose wallets this one has; all by default."""
+    public: bool = True
+    """Publish events and answer `state` queries; of several bridges one does."""
+    database: str | None = None
+    """SQLAlchemy URL of the index, e.g. `postgresql+psycopg://user@host/rodeo`; a SQLite file by default."""
+    stuck_s: float = Field(default=30.0, gt=0)
+    """Wall time after which a transaction that is not mined is sent again with a higher fee."""
+    limits: dict[str, WalletLimits] = {}
+    """Participant -> what its wallet may spend."""
+
+
 class ParticipantConfig(_Table):
     """Somebody with a wallet besides the organization, its oracle and its robots."""
 
@@ -74,6 +102,14 @@ class ParticipantConfig(_Table):
     address: str | None = Field(default=None, pattern=r"^0x[0-9a-fA-F]{40}$")
     """Of a wallet that lives elsewhere: its owner signs, the bridge only broadcasts. Without one the bridge
     has its keystore."""
+
+
+class MetricsConfig(_Table):
+    """Each process serves `/metrics`, `/livez` and `/readyz` (rodeo.metrics)."""
+
+    host: str = "127.0.0.1"
+    ports: dict[str, Annotated[int, Field(ge=0, le=65535)]] = {}
+    """Process -> port; one that is not named takes a free port, which its status tells."""
 
 
 class StoreConfig(_Table):
@@ -136,6 +172,8 @@ class Site(BaseSettings):
     oracle: OracleConfig = OracleConfig()
     itrash: ItrashConfig = ItrashConfig()
     agent: AgentConfig = AgentConfig()
+    bridge: BridgeConfig = BridgeConfig()
+    metrics: MetricsConfig = MetricsConfig()
 
     lab: LabConfig
     bin: BinConfig

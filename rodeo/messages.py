@@ -223,6 +223,9 @@ class Prepare(Message):
 class Broadcast(Message):
     raw: Annotated[str, StringConstraints(pattern=r"^0x([0-9a-fA-F]{2})+$", max_length=262_144)]
     """The signed transaction."""
+    request_id: str | None = Field(default=None, min_length=1, max_length=128)
+    content_sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")] | None = None
+    """As `prepare` said."""
 
 
 class DaoEvent(Message):
@@ -290,3 +293,5 @@ class Status(Message):
     since_s: float
     time_s: float
     details: dict[str, Any] = {}
+    metrics_url: str = ""
+    """Where its health and metrics are, over HTTP."""

@@ -19,7 +19,7 @@ from typing import Any, Self
 import zenoh
 from eth_account.signers.local import LocalAccount
 
-from rodeo import wallets
+from rodeo import logs, wallets
 from rodeo.bus import Bus, Request
 from rodeo.clock import Clock, SimClock, WallClock
 from rodeo.config import Site
@@ -32,6 +32,7 @@ from rodeo.errors import (
     RodeoError,
 )
 from rodeo.messages import Status
+from rodeo.metrics import BUS_CONNECTED, NOT_READY, READY, MetricsServer
 
 log = logging.getLogger(__name__)
 
@@ -81,6 +82,8 @@ class Service:
             if self.site.clock.source == "wall"
             else SimClock(self.bus.session, self.site.bus.domain_id)
         )
+        metrics = self.site.metrics
+        self._metrics = MetricsServer(metrics.host, metrics.ports.get(self.name, 0), self.status)
         key = f"rodeo/{self.site.org}/status/{self.name}"
         self._alive = self.bus.session.liveliness().declare_token(f"rodeo/{self.site.org}/alive/{self.name}")
         self._queryable = self.bus.serve(key, self._serve_status)
@@ -93,6 +96,7 @@ class Service:
     ) -> None:
         self.stop.set()
         self._heartbeat.join(timeout=2 * HEARTBEAT_S)
+        self._metrics.close()
         self.bus.close()
         os.close(self._instance)
 
@@ -130,6 +134,8 @@ class Service:
         with self._lock:
             if self._ready or self._reason != reason:
                 log.info("not ready: %s", reason)
+            if self._ready:
+                NOT_READY.inc()
             self._ready, self._reason = False, reason
 
     def activity(self, text: str, progress: float | None = None, **details: Any) -> None:
@@ -141,12 +147,17 @@ class Service:
         self._publish_status()
 
     def status(self) -> Status:
+        connected = self._session is not None or self.bus.connected
         with self._lock:
+            ready = self._ready and connected
+            READY.set(ready)
+            BUS_CONNECTED.set(connected)
             return Status(
                 process=self.name,
                 pid=os.getpid(),
-                ready=self._ready,
-                reason=self._reason,
+                ready=ready,
+                reason=self._reason if connected else f"no router at {self.site.bus.router}",
+                metrics_url=self._metrics.url,
                 activity=self._activity,
                 progress=self._progress,
                 since_s=self._started_s,
@@ -241,11 +252,7 @@ def supervise(name: str, body: Callable[[threading.Event], None], stop_s: float 
     asked to stop is gone `stop_s` later, whatever it still waits for.
     """
     faulthandler.enable()
-    logging.basicConfig(
-        level=os.environ.get("RODEO_LOG", "INFO"), format=f"%(asctime)s %(levelname)-7s {name}: %(message)s"
-    )
-    for chatty in ("httpx", "urllib3", "web3", "asyncio", "alembic", "websockets"):
-        logging.getLogger(chatty).setLevel(logging.WARNING)
+    logs.configure(name)
     _die_with_parent()
     stop = threading.Event()
     status = [1]

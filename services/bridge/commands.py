@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from concurrent.futures import Future
 from dataclasses import dataclass, field
 from decimal import Decimal
 from hashlib import sha256
 from typing import Annotated, Any
 
+from eth_account import Account
+from eth_utils import to_checksum_address
 from pydantic import BaseModel, ConfigDict, Field
 
 from rodeo.bus import validate
@@ -30,6 +33,7 @@ from rodeo.evidence import Store
 from rodeo.messages import (
     Admit,
     AllowKind,
+    Broadcast,
     CancelTask,
     Collect,
     Command,
@@ -39,6 +43,7 @@ from rodeo.messages import (
     GrantRole,
     MatchTask,
     PostVerdict,
+    Prepare,
     RegisterDevice,
     RegisterService,
     RegisterTask,
@@ -57,16 +62,17 @@ from rodeo.messages import (
 from services.bridge.amounts import iec
 from services.bridge.errors import (
     InsufficientFunds,
-    RequestIdReused,
+    NotThisWallets,
     RewardBelowPrice,
     UnknownCommand,
     UnknownKind,
     UnknownService,
 )
 from services.bridge.index import Index
-from services.bridge.journal import Journal
+from services.bridge.journal import decoded
 from services.bridge.names import ORGANIZATION, Names
-from services.bridge.sender import Sender
+from services.bridge.outbox import Order, Outbox
+from services.bridge.projection import ZERO_ADDRESS
 
 _UNLIMITED = 2**256 - 1
 
@@ -110,54 +116,140 @@ KIND_PARAMS: dict[str, type[BaseModel]] = {
 """Kinds whose parameters have a schema; those of other kinds are the participants' own affair."""
 
 
+Reply = dict[str, Any]
+
+
 @dataclass
 class Wallet:
-    """A participant's commands. Used by one thread, the participant's own."""
+    """A participant's commands. `execute` is used by one thread, the participant's own."""
 
     participant: str
     address: str
     """Who creates, executes and pays on chain."""
+    key_address: str
+    """Who signs."""
     client: ChainClient
     calls: ParticipantCalls
     """Direct, or through the Organization contract."""
-    sender: Sender
-    journal: Journal
+    outbox: Outbox
     index: Index
     names: Names
     store: Store
     economy: EconomyConfig
     _approved: set[str] = field(default_factory=set)
 
-    def execute(self, name: str, data: dict[str, Any]) -> dict[str, Any]:
-        """Carry out the command `name`; its reply once mined.
+    def execute(self, name: str, data: dict[str, Any]) -> Reply | Future[Reply]:
+        """Carry out the command `name`; its reply, now or once mined.
 
         The same `request_id` again gives the same reply. Raises RequestError before anything was sent, and
-        what `Sender.send` raises.
+        what `Outbox` raises.
         """
+        if name == "prepare":
+            return self._prepare(validate(Prepare, data))
+        if name == "broadcast":
+            return self._broadcast(validate(Broadcast, data))
+        command, build = self._parse(name, data)
+        if command.dry_run:
+            orders = self._orders(name, command, build)
+            calls = [order.call.name for order in orders]
+            # What comes after the first depends on it.
+            return {"dry_run": True, "calls": calls, **self.outbox.cost(orders[0])}
+        if (known := self._before(name, command)) is not None:
+            return self.outbox.submit(known)
+        *before, order = self._orders(name, command, build)
+        for first in before:
+            self.outbox.submit(first).result()
+        return self.outbox.submit(order)
+
+    def _parse(self, name: str, data: dict[str, Any]) -> tuple[Command, Build]:
         if name not in _COMMANDS:
             raise UnknownCommand("no such command", command=name, known=sorted(_COMMANDS))
         model, build = _COMMANDS[name]
-        command = validate(model, data)
-        content_sha256 = _content_sha256(name, command)
-        if command.dry_run:
-            return self._cost(build(self, command))
-        self.sender.recover()
-        if command.request_id is not None:
-            entry = self.journal.find(self.participant, command.request_id)
-            if entry is not None:
-                if entry.content_sha256 != content_sha256:
-                    raise RequestIdReused(
-                        "this request_id was used for another request", request_id=command.request_id
-                    )
-                return self.sender.finish(entry)
-        *before, call = build(self, command)
-        for first in before:
-            self.sender.send(first.name, first)
-        return self.sender.send(name, call, command.request_id, content_sha256)
+        return validate(model, data), build
 
-    def _cost(self, calls: list[Call]) -> dict[str, Any]:
-        """What the first of `calls` would cost; the others depend on it."""
-        return {"dry_run": True, "calls": [call.name for call in calls], **self.sender.cost(calls[0])}
+    def _orders(self, name: str, command: Command, build: Build) -> list[Order]:
+        """What is to be sent one after the other; the last is the command's own."""
+        *before, call = build(self, command)
+        return [
+            *(Order(self.participant, one.name, one) for one in before),
+            Order(
+                self.participant,
+                name,
+                call,
+                command.request_id,
+                _content_sha256(name, command),
+                getattr(command, "task_id", None),
+                self._spends(command),
+            ),
+        ]
+
+    def _before(self, name: str, command: Command) -> Order | None:
+        """The order of the same request when it was made before: its checks do not hold any more."""
+        if command.request_id is None:
+            return None
+        content = _content_sha256(name, command)
+        entry = self.outbox.find(self.participant, command.request_id, content)
+        if entry is None:
+            return None
+        return Order(self.participant, name, Call(entry.to, "0x", name), command.request_id, content)  # type: ignore[arg-type]
+
+    def _spends(self, command: Command) -> int:
+        """Wei of IECoin that leave the wallet by it."""
+        match command:
+            case RegisterTask():
+                return to_wei(command.reward_iec)
+            case Transfer() | Deposit() | Withdraw():
+                return to_wei(command.amount_iec)
+            case RegisterService():
+                return self._bond()
+        return 0
+
+    # -- a wallet that lives elsewhere ---------------------------------------------------------------------
+
+    def _prepare(self, request: Prepare) -> Reply:
+        """The transaction to sign, or the signed one where this request was broadcast before."""
+        command, build = self._parse(request.command, request.request)
+        content = _content_sha256(request.command, command)
+        if command.request_id is not None:
+            entry = self.outbox.find(self.participant, command.request_id, content)
+            if entry is not None:
+                return {"raw": "0x" + entry.raw.hex(), "content_sha256": content, "remaining": 0}
+        first, *others = self._orders(request.command, command, build)
+        return {
+            "transaction": self.outbox.unsigned(first),
+            "content_sha256": first.content_sha256,
+            "remaining": len(others),
+        }
+
+    def _broadcast(self, request: Broadcast) -> Future[Reply]:
+        raw = bytes.fromhex(request.raw[2:])
+        try:
+            fields = decoded(raw)
+            signer = Account.recover_transaction(raw)
+        except Exception as error:
+            # rlp, eth_keys and eth_account each raise their own types on hostile bytes; all mean the same.
+            raise NotThisWallets(
+                "this is no signed transaction of type 2", problem=repr(error)[:200]
+            ) from error
+        chain_id, to = self.client.deployment.chain_id, to_checksum_address(fields["to"] or ZERO_ADDRESS)
+        found = (signer, fields.get("chainId"), to in self.client.deployment.contracts.values())
+        if found != (self.key_address, chain_id, True) or "maxFeePerGas" not in fields:
+            raise NotThisWallets(
+                "not signed by this participant for this chain and these contracts",
+                signer=signer,
+                expected_signer=self.key_address,
+                chain_id=fields.get("chainId"),
+                expected_chain_id=chain_id,
+                to=to,
+            )
+        call = Call(to, "0x" + bytes(fields["data"]).hex(), "broadcast")  # type: ignore[arg-type]
+        content = request.content_sha256 or sha256(raw).hexdigest()
+        return self.outbox.broadcast(
+            Order(
+                self.participant, "broadcast", call, request.request_id or sha256(raw).hexdigest(), content
+            ),
+            raw,
+        )
 
     # -- what each command becomes: transactions one after the other, the last is the command's own --
 
@@ -223,7 +315,7 @@ class Wallet:
     def _register_service(self, command: RegisterService) -> list[Call]:
         self._require_kind(command.kind)
         price = to_wei(command.price_iec)
-        bond = to_wei(Decimal((self.index.setting("terms") or {}).get("bond_iec", 0)))
+        bond = self._bond()
         self._require_funds(self.address, bond)
         # The Organization approved the TaskManager in its constructor.
         approval = [] if self.participant == ORGANIZATION else self._approval(self.client.task_manager, bond)
@@ -246,7 +338,7 @@ class Wallet:
     def _deposit(self, command: Deposit) -> list[Call]:
         amount = to_wei(command.amount_iec)
         # From the key's own account also for the organization, whose contract is where it goes.
-        self._require_funds(self.sender.address, amount)
+        self._require_funds(self.key_address, amount)
         approval = self._approval(self.client.organization, amount)
         return [*approval, self.client.organization_calls.deposit(amount)]
 
@@ -309,6 +401,10 @@ class Wallet:
 
     # -- checks --------------------------------------------------------------------------------------------
 
+    def _bond(self) -> int:
+        """What a new service has to lock, wei."""
+        return to_wei(Decimal((self.index.setting("terms") or {}).get("bond_iec", 0)))
+
     def _require_kind(self, kind: str) -> None:
         if kind not in self.index.kinds() and not self.client.is_kind_allowed(kind):
             raise UnknownKind(
@@ -343,7 +439,7 @@ class Wallet:
         """What lets `spender` take tokens from this wallet for good; nothing where it may already."""
         if spender in self._approved:
             return []
-        allowance = self.client.allowance(self.sender.address, spender)
+        allowance = self.client.allowance(self.key_address, spender)
         if allowance < needed:
             return [self.client.calls.approve(spender, _UNLIMITED)]
         if allowance > _UNLIMITED // 2:  # never used up
@@ -351,7 +447,9 @@ class Wallet:
         return []
 
 
-_COMMANDS: dict[str, tuple[type[Command], Callable[[Wallet, Any], list[Call]]]] = {
+Build = Callable[[Wallet, Any], list[Call]]
+
+_COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "register_task": (RegisterTask, Wallet._register_task),
     "cancel_task": (CancelTask, Wallet._cancel_task),
     "submit_proof": (SubmitProof, Wallet._submit_proof),

@@ -10,7 +10,11 @@
     │   ├── UnknownService
     │   ├── UnknownParticipant
     │   ├── InsufficientFunds     the wallet has less than the command needs
-    │   └── RewardBelowPrice      every service on offer costs more
+    │   ├── RewardBelowPrice      every service on offer costs more
+    │   ├── FeeTooHigh            the chain asks for more than the wallet may pay
+    │   ├── DailyLimitReached     the wallet has spent what it may in a day
+    │   ├── WalletElsewhere       the participant signs for itself: prepare and broadcast
+    │   └── NotThisWallets        what is to be broadcast was signed by another key, or is for another chain
     ├── BridgeNotReady            no node, no contracts or not caught up yet; `reason` says which
     ├── IndexUnusable             the index's file is not a database
     ├── TransactionDropped        the node forgot the transaction and used its nonce for another
@@ -58,6 +62,22 @@ class InsufficientFunds(RequestError):
 
 class RewardBelowPrice(RequestError):
     """Every service of this kind costs more than the reward."""
+
+
+class FeeTooHigh(RequestError):
+    """The chain asks for more than the wallet's limits allow."""
+
+
+class DailyLimitReached(RequestError):
+    """The wallet has spent what its limits allow in a day."""
+
+
+class WalletElsewhere(RequestError):
+    """The bridge has no key of this participant, which signs for itself: `prepare`, sign, `broadcast`."""
+
+
+class NotThisWallets(RequestError):
+    """What is to be broadcast was not signed by this participant's key for this chain and these contracts."""
 
 
 class BridgeNotReady(RodeoError):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import threading
 import time
 from collections.abc import Callable, Iterable
 from typing import Any
@@ -32,8 +31,8 @@ class Follower:
     """Keeps `index` `confirmations` blocks below the head and hands each event to `publish`.
 
     `publish(event)` returns whether the event went out; one that did not is published later.
-    `on_undone(block)` hears that everything after `block` was taken off the chain. `step` and
-    `publish_missed` belong to one thread; `wait_indexed` may be called from any.
+    `on_indexed(hashes)` hears of the transactions that the index has taken in, `on_undone(block)` that
+    everything after `block` was taken off the chain. All of it belongs to one thread.
     """
 
     def __init__(
@@ -43,6 +42,7 @@ class Follower:
         index: Index,
         confirmations: int,
         publish: Callable[[DaoEvent], bool],
+        on_indexed: Callable[[set[str]], None] = lambda _hashes: None,
         on_undone: Callable[[int], None] = lambda _block: None,
         grace_s: float = 0.0,
     ) -> None:
@@ -51,6 +51,7 @@ class Follower:
         self._index = index
         self._confirmations = confirmations
         self._publish = publish
+        self._on_indexed = on_indexed
         self._on_undone = on_undone
         self._grace_s = grace_s
         self._filter = {
@@ -59,7 +60,6 @@ class Follower:
         }
         self._max_blocks = MAX_BLOCKS
         self._behind_since_s: float | None = None
-        self._advanced = threading.Condition()
         self._unpublished = True
         self.head = -1
         """The newest block of the node, as last heard."""
@@ -72,9 +72,6 @@ class Follower:
         applied = (len(headers) == 1 and self._take(headers[0])) or self._catch_up()
         if self._unpublished:
             self.publish_missed()
-        if applied:
-            with self._advanced:
-                self._advanced.notify_all()
         return applied
 
     def publish_missed(self) -> None:
@@ -87,11 +84,6 @@ class Follower:
             if not self._put_on_bus(events):
                 return
         self._unpublished = False
-
-    def wait_indexed(self, block: int, timeout_s: float) -> bool:
-        """Block until the index has `block`; False when `timeout_s` (wall) passed before."""
-        with self._advanced:
-            return self._advanced.wait_for(lambda: self._index.position.block >= block, timeout_s)
 
     # -- one block that the node told of -------------------------------------------------------------------
 
@@ -178,6 +170,7 @@ class Follower:
         applied = self._index.apply(logs, _position(end), head=self.head)
         if self._unpublished or not self._put_on_bus(applied):
             self._unpublished = True
+        self._on_indexed({one.log.tx_hash for one in logs})
 
     # -- reorganizations -----------------------------------------------------------------------------------
 

@@ -1,18 +1,24 @@
-"""What a wallet is about to send, written down first, so that a crash neither loses nor doubles it.
+"""What the wallets are about to send, written down first, so that a crash neither loses nor doubles it.
 
-One SQLite file per chain. A transaction is `sent` from the moment it is signed; it is `mined` or `failed`
-when its outcome is known, and its reply is kept for whoever asks again with the same request_id.
+One SQLite file per chain, whatever database the index is in. A transaction is `sent` from the moment it is
+signed; it is `mined` or `failed` when its outcome is known, and its reply is kept for whoever asks again with
+the same request_id. `dropped`: it can never be mined any more.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
+from eth_account.typed_transactions import TypedTransaction
+from hexbytes import HexBytes
 from sqlalchemy import (
     JSON,
+    BigInteger,
     Column,
+    Float,
     Integer,
     LargeBinary,
     MetaData,
@@ -20,12 +26,16 @@ from sqlalchemy import (
     String,
     Table,
     UniqueConstraint,
-    create_engine,
-    event,
+    bindparam,
+    func,
     insert,
+    inspect,
     select,
     update,
 )
+
+from services.bridge.database import migrate, open_database, stamp
+from services.bridge.schema import Wei
 
 metadata = MetaData()
 
@@ -37,12 +47,21 @@ _transactions = Table(
     Column("request_id", String(128)),
     Column("command", String(64), nullable=False),
     Column("content_sha256", String(64), nullable=False),
+    Column("task_id", BigInteger),
     Column("to", String(42), nullable=False),
     Column("data", LargeBinary, nullable=False),
+    Column("nonce", BigInteger),
+    Column("max_fee", Wei, doc="per gas, wei"),
+    Column("priority_fee", Wei, doc="per gas, wei"),
+    Column("fee", Wei, doc="what it costs at most, and did cost once it is mined; wei"),
+    Column("spends", Wei, doc="wei of IECoin that leave the wallet"),
     Column("tx_hash", String(66), nullable=False),
     Column("raw", LargeBinary, nullable=False),
+    Column("replaced", JSON, doc="hashes of the same transaction with lower fees"),
     Column("state", String(8), nullable=False, index=True),
     Column("outcome", JSON),
+    Column("block", BigInteger, index=True),
+    Column("made_s", Float, doc="block time when it was signed"),
     UniqueConstraint("wallet", "request_id"),
 )
 
@@ -52,81 +71,145 @@ class Entry:
     """One transaction of a wallet."""
 
     id: int
+    wallet: str
+    request_id: str | None
     command: str
     content_sha256: str
+    task_id: int | None
     to: str
     data: bytes
+    nonce: int
+    max_fee: int | None
+    priority_fee: int | None
+    spends: int | None
     tx_hash: str
     raw: bytes
+    replaced: list[str]
     state: str
-    """sent, mined, failed, or dropped: it can never be mined any more."""
+    """sent, mined, failed, or dropped."""
     outcome: dict[str, Any] | None
     """The reply when mined, the error when failed."""
+
+    @property
+    def hashes(self) -> list[str]:
+        """Under any of them it may be mined."""
+        return [self.tx_hash, *self.replaced]
 
 
 class Journal:
     """The journal in the file at `path`. Thread-safe."""
 
     def __init__(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._engine = create_engine(f"sqlite:///{path}")
-        event.listen(self._engine, "connect", _configure)
-        metadata.create_all(self._engine)
+        # Synced at each commit: a transaction on the chain must be in the journal after a power cut as well.
+        self._engine = open_database(f"sqlite:///{path}", durable=True)
+        names = inspect(self._engine).get_table_names()
+        if "transactions" in names and "alembic_version" not in names:
+            stamp(self._engine, "journal", "0001")
+        migrate(self._engine, "journal")
 
     def find(self, wallet: str, request_id: str) -> Entry | None:
         """The wallet's transaction for this request."""
-        return self._one(
-            select(_transactions).where(
-                _transactions.c.wallet == wallet, _transactions.c.request_id == request_id
-            )
+        found = self._entries((_transactions.c.wallet == wallet) & (_transactions.c.request_id == request_id))
+        return found[0] if found else None
+
+    def unfinished(self) -> list[Entry]:
+        """The transactions of all wallets whose outcome is not known, the oldest first."""
+        return self._entries(_transactions.c.state == "sent")
+
+    def undone(self, block: int) -> list[Entry]:
+        """Those that were mined or failed after `block`: their outcome does not count any more."""
+        return self._entries(_transactions.c.block > block)
+
+    def spent(self, wallet: str, since_s: float) -> tuple[int, int]:
+        """Wei of IECoin and wei of fees that `wallet` has spent, or is about to, since then."""
+        c = _transactions.c
+        query = select(c.state, c.spends, c.fee).where(
+            c.wallet == wallet, c.made_s > since_s, c.state != "dropped"
+        )
+        with self._engine.connect() as connection:
+            rows = connection.execute(query).all()
+        return sum(row.spends or 0 for row in rows if row.state != "failed"), sum(
+            row.fee or 0 for row in rows
         )
 
-    def unfinished(self, wallet: str) -> Entry | None:
-        """The wallet's oldest transaction whose outcome is not known."""
-        return self._one(
-            select(_transactions)
-            .where(_transactions.c.wallet == wallet, _transactions.c.state == "sent")
-            .order_by(_transactions.c.id)
-            .limit(1)
-        )
+    def add(self, transactions: Sequence[dict[str, Any]]) -> list[Entry]:
+        """Write signed transactions down, all or none; on disk when this returns.
 
-    def add(self, wallet: str, request_id: str | None, **values: Any) -> Entry:
-        """Write a signed transaction down; on disk when this returns."""
+        One with `replaces`, the id of an entry that can never be mined, takes its place and its request_id.
+        """
+        entries = []
+        with self._engine.begin() as connection:
+            for values in transactions:
+                old = values.pop("replaces", None)
+                if old is not None:
+                    connection.execute(_dropped.values(), {"entry_id": old})
+                row = connection.execute(
+                    insert(_transactions).values(state="sent", replaced=[], **values).returning(_transactions)
+                ).one()
+                entries.append(_entry(row))
+        return entries
+
+    def replace(self, entry: Entry, **values: Any) -> Entry:
+        """Note the same transaction with a higher fee, before it is sent."""
         with self._engine.begin() as connection:
             row = connection.execute(
-                insert(_transactions)
-                .values(wallet=wallet, request_id=request_id, state="sent", **values)
+                update(_transactions)
+                .where(_transactions.c.id == entry.id)
+                .values(replaced=entry.hashes, **values)
                 .returning(_transactions)
             ).one()
         return _entry(row)
 
-    def finish(self, entry: Entry, state: str, outcome: dict[str, Any]) -> None:
-        """Keep the outcome: `mined` with a reply or `failed` with an error."""
-        self._update(entry, state=state, outcome=outcome)
+    def finish(self, outcomes: Iterable[dict[str, Any]]) -> None:
+        """Keep outcomes: `entry_id`, `state` (mined, failed), `outcome` (reply or error), `block`, `fee`."""
+        rows = list(outcomes)
+        if rows:
+            with self._engine.begin() as connection:
+                connection.execute(_finished, rows)
 
     def forget(self, entry: Entry) -> None:
         """The transaction can never be mined: its request may be made anew."""
-        self._update(entry, state="dropped", request_id=None)
+        with self._engine.begin() as connection:
+            connection.execute(_dropped, {"entry_id": entry.id})
+
+    def reopen(self, entries: Sequence[Entry]) -> None:
+        """They are to be mined again."""
+        if entries:
+            with self._engine.begin() as connection:
+                connection.execute(_reopened, [{"entry_id": entry.id} for entry in entries])
+
+    def count(self, state: str) -> int:
+        query = select(func.count()).select_from(_transactions).where(_transactions.c.state == state)
+        with self._engine.connect() as connection:
+            return connection.scalar(query) or 0
 
     def close(self) -> None:
         self._engine.dispose()
 
-    def _update(self, entry: Entry, **values: Any) -> None:
-        with self._engine.begin() as connection:
-            connection.execute(update(_transactions).where(_transactions.c.id == entry.id).values(**values))
-
-    def _one(self, query: Any) -> Entry | None:
+    def _entries(self, condition: Any) -> list[Entry]:
+        query = select(_transactions).where(condition).order_by(_transactions.c.id)
         with self._engine.connect() as connection:
-            row = connection.execute(query).one_or_none()
-        return None if row is None else _entry(row)
+            return [_entry(row) for row in connection.execute(query)]
+
+
+_by_id = update(_transactions).where(_transactions.c.id == bindparam("entry_id"))
+_dropped = _by_id.values(state="dropped", request_id=None)
+_reopened = _by_id.values(state="sent", outcome=None, block=None)
+_finished = _by_id.values({name: bindparam(name) for name in ("state", "outcome", "block", "fee")})
+
+
+def nonce_of(raw: bytes) -> int:
+    return int(decoded(raw)["nonce"])
+
+
+def decoded(raw: bytes) -> dict[str, Any]:
+    """The fields of a signed EIP-2718 transaction. Raises ValueError or TypeError for anything else."""
+    return dict(TypedTransaction.from_bytes(HexBytes(raw)).as_dict())
 
 
 def _entry(row: Row[Any]) -> Entry:
-    values = row._mapping
-    return Entry(**{name: values[name] for name in Entry.__dataclass_fields__})
-
-
-def _configure(connection: Any, _record: Any) -> None:
-    # Synced at each commit: a transaction on the chain must be in the journal after a power cut as well.
-    connection.execute("pragma journal_mode = wal")
-    connection.execute("pragma synchronous = full")
+    values = {field.name: row._mapping[field.name] for field in fields(Entry)}
+    values["replaced"] = values["replaced"] or []
+    if values["nonce"] is None:  # written before nonces were noted
+        values["nonce"] = nonce_of(values["raw"])
+    return Entry(**values)

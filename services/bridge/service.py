@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import sys
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -10,8 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from eth_account.signers.local import LocalAccount
+from prometheus_client import Counter, Gauge, Histogram
 
-from rodeo import wallets
+from rodeo import topics, wallets
 from rodeo.bus import Request
 from rodeo.chain import (
     ChainClient,
@@ -24,32 +26,47 @@ from rodeo.chain import (
 )
 from rodeo.chain.client import connect
 from rodeo.chain.errors import translated
-from rodeo.config import Site
-from rodeo.errors import ClockUnavailable, RodeoError, WalletError
+from rodeo.config import Site, WalletLimits
+from rodeo.errors import ClockUnavailable, ConfigError, RodeoError, WalletError
 from rodeo.evidence import Store
 from rodeo.messages import DaoEvent
+from rodeo.metrics import LATENCY_BUCKETS_S
 from rodeo.service import Service
 from services.bridge.commands import Wallet
 from services.bridge.errors import BridgeNotReady, ChainReorganized, UnknownParticipant
+from services.bridge.fees import Limits
 from services.bridge.follower import BEHIND_GRACE_S, Follower
-from services.bridge.heads import Header, Heads, open_heads
+from services.bridge.heads import Header, Heads, PolledHeads, open_heads
 from services.bridge.index import Index, sqlite_url
 from services.bridge.journal import Journal
 from services.bridge.names import ORGANIZATION, Names
 from services.bridge.node import Node
+from services.bridge.outbox import Outbox
 from services.bridge.queries import Queries
-from services.bridge.sender import Sender
 
 log = logging.getLogger(__name__)
 
 _RETRY_S = 0.3
 """Wall time between attempts to attach."""
 
-_INDEXED_S = 5.0
-"""Wall time that a reply waits for the index to have its block."""
-
 _EXPIRY_PERIOD_S = 0.5
 _EXPIRY_RETRY_S = 5.0
+
+_SWITCH_S = 0.0005
+"""How long a thread keeps the interpreter from the one that has a block to publish."""
+
+BLOCKS_BEHIND = Gauge("rodeo_bridge_blocks_behind", "Blocks of the node that are not in the index")
+INDEXED_BLOCK = Gauge("rodeo_bridge_indexed_block", "The newest block in the index")
+EVENTS = Counter("rodeo_bridge_events_total", "Events put on the bus", ["name"])
+UNDONE_BLOCKS = Counter("rodeo_bridge_undone_blocks_total", "Blocks that a reorganization took back")
+QUEUE = Gauge("rodeo_bridge_queue_length", "Transactions that wait to be sent or mined", ["wallet"])
+COMMANDS = Histogram(
+    "rodeo_bridge_command_seconds",
+    "Wall time from a command to its receipt",
+    ["command", "outcome"],
+    buckets=LATENCY_BUCKETS_S,
+)
+FAILURES = Counter("rodeo_bridge_failures_total", "What the bridge could not do", ["code"])
 
 
 @dataclass
@@ -58,10 +75,18 @@ class _Attachment:
 
     deployment: Deployment
     index: Index
-    journal: Journal
     follower: Follower
+    outbox: Outbox
     queries: Queries
     wallets: dict[str, Wallet]
+    journal: Journal
+    node: Node
+
+    def close(self) -> None:
+        self.outbox.close()
+        self.journal.close()
+        self.index.close()
+        self.node.close()
 
 
 class Bridge:
@@ -70,27 +95,35 @@ class Bridge:
     def __init__(self, service: Service) -> None:
         self._service = service
         self._site: Site = service.site
+        self._config = service.site.bridge
         self._stop = service.stop
         self._attachment: _Attachment | None = None
-        self._heads: Heads | None = None
+        self._heads: Heads = PolledHeads()
         self._reason = "starting"
         self._told_block = -1
         self._accounts: dict[str, LocalAccount] = {}
-        # A thread per participant is its queue: a stuck wallet holds up nobody else.
+        # A thread per participant checks its commands, in their order: a stuck wallet holds up nobody else.
         self._threads = {
-            name: ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
-            for name in wallets.wallet_names(self._site)
+            name: ThreadPoolExecutor(max_workers=1, thread_name_prefix=name) for name in self._participants()
         }
-        self._expiring: dict[int, tuple[Future[None], float]] = {}
+        self._expiring: dict[int, tuple[Future[Any], float]] = {}
         self._expiry_due_s = 0.0
+
+    def _participants(self) -> list[str]:
+        """Whose commands this bridge takes. Raises ConfigError."""
+        known = [*wallets.wallet_names(self._site), *wallets.wallets_elsewhere(self._site)]
+        wanted = known if self._config.wallets is None else self._config.wallets
+        if strangers := sorted(set(wanted) - set(known)):
+            raise ConfigError("bridge.wallets names nobody of this site", unknown=strangers, known=known)
+        return wanted
 
     def run(self) -> None:
         """Until the service stops."""
+        sys.setswitchinterval(_SWITCH_S)
         self._serve()
         while not self._stop.is_set():
             try:
-                attachment = self._attach()
-                self._follow(attachment)
+                self._follow(self._attach())
             except NotDeployed:
                 self._not_ready("deployment record missing: run python -m deploy.contracts")
             except DeploymentMismatch as error:
@@ -100,6 +133,8 @@ class Bridge:
             except (ChainError, ChainReorganized, WalletError) as error:
                 self._not_ready(str(error))
             self._stop.wait(_RETRY_S)
+        if self._attachment is not None:
+            self._attachment.close()
         for thread in self._threads.values():
             thread.shutdown(cancel_futures=True)
 
@@ -113,66 +148,83 @@ class Bridge:
         deployment = Deployment.load(self._site.data_dir, chain_id)
         deployment.verify(w3)
         if self._attachment is None or self._attachment.deployment != deployment:
+            if self._attachment is not None:
+                log.warning("another deployment: starting its index and its journal")
+                self._attachment.close()
             self._attachment = self._open(deployment)
         return self._attachment
 
     def _open(self, deployment: Deployment) -> _Attachment:
         site = self._site
+        names = Names(site, deployment)
         if not self._accounts:
-            self._accounts = {name: wallets.load(site, name) for name in self._threads}
+            here = set(self._threads) & set(wallets.wallet_names(site))
+            self._accounts = {name: wallets.load(site, name) for name in sorted(here)}
         # Named after the genesis block: a chain that was made anew starts with an empty journal.
-        folder = self._service.data_dir / f"{deployment.chain_id}-{deployment.genesis_hash[2:18]}"
+        chain = f"{deployment.chain_id}-{deployment.genesis_hash[2:18]}"
+        folder = self._service.data_dir / chain
         index = Index(
-            sqlite_url(folder / "index.sqlite"),
+            self._config.database or sqlite_url(folder / "index.sqlite"),
             deployment.chain_id,
             deployment.genesis_hash,
             deployment.contracts,
+            schema_name=f"{site.org}-{self._config.name}-{chain}" if self._config.database else "",
         )
         node = Node(site.chain.url)
         journal = Journal(folder / "journal.sqlite")
-        names = Names(site, deployment)
+        outbox = Outbox(
+            node, deployment, index, journal, self._config.stuck_s, on_sent=lambda: self._heads.wake()
+        )
         store = Store(site)
+        client = ChainClient(site.chain.url, deployment)
 
-        def wallet(name: str, account: LocalAccount) -> Wallet:
-            client = ChainClient(site.chain.url, deployment)
+        def wallet(name: str) -> Wallet:
+            limits = Limits(self._config.limits.get(name, WalletLimits()))
+            outbox.add(name, names.keys[name], self._accounts.get(name), limits)
+            own = ChainClient(site.chain.url, deployment)
             return Wallet(
                 participant=name,
                 address=names.addresses[name],
-                client=client,
-                calls=client.organization_calls if name == ORGANIZATION else client.calls,
-                sender=Sender(name, account, client, journal, self._stop),
-                journal=journal,
+                key_address=names.keys[name],
+                client=own,
+                calls=own.organization_calls if name == ORGANIZATION else own.calls,
+                outbox=outbox,
                 index=index,
                 names=names,
                 store=store,
                 economy=site.economy,
             )
 
-        return _Attachment(
+        follower = Follower(
+            node,
+            deployment,
+            index,
+            site.chain.confirmations,
+            self._publish if self._config.public else lambda _event: True,
+            on_indexed=outbox.indexed,
+            on_undone=outbox.undone,
+            grace_s=BEHIND_GRACE_S if site.chain.backend == "external" else 0.0,
+        )
+        opened = _Attachment(
             deployment=deployment,
             index=index,
+            follower=follower,
+            outbox=outbox,
+            queries=Queries(index, names, deployment, client, node, site.chain.url),
+            wallets={name: wallet(name) for name in self._threads},
             journal=journal,
-            follower=Follower(
-                node,
-                deployment,
-                index,
-                site.chain.confirmations,
-                self._publish,
-                grace_s=BEHIND_GRACE_S if site.chain.backend == "external" else 0.0,
-            ),
-            queries=Queries(
-                index, names, deployment, ChainClient(site.chain.url, deployment), node, site.chain.url
-            ),
-            wallets={name: wallet(name, account) for name, account in self._accounts.items()},
+            node=node,
         )
+        outbox.start()
+        return opened
 
     def _follow(self, attachment: _Attachment) -> None:
         """Keep the index at the head. Raises ChainError when the node is gone or is another."""
-        for name, wallet in attachment.wallets.items():
-            self._threads[name].submit(_logged, wallet.sender.recover)
         attachment.follower.publish_missed()
         self._heads = heads = open_heads(
-            self._site.chain.url, self._site.chain.websocket_url, lambda why: log.info("polling: %s", why)
+            self._site.chain.url,
+            self._site.chain.websocket_url,
+            lambda why: log.info("the node is asked for new blocks: %s", why),
         )
         headers: list[Header] = []
         try:
@@ -181,11 +233,18 @@ class Bridge:
                     self._ready(attachment)
                     self._expire_overdue(attachment)
                     headers = heads.wait()
+                else:
+                    headers = []
         finally:
+            self._heads = PolledHeads()
             heads.close()
 
     def _publish(self, event: DaoEvent) -> bool:
-        self._service.bus.put_json(f"rodeo/{self._site.org}/event/{event.name}", event)
+        """Whether it went out: without a router it would be lost."""
+        if not self._service.bus.connected:
+            return False
+        self._service.bus.put_json(topics.EVENT.name(org=self._site.org, event=event.name), event)
+        EVENTS.labels(event.name).inc()
         return True
 
     def _ready(self, attachment: _Attachment) -> None:
@@ -193,6 +252,10 @@ class Bridge:
             self._reason = ""
             self._service.ready()
         block = attachment.index.position.block
+        INDEXED_BLOCK.set(block)
+        BLOCKS_BEHIND.set(max(0, attachment.follower.head - block))
+        for name, length in attachment.outbox.in_flight().items():
+            QUEUE.labels(name).set(length)
         if block != self._told_block:
             self._told_block = block
             self._service.activity("following the chain", block=block)
@@ -204,12 +267,19 @@ class Bridge:
     # -- bus -------------------------------------------------------------------------------------------------
 
     def _serve(self) -> None:
-        root = f"rodeo/{self._site.org}"
-        self._service.bus.serve(f"{root}/state/**", self._answer)
-        # One responder for all: a stranger's name is answered too, and a wildcard is one name, not each.
-        self._service.bus.serve(
-            f"{root}/wallet/**", self._execute, workers=lambda key: self._threads.get(_command_of(key)[0])
-        )
+        bus, org = self._service.bus, self._site.org
+        if self._config.public:
+            bus.serve(topics.STATE.name(org=org, what="**"), self._answer)
+
+        def checker(key: str) -> ThreadPoolExecutor | None:
+            return self._threads.get(_command_of(key)[0])
+
+        if self._config.wallets is None:
+            # One responder for all: a stranger's name is answered too, and a wildcard is one name, not each.
+            bus.serve(f"rodeo/{org}/wallet/**", self._execute, workers=checker)
+        else:
+            for name in self._threads:
+                bus.serve(f"rodeo/{org}/wallet/{name}/*", self._execute, workers=checker)
 
     def _attached(self) -> _Attachment:
         if self._attachment is None or self._reason:
@@ -219,21 +289,14 @@ class Bridge:
     def _answer(self, request: Request) -> dict[str, Any]:
         return self._attached().queries.answer(request.key.partition("/state/")[2], request)
 
-    def _execute(self, request: Request) -> dict[str, Any]:
+    def _execute(self, request: Request) -> dict[str, Any] | Future[dict[str, Any]]:
         participant, command = _command_of(request.key)
         if participant not in self._threads:
             raise UnknownParticipant("no such participant", who=participant, known=sorted(self._threads))
-        attachment = self._attached()
-        reply = attachment.wallets[participant].execute(command, request.json())
-        if "block" not in reply:
-            return reply
-        # The caller may ask for the effect of its command at once.
-        if self._heads is not None:
-            self._heads.wake()
-        if not attachment.follower.wait_indexed(reply["block"], _INDEXED_S):
-            raise BridgeNotReady(
-                "done, but the index does not show it yet", reason=self._reason or "behind", **reply
-            )
+        started_s = time.perf_counter()
+        reply = self._attached().wallets[participant].execute(command, request.json())
+        if isinstance(reply, Future):
+            reply.add_done_callback(lambda done: _measure(command, done, time.perf_counter() - started_s))
         return reply
 
     # -- expiry ----------------------------------------------------------------------------------------------
@@ -241,7 +304,7 @@ class Bridge:
     def _expire_overdue(self, attachment: _Attachment) -> None:
         """End the windows that have passed, with the organization's wallet; anyone may."""
         now_s = time.monotonic()
-        if now_s < self._expiry_due_s:
+        if now_s < self._expiry_due_s or ORGANIZATION not in self._threads:
             return
         self._expiry_due_s = now_s + _EXPIRY_PERIOD_S
         self._expiring = {
@@ -257,10 +320,8 @@ class Bridge:
         wallet = attachment.wallets[ORGANIZATION]
         for task_id in attachment.index.overdue(site_time_s):
             if task_id not in self._expiring:
-                log.info("task %d: its window has passed", task_id)
-                job = self._threads[ORGANIZATION].submit(
-                    _logged, wallet.execute, "expire_task", {"task_id": task_id}
-                )
+                log.info("its window has passed", extra={"task": task_id})
+                job = self._threads[ORGANIZATION].submit(_expire, wallet, task_id)
                 self._expiring[task_id] = (job, now_s + _EXPIRY_RETRY_S)
 
 
@@ -270,17 +331,31 @@ def _command_of(key: str) -> tuple[str, str]:
     return participant, command
 
 
-def _logged(function: Any, *args: Any) -> None:
-    """Run a job of our own, whose failure nobody else would hear of."""
+def _measure(command: str, done: Future[Any], took_s: float) -> None:
+    error = done.exception()
+    outcome = "mined" if error is None else error.code if isinstance(error, RodeoError) else "internal"
+    COMMANDS.labels(command, outcome).observe(took_s)
+    if error is not None:
+        FAILURES.labels(outcome).inc()
+
+
+def _expire(wallet: Wallet, task_id: int) -> None:
+    """A job of our own, whose failure nobody else would hear of."""
     try:
-        function(*args)
+        reply = wallet.execute("expire_task", {"task_id": task_id})
     except RodeoError as error:
-        log.warning("%s: %s", error.code, error)
-    except Exception:
-        log.exception("a job of the bridge failed")
+        log.warning("not expired: %s", error, extra={"task": task_id})
+        return
+    assert isinstance(reply, Future)
+    reply.add_done_callback(lambda done: _warn(done, task_id))
+
+
+def _warn(done: Future[Any], task_id: int) -> None:
+    if (error := done.exception()) is not None:
+        log.warning("not expired: %s", error, extra={"task": task_id})
 
 
 def run(site: Site, stop: threading.Event) -> None:
     """Bridge `site` until `stop`."""
-    with Service("bridge", site, stop) as service:
+    with Service(site.bridge.name, site, stop) as service:
         Bridge(service).run()

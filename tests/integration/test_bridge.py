@@ -489,7 +489,8 @@ def test_participants_and_wallets_are_known_by_name(dao: Dao) -> None:
         "panther1": "robot",
         "oracle": "oracle",
     }
-    assert people["panther1"]["executed"]["settled"] == dao.state("tasks", state="settled")["total"]
+    settled = dao.state("tasks", state="settled", executor="panther1")["total"]
+    assert people["panther1"]["executed"]["settled"] == settled > 0
     before = dao.state("wallet", account="organization")
     task_id = dao.post("110")
     wallet = dao.state("wallet", account="organization")

@@ -1,0 +1,96 @@
+"""What a transaction may cost: EIP-1559 fees at send time, within the limits of its wallet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from rodeo.chain import to_wei
+from rodeo.config import WalletLimits
+from services.bridge.errors import DailyLimitReached, FeeTooHigh
+
+GAS_MARGIN = 1.25
+"""Gas offered over the estimate, which another transaction may outdate before this one is mined."""
+
+GAS_HEADROOM = 300_000
+"""And beyond that: after a transaction in between, this one may make and pay for a match."""
+
+_GWEI = 10**9
+
+
+@dataclass(frozen=True)
+class Fees:
+    """Wei per gas."""
+
+    max_fee: int
+    priority_fee: int
+
+
+@dataclass(frozen=True)
+class Market:
+    """What the chain asks for now, wei per gas."""
+
+    base_fee: int
+    priority_fee: int
+
+    def fees(self) -> Fees:
+        """The cap doubles the base fee, which can rise by 1/8 per block: enough for five full blocks."""
+        return Fees(2 * self.base_fee + self.priority_fee, self.priority_fee)
+
+    def bumped(self, before: Fees) -> Fees:
+        """For the same transaction again: nodes want 10 % more of both (geth's price bump), this is 1/8."""
+        now = self.fees()
+        return Fees(
+            max(now.max_fee, before.max_fee * 9 // 8 + 1),
+            max(now.priority_fee, before.priority_fee * 9 // 8 + 1),
+        )
+
+
+class Limits:
+    """What a wallet may spend, as the site file says."""
+
+    def __init__(self, config: WalletLimits) -> None:
+        self._max_fee_per_gas = (
+            None if config.max_fee_per_gas_gwei is None else int(config.max_fee_per_gas_gwei * _GWEI)
+        )
+        # 18 decimals as IECoin.
+        self._max_fee = None if config.max_fee_eth is None else to_wei(config.max_fee_eth)
+        self._daily_fee = None if config.daily_fee_eth is None else to_wei(config.daily_fee_eth)
+        self._daily_iec = None if config.daily_iec is None else to_wei(config.daily_iec)
+
+    @property
+    def has_daily(self) -> bool:
+        return self._daily_fee is not None or self._daily_iec is not None
+
+    def fees(self, wanted: Fees, market: Market, gas: int) -> Fees:
+        """`wanted`, lowered where a limit says so. Raises FeeTooHigh where that would not be mined now."""
+        cap = wanted.max_fee
+        if self._max_fee_per_gas is not None:
+            cap = min(cap, self._max_fee_per_gas)
+        if self._max_fee is not None:
+            cap = min(cap, self._max_fee // gas)
+        needed = market.base_fee + market.priority_fee
+        if cap < needed:
+            raise FeeTooHigh(
+                "the chain asks for more than this wallet may pay",
+                needed_wei_per_gas=str(needed),
+                limit_wei_per_gas=str(cap),
+                gas=gas,
+            )
+        return Fees(cap, min(wanted.priority_fee, cap))
+
+    def check_day(self, spent: tuple[int, int], spends: int, fee: int) -> None:
+        """Raises DailyLimitReached when `spends` wei of IECoin or `fee` wei more are too much for one day."""
+        limits: Mapping[str, tuple[int | None, int, int]] = {
+            "IEC": (self._daily_iec, spent[0], spends),
+            "fees": (self._daily_fee, spent[1], fee),
+        }
+        for what, (limit, before, more) in limits.items():
+            if limit is not None and more and before + more > limit:
+                raise DailyLimitReached(
+                    "the wallet has spent what it may in a day",
+                    what=what,
+                    limit_wei=str(limit),
+                    spent_wei=str(before),
+                    more_wei=str(more),
+                )
