@@ -489,14 +489,15 @@ def test_participants_and_wallets_are_known_by_name(dao: Dao) -> None:
         "panther1": "robot",
         "oracle": "oracle",
     }
-    settled = dao.state("tasks", state="settled", executor="panther1")["total"]
-    assert people["panther1"]["executed"]["settled"] == settled > 0
     before = dao.state("wallet", account="organization")
     task_id = dao.post("110")
     wallet = dao.state("wallet", account="organization")
     assert float(wallet["in_escrow_iec"]) == float(before["in_escrow_iec"]) + 110
     dao.prove(task_id)
     dao.judge(task_id, accepted=True)
+    people = {one["name"]: one for one in dao.state("participants")["participants"]}
+    settled = dao.state("tasks", state="settled", executor="panther1")["total"]
+    assert people["panther1"]["executed"]["settled"] == settled > 0
     roles = dao.state("organization")["roles"]
     assert [one["name"] for one in roles["ORACLE_ROLE"]] == ["oracle"]
 
