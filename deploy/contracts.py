@@ -34,6 +34,7 @@ from rodeo.chain import (
     DeploymentMismatch,
     NotDeployed,
     Policy,
+    Review,
     Role,
     artifacts,
     to_wei,
@@ -46,8 +47,6 @@ from rodeo.errors import RodeoError
 from rodeo.service import main
 
 log = logging.getLogger(__name__)
-
-KINDS = ("waste_disposal", "battery_charging")
 
 _NODE_S = 60.0
 """How long to wait for the node to answer, wall time."""
@@ -202,13 +201,18 @@ def _missing_rules(
         (Role.OPERATOR, administrator.address),
         (Role.TREASURER, administrator.address),
         (Role.ORACLE, oracle),
+        (Role.AUDITOR, administrator.address),
     ]
     for role, account in roles:
         if not client.has_role(role, account):
             yield administrator, calls.grant_role(role, account)
-    for kind in KINDS:
+    for kind in site.kinds:
         if not client.is_kind_allowed(kind):
             yield administrator, calls.allow_kind(kind, True)
+    for care in site.agent.maintenance:
+        review = Review[care.review.upper()]
+        if client.kind(care.kind).review != review:
+            yield administrator, calls.set_review(care.kind, review)
     for name, device_role in wallets.device_names(site).items():
         device = wallets.address(site, name)
         if not _is_registered(client, device):

@@ -20,7 +20,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from deploy.processes import PROCESSES, Process, processes_of
+from deploy.processes import Process, processes_of
 from rodeo.config import Site
 from rodeo.errors import RodeoError
 from rodeo.service import PARENT_VARIABLE, lock_holder, lock_instance
@@ -162,13 +162,13 @@ class Launcher:
 
     def _start(self, process: Process) -> None:
         with _signals_held():
-            popen = self._spawn(process.name, process.module)
+            popen = self._spawn(process.name, process.module, process.arguments)
             self.children[process.name] = _Child(process, popen, time.monotonic())
 
     def _restart(self, name: str, child: _Child) -> None:
         delay_s = min(2 * child.delay_s, _RESTART_S[1])
         with _signals_held():
-            popen = self._spawn(name, child.process.module)
+            popen = self._spawn(name, child.process.module, child.process.arguments)
             self.children[name] = _Child(
                 child.process, popen, time.monotonic(), delay_s, problem=child.problem
             )
@@ -181,10 +181,10 @@ class Launcher:
         last = last.partition(f" {name}: ")[2] or last
         return f"ended with status {status}: {last}"
 
-    def _spawn(self, name: str, module: str) -> subprocess.Popen[bytes]:
+    def _spawn(self, name: str, module: str, arguments: tuple[str, ...] = ()) -> subprocess.Popen[bytes]:
         with open(self.logs / f"{name}.log", "ab") as output:
             return subprocess.Popen(
-                [self.python, "-m", module, "--site", str(self.site_path)],
+                [self.python, "-m", module, "--site", str(self.site_path), *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
@@ -220,7 +220,7 @@ def _signals_held() -> Iterator[None]:
 
 def stop_site(site: Site) -> list[str]:
     """End launchers and processes of `site`, whoever started them; returns the names of the ended."""
-    processes = [process.name for process in reversed(PROCESSES)]
+    processes = [process.name for process in reversed(processes_of(site))]
     names = [LAUNCHER, *(f"{LAUNCHER}/{name}" for name in processes), *processes]
     held = [name for name in names if lock_holder(site.data_dir / name) is not None]
     for name in held:

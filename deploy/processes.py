@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from rodeo.config import Site
+from rodeo.config import Site, agent_process
 
 
 @dataclass(frozen=True)
 class Process:
     name: str
     module: str
-    """Started as `python -m <module> --site FILE`."""
+    """Started as `python -m <module> --site FILE <arguments>`."""
     job: str
+    arguments: tuple[str, ...] = ()
 
 
 PROCESSES: tuple[Process, ...] = (
@@ -28,9 +29,17 @@ PROCESSES: tuple[Process, ...] = (
 
 
 def processes_of(site: Site) -> list[Process]:
-    """The processes that `site` needs: a chain elsewhere is not started here."""
+    """The processes that `site` needs: no chain where it is elsewhere, a mind for each robot."""
     external = site.chain.backend == "external"
-    return [process for process in PROCESSES if not (external and process.name == "chain")]
+    wanted = [process for process in PROCESSES if not (external and process.name == "chain")]
+    if len(site.robots) == 1:
+        return wanted
+    agent = BY_NAME["robot_agent"]
+    minds = [
+        replace(agent, name=agent_process(site, robot.name), arguments=("--robot", robot.name))
+        for robot in site.robots
+    ]
+    return [process for process in wanted if process is not agent] + minds
 
 
 BY_NAME: dict[str, Process] = {process.name: process for process in PROCESSES}

@@ -147,11 +147,26 @@ class ItrashConfig(_Table):
     camera: CameraConfig = CameraConfig()
 
 
+class MaintenanceConfig(_Table):
+    """Care that a robot asks people for: it posts such a task whenever it has driven so far."""
+
+    kind: str = Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")
+    every_km: float = Field(gt=0)
+    reward_iec: Decimal = Field(ge=0)
+    description: str = Field(max_length=2000)
+    execution_window_s: int = Field(default=24 * 3600, gt=0)
+    review: Literal["oracle", "auditor"] = "auditor"
+    """Who judges it: the oracle, which can only tell who says it was done, or an auditor who looks."""
+
+
 class AgentConfig(_Table):
     charge_below: float = Field(default=0.5, ge=0, le=1)
     """State of charge under which an idle robot buys a charge."""
     charge_target: float = Field(default=0.95, gt=0, le=1)
     explore_when_idle: bool = True
+    daily_spending_cap_iec: Decimal = Field(default=Decimal(1000), ge=0)
+    """What a robot may put into tasks of its own within 24 hours of site time."""
+    maintenance: list[MaintenanceConfig] = []
 
 
 class Site(BaseSettings):
@@ -226,12 +241,22 @@ class Site(BaseSettings):
     def store_url(self) -> str:
         return self.store.url or (self.data_dir.absolute() / "store").as_uri()
 
+    @property
+    def kinds(self) -> list[str]:
+        """The kinds of task that the site's organization knows."""
+        return ["waste_disposal", "battery_charging", *sorted({care.kind for care in self.agent.maintenance})]
+
     def robot(self, name: str) -> RobotConfig:
         """The robot called `name`. Raises ConfigError."""
         for robot in self.robots:
             if robot.name == name:
                 return robot
         raise ConfigError("no such robot on this site", robot=name, robots=[r.name for r in self.robots])
+
+
+def agent_process(site: Site, robot: str) -> str:
+    """Name of the process that is the mind of `robot`: plain `robot_agent` where there is only one robot."""
+    return "robot_agent" if len(site.robots) == 1 else f"robot_agent.{robot}"
 
 
 def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:

@@ -231,6 +231,13 @@ DISPOSAL = _dao(
     "what fell where",
 )
 BIN_STATE = _dao("rodeo/{org}/itrash/{bin}/state", "BinState", Form.QUERY, "itrash", "its last attestations")
+ROBOT_ORDER = _dao(
+    "rodeo/{org}/robot/{robot}/{order}",
+    "per query",
+    Form.QUERY,
+    "robot_agent",
+    "pause, resume, charge, cancel, stop; state",
+)
 STATUS = _dao("rodeo/{org}/status/{process}", "Status", Form.TOPIC, "every process", "heartbeat", 1)
 ALIVE = _dao("rodeo/{org}/alive/{process}", "liveliness token", Form.TOPIC, "every process", "who is there")
 

@@ -2,7 +2,7 @@
 
 import typer
 
-from rodeo.cli import classify, organization, site
+from rodeo.cli import classify, organization, robot, site, work
 
 app = typer.Typer(
     name="rodeo",
@@ -13,5 +13,10 @@ app = typer.Typer(
 )
 for command in (site.up, site.down, site.status, organization.wallet, organization.verify, classify.classify):
     app.command()(command)
+organization.tasks.command()(work.accept)
+organization.tasks.command()(work.submit)
+organization.tasks.command()(work.judge)
+organization.services.command()(work.offer)
 app.add_typer(organization.tasks, name="task")
 app.add_typer(organization.services, name="service")
+app.add_typer(robot.robots, name="robot")

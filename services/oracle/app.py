@@ -97,6 +97,9 @@ class Oracle:
         ledger = self._until_answered(lambda: self._ledger(task_id))
         if ledger is None or ledger.task.state != "submitted" or ledger.task.attempt != attempt:
             return
+        if not self._until_answered(lambda: self._is_ours(ledger.task.kind)):
+            log.info("task %d attempt %d is for an auditor to judge", task_id, attempt)
+            return
         self._show(number, f"verifying task {task_id}")
         report = verify_apart(
             self._site,
@@ -115,6 +118,11 @@ class Oracle:
         self._until_answered(lambda: self._post(ledger.task, report, sha256, uri))
         self._decided += 1
         self._show(number, None)
+
+    def _is_ours(self, kind: str) -> bool:
+        """Whether the organization has the oracle judge tasks of this kind."""
+        kinds = self._wallet.state("organization")["kinds"]
+        return any(one["kind"] == kind and one["review"] == "oracle" for one in kinds)
 
     def _ledger(self, task_id: int) -> Ledger:
         task = self._wallet.task(task_id)

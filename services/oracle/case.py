@@ -86,6 +86,8 @@ class Case:
         """The task's kind; without a chain, what the recording looks like."""
         if self.ledger is not None:
             return self.ledger.task.kind
+        if any(event.get("event") == "statement" for event in self.proof.events()):
+            return "statement"
         moved = any(
             self.proof.count("/" + topics.JOINT_STATES.name(ns=r.namespace)) for r in self.site.robots
         )

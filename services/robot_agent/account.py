@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
+
 from rodeo.dao import Participant
 from rodeo.messages import RegisterTask, Task, UpdateService
+from services.robot_agent.errors import CapReached
 
 LIVE_STATES = ("open", "assigned", "submitted")
 """States of a task that is not over."""
+_REFUNDED = ("cancelled", "failed")
+DAY_S = 24 * 3600.0
 
 
 class Account(Participant):
@@ -14,16 +19,27 @@ class Account(Participant):
 
     def own_live_task(self, kind: str) -> Task | None:
         """The newest task of this kind that this participant posted and that is not over."""
-        tasks = [task for state in LIVE_STATES for task in self.tasks(kind=kind, state=state)]
-        mine = [task for task in tasks if task.creator_name == self.name]
-        return max(mine, key=lambda task: task.id, default=None)
+        live = [task for task in self.tasks(kind=kind, creator=self.name) if task.state in LIVE_STATES]
+        return max(live, key=lambda task: task.id, default=None)
 
     def count(self, kind: str) -> int:
         """How many tasks of this kind were ever posted, by anyone."""
         return int(self.state("tasks", kind=kind, limit=1)["total"])
 
-    def post(self, request: RegisterTask) -> int:
-        """Post a task; returns its id."""
+    def spent_iec(self, since_s: float) -> Decimal:
+        """What went into own tasks since `since_s` and did not come back."""
+        recent = [task for task in self.tasks(creator=self.name) if task.registered >= since_s]
+        return sum((t.reward_iec for t in recent if t.state not in _REFUNDED), Decimal(0))
+
+    def post(self, request: RegisterTask, now_s: float, cap_iec: Decimal) -> int:
+        """Post a task; returns its id. Raises CapReached when 24 hours would cost more than `cap_iec`."""
+        spent_iec = self.spent_iec(now_s - DAY_S)
+        if spent_iec + request.reward_iec > cap_iec:
+            raise CapReached(
+                f"the daily spending cap of {cap_iec} IEC does not allow a {request.kind} "
+                f"for {request.reward_iec} IEC",
+                spent_iec=str(spent_iec),
+            )
         return int(self.command("register_task", request)["task_id"])
 
     def set_service_state(self, service_id: int, state: str) -> None:

@@ -26,12 +26,25 @@ from services.robot_agent.arm import Arm
 from services.robot_agent.bin import SmartBin
 from services.robot_agent.body import Body
 from services.robot_agent.charging import Charging
-from services.robot_agent.cleaning import Cleaning, Where
-from services.robot_agent.decision import Intent, Situation, decide
-from services.robot_agent.errors import AgentError, MotionFailed, Revoked, Stopped, TaskFailed, Unreachable
+from services.robot_agent.cleaning import Cleaning
+from services.robot_agent.decision import Intent, Situation, decide, takes_work
+from services.robot_agent.errors import (
+    AgentError,
+    Cancelled,
+    Halted,
+    MotionFailed,
+    Revoked,
+    Stopped,
+    TaskFailed,
+    Unreachable,
+)
+from services.robot_agent.eyes import WristCamera
 from services.robot_agent.journal import Journal, Phase
-from services.robot_agent.navigation import Floor
-from services.robot_agent.recording import Recording, tells_of_disposal
+from services.robot_agent.memory import Held, Memory
+from services.robot_agent.navigation import Floor, Point
+from services.robot_agent.orders import Order, Orders
+from services.robot_agent.recording import Recording, tells_of_disposal, tells_of_release
+from services.robot_agent.upkeep import Upkeep
 
 log = logging.getLogger(__name__)
 
@@ -54,6 +67,14 @@ def _set_aside(recording: Path) -> None:
     """Keep an interrupted recording under another name."""
     number = len(list(recording.parent.glob("interrupted-*.mcap"))) + 1
     recording.rename(recording.with_name(f"interrupted-{number}.mcap"))
+
+
+def _place(task: Task) -> Point:
+    """Where the task says that its item lies. Raises TaskFailed."""
+    x_m, y_m = task.params.get("x_m"), task.params.get("y_m")
+    if not isinstance(x_m, int | float) or not isinstance(y_m, int | float):
+        raise TaskFailed("the task names no place", x_m=x_m, y_m=y_m)
+    return float(x_m), float(y_m)
 
 
 class AssignmentWatch:
@@ -97,21 +118,40 @@ class Agent:
         self._body = Body(self._node, site, robot)
         self._floor = Floor(site)
         self._bin = SmartBin(bus, site, self._on_attestation)
+        self._memory = Memory(site, service.data_dir / "memory.json")
+        arm = Arm(robot.limits, robot.kinematics)
         self._cleaning = Cleaning(
-            site, self._body, Arm(robot.limits), self._floor, self._bin, self._clock, self._stop
+            site,
+            self._body,
+            arm,
+            WristCamera(self._make_node, robot, self._body, arm),
+            self._floor,
+            self._memory,
+            self._bin,
+            self._clock,
+            self._stop,
         )
-        self._charging = Charging(site, robot.name, self._dao, self._body, self._floor)
+        self._upkeep = Upkeep(site, robot, self._node, self._body, self._dao, self._clock, service.data_dir)
+        self._charging = Charging(
+            site, robot.name, self._dao, self._body, self._floor, self._memory, self._clock
+        )
         self._chance = random.Random()
         self._wake = threading.Event()
+        self._activity = "starting"
+        self._attempt: tuple[int, int] | None = None
+        self._expected_s = 0.0
         self._recording: Recording | None = None
         self._recorded_task: int | None = None
         self._events: deque[DaoEvent] = deque(maxlen=_EVENTS_KEPT)
         self._events_lock = threading.Lock()
+        self._orders = Orders(
+            bus, site.org, robot.name, service.data_dir / "orders.json", self._on_order, self._state
+        )
         self._dao_events = DaoEvents(bus, site.org, self._on_event)
 
     def _make_node(self, name: str) -> Node:
         session, domain_id = self._service.bus.session, self._site.bus.domain_id
-        return Node(session, name, self._robot.name, domain_id, self._clock)
+        return Node(session, name, self._robot.namespace, domain_id, self._clock)
 
     # -- what is heard ---------------------------------------------------------------------------------
 
@@ -127,6 +167,24 @@ class Agent:
         if recording is not None:
             recording.attestation(attestation)
 
+    def _on_order(self, order: Order) -> None:
+        if order in (Order.STOP, Order.RESUME):
+            # From here, because it must not wait for what the robot is doing.
+            self._body.emergency_stop(order is Order.STOP)
+        self._wake.set()
+
+    def _state(self) -> dict[str, Any]:
+        """What the robot answers an operator."""
+        attempt = self._attempt
+        return {
+            "robot": self._robot.name,
+            "activity": self._activity,
+            "task_id": attempt and attempt[0],
+            "attempt": attempt and attempt[1],
+            **self._body.vitals(),
+            **self._upkeep.state(),
+        }
+
     # -- the loop --------------------------------------------------------------------------------------
 
     def run(self) -> None:
@@ -137,6 +195,8 @@ class Agent:
                     self._step()
                 except Stopped:
                     return
+                except Halted as error:
+                    self._stand_still(error)
                 except BusError as error:
                     self._wait_out(f"waiting for the organization: {error.message}", _RETRY_WALL_S, error)
                 except RemoteError as error:
@@ -146,21 +206,33 @@ class Agent:
                 except (AgentError, EvidenceError) as error:
                     self._wait_out(f"in trouble: {error.message}", _RETRY_WALL_S, error)
         finally:
+            self._orders.close()
             self._dao_events.close()
             self._bin.close()
             self._node.close()
 
     def _step(self) -> None:
+        standing = self._orders.standing
         charge = self._dao.own_live_task(CHARGING)
-        if charge is None or charge.state == "submitted":
-            self._offer_service()
+        soc = self._body.battery(self._checkpoint).soc
+        assignment = next(iter(self._dao.assignments(CLEANING)), None)
         situation = Situation(
-            soc=self._body.battery(self._checkpoint).soc,
-            assignment=next(iter(self._dao.assignments(CLEANING)), None),
+            soc=soc,
+            assignment=assignment,
             charge=charge,
+            lasts=self._upkeep.lasts(soc, assignment, self._body.base_pose(self._checkpoint)),
+            begun=assignment is not None and self._task_folder(assignment).exists(),
+            paused=standing.paused,
+            charge_ordered=standing.charge,
         )
+        intent = decide(situation, self._site.agent)
+        idle = intent is not Intent.CLEAN and not standing.paused
+        if idle and self._memory.held is not None and (held := self._feel()) is not None:
+            self._tidy(held)
+        if intent is not Intent.CLEAN:
+            # A task to be done comes first: its motion must not wait for the chain.
+            self._open_service(takes_work(situation))
         self._service.ready()
-        intent = decide(situation, self._site.agent, self._robot.battery)
         act: dict[Intent, Callable[[Situation], None]] = {
             Intent.CLEAN: self._clean,
             Intent.DOCK: self._dock,
@@ -174,6 +246,19 @@ class Agent:
     def _checkpoint(self) -> None:
         if self._stop.is_set():
             raise Stopped("the process is asked to end")
+        if self._orders.standing.stopped:
+            raise Halted("stopped by an operator")
+
+    def _stand_still(self, error: Halted) -> None:
+        """Until the operator lets the robot go on; also says so to a body that was restarted meanwhile."""
+        log.warning("%s", error)
+        while self._orders.standing.stopped and not self._stop.is_set():
+            self._body.emergency_stop(True)
+            self._report("stopped by an operator")
+            self._wait_for_news()
+            self._wake.clear()
+        if not self._stop.is_set():
+            self._body.emergency_stop(False)
 
     def _wait_out(self, activity: str, wall_s: float, error: Exception) -> None:
         log.warning("%s", error)
@@ -181,22 +266,39 @@ class Agent:
         self._stop.wait(wall_s)
 
     def _report(self, text: str, progress: float | None = None) -> None:
-        self._service.activity(text, progress, **self._body.vitals())
+        self._activity = text
+        details = {**self._body.vitals(), **self._upkeep.state()}
+        if self._attempt is not None and progress is not None:
+            details["eta_s"] = round(self._expected_s * (1 - progress))
+        self._service.activity(text, progress, **details)
 
-    def _offer_service(self) -> None:
-        """Offer cleaning; done again, it also takes back a pause that a killed process left behind."""
-        self._dao.offer_service(
-            CLEANING,
-            self._site.economy.cleaning_reward_iec,
-            f"{self._robot.name} brings an item to the bin, which says where it belongs",
-        )
+    def _open_service(self, wanted: bool) -> None:
+        """Offer cleaning, or pause the offer; done again, it also mends what a killed process left behind.
+
+        What the robot has been given already cannot be put off: the contracts let nobody pause with work
+        to do.
+        """
+        if wanted:
+            self._dao.offer_service(
+                CLEANING,
+                self._site.economy.cleaning_reward_iec,
+                f"{self._robot.name} brings an item to the bin, which says where it belongs",
+            )
+            return
+        service = self._dao.own_service(CLEANING)
+        if service is not None and service["state"] == "active" and not self._dao.assignments(CLEANING):
+            self._dao.set_service_state(int(service["id"]), "paused")
 
     # -- idle ------------------------------------------------------------------------------------------
 
     def _rest(self, situation: Situation) -> None:
         # A charge that ended while this process was down leaves the robot on the dock.
         self._charging.clear_the_dock(self._checkpoint, self._report)
-        self._report("idle")
+        if situation.paused:
+            self._report("paused by an operator")
+        else:
+            self._upkeep.ask_for_care()
+            self._report("idle")
         self._wait_for_news()
 
     def _wait_for_news(self) -> None:
@@ -204,8 +306,9 @@ class Agent:
         self._wake.wait(_IDLE_WALL_S)
 
     def _explore(self, situation: Situation) -> None:
+        self._upkeep.ask_for_care()
         self._report("exploring")
-        goal = next(self._floor.explore(self._body.trash_on_floor(self._checkpoint), self._chance))
+        goal = next(self._floor.explore(self._memory.lying(), self._chance))
         try:
             self._cleaning.stow(self._undistracted)
             self._body.navigate(goal, self._undistracted)
@@ -223,7 +326,8 @@ class Agent:
 
     def _buy_charge(self, situation: Situation) -> None:
         self._report(f"buying a charge at {situation.soc:.0%}")
-        task_id = self._charging.buy(situation.soc)
+        task_id = self._charging.buy(situation.soc, ordered=situation.charge_ordered)
+        self._orders.charge_bought()
         log.info("posted charging task %d", task_id)
 
     def _await_charge(self, situation: Situation) -> None:
@@ -232,24 +336,32 @@ class Agent:
 
     def _dock(self, situation: Situation) -> None:
         assert situation.charge is not None  # decide() says DOCK only with a charging task
-        self._pause_service()
         self._charging.take(situation.charge, self._wake, self._checkpoint, self._report)
-
-    def _pause_service(self) -> None:
-        """While it charges the robot takes no work. What it has been given already cannot be put off."""
-        service = self._dao.own_service(CLEANING)
-        if service is not None and service["state"] == "active" and not self._dao.assignments(CLEANING):
-            self._dao.set_service_state(int(service["id"]), "paused")
 
     # -- cleaning --------------------------------------------------------------------------------------
 
     def _clean(self, situation: Situation) -> None:
         task = situation.assignment
         assert task is not None  # decide() says CLEAN only with an assignment
-        folder = self._service.data_dir / "tasks" / f"{task.id}-{task.attempt}"
+        folder = self._task_folder(task)
         journal = Journal.open(folder, task.id, task.attempt)
+        self._attempt = task.id, task.attempt
+        try:
+            self._advance(task, journal, folder)
+        finally:
+            self._attempt = None
+
+    def _task_folder(self, task: Task) -> Path:
+        return self._service.data_dir / "tasks" / f"{task.id}-{task.attempt}"
+
+    def _advance(self, task: Task, journal: Journal, folder: Path) -> None:
+        """Bring the attempt from the phase that it is in to its end."""
         if journal.phase == Phase.EXECUTING:
-            self._record(task, journal, folder)
+            self._orders.working_on(self._attempt)
+            try:
+                self._record(task, journal, folder)
+            finally:
+                self._orders.working_on(None)
         if journal.phase == Phase.EXECUTED:
             self._seal(task, journal, folder)
         if journal.phase == Phase.SEALED:
@@ -260,18 +372,24 @@ class Agent:
             self._wait_for_news()  # the index is about to say so
 
     def _record(self, task: Task, journal: Journal, folder: Path) -> None:
-        """Do the work while it is recorded."""
+        """Do the work while it is recorded.
+
+        A recording with a hole in the work proves little, so what was interrupted begins again: with the
+        item back on the floor, in a new recording. What was released before the interruption cannot be done
+        again; then the old recording goes on.
+        """
         path = folder / "recording.mcap"
         wanted = task.params.get("item_id")
         items = [item.id for item in self._site.items if item.id == wanted]
-        where = self._back_to_start(task, items[0]) if items else None
+        if (held := self._feel()) is not None:
+            self._tidy(held)
+        released = path.exists() and held is None and tells_of_release(path)
         if path.exists():
-            if where == Where.BIN and tells_of_disposal(path):
+            if tells_of_disposal(path):
                 journal.advance(folder, Phase.EXECUTED)  # interrupted when everything was said
                 return
-            if where == Where.FLOOR:
+            if not released:
                 _set_aside(path)
-        resumed = path.exists()
         recording = Recording(
             path,
             self._dao.binding(task),
@@ -281,14 +399,15 @@ class Agent:
             self._site,
             self._robot.name,
             items,
-            holes_allowed=resumed,
+            holes_allowed=released,
         )
         self._start_recording(recording, task)
         try:
-            if resumed:
+            if released:
                 for attestation in self._bin.said_since(task.assigned or 0.0):
                     recording.attestation(attestation)  # perhaps heard while nothing was recorded
-            journal.failure = self._execute(task, recording, resumed)
+            journal.failure = self._execute(task, recording, released)
+            recording.catch_up()
         finally:
             self._stop_recording()
             recording.suspend()
@@ -304,24 +423,21 @@ class Agent:
             log.info("the recording was sealed before the process was interrupted")
         journal.advance(folder, Phase.SEALED)
 
-    def _back_to_start(self, task: Task, item_id: str) -> Where | None:
-        """Put an item that is held already back, so that the work can be recorded from its beginning.
-
-        After an interruption, or an attempt that ended with the item in the gripper: a recording with a hole
-        in the work, or without its beginning, proves little. Returns where the item then is, None when it
-        cannot be put back or reached.
-        """
+    def _feel(self) -> Held | None:
+        """What the gripper holds, as far as the body can tell."""
         try:
-            where = self._cleaning.where(self._cleaning.item(item_id), self._checkpoint)
-            if where == Where.HELD:
-                self._report(f"putting {item_id} back to start again", 0.1)
-                place = float(task.params["x_m"]), float(task.params["y_m"])
-                self._cleaning.put_back(item_id, place, self._checkpoint)
-                where = self._cleaning.where(self._cleaning.item(item_id), self._checkpoint)
-        except (MotionFailed, Unreachable, TaskFailed, KeyError, TypeError, ValueError) as error:
-            log.warning("the work cannot begin from its beginning: %s", error)
-            return None
-        return where
+            return self._cleaning.feel(self._checkpoint)
+        except MotionFailed as error:
+            log.warning("cannot feel what is in the gripper: %s", error)
+            return self._memory.held
+
+    def _tidy(self, held: Held) -> None:
+        """Lay an item that an interruption or a failed attempt left in the gripper where it was taken."""
+        self._report(f"putting {held.item_id or 'what is held'} back to start again", 0.1)
+        try:
+            self._cleaning.put_back(held, self._checkpoint)
+        except (MotionFailed, Unreachable) as error:
+            log.warning("the item stays in the gripper: %s", error)
 
     def _start_recording(self, recording: Recording, task: Task) -> None:
         with self._events_lock:
@@ -334,7 +450,7 @@ class Agent:
         with self._events_lock:
             self._recording = self._recorded_task = None
 
-    def _execute(self, task: Task, recording: Recording, resumed: bool) -> str | None:
+    def _execute(self, task: Task, recording: Recording, released: bool) -> str | None:
         """The physical work. A failure goes on record and is returned; the oracle says what it is worth."""
         watch = AssignmentWatch(self._dao, self._dao_events, task)
 
@@ -342,18 +458,30 @@ class Agent:
             self._checkpoint()
             recording.check()
             watch.check()
+            if self._orders.cancelled((task.id, task.attempt)):
+                raise Cancelled("given up by an operator", task_id=task.id)
 
         item_id = str(task.params.get("item_id"))
+        self._expected_s = self._upkeep.task_s(task, self._body.base_pose(self._checkpoint))
+        started_s = self._clock.now_s()
+        duration_s: float | None = None
+        self._upkeep.task_begins()
         try:
-            self._cleaning.dispose(
-                item_id, task.assigned or 0.0, checkpoint, self._report, recording.note, resumed
-            )
-        except TaskFailed as error:
+            since_s = task.assigned or 0.0
+            if released:
+                self._cleaning.confirm(since_s, checkpoint, self._report, recording.note)
+            else:
+                place = _place(task)
+                self._cleaning.dispose(item_id, place, since_s, checkpoint, self._report, recording.note)
+            duration_s = self._clock.now_s() - started_s
+        except (TaskFailed, Cancelled) as error:
             log.error("task %d failed: %s", task.id, error)
-            self._report(f"{item_id}: {error.message}")
+            self._report(f"giving up: {error.message}")
             recording.note({"event": "execution_failed", **error.to_json()})
-            self._abort(checkpoint)
+            self._abort(self._checkpoint)
             return error.message
+        finally:
+            self._upkeep.task_ends(duration_s)
         recording.note({"event": "execution_finished", "item": item_id})
         return None
 
@@ -361,7 +489,7 @@ class Agent:
         """Leave the arm folded, and on record how things are."""
         try:
             self._cleaning.stow(checkpoint)
-        except MotionFailed as error:
+        except (MotionFailed, Unreachable) as error:
             log.error("the arm cannot be folded: %s", error)
         self._clock.wait_until(self._clock.now_s() + _LAST_LOOK_S, self._stop)
 

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
 
 import mink
 import mujoco
@@ -19,12 +21,11 @@ from scipy.interpolate import CubicSpline
 
 from rodeo.lab.config import MotionLimits
 from rodeo.lab.layout import SHOULDER_M
-from rodeo.lab.world import ARM_JOINTS, robot_model
+from rodeo.lab.world import ARM_JOINTS, CAMERA_SITE, GRASP_SITE, robot_model
 from services.robot_agent.errors import Unreachable
 
 Vector = NDArray[np.float64]
 
-_GRASP_SITE = "grasp"
 _POSITION_TOLERANCE_M = 5e-4
 _ANGLE_TOLERANCE_RAD = 5e-3
 _IK_STEPS = 200
@@ -34,6 +35,9 @@ _BRANCH_JUMP_RAD = 2.5
 
 READY_RAD = np.array([0.0, -0.6, 0.9, 0.0, 1.1, 0.0])
 """Folded above the deck: for driving without anything in the gripper."""
+
+LOOK_RAD = np.array([0.0, -1.1, 0.55, 0.0, 1.25, 0.0])
+"""Camera 0.75 m above the front bumper, looking at the floor half a metre ahead of it."""
 
 ASIDE_RAD = np.array([1.2, -0.86, 0.45, 0.0, 1.63, 0.0])
 """Fingers down over the deck's left side: for driving to and from the bin out of its sensor's sight."""
@@ -89,10 +93,13 @@ class Trajectory:
 
 
 class Arm:
-    """Kinematics of one robot's arm. Not thread-safe: it keeps scratch data."""
+    """Kinematics of one robot's arm, as `kinematics` (MJCF or URDF, by default ours) describes it.
 
-    def __init__(self, limits: MotionLimits) -> None:
-        self.model = robot_model()
+    Not thread-safe: it keeps scratch data. Raises ConfigError for a file that describes no such robot.
+    """
+
+    def __init__(self, limits: MotionLimits, kinematics: Path | None = None) -> None:
+        self.model = robot_model(kinematics)
         self._data = mujoco.MjData(self.model)
         joints = [self.model.joint(name) for name in ARM_JOINTS]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
@@ -100,7 +107,8 @@ class Arm:
         self.lower = np.array([joint.range[0] for joint in joints])
         self.upper = np.array([joint.range[1] for joint in joints])
         self._limit_rad_s = limits.joint_rad_s
-        self._site = self.model.site(_GRASP_SITE).id
+        self._site = self.model.site(GRASP_SITE).id
+        self._camera = self.model.site(CAMERA_SITE).id
         others = sorted(set(range(self.model.nv)) - set(self._dofs.tolist()))
         self._hold_others = mink.DofFreezingTask(self.model, dof_indices=others)
         self._limit = mink.ConfigurationLimit(self.model)
@@ -111,6 +119,20 @@ class Arm:
         mujoco.mj_kinematics(self.model, self._data)
         position = self._data.site_xpos[self._site].copy()
         return GripperPose(position, self._data.site_xmat[self._site].reshape(3, 3).copy())
+
+    def camera(self, q: Vector) -> tuple[Vector, Vector]:
+        """Position (3,) and rotation (3, 3) of the wrist camera's optical frame in the base frame."""
+        self._place(q)
+        mujoco.mj_kinematics(self.model, self._data)
+        position = self._data.site_xpos[self._camera].copy()
+        return position, self._data.site_xmat[self._camera].reshape(3, 3).copy()
+
+    @cached_property
+    def camera_offset_m(self) -> Vector:
+        """(3,) from where the pads meet to the camera, in the gripper frame."""
+        position_m, _ = self.camera(READY_RAD)
+        gripper = self.forward(READY_RAD)
+        return gripper.rotation.T @ (position_m - gripper.position_m)
 
     def collides(self, q: Vector) -> bool:
         """Whether the robot touches itself at `q`."""
@@ -143,7 +165,7 @@ class Arm:
     def _solve(self, target: GripperPose, seed: Vector) -> tuple[Vector, float, float]:
         self._place(np.clip(seed, self.lower + 1e-3, self.upper - 1e-3))
         configuration = mink.Configuration(self.model, self._data.qpos.copy())
-        task = mink.FrameTask(_GRASP_SITE, "site", position_cost=10.0, orientation_cost=1.0)
+        task = mink.FrameTask(GRASP_SITE, "site", position_cost=10.0, orientation_cost=1.0)
         task.set_target(
             mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(target.rotation), target.position_m)
         )

@@ -42,17 +42,6 @@ _SILENT_AFTER_S = 10.0
 """Wall time without a message until the body counts as silent."""
 _GOAL_TIME_TOLERANCE_S = 3
 
-ON_FLOOR_M = 0.25
-"""An item whose centre is lower than this, and not in the bin, lies on the floor."""
-
-
-@dataclass(frozen=True)
-class Pose3:
-    """Position in the map (m) and orientation (w, x, y, z)."""
-
-    position_m: tuple[float, float, float]
-    quat_wxyz: tuple[float, float, float, float]
-
 
 @dataclass(frozen=True)
 class Joints:
@@ -141,56 +130,50 @@ class Body:
         names = {"ns": robot.namespace}
         self._joint_states = Latest(node, topics.JOINT_STATES.name(**names), topics.JOINT_STATES.type)
         self._battery = Latest(node, topics.BATTERY_STATE.name(**names), topics.BATTERY_STATE.type)
-        self._items = [item.id for item in site.items]
-        self._poses = {
-            body: Latest(node, topics.MOCAP_POSE.name(body=body), topics.MOCAP_POSE.type)
-            for body in (robot.name, *self._items)
-        }
-        self._name = robot.name
+        self._pose = Latest(node, topics.MOCAP_POSE.name(body=robot.name), topics.MOCAP_POSE.type)
         self._dock = site.dock
         self._navigate, self._follow, self._grip = (
             ActionClient(node, action.name(**names), action.type)
             for action in (topics.NAVIGATE_TO_POSE, topics.FOLLOW_JOINT_TRAJECTORY, topics.GRIPPER_CMD)
         )
 
-    # -- perception ------------------------------------------------------------------------------------
+        self._stop_client = node.client(topics.EMERGENCY_STOP.name(**names), topics.EMERGENCY_STOP.type)
 
-    def pose_of(self, body: str, checkpoint: Checkpoint) -> Pose3:
-        """Where motion capture sees `body` now. Raises BodySilent."""
-        pose = self._poses[body].next(checkpoint).pose
-        p, q = pose.position, pose.orientation
-        return Pose3((p.x, p.y, p.z), (q.w, q.x, q.y, q.z))
+    # -- perception ------------------------------------------------------------------------------------
 
     def base_pose(self, checkpoint: Checkpoint) -> Pose2:
         """Where the base stands now. Raises BodySilent."""
-        return _on_plane(self._poses[self._name].next(checkpoint).pose)
-
-    def trash_on_floor(self, checkpoint: Checkpoint, but: str | None = None) -> list[tuple[float, float]]:
-        """Where items lie on the floor now, leaving out the item `but`. Raises BodySilent."""
-        places = [self.pose_of(item, checkpoint).position_m for item in self._items if item != but]
-        return [(x, y) for x, y, z in places if z < ON_FLOOR_M]
+        return _on_plane(self._pose.next(checkpoint).pose)
 
     def joints(self, checkpoint: Checkpoint) -> Joints:
         """Raises BodySilent."""
-        message = self._joint_states.next(checkpoint)
-        position = dict(zip(message.name, message.position, strict=True))
-        left, right = (position[name] for name in FINGER_JOINTS)
-        return Joints(np.array([position[name] for name in ARM_JOINTS]), float(left - right) / 2)
+        return _joints(self._joint_states.next(checkpoint))
+
+    def recent_gripper_m(self) -> float | None:
+        """Half the gap between the fingers a moment ago, None when nobody says so."""
+        message = self._joint_states.recent()
+        return None if message is None else _joints(message).gripper_m
 
     def battery(self, checkpoint: Checkpoint) -> Battery:
         """Raises BodySilent."""
-        message = self._battery.next(checkpoint)
+        # At 1 Hz a recent one is as good as the next, and an assignment need not wait for it.
+        message = self._battery.recent() or self._battery.next(checkpoint)
         return Battery(float(message.percentage), message.power_supply_status == 1)
 
     def vitals(self) -> dict[str, Any]:
         """State of charge and whether the robot is docked, as far as recently heard, for its status."""
         heard: dict[str, Any] = {}
-        battery, pose = self._battery.recent(), self._poses[self._name].recent()
+        battery, pose = self._battery.recent(), self._pose.recent()
         if battery is not None:
             heard["soc"] = round(float(battery.percentage), 3)
         if pose is not None:
             heard["docked"] = on_contacts(self._dock, _on_plane(pose.pose))
         return heard
+
+    def recent_base_pose(self) -> Pose2 | None:
+        """Where the base stood a moment ago, None when nobody says so."""
+        pose = self._pose.recent()
+        return None if pose is None else _on_plane(pose.pose)
 
     # -- motion ----------------------------------------------------------------------------------------
 
@@ -213,6 +196,15 @@ class Body:
             return _follow_goal(plan(self.joints(checkpoint).arm_rad))
 
         self._execute(self._follow, goal, checkpoint)
+
+    def emergency_stop(self, engage: bool) -> None:
+        """Have the body itself hold still, or let go. A body without that service is only told to stop."""
+        if not self._stop_client.wait_for_server(0.0):
+            return
+        try:
+            self._stop_client.call(types.new(f"{topics.EMERGENCY_STOP.type}_Request", data=engage))
+        except Ros2Error as error:
+            log.warning("the emergency stop does not answer: %s", error)
 
     def grip(self, position_m: float, force_n: float, checkpoint: Checkpoint) -> Grip:
         """Move each finger to `position_m` from the middle, pushing with at most `force_n`."""
@@ -240,6 +232,12 @@ class Body:
                 raise MotionFailed(error.message, action=client.name, result=_plain(error.result)) from error
             except GoalRejected as error:
                 raise MotionFailed(error.message, action=client.name) from error
+
+
+def _joints(message: Any) -> Joints:
+    position = dict(zip(message.name, message.position, strict=True))
+    left, right = (position[name] for name in FINGER_JOINTS)
+    return Joints(np.array([position[name] for name in ARM_JOINTS]), float(left - right) / 2)
 
 
 def _on_plane(pose: Any) -> Pose2:

@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 
+from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.dao import CHARGING, CLEANING
 from rodeo.lab.layout import dock_parking, on_contacts
@@ -14,6 +15,7 @@ from services.robot_agent.account import Account
 from services.robot_agent.body import Body, Checkpoint
 from services.robot_agent.cleaning import Report
 from services.robot_agent.errors import MotionFailed
+from services.robot_agent.memory import Memory
 from services.robot_agent.navigation import Floor
 from services.robot_agent.parking import leave
 
@@ -27,20 +29,29 @@ _LOOK_WALL_S = 1.0
 class Charging:
     """The robot's side of a charging session."""
 
-    def __init__(self, site: Site, robot: str, dao: Account, body: Body, floor: Floor) -> None:
+    def __init__(
+        self, site: Site, robot: str, dao: Account, body: Body, floor: Floor, memory: Memory, clock: Clock
+    ) -> None:
         self._site = site
         self._robot = robot
         self._dao = dao
         self._body = body
         self._floor = floor
+        self._memory = memory
+        self._clock = clock
 
-    def buy(self, soc: float) -> int:
-        """Post the task and return its id. Raises RemoteError (no money, no such kind) and BusError.
+    def buy(self, soc: float, ordered: bool = False) -> int:
+        """Post the task and return its id.
+
+        Raises CapReached, RemoteError (no money, no such kind) and BusError. A charge that an operator
+        `ordered` goes to the full even if the battery is above the usual target.
 
         The request id changes with the number of charging tasks there are: asked again after a crash, the
         bridge gives the first answer instead of posting a second task.
         """
         target = self._site.agent.charge_target
+        if ordered and soc >= target:
+            target = 1.0
         request = RegisterTask(
             request_id=f"charge-{self._robot}-{self._dao.count(CHARGING)}",
             kind=CHARGING,
@@ -54,7 +65,7 @@ class Charging:
             description=f"Charge {self._robot} at {self._site.dock.name} to {target:.0%}",
             execution_window_s=self._site.economy.charging_window_s,
         )
-        return self._dao.post(request)
+        return self._dao.post(request, self._clock.now_s(), self._site.agent.daily_spending_cap_iec)
 
     def take(self, task: Task, wake: threading.Event, checkpoint: Checkpoint, report: Report) -> None:
         """Drive to the dock and stay until the charger is done with `task`, then leave.
@@ -89,7 +100,7 @@ class Charging:
             self._body,
             self._floor,
             dock_parking(self._site.dock),
-            self._body.trash_on_floor(checkpoint),
+            self._memory.lying(),
             checkpoint,
         )
 
@@ -107,7 +118,7 @@ class Charging:
             if on_contacts(self._site.dock, self._body.base_pose(checkpoint)):
                 return
             log.info("missed the contacts; docking again")
-            leave(self._body, self._floor, parking, self._body.trash_on_floor(checkpoint), checkpoint)
+            leave(self._body, self._floor, parking, self._memory.lying(), checkpoint)
         raise MotionFailed("the robot does not get onto the dock's contacts", dockings=_DOCKINGS)
 
     def _wait(self, wake: threading.Event, checkpoint: Checkpoint) -> None:

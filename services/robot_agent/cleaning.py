@@ -1,7 +1,7 @@
-"""How to dispose of one item: go there, take it, show it to the bin, drop it where the bin says.
+"""How to dispose of one item: find it, take it, show it to the bin, drop it where the bin says.
 
-What to do next follows from what is perceived (on the floor, held, in the bin), not from what was done, so
-a slipped grasp and a restarted process need no code of their own.
+What to do next follows from what is perceived (the camera sees it, the fingers feel it), not from what was
+done, so a slipped grasp and a restarted process need no code of their own.
 """
 
 from __future__ import annotations
@@ -9,22 +9,21 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from collections.abc import Callable
-from enum import StrEnum
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.lab.config import ItemConfig, Pose2
-from rodeo.lab.items import NotGraspable, shape_of, top_grasps
-from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout
+from rodeo.lab.items import NotGraspable, top_grasps
+from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, ahead, wrap
 from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M
 from services.robot_agent.arm import (
     ASIDE_RAD,
     CRUISE_RAD_S,
+    LOOK_RAD,
     READY_RAD,
     Arm,
     Trajectory,
@@ -32,10 +31,20 @@ from services.robot_agent.arm import (
     pointing_down,
 )
 from services.robot_agent.bin import SmartBin
-from services.robot_agent.body import ON_FLOOR_M, Body, Checkpoint, Pose3
-from services.robot_agent.errors import GraspFailed, MotionFailed, NoAnswer, TaskFailed, Unreachable
-from services.robot_agent.navigation import Floor, in_base_frame
+from services.robot_agent.body import Body, Checkpoint
+from services.robot_agent.errors import (
+    GraspFailed,
+    MotionFailed,
+    NoAnswer,
+    NotFound,
+    TaskFailed,
+    Unreachable,
+)
+from services.robot_agent.eyes import WristCamera
+from services.robot_agent.memory import Held, Memory
+from services.robot_agent.navigation import Floor, Point, in_base_frame
 from services.robot_agent.parking import leave
+from services.robot_agent.perception import Cluster, Sighting, View, best, candidates, cloud, clusters
 
 log = logging.getLogger(__name__)
 
@@ -48,6 +57,24 @@ Note = Callable[[dict[str, Any]], None]
 _PICKS = 4
 _DELIVERIES = 4
 _SHOWS = 3
+_DRIVES = 3
+_BLOCKED_S = 8.0
+"""Site time to wait before a blocked way is tried again: who stands in it may move on."""
+
+PLACE_LIMIT_M = 0.3
+"""How far from the place that a task names its item may lie."""
+_SEARCH_M = PLACE_LIMIT_M + 0.1
+"""With room for what a view from a distance is off by."""
+_LOOK_TURNS_RAD = (0.0, 0.15)
+"""Of the waist, between the pictures of one look: their picture elements fall on different points."""
+_FAR_MISFIT_M = 0.045
+"""Of extents seen from a distance, where a picture element covers 2 cm."""
+_NEAR_MISFIT_M = 0.02
+_NEAR_WITHIN_M = 0.12
+_CANDIDATES = 3
+"""Things seen from a distance that are worth a look from above."""
+_VIEWS_ABOVE_M = ((0.25, -0.012), (0.22, 0.012))
+"""Height of the pads and how far they are to the left of the item, for each view from above."""
 
 _ACROSS_RAD = math.pi / 2
 """Closing direction, in the base frame, that keeps both fingers visible and out of the bin's walls."""
@@ -58,8 +85,8 @@ _LIFT_RAD_S = 0.8
 _GRIP_FORCE_N = 5.0
 _NOTHING_HELD_M = GRIPPER_CLOSED_M + 0.001
 _OPEN_ENOUGH_M = GRIPPER_OPEN_M - 0.004
-_HELD_WITHIN_M = 0.08
-"""An item whose centre is this close to where the pads meet, with closed fingers, is held."""
+_THERE_RAD = 0.03
+"""An arm this close to a posture need not move to it."""
 _PUT_DOWN_M = 0.004
 _DROP_HIGH_M = 0.08
 _DROP_LOW_M = 0.02
@@ -81,12 +108,6 @@ _BIN_ANSWER_WALL_S = 20.0
 _BIN_RECALL_WALL_S = 4.0
 
 
-class Where(StrEnum):
-    FLOOR = "floor"
-    HELD = "held"
-    BIN = "bin"
-
-
 class Cleaning:
     """Disposes of items. `dispose` may be called again at any moment after an interruption."""
 
@@ -95,7 +116,9 @@ class Cleaning:
         site: Site,
         body: Body,
         arm: Arm,
+        camera: WristCamera,
         floor: Floor,
+        memory: Memory,
         smart_bin: SmartBin,
         clock: Clock,
         stop: threading.Event,
@@ -103,7 +126,9 @@ class Cleaning:
         self._site = site
         self._body = body
         self._arm = arm
+        self._camera = camera
         self._floor = floor
+        self._memory = memory
         self._bin = smart_bin
         self._layout = BinLayout(site.bin)
         self._clock = clock
@@ -117,47 +142,53 @@ class Cleaning:
         raise TaskFailed("no such item on this site", item=item_id)
 
     def dispose(
-        self,
-        item_id: str,
-        since_s: float,
-        checkpoint: Checkpoint,
-        report: Report,
-        note: Note,
-        resumed: bool = False,
+        self, item_id: str, place: Point, since_s: float, checkpoint: Checkpoint, report: Report, note: Note
     ) -> None:
-        """Bring the item into the bin.
+        """Bring the item, which lies within PLACE_LIMIT_M of `place`, into the bin.
 
-        Args:
-            since_s: site time of the assignment; the bin's statements before it do not count.
-            resumed: whether some of the work may have been done, and recorded, before an interruption.
-
-        Raises TaskFailed with the last cause when the limits on retries are used up, and when there is
-        nothing to do: what is in the bin already cannot be brought there again.
+        The bin's statements before `since_s` (site time of the assignment) do not count. Raises TaskFailed
+        with the last cause when the limits on retries are used up, and when the item is not there.
         """
         item = self.item(item_id)
-        if not resumed and self.where(item, checkpoint) == Where.BIN:
-            raise TaskFailed("the item was already in the bin", item=item_id)
         picks = deliveries = 0
-        while (where := self.where(item, checkpoint)) != Where.BIN:
+        released = False
+        while not released:
+            held = self.feel(checkpoint)
+            if held is not None and held.item_id != item.id:
+                raise TaskFailed("the gripper holds another item", item=item_id, held=held.item_id)
             try:
-                if where == Where.FLOOR:
+                if held is None:
                     picks += 1
-                    self._pick(item, checkpoint, report)
+                    self._pick(item, self._where_to_look(item, place, picks), checkpoint, report)
                 else:
                     deliveries += 1
-                    self._deliver(item, checkpoint, report, note)
+                    self._deliver(item, held, checkpoint, report, note)
+                    released = True
+            except NotFound as error:
+                raise TaskFailed(
+                    f"{item_id} was not found near x {place[0]:.2f} y {place[1]:.2f}",
+                    cause=error.code,
+                    **error.details,
+                ) from error
             except (GraspFailed, MotionFailed, Unreachable, NotGraspable, NoAnswer) as error:
-                log.warning(
-                    "%s did not work: %s", "grasping" if where == Where.FLOOR else "delivering", error
-                )
-                note({"event": "retry", "where": where.value, **error.to_json()})
+                log.warning("%s did not work: %s", "delivering" if held else "grasping", error)
+                note({"event": "retry", "where": "held" if held else "floor", **error.to_json()})
                 if picks >= _PICKS or deliveries >= _DELIVERIES:
                     raise TaskFailed(f"gave up: {error.message}", item=item_id, cause=error.code) from error
                 self._recover(checkpoint)
         report("waiting for the bin to confirm", 0.9)
+        self._confirm(since_s, _BIN_ANSWER_WALL_S, checkpoint, note)
+
+    def _where_to_look(self, item: ItemConfig, place: Point, picks: int) -> Point:
+        """Where the task says; after a grasp that failed, where the item was last."""
+        known = self._memory.place(item.id)
+        return place if picks == 1 or known is None else known
+
+    def confirm(self, since_s: float, checkpoint: Checkpoint, report: Report, note: Note) -> None:
+        """Ask the bin about an item that was released before an interruption."""
+        report("waiting for the bin to confirm", 0.9)
         # What fell before this call was attested long ago, or never will be.
-        patience_s = _BIN_ANSWER_WALL_S if deliveries else _BIN_RECALL_WALL_S
-        self._confirm(since_s, patience_s, checkpoint, note)
+        self._confirm(since_s, _BIN_RECALL_WALL_S, checkpoint, note)
 
     def clear_the_bin(self, checkpoint: Checkpoint) -> None:
         """Make room for whoever uses the bin next, with the arm folded, wherever it was left."""
@@ -165,73 +196,161 @@ class Cleaning:
         if math.dist((base.x_m, base.y_m), (parking.x_m, parking.y_m)) > _AT_BIN_M:
             return
         self._aside(checkpoint)
-        trash = self._body.trash_on_floor(checkpoint)
-        leave(self._body, self._floor, parking, trash, checkpoint)
+        leave(self._body, self._floor, parking, self._memory.lying(), checkpoint)
 
-    def where(self, item: ItemConfig, checkpoint: Checkpoint) -> Where:
-        """Where the item is now. Raises TaskFailed when it is where the robot cannot take it."""
-        if self._in_bin(item, checkpoint):
-            return Where.BIN
-        pose = self._body.pose_of(item.id, checkpoint)
-        if self._holds(pose, checkpoint):
-            return Where.HELD
-        if pose.position_m[2] < ON_FLOOR_M:
-            return Where.FLOOR
-        raise TaskFailed("the item is out of reach", item=item.id, position_m=pose.position_m)
+    # -- feeling what is held --------------------------------------------------------------------------
 
-    def _in_bin(self, item: ItemConfig, checkpoint: Checkpoint) -> bool:
-        position_m = self._body.pose_of(item.id, checkpoint).position_m
-        return any(self._layout.contains(name, position_m) for name in self._site.bin.compartments)
+    def feel(self, checkpoint: Checkpoint) -> Held | None:
+        """What is between the fingers, which close on it if they are neither closed nor open."""
+        if self._fingers_apart(checkpoint):
+            self._body.grip(0.0, _GRIP_FORCE_N, checkpoint)
+            if self._fingers_apart(checkpoint):
+                return self._memory.held or self._unknown(checkpoint)
+        if self._memory.held is not None:
+            self._memory.let_go(self._below_pads(checkpoint))
+        return None
 
-    def _holds(self, item: Pose3, checkpoint: Checkpoint) -> bool:
-        joints = self._body.joints(checkpoint)
+    def _fingers_apart(self, checkpoint: Checkpoint) -> bool:
+        """Whether something keeps the fingers from closing, unless they are open."""
+        return _NOTHING_HELD_M < self._body.joints(checkpoint).gripper_m < _OPEN_ENOUGH_M
+
+    def _unknown(self, checkpoint: Checkpoint) -> Held:
+        """Something that nobody remembers taking; it hangs as low as any item does."""
+        return Held(item_id="", place_m=self._below_pads(checkpoint), hang_m=0.1, centre_m=0.0)
+
+    def _below_pads(self, checkpoint: Checkpoint) -> Point:
+        x_m, y_m, _ = self._arm.forward(self._body.joints(checkpoint).arm_rad).position_m
+        return ahead(self._body.base_pose(checkpoint), float(x_m), float(y_m))
+
+    def _holding(self, checkpoint: Checkpoint) -> Checkpoint:
+        """`checkpoint` that also raises GraspFailed when the fingers have closed on nothing."""
+
+        def check() -> None:
+            checkpoint()
+            gripper_m = self._body.recent_gripper_m()
+            if gripper_m is not None and gripper_m <= _NOTHING_HELD_M:
+                raise GraspFailed("the item slipped out on the way", gripper_m=round(gripper_m, 4))
+
+        return check
+
+    # -- finding it ------------------------------------------------------------------------------------
+
+    def _find(self, item: ItemConfig, place: Point, checkpoint: Checkpoint, report: Report) -> list[Sighting]:
+        """What may be the item, seen from a distance: from one side, and if need be from another.
+
+        Raises NotFound.
+        """
         base = self._body.base_pose(checkpoint)
-        pads = self._arm.forward(joints.arm_rad).position_m
-        near = math.dist(pads, in_base_frame(base, item.position_m)) <= _HELD_WITHIN_M
-        return near and _NOTHING_HELD_M < joints.gripper_m < _OPEN_ENOUGH_M
+        lookouts = self._floor.lookouts(place, self._memory.lying(but=item.id), base)
+        found: list[Cluster] = []
+        for number, side in enumerate(_two_sides(lookouts), 1):
+            report(f"driving to {item.id}" if number == 1 else f"looking for {item.id} from elsewhere", 0.1)
+            self._drive_to_one_of(side, checkpoint)
+            report(f"looking for {item.id}", 0.15)
+            views = [view for turn in _LOOK_TURNS_RAD for view in self._look_ahead(turn, checkpoint)]
+            found = clusters(cloud(views), place, _SEARCH_M, self._floor.is_open)
+            if likely := candidates(found, item, place, _FAR_MISFIT_M):
+                return likely[:_CANDIDATES]
+        return [best(found, item, place, _FAR_MISFIT_M)]
+
+    def _look_ahead(self, turn_rad: float, checkpoint: Checkpoint) -> list[View]:
+        posture = LOOK_RAD + np.array([turn_rad, 0, 0, 0, 0, 0])
+        self._body.follow(lambda now: self._arm.trajectory([now, posture]), checkpoint)
+        return self._camera.look(checkpoint)
+
+    def _look_down(self, item: ItemConfig, place: Point, checkpoint: Checkpoint) -> Sighting:
+        """The item from above. Raises NotFound, Unreachable."""
+        views: list[View] = []
+        camera_m = self._arm.camera_offset_m
+        for height_m, left_m in _VIEWS_ABOVE_M:
+            x_m, y_m, _ = in_base_frame(self._body.base_pose(checkpoint), (*place, 0.0))
+            # Fingers down and closing across, the gripper's z axis points ahead.
+            self._reach((x_m - float(camera_m[2]), y_m + left_m, height_m), _ACROSS_RAD, checkpoint)
+            views += self._camera.look(checkpoint)
+        found = clusters(cloud(views), place, _NEAR_WITHIN_M, self._floor.is_open)
+        return best(found, item, place, _NEAR_MISFIT_M)
 
     # -- taking it -------------------------------------------------------------------------------------
 
-    def _pick(self, item: ItemConfig, checkpoint: Checkpoint, report: Report) -> None:
+    def _pick(self, item: ItemConfig, place: Point, checkpoint: Checkpoint, report: Report) -> None:
         self.stow(checkpoint)
-        self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
-        self._approach(item, checkpoint, report)
+        if self._body.joints(checkpoint).gripper_m < _OPEN_ENOUGH_M:
+            self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
+        sighting = self._see(item, place, checkpoint, report)
+        self._memory.saw(item.id, sighting.position_m[:2])
         report(f"grasping {item.id}", 0.3)
-        pose = self._body.pose_of(item.id, checkpoint)
         base = self._body.base_pose(checkpoint)
-        grasp = top_grasps(item, pose.position_m, pose.quat_wxyz)[0]
+        grasp = top_grasps(item, sighting.position_m, sighting.quat_wxyz)[0]
         point = in_base_frame(base, grasp.point_m)
         closing = _ACROSS_RAD if grasp.yaw_rad is None else grasp.yaw_rad - base.yaw_rad
         self._reach(_raised(point, _ABOVE_M), closing, checkpoint)
         self._straight(point, closing, _DESCENT_RAD_S, checkpoint)
-        self._check_grip(self._body.grip(0.0, _GRIP_FORCE_N, checkpoint).position_m)
-        self._straight(_raised(point, _LIFT_M), closing, _LIFT_RAD_S, checkpoint)
-        self._check_grip(self._body.joints(checkpoint).gripper_m)
-        if self.where(item, checkpoint) != Where.HELD:
-            raise GraspFailed("the item did not come along", item=item.id)
-        self._aside(checkpoint)
+        held = Held(
+            item_id=item.id,
+            place_m=sighting.position_m[:2],
+            hang_m=point[2],
+            centre_m=sighting.position_m[2] - point[2],
+        )
+        self._memory.took(held)  # before it is so: a robot that is killed now finds it in its gripper
+        try:
+            self._check_grip(self._body.grip(0.0, _GRIP_FORCE_N, checkpoint).position_m)
+            self._straight(_raised(point, _LIFT_M), closing, _LIFT_RAD_S, checkpoint)
+            self._check_grip(self._body.joints(checkpoint).gripper_m)
+        except GraspFailed:
+            self._memory.let_go(held.place_m)
+            raise
+        self._aside(self._holding(checkpoint))
 
-    def _approach(self, item: ItemConfig, checkpoint: Checkpoint, report: Report) -> None:
-        """Stand so that the item is right ahead; places are tried from the nearest."""
-        base = self._body.base_pose(checkpoint)
-        position = self._body.pose_of(item.id, checkpoint).position_m
-        forward_m, left_m, _ = in_base_frame(base, position)
-        if _AHEAD_M[0] <= forward_m <= _AHEAD_M[1] and abs(left_m) <= _BESIDE_M:
-            return
-        lying = self._body.trash_on_floor(checkpoint, but=item.id)
-        report(f"driving to {item.id}", 0.1)
-        self._drive_to_one_of(self._floor.grasp_poses(position[:2], lying, base), checkpoint)
-
-    def _drive_to_one_of(self, poses: list[Pose2], checkpoint: Checkpoint) -> None:
-        """The first of the places that can be reached; `poses` is not empty."""
-        failure: MotionFailed | None = None
-        for pose in poses:
+    def _see(self, item: ItemConfig, place: Point, checkpoint: Checkpoint, report: Report) -> Sighting:
+        """The item as it lies, with the robot in front of it. Raises NotFound."""
+        if self._in_front(place, checkpoint):
             try:
-                self._body.navigate(pose, checkpoint)
-                return
-            except MotionFailed as error:
-                log.warning("could not drive to x %.2f y %.2f: %s", pose.x_m, pose.y_m, error)
+                return self._look_down(item, place, checkpoint)
+            except (NotFound, Unreachable) as error:
+                log.info("not right ahead: %s", error)
+                self.stow(checkpoint)
+        failure: NotFound | None = None
+        for likely in self._find(item, place, checkpoint, report):
+            spot = likely.position_m[:2]
+            report(f"driving up to {item.id}", 0.2)
+            self._approach(item, spot, checkpoint)
+            try:
+                return self._look_down(item, spot, checkpoint)
+            except NotFound as error:
+                log.info("that was something else: %s", error)
                 failure = error
+                self.stow(checkpoint)
+        assert failure is not None  # _find() returns at least one
+        raise failure
+
+    def _in_front(self, place: Point, checkpoint: Checkpoint) -> bool:
+        """Whether `place` can be worked at from where the robot stands."""
+        forward_m, left_m, _ = in_base_frame(self._body.base_pose(checkpoint), (*place, 0.0))
+        return _AHEAD_M[0] <= forward_m <= _AHEAD_M[1] and abs(left_m) <= _BESIDE_M
+
+    def _approach(self, item: ItemConfig, place: Point, checkpoint: Checkpoint) -> None:
+        """Stand so that the item is right ahead; places are tried from the nearest."""
+        if self._in_front(place, checkpoint):
+            return
+        self.stow(checkpoint)
+        base = self._body.base_pose(checkpoint)
+        self._drive_to_one_of(
+            self._floor.grasp_poses(place, self._memory.lying(but=item.id), base), checkpoint
+        )
+
+    def _drive_to_one_of(self, poses: Sequence[Pose2], checkpoint: Checkpoint) -> None:
+        """The first of the places that can be reached, again after a while; `poses` is not empty."""
+        failure: MotionFailed | None = None
+        for attempt in range(1, _DRIVES + 1):
+            for pose in poses:
+                try:
+                    self._body.navigate(pose, checkpoint)
+                    return
+                except MotionFailed as error:
+                    log.warning("could not drive to x %.2f y %.2f: %s", pose.x_m, pose.y_m, error)
+                    failure = error
+            if attempt < _DRIVES:
+                self._pause(_BLOCKED_S * attempt, checkpoint)
         assert failure is not None
         raise failure
 
@@ -239,34 +358,36 @@ class Cleaning:
         if position_m <= _NOTHING_HELD_M:
             raise GraspFailed("the fingers closed on nothing", position_m=round(position_m, 4))
 
-    def put_back(self, item_id: str, place: tuple[float, float], checkpoint: Checkpoint) -> None:
-        """Lay the held item on the floor at `place`, so that the work can be done, and recorded, again."""
-        item = self.item(item_id)
+    def put_back(self, held: Held, checkpoint: Checkpoint) -> None:
+        """Lay what is held on the floor where it was taken, for whoever takes it next."""
         self._aside(checkpoint)
         base = self._body.base_pose(checkpoint)
-        lying = self._body.trash_on_floor(checkpoint, but=item.id)
-        self._drive_to_one_of(self._floor.grasp_poses(place, lying, base), checkpoint)
-        x_m, y_m, _ = in_base_frame(self._body.base_pose(checkpoint), (*place, 0.0))
-        hang_m = self._hang_m(item, checkpoint)
-        self._reach((x_m, y_m, hang_m + _ABOVE_M), _ACROSS_RAD, checkpoint)
-        low: Point3 = (x_m, y_m, hang_m + _PUT_DOWN_M)
+        lying = self._memory.lying(but=held.item_id)
+        self._drive_to_one_of(self._floor.grasp_poses(held.place_m, lying, base), checkpoint)
+        x_m, y_m, _ = in_base_frame(self._body.base_pose(checkpoint), (*held.place_m, 0.0))
+        self._reach((x_m, y_m, held.hang_m + _ABOVE_M), _ACROSS_RAD, checkpoint)
+        low: Point3 = (x_m, y_m, held.hang_m + _PUT_DOWN_M)
         self._straight(low, _ACROSS_RAD, _DESCENT_RAD_S, checkpoint)
         self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
+        self._memory.let_go(held.place_m)
         self._straight(_raised(low, _LIFT_M), _ACROSS_RAD, _LIFT_RAD_S, checkpoint)
         self.stow(checkpoint)
 
     # -- bringing it -----------------------------------------------------------------------------------
 
-    def _deliver(self, item: ItemConfig, checkpoint: Checkpoint, report: Report, note: Note) -> None:
+    def _deliver(
+        self, item: ItemConfig, held: Held, checkpoint: Checkpoint, report: Report, note: Note
+    ) -> None:
+        holding = self._holding(checkpoint)
         report(f"carrying {item.id} to the bin", 0.45)
-        self._aside(checkpoint)
-        self._body.navigate(self._layout.parking, checkpoint)
+        self._aside(holding)
+        self._drive_to_one_of([self._layout.parking], holding)
         report(f"showing {item.id} to the bin", 0.6)
-        compartment = str(self._show(item, checkpoint)["compartment"])
+        compartment = str(self._show(held, item, holding)["compartment"])
         report(f"dropping {item.id} into {compartment}", 0.7)
-        self._drop(item, compartment, checkpoint, note)
+        self._drop(held, compartment, checkpoint, note)
 
-    def _show(self, item: ItemConfig, checkpoint: Checkpoint) -> dict[str, Any]:
+    def _show(self, held: Held, item: ItemConfig, checkpoint: Checkpoint) -> dict[str, Any]:
         """Hold the item where the camera looks until the bin says what it is.
 
         What the bin does not know is turned and shown again before its word counts. Raises NoAnswer, and
@@ -275,10 +396,8 @@ class Cleaning:
         closing = _ACROSS_RAD
         for attempt in range(1, _SHOWS + 1):
             last = self._bin.last_seq("classification")
-            base = self._body.base_pose(checkpoint)
-            point = np.array(in_base_frame(base, self._layout.show_point))
-            target = point - self._offset(item, checkpoint)
-            self._reach((target[0], target[1], target[2]), closing, checkpoint)
+            x_m, y_m, z_m = in_base_frame(self._body.base_pose(checkpoint), self._layout.show_point)
+            self._reach((x_m, y_m, z_m - held.centre_m), closing, checkpoint)
             try:
                 said = self._bin.wait_for("classification", _newer_than(last), checkpoint, _BIN_ANSWER_WALL_S)
             except NoAnswer:
@@ -296,19 +415,19 @@ class Cleaning:
             self._pause(_LOOK_AWAY_S, checkpoint)
         raise AssertionError("unreachable")
 
-    def _drop(self, item: ItemConfig, compartment: str, checkpoint: Checkpoint, note: Note) -> None:
+    def _drop(self, held: Held, compartment: str, checkpoint: Checkpoint, note: Note) -> None:
         base = self._body.base_pose(checkpoint)
         x_m, y_m, rim_m = in_base_frame(base, self._layout.compartment(compartment))
-        hang_m = self._hang_m(item, checkpoint)
-        self._reach((x_m, y_m, rim_m + hang_m + _DROP_HIGH_M), _ACROSS_RAD, checkpoint)
-        low: Point3 = (x_m, y_m, rim_m + hang_m + _DROP_LOW_M)
+        self._reach((x_m, y_m, rim_m + held.hang_m + _DROP_HIGH_M), _ACROSS_RAD, checkpoint)
+        low: Point3 = (x_m, y_m, rim_m + held.hang_m + _DROP_LOW_M)
         self._straight(low, _ACROSS_RAD, _DESCENT_RAD_S, checkpoint)
         last = self._bin.last_seq("disposal")
+        note({"event": "releasing", "item": held.item_id})
         self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
-        note({"event": "released", "item": item.id})  # sealed at once: from here on a hole is no loss
+        note({"event": "released", "item": held.item_id})  # sealed at once: from here on a hole is no loss
+        self._memory.let_go(None)
         self._pause(_FALL_S, checkpoint)
-        if self._in_bin(item, checkpoint):
-            self._hold_still(last, checkpoint)
+        self._hold_still(last, checkpoint)
         self._retreat(_raised(low, _RETREAT_M), checkpoint)
 
     def _hold_still(self, last: int, checkpoint: Checkpoint) -> None:
@@ -326,22 +445,12 @@ class Cleaning:
             log.warning("%s; submitting without it", error)
             note({"event": "unconfirmed", **error.to_json()})
 
-    def _offset(self, item: ItemConfig, checkpoint: Checkpoint) -> Vector:
-        """From where the pads meet to the item's centre, in the base frame (3,)."""
-        base = self._body.base_pose(checkpoint)
-        centre = in_base_frame(base, self._body.pose_of(item.id, checkpoint).position_m)
-        return np.array(centre) - self._arm.forward(self._body.joints(checkpoint).arm_rad).position_m
-
-    def _hang_m(self, item: ItemConfig, checkpoint: Checkpoint) -> float:
-        """How far the item reaches below where the pads meet."""
-        w, x, y, z = self._body.pose_of(item.id, checkpoint).quat_wxyz
-        up = np.abs(Rotation.from_quat((x, y, z, w)).as_matrix()[2])
-        return float(up @ shape_of(item).half_m - self._offset(item, checkpoint)[2])
-
     # -- arm motions -----------------------------------------------------------------------------------
 
     def stow(self, checkpoint: Checkpoint) -> None:
-        """Fold the arm for driving."""
+        """Fold the arm for driving, unless it is."""
+        if np.abs(self._body.joints(checkpoint).arm_rad - READY_RAD).max() <= _THERE_RAD:
+            return
         self._body.follow(lambda now: self._arm.trajectory([now, READY_RAD]), checkpoint)
 
     def _aside(self, checkpoint: Checkpoint) -> None:
@@ -392,6 +501,13 @@ class Cleaning:
         """Let `seconds` of site time pass."""
         self._clock.wait_until(self._clock.now_s() + seconds, self._stop)
         checkpoint()
+
+
+def _two_sides(poses: list[Pose2]) -> list[list[Pose2]]:
+    """The poses, the first preferred; then those that look from elsewhere than the first."""
+    first = poses[0]
+    elsewhere = [p for p in poses if abs(wrap(p.yaw_rad - first.yaw_rad)) > math.pi / 3]
+    return [poses, elsewhere] if elsewhere else [poses]
 
 
 def _newer_than(seq: int) -> Callable[[dict[str, Any]], bool]:

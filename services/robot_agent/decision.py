@@ -6,16 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from rodeo.config import AgentConfig
-from rodeo.lab.config import BatteryConfig
 from rodeo.messages import Task
-
-_CLEANING_S = 400.0
-"""Site time that a cleaning task may take, retries included."""
-_DRIVING_W = 120.0
-"""Mean power on top of standing still while driving and handling."""
-_WAY_TO_DOCK_WH = 3.0
-_RESERVE = 0.1
-"""State of charge that is never planned away."""
 
 
 class Intent(StrEnum):
@@ -35,25 +26,33 @@ class Situation:
     """The cleaning task to do next."""
     charge: Task | None
     """The robot's own charging task, if one is live."""
+    lasts: bool = True
+    """Whether the battery lasts for the assignment, or the farthest one there may be, and the way home."""
+    begun: bool = False
+    """Work on the assignment has begun."""
+    paused: bool = False
+    charge_ordered: bool = False
 
 
-def enough_energy(soc: float, battery: BatteryConfig) -> bool:
-    """Whether the battery lasts for one cleaning task and the way to the dock."""
-    task_wh = (battery.idle_power_w + battery.arm_power_w + _DRIVING_W) * _CLEANING_S / 3600
-    return (soc - _RESERVE) * battery.capacity_wh >= task_wh + _WAY_TO_DOCK_WH
+def takes_work(now: Situation) -> bool:
+    """Whether the robot's service should be open to new tasks."""
+    charging = now.charge is not None and now.charge.state != "submitted"
+    return not (now.paused or now.charge_ordered or charging) and now.lasts
 
 
-def decide(now: Situation, agent: AgentConfig, battery: BatteryConfig) -> Intent:
-    can_clean = now.assignment is not None and enough_energy(now.soc, battery)
+def decide(now: Situation, agent: AgentConfig) -> Intent:
+    waits = now.assignment is not None and (now.begun or not now.paused)
+    can_clean = waits and now.lasts
     charge_state = now.charge.state if now.charge is not None else None
     full = now.soc >= agent.charge_target
     if charge_state == "assigned" and not (full and can_clean):
         return Intent.DOCK
-    if can_clean:
+    if can_clean and not (now.charge_ordered and not now.begun):
         return Intent.CLEAN
-    low = now.soc < agent.charge_below or now.assignment is not None
-    if low and charge_state is None:
+    low = now.soc < agent.charge_below or waits
+    wanted = now.charge_ordered or (low and (waits or not now.paused))
+    if wanted and charge_state is None:
         return Intent.BUY_CHARGE
-    if low and charge_state == "open":
+    if charge_state == "open":
         return Intent.AWAIT_CHARGE
-    return Intent.EXPLORE if agent.explore_when_idle and not low else Intent.REST
+    return Intent.EXPLORE if agent.explore_when_idle and not (low or now.paused) else Intent.REST

@@ -3,10 +3,15 @@
 RodeoError
 └── AgentError
     ├── Stopped             the process is asked to end; work is resumed after the next start
+    ├── Halted              an operator stopped the robot; work is resumed as after a restart
+    ├── Cancelled           an operator gave up the attempt
+    ├── JournalBroken       a file that the agent keeps is not what it wrote
+    ├── CapReached          buying more would exceed the daily spending cap
     ├── Revoked             the assignment is gone: expired, cancelled or decided
     ├── BodySilent          the body or the motion capture does not report
     ├── MotionFailed        the body could not do a motion
     ├── Unreachable         no arm configuration, or no place to stand, for a pose
+    ├── NotFound            the item is not where it should be
     ├── GraspFailed         the item is not in the gripper after grasping
     ├── NoAnswer            another device did not answer in time
     └── TaskFailed          the task cannot be done; the cause says why
@@ -25,6 +30,22 @@ class Stopped(AgentError):
     """The process is asked to end."""
 
 
+class Halted(AgentError):
+    """An operator stopped the robot."""
+
+
+class Cancelled(AgentError):
+    """An operator gave up the attempt."""
+
+
+class JournalBroken(AgentError):
+    """A file that must survive restarts cannot be read; starting without it could do things twice."""
+
+
+class CapReached(AgentError):
+    """The wallet has spent what the site file allows within 24 hours."""
+
+
 class Revoked(AgentError):
     """The assignment no longer exists, so there is no point in going on."""
 
@@ -39,6 +60,10 @@ class MotionFailed(AgentError):
 
 class Unreachable(AgentError):
     """No collision-free arm configuration, or no place to stand, for what is wanted."""
+
+
+class NotFound(AgentError):
+    """The camera sees no such item near the place that was named."""
 
 
 class GraspFailed(AgentError):

@@ -31,6 +31,10 @@ _ITEM_CLEARANCE_M = 0.12
 """Between the robot's footprint and trash that it does not want to drive over."""
 _ITEM_RADIUS_M = 0.05
 _HEADINGS = 24
+_LOOKOUT_M = (0.95, 1.1, 0.85)
+"""From the place that is looked at to the robot's centre: what lies 0.3 m off is in sight, not underneath."""
+_PLAN_M = 0.03
+"""The site's plan is right to so much."""
 _WAY_OUT_M = (0.7, 0.85, 1.0, 1.2, 1.5, 0.6)
 """How far behind a parking place the robot looks for room, in this order."""
 _DOCK_DEPTH_M = 0.17
@@ -96,16 +100,42 @@ class Floor:
         """
         others = list(others)
         poses = []
-        for index in range(_HEADINGS):
-            yaw = wrap(index * math.tau / _HEADINGS)
-            x_m, y_m = item[0] - PICK_DISTANCE_M * math.cos(yaw), item[1] - PICK_DISTANCE_M * math.sin(yaw)
-            pose = Pose2(x_m=x_m, y_m=y_m, yaw_rad=yaw)
+        for pose in self._facing(item, PICK_DISTANCE_M):
             covered = any(footprint(pose).distance_m(*other) < _ITEM_CLEARANCE_M for other in others)
-            if self.clearance_m(x_m, y_m) >= _TURN_CLEARANCE_M and not covered:
+            if self.clearance_m(pose.x_m, pose.y_m) >= _TURN_CLEARANCE_M and not covered:
                 poses.append(pose)
         if not poses:
             raise Unreachable("nowhere to stand near the item", x_m=round(item[0], 3), y_m=round(item[1], 3))
         return sorted(poses, key=lambda pose: travel_cost_m(start, pose))
+
+    def is_open(self, x_m: float, y_m: float) -> bool:
+        """Whether the plan shows nothing there, so that what stands there is none of the furniture."""
+        return self.clearance_m(x_m, y_m) > _PLAN_M
+
+    def lookouts(self, place: Point, others: Iterable[Point], start: Pose2) -> list[Pose2]:
+        """Places to look at `place` from, far enough not to touch what lies near it, the nearest first.
+
+        Raises Unreachable when there is none.
+        """
+        others = list(others)
+        poses = [
+            pose
+            for distance_m in _LOOKOUT_M
+            for pose in self._facing(place, distance_m)
+            if self.clearance_m(pose.x_m, pose.y_m) >= _TURN_CLEARANCE_M
+            and all(footprint(pose).distance_m(*other) >= _ITEM_CLEARANCE_M for other in others)
+        ]
+        if not poses:
+            raise Unreachable("nowhere to look from", x_m=round(place[0], 3), y_m=round(place[1], 3))
+        return sorted(poses, key=lambda pose: travel_cost_m(start, pose))
+
+    @staticmethod
+    def _facing(place: Point, distance_m: float) -> Iterator[Pose2]:
+        """Poses around `place`, looking at it."""
+        for index in range(_HEADINGS):
+            yaw = wrap(index * math.tau / _HEADINGS)
+            x_m, y_m = place[0] - distance_m * math.cos(yaw), place[1] - distance_m * math.sin(yaw)
+            yield Pose2(x_m=x_m, y_m=y_m, yaw_rad=yaw)
 
     def ways_out(self, parked: Pose2, items: Iterable[Point]) -> list[Pose2]:
         """Free poses near a narrow parking place, the best to back out to first; may be empty."""

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import threading
 
-from rodeo.config import Site
+from rodeo.config import Site, agent_process
 from rodeo.service import Service
 from services.robot_agent.agent import Agent
 
 
-def run(site: Site, stop: threading.Event) -> None:
-    """Drive the site's first robot until `stop`; a site with more robots runs one agent for each."""
-    with Service("robot_agent", site, stop) as service:
+def run(site: Site, robot: str | None, stop: threading.Event) -> None:
+    """Drive `robot`, by default the site's first, until `stop`. Raises ConfigError for an unknown name."""
+    config = site.robot(robot or site.robots[0].name)
+    with Service(agent_process(site, config.name), site, stop) as service:
         service.wait_clock()
         service.not_ready("waiting for the organization")
-        Agent(service, site.robots[0]).run()
+        Agent(service, config).run()

@@ -25,6 +25,7 @@ from services.robot_agent.errors import EvidenceHole
 
 log = logging.getLogger(__name__)
 
+_SILENT_WALL_S = 10.0
 _HOLE_NS = 400_000_000
 """Odometry comes every 20 ms: a longer silence means that messages were lost (a router that restarts)."""
 
@@ -52,13 +53,21 @@ def _expand(topic: Topic, names: dict[str, list[str]]) -> list[str]:
 
 def tells_of_disposal(path: Path) -> bool:
     """Whether the bin's word that something fell is in the recording at `path`, which may be cut off."""
+    return any("expected_compartment" in one["payload"] for one in _json(path, "rodeo/attestation"))
+
+
+def tells_of_release(path: Path) -> bool:
+    """Whether the fingers were opened over the bin."""
+    return any(one.get("event") == "releasing" for one in _json(path, "rodeo/event"))
+
+
+def _json(path: Path, channel: str) -> Iterator[dict[str, Any]]:
     try:
         for topic, _, message in SealedReader(path):
-            if topic == "rodeo/attestation" and "expected_compartment" in json.loads(message.data)["payload"]:
-                return True
+            if topic == channel:
+                yield json.loads(message.data)
     except ContainerError as error:
         log.info("read up to where the recording is cut off: %s", error)
-    return False
 
 
 class Recording:
@@ -92,6 +101,8 @@ class Recording:
         self._hole_ns = 0
         self._last_odom_ns: int | None = None
         self._lock = threading.Lock()
+        self._written_ns: dict[str, int] = {}
+        self._progress = threading.Condition(self._lock)
         for name, typename in recorded_topics(site, robot, items):
             node.raw_subscription(name, typename, self._writer(name, typename))
         node.raw_subscription(
@@ -105,6 +116,9 @@ class Recording:
                     name, typename, info.cdr, self._clock.now_ns(), info.source_time_ns, info.sequence
                 )
             )
+            with self._progress:
+                self._written_ns[name] = info.source_time_ns
+                self._progress.notify_all()
 
         return write
 
@@ -144,6 +158,21 @@ class Recording:
             raise self._failure
         if self._hole_ns and not self._holes_allowed:
             raise EvidenceHole("messages of the robot were lost", lost_s=self._hole_ns * 1e-9)
+
+    def catch_up(self) -> None:
+        """Wait until what was published up to now is written.
+
+        On a busy machine a fast simulation is ahead of its recorder. A topic that fell silent is given up on
+        after `_SILENT_WALL_S`; the oracle judges what is there.
+        """
+        now_ns = self._clock.now_ns()
+
+        def written() -> bool:
+            return self._failure is not None or all(t >= now_ns for t in self._written_ns.values())
+
+        with self._progress:
+            if not self._progress.wait_for(written, _SILENT_WALL_S):
+                log.warning("not everything up to the end of the work could be recorded")
 
     def suspend(self) -> None:
         """Put everything on disk and let go of the file, to be sealed or gone on with."""

@@ -52,9 +52,11 @@ def test_tasks_that_wait_at_once_are_done_one_after_another(organization: Organi
     cancelled = organization.post("item2")
     organization.cancel(cancelled)
     assert organization.task(cancelled)["state"] == "cancelled"
+    pose = organization.running.site.items[0].pose
+    place = f"x {pose.x_m:.2f} y {pose.y_m:.2f}"
     for task_id, reason in [
-        (again, "item_outside_bin: the item was already in the bin"),
-        (unknown, "cleaning_topics: the site has no such item (item_id='item99')"),
+        (again, f"not_given_up: the executor reports: item1 was not found near {place}"),
+        (unknown, "not_given_up: the executor reports: no such item on this site"),
     ]:
         task = ended(organization, "TaskFailed", task_id)
         assert (task["state"], task["attempt"], task["verdict"], task["reason"]) == (
@@ -66,4 +68,4 @@ def test_tasks_that_wait_at_once_are_done_one_after_another(organization: Organi
         refund = organization.wait_for_event("TaskFailed", task_id).args["refund_iec"]
         assert float(refund) == 100
     assert robot_iec(organization) - before_iec == 300
-    assert any("item1: the item was already in the bin" in text for text in organization.activities)
+    assert any("item1 was not found near" in text for text in organization.activities)

@@ -9,7 +9,17 @@ from collections.abc import Callable
 
 from rodeo.dao import CHARGING, CLEANING
 from services.oracle.case import Case
-from services.oracle.checks import arm, base, carry, charging, completeness, disposal, provenance
+from services.oracle.checks import (
+    arm,
+    base,
+    carry,
+    charging,
+    completeness,
+    declared,
+    disposal,
+    provenance,
+    statement,
+)
 from services.oracle.report import Finding
 
 CheckFunction = Callable[[Case], Finding]
@@ -27,6 +37,7 @@ PROVENANCE: Stage = (
 CHECKS: dict[str, tuple[Stage, ...]] = {
     CLEANING: (
         PROVENANCE,
+        (declared.not_given_up,),
         (completeness.cleaning_topics,),
         (completeness.item_outside_bin,),
         (completeness.cleaning_gaps, completeness.messages_missed),
@@ -47,3 +58,10 @@ CHECKS: dict[str, tuple[Stage, ...]] = {
         (charging.robot_docked, charging.power, charging.energy, charging.target),
     ),
 }
+
+STATEMENT: tuple[Stage, ...] = (
+    tuple(statement.executors_own_seal if check is provenance.signer else check for check in PROVENANCE),
+    (declared.not_given_up,),
+    (statement.stated,),
+)
+"""For kinds of task that people do."""

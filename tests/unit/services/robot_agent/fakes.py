@@ -4,21 +4,40 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
+import mujoco
 import numpy as np
 
 from rodeo.config import Site
 from rodeo.lab.config import ItemConfig, Pose2
 from rodeo.lab.items import rest_pose, shape_of
 from rodeo.lab.layout import BinLayout, ahead
-from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M, PAD_THICKNESS_M
+from rodeo.lab.world import (
+    ARM_JOINTS,
+    FINGER_JOINTS,
+    GRIPPER_CLOSED_M,
+    GRIPPER_OPEN_M,
+    PAD_THICKNESS_M,
+    build_world,
+)
 from services.robot_agent.arm import READY_RAD, Arm, Trajectory, Vector
-from services.robot_agent.body import ON_FLOOR_M, Checkpoint, Grip, Joints, Pose3
+from services.robot_agent.body import Checkpoint, Grip, Joints
 from services.robot_agent.errors import MotionFailed, NoAnswer
 from services.robot_agent.navigation import in_base_frame
+from services.robot_agent.perception import View
 
 _GRASP_RADIUS_M = 0.03
+
+
+@dataclass(frozen=True)
+class Pose3:
+    """Position in the map (m) and orientation (w, x, y, z)."""
+
+    position_m: tuple[float, float, float]
+    quat_wxyz: tuple[float, float, float, float]
 
 
 class ManualClock:
@@ -59,18 +78,12 @@ class KinematicBody:
         self._arm = Arm(site.robots[0].limits)
         self._hang: Vector = np.zeros(3)
 
-    def pose_of(self, body: str, checkpoint: Checkpoint) -> Pose3:
-        checkpoint()
-        return self.items[body]
-
-    def trash_on_floor(self, checkpoint: Checkpoint, but: str | None = None) -> list[tuple[float, float]]:
-        checkpoint()
-        places = [pose.position_m for item, pose in self.items.items() if item != but]
-        return [(x, y) for x, y, z in places if z < ON_FLOOR_M]
-
     def base_pose(self, checkpoint: Checkpoint) -> Pose2:
         checkpoint()
         return self.base
+
+    def recent_gripper_m(self) -> float:
+        return self.gripper_m
 
     def joints(self, checkpoint: Checkpoint) -> Joints:
         checkpoint()
@@ -105,6 +118,8 @@ class KinematicBody:
             self.gripper_m = GRIPPER_OPEN_M
             self._let_go()
             return Grip(self.gripper_m, False)
+        if self.held and self.gripper_m > GRIPPER_CLOSED_M:
+            return Grip(self.gripper_m, True)
         pads = self._pads()
         for item in self.site.items:
             centre = in_base_frame(self.base, self.items[item.id].position_m)
@@ -143,6 +158,83 @@ class KinematicBody:
 
     def _put(self, item: str, position_m: tuple[float, float, float]) -> None:
         self.items[item] = Pose3(position_m, self.items[item].quat_wxyz)
+
+
+class RayCamera:
+    """The wrist camera of a `KinematicBody` in the site's world: depth by ray casting, with noise.
+
+    `blind`: it sees nothing but floor.
+    """
+
+    WIDTH, HEIGHT, FOVY_RAD, NOISE = 80, 60, 1.239, 0.005
+
+    def __init__(self, body: KinematicBody) -> None:
+        self._body = body
+        self._model = _world(body.site.model_dump_json())
+        self._data = mujoco.MjData(self._model)
+        self._chance = np.random.default_rng(1)
+        self.blind = False
+        self.looks = 0
+        focal = self.HEIGHT / 2 / np.tan(self.FOVY_RAD / 2)
+        cx, cy = (self.WIDTH - 1) / 2, (self.HEIGHT - 1) / 2
+        self._intrinsics = np.array([[focal, 0, cx], [0, focal, cy], [0, 0, 1]])
+        columns, rows = np.meshgrid(np.arange(self.WIDTH), np.arange(self.HEIGHT))
+        rays = np.stack([(columns - cx) / focal, (rows - cy) / focal, np.ones(columns.shape)], axis=-1)
+        self._rays = rays.reshape(-1, 3)
+
+    def look(self, checkpoint: Checkpoint) -> list[View]:
+        checkpoint()
+        self.looks += 1
+        self._put_everything()
+        name = self._body.site.robots[0].name
+        site = self._data.site(f"{name}/wrist_camera_optical_frame")
+        position, rotation = site.xpos.copy(), site.xmat.reshape(3, 3).copy()
+        lengths = np.linalg.norm(self._rays, axis=1)
+        directions = (self._rays / lengths[:, None]) @ rotation.T
+        count = len(directions)
+        geoms, distances = np.full(count, -1, np.int32), np.full(count, -1.0)
+        mujoco.mj_multiRay(
+            self._model,
+            self._data,
+            position,
+            directions.ravel(),
+            None,
+            True,
+            -1,
+            geoms,
+            distances,
+            None,
+            count,
+            5.0,
+        )
+        depth = np.where(distances >= 0, distances / lengths, np.nan)
+        depth *= 1 + self._chance.normal(0, self.NOISE, count)
+        return [View(depth.reshape(self.HEIGHT, self.WIDTH), self._intrinsics, position, rotation)]
+
+    def _put_everything(self) -> None:
+        model, data, body = self._model, self._data, self._body
+        robot = body.site.robots[0].name
+        half = body.base.yaw_rad / 2
+        joint = model.joint(f"{robot}/base").qposadr[0]
+        height_m = model.qpos0[joint + 2]
+        data.qpos[joint : joint + 7] = [
+            body.base.x_m, body.base.y_m, height_m, np.cos(half), 0, 0, np.sin(half)
+        ]  # fmt: skip
+        for name, value in zip(ARM_JOINTS, body.arm_rad, strict=True):
+            data.qpos[model.joint(f"{robot}/{name}").qposadr[0]] = value
+        for name, side in zip(FINGER_JOINTS, (1, -1), strict=True):
+            data.qpos[model.joint(f"{robot}/{name}").qposadr[0]] = side * body.gripper_m
+        for item, pose in body.items.items():
+            joint = model.joint(item).qposadr[0]
+            x, y, z = (0.0, 0.0, -5.0) if self.blind else pose.position_m
+            data.qpos[joint : joint + 7] = [x, y, z, *pose.quat_wxyz]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+
+
+@lru_cache(maxsize=8)
+def _world(site_json: str) -> mujoco.MjModel:
+    return build_world(Site.model_validate_json(site_json))
 
 
 class AnsweringBin:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from rodeo.config import Site
 from rodeo.lab.layout import dock_parking, on_contacts
 from services.robot_agent.charging import Charging
+from services.robot_agent.memory import Memory
 from services.robot_agent.navigation import Floor
 from tests.support.site import LAB
 from tests.unit.services.robot_agent.fakes import KinematicBody, ManualClock
@@ -14,20 +16,21 @@ from tests.unit.services.robot_agent.fakes import KinematicBody, ManualClock
 SITE = Site.load(LAB)
 
 
-def charging(body: KinematicBody) -> Charging:
+def charging(body: KinematicBody, folder: Path) -> Charging:
     dao: Any = None
-    return Charging(SITE, "panther1", dao, body, Floor(SITE))  # type: ignore[arg-type]
+    memory = Memory(SITE, folder / "memory.json")
+    return Charging(SITE, "panther1", dao, body, Floor(SITE), memory, ManualClock())  # type: ignore[arg-type]
 
 
-def test_a_robot_on_the_contacts_leaves_them() -> None:
+def test_a_robot_on_the_contacts_leaves_them(tmp_path: Path) -> None:
     body, said = KinematicBody(SITE, ManualClock()), []
     body.base = dock_parking(SITE.dock)
-    charging(body).clear_the_dock(lambda: None, lambda text, share: said.append(text))
+    charging(body, tmp_path).clear_the_dock(lambda: None, lambda text, share: said.append(text))
     assert not on_contacts(SITE.dock, body.base)
     assert said == ["leaving the dock"]
 
 
-def test_a_robot_elsewhere_stays_where_it_is() -> None:
+def test_a_robot_elsewhere_stays_where_it_is(tmp_path: Path) -> None:
     body, said = KinematicBody(SITE, ManualClock()), []
-    charging(body).clear_the_dock(lambda: None, lambda text, share: said.append(text))
+    charging(body, tmp_path).clear_the_dock(lambda: None, lambda text, share: said.append(text))
     assert body.drives == said == []

@@ -3,36 +3,46 @@
 from __future__ import annotations
 
 import threading
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rodeo.config import Site
 from rodeo.lab.layout import BinLayout
-from rodeo.lab.world import GRIPPER_OPEN_M
+from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M
 from services.robot_agent.arm import Arm
-from services.robot_agent.cleaning import Cleaning, Where
+from services.robot_agent.cleaning import Cleaning
 from services.robot_agent.errors import Stopped, TaskFailed
+from services.robot_agent.memory import Memory
 from services.robot_agent.navigation import Floor
 from tests.support.site import LAB
-from tests.unit.services.robot_agent.fakes import AnsweringBin, KinematicBody, ManualClock
+from tests.unit.services.robot_agent.fakes import AnsweringBin, KinematicBody, ManualClock, Pose3, RayCamera
 
 ITEMS = [item.id for item in Site.load(LAB).items]
 
 
+def go_on() -> None:
+    pass
+
+
 class Scene:
-    def __init__(self, compartment: str = "yellow") -> None:
+    def __init__(self, folder: Path, compartment: str = "yellow") -> None:
         self.site = Site.load(LAB)
         self.clock = ManualClock()
         self.body = KinematicBody(self.site, self.clock)
+        self.camera = RayCamera(self.body)
         self.bin = AnsweringBin(self.clock, compartment)
+        self.memory = Memory(self.site, folder / "memory.json")
         self.notes: list[dict[str, Any]] = []
         self.progress: list[float] = []
         self.cleaning = Cleaning(
             self.site,
             self.body,  # type: ignore[arg-type]
             Arm(self.site.robots[0].limits),
+            self.camera,  # type: ignore[arg-type]
             Floor(self.site),
+            self.memory,
             self.bin,  # type: ignore[arg-type]
             self.clock,
             threading.Event(),
@@ -42,48 +52,59 @@ class Scene:
     def events(self) -> list[str]:
         return [note["event"] for note in self.notes]
 
-    def dispose(self, item: str = "item1", checkpoint: Any = lambda: None, resumed: bool = False) -> None:
+    def place(self, item: str) -> tuple[float, float]:
+        """Where the site file says that it lies."""
+        pose = next((i.pose for i in self.site.items if i.id == item), self.site.robots[0].pose)
+        return pose.x_m, pose.y_m
+
+    def dispose(self, item: str = "item1", checkpoint: Any = go_on, off_m: float = 0.0) -> None:
+        """With a place that is `off_m` from where the item lies."""
+        x_m, y_m = self.place(item)
         self.cleaning.dispose(
             item,
+            (x_m + off_m, y_m),
             self.clock.now_s(),
             checkpoint,
             lambda text, share: self.progress.append(share),
             self.notes.append,
-            resumed,
         )
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Scene:
+    return Scene(tmp_path)
 
 
 @pytest.mark.parametrize("item", ITEMS)
 @pytest.mark.parametrize("compartment", ["blue", "yellow", "green", "grey"])
-def test_an_item_ends_in_the_compartment_that_the_bin_names(item: str, compartment: str) -> None:
-    scene = Scene(compartment)
+def test_an_item_ends_in_the_compartment_that_the_bin_names(
+    tmp_path: Path, item: str, compartment: str
+) -> None:
+    scene = Scene(tmp_path, compartment)
     scene.dispose(item)
     assert scene.body.dropped_in == compartment
     assert scene.body.gripper_m == GRIPPER_OPEN_M
-    assert scene.events == ["released"]
+    assert scene.events == ["releasing", "released"]
     assert scene.progress == sorted(scene.progress)
 
 
-def test_the_robot_leaves_the_bin_when_it_is_done() -> None:
-    scene = Scene()
+def test_the_robot_leaves_the_bin_when_it_is_done(scene: Scene) -> None:
     scene.dispose()
-    scene.cleaning.clear_the_bin(lambda: None)
+    scene.cleaning.clear_the_bin(go_on)
     parking = BinLayout(scene.site.bin).parking
     assert parking in scene.body.drives
     assert Floor(scene.site).clearance_m(scene.body.base.x_m, scene.body.base.y_m) > 0.6
 
 
-def test_a_grasp_that_slips_is_tried_again() -> None:
-    scene = Scene()
+def test_a_grasp_that_slips_is_tried_again(scene: Scene) -> None:
     scene.body.slips = 2
     scene.dispose()
     assert scene.body.dropped_in == "yellow"
-    assert scene.events == ["retry", "retry", "released"]
+    assert scene.events == ["retry", "retry", "releasing", "released"]
     assert [note["code"] for note in scene.notes[:2]] == ["grasp_failed", "grasp_failed"]
 
 
-def test_grasps_that_keep_slipping_fail_the_task_with_the_cause() -> None:
-    scene = Scene()
+def test_grasps_that_keep_slipping_fail_the_task_with_the_cause(scene: Scene) -> None:
     scene.body.slips = 99
     with pytest.raises(TaskFailed) as caught:
         scene.dispose()
@@ -91,15 +112,13 @@ def test_grasps_that_keep_slipping_fail_the_task_with_the_cause() -> None:
     assert scene.body.dropped_in is None
 
 
-def test_a_blocked_way_is_answered_with_another_place_to_stand() -> None:
-    scene = Scene()
+def test_a_blocked_way_is_answered_with_another_place_to_stand(scene: Scene) -> None:
     scene.body.blocked = 2
     scene.dispose()
     assert scene.body.dropped_in == "yellow"
 
 
-def test_a_bin_that_says_nothing_is_shown_the_item_again() -> None:
-    scene = Scene()
+def test_a_bin_that_says_nothing_is_shown_the_item_again(scene: Scene) -> None:
     scene.bin.silent = 2
     scene.dispose()
     assert scene.body.dropped_in == "yellow"
@@ -109,16 +128,14 @@ def test_a_bin_that_says_nothing_is_shown_the_item_again() -> None:
     ("unsure", "shown", "compartment"), [(1, 2, "yellow"), (2, 3, "yellow"), (9, 3, "grey")]
 )
 def test_what_the_bin_does_not_know_is_shown_from_other_sides_before_grey_is_chosen(
-    unsure: int, shown: int, compartment: str
+    scene: Scene, unsure: int, shown: int, compartment: str
 ) -> None:
-    scene = Scene()
     scene.bin.unsure = unsure
     scene.dispose()
     assert (scene.bin.shown, scene.body.dropped_in) == (shown, compartment)
 
 
-def test_nothing_is_dropped_into_a_full_compartment() -> None:
-    scene = Scene()
+def test_nothing_is_dropped_into_a_full_compartment(scene: Scene) -> None:
     scene.bin.full = True
     with pytest.raises(TaskFailed) as caught:
         scene.dispose()
@@ -126,8 +143,7 @@ def test_nothing_is_dropped_into_a_full_compartment() -> None:
     assert scene.body.dropped_in is None
 
 
-def test_a_bin_that_never_answers_fails_the_task_with_the_item_still_held() -> None:
-    scene = Scene()
+def test_a_bin_that_never_answers_fails_the_task_with_the_item_still_held(scene: Scene) -> None:
     scene.bin.silent = 999
     with pytest.raises(TaskFailed) as caught:
         scene.dispose()
@@ -135,15 +151,13 @@ def test_a_bin_that_never_answers_fails_the_task_with_the_item_still_held() -> N
     assert scene.body.held == "item1"
 
 
-def test_a_missing_confirmation_goes_on_record() -> None:
-    scene = Scene()
+def test_a_missing_confirmation_goes_on_record(scene: Scene) -> None:
     scene.bin.disposals = False
     scene.dispose()
-    assert scene.events == ["released", "unconfirmed"]
+    assert scene.events == ["releasing", "released", "unconfirmed"]
 
 
-def test_the_arm_keeps_still_until_the_bin_has_spoken_of_the_drop() -> None:
-    scene = Scene()
+def test_the_arm_keeps_still_until_the_bin_has_spoken_of_the_drop(scene: Scene) -> None:
     heard: list[str] = []
     heard_before_motion: list[bool] = []
     follow = scene.body.follow
@@ -160,30 +174,51 @@ def test_the_arm_keeps_still_until_the_bin_has_spoken_of_the_drop() -> None:
     assert all(heard_before_motion)
 
 
-def test_an_item_that_is_in_the_bin_already_fails_the_task_without_a_motion() -> None:
-    scene = Scene()
-    scene.dispose()
-    drives = list(scene.body.drives)
-    with pytest.raises(TaskFailed, match="already in the bin"):
+def test_an_item_that_is_not_there_fails_the_task_after_a_look_from_two_sides(scene: Scene) -> None:
+    scene.camera.blind = True
+    with pytest.raises(TaskFailed, match="was not found near") as caught:
         scene.dispose()
-    assert scene.body.drives == drives
+    assert caught.value.details["cause"] == "not_found"
+    first, second = scene.body.drives
+    assert abs(first.yaw_rad - second.yaw_rad) > 1.0
+    assert scene.body.gripper_m == GRIPPER_OPEN_M
 
 
-def test_a_robot_that_is_not_at_the_bin_need_not_clear_it() -> None:
-    scene = Scene()
-    scene.cleaning.clear_the_bin(lambda: None)
+@pytest.mark.parametrize("off_m", [-0.3, 0.3])
+def test_the_place_that_the_task_names_is_right_only_roughly(scene: Scene, off_m: float) -> None:
+    scene.dispose(off_m=off_m)
+    assert scene.body.dropped_in == "yellow"
+
+
+def test_an_item_far_from_the_place_is_not_taken(scene: Scene) -> None:
+    with pytest.raises(TaskFailed, match="was not found near"):
+        scene.dispose(off_m=-1.2)
+    assert scene.body.held is None
+
+
+def test_another_item_at_the_place_is_not_mistaken_for_the_one_that_is_meant(scene: Scene) -> None:
+    # The can's place with the bottle on it, and the can nowhere.
+    x_m, y_m = scene.place("item1")
+    bottle = scene.body.items["item2"]
+    scene.body.items["item2"] = Pose3((x_m, y_m, bottle.position_m[2]), bottle.quat_wxyz)
+    scene.body.items["item1"] = Pose3((6.0, 4.0, 0.05), scene.body.items["item1"].quat_wxyz)
+    with pytest.raises(TaskFailed, match="was not found near"):
+        scene.dispose()
+
+
+def test_a_robot_that_is_not_at_the_bin_need_not_clear_it(scene: Scene) -> None:
+    scene.cleaning.clear_the_bin(go_on)
     assert scene.body.drives == []
 
 
-def test_an_unknown_item_fails_the_task() -> None:
+def test_an_unknown_item_fails_the_task(scene: Scene) -> None:
     with pytest.raises(TaskFailed) as caught:
-        Scene().dispose("item99")
+        scene.dispose("item99")
     assert caught.value.details == {"item": "item99"}
 
 
-@pytest.mark.parametrize("steps", range(2, 60, 4))
-def test_work_goes_on_after_being_stopped_anywhere(steps: int) -> None:
-    scene = Scene()
+@pytest.mark.parametrize("steps", range(2, 90, 8))
+def test_work_goes_on_after_being_stopped_anywhere(scene: Scene, steps: int) -> None:
     left = steps
 
     def stop_after_a_while() -> None:
@@ -195,30 +230,50 @@ def test_work_goes_on_after_being_stopped_anywhere(steps: int) -> None:
     try:
         scene.dispose(checkpoint=stop_after_a_while)
     except Stopped:
-        scene.dispose(resumed=True)
+        if "releasing" not in scene.events:
+            scene.dispose()
     assert scene.body.dropped_in == "yellow"
 
 
-def test_a_held_item_is_seen_as_held() -> None:
-    scene = Scene()
-    item = scene.cleaning.item("item1")
-    assert scene.cleaning.where(item, lambda: None) == Where.FLOOR
+def test_what_is_held_is_felt_and_remembered(scene: Scene) -> None:
+    assert scene.cleaning.feel(go_on) is None
     scene.bin.silent = 999
     with pytest.raises(TaskFailed):
         scene.dispose()
-    assert scene.cleaning.where(item, lambda: None) == Where.HELD
+    held = scene.cleaning.feel(go_on)
+    assert held is not None
+    assert held.item_id == "item1"
+    assert held.place_m == pytest.approx(scene.place("item1"), abs=0.01)
+
+
+def test_what_slipped_out_unnoticed_is_not_believed_to_be_held(scene: Scene) -> None:
+    scene.bin.silent = 999
+    with pytest.raises(TaskFailed):
+        scene.dispose()
+    scene.body.gripper_m = GRIPPER_CLOSED_M
+    assert scene.cleaning.feel(go_on) is None
+    assert scene.memory.held is None
+
+
+def test_a_gripper_that_holds_another_item_fails_the_task(scene: Scene) -> None:
+    scene.bin.silent = 999
+    with pytest.raises(TaskFailed):
+        scene.dispose()
+    with pytest.raises(TaskFailed, match="holds another item"):
+        scene.dispose("item2")
+    assert scene.body.held == "item1"
 
 
 @pytest.mark.parametrize("item", ITEMS)
-def test_a_held_item_can_be_put_back_where_it_lay_and_taken_again(item: str) -> None:
-    scene = Scene()
-    pose = scene.cleaning.item(item).pose
+def test_a_held_item_can_be_put_back_where_it_lay_and_taken_again(scene: Scene, item: str) -> None:
     scene.bin.silent = 999
     with pytest.raises(TaskFailed):
         scene.dispose(item)
-    scene.cleaning.put_back(item, (pose.x_m, pose.y_m), lambda: None)
-    assert scene.cleaning.where(scene.cleaning.item(item), lambda: None) == Where.FLOOR
-    assert scene.body.items[item].position_m[:2] == pytest.approx((pose.x_m, pose.y_m), abs=0.02)
+    held = scene.cleaning.feel(go_on)
+    assert held is not None
+    scene.cleaning.put_back(held, go_on)
+    assert scene.cleaning.feel(go_on) is None
+    assert scene.body.items[item].position_m[:2] == pytest.approx(scene.place(item), abs=0.02)
     scene.bin.silent = 0
     scene.dispose(item)
     assert scene.body.dropped_in == "yellow"

@@ -5,11 +5,9 @@ from __future__ import annotations
 import pytest
 
 from rodeo.config import AgentConfig
-from rodeo.lab.config import BatteryConfig
 from rodeo.messages import Task
-from services.robot_agent.decision import Intent, Situation, decide, enough_energy
+from services.robot_agent.decision import Intent, Situation, decide, takes_work
 
-BATTERY = BatteryConfig()
 AGENT = AgentConfig(charge_below=0.5, charge_target=0.95, explore_when_idle=True)
 
 
@@ -41,7 +39,6 @@ JOB = task("assigned")
         (0.9, JOB, None, Intent.CLEAN),
         (0.4, JOB, None, Intent.CLEAN),  # enough energy: finish what was taken on first
         (0.4, None, None, Intent.BUY_CHARGE),
-        (0.12, JOB, None, Intent.BUY_CHARGE),  # it would not get back to the dock
         (0.4, None, "open", Intent.AWAIT_CHARGE),
         (0.4, None, "assigned", Intent.DOCK),
         (0.4, JOB, "assigned", Intent.DOCK),
@@ -55,14 +52,49 @@ def test_what_the_robot_does_next(
     soc: float, assignment: Task | None, charge: str | None, intent: Intent
 ) -> None:
     situation = Situation(soc, assignment, task(charge) if charge else None)
-    assert decide(situation, AGENT, BATTERY) == intent
+    assert decide(situation, AGENT) == intent
+
+
+def test_an_assignment_that_the_battery_does_not_last_for_waits_for_a_charge() -> None:
+    assert decide(Situation(0.12, JOB, None, lasts=False), AGENT) == Intent.BUY_CHARGE
 
 
 def test_exploring_can_be_turned_off() -> None:
     stay = AGENT.model_copy(update={"explore_when_idle": False})
-    assert decide(Situation(0.9, None, None), stay, BATTERY) == Intent.REST
+    assert decide(Situation(0.9, None, None), stay) == Intent.REST
 
 
-def test_energy_for_a_task_includes_a_reserve() -> None:
-    assert enough_energy(0.5, BATTERY)
-    assert not enough_energy(0.1, BATTERY)
+@pytest.mark.parametrize(
+    ("situation", "intent"),
+    [
+        (Situation(0.9, None, None, paused=True), Intent.REST),
+        (Situation(0.4, None, None, paused=True), Intent.REST),  # it buys nothing by itself
+        (Situation(0.9, JOB, None, paused=True), Intent.REST),
+        (Situation(0.9, JOB, None, paused=True, begun=True), Intent.CLEAN),  # what is begun is finished
+        (Situation(0.4, None, task("assigned"), paused=True), Intent.DOCK),  # so is a charge
+        (Situation(0.4, None, None, paused=True, charge_ordered=True), Intent.BUY_CHARGE),
+        (Situation(0.9, None, None, charge_ordered=True), Intent.BUY_CHARGE),
+        (Situation(0.9, JOB, None, charge_ordered=True), Intent.BUY_CHARGE),
+        (Situation(0.9, JOB, None, charge_ordered=True, begun=True), Intent.CLEAN),
+    ],
+)
+def test_operators_orders_come_before_the_robots_own_plans(situation: Situation, intent: Intent) -> None:
+    assert decide(situation, AGENT) == intent
+
+
+@pytest.mark.parametrize(
+    ("situation", "open_to_work"),
+    [
+        (Situation(0.9, None, None), True),
+        (Situation(0.3, None, None, lasts=False), False),
+        (Situation(0.9, None, None, paused=True), False),
+        (Situation(0.9, None, None, charge_ordered=True), False),
+        (Situation(0.6, None, task("open")), False),
+        (Situation(0.6, None, task("assigned")), False),
+        (Situation(0.9, None, task("submitted")), True),
+    ],
+)
+def test_the_service_is_open_only_while_the_robot_can_do_what_it_offers(
+    situation: Situation, open_to_work: bool
+) -> None:
+    assert takes_work(situation) == open_to_work

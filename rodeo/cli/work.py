@@ -1,0 +1,129 @@
+"""Commands of people who do tasks themselves, and of those who judge them."""
+
+from __future__ import annotations
+
+import json
+import threading
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rodeo import wallets
+from rodeo.bus import Bus
+from rodeo.cli.common import DEFAULT_SITE, SiteOption, connected, console, reports_errors
+from rodeo.clock import Clock, SimClock, WallClock
+from rodeo.config import Site
+from rodeo.dao import Participant
+from rodeo.errors import ClockUnavailable, InvalidRequest
+from rodeo.evidence import Store
+from rodeo.evidence.statement import Executor
+from rodeo.messages import PostVerdict
+
+AsOption = Annotated[
+    str | None, typer.Option("--as", help="The participant; the site's only other one by default.")
+]
+
+_CLOCK_S = 3.0
+
+
+@reports_errors
+def offer(
+    kind: Annotated[str, typer.Argument(help="The kind of task.")],
+    price: Annotated[str, typer.Option(help="Price in IEC.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: AsOption = None,
+    description: Annotated[str, typer.Option(help="A sentence for people.")] = "",
+) -> None:
+    """Offer to do tasks of a kind: from then on they may be assigned to the participant."""
+    with connected(site) as (loaded, bus):
+        name = _name(loaded, participant)
+        request = {"kind": kind, "price_iec": price, "description": description}
+        reply = bus.query(f"rodeo/{loaded.org}/wallet/{name}/register_service", request, timeout_s=30)
+    console.print(f"{name} offers {kind} for {price} IEC: service {reply['service_id']}")
+
+
+@reports_errors
+def accept(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption = None) -> None:
+    """Begin a task that is assigned to a person: opens the sealed recording of the assignment."""
+    with connected(site) as (loaded, bus):
+        task = _executor(loaded, bus, participant).accept(task_id)
+    console.print(f"task {task_id} accepted: {task.description or task.kind}", highlight=False)
+
+
+@reports_errors
+def submit(
+    task_id: int,
+    note: Annotated[str, typer.Option(help="What was done, in words.")],
+    photo: Annotated[
+        list[Path] | None,
+        typer.Option(exists=True, dir_okay=False, help="A JPEG or PNG picture; repeatable."),
+    ] = None,
+    site: SiteOption = DEFAULT_SITE,
+    participant: AsOption = None,
+) -> None:
+    """Hand in what a person did: seals note and photos, stores them and puts their hash on chain."""
+    photos = [path.read_bytes() for path in photo or []]
+    with connected(site) as (loaded, bus):
+        sha256 = _executor(loaded, bus, participant).submit(task_id, note, photos)
+    console.print(f"task {task_id}: proof {sha256} submitted")
+
+
+@reports_errors
+def judge(
+    task_id: int,
+    accepted: Annotated[bool, typer.Option("--accept/--reject", help="The verdict.")],
+    reason: Annotated[str, typer.Option(help="Why, in words.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: Annotated[str, typer.Option("--as", help="The auditor.")] = "organization",
+) -> None:
+    """Judge a submitted proof as an auditor, for kinds of task that the oracle does not decide."""
+    with connected(site) as (loaded, bus):
+        auditor = Participant(bus, loaded.org, participant)
+        task = auditor.task(task_id)
+        report: dict[str, Any] = {
+            "task_id": task.id,
+            "attempt": task.attempt,
+            "proof_sha256": task.proof_sha256,
+            "accepted": accepted,
+            "reason": reason,
+            "auditor": participant,
+        }
+        uri, sha256 = Store(loaded).put_bytes(json.dumps(report, indent=2).encode(), ".json")
+        auditor.command(
+            "post_verdict",
+            PostVerdict(
+                task_id=task.id,
+                attempt=task.attempt,
+                proof_sha256=task.proof_sha256 or "",
+                accepted=accepted,
+                reason=reason,
+                report_sha256=sha256,
+                report_uri=uri,
+            ),
+        )
+    console.print(f"task {task_id} {'accepted' if accepted else 'rejected'}")
+
+
+def _name(site: Site, participant: str | None) -> str:
+    if participant is not None:
+        return participant
+    names = [one.name for one in site.participants]
+    if len(names) != 1:
+        raise InvalidRequest("say who with --as", participants=names)
+    return names[0]
+
+
+def _executor(site: Site, bus: Bus, participant: str | None) -> Executor:
+    name = _name(site, participant)
+    account = wallets.load(site, name)
+    return Executor(site, Participant(bus, site.org, name), account, _clock(site, bus))
+
+
+def _clock(site: Site, bus: Bus) -> Clock:
+    if site.clock.source == "wall":
+        return WallClock()
+    clock = SimClock(bus.session, site.bus.domain_id)
+    if not clock.wait_ready(threading.Event(), _CLOCK_S):
+        raise ClockUnavailable("the simulation's /clock is not heard; is robot_sim running?")
+    return clock

@@ -1,0 +1,167 @@
+"""Proofs by those who have no body of their own: a sealed recording that holds a note and photographs.
+
+A person accepts an assignment, which opens a recording bound to it, does the work, and submits: the evidence
+is added, the recording sealed with the person's own key, stored, and its hash put on chain. The seal proves
+who said it, for which assignment, and when; whether it is true is for an auditor to judge.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+from eth_account.signers.local import LocalAccount
+
+from rodeo.clock import Clock
+from rodeo.config import Site
+from rodeo.dao import Participant
+from rodeo.errors import RequestError
+from rodeo.evidence.errors import EvidenceError, RecordingSealed
+from rodeo.evidence.proof import Proof
+from rodeo.evidence.recorder import EVENT_CHANNEL, Recorder
+from rodeo.evidence.store import Store
+from rodeo.messages import Task
+from rodeo.ros2 import types
+
+PHOTO_TOPIC = "/statement/photo"
+PHOTO_TYPE = "sensor_msgs/msg/CompressedImage"
+MAX_PHOTOS = 8
+MAX_PHOTO_BYTES = 8 << 20
+MAX_NOTE_CHARACTERS = 4000
+_MAGIC = {b"\xff\xd8\xff": "jpeg", b"\x89PNG\r\n\x1a\n": "png"}
+
+
+class NotYourTask(RequestError):
+    """The task is not assigned to this participant."""
+
+
+class NotAccepted(RequestError):
+    """There is no recording of this assignment: accept it first."""
+
+
+class BadPhoto(RequestError):
+    """Not a JPEG or PNG picture of a reasonable size."""
+
+
+class BadNote(RequestError):
+    """The note is empty or too long."""
+
+
+class NoStatement(EvidenceError):
+    """The recording holds no statement."""
+
+
+@dataclass(frozen=True)
+class Statement:
+    note: str
+    photos: tuple[bytes, ...]
+    """As they were handed in, JPEG or PNG."""
+
+
+class Executor:
+    """A participant without a body. `account` opens the keystore that its address on chain belongs to."""
+
+    def __init__(self, site: Site, participant: Participant, account: LocalAccount, clock: Clock) -> None:
+        self._site = site
+        self._dao = participant
+        self._account = account
+        self._clock = clock
+
+    def accept(self, task_id: int) -> Task:
+        """Open the recording of the assignment; doing it twice changes nothing.
+
+        Raises NotYourTask, and what `Participant` raises.
+        """
+        task = self._assigned(task_id)
+        path = self._path(task)
+        if not path.exists():
+            with Recorder(path, self._dao.binding(task), self._account, self._clock) as recorder:
+                recorder.write_json(EVENT_CHANNEL, {"event": "accepted", "executor": self._dao.name})
+        return task
+
+    def submit(self, task_id: int, note: str, photos: Sequence[bytes] = ()) -> str:
+        """Add the evidence, seal, store and submit; returns the proof's SHA-256 (0x).
+
+        Asked again after it was interrupted, it goes on with what was sealed. Raises NotYourTask,
+        NotAccepted, BadNote, BadPhoto, StoreUnavailable, and what `Participant` raises.
+        """
+        task = self._assigned(task_id)
+        path = self._path(task)
+        if not path.exists():
+            raise NotAccepted("accept the task first", task_id=task_id)
+        if not 0 < len(note.strip()) <= MAX_NOTE_CHARACTERS:
+            raise BadNote("a note is missing or too long", characters=len(note), limit=MAX_NOTE_CHARACTERS)
+        if len(photos) > MAX_PHOTOS:
+            raise BadPhoto("too many photos", photos=len(photos), limit=MAX_PHOTOS)
+        formats = [photo_format(photo) for photo in photos]
+        try:
+            recorder = Recorder.resume(path, self._dao.binding(task), self._account, self._clock)
+        except RecordingSealed:
+            pass  # the process ended between sealing and submitting
+        else:
+            for photo, name in zip(photos, formats, strict=True):
+                now_ns = self._clock.now_ns()
+                recorder.write_ros(PHOTO_TOPIC, PHOTO_TYPE, _photo_cdr(photo, name, now_ns), now_ns, now_ns)
+            recorder.write_json(
+                EVENT_CHANNEL,
+                {
+                    "event": "statement",
+                    "note": note,
+                    "photos_sha256": ["0x" + sha256(photo).hexdigest() for photo in photos],
+                },
+            )
+            recorder.close()
+        uri = Store(self._site).put(path)
+        digest = "0x" + uri.rsplit("/", 1)[1].removesuffix(".mcap")
+        self._dao.submit_proof(task.id, task.attempt, digest, uri)
+        return digest
+
+    def _assigned(self, task_id: int) -> Task:
+        task = self._dao.task(task_id)
+        if task.state != "assigned" or task.executor_name != self._dao.name:
+            raise NotYourTask(
+                f"task {task_id} is not assigned to {self._dao.name}",
+                state=task.state,
+                executor=task.executor_name or task.executor,
+            )
+        return task
+
+    def _path(self, task: Task) -> Path:
+        folder = self._site.data_dir / "statements" / self._dao.name
+        return folder / f"{task.id}-{task.attempt}" / "recording.mcap"
+
+
+def photo_format(photo: bytes) -> str:
+    """`jpeg` or `png`. Raises BadPhoto."""
+    if len(photo) > MAX_PHOTO_BYTES:
+        raise BadPhoto("the photo is too large", bytes=len(photo), limit=MAX_PHOTO_BYTES)
+    for magic, name in _MAGIC.items():
+        if photo.startswith(magic):
+            return name
+    raise BadPhoto("the photo is neither JPEG nor PNG", begins=photo[:8].hex())
+
+
+def read_statement(proof: Proof) -> Statement:
+    """The note and the photos in a proof, checked against each other. Raises NoStatement, CorruptProof."""
+    said = [event for event in proof.events() if event.get("event") == "statement"]
+    if len(said) != 1 or not isinstance(said[0].get("note"), str):
+        raise NoStatement("the recording holds no statement", statements=len(said))
+    column = proof.topics.get(PHOTO_TOPIC)
+    messages = column.data if column is not None and column.ros_type == PHOTO_TYPE else []
+    photos = tuple(bytes(types.deserialize(data, PHOTO_TYPE).data) for data in messages)
+    digests = ["0x" + sha256(photo).hexdigest() for photo in photos]
+    if said[0].get("photos_sha256") != digests:
+        raise NoStatement("the photos are not those of the statement", photos=len(photos))
+    return Statement(said[0]["note"], photos)
+
+
+def _photo_cdr(photo: bytes, name: str, now_ns: int) -> bytes:
+    stamp = types.new(
+        "builtin_interfaces/msg/Time", sec=now_ns // 1_000_000_000, nanosec=now_ns % 1_000_000_000
+    )
+    header = types.new("std_msgs/msg/Header", stamp=stamp, frame_id="statement")
+    image = types.new(PHOTO_TYPE, header=header, format=name, data=np.frombuffer(photo, np.uint8))
+    return types.serialize(image)

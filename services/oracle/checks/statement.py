@@ -1,0 +1,28 @@
+"""Proofs by people: who says it, for which assignment, and that something is said. Whether it is true is not
+for a machine to tell; kinds of task where that matters are judged by an auditor."""
+
+from rodeo.evidence.statement import read_statement
+from services.oracle.case import Case
+from services.oracle.report import Finding, equal, skipped
+
+
+def executors_own_seal(case: Case) -> Finding:
+    """Sealed with the executor's own key: a person has no device that could speak for it."""
+    if case.ledger is None:
+        return skipped("no chain to compare with")
+    return equal(
+        case.proof.signer.lower(),
+        (case.ledger.task.executor or "").lower(),
+        source="the assignment on chain",
+        detail="who sealed the statement",
+    )
+
+
+def stated(case: Case) -> Finding:
+    """A note is there, and the photos are those that it speaks of."""
+    statement = read_statement(case.proof)
+    return Finding(
+        passed=True,
+        measured=f"{len(statement.note)} characters, {len(statement.photos)} photos",
+        detail="the executor's statement",
+    )

@@ -1,0 +1,149 @@
+"""What operators order, over the bus and across restarts.
+
+pause    take no new work and stand still; an attempt under way is finished first, also after a restart
+resume   take work again, and let go of a stop
+charge   buy a charge now, whatever the state of charge
+cancel   give up the attempt under way: arm folded, the failure goes on chain, others may take the task
+stop     stand still at once, in the middle of whatever it is, until resumed
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from rodeo import topics
+from rodeo.bus import Bus, Request
+from rodeo.errors import RequestError
+from rodeo.files import replace_file
+from services.robot_agent.errors import JournalBroken
+
+log = logging.getLogger(__name__)
+
+
+class Order(StrEnum):
+    PAUSE = "pause"
+    RESUME = "resume"
+    CHARGE = "charge"
+    CANCEL = "cancel"
+    STOP = "stop"
+
+
+class NothingToCancel(RequestError):
+    """No attempt is under way."""
+
+
+class Standing(BaseModel):
+    """The orders that hold until further notice."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    paused: bool = False
+    stopped: bool = False
+    charge: bool = False
+    """Until the charge is bought."""
+    cancel: tuple[int, int] | None = None
+    """Task and attempt to give up."""
+
+
+class Orders:
+    """Takes orders, keeps them on disk before they are answered. Thread-safe.
+
+    Args:
+        path: where they are kept. Raises JournalBroken when it holds something else.
+        on_change: called after each order, in a thread of the bus.
+        state: what `.../state` answers besides the standing orders.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        org: str,
+        robot: str,
+        path: Path,
+        on_change: Callable[[Order], None],
+        state: Callable[[], dict[str, Any]],
+    ) -> None:
+        self._path = path
+        self._on_change = on_change
+        self._state = state
+        self._lock = threading.Lock()
+        self._standing = _load(path)
+        self._attempt: tuple[int, int] | None = None
+        key = topics.ROBOT_ORDER.name(org=org, robot=robot, order="{}")
+        self._queryables = [
+            *(bus.serve(key.format(order), self._taker(order)) for order in Order),
+            bus.serve(key.format("state"), lambda _request: self._answer()),
+        ]
+
+    @property
+    def standing(self) -> Standing:
+        with self._lock:
+            return self._standing
+
+    def working_on(self, attempt: tuple[int, int] | None) -> None:
+        """What `cancel` would give up."""
+        with self._lock:
+            self._attempt = attempt
+
+    def cancelled(self, attempt: tuple[int, int]) -> bool:
+        return self.standing.cancel == attempt
+
+    def charge_bought(self) -> None:
+        with self._lock:
+            self._keep(charge=False)
+
+    def close(self) -> None:
+        for queryable in self._queryables:
+            queryable.undeclare()
+
+    def _taker(self, order: Order) -> Callable[[Request], dict[str, Any]]:
+        return lambda _request: self._take(order)
+
+    def _take(self, order: Order) -> dict[str, Any]:
+        with self._lock:
+            if order is Order.PAUSE:
+                self._keep(paused=True)
+            elif order is Order.RESUME:
+                self._keep(paused=False, stopped=False)
+            elif order is Order.CHARGE:
+                self._keep(charge=True)
+            elif order is Order.STOP:
+                self._keep(stopped=True)
+            elif self._attempt is None:
+                raise NothingToCancel("the robot has no attempt under way")
+            else:
+                self._keep(cancel=self._attempt)
+        log.info("ordered: %s", order)
+        self._on_change(order)
+        return self._answer()
+
+    def _keep(self, **changes: Any) -> None:
+        changed = self._standing.model_copy(update=changes)
+        if changed != self._standing:
+            replace_file(self._path, changed.model_dump_json())
+            self._standing = changed
+
+    def _answer(self) -> dict[str, Any]:
+        standing = self.standing
+        return {
+            "paused": standing.paused,
+            "stopped": standing.stopped,
+            "charge_ordered": standing.charge,
+            **self._state(),
+        }
+
+
+def _load(path: Path) -> Standing:
+    try:
+        return Standing.model_validate_json(path.read_bytes())
+    except FileNotFoundError:
+        return Standing()
+    except (OSError, ValidationError) as error:
+        raise JournalBroken("cannot read the orders", path=str(path), reason=str(error)) from error
