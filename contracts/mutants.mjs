@@ -41,9 +41,9 @@ function broken() {
     },
   );
   if (error) throw error;
-  const failed = new Set([...stdout.matchAll(/^\[FAIL.*\] (\w+)\(/gm)].map((match) => match[1]));
+  const failed = new Set([...stdout.matchAll(/^(?:\[FAIL.*\])? (\w+)\(\) \(runs/gm)].map((match) => match[1]));
   if (!/Ran \d+ test suite/.test(stdout)) throw new Error(`forge did not run:\n${stdout}\n${stderr}`);
-  if ((status === 0) !== (failed.size === 0)) throw new Error(`forge ended with ${status}:\n${stdout}`);
+  if ((status === 0) !== (failed.size === 0)) throw new Error(`forge ended with ${status}:\n${stdout.slice(0, 4000)}`);
   return [...failed];
 }
 

@@ -278,12 +278,15 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         view
         returns (uint256 serviceId, bool failed)
     {
-        // A low-level call, because a malformed answer would revert here with `try`.
-        (bool success, bytes memory answer) = address(policy).staticcall{gas: POLICY_GAS}(
-            abi.encodeCall(IMatchingPolicy.serviceFor, (services, kind, reward))
-        );
-        if (!success || answer.length != 32) return (0, true);
-        return (abi.decode(answer, (uint256)), false);
+        bytes memory question = abi.encodeCall(IMatchingPolicy.serviceFor, (services, kind, reward));
+        bool success;
+        // By hand, because `try` reverts here on a malformed answer, and copies as much as the policy returns.
+        assembly ("memory-safe") {
+            success := staticcall(POLICY_GAS, policy, add(question, 32), mload(question), 0, 32)
+            success := and(success, eq(returndatasize(), 32))
+            serviceId := mul(success, mload(0))
+        }
+        failed = !success;
     }
 
     /// @dev Give an available service that is in no line the oldest task it can do, or let it wait.
@@ -294,7 +297,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             services.offer(serviceId);
         } else {
             open.remove(taskId);
-            assert(_assign(taskId, _tasks[taskId], kind, serviceId));
+            bool assigned = _assign(taskId, _tasks[taskId], kind, serviceId);
+            assert(assigned);
         }
     }
 

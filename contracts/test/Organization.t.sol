@@ -14,6 +14,8 @@ contract BadPolicy is IMatchingPolicy {
     enum Way {
         Reverts,
         BurnsGas,
+        ReturnsTooMuch,
+        ReturnsNothing,
         ChoosesUnfit
     }
 
@@ -26,6 +28,12 @@ contract BadPolicy is IMatchingPolicy {
     function serviceFor(IServiceManager, bytes32, uint256) external view returns (uint256) {
         require(_way != Way.Reverts, "no");
         while (_way == Way.BurnsGas) {}
+        uint256 size = _way == Way.ReturnsTooMuch ? 400_000 : 0;
+        if (size != 0 || _way == Way.ReturnsNothing) {
+            assembly {
+                return(0, size)
+            }
+        }
         return 999;
     }
 }

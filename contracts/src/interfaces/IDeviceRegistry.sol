@@ -27,11 +27,11 @@ interface IDeviceRegistry {
     error DeviceAlreadyRevoked(address device, uint256 revokedAt);
     error InvalidDevice(address device, bytes32 role, address owner);
 
-    /// @notice Let `device` sign as `role` for `owner`. Only the administrator.
-    function registerDevice(address device, bytes32 role, address owner) external;
+    /// @notice Let `device_` sign as `role` for `owner`. Only the administrator.
+    function registerDevice(address device_, bytes32 role, address owner) external;
 
     /// @notice From now on the device's signatures do not count. Only the administrator.
-    function revokeDevice(address device) external;
+    function revokeDevice(address device_) external;
 
     /// @notice The device's record. Reverts with UnknownDevice.
     function device(address device_) external view returns (Device memory);

@@ -65,10 +65,10 @@ interface IOrganization is IDeviceRegistry {
     function setMinWindow(bytes32 kind, uint32 minWindow) external;
 
     /// @notice What services agree to that are registered from now on. Those that are there keep their terms.
-    function setTerms(Terms calldata terms) external;
+    function setTerms(Terms calldata terms_) external;
 
     /// @notice Take tasks and services from members only, or from everyone. Live ones go on.
-    function setMembersOnly(bool membersOnly) external;
+    function setMembersOnly(bool membersOnly_) external;
 
     /// @notice Make `account` a member: it gets MEMBER_ROLE.
     function admit(address account) external;
@@ -83,7 +83,7 @@ interface IOrganization is IDeviceRegistry {
     function reinstateService(uint256 serviceId) external;
 
     /// @notice Replace the matching policy. Queues and live tasks stay as they are.
-    function setPolicy(IMatchingPolicy policy) external;
+    function setPolicy(IMatchingPolicy policy_) external;
 
     // -- operator -----------------------------------------------------------------------------------------
 
@@ -132,13 +132,13 @@ interface IOrganization is IDeviceRegistry {
     function mayJudge(address account, bytes32 kind) external view returns (bool);
 
     /// @notice Reverts with UnknownKind, NotMember or WindowTooShort unless `creator` may post such a task.
-    /// @return policy what matches it
+    /// @return what matches it
     function admitTask(bytes32 kind, address creator, uint32 executionWindow)
         external
         view
-        returns (IMatchingPolicy policy);
+        returns (IMatchingPolicy);
 
     /// @notice Reverts with UnknownKind or NotMember unless `provider` may offer such a service.
-    /// @return terms what it agrees to
-    function admitService(bytes32 kind, address provider) external view returns (Terms memory terms);
+    /// @return what it agrees to
+    function admitService(bytes32 kind, address provider) external view returns (Terms memory);
 }

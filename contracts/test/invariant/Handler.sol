@@ -128,7 +128,10 @@ contract Handler is CommonBase, StdUtils {
         vm.prank(s.provider);
         try _services.updateService(serviceId, _price(price), next) {
             if (ghost[serviceId].suspended && next != ServiceState.Retired) violation = "left a suspension";
-            if (next == ServiceState.Retired && s.taskId == 0) _expectBondBack(serviceId, s.provider);
+            if (next == ServiceState.Retired) {
+                ghost[serviceId].suspended = false;
+                if (s.taskId == 0) _expectBondBack(serviceId, s.provider);
+            }
         } catch {
             if (!ghost[serviceId].suspended || next == ServiceState.Retired) violation = "locked in";
         }
@@ -314,7 +317,6 @@ contract Handler is CommonBase, StdUtils {
     function _expectBondBack(uint256 serviceId, address provider) private {
         expected[provider] += ghost[serviceId].bond;
         ghost[serviceId].bond = 0;
-        ghost[serviceId].suspended = false;
     }
 
     function _isParty(address who) private view returns (bool) {
