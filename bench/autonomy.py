@@ -1,0 +1,290 @@
+"""The robot on its own: randomized cleaning runs on real processes, and how soon it moves.
+
+Each world has furniture, a robot and five items put at random (kinds, poses, and a place named up to 0.25 m
+from the truth); one task per item is posted at once with a single attempt, so that nothing is retried.
+
+`autonomy_runs`, `autonomy_paid_share`: tasks posted, and the share that the oracle had paid.
+`autonomy_honest_share`: of the tasks not paid, those whose proof says why (1 when all are paid).
+`autonomy_execution_s`: median site time from assignment to proof.
+`autonomy_first_motion_ms`: median wall time at real-time speed from the assignment's event on the bus to the
+first motion of the base, and `autonomy_first_motion_max_ms`.
+
+AUTONOMY_RUNS (100) says how many runs, AUTONOMY_SPEED (20) how many simulated seconds per wall second.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import random
+import statistics
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from deploy.launcher import Launcher
+from rodeo import topics
+from rodeo.bus import Bus, DaoEvents
+from rodeo.clock import WallClock
+from rodeo.config import Site
+from rodeo.lab.config import FurnitureConfig, ItemConfig, Pose2
+from rodeo.lab.items import SHAPES
+from rodeo.lab.layout import BinLayout, dock_parking
+from rodeo.messages import DaoEvent
+from rodeo.ros2 import Node
+from services.robot_agent.navigation import Floor
+from tests.support.site import free_port
+
+SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
+
+ITEMS_PER_WORLD = 5
+LATENCY_TASKS = 5
+_NAMED_OFF_M = 0.25
+_FREE_M = 0.62
+"""Around each item: the robot has to stand and turn somewhere near it."""
+_APART_M = 0.9
+_READY_S = 180.0
+_TASK_WALL_S = 600.0
+_OVER = ("settled", "failed")
+_MOVING_M_S = 0.02
+
+
+def run() -> dict[str, float]:
+    runs = int(os.environ.get("AUTONOMY_RUNS", "100"))
+    tasks: list[dict[str, Any]] = []
+    for seed in range(math.ceil(runs / ITEMS_PER_WORLD)):
+        tasks += _world(seed)
+        paid = sum(task["state"] == "settled" for task in tasks)
+        print(f"  world {seed}: {paid} of {len(tasks)} paid", flush=True)
+    failed = [task for task in tasks if task["state"] != "settled"]
+    for task in failed:
+        print(f"  not paid: {task['params']} {task['reason']}", flush=True)
+    honest = [task for task in failed if str(task["reason"]).startswith("not_given_up")]
+    lasted_s = [task["proof_submitted"] - task["assigned"] for task in tasks if task["state"] == "settled"]
+    return {
+        "autonomy_runs": len(tasks),
+        "autonomy_paid_share": 1 - len(failed) / len(tasks),
+        "autonomy_honest_share": len(honest) / len(failed) if failed else 1.0,
+        "autonomy_execution_s": statistics.median(lasted_s) if lasted_s else math.nan,
+        **_first_motion(),
+    }
+
+
+# -- randomized worlds --------------------------------------------------------------------------------------
+
+
+def random_world(seed: int) -> tuple[list[FurnitureConfig], list[ItemConfig]]:
+    """Furniture and items for the lab's room, the same for the same seed."""
+    chance = random.Random(seed)
+    base = Site.load(SITE)
+    while True:
+        furniture = [f.model_copy(update={"pose": _jittered(f.pose, chance)}) for f in base.lab.furniture]
+        site = base.model_copy(
+            update={"lab": base.lab.model_copy(update={"furniture": tuple(furniture)}), "items": []}
+        )
+        floor = Floor(site)
+        stands = (BinLayout(site.bin).parking, dock_parking(site.dock), base.robots[0].pose)
+        if any(_distance_m(stand, furniture) < _FREE_M for stand in stands):
+            continue
+        items = _items(floor, chance, [(s.x_m, s.y_m) for s in stands], site.lab.size_m)
+        if items is not None:
+            return furniture, items
+
+
+def _jittered(pose: Pose2, chance: random.Random) -> Pose2:
+    return Pose2(
+        x_m=pose.x_m + chance.uniform(-0.25, 0.25),
+        y_m=pose.y_m + chance.uniform(-0.15, 0.15),
+        yaw_rad=pose.yaw_rad + chance.uniform(-0.2, 0.2),
+    )
+
+
+def _distance_m(stand: Pose2, furniture: list[FurnitureConfig]) -> float:
+    return min(
+        math.dist((stand.x_m, stand.y_m), (f.pose.x_m, f.pose.y_m)) - max(f.size_m) / 2 for f in furniture
+    )
+
+
+def _items(
+    floor: Floor, chance: random.Random, taken: list[tuple[float, float]], size_m: tuple[float, float]
+) -> list[ItemConfig] | None:
+    items: list[ItemConfig] = []
+    places = list(taken)
+    for _ in range(2000):
+        x_m, y_m = chance.uniform(0, size_m[0]), chance.uniform(0, size_m[1])
+        near = min(math.dist((x_m, y_m), place) for place in places)
+        if floor.clearance_m(x_m, y_m) < _FREE_M or near < _APART_M:
+            continue
+        item_class = chance.choice(sorted(SHAPES))
+        fields = {
+            "id": f"item{len(items) + 1}",
+            "class": item_class.value,
+            "shape": chance.choice(sorted(SHAPES[item_class])),
+            "pose": {"x_m": x_m, "y_m": y_m, "yaw_rad": chance.uniform(-math.pi, math.pi)},
+            "mass_kg": chance.uniform(0.02, 0.05),
+        }
+        items.append(ItemConfig.model_validate(fields))
+        places.append((x_m, y_m))
+        if len(items) == ITEMS_PER_WORLD:
+            return items
+    return None
+
+
+def _world(seed: int) -> list[dict[str, Any]]:
+    """Clean one world; the tasks as the chain knows them in the end."""
+    furniture, items = random_world(seed)
+    chance = random.Random(seed)
+    tables = {
+        "lab.furniture": [f.model_dump() for f in furniture],
+        "items": [item.model_dump(by_alias=True, exclude_none=True, mode="json") for item in items],
+    }
+    speed = float(os.environ.get("AUTONOMY_SPEED", "20"))
+    with _site(tables, speed) as (site, bus):
+        ids = []
+        for item in items:
+            off_m, towards = chance.uniform(0, _NAMED_OFF_M), chance.uniform(0, math.tau)
+            place = {
+                "x_m": item.pose.x_m + off_m * math.cos(towards),
+                "y_m": item.pose.y_m + off_m * math.sin(towards),
+            }
+            ids.append(
+                _post(site, bus, {"item_id": item.id, **place, "kind": f"{item.item_class} {item.shape}"})
+            )
+        return [_ended(site, bus, task_id) for task_id in ids]
+
+
+@contextmanager
+def _site(tables: dict[str, Any], speed: float) -> Iterator[tuple[Site, Bus]]:
+    """The lab with other `tables`, running on free ports in a folder that is removed."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, "site.toml")
+        path.write_text(
+            "\n".join(
+                [
+                    f"extends = {json.dumps(str(SITE))}",
+                    f'data_dir = "{folder}/data"',
+                    f'bus.router = "tcp/127.0.0.1:{free_port()}"',
+                    f'chain.url = "http://127.0.0.1:{free_port()}"',
+                    "itrash.http_port = 0",
+                    f"clock.speed = {speed}",
+                    "agent.explore_when_idle = false",
+                    "agent.charge_below = 0.1",
+                    *(f"{name} = {_toml(value)}" for name, value in tables.items()),
+                ]
+            )
+        )
+        with Launcher(path) as launcher, Bus.open(launcher.site.bus.router, timeout_s=_READY_S) as bus:
+            _wait_ready(launcher, bus)
+            yield launcher.site, bus
+
+
+def _toml(value: Any) -> str:
+    """Inline TOML of plain values."""
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {_toml(one)}" for key, one in value.items()) + " }"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(_toml, value)) + "]"
+    return json.dumps(value)
+
+
+def _wait_ready(launcher: Launcher, bus: Bus) -> None:
+    waiting = {process.name for process in launcher.selected()}
+    done = threading.Event()
+
+    def on_status(_key: str, status: dict[str, Any]) -> None:
+        if status["ready"]:
+            waiting.discard(status["process"])
+        if not waiting:
+            done.set()
+
+    bus.subscribe_json(f"rodeo/{launcher.site.org}/status/*", on_status)
+    deadline_s = time.monotonic() + _READY_S
+    while not done.wait(0.2):
+        launcher.poll()
+        if time.monotonic() > deadline_s:
+            raise RuntimeError(f"not ready: {sorted(waiting)}")
+
+
+def _post(site: Site, bus: Bus, params: dict[str, Any]) -> int:
+    request = {
+        "kind": "waste_disposal",
+        "reward_iec": "100",
+        "params": params,
+        "max_attempts": 1,
+        "execution_window_s": 24 * 3600,
+    }
+    return int(
+        bus.query(f"rodeo/{site.org}/wallet/organization/register_task", request, timeout_s=60)["task_id"]
+    )
+
+
+def _ended(site: Site, bus: Bus, task_id: int) -> dict[str, Any]:
+    pause = threading.Event()
+    deadline_s = time.monotonic() + _TASK_WALL_S
+    while True:
+        task = bus.query(f"rodeo/{site.org}/state/task/{task_id}", timeout_s=30)
+        if task["state"] in _OVER or time.monotonic() > deadline_s:
+            return task
+        pause.wait(0.5)
+
+
+# -- first motion -------------------------------------------------------------------------------------------
+
+
+def _first_motion() -> dict[str, float]:
+    """At real-time speed, from the event of an assignment to the first motion of the base."""
+    latencies_ms = []
+    with _site({}, 1.0) as (site, bus):
+        node = Node(bus.session, "bench", site.robots[0].namespace, site.bus.domain_id, WallClock())
+        moved = threading.Event()
+        moving_since_s = [math.inf]
+        assigned_s: dict[int, float] = {}
+        assigned = threading.Event()
+
+        def on_odom(message: Any, _info: Any) -> None:
+            twist = message.twist.twist
+            if abs(twist.linear.x) + abs(twist.angular.z) > _MOVING_M_S and assigned_s:
+                moving_since_s[0] = min(moving_since_s[0], time.monotonic())
+                moved.set()
+
+        def on_event(event: DaoEvent) -> None:
+            if event.name == "TaskAssigned" and event.task_id is not None:
+                assigned_s[event.task_id] = time.monotonic()
+                assigned.set()
+
+        namespace = site.robots[0].namespace
+        node.subscription(topics.ODOM.name(ns=namespace), topics.ODOM.type, on_odom)
+        with DaoEvents(bus, site.org, on_event):
+            for number in range(LATENCY_TASKS):
+                item = site.items[number % len(site.items)]
+                moved.clear()
+                assigned.clear()
+                assigned_s.clear()
+                moving_since_s[0] = math.inf
+                params = {"item_id": item.id, "x_m": item.pose.x_m, "y_m": item.pose.y_m}
+                task_id = _post(site, bus, params)
+                if assigned.wait(60) and moved.wait(60):
+                    latencies_ms.append(1000 * (moving_since_s[0] - assigned_s[task_id]))
+                order = topics.ROBOT_ORDER.name(org=site.org, robot=site.robots[0].name, order="cancel")
+                bus.query(order, timeout_s=30)
+                _ended(site, bus, task_id)
+                _stands(site, bus)
+        node.close()
+    return {
+        "autonomy_first_motion_ms": statistics.median(latencies_ms),
+        "autonomy_first_motion_max_ms": max(latencies_ms),
+    }
+
+
+def _stands(site: Site, bus: Bus) -> None:
+    """Until the robot is idle, and a moment more."""
+    pause = threading.Event()
+    key = topics.ROBOT_ORDER.name(org=site.org, robot=site.robots[0].name, order="state")
+    while bus.query(key, timeout_s=30)["activity"] != "idle":
+        pause.wait(0.2)
+    pause.wait(2.0)

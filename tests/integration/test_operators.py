@@ -1,0 +1,180 @@
+"""People around a robot: operators give it orders that hold, a person does what it asks for and is paid."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Iterator
+from decimal import Decimal
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rodeo import wallets
+from rodeo.clock import SimClock
+from rodeo.dao import Participant
+from rodeo.evidence import Store, open_proof
+from rodeo.evidence.statement import Executor, NotAccepted, NotYourTask, read_statement
+from rodeo.ros2 import Node
+from services.robot_agent.body import Body
+from tests.integration.test_agent import Organization
+from tests.support.site import RunningSite, write_site
+
+SITE = """clock.speed = 20
+clock.idle_speed = 400
+agent.explore_when_idle = true
+participants = [{ name = "alice" }]
+
+[[agent.maintenance]]
+kind = "wheel_cleaning"
+every_km = 0.002
+reward_iec = 50
+description = "Clean my wheels"
+"""
+PNG = b"\x89PNG\r\n\x1a\n" + bytes(100)
+
+
+@pytest.fixture(scope="module")
+def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
+    running = RunningSite(write_site(tmp_path_factory.mktemp("operators"), chain_backend, SITE))
+    running.start("router", "chain")
+    running.deploy_contracts()
+    running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
+    organization = Organization(running)
+    yield organization
+    organization.close()
+    running.stop()
+
+
+def order(organization: Organization, name: str) -> dict[str, Any]:
+    bus, org = organization.running.bus, organization.running.site.org
+    return bus.query(f"rodeo/{org}/robot/panther1/{name}")
+
+
+def service_state(organization: Organization) -> str:
+    dao = Participant(organization.running.bus, organization.running.site.org, "panther1")
+    service = dao.own_service("waste_disposal")
+    assert service is not None
+    return str(service["state"])
+
+
+def wait_until(what: str, holds: Any) -> None:
+    pause = threading.Event()
+    for _ in range(1200):
+        if holds():
+            return
+        pause.wait(0.1)
+    raise AssertionError(f"waited for {what}")
+
+
+@pytest.mark.timeout(400)
+def test_a_robot_asks_a_person_to_clean_its_wheels_and_an_auditor_has_it_paid(
+    organization: Organization,
+) -> None:
+    running, site = organization.running, organization.running.site
+    alice = Participant(running.bus, site.org, "alice")
+    alice.offer_service("wheel_cleaning", Decimal(40), "I clean wheels")
+    wait_until("the robot to ask", lambda: alice.assignments("wheel_cleaning"))
+    (task, *_) = alice.assignments("wheel_cleaning")
+    assert (task.creator_name, task.description) == ("panther1", "Clean my wheels")
+
+    clock = SimClock(running.bus.session, site.bus.domain_id)
+    assert clock.wait_ready(threading.Event(), 60)
+    person = Executor(site, alice, wallets.load(site, "alice"), clock)
+    with pytest.raises(NotAccepted):
+        person.submit(task.id, "clean", [PNG])
+    person.accept(task.id)
+    stranger = Executor(
+        site, Participant(running.bus, site.org, "panther1"), wallets.load(site, "alice"), clock
+    )
+    with pytest.raises(NotYourTask):
+        stranger.accept(task.id)
+    sha256 = person.submit(task.id, "They are clean again.", [PNG])
+
+    organization.wait_for_event("ProofSubmitted", task.id)
+    submitted = organization.task(task.id)
+    proof = open_proof(Store(site).fetch(submitted["proof_uri"], sha256))
+    assert read_statement(proof).photos == (PNG,)
+    auditor = Participant(running.bus, site.org, "organization")
+    verdict = {
+        "task_id": task.id,
+        "attempt": task.attempt,
+        "proof_sha256": sha256,
+        "accepted": True,
+        "reason": "seen",
+        "report_sha256": sha256,
+        "report_uri": submitted["proof_uri"],
+    }
+    running.bus.query(f"rodeo/{site.org}/wallet/{auditor.name}/post_verdict", verdict, timeout_s=30)
+    organization.wait_for_event("TaskSettled", task.id)
+    assert Decimal(organization.task(task.id)["paid_iec"]) == 40
+
+
+@pytest.mark.timeout(400)
+def test_a_pause_holds_across_a_restart_and_the_service_is_paused_on_chain(
+    organization: Organization,
+) -> None:
+    assert order(organization, "pause")["paused"] is True
+    wait_until("the service to pause", lambda: service_state(organization) == "paused")
+    organization.running.kill("robot_agent")
+    organization.running.start("robot_agent")
+    assert order(organization, "state")["paused"] is True
+    assert service_state(organization) == "paused"
+    task_id = organization.post("item1", allow_wait=True)
+    assert organization.task(task_id)["state"] == "open"
+    assert order(organization, "resume")["paused"] is False
+    organization.wait_for_event("TaskSettled", task_id)
+
+
+@pytest.mark.timeout(400)
+def test_a_stopped_robot_stands_still_in_the_middle_of_its_work_and_goes_on_when_resumed(
+    organization: Organization,
+) -> None:
+    running = organization.running
+    body = Body(Node(running.bus.session, "test", "", 0, _NoClock()), running.site, running.site.robots[0])
+    task_id = organization.post("item3")
+    wait_until("the robot to work", lambda: order(organization, "state")["task_id"] == task_id)
+    assert order(organization, "stop")["stopped"] is True
+    wait_until("it to say so", lambda: "stopped" in order(organization, "state")["activity"])
+    first = body.base_pose(_go_on), body.joints(_go_on).arm_rad
+    for _ in range(50):
+        here = body.base_pose(_go_on), body.joints(_go_on).arm_rad
+    assert math.dist((first[0].x_m, first[0].y_m), (here[0].x_m, here[0].y_m)) < 0.02
+    assert np.abs(first[1] - here[1]).max() < 0.02
+    order(organization, "resume")
+    organization.wait_for_event("TaskSettled", task_id)
+
+
+@pytest.mark.timeout(400)
+def test_a_cancelled_attempt_fails_on_chain_with_its_reason_and_the_arm_folded(
+    organization: Organization,
+) -> None:
+    task_id = organization.post("item2", max_attempts=1)
+    wait_until("the robot to work", lambda: order(organization, "state")["task_id"] == task_id)
+    order(organization, "cancel")
+    organization.wait_for_event("TaskFailed", task_id)
+    reason = organization.task(task_id)["reason"]
+    assert reason == "not_given_up: the executor reports: given up by an operator"
+
+
+@pytest.mark.timeout(400)
+def test_an_ordered_charge_is_bought_at_once(organization: Organization) -> None:
+    assert order(organization, "charge")["charge_ordered"] is True
+    organization._wait(
+        lambda: any(
+            e.name == "TaskAssigned" and organization.task(e.task_id or 0)["kind"] == "battery_charging"
+            for e in list(organization.events)
+        ),
+        "a charging task",
+    )
+    wait_until("the order to be done", lambda: not order(organization, "state")["charge_ordered"])
+
+
+def _go_on() -> None:
+    pass
+
+
+class _NoClock:
+    def now_ns(self) -> int:
+        raise NotImplementedError("nothing is published here")
