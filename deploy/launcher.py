@@ -24,6 +24,7 @@ from deploy.processes import Process, processes_of
 from rodeo.config import Site
 from rodeo.errors import RodeoError
 from rodeo.service import PARENT_VARIABLE, lock_holder, lock_instance
+from rodeo.tls import is_closed
 from rodeo.wallets import ensure_wallets
 
 log = logging.getLogger(__name__)
@@ -88,12 +89,10 @@ class Launcher:
         self._locks = [lock_instance(folder) for folder in self.lock_folders()]
         self.logs.mkdir(parents=True, exist_ok=True)
         try:
-            local = self.site.chain.backend != "external"
-            if local:
-                ensure_wallets(self.site)
+            make_keys(self.site)
             for process in self.selected():
                 self._start(process)
-            if local and not self.only:
+            if self.site.chain.backend != "external" and not self.only:
                 # The step waits for the chain by itself.
                 with _signals_held():
                     self._deployment = self._spawn("contracts", "deploy.contracts")
@@ -192,6 +191,17 @@ class Launcher:
                 start_new_session=True,
                 env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
             )
+
+
+def make_keys(site: Site) -> None:
+    """Make what is missing: wallets of a local chain, certificates of a closed bus."""
+    if site.chain.backend != "external":
+        ensure_wallets(site)
+    if is_closed(site):
+        # Imported here: an open bus needs no cryptography.
+        from deploy.certificates import ensure_certificates
+
+        ensure_certificates(site)
 
 
 def log_tail(site: Site, name: str, lines: int = 12) -> list[str]:

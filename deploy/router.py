@@ -10,9 +10,11 @@ from pathlib import Path
 
 import zenoh
 
+from deploy.access import access_control
 from rodeo.config import Site
 from rodeo.errors import PortUnavailable
 from rodeo.service import Service, main
+from rodeo.tls import identity
 
 CONFIG = Path(__file__).parent / "zenoh" / "router.json5"
 
@@ -21,6 +23,9 @@ def run(site: Site, stop: threading.Event) -> None:
     """Route until `stop`. Raises PortUnavailable when the endpoint is taken."""
     config = zenoh.Config.from_file(str(CONFIG))
     config.insert_json5("listen/endpoints", json.dumps([site.bus.router]))
+    if (shown := identity(site, "router")) is not None:
+        config.insert_json5("transport/link/tls", json.dumps(shown.zenoh()))
+        config.insert_json5("access_control", json.dumps(access_control(site)))
     try:
         session = zenoh.open(config)
     except zenoh.ZError as error:

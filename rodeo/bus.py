@@ -33,6 +33,7 @@ from rodeo.errors import (
 )
 from rodeo.messages import DaoEvent
 from rodeo.metrics import REQUESTS
+from rodeo.tls import Identity
 
 log = logging.getLogger(__name__)
 
@@ -44,7 +45,13 @@ MAX_PAYLOAD_BYTES = 1 << 20
 _OPEN_TIMEOUT_MS = 500
 
 
-def zenoh_config(mode: str, *, connect: Iterable[str] = (), listen: Iterable[str] = ()) -> zenoh.Config:
+def zenoh_config(
+    mode: str,
+    *,
+    connect: Iterable[str] = (),
+    listen: Iterable[str] = (),
+    identity: Identity | None = None,
+) -> zenoh.Config:
     """A Zenoh configuration without discovery: what connects to what is written in the site file."""
     config = zenoh.Config()
     for key, value in {
@@ -58,6 +65,8 @@ def zenoh_config(mode: str, *, connect: Iterable[str] = (), listen: Iterable[str
         "timestamping/enabled": {"router": True, "peer": True, "client": True},
     }.items():
         config.insert_json5(key, json.dumps(value))
+    if identity is not None:
+        config.insert_json5("transport/link/tls", json.dumps(identity.zenoh()))
     return config
 
 
@@ -121,7 +130,13 @@ class Bus:
         self.close()
 
     @classmethod
-    def open(cls, endpoint: str, stop: threading.Event | None = None, timeout_s: float | None = None) -> Bus:
+    def open(
+        cls,
+        endpoint: str,
+        stop: threading.Event | None = None,
+        timeout_s: float | None = None,
+        identity: Identity | None = None,
+    ) -> Bus:
         """Connect to the router at `endpoint`, e.g. "tcp/127.0.0.1:7447", however long that takes.
 
         Raises BusUnavailable when `stop` is set or `timeout_s` (wall) passes first.
@@ -130,7 +145,7 @@ class Bus:
         said = False
         while stop is None or not stop.is_set():
             try:
-                return cls(zenoh.open(zenoh_config("client", connect=[endpoint])))
+                return cls(zenoh.open(zenoh_config("client", connect=[endpoint], identity=identity)))
             except zenoh.ZError as error:
                 if deadline_s is not None and time.monotonic() >= deadline_s:
                     raise BusUnavailable("no router answers", endpoint=endpoint) from error

@@ -33,6 +33,7 @@ from rodeo.errors import (
 )
 from rodeo.messages import Status
 from rodeo.metrics import BUS_CONNECTED, NOT_READY, READY, MetricsServer
+from rodeo.tls import identity
 
 log = logging.getLogger(__name__)
 
@@ -76,7 +77,11 @@ class Service:
 
     def __enter__(self) -> Self:
         self._instance = lock_instance(self.data_dir)
-        self.bus = Bus(self._session) if self._session else Bus.open(self.site.bus.router, self.stop)
+        if self._session is not None:
+            self.bus = Bus(self._session)
+        else:
+            shown = identity(self.site, self.name)
+            self.bus = Bus.open(self.site.bus.router, self.stop, identity=shown)
         self.clock = (
             WallClock()
             if self.site.clock.source == "wall"

@@ -162,7 +162,7 @@ def _play(demo: Demo, live: Live) -> dict[str, Any]:
     """Post the task, watch both to their end; returns the summary."""
     demo.wait_for("starting the processes and deploying the contracts", lambda: _all_ready(demo), live)
     demo.say("every process is ready")
-    with Bus.open(demo.site.bus.router, timeout_s=5.0) as bus:
+    with Bus.open(demo.site.bus.router, timeout_s=30.0) as bus:
         return _follow(demo, bus, live)
 
 

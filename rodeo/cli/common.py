@@ -18,6 +18,7 @@ from rich.markup import escape
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.errors import RodeoError
+from rodeo.tls import OPERATOR, identity
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -64,7 +65,7 @@ def reports_errors(command: Callable[P, T]) -> Callable[P, T]:
 def connected(site_path: Path) -> Iterator[tuple[Site, Bus]]:
     """The site and a bus session on it. Raises ConfigError or BusUnavailable."""
     site = Site.load(site_path)
-    with Bus.open(site.bus.router, timeout_s=_CONNECT_S) as bus:
+    with Bus.open(site.bus.router, timeout_s=_CONNECT_S, identity=identity(site, OPERATOR)) as bus:
         yield site, bus
 
 

@@ -20,7 +20,7 @@ from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
-from deploy.launcher import Launcher, log_tail, stop_site
+from deploy.launcher import Launcher, log_tail, make_keys, stop_site
 from deploy.processes import processes_of
 from rodeo.bus import Bus, validate
 from rodeo.cli.common import DEFAULT_SITE, JsonOption, SiteOption, console, print_json, reports_errors
@@ -28,6 +28,7 @@ from rodeo.config import Site
 from rodeo.errors import BusUnavailable, RodeoError
 from rodeo.messages import Status
 from rodeo.service import HEARTBEAT_S, lock_holder
+from rodeo.tls import OPERATOR, identity
 
 LOST_S = 3 * HEARTBEAT_S
 """A heartbeat older than this says nothing about now."""
@@ -116,7 +117,7 @@ def read_rows(site: Site, timeout_s: float = 5.0) -> list[Row]:
     # A router that runs is waited for: on a busy machine it takes its time to answer.
     router_s = timeout_s if lock_holder(site.data_dir / "router") is not None else 0.5
     try:
-        with Bus.open(site.bus.router, timeout_s=router_s) as bus:
+        with Bus.open(site.bus.router, timeout_s=router_s, identity=identity(site, OPERATOR)) as bus:
             statuses = _ask(bus, site.org, timeout_s)
     except BusUnavailable:
         statuses = {}
@@ -173,7 +174,8 @@ class StatusWatcher:
     def statuses(self) -> dict[str, Status]:
         if self._bus is None:
             try:
-                self._bus = Bus.open(self._site.bus.router, timeout_s=0.0)
+                shown = identity(self._site, OPERATOR)
+                self._bus = Bus.open(self._site.bus.router, timeout_s=0.0, identity=shown)
             except BusUnavailable:
                 return {}
             self._bus.subscribe_json(f"rodeo/{self._site.org}/status/*", self._on_status)
@@ -292,6 +294,7 @@ def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 120.0) -
     wanted = {process.name for process in launcher.selected()}
     child = None
     if any(lock_holder(folder) is None for folder in launcher.lock_folders()):
+        make_keys(launcher.site)
         launcher.logs.mkdir(parents=True, exist_ok=True)
         with open(launcher.logs / "launcher.log", "ab") as output:
             child = subprocess.Popen(

@@ -20,6 +20,7 @@ from rodeo.config import Site
 from rodeo.errors import BusError
 from rodeo.messages import Status
 from rodeo.service import PARENT_VARIABLE
+from rodeo.tls import OPERATOR, identity
 from rodeo.wallets import ensure_wallets
 
 LAB = Path(__file__).parents[2] / "deploy" / "sites" / "lab.toml"
@@ -74,7 +75,8 @@ class RunningSite:
     def bus(self) -> Bus:
         """A session on the site's router, which must have been started."""
         if self._bus is None:
-            self._bus = Bus.open(self.site.bus.router, timeout_s=READY_S)
+            shown = identity(self.site, OPERATOR)
+            self._bus = Bus.open(self.site.bus.router, timeout_s=READY_S, identity=shown)
         return self._bus
 
     def start(self, *names: str, ready: bool = True) -> None:

@@ -1,0 +1,125 @@
+"""The router's access rules, made from the table of keys: who may say what on a closed bus.
+
+    everybody on the bus   may listen to everything and ask most things
+    a process              may publish, serve and answer what the table says that it writes
+    a wallet               is commanded by the process that works for it, and by operator and console
+    a motion               is asked for by the process that `_CALLERS` names, and by operator and console
+
+What the rules do not allow is denied.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+from deploy.processes import processes_of
+from rodeo import topics
+from rodeo.config import Site
+from rodeo.tls import OPERATOR
+from rodeo.topics import TOPICS, Form, Plane, Topic
+
+_PEOPLE = (OPERATOR, "console")
+"""Who speaks for people, and may ask for everything."""
+
+_CALLERS: dict[str, str] = {
+    topics.NAVIGATE_TO_POSE.key: "robot_agent",
+    topics.FOLLOW_JOINT_TRAJECTORY.key: "robot_agent",
+    topics.GRIPPER_CMD.key: "robot_agent",
+    topics.BIN_CAPTURE.key: "itrash",
+    topics.DOCK_ENABLE.key: "charger",
+    # Nobody who is paid for moving things moves them by decree.
+    topics.SET_ENTITY_STATE.key: OPERATOR,
+    topics.ROBOT_ORDER.key: OPERATOR,
+}
+"""The one process that uses a service or action which moves or switches something."""
+
+_EVERYBODY = "every process"
+_LISTEN = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
+_WRITE = ["put", "delete", "declare_queryable", "reply", "liveliness_token"]
+_ALL = [*_LISTEN, *_WRITE, "query"]
+_ANY_KEY = ["**", "@ros2_lv/**", "**/@adv/**"]
+"""`**` stands for no part of a key that begins with @: the ROS graph, and what latched topics keep."""
+
+
+def everybody(site: Site) -> list[str]:
+    """The names of those who may be on the bus."""
+    return [*(process.name for process in processes_of(site)), OPERATOR]
+
+
+def access_control(site: Site) -> dict[str, Any]:
+    """Zenoh's `access_control` for the router of `site`."""
+    all_names = everybody(site)
+    # From the router to a client everything may go; who may put it there is checked where it comes in.
+    rules = [_rule("hear", "egress", _ALL, _ANY_KEY), _rule("listen", "ingress", _LISTEN, _ANY_KEY)]
+    policies = [{"rules": ["hear", "listen"], "subjects": all_names}]
+    for name in all_names:
+        rules += [
+            _rule(f"{name} writes", "ingress", _WRITE, sorted(_written_by(site, name))),
+            _rule(f"{name} asks", "ingress", ["query"], sorted(_asked_by(site, name))),
+        ]
+        policies.append({"rules": [f"{name} writes", f"{name} asks"], "subjects": [name]})
+    return {
+        "enabled": True,
+        "default_permission": "deny",
+        "rules": rules,
+        "subjects": [{"id": name, "cert_common_names": [name]} for name in all_names],
+        "policies": policies,
+    }
+
+
+def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[str, Any]:
+    return {"id": name, "permission": "allow", "flows": [flow], "messages": messages, "key_exprs": keys}
+
+
+def _written_by(site: Site, process: str) -> Iterator[str]:
+    # Whose endpoints are in the ROS graph is no secret and no command.
+    yield "@ros2_lv/**"
+    for topic in TOPICS:
+        if topic.writer in (process, _EVERYBODY):
+            for key in _keys(site, topic, process):
+                yield key
+                if topic.plane is Plane.ROBOT:
+                    yield f"{key}/@adv/**"
+
+
+def _asked_by(site: Site, process: str) -> Iterator[str]:
+    yield "**/@adv/**"
+    for topic in TOPICS:
+        if topic.key == topics.COMMAND.key:
+            for participant in _wallets_of(site, process):
+                yield f"rodeo/{site.org}/wallet/{participant}/**"
+            continue
+        asked = topic.form is not Form.TOPIC or topic.writer == _EVERYBODY
+        if asked and (process in _PEOPLE or _CALLERS.get(topic.key, process) == process):
+            yield from _keys(site, topic)
+
+
+def _wallets_of(site: Site, process: str) -> list[str]:
+    """Participants for whom the process works."""
+    if process in _PEOPLE:
+        return ["*"]
+    robots = [robot.wallet for robot in site.robots]
+    return {"robot_agent": robots, "charger": ["organization"], "oracle": ["oracle"]}.get(process, [])
+
+
+def _keys(site: Site, topic: Topic, process: str = "*") -> Iterator[str]:
+    """Key expressions of `topic` on this site."""
+    names = _Names(org=site.org, bin=site.bin.name, dock=site.dock.name, process=process)
+    for namespace in {robot.namespace for robot in site.robots}:
+        key = topic.key.format_map(_Names(names, ns=namespace))
+        if topic.plane is Plane.ROBOT:
+            yield f"{site.bus.domain_id}/{key}/**"
+        elif topic.form is Form.QUERY:
+            # One responder serves the whole branch: state/task/7 as well as state/tasks.
+            yield re.sub(r"(/\*)+$", "/**", key)
+        else:
+            yield key
+
+
+class _Names(dict[str, str]):
+    """Names in a key; what has none here stands for all."""
+
+    def __missing__(self, _name: str) -> str:
+        return "*"
