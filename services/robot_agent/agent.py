@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import random
 import threading
 from collections import deque
@@ -57,6 +58,8 @@ _REFUSED_WALL_S = 10.0
 _LAST_LOOK_S = 1.0
 """Site time for which the recording of a failed attempt goes on, so that it shows why."""
 _EVENTS_KEPT = 500
+_HOME_M = 0.3
+"""Nearer than this to its own place a robot is at home."""
 
 
 class Distracted(AgentError):
@@ -298,8 +301,23 @@ class Agent:
             self._report("paused by an operator")
         else:
             self._upkeep.ask_for_care()
+            self._go_home()
             self._report("idle")
         self._wait_for_news()
+
+    def _go_home(self) -> None:
+        """Where there are other robots, wait at the place that the site file gives this one."""
+        home, here = self._robot.pose, self._body.base_pose(self._checkpoint)
+        if len(self._site.robots) == 1 or math.dist((home.x_m, home.y_m), (here.x_m, here.y_m)) < _HOME_M:
+            return
+        self._report("going where it is in nobody's way")
+        try:
+            self._cleaning.stow(self._undistracted)
+            self._body.navigate(home, self._undistracted)
+        except Distracted:
+            return
+        except (MotionFailed, Unreachable) as error:
+            log.info("staying: %s", error)
 
     def _wait_for_news(self) -> None:
         """Until something happens on chain, or it is time to look at the battery."""

@@ -57,9 +57,12 @@ Note = Callable[[dict[str, Any]], None]
 _PICKS = 4
 _DELIVERIES = 4
 _SHOWS = 3
-_DRIVES = 3
+_PATIENCE_S = 60.0
+"""Site time for which a place that cannot be reached is tried again: who stands in the way may move on."""
+_QUEUE_S = 900.0
+"""The same for the bin: other robots use it one after another."""
 _BLOCKED_S = 8.0
-"""Site time to wait before a blocked way is tried again: who stands in it may move on."""
+"""Site time between two tries."""
 
 PLACE_LIMIT_M = 0.3
 """How far from the place that a task names its item may lie."""
@@ -338,10 +341,15 @@ class Cleaning:
             self._floor.grasp_poses(place, self._memory.lying(but=item.id), base), checkpoint
         )
 
-    def _drive_to_one_of(self, poses: Sequence[Pose2], checkpoint: Checkpoint) -> None:
-        """The first of the places that can be reached, again after a while; `poses` is not empty."""
-        failure: MotionFailed | None = None
-        for attempt in range(1, _DRIVES + 1):
+    def _drive_to_one_of(
+        self, poses: Sequence[Pose2], checkpoint: Checkpoint, patience_s: float = _PATIENCE_S
+    ) -> None:
+        """The first of the places that can be reached, tried again for `patience_s` of site time.
+
+        `poses` is not empty. Raises MotionFailed.
+        """
+        give_up_s = self._clock.now_s() + patience_s
+        while True:
             for pose in poses:
                 try:
                     self._body.navigate(pose, checkpoint)
@@ -349,10 +357,9 @@ class Cleaning:
                 except MotionFailed as error:
                     log.warning("could not drive to x %.2f y %.2f: %s", pose.x_m, pose.y_m, error)
                     failure = error
-            if attempt < _DRIVES:
-                self._pause(_BLOCKED_S * attempt, checkpoint)
-        assert failure is not None
-        raise failure
+            if self._clock.now_s() >= give_up_s:
+                raise failure
+            self._pause(_BLOCKED_S, checkpoint)
 
     def _check_grip(self, position_m: float) -> None:
         if position_m <= _NOTHING_HELD_M:
@@ -381,7 +388,7 @@ class Cleaning:
         holding = self._holding(checkpoint)
         report(f"carrying {item.id} to the bin", 0.45)
         self._aside(holding)
-        self._drive_to_one_of([self._layout.parking], holding)
+        self._drive_to_one_of([self._layout.parking], holding, _QUEUE_S)
         report(f"showing {item.id} to the bin", 0.6)
         compartment = str(self._show(held, item, holding)["compartment"])
         report(f"dropping {item.id} into {compartment}", 0.7)
