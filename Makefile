@@ -7,7 +7,7 @@ CHAIN ?= eth-tester
 # Test files that run at the same time.
 JOBS ?= 2
 
-.PHONY: help setup demo test bench lint contracts clean
+.PHONY: help setup postgresql demo test bench lint contracts clean
 
 help:  ## show the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -27,6 +27,11 @@ node_modules/.stamp: package.json package-lock.json
 	@npm install --no-save --no-audit --no-fund --loglevel=error
 	@touch $@
 
+postgresql:
+	@command -v initdb >/dev/null || ls /usr/lib/postgresql/*/bin/initdb >/dev/null 2>&1 \
+		|| apt-get install --quiet --yes postgresql >/dev/null 2>&1 \
+		|| echo "PostgreSQL is not installed and cannot be installed here: its tests are skipped" >&2
+
 setup: $(VENV)/stamp  ## install what running needs (no Node)
 
 # -- what people run ---------------------------------------------------------------------------------
@@ -34,11 +39,11 @@ setup: $(VENV)/stamp  ## install what running needs (no Node)
 demo: setup  ## one cleaning task and one charging session, end to end
 	@$(BIN)/python -m deploy.demo
 
-test: setup node_modules/.stamp  ## everything that checks the project
+test: setup node_modules/.stamp postgresql  ## everything that checks the project
 	@npm run --silent contracts:test
 	@$(BIN)/python -m pytest --chain $(CHAIN) --numprocesses $(JOBS) --dist loadfile
 
-bench: setup node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, robot, itrash, bridge)
+bench: setup node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, robot, itrash, bridge, soak)
 	@$(BIN)/python -m bench $(ONLY)
 
 lint: setup node_modules/.stamp  ## linters, type checker, built contracts equal to their sources

@@ -1,9 +1,10 @@
-"""The bridge on the embedded chain: how soon an event is heard, how many transactions it gets through.
+"""The bridge on anvil (subscribed over a WebSocket) and on the embedded chain (asked).
 
-`event_latency_ms_*`: from the node's answer to eth_sendRawTransaction (it has the block then) to the message
-at a subscriber of the bus, for transactions that the bridge knows nothing of.
-`tx_per_s`: commands answered per second, each wallet sending one after the other, all at once.
-`tx_per_s_bare`: signed transactions that the same node takes per second from one client of its own.
+`event_latency_ms_*`: from the node having the block (its answer to eth_sendRawTransaction) to the message at
+a subscriber of the bus, for transactions that the bridge knows nothing of.
+`tx_throughput_*`: commands answered per second of one wallet that many callers use at once, over what web3.py
+reaches on the same node in the same run: signed one after the other, all sent, then all receipts waited for.
+`index_10000_s`: from an empty database to 10,000 settled tasks, without the node.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import statistics
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from decimal import Decimal
 from pathlib import Path
@@ -23,29 +25,41 @@ from eth_account import Account
 from deploy import contracts
 from deploy.launcher import Launcher
 from rodeo.bus import Bus
-from rodeo.chain import ChainClient, Deployment
+from rodeo.chain import Call, ChainClient, Deployment, Log, events
 from rodeo.dao import Participant
 from rodeo.messages import Transfer
+from services.bridge.follower import MAX_BLOCKS
+from services.bridge.index import Index, Position, TimedLog, sqlite_url
+from services.bridge.projection import ZERO_ADDRESS
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 CHAIN_ID = 31_337
 DEV_KEY = "0xac0974bec39a17e36ba4a6b4d238ff944bacb478cbed5efcae784d7bf4f2ff80"
 """First account of the public test mnemonic, which every local chain funds."""
 
-EVENTS = 200
-TRANSACTIONS = 60
+EVENTS = 300
+TRANSACTIONS = 300
+CALLERS = 32
 _PACE_S = 0.013
 """Between two events: coprime with the bridge's polling period, so that all its phases are hit."""
 
 
 def run() -> dict[str, float]:
-    """Measure on a site of its own, on free ports, in a folder that is removed."""
+    """Measure on sites of its own, on free ports, in folders that are removed."""
+    return {
+        **{f"{name}_anvil": value for name, value in _measure("anvil").items()},
+        **{f"{name}_eth_tester": value for name, value in _measure("eth-tester").items()},
+        "index_10000_s": _index_from_nothing(10_000),
+    }
+
+
+def _measure(backend: str) -> dict[str, float]:
     with tempfile.TemporaryDirectory(prefix="rodeo-bench-") as folder:
-        site_path = _write_site(Path(folder))
+        site_path = write_site(Path(folder), backend)
         with Launcher(site_path, only=("router", "chain", "bridge")) as launcher:
             site = launcher.site
             contracts.run(site, threading.Event())
-            bus = Bus.open(site.bus.router, timeout_s=30.0)
+            bus = Bus.open(site.bus.router, timeout_s=60.0)
             _wait_ready(bus, site.org)
             client = ChainClient(site.chain.url, Deployment.load(site.data_dir, CHAIN_ID))
             try:
@@ -70,7 +84,7 @@ def _event_latency(bus: Bus, org: str, client: ChainClient) -> dict[str, float]:
         tx_hash = client.w3.eth.send_raw_transaction(raw).to_0x_hex()
         known[tx_hash] = time.perf_counter()
         pace.wait(_PACE_S)
-    if not everything.wait(30.0):
+    if not everything.wait(120.0):
         raise RuntimeError(f"{EVENTS - len(heard)} of {EVENTS} events were not heard")
     subscriber.undeclare()
     latencies_ms = [1e3 * (heard[tx_hash] - known[tx_hash]) for tx_hash in known]
@@ -79,33 +93,87 @@ def _event_latency(bus: Bus, org: str, client: ChainClient) -> dict[str, float]:
 
 
 def _throughput(bus: Bus, org: str, client: ChainClient) -> dict[str, float]:
-    def transfers(name: str, to: str) -> None:
-        participant = Participant(bus, org, name)
-        for _ in range(TRANSACTIONS):
-            participant.command("transfer", Transfer(to=to, amount_iec=Decimal("0.001")))
+    participant = Participant(bus, org, "organization")
 
-    started_s = time.perf_counter()
-    with ThreadPoolExecutor() as wallets:
-        for done in [
-            wallets.submit(transfers, "organization", "panther1"),
-            wallets.submit(transfers, "panther1", "organization"),
-        ]:
-            done.result()
-    bridged_s = time.perf_counter() - started_s
-    raws = _signed_approvals(client, 2 * TRANSACTIONS)
-    started_s = time.perf_counter()
-    for raw in raws:
-        client.w3.eth.send_raw_transaction(raw)
-    bare_s = time.perf_counter() - started_s
-    return {"tx_per_s": 2 * TRANSACTIONS / bridged_s, "tx_per_s_bare": 2 * TRANSACTIONS / bare_s}
+    def transfer(_number: int) -> None:
+        participant.command("transfer", Transfer(to="panther1", amount_iec=Decimal("0.001")))
+
+    def bridged_s(count: int) -> float:
+        started_s = time.perf_counter()
+        with ThreadPoolExecutor(CALLERS) as callers:
+            list(callers.map(transfer, range(count)))
+        return time.perf_counter() - started_s
+
+    def bare_s(count: int) -> float:
+        started_s = time.perf_counter()
+        sent = [client.w3.eth.send_raw_transaction(raw) for raw in _signed_transfers(client, count)]
+        for tx_hash in sent:
+            client.w3.eth.wait_for_transaction_receipt(tx_hash, poll_latency=0.01)
+        return time.perf_counter() - started_s
+
+    transfer(0)
+    # In turns, so that whatever else the machine does slows both.
+    turns = 5
+    both = [(bridged_s(TRANSACTIONS // turns), bare_s(TRANSACTIONS // turns)) for _ in range(turns)]
+    bridged, bare = (TRANSACTIONS / sum(times) for times in zip(*both, strict=True))
+    return {"tx_per_s": bridged, "tx_per_s_bare": bare, "tx_throughput": bridged / bare}
+
+
+def _index_from_nothing(tasks: int) -> float:
+    """Tasks of five transactions each, in blocks of one transaction."""
+    someone, robot, manager = ("0x" + digit * 40 for digit in "123")
+    iec = 10**18
+    happened: list[list[events.Event]] = [
+        [
+            events.ServiceRegistered(1, robot, "waste_disposal", iec, ""),
+            events.Transfer(ZERO_ADDRESS, someone, tasks * iec),
+        ]
+    ]
+    for number in range(1, tasks + 1):
+        proof = number.to_bytes(32)
+        happened += [
+            [
+                events.Transfer(someone, manager, iec),
+                events.TaskRegistered(number, someone, "waste_disposal", iec, 60, 60, 3, "{}"),
+                events.TaskAssigned(number, 1, robot, 1, iec, proof, 10**9),
+            ],
+            [events.ProofSubmitted(number, 1, robot, proof, "file:///proof.mcap", 10**9)],
+            [
+                events.VerdictPosted(number, 1, proof, True, proof, "", "as it should be"),
+                events.TaskSettled(number, robot, iec, 0),
+                events.Transfer(manager, robot, iec),
+            ],
+        ]
+    logs = [
+        TimedLog(Log(event, manager, block, f"0x{block:064x}", place, f"0x{block:064x}"), block)
+        for block, in_block in enumerate(happened)
+        for place, event in enumerate(in_block)
+    ]
+    with tempfile.TemporaryDirectory(prefix="rodeo-bench-") as folder:
+        index = Index(sqlite_url(Path(folder) / "index.sqlite"), CHAIN_ID, "0x", {"TaskManager": manager})
+        started_s = time.perf_counter()
+        for first in range(0, len(happened), MAX_BLOCKS):
+            last = min(first + MAX_BLOCKS, len(happened)) - 1
+            page = [one for one in logs if first <= one.log.block <= last]
+            index.apply(page, Position(last, f"0x{last:064x}", last), head=len(happened))
+        took_s = time.perf_counter() - started_s
+        index.close()
+    return took_s
+
+
+def _signed_transfers(client: ChainClient, count: int) -> Iterator[bytes]:
+    return _signed(client, client.calls.transfer(client.organization, 0), count)
 
 
 def _signed_approvals(client: ChainClient, count: int) -> list[bytes]:
+    return list(_signed(client, client.calls.approve(client.organization, 1), count))
+
+
+def _signed(client: ChainClient, call: Call, count: int) -> Iterator[bytes]:
     account = Account.from_key(DEV_KEY)
     first = client.w3.eth.get_transaction_count(account.address)
-    call = client.calls.approve(client.organization, 1)
-    return [
-        bytes(
+    for offset in range(count):
+        yield bytes(
             account.sign_transaction(
                 {
                     "type": 2,
@@ -119,8 +187,6 @@ def _signed_approvals(client: ChainClient, count: int) -> list[bytes]:
                 }
             ).raw_transaction
         )
-        for offset in range(count)
-    ]
 
 
 def _wait_ready(bus: Bus, org: str) -> None:
@@ -136,13 +202,16 @@ def _wait_ready(bus: Bus, org: str) -> None:
     subscriber.undeclare()
 
 
-def _write_site(folder: Path) -> Path:
+def write_site(folder: Path, backend: str, extra: str = "") -> Path:
+    """The lab on free ports with its data in `folder`; `extra` is TOML of its own."""
     path = folder / "site.toml"
     path.write_text(
         f"""extends = {json.dumps(str(SITE))}
 data_dir = {json.dumps(str(folder / "data"))}
 bus.router = "tcp/127.0.0.1:{_free_port()}"
 chain.url = "http://127.0.0.1:{_free_port()}"
+chain.backend = "{backend}"
+{extra}
 """
     )
     return path

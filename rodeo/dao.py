@@ -5,10 +5,21 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import Any
 
+from eth_account.signers.local import LocalAccount
+
 from rodeo import topics
 from rodeo.bus import Bus, validate
 from rodeo.evidence import Binding
-from rodeo.messages import Command, RegisterService, SubmitProof, Task, UpdateService
+from rodeo.messages import (
+    Broadcast,
+    Command,
+    Message,
+    Prepare,
+    RegisterService,
+    SubmitProof,
+    Task,
+    UpdateService,
+)
 
 CLEANING = "waste_disposal"
 CHARGING = "battery_charging"
@@ -17,12 +28,14 @@ CHARGING = "battery_charging"
 class Participant:
     """One wallet's commands and questions.
 
-    Every method raises NoResponder or QueryTimeout when the bridge is away and RemoteError with the bridge's
-    own error.
+    With an `account` the wallet is this process's own: it signs, and the bridge only broadcasts. Without one
+    the bridge signs. Every method raises NoResponder or QueryTimeout when the bridge is away and RemoteError
+    with the bridge's own error.
     """
 
-    def __init__(self, bus: Bus, org: str, name: str) -> None:
+    def __init__(self, bus: Bus, org: str, name: str, account: LocalAccount | None = None) -> None:
         self._bus = bus
+        self._account = account
         self._org = org
         self.name = name
 
@@ -104,5 +117,31 @@ class Participant:
 
     def command(self, name: str, request: Command) -> dict[str, Any]:
         """Send a transaction through the bridge and wait for its receipt (at most 30 s of wall time)."""
-        key = topics.COMMAND.name(org=self._org, participant=self.name, command=name)
+        if self._account is None or request.dry_run:
+            return self._ask(name, request)
+        while True:
+            prepared = self._ask(
+                "prepare",
+                Prepare(command=name, request=request.model_dump(mode="json", exclude_defaults=True)),
+            )
+            reply = self._ask("broadcast", self._signed(prepared, request))
+            if not prepared["remaining"]:
+                return reply
+
+    def _signed(self, prepared: dict[str, Any], request: Command) -> Broadcast:
+        """What `prepare` said, signed here; or signed before, where the request was made before."""
+        assert self._account is not None
+        raw = prepared.get("raw")
+        if raw is None:
+            raw = self._account.sign_transaction(prepared["transaction"]).raw_transaction.to_0x_hex()
+        # What comes before the command's own transaction is no answer to its request.
+        own = not prepared["remaining"]
+        return Broadcast(
+            raw=raw,
+            request_id=request.request_id if own else None,
+            content_sha256=prepared["content_sha256"] or None if own else None,
+        )
+
+    def _ask(self, command: str, request: Message) -> dict[str, Any]:
+        key = topics.COMMAND.name(org=self._org, participant=self.name, command=command)
         return self._bus.query(key, request, timeout_s=30.0)

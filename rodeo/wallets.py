@@ -2,7 +2,8 @@
 
 Keystores are Web3 Secret Storage files (`<data_dir>/keys/<name>.json`). The passphrase comes from
 `RODEO_KEYSTORE_PASSPHRASE`, or from the file `<data_dir>/keys/passphrase` that `ensure_wallets` writes
-(mode 0600) beside keystores it makes for a local chain. Keys are never on the bus.
+(mode 0600) beside keystores it makes for a local chain; on a terminal an operator is asked. Keys are never on
+the bus.
 """
 
 from __future__ import annotations
@@ -10,7 +11,10 @@ from __future__ import annotations
 import json
 import os
 import secrets
+import sys
 from collections.abc import Iterable
+from functools import cache
+from getpass import getpass
 from pathlib import Path
 
 from eth_account import Account
@@ -110,9 +114,18 @@ def _passphrase(site: Site) -> str:
     try:
         return path.read_text().strip()
     except OSError as error:
+        if sys.stdin is not None and sys.stdin.isatty():
+            return _asked(str(site.data_dir))
         raise WalletError(
-            f"no passphrase: set {PASSPHRASE_VARIABLE} or write it to a file", path=str(path)
+            f"no passphrase: set {PASSPHRASE_VARIABLE}, write it to a file or start on a terminal",
+            path=str(path),
         ) from error
+
+
+@cache
+def _asked(keys: str) -> str:
+    """What the operator types, once per process."""
+    return getpass(f"Passphrase of the keystores in {keys}: ")
 
 
 def _read(path: Path, name: str) -> dict[str, object]:

@@ -82,10 +82,9 @@ def _config(connection: sqlalchemy.Connection, what: str) -> Any:
 
 def upsert(engine: Engine, table: Table) -> Any:
     """`insert` that overwrites the row with the same primary key."""
-    insert = postgresql.insert if engine.dialect.name == "postgresql" else sqlite.insert
-    statement = insert(table)
-    keys: Any = list(table.primary_key.columns)
+    dialect: Any = postgresql if engine.dialect.name == "postgresql" else sqlite
+    statement = dialect.insert(table)
     others = {
         column.name: statement.excluded[column.name] for column in table.columns if not column.primary_key
     }
-    return statement.on_conflict_do_update(keys, set_=others)
+    return statement.on_conflict_do_update(index_elements=list(table.primary_key.columns), set_=others)

@@ -12,6 +12,7 @@ from typing import Any
 
 from eth_account.signers.local import LocalAccount
 from prometheus_client import Counter, Gauge, Histogram
+from sqlalchemy.exc import DBAPIError
 
 from rodeo import topics, wallets
 from rodeo.bus import Request
@@ -132,6 +133,8 @@ class Bridge:
                 self._not_ready(f"no node at {self._site.chain.url}: {error}")
             except (ChainError, ChainReorganized, WalletError) as error:
                 self._not_ready(str(error))
+            except DBAPIError as error:
+                self._not_ready(f"the index's database does not answer: {error.orig}")
             self._stop.wait(_RETRY_S)
         if self._attachment is not None:
             self._attachment.close()

@@ -1,4 +1,4 @@
-"""A chain that takes blocks back (anvil): the index follows, says what was undone, and sends its own again."""
+"""A chain that takes blocks back (anvil): the index follows, tells what was undone, and sends ours again."""
 
 from __future__ import annotations
 

@@ -54,7 +54,6 @@ def test_a_sent_transaction_is_in_the_next_block(chain: EmbeddedChain) -> None:
 @pytest.mark.parametrize(
     ("overrides", "message"),
     [
-        ({"nonce": 3}, "nonce too high: next nonce 0, tx nonce 3"),
         ({"gas": 20_999}, "intrinsic gas too low: gas 20999, minimum needed 21000"),
         ({"gas": 31_000_000}, "exceeds block gas limit"),
         (
@@ -73,6 +72,30 @@ def test_a_refused_transaction_says_why_and_changes_nothing(
     assert refused.value.message.startswith(message)
     assert chain("eth_blockNumber") == "0x0"
     chain("eth_sendRawTransaction", signed(chain))
+
+
+def test_nonces_that_come_too_early_wait_for_those_before(chain: EmbeddedChain) -> None:
+    hashes = {nonce: chain("eth_sendRawTransaction", signed(chain, nonce=nonce)) for nonce in (2, 1)}
+    assert chain("eth_blockNumber") == "0x0"
+    assert chain("eth_getTransactionReceipt", hashes[1]) is None
+    chain("eth_sendRawTransaction", signed(chain, nonce=0))
+    assert chain("eth_blockNumber") == "0x3"
+    blocks = [chain("eth_getTransactionReceipt", hashes[nonce])["blockNumber"] for nonce in (1, 2)]
+    assert blocks == ["0x2", "0x3"]
+
+
+def test_a_place_in_the_queue_is_taken_by_a_higher_fee_only(chain: EmbeddedChain) -> None:
+    first = chain("eth_sendRawTransaction", signed(chain, nonce=1))
+    with pytest.raises(TransactionRejected, match="replacement transaction underpriced"):
+        chain("eth_sendRawTransaction", signed(chain, nonce=1, value=2))
+    second = chain("eth_sendRawTransaction", signed(chain, nonce=1, value=2, maxFeePerGas=2 * 10**10))
+    chain("eth_sendRawTransaction", signed(chain, nonce=0))
+    assert chain("eth_getTransactionReceipt", first) is None
+    assert chain("eth_getTransactionReceipt", second)["blockNumber"] == "0x2"
+    for nonce in range(3, 67):
+        chain("eth_sendRawTransaction", signed(chain, nonce=nonce))
+    with pytest.raises(TransactionRejected, match="account limit exceeded"):
+        chain("eth_sendRawTransaction", signed(chain, nonce=67))
 
 
 def test_a_used_nonce_and_a_known_transaction_are_told_apart(chain: EmbeddedChain) -> None:

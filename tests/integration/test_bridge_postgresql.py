@@ -1,0 +1,170 @@
+"""The bridge with its index in PostgreSQL, a real one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from alembic.autogenerate import compare_metadata
+from alembic.migration import MigrationContext
+
+from rodeo.chain import Cause, Event, Log, events
+from services.bridge import journal, schema
+from services.bridge.database import migrate, open_database
+from services.bridge.index import NOWHERE, UNDONE, Index, Page, Position, TimedLog, sqlite_url
+from tests.integration.test_bridge import assert_index_equals_contracts
+from tests.support.dao import Dao
+from tests.support.postgresql import postgresql
+from tests.support.site import RunningSite, write_site
+
+GENESIS = "0x" + "01" * 32
+CREATOR, ROBOT, TASKS = ("0x" + digit * 40 for digit in "123")
+HOSTILE = 'a NUL \0, a quote \', 100 %, {"a": "\ud800"}'
+
+
+@pytest.fixture(scope="module")
+def url() -> Iterator[str]:
+    with postgresql() as address:
+        yield address
+
+
+def opened(url: str, schema_name: str = "") -> Index:
+    return Index(url, 31_337, GENESIS, {"TaskManager": TASKS}, schema_name)
+
+
+def history() -> list[list[Event]]:
+    """Blocks with everything that the index keeps."""
+    iec = 10**18
+    return [
+        [events.Transfer("0x" + "0" * 40, CREATOR, 2**256 - 1), events.KindAllowed("waste", True)],
+        [
+            events.ServiceRegistered(1, ROBOT, "waste", 100 * iec, HOSTILE),
+            events.TermsAgreed(1, 50 * iec, 20 * iec, 2),
+        ],
+        [
+            events.Transfer(CREATOR, TASKS, 120 * iec),
+            events.TaskRegistered(1, CREATOR, "waste", 120 * iec, 3600, 600, 3, HOSTILE),
+            events.TaskAssigned(1, 1, ROBOT, 1, 100 * iec, b"\x07" * 32, 4600),
+        ],
+        [events.ProofSubmitted(1, 1, ROBOT, b"\x0a" * 32, HOSTILE, 1700)],
+        [
+            events.VerdictPosted(1, 1, b"\x0a" * 32, False, b"\x0b" * 32, HOSTILE, HOSTILE),
+            events.BondPenalized(1, 1, 20 * iec),
+            events.TaskRequeued(1, 1, Cause.REJECTED),
+        ],
+        [
+            events.RoleGranted("0x" + "99" * 32, CREATOR, CREATOR),
+            events.DeviceRegistered(ROBOT, "bin", CREATOR, CREATOR),
+        ],
+    ]
+
+
+def fill(index: Index, blocks: list[list[Event]], fork: str = "a") -> None:
+    for happened in blocks:
+        number = index.position.block + 1
+        block_hash = f"0x{fork}{number:063x}"
+        logs = [
+            TimedLog(Log(event, TASKS, number, block_hash, i, f"0x{number:064x}"), 1000 + number)
+            for i, event in enumerate(happened)
+        ]
+        index.apply(logs, Position(number, block_hash, 1000 + number))
+
+
+def everything(index: Index) -> dict[str, Any]:
+    return {
+        "events": [event.model_dump() for event in index.events_after(0, 1000)],
+        "tasks": index.tasks(
+            {"creator": CREATOR}, Page(10), states=("open", "assigned", "submitted"), text="100 %"
+        ),
+        "services": index.services({"kind": "waste"}, Page(10)),
+        "transfers": index.transfers(CREATOR, None, 0, 2**48, Page(10)),
+        "transactions": index.transactions(1, Page(2, 1)),
+        "counts": index.task_counts("creator"),
+        "times": index.task_times(0, 2**48),
+        "roles": index.roles(),
+        "devices": index.devices(),
+        "kinds": index.all_kinds(),
+        "balances": index.balances(),
+        "position": index.position,
+        "overdue": index.overdue(10**9),
+    }
+
+
+def without(answers: dict[str, Any], *names: str) -> dict[str, Any]:
+    return {name: answer for name, answer in answers.items() if name not in names}
+
+
+def test_it_answers_as_sqlite_does_through_a_reorganization_and_a_restart(url: str, tmp_path: Path) -> None:
+    both = [opened(url, "answers"), opened(sqlite_url(tmp_path / "index.sqlite"))]
+    for index in both:
+        fill(index, history()[:3])
+    at_fork = [everything(index) for index in both]
+    assert at_fork[0] == at_fork[1]
+    assert at_fork[0]["tasks"][1] == 1
+    fork = both[0].position
+    for index in both:
+        fill(index, history()[3:])
+    assert everything(both[0]) == everything(both[1])
+    for index in both:
+        assert fork in index.recent_blocks()
+        notices = index.roll_back(fork)
+        assert [notice.name for notice in notices] == [UNDONE] * 6
+    # Everything is as it was, but that what happened since is remembered.
+    for index, before in zip(both, at_fork, strict=True):
+        assert without(everything(index), "events") == without(before, "events")
+        fill(index, history()[3:], fork="b")
+    assert everything(both[0]) == everything(both[1])
+    again = opened(url, "answers")
+    assert everything(again) == everything(both[0])
+    for index in both:
+        index.roll_back(NOWHERE)
+        assert index.tasks({}, Page(10)) == ([], 0) and index.balances() == {}
+        fill(index, history(), fork="c")
+    assert everything(both[0]) == everything(both[1])
+    for index in (*both, again):
+        index.close()
+
+
+def test_two_bridges_share_a_database_without_seeing_each_other(url: str) -> None:
+    one, other = opened(url, "one"), opened(url, "other")
+    fill(one, history()[:3])
+    assert other.last_seq() == 0 and other.position == NOWHERE
+    one.close()
+    other.close()
+
+
+@pytest.mark.parametrize("what", ["index", "journal"])
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"])
+def test_migrations_make_the_tables_that_the_code_uses(
+    url: str, tmp_path: Path, what: str, database: str
+) -> None:
+    metadata = {"index": schema.metadata, "journal": journal.metadata}[what]
+    here = url if database == "postgresql" else sqlite_url(tmp_path / "database.sqlite")
+    engine = open_database(here, f"migrations-{what}")
+    migrate(engine, what)
+    migrate(engine, what)
+    with engine.connect() as connection:
+        assert compare_metadata(MigrationContext.configure(connection), metadata) == []
+    engine.dispose()
+
+
+def test_the_money_path_with_the_index_in_postgresql(url: str, tmp_path: Path) -> None:
+    running = RunningSite(write_site(tmp_path, extra=f'bridge.database = "{url}"'))
+    dao = Dao(running)
+    try:
+        dao.start()
+        dao.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
+        first = dao.post("120", description="nul: \0")
+        dao.prove(first)
+        running.kill("bridge")
+        running.start("bridge")
+        dao.judge(first, accepted=True)
+        dao.wait_for(lambda: "TaskSettled" in dao.names_of(first), "TaskSettled")
+        assert [event.seq for event in dao.events] == list(range(1, len(dao.events) + 1))
+        assert_index_equals_contracts(dao)
+        assert not list((running.site.data_dir / "bridge").rglob("index.sqlite"))
+    finally:
+        dao.stop()
+        running.stop()
