@@ -37,7 +37,6 @@ def ended(organization: Organization, name: str, task_id: int) -> dict[str, Any]
     return organization.task(task_id)
 
 
-@pytest.mark.timeout(180)
 def test_tasks_that_wait_at_once_are_done_one_after_another(organization: Organization) -> None:
     before_iec = robot_iec(organization)
     task_ids = [organization.post(f"item{n}") for n in (1, 2, 3)]

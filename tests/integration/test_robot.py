@@ -21,7 +21,7 @@ from services.robot_agent.arm import READY_RAD, Arm, Trajectory, pointing_down
 from services.robot_agent.body import Body
 from services.robot_agent.errors import MotionFailed, Stopped
 from services.robot_agent.navigation import Floor
-from tests.support.site import RunningSite, write_site
+from tests.support.site import WAIT_S, RunningSite, write_site
 
 BEHIND_DESK = Pose2(x_m=4.7, y_m=3.2, yaw_rad=1.0)
 """On the straight way there, from where the robot starts, it would hit the desk."""
@@ -58,7 +58,7 @@ def body(lab: RunningSite, node: Node) -> Body:
 def collect(node: Node, topic: str, typename: str, count: int) -> list[Any]:
     got: queue.Queue[Any] = queue.Queue()
     subscription = node.subscription(topic, typename, lambda message, info: got.put((message, info)))
-    messages = [got.get(timeout=30) for _ in range(count)]
+    messages = [got.get(timeout=WAIT_S) for _ in range(count)]
     subscription.close()
     return messages
 
@@ -198,9 +198,9 @@ def test_a_drive_goes_on_after_the_simulator_was_killed(lab: RunningSite, body: 
         done.set()
 
     threading.Thread(target=drive, daemon=True).start()
-    assert moving.wait(20)
+    assert moving.wait(WAIT_S)
     lab.kill("robot_sim")
     lab.start("robot_sim")
-    assert done.wait(60)
+    assert done.wait(WAIT_S)
     reached = body.base_pose(go_on)
     assert math.dist((reached.x_m, reached.y_m), (goal.x_m, goal.y_m)) < 0.02
