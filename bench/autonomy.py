@@ -1,7 +1,7 @@
 """The robot on its own: randomized cleaning runs on real processes, and how soon it moves.
 
-Each world has furniture, a robot and five items put at random (kinds, poses, and a place named up to 0.25 m
-from the truth); one task per item is posted at once with a single attempt, so that nothing is retried.
+Each world has furniture and four items put at random, with a way to each (kinds, poses, a place named up to
+0.25 m from the truth); one task per item is posted at once with a single attempt, so that nothing is retried.
 
 `autonomy_runs`, `autonomy_paid_share`: tasks posted, and the share that the oracle had paid.
 `autonomy_honest_share`: of the tasks not paid, those whose proof says why (1 when all are paid).
@@ -37,12 +37,14 @@ from rodeo.lab.items import SHAPES
 from rodeo.lab.layout import BinLayout, dock_parking
 from rodeo.messages import DaoEvent
 from rodeo.ros2 import Node
+from services.robot_agent.errors import Unreachable
 from services.robot_agent.navigation import Floor
+from services.robot_sim.planner import Map, PlanningFailed, plan
 from tests.support.site import free_port
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 
-ITEMS_PER_WORLD = 5
+ITEMS_PER_WORLD = 4
 LATENCY_TASKS = 5
 _NAMED_OFF_M = 0.25
 _FREE_M = 0.62
@@ -92,7 +94,7 @@ def random_world(seed: int) -> tuple[list[FurnitureConfig], list[ItemConfig]]:
         if any(_distance_m(stand, furniture) < _FREE_M for stand in stands):
             continue
         items = _items(floor, chance, [(s.x_m, s.y_m) for s in stands], site.lab.size_m)
-        if items is not None:
+        if items is not None and _can_be_cleaned(site, floor, items):
             return furniture, items
 
 
@@ -133,6 +135,32 @@ def _items(
         if len(items) == ITEMS_PER_WORLD:
             return items
     return None
+
+
+def _can_be_cleaned(site: Site, floor: Floor, items: list[ItemConfig]) -> bool:
+    """Whether there is a way to each item and from there to the bin while all of them lie about."""
+    places = [(item.pose.x_m, item.pose.y_m) for item in items]
+    lab, start, end = Map.of(site, places), site.robots[0].pose, BinLayout(site.bin).parking
+
+    def way(here: Pose2, there: Pose2) -> bool:
+        try:
+            plan(lab, here, there)
+        except PlanningFailed:
+            return False
+        return True
+
+    def reachable(place: tuple[float, float]) -> bool:
+        others = [other for other in places if other != place]
+        try:
+            stands = floor.grasp_poses(place, others, start)
+            lookouts = floor.lookouts(place, others, start)
+        except Unreachable:
+            return False
+        return any(way(start, pose) for pose in lookouts[:12]) and any(
+            way(start, pose) and way(pose, end) for pose in stands
+        )
+
+    return all(map(reachable, places))
 
 
 def _world(seed: int) -> list[dict[str, Any]]:

@@ -16,7 +16,7 @@ from typing import Any
 
 from deploy.processes import processes_of
 from rodeo import topics
-from rodeo.config import Site
+from rodeo.config import Site, agent_process
 from rodeo.tls import OPERATOR
 from rodeo.topics import TOPICS, Form, Plane, Topic
 
@@ -77,7 +77,7 @@ def _written_by(site: Site, process: str) -> Iterator[str]:
     # Whose endpoints are in the ROS graph is no secret and no command.
     yield "@ros2_lv/**"
     for topic in TOPICS:
-        if topic.writer in (process, _EVERYBODY):
+        if topic.writer in (_job(process), _EVERYBODY):
             for key in _keys(site, topic, process):
                 yield key
                 if topic.plane is Plane.ROBOT:
@@ -92,7 +92,7 @@ def _asked_by(site: Site, process: str) -> Iterator[str]:
                 yield f"rodeo/{site.org}/wallet/{participant}/**"
             continue
         asked = topic.form is not Form.TOPIC or topic.writer == _EVERYBODY
-        if asked and (process in _PEOPLE or _CALLERS.get(topic.key, process) == process):
+        if asked and (process in _PEOPLE or _CALLERS.get(topic.key, _job(process)) == _job(process)):
             yield from _keys(site, topic)
 
 
@@ -100,8 +100,14 @@ def _wallets_of(site: Site, process: str) -> list[str]:
     """Participants for whom the process works."""
     if process in _PEOPLE:
         return ["*"]
-    robots = [robot.wallet for robot in site.robots]
-    return {"robot_agent": robots, "charger": ["organization"], "oracle": ["oracle"]}.get(process, [])
+    wallets = {"charger": ["organization"], "oracle": ["oracle"]}
+    wallets |= {agent_process(site, robot.name): [robot.name] for robot in site.robots}
+    return wallets.get(process, [])
+
+
+def _job(process: str) -> str:
+    """The process's name in the key table, which does not tell one robot's mind from another's."""
+    return process.partition(".")[0]
 
 
 def _keys(site: Site, topic: Topic, process: str = "*") -> Iterator[str]:

@@ -61,6 +61,8 @@ _PATIENCE_S = 60.0
 """Site time for which a place that cannot be reached is tried again: who stands in the way may move on."""
 _QUEUE_S = 900.0
 """The same for the bin: other robots use it one after another."""
+_PLACES = 12
+"""Of the places where it may stand for something, the robot tries so many."""
 _BLOCKED_S = 8.0
 """Site time between two tries."""
 
@@ -350,7 +352,7 @@ class Cleaning:
         """
         give_up_s = self._clock.now_s() + patience_s
         while True:
-            for pose in poses:
+            for pose in poses[:_PLACES]:
                 try:
                     self._body.navigate(pose, checkpoint)
                     return

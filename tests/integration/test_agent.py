@@ -16,7 +16,7 @@ from rodeo.ros2 import Node
 from services.robot_agent.body import Body
 from tests.support.site import RunningSite, write_site
 
-WAIT_S = 120.0
+WAIT_S = 170.0
 SITE = """clock.speed = 20
 clock.idle_speed = 400
 agent.explore_when_idle = true

@@ -14,7 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from deploy.processes import BY_NAME
+from deploy.processes import processes_of
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.errors import BusError
@@ -81,8 +81,9 @@ class RunningSite:
 
     def start(self, *names: str, ready: bool = True) -> None:
         """Start processes by name; with `ready`, return when each says that it is."""
+        known = {process.name: process for process in processes_of(self.site)}
         for name in names:
-            self.children[name] = self._spawn(name, BY_NAME[name].module)
+            self.children[name] = self._spawn(name, known[name].module, known[name].arguments)
         if ready:
             self.wait_ready(*names)
 
@@ -148,12 +149,12 @@ class RunningSite:
                 raise AssertionError(f"{name} did not stop on SIGTERM\n{self.log(name)}") from None
         self.children.clear()
 
-    def _spawn(self, name: str, module: str) -> subprocess.Popen[bytes]:
+    def _spawn(self, name: str, module: str, arguments: tuple[str, ...] = ()) -> subprocess.Popen[bytes]:
         logs = self.site.data_dir / "logs"
         logs.mkdir(parents=True, exist_ok=True)
         with open(logs / f"{name}.log", "ab") as output:
             return subprocess.Popen(
-                [sys.executable, "-m", module, "--site", str(self.path)],
+                [sys.executable, "-m", module, "--site", str(self.path), *arguments],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,

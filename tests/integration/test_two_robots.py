@@ -1,0 +1,55 @@
+"""Two robots on one site: each with its own mind, wallet and recordings, one bin between them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import pytest
+
+from rodeo.evidence import Store, open_proof
+from tests.integration.test_agent import Organization
+from tests.support.site import RunningSite, write_site
+
+ROBOTS = ("panther1", "panther2")
+SITE = """clock.speed = 20
+agent.explore_when_idle = false
+
+[[robots]]
+name = "panther1"
+pose = { x_m = 1.4, y_m = 1.3 }
+
+[[robots]]
+name = "panther2"
+pose = { x_m = 3.6, y_m = 4.1 }
+"""
+
+
+@pytest.fixture
+def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Organization]:
+    running = RunningSite(write_site(tmp_path_factory.mktemp("two"), chain_backend, SITE))
+    running.start("router", "chain")
+    running.deploy_contracts()
+    agents = [f"robot_agent.{name}" for name in ROBOTS]
+    running.start("bridge", "oracle", "itrash", "robot_sim", *agents)
+    organization = Organization(running)
+    yield organization
+    organization.close()
+    running.stop()
+
+
+@pytest.mark.timeout(400)
+def test_two_tasks_are_done_by_two_robots_which_are_both_paid(organization: Organization) -> None:
+    running = organization.running
+    tasks = []
+    for task_id in [organization.post(item) for item in ("item1", "item2")]:
+        organization.wait_for_event("TaskSettled", task_id)
+        tasks.append(organization.task(task_id))
+    assert {task["executor_name"] for task in tasks} == set(ROBOTS)
+    assert [(task["attempt"], task["verdict"]) for task in tasks] == [(1, "accepted")] * 2
+    for task in tasks:
+        proof = open_proof(Store(running.site).fetch(task["proof_uri"], task["proof_sha256"]))
+        recorded = {name for name in ROBOTS if f"/{name}/odom" in proof.topics}
+        assert recorded == {task["executor_name"]}
+    wallets = running.bus.query(f"rodeo/{running.site.org}/state/wallets")["wallets"]
+    earned = {w["name"]: float(w["balance_iec"]) - 2000 for w in wallets if w["name"] in ROBOTS}
+    assert earned == dict.fromkeys(ROBOTS, 100.0)
