@@ -25,8 +25,8 @@ def sign_permit(
 ) -> Permit:
     """`owner` lets `spender` (the TaskManager unless another is named) take `amount` wei.
 
-    Reads the owner's nonce from the node, so it is good for the owner's next permit only. A permit replaces what
-    the owner approved before: not for a wallet that has approved the spender once and for all.
+    Reads the owner's nonce from the node, so it is good for the owner's next permit only. A permit replaces
+    what the owner approved before: not for a wallet that has approved the spender once and for all.
     """
     signed = owner.sign_typed_data(
         domain_data={
