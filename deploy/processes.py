@@ -23,6 +23,7 @@ PROCESSES: tuple[Process, ...] = (
     Process("oracle", "services.oracle", "verifies proofs and posts verdicts"),
     Process("itrash", "services.itrash", "the smart bin"),
     Process("charger", "services.charger", "the dock's energy meter"),
+    Process("console", "services.console", "the web page where people run the organization"),
     Process("robot_sim", "services.robot_sim", "the robot's body and the lab"),
     Process("robot_agent", "services.robot_agent", "the robot's mind"),
 )

@@ -159,6 +159,23 @@ class MaintenanceConfig(_Table):
     """Who judges it: the oracle, which can only tell who says it was done, or an auditor who looks."""
 
 
+class ConsoleConfig(_Table):
+    """The web page and its interface for programs."""
+
+    host: str = "127.0.0.1"
+    port: int = Field(default=8088, ge=0, le=65535)
+    """0 takes a free one, which the process's status tells."""
+    origin: str | None = Field(default=None, pattern=r"^https://[^/]+$")
+    """What people type into the browser when a proxy that speaks TLS stands in front, for example
+    "https://console.example.org". Without it only this machine may reach the console."""
+    trusted_proxies: list[str] = []
+    """Addresses whose X-Forwarded-For is believed."""
+    session_idle_s: float = Field(default=30 * 60, gt=0)
+    """Wall time without a click after which a person has to log in again."""
+    session_max_s: float = Field(default=12 * 3600, gt=0)
+    """The same, however busy they are."""
+
+
 class AgentConfig(_Table):
     charge_below: float = Field(default=0.5, ge=0, le=1)
     """State of charge under which an idle robot buys a charge."""
@@ -189,6 +206,7 @@ class Site(BaseSettings):
     agent: AgentConfig = AgentConfig()
     bridge: BridgeConfig = BridgeConfig()
     metrics: MetricsConfig = MetricsConfig()
+    console: ConsoleConfig = ConsoleConfig()
 
     lab: LabConfig
     bin: BinConfig

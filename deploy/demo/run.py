@@ -131,6 +131,7 @@ bus.router = "tcp/127.0.0.1:{_free_port()}"
 chain.url = "http://127.0.0.1:{_free_port()}"
 chain.backend = "{chain}"
 itrash.http_port = 0
+console.port = 0
 agent.explore_when_idle = false
 
 [[robots]]

@@ -1,0 +1,147 @@
+"""The console as a process: accounts, guard, pages and programs' interface on one port."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import socket
+import threading
+from collections.abc import Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
+
+import jinja2
+import nicegui.client
+import uvicorn
+from fastapi import FastAPI
+from nicegui import Client, ui
+from nicegui import app as nicegui_app
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+
+from rodeo.config import Site
+from rodeo.errors import PortUnavailable
+from rodeo.service import Service
+from services.console import files, login, rest, scene
+from services.console.accounts import Accounts, accounts_path
+from services.console.actions import Actions
+from services.console.guard import Guard, origins_of
+from services.console.live import Live
+from services.console.pages import overview, task, tasks
+from services.console.pages.frame import Console
+from services.console.reads import Reads
+
+log = logging.getLogger(__name__)
+
+STATIC = Path(__file__).parent / "static"
+_WS_MAX_BYTES = 1 << 20
+_STOP_S = 2.0
+_ICON = STATIC / "icon.svg"
+
+
+def build(console: Console, origins: set[str], lifespan: Callable[[FastAPI], Any]) -> ASGIApp:
+    """The application: guard around login, REST interface and pages."""
+    api = FastAPI(lifespan=lifespan, docs_url=None, redoc_url=None, openapi_url=None)
+    guard = Guard(api, console.accounts, origins, _owner)
+    api.include_router(login.router(console.accounts, guard, console.site.org))
+    api.include_router(files.router(console))
+    api.mount("/api", rest.make_api(console))
+    api.mount("/static", StaticFiles(directory=STATIC))
+    for module in (overview, tasks, task):
+        module.register(console)
+    nicegui_app.colors(
+        primary="#0f6d5f", positive="#1a7f4b", negative="#b3261e", warning="#8a5a00", info="#1f5fa8"
+    )
+    _give_scripts_their_nonce()
+    ui.run_with(
+        api,
+        title="RODEO",
+        favicon=_ICON,
+        dark=None,
+        language="en-US",
+        tailwind=False,
+        reconnect_timeout=10.0,
+        binding_refresh_interval=None,
+        show_welcome_message=False,
+    )
+    # No polling: the guard checks sessions on the websocket.
+    nicegui_app.config.socket_io_js_transports = ["websocket"]
+    return guard
+
+
+def _owner(client_id: str) -> str | None:
+    """The session that a page was made for."""
+    client = Client.instances.get(client_id)
+    session = None if client is None else client.request.state.session
+    return None if session is None else session.key
+
+
+def _give_scripts_their_nonce() -> None:
+    """Put the nonce of the content-security policy on the scripts of NiceGUI's own template."""
+    environment = nicegui.client.templates.env
+    inner = environment.loader
+    assert inner is not None
+
+    def load(name: str) -> tuple[str, str | None, Callable[[], bool] | None]:
+        source, filename, current = inner.get_source(environment, name)
+        return (
+            re.sub(r"<script(?=[\s>])", '<script nonce="{{ request.state.csp_nonce }}"', source),
+            filename,
+            current,
+        )
+
+    environment.loader = jinja2.FunctionLoader(load)
+
+
+async def serve(service: Service) -> None:
+    """Until the service stops."""
+    site, config = service.site, service.site.console
+    try:
+        listener = socket.create_server((config.host, config.port))
+    except OSError as error:
+        raise PortUnavailable(f"cannot listen: {error}", host=config.host, port=config.port) from error
+    port = listener.getsockname()[1]
+    reads = Reads(service.bus, site)
+    accounts = Accounts(accounts_path(site), config)
+    live = Live(service.bus, site, reads)
+    console = Console(site, accounts, Actions(service.bus, site, accounts), reads, live, scene.lab(site))
+
+    @asynccontextmanager
+    async def lifespan(_api: FastAPI) -> Any:
+        live.start()
+        url = config.origin or f"http://{config.host}:{port}"
+        service.activity("serving", http=url)
+        service.ready()
+        log.info("on %s", url)
+        yield
+        await live.close()
+
+    application = build(console, origins_of(config, port), lifespan)
+    server = uvicorn.Server(
+        uvicorn.Config(
+            application,
+            log_config=None,
+            access_log=False,
+            log_level=logging.WARNING,
+            server_header=False,
+            ws_max_size=_WS_MAX_BYTES,
+            proxy_headers=bool(config.trusted_proxies),
+            forwarded_allow_ips=config.trusted_proxies,
+            timeout_graceful_shutdown=1,
+        )
+    )
+    running = asyncio.create_task(server.serve(sockets=[listener]))
+    stopped = asyncio.create_task(asyncio.to_thread(service.stop.wait))
+    await asyncio.wait({running, stopped}, return_when=asyncio.FIRST_COMPLETED)
+    server.should_exit = True
+    service.stop.set()
+    await running
+    accounts.close()
+
+
+def run(site: Site, stop: threading.Event) -> None:
+    """The process, until `stop`."""
+    with Service("console", site, stop) as service:
+        asyncio.run(serve(service))

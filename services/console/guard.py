@@ -1,0 +1,237 @@
+"""What every request passes before anything else sees it: host, origin, session, size, headers.
+
+Pages and the websocket need a session cookie, programs under /api bring a token instead. What changes
+something must come from a page of ours (Origin), and so must a websocket, which browsers would otherwise
+open for any page with our cookie.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import secrets
+from collections.abc import Callable
+from http.cookies import CookieError, SimpleCookie
+from urllib.parse import quote, urlsplit
+
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from rodeo.config import ConsoleConfig
+from rodeo.errors import ConfigError
+from services.console.accounts import Accounts, Session
+from services.console.errors import NotLoggedIn
+
+MAX_BODY_BYTES = 12 << 20
+"""A photo of a finished task, and the form around it."""
+MAX_API_BODY_BYTES = 256 << 10
+
+_SAFE_METHODS = {"GET", "HEAD", "OPTIONS"}
+_PUBLIC = ("/login", "/api/", "/static/", "/favicon.ico")
+_USER_EVENT = '42["event"'
+"""How socket.io writes that a person did something on the page; everything else is housekeeping."""
+_POLICY_VIOLATION = 1008
+
+_CSP = "; ".join(
+    (
+        "default-src 'none'",
+        # Vue compiles templates in the browser, and NiceGUI evaluates event handlers that it sends: both need
+        # unsafe-eval. No inline script runs without the nonce of its page.
+        "script-src 'self' 'nonce-{nonce}' 'unsafe-eval'",
+        # Quasar and Vue add style elements and attributes at run time.
+        "style-src 'self' 'unsafe-inline'",
+        "img-src 'self' data: blob:",
+        "font-src 'self'",
+        "connect-src 'self'",
+        "manifest-src 'self'",
+        "base-uri 'none'",
+        "form-action 'self'",
+        "frame-ancestors 'none'",
+    )
+)
+
+
+def origins_of(config: ConsoleConfig, port: int) -> set[str]:
+    """Where people may open the console. Raises ConfigError when it would be open without TLS."""
+    local = {f"http://{host}:{port}" for host in ("127.0.0.1", "localhost", "[::1]")}
+    if config.origin is not None:
+        return {config.origin}
+    if config.host != "localhost" and not ipaddress.ip_address(config.host).is_loopback:
+        raise ConfigError(
+            "only this machine may reach the console without TLS: put a proxy in front and name its address "
+            "in console.origin",
+            host=config.host,
+        )
+    return local
+
+
+class Guard:
+    """ASGI middleware around the whole application.
+
+    `origins` are the addresses under which people open the console; `owner(client_id)` names the session
+    that a page was made for.
+    """
+
+    def __init__(
+        self,
+        app: ASGIApp,
+        accounts: Accounts,
+        origins: set[str],
+        owner: Callable[[str], str | None],
+    ) -> None:
+        self.app = app
+        self._accounts = accounts
+        self._origins = origins
+        self._hosts = {urlsplit(origin).netloc for origin in origins}
+        self._owner = owner
+        self.secure = any(origin.startswith("https:") for origin in origins)
+        self.cookie = "__Host-rodeo_session" if self.secure else "rodeo_session"
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["type"] == "lifespan":
+            await self.app(scope, receive, send)
+        elif scope["type"] == "websocket":
+            await self._websocket(scope, receive, send)
+        else:
+            await self._http(scope, receive, send)
+
+    # -- HTTP ------------------------------------------------------------------------------------------
+
+    async def _http(self, scope: Scope, receive: Receive, send: Send) -> None:
+        headers = Headers(scope=scope)
+        path, method = scope["path"], scope["method"]
+        nonce = secrets.token_urlsafe(16)
+        scope.setdefault("state", {})["csp_nonce"] = nonce
+        respond: ASGIApp = self.app
+        try:
+            session: Session | None = self._accounts.session(self.token(headers), touch=True)
+        except NotLoggedIn:
+            session = None
+        scope["state"]["session"] = session
+        limit_bytes = MAX_API_BODY_BYTES if path.startswith("/api/") else MAX_BODY_BYTES
+        if headers.get("host") not in self._hosts:
+            respond = _problem(421, "unknown_host", "the console does not serve this host name")
+        elif path.startswith("/_nicegui_ws/"):
+            respond = _problem(400, "websocket_only", "pages talk to the console over a websocket")
+        elif not _size_stated_within(headers, limit_bytes):
+            respond = _problem(413, "too_large", f"a request has at most {limit_bytes} bytes")
+        elif (
+            method not in _SAFE_METHODS
+            and not path.startswith("/api/")
+            and headers.get("origin") not in self._origins
+        ):
+            respond = _problem(403, "foreign_origin", "this request does not come from a page of the console")
+        elif session is None and not _is_public(path):
+            wants_page = method == "GET" and "text/html" in headers.get("accept", "")
+            respond = (
+                RedirectResponse(f"/login?next={quote(path)}", 303)
+                if wants_page
+                else _problem(401, "not_logged_in", "log in first")
+            )
+        elif (client_id := _client_of(path)) is not None and not self._owns(session, client_id):
+            respond = _problem(403, "forbidden", "this page belongs to another session")
+        await respond(scope, _limited(receive, limit_bytes), self._with_headers(send, scope, nonce))
+
+    def token(self, headers: Headers) -> str | None:
+        """What the session's cookie holds."""
+        try:
+            morsel = SimpleCookie(headers.get("cookie", "")).get(self.cookie)
+        except CookieError:
+            return None
+        return None if morsel is None else morsel.value
+
+    def _owns(self, session: Session | None, client_id: str) -> bool:
+        return session is not None and self._owner(client_id) == session.key
+
+    def _with_headers(self, send: Send, scope: Scope, nonce: str) -> Send:
+        async def add(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                headers = MutableHeaders(scope=message)
+                headers["Content-Security-Policy"] = _CSP.format(nonce=nonce)
+                headers["X-Content-Type-Options"] = "nosniff"
+                headers["X-Frame-Options"] = "DENY"
+                headers["Referrer-Policy"] = "same-origin"
+                headers["Cross-Origin-Opener-Policy"] = "same-origin"
+                headers["Cross-Origin-Resource-Policy"] = "same-origin"
+                headers["Permissions-Policy"] = "geolocation=(), microphone=()"
+                if self.secure:
+                    headers["Strict-Transport-Security"] = "max-age=31536000"
+                if not scope["path"].startswith(("/_nicegui/", "/static/")):
+                    headers["Cache-Control"] = "no-store"
+            await send(message)
+
+        return add
+
+    # -- websocket -------------------------------------------------------------------------------------
+
+    async def _websocket(self, scope: Scope, receive: Receive, send: Send) -> None:
+        headers = Headers(scope=scope)
+        try:
+            session = self._accounts.session(self.token(headers))
+        except NotLoggedIn:
+            await _refuse(receive, send)
+            return
+        client_id = dict(
+            part.partition("=")[::2] for part in scope["query_string"].decode("latin-1").split("&")
+        ).get("client_id", "")
+        if (
+            headers.get("host") not in self._hosts
+            or headers.get("origin") not in self._origins
+            or not self._owns(session, client_id)
+        ):
+            await _refuse(receive, send)
+            return
+
+        async def checked() -> Message:
+            """Who clicks must still be logged in; who only watches does not stay logged in by that."""
+            message = await receive()
+            if message["type"] == "websocket.receive":
+                acts = (message.get("text") or "").startswith(_USER_EVENT)
+                try:
+                    self._accounts.session_of(session.key, touch=acts)
+                except NotLoggedIn:
+                    await send({"type": "websocket.close", "code": _POLICY_VIOLATION})
+                    return {"type": "websocket.disconnect", "code": _POLICY_VIOLATION}
+            return message
+
+        await self.app(scope, checked, send)
+
+
+def _is_public(path: str) -> bool:
+    if path.startswith("/_nicegui/"):
+        return _client_of(path) is None
+    return path == "/api" or path.startswith(_PUBLIC)
+
+
+def _client_of(path: str) -> str | None:
+    """The page that a request of NiceGUI's is for: an upload, for example."""
+    if not path.startswith("/_nicegui/client/"):
+        return None
+    return path.removeprefix("/_nicegui/client/").partition("/")[0]
+
+
+def _problem(status: int, code: str, message: str) -> Response:
+    return JSONResponse({"code": code, "message": message, "details": {}}, status)
+
+
+def _size_stated_within(headers: Headers, limit_bytes: int) -> bool:
+    stated = headers.get("content-length", "0")
+    return stated.isdecimal() and int(stated) <= limit_bytes
+
+
+def _limited(receive: Receive, limit_bytes: int) -> Receive:
+    """Cut off a body that is longer than it said."""
+    received_bytes = 0
+
+    async def limited() -> Message:
+        nonlocal received_bytes
+        message = await receive()
+        received_bytes += len(message.get("body", b""))
+        return {"type": "http.disconnect"} if received_bytes > limit_bytes else message
+
+    return limited
+
+
+async def _refuse(receive: Receive, send: Send) -> None:
+    await receive()
+    await send({"type": "websocket.close", "code": _POLICY_VIOLATION})

@@ -1,0 +1,248 @@
+// The lab seen from above, in SVG. Frame `map`: x east, y north, metres; one SVG unit is one metre.
+// One component for the live view, for choosing a place, and for replaying a recording.
+
+const SVG = "http://www.w3.org/2000/svg";
+const MARGIN_M = 0.35;
+
+function node(tag, attributes = {}, parent = null, text = null) {
+  const element = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, value);
+  if (text !== null) element.textContent = text;
+  if (parent) parent.appendChild(element);
+  return element;
+}
+
+// A point of the map as "x,y" of the picture, whose y points down.
+const at = ([x, y]) => `${x},${-y}`;
+const placed = ({ x, y, yaw = 0 }) => `translate(${x}px, ${-y}px) rotate(${-yaw}rad)`;
+const clock = (seconds) => {
+  const whole = Math.max(0, Math.round(seconds));
+  const minutes = String(Math.floor(whole / 60) % 60).padStart(2, "0");
+  const hours = Math.floor(whole / 3600);
+  return `${hours ? hours + ":" : ""}${minutes}:${String(whole % 60).padStart(2, "0")}`;
+};
+
+export default {
+  props: { lab: Object, pick: Boolean, label: String },
+  emits: ["place"],
+  template: `
+    <div class="lab-map">
+      <svg ref="svg" role="img" :aria-label="label" @click="onClick"></svg>
+      <div v-if="track" class="lab-map-player">
+        <button type="button" class="lab-map-play" @click="toggle" :aria-label="playing ? 'Pause' : 'Play'">
+          {{ playing ? "❚❚" : "▶" }}
+        </button>
+        <input type="range" min="0" :max="track.duration_s" step="0.1" v-model.number="now_s"
+               aria-label="Time in the recording" :aria-valuetext="spoken" @input="stop" />
+        <output>{{ spoken }}</output>
+        <label class="lab-map-speed">Speed
+          <select v-model.number="speed"><option :value="1">1×</option><option :value="10">10×</option><option :value="30">30×</option></select>
+        </label>
+      </div>
+      <ol v-if="track && track.marks.length" class="lab-map-marks" aria-label="What was recorded">
+        <li v-for="mark in track.marks" :class="{ past: mark.t <= now_s }">
+          <button type="button" @click="jump(mark.t)"><time>{{ time(mark.t) }}</time> {{ mark.text }}</button>
+        </li>
+      </ol>
+    </div>`,
+  data: () => ({ track: null, now_s: 0, playing: false, speed: 10 }),
+  computed: {
+    spoken() {
+      return `${clock(this.now_s)} of ${clock(this.track.duration_s)}`;
+    },
+  },
+  watch: {
+    now_s() {
+      this.showReplay();
+    },
+  },
+  mounted() {
+    this.robots = {};
+    this.items = {};
+    this.drawLab();
+  },
+  unmounted() {
+    cancelAnimationFrame(this.frame);
+  },
+  methods: {
+    time: clock,
+
+    drawLab() {
+      const svg = this.$refs.svg;
+      const [width, height] = this.lab.size_m;
+      svg.replaceChildren();
+      svg.setAttribute(
+        "viewBox",
+        `${-MARGIN_M} ${-height - MARGIN_M} ${width + 2 * MARGIN_M} ${height + 2 * MARGIN_M}`,
+      );
+      node("rect", { class: "floor", x: 0, y: -height, width, height }, svg);
+      const grid = node("g", { class: "grid" }, svg);
+      for (let x = 1; x < width; x++) node("line", { x1: x, x2: x, y1: 0, y2: -height }, grid);
+      for (let y = 1; y < height; y++) node("line", { x1: 0, x2: width, y1: -y, y2: -y }, grid);
+      for (const one of this.lab.furniture) {
+        const group = node("g", { class: `furniture ${one.kind}` }, svg);
+        const [w, h] = one.size_m;
+        const box = node("rect", { x: -w / 2, y: -h / 2, width: w, height: h, rx: 0.04 }, group);
+        box.style.transform = placed(one);
+        const upright = w < 0.12 * one.name.length ? `rotate(-90 ${one.x} ${-one.y})` : "";
+        node("text", { x: one.x, y: -one.y, transform: upright }, group, one.name);
+      }
+      this.drawDock(svg);
+      this.drawBin(svg);
+      this.below = node("g", {}, svg);
+      this.above = node("g", {}, svg);
+      this.marker = node("g", { class: "marker", visibility: "hidden" }, svg);
+      node("circle", { r: 0.13 }, this.marker);
+      node("path", { d: "M-0.24 0H0.24M0-0.24V0.24" }, this.marker);
+    },
+
+    drawDock(svg) {
+      const { dock } = this.lab;
+      const group = node("g", { class: "dock" }, svg);
+      const box = node("rect", { x: -0.16, y: -0.3, width: 0.16, height: 0.6, rx: 0.03 }, group);
+      box.style.transform = placed(dock);
+      node("path", { d: "M0.02-0.13L-0.07 0.03H0L-0.02 0.13L0.07-0.03H0Z", class: "bolt",
+        transform: `translate(${dock.x - 0.08 * Math.cos(dock.yaw)} ${-dock.y + 0.08 * Math.sin(dock.yaw)})` }, group);
+      node("title", {}, group, `${dock.name}: charging dock`);
+    },
+
+    drawBin(svg) {
+      const bin = this.lab.bin;
+      const group = node("g", { class: "bin" }, svg);
+      const [depth, width] = bin.size_m;
+      const box = node("rect", { x: -depth / 2, y: -width / 2, width: depth, height: width, rx: 0.02 }, group);
+      box.style.transform = placed(bin);
+      for (const one of bin.compartments) {
+        const [d, w] = one.size_m;
+        const cell = node("rect", { class: `compartment ${one.name}`, x: -d / 2, y: -w / 2, width: d, height: w, rx: 0.02 }, group);
+        cell.style.transform = placed({ ...one, yaw: bin.yaw });
+        node("title", {}, cell, `${bin.name}: ${one.name} compartment`);
+      }
+    },
+
+    robot(name) {
+      if (this.robots[name]) return this.robots[name];
+      const { bumper_m: front, half_width_m: half } = this.lab.robot;
+      const path = node("polyline", { class: "path" }, this.below);
+      const group = node("g", { class: "robot" }, this.above);
+      const turned = node("g", { class: "moving" }, group);
+      for (const [x, y] of [[0.22, 0.35], [0.22, -0.35], [-0.22, 0.35], [-0.22, -0.35]])
+        node("rect", { class: "wheel", x: x - 0.18, y: -y - 0.07, width: 0.36, height: 0.14, rx: 0.05 }, turned);
+      node("rect", { class: "base", x: -front, y: -half + 0.12, width: 2 * front, height: 2 * half - 0.24, rx: 0.09 }, turned);
+      node("path", { class: "heading", d: `M${front - 0.05} 0l-0.12-0.09v0.18z` }, turned);
+      const arm = node("polyline", { class: "arm" }, turned);
+      const tip = node("circle", { class: "tip", r: 0.055, visibility: "hidden" }, turned);
+      const label = node("g", { class: "moving label" }, group);
+      const title = node("text", { y: 0.68 }, label, name);
+      return (this.robots[name] = { group, turned, arm, tip, label, title, path });
+    },
+
+    // robots: {name: {x, y, yaw, arm?, soc?, fresh, path?}}; items: {id: {x, y, z, fresh}}
+    show(state) {
+      for (const [name, one] of Object.entries(state.robots)) {
+        const drawn = this.robot(name);
+        drawn.group.setAttribute("visibility", one.x === undefined ? "hidden" : "visible");
+        if (one.x === undefined) continue;
+        // The shorter way round, or the robot would spin where its heading passes half a turn.
+        const last = drawn.yaw ?? one.yaw;
+        drawn.yaw = last + Math.atan2(Math.sin(one.yaw - last), Math.cos(one.yaw - last));
+        drawn.turned.style.transform = placed({ ...one, yaw: drawn.yaw });
+        drawn.label.style.transform = placed({ x: one.x, y: one.y });
+        drawn.group.classList.toggle("stale", !one.fresh);
+        drawn.title.textContent = one.fresh
+          ? name + (one.soc === undefined ? "" : `  ${Math.round(one.soc * 100)} %`)
+          : `${name}: last seen here`;
+        drawn.arm.setAttribute("points", (one.arm ?? []).map(at).join(" "));
+        drawn.tip.setAttribute("visibility", one.arm ? "inherit" : "hidden");
+        if (one.arm) {
+          const [x, y] = one.arm[one.arm.length - 1];
+          drawn.tip.setAttribute("cx", x);
+          drawn.tip.setAttribute("cy", -y);
+        }
+        drawn.path.setAttribute("points", (one.path ?? []).map(at).join(" "));
+      }
+      for (const [id, one] of Object.entries(state.items)) {
+        let drawn = this.items[id];
+        if (!drawn) {
+          const kind = this.lab.items[id] ?? "trash";
+          const group = node("g", { class: `item moving ${kind}` }, this.above);
+          node("circle", { r: 0.09 }, group);
+          node("text", { y: 0.24 }, group, id);
+          node("title", {}, group, `${id}: ${kind}`);
+          drawn = this.items[id] = group;
+        }
+        drawn.style.transform = placed({ x: one.x, y: one.y });
+        drawn.classList.toggle("stale", !one.fresh);
+        // Labels of what lies in the bin would lie upon each other.
+        const { bin } = this.lab;
+        drawn.classList.toggle("inside", Math.hypot(one.x - bin.x, one.y - bin.y) < bin.size_m[1] / 2 + 0.1);
+      }
+    },
+
+    // Where a task wants the robot to go; null takes the marker away.
+    mark(place) {
+      this.marker.setAttribute("visibility", place ? "visible" : "hidden");
+      if (place) this.marker.setAttribute("transform", `translate(${place[0]} ${-place[1]})`);
+    },
+
+    onClick(event) {
+      if (!this.pick) return;
+      const svg = this.$refs.svg;
+      const point = new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
+      const [width, height] = this.lab.size_m;
+      const place = [Math.round(point.x * 100) / 100, Math.round(-point.y * 100) / 100];
+      if (place[0] < 0 || place[1] < 0 || place[0] > width || place[1] > height) return;
+      this.mark(place);
+      this.$emit("place", place);
+    },
+
+    // track: {duration_s, t: [..], robots: {name: {x, y, yaw, arm, soc}}, items: {id: {x, y, z}}, marks: [{t, text}]}
+    replay(track) {
+      this.track = track;
+      this.now_s = 0;
+      this.showReplay();
+    },
+
+    showReplay() {
+      const { t, robots, items } = this.track;
+      let low = 0;
+      let high = t.length - 1;
+      while (low < high) {
+        const middle = (low + high + 1) >> 1;
+        if (t[middle] <= this.now_s) low = middle;
+        else high = middle - 1;
+      }
+      const pick = (columns) =>
+        Object.fromEntries(Object.entries(columns).map(([key, values]) => [key, values[low] ?? undefined]));
+      const state = { robots: {}, items: {} };
+      for (const [name, one] of Object.entries(robots))
+        state.robots[name] = { ...pick(one), fresh: true, path: one.x.slice(0, low + 1).map((x, i) => [x, one.y[i]]) };
+      for (const [id, one] of Object.entries(items)) state.items[id] = { ...pick(one), fresh: true };
+      this.show(state);
+    },
+
+    jump(seconds) {
+      this.stop();
+      this.now_s = seconds;
+    },
+
+    stop() {
+      this.playing = false;
+      cancelAnimationFrame(this.frame);
+    },
+
+    toggle() {
+      if (this.playing) return this.stop();
+      if (this.now_s >= this.track.duration_s) this.now_s = 0;
+      this.playing = true;
+      let before = performance.now();
+      const step = (now) => {
+        this.now_s = Math.min(this.now_s + ((now - before) / 1000) * this.speed, this.track.duration_s);
+        before = now;
+        if (this.now_s >= this.track.duration_s) this.stop();
+        else this.frame = requestAnimationFrame(step);
+      };
+      this.frame = requestAnimationFrame(step);
+    },
+  },
+};

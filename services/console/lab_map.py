@@ -1,0 +1,39 @@
+"""The map of the lab as an element of a page."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from nicegui import ui
+from nicegui.events import GenericEventArguments
+
+Json = dict[str, Any]
+
+
+class LabMap(ui.element, component="lab_map.js"):
+    """`lab` is `scene.lab(site)`. With `on_place(x_m, y_m)` a click on the floor chooses a place."""
+
+    def __init__(self, lab: Json, label: str, on_place: Callable[[float, float], None] | None = None) -> None:
+        super().__init__()
+        self._props["lab"] = lab
+        self._props["label"] = label
+        self._props["pick"] = on_place is not None
+        if on_place is not None:
+
+            def place(event: GenericEventArguments) -> None:
+                x_m, y_m = event.args
+                on_place(float(x_m), float(y_m))
+
+            self.on("place", place)
+
+    def show(self, state: Json) -> None:
+        """Move robots and items to where `Live.map` says."""
+        self.run_method("show", state)
+
+    def mark_place(self, place: tuple[float, float] | None) -> None:
+        self.run_method("mark", None if place is None else list(place))
+
+    def replay(self, track: Json) -> None:
+        """Show a recording (`replay.track`) with a time slider."""
+        self.run_method("replay", track)

@@ -1,0 +1,324 @@
+"""What the bus says now, kept once for all open pages, and the pages told when it changes.
+
+Fast topics are kept by Zenoh itself, newest message only, and read at the rate at which maps are drawn: a
+simulated site may publish thousands of messages per second. They are subscribed while somebody looks.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import zenoh
+
+from deploy.processes import processes_of
+from rodeo import topics
+from rodeo.bus import Bus, DaoEvents, validate
+from rodeo.config import Site
+from rodeo.errors import BusError, RemoteError, RodeoError
+from rodeo.messages import DaoEvent, Status, Task
+from rodeo.ros2 import types, wire
+from rodeo.ros2.errors import MalformedMessage
+from rodeo.service import HEARTBEAT_S
+from services.console.reads import Reads
+from services.console.scene import ARM_JOINTS, arm_points, yaw_of
+
+log = logging.getLogger(__name__)
+
+Json = dict[str, Any]
+Listener = Callable[[], None]
+
+MAP_PERIOD_S = 0.2
+STALE_S = 3.0
+"""Wall time after which a pose says nothing about now."""
+LOST_S = 3 * HEARTBEAT_S
+_SETTLE_S = 0.03
+"""Wall time in which several events become one update."""
+_RETRY_S = 2.0
+QUEUE_SHOWN = 8
+VERDICTS_SHOWN = 6
+_EVENTS_KEPT = 200
+_LIVE_STATES = ("submitted", "assigned", "open")
+
+
+class Newest:
+    """The newest message of a ROS topic."""
+
+    def __init__(self, session: zenoh.Session, domain_id: int, topic: str, typename: str) -> None:
+        self._typename = typename
+        key = wire.data_key(domain_id, topic, typename)
+        self._subscriber = session.declare_subscriber(key, zenoh.handlers.RingChannel(1))
+        self.message: Any = None
+        self.heard_s = -np.inf
+        """Wall (monotonic) time at which it was read."""
+
+    def read(self) -> None:
+        """Take what has come."""
+        sample = self._subscriber.handler.try_recv()
+        if sample is None:
+            return
+        try:
+            self.message = types.deserialize(sample.payload.to_bytes(), self._typename)
+        except MalformedMessage as error:
+            log.warning("left out a message on %s: %s", sample.key_expr, error)
+            return
+        self.heard_s = time.monotonic()
+
+    @property
+    def fresh(self) -> bool:
+        return time.monotonic() - self.heard_s < STALE_S
+
+    def close(self) -> None:
+        self._subscriber.undeclare()
+
+
+@dataclass(frozen=True)
+class ProcessState:
+    name: str
+    job: str
+    state: str
+    """ready, not ready, lost (its heartbeat stopped) or silent (never heard)"""
+    doing: str = ""
+    progress: float | None = None
+    eta_s: float | None = None
+    """Site time until it has finished what it is doing, where it says so."""
+    soc: float | None = None
+
+
+@dataclass
+class Summary:
+    """The organization at a glance. `problem` says why the rest is not current."""
+
+    problem: str = "the bridge has not answered yet"
+    counts: dict[str, int] = field(default_factory=dict)
+    """Tasks by state."""
+    queue: list[Task] = field(default_factory=list)
+    verdicts: list[Task] = field(default_factory=list)
+    wallets: list[Json] = field(default_factory=list)
+    services: list[Json] = field(default_factory=list)
+    supply_iec: str = "0"
+
+
+class Live:
+    """Lives on the event loop; `start` there. Listeners are called there, without arguments."""
+
+    def __init__(self, bus: Bus, site: Site, reads: Reads) -> None:
+        self._bus = bus
+        self._site = site
+        self._reads = reads
+        self._listeners: dict[str, list[Listener]] = {"map": [], "processes": [], "organization": []}
+        self._newest: dict[str, Newest] = {}
+        self._statuses: dict[str, tuple[Status, float]] = {}
+        self._changed = asyncio.Event()
+        self._tasks: list[asyncio.Task[None]] = []
+        self.processes: list[ProcessState] = []
+        self.summary = Summary()
+        self.events: deque[DaoEvent] = deque(maxlen=_EVENTS_KEPT)
+        self.map: Json = {"robots": {}, "items": {}}
+
+    def start(self) -> None:
+        self._loop = asyncio.get_running_loop()
+        self._tell_processes()
+        self._subscriber = self._bus.subscribe_json(f"rodeo/{self._site.org}/status/*", self._on_status)
+        self._dao = DaoEvents(self._bus, self._site.org, self._on_event)
+        self._tasks = [
+            asyncio.create_task(self._draw_maps()),
+            asyncio.create_task(self._follow_organization()),
+            asyncio.create_task(self._watch_heartbeats()),
+        ]
+
+    async def close(self) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._unsubscribe()
+        self._subscriber.undeclare()
+        await asyncio.to_thread(self._dao.close)
+
+    def listen(self, what: str, listener: Listener) -> Callable[[], None]:
+        """Call `listener` when `what` (map, processes, organization) changed; returns how to end that."""
+        self._listeners[what].append(listener)
+        return lambda: self._listeners[what].remove(listener)
+
+    def _tell(self, what: str) -> None:
+        for listener in list(self._listeners[what]):
+            try:
+                listener()
+            except Exception:
+                # One page that cannot draw itself must not keep the others from it.
+                log.exception("a page could not show a change of %s", what)
+
+    # -- processes -------------------------------------------------------------------------------------
+
+    def _on_status(self, _key: str, data: Json) -> None:
+        status = validate(Status, data)
+        self._loop.call_soon_threadsafe(self._take_status, status)
+
+    def _take_status(self, status: Status) -> None:
+        self._statuses[status.process] = status, time.monotonic()
+        self._tell_processes()
+
+    async def _watch_heartbeats(self) -> None:
+        while True:
+            await asyncio.sleep(HEARTBEAT_S)
+            self._tell_processes()
+
+    def _tell_processes(self) -> None:
+        jobs = {process.name: process.job for process in processes_of(self._site)}
+        names = [*jobs, *(name for name in sorted(self._statuses) if name not in jobs)]
+        processes = [self._process(name, jobs.get(name, "")) for name in names]
+        if processes != self.processes:
+            self.processes = processes
+            self._tell("processes")
+
+    def _process(self, name: str, job: str) -> ProcessState:
+        if name not in self._statuses:
+            return ProcessState(name, job, "silent")
+        status, heard_s = self._statuses[name]
+        if time.monotonic() - heard_s > LOST_S:
+            return ProcessState(name, job, "lost", "its heartbeat stopped")
+        return ProcessState(
+            name,
+            job,
+            "ready" if status.ready else "not ready",
+            status.reason or status.activity,
+            status.progress,
+            _number(status.details.get("eta_s")),
+            _number(status.details.get("soc")),
+        )
+
+    # -- organization ----------------------------------------------------------------------------------
+
+    def _on_event(self, event: DaoEvent) -> None:
+        self._loop.call_soon_threadsafe(self._take_event, event)
+
+    def _take_event(self, event: DaoEvent) -> None:
+        self.events.append(event)
+        self._changed.set()
+
+    async def _follow_organization(self) -> None:
+        while True:
+            try:
+                self.summary = await asyncio.to_thread(self._summarize)
+            except (BusError, RemoteError) as error:
+                # What was known stays, marked as not current.
+                self.summary.problem = f"The bridge does not answer: {error.message}"
+            except RodeoError as error:
+                self.summary.problem = f"The bridge's answer cannot be read: {error.message}"
+            self._tell("organization")
+            wait_s = _RETRY_S if self.summary.problem else None
+            try:
+                await asyncio.wait_for(self._changed.wait(), wait_s)
+            except TimeoutError:
+                continue
+            await asyncio.sleep(_SETTLE_S)
+            self._changed.clear()
+
+    def _summarize(self) -> Summary:
+        counts: dict[str, int] = {}
+        queue: list[Task] = []
+        for state in ("open", "assigned", "submitted", "settled", "failed", "cancelled"):
+            shown = QUEUE_SHOWN if state in _LIVE_STATES else 1
+            found, counts[state] = self._reads.tasks(shown, state=state)
+            if state in _LIVE_STATES:
+                queue += found
+        queue.sort(key=lambda task: (_LIVE_STATES.index(task.state), task.id))
+        newest, _ = self._reads.tasks(50)
+        judged = [task for task in newest if task.verdict is not None]
+        judged.sort(key=lambda task: task.settled or task.proof_submitted or task.registered, reverse=True)
+        wallets = self._reads.state("wallets")
+        return Summary(
+            problem="",
+            counts=counts,
+            queue=queue[:QUEUE_SHOWN],
+            verdicts=judged[:VERDICTS_SHOWN],
+            wallets=wallets["wallets"],
+            supply_iec=wallets["supply_iec"],
+            services=self._reads.state("services")["services"],
+        )
+
+    # -- map -------------------------------------------------------------------------------------------
+
+    async def _draw_maps(self) -> None:
+        while True:
+            await asyncio.sleep(MAP_PERIOD_S)
+            if not self._listeners["map"]:
+                self._unsubscribe()
+                continue
+            if not self._newest:
+                self._subscribe()
+            for newest in self._newest.values():
+                newest.read()
+            state = self._map_state()
+            if state != self.map:
+                self.map = state
+                self._tell("map")
+
+    def _subscribe(self) -> None:
+        session, domain_id = self._bus.session, self._site.bus.domain_id
+
+        def keep(topic: topics.Topic, **names: str) -> None:
+            name = topic.name(**names)
+            self._newest[name] = Newest(session, domain_id, name, topic.type)
+
+        for robot in self._site.robots:
+            keep(topics.MOCAP_POSE, body=robot.name)
+            for topic in (topics.ODOM, topics.JOINT_STATES, topics.BATTERY_STATE):
+                keep(topic, ns=robot.name)
+        for item in self._site.items:
+            keep(topics.MOCAP_POSE, body=item.id)
+
+    def _unsubscribe(self) -> None:
+        for newest in self._newest.values():
+            newest.close()
+        self._newest.clear()
+
+    def _map_state(self) -> Json:
+        robots = {robot.name: self._robot_state(robot.name) for robot in self._site.robots}
+        items = {}
+        for item in self._site.items:
+            pose = self._newest[topics.MOCAP_POSE.name(body=item.id)]
+            if pose.message is not None:
+                at = pose.message.pose.position
+                items[item.id] = {"x": _mm(at.x), "y": _mm(at.y), "z": _mm(at.z), "fresh": pose.fresh}
+        return {"robots": robots, "items": items}
+
+    def _robot_state(self, name: str) -> Json:
+        mocap = self._newest[topics.MOCAP_POSE.name(body=name)]
+        odom = self._newest[topics.ODOM.name(ns=name)]
+        joints = self._newest[topics.JOINT_STATES.name(ns=name)]
+        battery = self._newest[topics.BATTERY_STATE.name(ns=name)]
+        state: Json = {"fresh": False}
+        if mocap.message is not None:
+            state |= _pose(mocap.message.pose) | {"fresh": mocap.fresh, "source": "motion capture"}
+        elif odom.message is not None:
+            state |= _pose(odom.message.pose.pose) | {"fresh": odom.fresh, "source": "wheel odometry"}
+        if joints.message is not None and joints.fresh:
+            angles = dict(zip(joints.message.name, joints.message.position, strict=False))
+            if all(joint in angles for joint in ARM_JOINTS):
+                state["arm"] = arm_points(np.array([angles[joint] for joint in ARM_JOINTS]))
+        if battery.message is not None and battery.fresh:
+            state["soc"] = round(float(battery.message.percentage), 3)
+        return state
+
+
+def _pose(pose: Any) -> Json:
+    return {
+        "x": _mm(pose.position.x),
+        "y": _mm(pose.position.y),
+        "yaw": round(yaw_of(pose.orientation), 3),
+    }
+
+
+def _mm(value_m: float) -> float:
+    return round(float(value_m), 3)
+
+
+def _number(value: Any) -> float | None:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None

@@ -1,0 +1,126 @@
+"""The way in and out: a plain form without a script, so that nobody speaks to the rest before it."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections import defaultdict, deque
+from html import escape
+from pathlib import Path
+from string import Template
+
+from fastapi import APIRouter, Form, Request
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import HTMLResponse, RedirectResponse, Response
+
+from services.console.accounts import Accounts
+from services.console.errors import LoginRefused, TooManyAttempts
+from services.console.guard import Guard
+
+PAIR_FAILURES = 5
+"""Of one address with one name."""
+ADDRESS_FAILURES = 20
+"""Of one address, whatever the names."""
+WINDOW_S = 300.0
+_HASHES_AT_ONCE = 2
+"""argon2 takes 64 MiB and a core each."""
+_MAX_KEYS = 10_000
+
+_PAGE = Template((Path(__file__).parent / "static" / "login.html").read_text())
+
+
+class Throttle:
+    """Counts failures in a sliding window of wall time."""
+
+    def __init__(self, limit: int, window_s: float) -> None:
+        self._limit = limit
+        self._window_s = window_s
+        self._failures: defaultdict[str, deque[float]] = defaultdict(deque)
+
+    def check(self, key: str) -> None:
+        """Raises TooManyAttempts."""
+        now_s = time.monotonic()
+        failures = self._failures.get(key, deque())
+        while failures and failures[0] <= now_s - self._window_s:
+            failures.popleft()
+        if len(failures) >= self._limit:
+            wait_s = round(failures[0] + self._window_s - now_s) + 1
+            raise TooManyAttempts(f"too many attempts; try again in {wait_s} s", retry_after_s=wait_s)
+
+    def failed(self, key: str) -> None:
+        if len(self._failures) >= _MAX_KEYS:
+            self._failures.clear()
+        self._failures[key].append(time.monotonic())
+
+    def succeeded(self, key: str) -> None:
+        self._failures.pop(key, None)
+
+
+def router(accounts: Accounts, guard: Guard, organization: str) -> APIRouter:
+    """GET and POST /login, POST /logout."""
+    routes = APIRouter(include_in_schema=False)
+    pairs, addresses = Throttle(PAIR_FAILURES, WINDOW_S), Throttle(ADDRESS_FAILURES, WINDOW_S)
+    hashing = asyncio.Semaphore(_HASHES_AT_ONCE)
+
+    def page(status: int, next_path: str, name: str = "", problem: str = "") -> HTMLResponse:
+        notice = f'<p class="problem" role="alert">{escape(problem)}</p>' if problem else ""
+        values = {
+            "organization": escape(organization),
+            "next": escape(next_path),
+            "name": escape(name),
+            "notice": notice,
+        }
+        return HTMLResponse(_PAGE.substitute(values), status)
+
+    @routes.get("/login")
+    async def show(request: Request, next: str = "/") -> Response:
+        if request.state.session is not None:
+            return RedirectResponse(local_path(next), 303)
+        return page(200, local_path(next))
+
+    @routes.post("/login")
+    async def log_in(
+        request: Request,
+        name: str = Form(max_length=64, default=""),
+        passphrase: str = Form(max_length=1024, default=""),
+        next: str = Form(max_length=512, default="/"),
+    ) -> Response:
+        address = request.client.host if request.client else ""
+        pair = f"{address} {name}"
+        try:
+            pairs.check(pair)
+            addresses.check(address)
+        except TooManyAttempts as error:
+            refusal = page(429, local_path(next), name, error.message)
+            refusal.headers["Retry-After"] = str(error.details["retry_after_s"])
+            return refusal
+        # Counted before it is known, so that attempts at the same moment do not all get in.
+        pairs.failed(pair)
+        addresses.failed(address)
+        try:
+            async with hashing:
+                token = await run_in_threadpool(accounts.log_in, name, passphrase)
+        except LoginRefused:
+            return page(401, local_path(next), name, "The name or the passphrase is wrong. Try again.")
+        pairs.succeeded(pair)
+        addresses.succeeded(address)
+        response = RedirectResponse(local_path(next), 303)
+        response.set_cookie(
+            guard.cookie, token, path="/", httponly=True, secure=guard.secure, samesite="strict"
+        )
+        return response
+
+    @routes.post("/logout")
+    async def log_out(request: Request) -> Response:
+        accounts.log_out(guard.token(request.headers))
+        response = RedirectResponse("/login", 303)
+        response.delete_cookie(guard.cookie, path="/", secure=guard.secure, httponly=True, samesite="strict")
+        return response
+
+    return routes
+
+
+def local_path(path: str) -> str:
+    """`path` where it is one of ours: nobody is sent elsewhere after logging in."""
+    plain = path.startswith("/") and not path.startswith(("//", "/\\")) and "\\" not in path
+    return path if plain and path.isprintable() else "/"

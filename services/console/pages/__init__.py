@@ -1,0 +1,1 @@
+"""The pages. Each module's `register(console)` adds its own."""

@@ -1,0 +1,207 @@
+"""What every page has around it, and how pages ask, act and stay current."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, ParamSpec, TypeVar
+
+from nicegui import background_tasks, context, run, ui
+from pydantic import BaseModel
+
+from rodeo.config import Site
+from rodeo.errors import RodeoError
+from services.console.accounts import Accounts, Session, User
+from services.console.actions import Actions
+from services.console.live import Live
+from services.console.pages.widgets import Link, Text
+from services.console.reads import Reads
+from services.console.roles import Role
+from services.console.words import explain
+
+log = logging.getLogger(__name__)
+
+Json = dict[str, Any]
+P = ParamSpec("P")
+T = TypeVar("T")
+
+THEME_COOKIE = "theme"
+
+
+@dataclass(frozen=True)
+class Console:
+    """What the pages work with."""
+
+    site: Site
+    accounts: Accounts
+    actions: Actions
+    reads: Reads
+    live: Live
+    lab: Json
+
+
+@dataclass(frozen=True)
+class Place:
+    title: str
+    path: str
+    icon: str
+    roles: frozenset[Role] = frozenset()
+    """Who sees it in the menu; empty: everybody."""
+
+
+PLACES = (
+    Place("Overview", "/", "dashboard"),
+    Place("Tasks", "/tasks", "checklist"),
+    Place("Services", "/services", "handyman"),
+    Place("Treasury", "/treasury", "account_balance"),
+    Place("My work", "/work", "assignment_ind", frozenset({Role.EXECUTOR, Role.AUDITOR})),
+    Place("Operator", "/operator", "sports_esports", frozenset({Role.OPERATOR})),
+    Place("Accounts", "/accounts", "manage_accounts"),
+)
+
+
+def session() -> Session:
+    """Whose page this is."""
+    found: Session = context.client.request.state.session
+    return found
+
+
+def user() -> User:
+    return session().user
+
+
+@contextmanager
+def frame(console: Console, title: str, path: str, *, heading: bool = True) -> Iterator[None]:
+    """Header, menu and the main region that the page fills."""
+    ui.page_title(f"{title} · RODEO")
+    ui.add_head_html('<link rel="stylesheet" href="/static/console.css">')
+    dark = {"dark": True, "light": False}.get(context.client.request.cookies.get(THEME_COOKIE, ""))
+    mode = ui.dark_mode(dark)
+    person = user()
+    drawer = ui.left_drawer(value=None).classes("app-drawer").props("width=220")
+    with drawer, ui.element("nav").classes("app-nav").props('aria-label="Pages"'):
+        for place in PLACES:
+            if place.roles and not person.has(*place.roles):
+                continue
+            link = ui.element("a").props(f'href="{place.path}"')
+            if place.path == path:
+                link.props('aria-current="page"')
+            with link:
+                ui.icon(place.icon).props('aria-hidden="true"')
+                Text("span", place.title)
+    with ui.header().classes("app-header"):
+        ui.button(icon="menu", on_click=drawer.toggle).props('flat round dense aria-label="Menu"')
+        with ui.element("a").classes("brand").props('href="/" aria-label="RODEO, overview"'):
+            ui.element("img").props('src="/static/icon.svg" alt=""')
+            Text("span", "RODEO")
+        Text("span", console.site.org, "organization")
+        ui.element("span").classes("grow")
+        ui.button(icon="contrast", on_click=lambda: _switch(mode)).props(
+            'flat round dense aria-label="Light or dark"'
+        )
+        with (
+            ui.button(person.name, icon="person").props("flat dense"),
+            ui.menu(),
+            ui.element("div").style("padding: 12px 16px; min-width: 200px"),
+        ):
+            Text("p", person.name, "title")
+            Text("p", ", ".join(sorted(person.roles)) or "may look, not change", "soft")
+            # A plain form: it works when nothing else does.
+            with ui.element("form").props('method="post" action="/logout"').style("margin-top: 12px"):
+                ui.button("Log out").props("outline dense type=submit")
+    with ui.element("main").classes("page") as main:
+        if heading:
+            page_head(title)
+        yield
+    ui.skip_link(target=main)
+
+
+def page_head(title: str, subtitle: str = "") -> None:
+    with ui.element("div").classes("page-head"):
+        Text("h1", title)
+        if subtitle:
+            Text("p", subtitle)
+
+
+async def _switch(mode: ui.dark_mode) -> None:
+    """To the other of what is seen now, for this browser from now on."""
+    is_dark = await ui.run_javascript("document.body.classList.contains('body--dark')")
+    mode.value = not is_dark
+    theme = "light" if is_dark else "dark"
+    ui.run_javascript(f"document.cookie='{THEME_COOKIE}={theme};path=/;max-age=31536000;samesite=strict'")
+
+
+def follow(console: Console, what: str, update: Callable[[], None]) -> None:
+    """Call `update` now and whenever `what` changes (see `Live.listen`), while this page is open."""
+    client = context.client
+    slot = context.slot
+
+    def changed() -> None:
+        if client.has_socket_connection:
+            with slot:
+                update()
+
+    client.on_delete(console.live.listen(what, changed))
+    # What changed while the page was away is shown when it comes back.
+    client.on_connect(changed)
+    update()
+
+
+def follow_async(console: Console, what: str, update: Callable[[], Awaitable[None]]) -> Callable[[], None]:
+    """The same for an `update` that has to ask: one at a time, and once more if it changed meanwhile.
+
+    Returns how to have it called from elsewhere, for example by a filter.
+    """
+    client, slot = context.client, context.slot
+    state = {"running": False, "again": False}
+
+    async def work() -> None:
+        state["running"] = True
+        try:
+            while True:
+                state["again"] = False
+                with slot:
+                    await update()
+                if not state["again"]:
+                    return
+        finally:
+            state["running"] = False
+
+    def changed() -> None:
+        if state["running"]:
+            state["again"] = True
+        elif not client.is_deleted:
+            background_tasks.create(work())
+
+    client.on_delete(console.live.listen(what, changed))
+    client.on_connect(changed)
+    return changed
+
+
+async def ask(function: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> T:
+    """The answer of something that blocks. Raises what it raises."""
+    return await run.io_bound(function, *args, **kwargs)  # type: ignore[return-value]
+
+
+async def act(console: Console, name: str, request: BaseModel | Json, done: str = "") -> Json | None:
+    """Perform an action; tells how it went. None when it was refused or failed."""
+    try:
+        reply = await run.io_bound(console.actions.perform, user(), name, request)
+    except RodeoError as error:
+        fail(error)
+        return None
+    if done:
+        ui.notify(done, type="positive")
+    return reply
+
+
+def fail(error: RodeoError) -> None:
+    """Say what went wrong and what to do; it stays until it is closed."""
+    log.info("%s: %s", error.code, error)
+    ui.notify(explain(error), type="negative", timeout=0, close_button="Close", multi_line=True)
+
+
+def back_link(text: str, path: str) -> None:
+    Link(f"← {text}", path, "soft")

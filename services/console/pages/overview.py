@@ -1,0 +1,179 @@
+"""The organization at a glance: the lab, who does what, the queue, the money, the health of every process."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+
+from rodeo.messages import Task
+from services.console.lab_map import LabMap
+from services.console.live import ProcessState
+from services.console.pages.frame import Console, follow, frame, page_head, user
+from services.console.pages.widgets import (
+    Link,
+    Section,
+    Text,
+    badge,
+    card,
+    empty,
+    notice,
+    progress_bar,
+    table,
+    tile,
+)
+from services.console.roles import Role
+from services.console.words import iec, kind, moment, party, share, span
+
+Json = dict[str, Any]
+
+_WORKERS = ("robot_agent", "charger", "itrash", "oracle")
+"""Processes that do something which people want to follow."""
+
+
+def register(console: Console) -> None:
+    @ui.page("/")
+    def overview() -> None:
+        with frame(console, "Overview", "/", heading=False):
+            with ui.element("div").classes("page-head"):
+                page_head("Overview")
+                ui.element("span").classes("grow")
+                if user().has(Role.OPERATOR):
+                    ui.button("Post a task", icon="add").props('unelevated href="/tasks/new"')
+            problem = Section(lambda text: notice(text, bad=True) if text else None).live()
+            with ui.element("div").classes("grid tiles"):
+                open_, working, settled, supply = (
+                    tile(name, "–") for name in ("waiting", "being done", "paid so far", "IEC in circulation")
+                )
+            with ui.element("div").classes("grid"):
+                with ui.element("div").classes("stack span-7"):
+                    with card("Lab"):
+                        lab_map = LabMap(console.lab, "Map of the lab with robots and items")
+                        seen = Section(_draw_seen)
+                    with card("Queue"):
+                        queue = Section(_draw_queue)
+                    with card("Last verdicts"):
+                        verdicts = Section(_draw_verdicts).live()
+                with ui.element("div").classes("stack span-5"):
+                    with card("Now"):
+                        now = Section(_draw_now)
+                    with card("Wallets"):
+                        wallets = Section(_draw_wallets)
+                    with card("Processes"):
+                        health = Section(_draw_processes)
+
+            def show_map() -> None:
+                state = console.live.map
+                lab_map.show(state)
+                seen.show([(name, one) for name, one in _seen(state).items()])
+
+            def show_processes() -> None:
+                health.show(console.live.processes)
+                now.show([one for one in console.live.processes if one.name.startswith(_WORKERS)])
+
+            def show_organization() -> None:
+                summary = console.live.summary
+                problem.show(summary.problem)
+                counts = summary.counts
+                open_.set_text(_count(counts, "open"))
+                working.set_text(_count(counts, "assigned", "submitted"))
+                settled.set_text(_count(counts, "settled"))
+                supply.set_text(iec(summary.supply_iec).removesuffix(" IEC"))
+                queue.show(summary.queue)
+                verdicts.show(summary.verdicts)
+                wallets.show(summary.wallets)
+
+            follow(console, "map", show_map)
+            follow(console, "processes", show_processes)
+            follow(console, "organization", show_organization)
+
+
+def _count(counts: dict[str, int], *states: str) -> str:
+    return f"{sum(counts.get(state, 0) for state in states):,}" if counts else "–"
+
+
+def _seen(state: Json) -> dict[str, str]:
+    """Where each robot's position comes from, in words that change rarely."""
+    words = {}
+    for name, one in state["robots"].items():
+        if "x" not in one:
+            words[name] = f"{name} has not been heard yet."
+        elif not one["fresh"]:
+            words[name] = f"{name} is silent; it is drawn where it was last seen."
+        elif one["source"] != "motion capture":
+            words[name] = f"The position of {name} comes from its {one['source']}, which drifts."
+    return words
+
+
+def _draw_seen(words: list[tuple[str, str]]) -> None:
+    for _, text in words:
+        Text("p", text, "soft")
+
+
+def _draw_now(processes: list[ProcessState]) -> None:
+    if not processes:
+        empty("Nobody is at work.")
+        return
+    with ui.element("ul").classes("list"):
+        for one in processes:
+            with ui.element("li"):
+                Text("span", one.name.replace("_", " "), "title")
+                if one.state != "ready":
+                    badge(one.state)
+                else:
+                    Text("span", share(one.soc) if one.soc is not None else "", "soft end")
+                doing = one.doing or one.job
+                left = f", about {span(one.eta_s)} left" if one.eta_s is not None else ""
+                Text("span", doing + left, "soft")
+                if one.progress is not None:
+                    progress_bar(one.progress, one.name)
+
+
+def _draw_processes(processes: list[ProcessState]) -> None:
+    table(
+        "Processes of this site",
+        [("Process", ""), ("State", ""), ("What it says", "wrap")],
+        [
+            (one.name, partial(badge, one.state), one.doing if one.state != "silent" else one.job)
+            for one in processes
+        ],
+    )
+
+
+def _draw_queue(tasks: list[Task]) -> None:
+    if not tasks:
+        empty("No task is waiting or being done.")
+        return
+    with ui.element("ul").classes("list"):
+        for task in tasks:
+            with ui.element("li"):
+                Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
+                badge(task.state)
+                who = f" · {party(task.executor_name, task.executor)}" if task.executor else ""
+                Text("span", f"{iec(task.reward_iec)}{who}", "soft")
+
+
+def _draw_verdicts(tasks: list[Task]) -> None:
+    if not tasks:
+        empty("No verdict yet.")
+        return
+    with ui.element("ul").classes("list"):
+        for task in tasks:
+            with ui.element("li"):
+                Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
+                badge(task.verdict or "")
+                paid = f"{iec(task.paid_iec)} to {party(task.executor_name, task.executor)} · "
+                when = moment(task.settled or task.proof_submitted)
+                Text("span", (paid if task.state == "settled" else f"{task.reason or ''} · ") + when, "soft")
+
+
+def _draw_wallets(wallets: list[Json]) -> None:
+    if not wallets:
+        empty("No wallets known yet.")
+        return
+    table(
+        "Balances",
+        [("Wallet", ""), ("IEC", "number")],
+        [(wallet["name"], iec(wallet["balance_iec"]).removesuffix(" IEC")) for wallet in wallets],
+    )

@@ -1,0 +1,384 @@
+"""The list of tasks, and the form that posts one."""
+
+from __future__ import annotations
+
+import json
+import uuid
+from decimal import Decimal, InvalidOperation
+from functools import partial
+from typing import Any
+from urllib.parse import urlencode
+
+from nicegui import ui
+
+from rodeo.bus import decode_json, validate
+from rodeo.dao import CHARGING, CLEANING
+from rodeo.errors import InvalidRequest, MalformedJson, QueryTimeout, RodeoError
+from rodeo.messages import RegisterTask, Task
+from services.console.lab_map import LabMap
+from services.console.pages.frame import Console, ask, fail, follow, follow_async, frame, page_head, user
+from services.console.pages.widgets import Link, Section, Text, badge, card, confirm, empty, notice, table
+from services.console.posting import problems
+from services.console.roles import Role
+from services.console.words import explain, iec, kind, moment, party, span
+
+Json = dict[str, Any]
+
+PAGE_ROWS = 25
+_STATES = ("open", "assigned", "submitted", "settled", "failed", "cancelled")
+_ANY = ""
+
+
+def register(console: Console) -> None:
+    @ui.page("/tasks")
+    def tasks(page: int = 1, state: str = _ANY, kind_: str = _ANY, text: str = "") -> None:
+        with frame(console, "Tasks", "/tasks", heading=False):
+            _list(console, max(1, page), state if state in _STATES else _ANY, kind_, text)
+
+    @ui.page("/tasks/new")
+    def new(like: int | None = None) -> None:
+        with frame(console, "Post a task", "/tasks", heading=False):
+            page_head("Post a task", "Its reward goes into escrow until the work is proven.")
+            if not user().has(Role.OPERATOR):
+                notice("Posting tasks needs the role operator. Ask an administrator for it.", bad=True)
+                return
+            PostForm(console, like)
+
+
+def _list(console: Console, page: int, state: str, kind_: str, text: str) -> None:
+    with ui.element("div").classes("page-head"):
+        Text("h1", "Tasks")
+        ui.element("span").classes("grow")
+        if user().has(Role.OPERATOR):
+            ui.button("Post a task", icon="add").props('unelevated href="/tasks/new"')
+    wanted: Json = {"page": page, "state": state, "kind": kind_, "text": text}
+
+    def choose(**values: Any) -> None:
+        wanted.update({"page": 1, **values})
+        known = {
+            "page": wanted["page"],
+            "state": wanted["state"],
+            "kind_": wanted["kind"],
+            "text": wanted["text"],
+        }
+        query = urlencode({name: value for name, value in known.items() if value not in ("", 1)})
+        ui.navigate.history.replace(f"/tasks?{query}" if query else "/tasks")
+        refresh()
+
+    with ui.element("search").classes("filters").props('aria-label="Filter tasks"'):
+        states = {_ANY: "Any state", **{name: name for name in _STATES}}
+        ui.select(states, value=state, label="State", on_change=lambda e: choose(state=e.value)).props(
+            "outlined dense"
+        )
+        kinds = {_ANY: "Any kind", **({kind_: kind(kind_)} if kind_ else {})}
+        kind_select = ui.select(kinds, value=kind_, label="Kind", on_change=lambda e: choose(kind=e.value))
+        kind_select.props("outlined dense")
+        search = ui.input("Number or words", value=text, on_change=lambda e: choose(text=e.value or ""))
+        search.props("outlined dense clearable debounce=300").style("flex: 1; max-width: 320px")
+    problem = Section(lambda words: notice(words, bad=True) if words else None).live()
+    with ui.element("section").classes("card").props('aria-label="Tasks"'):
+        rows = Section(_draw_rows)
+        pager = Section(lambda total, at: _draw_pager(total, at, lambda to: choose(page=to)))
+
+    async def load() -> None:
+        try:
+            found, total = await ask(_find, console, wanted)
+            allowed = (await ask(console.reads.state, "chain"))["kinds"]
+        except RodeoError as error:
+            problem.show(explain(error))
+            return
+        problem.show("")
+        kind_select.set_options({_ANY: "Any kind", **{name: kind(name) for name in allowed}})
+        rows.show(found, bool(wanted["state"] or wanted["kind"] or wanted["text"]))
+        pager.show(total, wanted["page"])
+
+    refresh = follow_async(console, "organization", load)
+
+
+def _find(console: Console, wanted: Json) -> tuple[list[Task], int]:
+    text = wanted["text"].strip().removeprefix("#")
+    if text.isdecimal():
+        try:
+            return [console.reads.task(int(text))], 1
+        except RodeoError as error:
+            if error.code != "unknown_task":
+                raise
+            return [], 0
+    return console.reads.tasks(
+        PAGE_ROWS,
+        (wanted["page"] - 1) * PAGE_ROWS,
+        state=wanted["state"] or None,
+        kind=wanted["kind"] or None,
+        text=text or None,
+    )
+
+
+def _draw_rows(tasks: list[Task], filtered: bool) -> None:
+    if not tasks:
+        empty("No task fits this filter." if filtered else "No task was posted yet.")
+        return
+    table(
+        "Tasks, newest first",
+        [
+            ("Task", ""),
+            ("State", ""),
+            ("Reward", "number"),
+            ("Executor", "wide-only"),
+            ("Attempt", "number wide-only"),
+            ("Posted", "wide-only"),
+        ],
+        [
+            (
+                partial(_name, task),
+                partial(badge, task.state),
+                iec(task.reward_iec),
+                party(task.executor_name, task.executor),
+                f"{task.attempt}/{task.max_attempts}",
+                moment(task.registered),
+            )
+            for task in tasks
+        ],
+    )
+
+
+def _name(task: Task) -> None:
+    Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}")
+    if task.description:
+        Text("div", task.description[:120], "soft wrap")
+
+
+def _draw_pager(total: int, page: int, go: Any) -> None:
+    pages = max(1, -(-total // PAGE_ROWS))
+    with ui.element("nav").classes("row").props('aria-label="Pages of the list"'):
+        first = (page - 1) * PAGE_ROWS + 1
+        shown = f"{first:,} to {min(total, page * PAGE_ROWS):,} of {total:,}" if total else "0 tasks"
+        Text("span", shown, "soft").props('aria-live="polite"')
+        ui.element("span").classes("grow")
+        if pages > 1:
+            ui.pagination(
+                1, pages, value=min(page, pages), direction_links=True, on_change=lambda e: go(e.value)
+            ).props("max-pages=7 boundary-numbers")
+
+
+class PostForm:
+    """The form for a new task, checked while it is filled in and again before anything is sent."""
+
+    def __init__(self, console: Console, like: int | None) -> None:
+        self._console = console
+        site = console.site
+        self._request_id = f"console-{uuid.uuid4()}"
+        items = {item.id: f"{item.id} ({item.item_class.value})" for item in site.items}
+        with ui.element("div").classes("grid"):
+            with ui.element("div").classes("stack span-5"), card("Task"):
+                with ui.element("div").classes("form"):
+                    self.kind = ui.select(
+                        {CLEANING: kind(CLEANING), CHARGING: kind(CHARGING)}, value=CLEANING, label="Kind"
+                    ).classes("whole")
+                    self.kind.on_value_change(self._changed)
+                    self.item = ui.select(items, value=next(iter(items), None), label="Item")
+                    self.item.on_value_change(self._item_chosen)
+                    self.robot = ui.select(
+                        [one.name for one in site.robots], value=site.robots[0].name, label="Robot"
+                    )
+                    self.x = ui.number("East, x (m)", step=0.05, format="%.2f", on_change=self._typed)
+                    self.y = ui.number("North, y (m)", step=0.05, format="%.2f", on_change=self._typed)
+                    self.soc_from = ui.number(
+                        "Charge now (%)", value=50, min=0, max=100, on_change=self._changed
+                    )
+                    self.soc_target = ui.number(
+                        "Charge to (%)", value=95, min=1, max=100, on_change=self._changed
+                    )
+                    self.params = ui.textarea("Parameters (JSON object)", value="{}", on_change=self._changed)
+                    self.params.classes("whole")
+                    self.reward = ui.input("Reward (IEC)", on_change=self._changed)
+                    self.reward.value = str(site.economy.cleaning_reward_iec)
+                    self.window = ui.number("Time to do it (min)", min=1, max=10080, on_change=self._changed)
+                    self.attempts = ui.number("Attempts", min=1, max=20, precision=0, on_change=self._changed)
+                    self.attempts.value = site.economy.max_attempts
+                    self.window.value = site.economy.cleaning_window_s / 60
+                    self.description = ui.input("Note for people").classes("whole")
+                    self.wait = ui.checkbox("Let it wait if every service costs more").classes("whole")
+                for field in (
+                    *(self.kind, self.item, self.robot, self.x, self.y, self.soc_from, self.soc_target),
+                    *(self.params, self.reward, self.window, self.attempts, self.description),
+                ):
+                    field.props("outlined dense")
+                self.description.props("maxlength=2000")
+                self._hints = Section(_draw_hints).live()
+                self.post = ui.button("Review and post", on_click=self._review).props("unelevated")
+            with ui.element("div").classes("stack span-7 pickable"), card("Place") as head:
+                with head:
+                    self._where = Text("span", "", "soft")
+                self.map = LabMap(console.lab, "Map of the lab: click where the item lies", self._picked)
+        self._summary_changed()
+        if like is not None:
+            ui.timer(0, lambda: self._copy(like), once=True)
+        elif items:
+            self._item_chosen()
+        follow(console, "map", lambda: self.map.show(console.live.map))
+        follow(console, "organization", self._summary_changed)
+        self._changed()
+
+    # -- filling in ------------------------------------------------------------------------------------
+
+    async def _copy(self, task_id: int) -> None:
+        """Fill in what another task asked for."""
+        try:
+            task = await ask(self._console.reads.task, task_id)
+        except RodeoError as error:
+            fail(error)
+            return
+        self.kind.set_options({**dict(self.kind.options), task.kind: kind(task.kind)}, value=task.kind)
+        params = task.params
+        if params.get("item_id") in self.item.options:
+            self.item.value = params["item_id"]
+        self.x.value, self.y.value = params.get("x_m"), params.get("y_m")
+        if params.get("robot") in self.robot.options:
+            self.robot.value = params["robot"]
+        for field, name in ((self.soc_from, "soc_from"), (self.soc_target, "soc_target")):
+            if isinstance(params.get(name), int | float):
+                field.value = round(100 * params[name])
+        self.params.value = json.dumps(params)
+        self.reward.value = iec(task.reward_iec).removesuffix(" IEC").replace(",", "")
+        self.attempts.value = task.max_attempts
+        self.description.value = task.description
+        self._changed()
+
+    def _item_chosen(self) -> None:
+        """Propose where the item is seen now, or where the site file put it."""
+        item_id = self.item.value
+        seen = self._console.live.map["items"].get(item_id)
+        if seen is not None and seen["fresh"]:
+            place = seen["x"], seen["y"]
+        else:
+            pose = next(item.pose for item in self._console.site.items if item.id == item_id)
+            place = pose.x_m, pose.y_m
+        self.x.value, self.y.value = (round(value, 2) for value in place)
+
+    def _picked(self, x_m: float, y_m: float) -> None:
+        self.x.value, self.y.value = x_m, y_m
+
+    def _typed(self) -> None:
+        x_m, y_m = self.x.value, self.y.value
+        self.map.mark_place(None if x_m is None or y_m is None else (x_m, y_m))
+        self._changed()
+
+    def _summary_changed(self) -> None:
+        kinds = {str(service["kind"]) for service in self._console.live.summary.services}
+        known = {name: kind(name) for name in sorted({CLEANING, CHARGING, *kinds, *self.kind.options})}
+        if known != self.kind.options:
+            self.kind.set_options(known)
+        self._changed()
+
+    def _changed(self) -> None:
+        if not hasattr(self, "map"):
+            return
+        cleaning, charging = self.kind.value == CLEANING, self.kind.value == CHARGING
+        for field in (self.item, self.x, self.y):
+            field.visible = cleaning
+        for field in (self.robot, self.soc_from, self.soc_target):
+            field.visible = charging
+        self.params.visible = not (cleaning or charging)
+        placed = cleaning and self.x.value is not None and self.y.value is not None
+        self._where.set_text(f"{self.x.value:.2f} m east, {self.y.value:.2f} m north" if placed else "")
+        self._hints.show(tuple(self._problems()))
+
+    # -- checking --------------------------------------------------------------------------------------
+
+    def _request(self) -> RegisterTask:
+        """What the form says. Raises InvalidRequest, MalformedJson."""
+        try:
+            reward = Decimal(str(self.reward.value).replace(",", "").strip())
+        except InvalidOperation:
+            raise InvalidRequest(
+                "the reward is not a number", fields={"reward_iec": "a number of IEC"}
+            ) from None
+        params: Json
+        if self.kind.value == CLEANING:
+            params = {"item_id": self.item.value, "x_m": self.x.value, "y_m": self.y.value}
+        elif self.kind.value == CHARGING:
+            params = {
+                "robot": self.robot.value,
+                "dock": self._console.site.dock.name,
+                "soc_from": (self.soc_from.value or 0) / 100,
+                "soc_target": (self.soc_target.value or 0) / 100,
+            }
+        else:
+            params = decode_json((self.params.value or "{}").encode())
+        request: Json = {
+            "request_id": self._request_id,
+            "kind": self.kind.value,
+            "reward_iec": reward,
+            "params": params,
+            "description": self.description.value or "",
+            "allow_wait": self.wait.value,
+        }
+        if self.window.value:
+            request["execution_window_s"] = round(self.window.value * 60)
+        if self.attempts.value:
+            request["max_attempts"] = int(self.attempts.value)
+        return validate(RegisterTask, request)
+
+    def _problems(self) -> list[str]:
+        """What keeps the task from being posted."""
+        try:
+            request = self._request()
+        except (InvalidRequest, MalformedJson) as error:
+            return [explain(error)]
+        summary = self._console.live.summary
+        wrong = [text[:1].upper() + text[1:] for text in problems(self._console.site, request).values()]
+        if summary.problem:
+            return [*wrong, summary.problem]
+        prices = [
+            Decimal(one["price_iec"])
+            for one in summary.services
+            if one["kind"] == request.kind and one["state"] == "active"
+        ]
+        if not request.allow_wait and prices and min(prices) > request.reward_iec:
+            wrong.append(f"The cheapest service of this kind costs {iec(min(prices))}")
+        balance = self._balance()
+        if balance is not None and balance < request.reward_iec:
+            wrong.append(f"The organization has only {iec(balance)}")
+        return wrong
+
+    def _balance(self) -> Decimal | None:
+        wallets = self._console.live.summary.wallets
+        return next((Decimal(one["balance_iec"]) for one in wallets if one["name"] == "organization"), None)
+
+    # -- posting ---------------------------------------------------------------------------------------
+
+    async def _review(self) -> None:
+        if self._problems():
+            self._changed()
+            ui.notify("Mend what the form says first", type="warning")
+            return
+        request = self._request()
+        lines = [("Kind", kind(request.kind)), ("Reward", iec(request.reward_iec))]
+        if request.kind == CLEANING:
+            lines.append(
+                ("Item", f"{self.item.value} at {self.x.value:.2f} m east, {self.y.value:.2f} m north")
+            )
+        if request.execution_window_s is not None:
+            lines.append(("Time to do it", span(request.execution_window_s)))
+        balance = self._balance()
+        if balance is not None:
+            lines.append(("Organization after", iec(balance - request.reward_iec)))
+        if not await confirm("Post this task?", lines, f"Pay {iec(request.reward_iec)} into escrow"):
+            return
+        self.post.disable()
+        try:
+            reply = await ask(self._console.actions.perform, user(), "post_task", request)
+        except RodeoError as error:
+            if not isinstance(error, QueryTimeout):
+                # After a time-out the same request may be sent again and is carried out once.
+                self._request_id = f"console-{uuid.uuid4()}"
+            fail(error)
+        else:
+            ui.navigate.to(f"/tasks/{reply['task_id']}")
+        finally:
+            self.post.enable()
+
+
+def _draw_hints(hints: tuple[str, ...]) -> None:
+    for hint in hints:
+        Text("p", hint, "notice")

@@ -1,0 +1,159 @@
+"""What pages are made of: cards, tables, badges, facts, dialogs; all text is escaped by the framework."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from nicegui import ui
+from nicegui.elements.mixins.text_element import TextElement
+
+from services.console.words import STATE_COLOURS, short
+
+
+class Text(TextElement):
+    """A text in an element of the given tag."""
+
+    def __init__(self, tag: str, text: str, classes: str = "") -> None:
+        super().__init__(tag=tag, text=text)
+        self.classes(classes)
+
+
+class Link(TextElement):
+    def __init__(self, text: str, href: str, classes: str = "") -> None:
+        super().__init__(tag="a", text=text)
+        self.classes(classes)
+        self._props["href"] = href
+
+
+def badge(word: str, colour: str | None = None) -> Text:
+    """A state in a word, coloured by what it means."""
+    return Text("span", word, f"badge {STATE_COLOURS.get(word, '') if colour is None else colour}")
+
+
+@contextmanager
+def card(title: str, classes: str = "") -> Iterator[ui.element]:
+    """A titled region; the returned element is its head, for buttons."""
+    with ui.element("section").classes(f"card {classes}") as section:
+        with ui.element("div").classes("card-head") as head:
+            heading = Text("h2", title)
+            ui.element("span").classes("grow")
+        section.props(f'aria-labelledby="{heading.html_id}"')
+        yield head
+
+
+def tile(name: str, value: str) -> Text:
+    """A number that matters; returns its text."""
+    with ui.element("div").classes("tile span-3"):
+        shown = Text("div", value, "value")
+        Text("div", name, "name")
+    return shown
+
+
+def empty(text: str) -> None:
+    Text("p", text, "empty")
+
+
+def notice(text: str, bad: bool = False) -> None:
+    Text("p", text, "notice bad" if bad else "notice").props('role="status"')
+
+
+@contextmanager
+def facts() -> Iterator[None]:
+    with ui.element("dl").classes("facts"):
+        yield
+
+
+def fact(name: str, value: str | Callable[[], Any], classes: str = "") -> None:
+    """One line of `facts`; `value` may be a function that builds elements."""
+    Text("dt", name)
+    if isinstance(value, str):
+        Text("dd", value, classes)
+    else:
+        with ui.element("dd").classes(classes):
+            value()
+
+
+def hash_text(value: str) -> None:
+    """A hash or address with its ends shown, the whole as a tooltip and for copying."""
+    with ui.element("span").classes("row tight"):
+        Text("span", short(value), "mono").props(f'title="{value}"')
+        copy = ui.button(icon="content_copy", on_click=lambda: _copy(value))
+        copy.props('flat dense round size=sm aria-label="Copy"')
+
+
+async def _copy(value: str) -> None:
+    ui.clipboard.write(value)
+    ui.notify("Copied")
+
+
+Cell = str | Callable[[], Any]
+
+
+def table(caption: str, columns: Sequence[tuple[str, str]], rows: Iterable[Sequence[Cell]]) -> None:
+    """`columns` are (title, classes); a cell is text or a function that builds elements."""
+    with ui.element("div").classes("scroll"), ui.element("table").classes("data"):
+        Text("caption", caption, "visually-hidden")
+        with ui.element("thead"), ui.element("tr"):
+            for title, classes in columns:
+                Text("th", title, classes).props('scope="col"')
+        with ui.element("tbody"):
+            for row in rows:
+                with ui.element("tr"):
+                    for cell, (_, classes) in zip(row, columns, strict=True):
+                        if isinstance(cell, str):
+                            Text("td", cell, classes)
+                        else:
+                            with ui.element("td").classes(classes):
+                                cell()
+
+
+def progress_bar(value: float, label: str) -> None:
+    percent = round(100 * min(max(value, 0.0), 1.0))
+    bar = ui.element("div").classes("bar")
+    bar.props(f'role="progressbar" aria-label="{label}"')
+    bar.props(f'aria-valuemin="0" aria-valuemax="100" aria-valuenow="{percent}"')
+    with bar:
+        ui.element("div").style(f"width: {percent}%")
+
+
+class Section:
+    """A part of a page that is drawn again when what it shows has changed, and only then."""
+
+    def __init__(self, draw: Callable[..., None], tag: str = "div", classes: str = "") -> None:
+        self._element = ui.element(tag).classes(classes)
+        self._draw = draw
+        self._shown: Any = None
+
+    def live(self) -> Section:
+        """Have screen readers tell what changes."""
+        self._element.props('aria-live="polite"')
+        return self
+
+    def show(self, *data: Any) -> None:
+        if self._shown == data:
+            return
+        self._shown = data
+        self._element.clear()
+        with self._element:
+            self._draw(*data)
+
+
+async def confirm(title: str, lines: Sequence[tuple[str, str]], action: str, danger: bool = False) -> bool:
+    """Ask before money moves or something stops; `lines` say what will happen."""
+    with ui.dialog() as dialog, ui.card():
+        heading = Text("h2", title)
+        dialog.props(f'aria-labelledby="{heading.html_id}"')
+        with facts():
+            for name, value in lines:
+                fact(name, value, "wrap")
+        with ui.element("div").classes("dialog-buttons"):
+            ui.button("Back", on_click=lambda: dialog.submit(False)).props("flat")
+            button = ui.button(
+                action, on_click=lambda: dialog.submit(True), color="negative" if danger else "primary"
+            )
+            button.props("unelevated autofocus")
+    answer = await dialog
+    dialog.delete()
+    return bool(answer)

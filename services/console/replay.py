@@ -1,0 +1,136 @@
+"""A recording as the map replays it: poses at a few hundred instants, and what was said in between."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from rodeo import topics
+from rodeo.config import Site
+from rodeo.evidence import Proof
+from rodeo.evidence.errors import LayoutChanged
+from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.evidence.series import Table
+from services.console.scene import ARM_JOINTS, arm_points
+
+Json = dict[str, Any]
+Array = np.ndarray[Any, Any]
+
+FRAMES = 600
+"""At most; a browser gets them all at once."""
+_MARKS = 60
+_TEXT = 160
+"""Characters of one mark."""
+
+
+def track(proof: Proof, site: Site) -> Json:
+    """What `LabMap.replay` shows. Raises EvidenceError when a topic cannot be read."""
+    start_ns, end_ns = proof.start_ns, proof.end_ns
+    duration_s = (end_ns - start_ns) * 1e-9
+    frames = int(min(FRAMES, max(2, duration_s * 2)))
+    at_ns = np.linspace(start_ns, end_ns, frames)
+    return {
+        "duration_s": round(duration_s, 1),
+        "t": _rounded((at_ns - start_ns) * 1e-9, 1),
+        "robots": {
+            robot.name: columns
+            for robot in site.robots
+            if (columns := _robot(proof, robot.name, at_ns)) is not None
+        },
+        "items": {
+            item.id: columns
+            for item in site.items
+            if (columns := _pose(proof, topics.MOCAP_POSE.name(body=item.id), at_ns)) is not None
+        },
+        "marks": _marks(proof, start_ns),
+    }
+
+
+def _table(proof: Proof, topic: topics.Topic, name: str) -> Table | None:
+    """The topic's messages; None where it was not recorded."""
+    full = "/" + name
+    return proof.table(full, topic.type) if proof.count(full) else None
+
+
+def _rows(table: Table, at_ns: Array) -> Array:
+    """The last message before each instant, the first one until then."""
+    return np.clip(np.searchsorted(table.log_ns, at_ns, side="right") - 1, 0, len(table) - 1)
+
+
+def _pose(proof: Proof, name: str, at_ns: Array) -> Json | None:
+    table = _table(proof, topics.MOCAP_POSE, name)
+    if table is None:
+        return None
+    rows = _rows(table, at_ns)
+    x, y, z = (table[f"pose.position.{axis}"][rows] for axis in "xyz")
+    return {"x": _rounded(x), "y": _rounded(y), "z": _rounded(z)} | {
+        "yaw": _rounded(_yaw(table, "pose.orientation", rows))
+    }
+
+
+def _robot(proof: Proof, name: str, at_ns: Array) -> Json | None:
+    columns = _pose(proof, topics.MOCAP_POSE.name(body=name), at_ns)
+    if columns is None:
+        odom = _table(proof, topics.ODOM, topics.ODOM.name(ns=name))
+        if odom is None:
+            return None
+        rows = _rows(odom, at_ns)
+        columns = {axis: _rounded(odom[f"pose.pose.position.{axis}"][rows]) for axis in "xy"}
+        columns["yaw"] = _rounded(_yaw(odom, "pose.pose.orientation", rows))
+    columns.pop("z", None)
+    joints = _table(proof, topics.JOINT_STATES, topics.JOINT_STATES.name(ns=name))
+    if joints is not None:
+        try:
+            angles = joints.named("position", list(ARM_JOINTS))[_rows(joints, at_ns)]
+        except LayoutChanged:
+            angles = np.empty((0, 6))  # another robot's arm, which this map cannot draw
+        columns["arm"] = [arm_points(row) for row in angles]
+    battery = _table(proof, topics.BATTERY_STATE, topics.BATTERY_STATE.name(ns=name))
+    if battery is not None:
+        columns["soc"] = _rounded(battery["percentage"][_rows(battery, at_ns)])
+    return columns
+
+
+def _yaw(table: Table, path: str, rows: Array) -> Array:
+    x, y, z, w = (table[f"{path}.{axis}"][rows] for axis in "xyzw")
+    return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def _rounded(values: Array, digits: int = 3) -> list[float]:
+    return [round(float(value), digits) for value in values]
+
+
+def _marks(proof: Proof, start_ns: int) -> list[Json]:
+    """Contract events, notes of the recorder and statements of devices, in order of time."""
+    marks: list[Json] = []
+    for topic, log_ns, text in _said(proof):
+        marks.append({"t": round((log_ns - start_ns) * 1e-9, 1), "text": text[:_TEXT], "from": topic})
+    marks.sort(key=lambda mark: mark["t"])
+    return marks[:_MARKS]
+
+
+def _said(proof: Proof) -> list[tuple[str, int, str]]:
+    return [
+        (channel, log_ns, text)
+        for channel in (EVENT_CHANNEL, ATTESTATION_CHANNEL)
+        if proof.count(channel)
+        for log_ns, value in zip(proof.topics[channel].log_ns, proof.json(channel), strict=True)
+        if (text := _sentence(value))
+    ]
+
+
+def _sentence(value: Json) -> str:
+    """One recorded object in words; empty for readings that come every second."""
+    payload = value.get("payload")
+    if isinstance(payload, dict):
+        if "expected_compartment" in payload:
+            return f"Bin: it fell into {payload.get('compartment')}"
+        return f"Bin: this is {payload['class']}" if "class" in payload else ""
+    name = value.get("name") or value.get("event")
+    if not isinstance(name, str):
+        return ""
+    sentence = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).replace("_", " ").capitalize()
+    detail = value.get("message")
+    return f"{sentence}: {detail}" if isinstance(detail, str) else sentence

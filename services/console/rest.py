@@ -1,0 +1,232 @@
+"""The interface for programs: the pages' actions and questions, with a token instead of a login."""
+
+# No postponed annotations: FastAPI reads those of functions that are made inside functions.
+
+import tempfile
+from collections.abc import Callable, Iterator
+from http import HTTPStatus
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import Body, Depends, FastAPI, Request, Security
+from fastapi import Path as PathParameter
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import FileResponse, JSONResponse
+from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from pydantic import BaseModel, Field
+from starlette.exceptions import HTTPException
+
+from rodeo.errors import (
+    BusUnavailable,
+    ConfigError,
+    NoResponder,
+    QueryTimeout,
+    RequestError,
+    RodeoError,
+    snake_case,
+)
+from rodeo.evidence import EvidenceError
+from rodeo.messages import Kind, Task, TaskState
+from services.console.accounts import User
+from services.console.actions import ACTIONS, Action
+from services.console.errors import Forbidden, NotLoggedIn
+from services.console.pages.frame import Console
+
+Json = dict[str, Any]
+
+TaskId = Annotated[int, PathParameter(ge=0, lt=2**63)]
+
+
+class Problem(BaseModel):
+    """Every 4xx and 5xx of this interface."""
+
+    code: str
+    message: str
+    details: dict[str, Any] = {}
+
+
+class TaskPage(BaseModel):
+    tasks: list[Task]
+    total: int
+
+
+_STATUS_BY_CODE = {
+    "bridge_not_ready": 503,
+    "unknown_task": 404,
+    "unknown_service": 404,
+    "unknown_account": 404,
+    "unknown_file": 404,
+    "unknown_query": 404,
+    "account_exists": 409,
+    "robot_unavailable": 409,
+    "insufficient_funds": 409,
+    "request_id_reused": 409,
+    "invalid_request": 422,
+    "weak_passphrase": 422,
+}
+
+_PROBLEMS: dict[int | str, dict[str, Any]] = {
+    status: {"model": Problem, "description": text}
+    for status, text in {
+        400: "The request cannot be read",
+        401: "No token, or one that was revoked",
+        403: "The token's owner has none of the roles that may do this",
+        404: "There is no such thing",
+        409: "The organization refuses it as things are now",
+        413: "The request is too large",
+        422: "A field is wrong",
+        503: "The bridge is away; try again later",
+        504: "No answer in time; look whether it happened before you try again",
+    }.items()
+}
+
+
+def make_api(console: Console) -> FastAPI:
+    """The application under /api; its description is /api/openapi.json."""
+    api = FastAPI(
+        title="RODEO console",
+        summary="Tasks, services, money and robots of an organization.",
+        version="1",
+        docs_url=None,
+        redoc_url=None,
+        responses=_PROBLEMS,
+    )
+    bearer = HTTPBearer(auto_error=False, description="A token from the page Accounts")
+
+    def caller(credentials: Annotated[HTTPAuthorizationCredentials | None, Security(bearer)]) -> User:
+        if credentials is None:
+            raise NotLoggedIn("send a token: Authorization: Bearer ...")
+        return console.accounts.token_user(credentials.credentials)
+
+    Caller = Annotated[User, Depends(caller)]  # noqa: N806 - a type
+
+    @api.exception_handler(RodeoError)
+    async def refuse(_request: Request, error: RodeoError) -> JSONResponse:
+        headers = {"WWW-Authenticate": "Bearer"} if isinstance(error, NotLoggedIn) else None
+        problem = Problem(code=error.code, message=error.message, details=_plain(error.details))
+        return JSONResponse(problem.model_dump(), status_of(error), headers)
+
+    @api.exception_handler(RequestValidationError)
+    async def refuse_fields(_request: Request, error: RequestValidationError) -> JSONResponse:
+        fields = {".".join(map(str, one["loc"])): one["msg"] for one in error.errors()}
+        problem = Problem(code="invalid_request", message="a field is wrong", details={"fields": fields})
+        return JSONResponse(problem.model_dump(), 422)
+
+    @api.exception_handler(HTTPException)
+    async def refuse_http(_request: Request, error: HTTPException) -> JSONResponse:
+        phrase = HTTPStatus(error.status_code).phrase.title().replace(" ", "")
+        problem = Problem(code=snake_case(phrase), message=str(error.detail))
+        return JSONResponse(problem.model_dump(), error.status_code, headers=error.headers)
+
+    _questions(api, console, Caller)
+    for action in ACTIONS.values():
+        _offer(api, console, action, Caller)
+    return api
+
+
+def _questions(api: FastAPI, console: Console, caller: Any) -> None:
+    reads = console.reads
+
+    @api.get("/tasks")
+    def tasks(
+        _user: caller,
+        state: TaskState | None = None,
+        kind: Kind | None = None,
+        limit: Annotated[int, Field(ge=1, le=500)] = 50,
+        offset: Annotated[int, Field(ge=0, lt=2**63)] = 0,
+    ) -> TaskPage:
+        """One page of tasks, newest first."""
+        found, total = reads.tasks(limit, offset, state=state, kind=kind)
+        return TaskPage(tasks=found, total=total)
+
+    @api.get("/tasks/{task_id}")
+    def task(task_id: TaskId, _user: caller) -> Task:
+        """One task."""
+        return reads.task(task_id)
+
+    @api.get("/tasks/{task_id}/report")
+    def report(task_id: TaskId, _user: caller) -> Json:
+        """The oracle's report on its last proof, check by check."""
+        return reads.report(reads.task(task_id))
+
+    @api.get(
+        "/tasks/{task_id}/proof",
+        response_class=FileResponse,
+        responses={200: {"content": {"application/octet-stream": {}}, "description": "The recording (MCAP)"}},
+    )
+    def proof(copy: Annotated[Path, Depends(_copy_of_proof(console, caller))]) -> FileResponse:
+        """Its last proof, a sealed recording."""
+        return FileResponse(copy, filename=copy.name, media_type="application/octet-stream")
+
+    @api.get("/processes")
+    def processes(_user: caller) -> list[Json]:
+        """Every process of the site: its state and what it does."""
+        return [vars(one) for one in console.live.processes]
+
+    @api.get("/lab")
+    def lab(_user: caller) -> Json:
+        """What stands in the lab (`lab`) and where robots and items were last seen (`now`; m, rad)."""
+        return {"lab": console.lab, "now": console.live.map}
+
+    for name, summary in {
+        "services": "Services on offer and their records.",
+        "wallets": "Balances of the site's participants.",
+        "devices": "Keys that may sign evidence.",
+        "chain": "The chain, its contracts and the kinds of work that are accepted.",
+    }.items():
+        api.get(f"/{name}", name=name, description=summary)(_state(console, name, caller))
+
+
+def _state(console: Console, what: str, caller: Any) -> Callable[..., Json]:
+    def state(_user: caller) -> Json:
+        return console.reads.state(what)
+
+    return state
+
+
+def _copy_of_proof(console: Console, caller: Any) -> Callable[..., Iterator[Path]]:
+    def copy(task_id: TaskId, _user: caller) -> Iterator[Path]:
+        with tempfile.TemporaryDirectory(prefix="rodeo-proof-") as folder:
+            yield console.reads.proof(console.reads.task(task_id), Path(folder))
+
+    return copy
+
+
+def _offer(api: FastAPI, console: Console, action: Action, caller: Any) -> None:
+    """POST /actions/<name> with the action's model as its body."""
+
+    def perform(user: caller, request: Annotated[action.model, Body()]) -> Json:  # type: ignore[name-defined]
+        return console.actions.perform(user, action.name, request)
+
+    roles = " or ".join(sorted(action.roles)) or "none"
+    api.post(
+        f"/actions/{action.name.replace('_', '-')}",
+        name=action.name,
+        summary=action.summary,
+        description=f"Needs the role: {roles}.",
+        tags=["actions"],
+    )(perform)
+
+
+def status_of(error: RodeoError) -> int:
+    """The HTTP status that tells a program what kind of error this is."""
+    if error.code in _STATUS_BY_CODE:
+        return _STATUS_BY_CODE[error.code]
+    if isinstance(error, NotLoggedIn):
+        return 401
+    if isinstance(error, Forbidden):
+        return 403
+    if isinstance(error, NoResponder | BusUnavailable):
+        return 503
+    if isinstance(error, QueryTimeout):
+        return 504
+    if isinstance(error, ConfigError | EvidenceError):
+        return 404
+    # What the bridge or a contract refused: the request was understood, the organization says no.
+    return 400 if isinstance(error, RequestError) else 409
+
+
+def _plain(details: Json) -> Json:
+    """Details that are JSON whatever they were."""
+    return {key: value if isinstance(value, int | float | bool | dict | list | None) else str(value)
+            for key, value in details.items()}  # fmt: skip

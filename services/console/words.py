@@ -1,0 +1,104 @@
+"""Numbers, times and errors as people read them."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from decimal import Decimal
+
+from rodeo.errors import RodeoError
+
+STATE_COLOURS = {
+    "open": "warn",
+    "assigned": "info",
+    "submitted": "brand",
+    "settled": "good",
+    "failed": "bad",
+    "cancelled": "",
+    "active": "good",
+    "paused": "warn",
+    "retired": "",
+    "ready": "good",
+    "not ready": "warn",
+    "lost": "bad",
+    "silent": "",
+    "accepted": "good",
+    "rejected": "bad",
+    "expired": "bad",
+    "revoked": "bad",
+}
+"""The class of a badge that shows this word."""
+
+_ADVICE = {
+    "no_responder": "Check on the overview that the bridge is running, then try again.",
+    "query_timeout": "It may still happen: look whether it did before you try again.",
+    "bridge_not_ready": "The bridge says why on the overview; try again when it is ready.",
+    "insufficient_funds": "Deposit IEC under Treasury, or choose a smaller amount.",
+    "reward_below_price": "Raise the reward, or let the task wait for a cheaper service.",
+    "unknown_kind": "An administrator can allow this kind of work.",
+    "robot_unavailable": "Check on the overview that the robot's agent is running.",
+    "forbidden": "Ask an administrator for the role.",
+    "unknown_command": "This site's bridge is too old for it.",
+    "unknown_query": "This site's bridge is too old for it.",
+}
+"""What to do about an error, by its code."""
+
+
+def explain(error: RodeoError) -> str:
+    """The error and what to do about it."""
+    fields = error.details.get("fields")
+    wrong = "; ".join(f"{name}: {text}" for name, text in fields.items()) if isinstance(fields, dict) else ""
+    parts = [error.message[:1].upper() + error.message[1:], wrong, _ADVICE.get(error.code, "")]
+    return ". ".join(part.rstrip(".") for part in parts if part) + "."
+
+
+def iec(amount: Decimal | str | float | None) -> str:
+    """1,234.5 IEC"""
+    return "–" if amount is None else f"{number(Decimal(str(amount)))} IEC"
+
+
+def number(value: Decimal, digits: int = 2) -> str:
+    """With thousands separated and no zeros at the end."""
+    text = f"{value:,.{digits}f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def kind(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def parameter(name: str) -> str:
+    """x_m -> x (m)"""
+    plain, _, unit = name.rpartition("_")
+    return f"{plain} ({unit})" if plain and unit in ("m", "s", "rad") else name.replace("_", " ")
+
+
+def moment(time_s: float | None) -> str:
+    """Site time as date and time (UTC)."""
+    return "–" if time_s is None else f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M:%S}"
+
+
+def span(seconds: float | None) -> str:
+    """2 h 5 min, 3 min 20 s, 12 s"""
+    if seconds is None:
+        return ""
+    whole = max(0, round(seconds))
+    days, hours, minutes = whole // 86400, whole // 3600 % 24, whole // 60 % 60
+    if days:
+        return f"{days} d {hours} h"
+    if hours:
+        return f"{hours} h {minutes} min"
+    return f"{minutes} min {whole % 60} s" if minutes else f"{whole} s"
+
+
+def share(value: float | None) -> str:
+    return "–" if value is None else f"{value:.0%}"
+
+
+def short(text: str, head: int = 10, tail: int = 6) -> str:
+    """An address or hash whose ends people compare."""
+    return text if len(text) <= head + tail + 1 else f"{text[:head]}…{text[-tail:]}"
+
+
+def party(name: str | None, address: str | None) -> str:
+    """Whoever it is, as well as it is known."""
+    return name or (short(address) if address else "–")

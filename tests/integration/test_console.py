@@ -1,0 +1,213 @@
+"""The console as people and programs use it: a browser and a client in front of the whole organization."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import Any
+
+import httpx
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from services.console.accounts import Accounts, accounts_path
+from services.console.roles import Role
+from tests.support.browser import chromium, watch
+from tests.support.site import RunningSite, write_site
+
+PASSPHRASE = "correct horse battery"
+WAIT_MS = 60_000
+SITE = """clock.speed = 20
+clock.idle_speed = 400
+agent.explore_when_idle = false
+"""
+
+
+class Desk:
+    """The console of a running site."""
+
+    def __init__(self, running: RunningSite, browser: Browser) -> None:
+        self.running = running
+        self.browser = browser
+        self.origin = str(running.status("console").details["http"])
+        self.accounts = Accounts(accounts_path(running.site), running.site.console)
+        everything = [role for role in Role if role is not Role.EXECUTOR]
+        self.accounts.add_user("ada", PASSPHRASE, everything)
+        self.accounts.add_user("reader", PASSPHRASE, [])
+
+    def page(self, user: str | None) -> Page:
+        """A browser of its own, logged in as `user`."""
+        page = self.browser.new_page(base_url=self.origin, viewport={"width": 1280, "height": 900})
+        page.set_default_timeout(WAIT_MS)
+        page.goto("/")
+        if user is not None:
+            log_in(page, user)
+            expect(page.get_by_role("heading", name="Overview")).to_be_visible(timeout=WAIT_MS)
+        return page
+
+    def client(self, user: str | None) -> httpx.Client:
+        """A program with a token of `user`."""
+        token = "none" if user is None else self.accounts.issue_token(user, "test")
+        headers = {"Authorization": f"Bearer {token}"}
+        return httpx.Client(base_url=f"{self.origin}/api", headers=headers, timeout=60)
+
+
+def log_in(page: Page, user: str, passphrase: str = PASSPHRASE) -> None:
+    page.get_by_label("Name").fill(user)
+    page.get_by_label("Passphrase").fill(passphrase)
+    page.get_by_role("button", name="Log in").click()
+
+
+def click_map(page: Page, x_m: float, y_m: float) -> None:
+    """Click the floor at this place of the map frame."""
+    x, y = page.evaluate(
+        """([x, y]) => { const svg = document.querySelector('.lab-map svg');
+        svg.scrollIntoView({block: 'center'});
+        const p = new DOMPoint(x, -y).matrixTransform(svg.getScreenCTM()); return [p.x, p.y]; }""",
+        [x_m, y_m],
+    )
+    page.mouse.click(x, y)
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Desk]:
+    running = RunningSite(write_site(tmp_path_factory.mktemp("console"), chain_backend, SITE))
+    running.start("router", "chain", "console", ready=False)
+    running.deploy_contracts()
+    running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
+    running.wait_ready("console")
+    with chromium() as browser:
+        yield Desk(running, browser)
+    running.stop()
+
+
+@pytest.mark.timeout(300)
+def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_replayed(desk: Desk) -> None:
+    page = desk.page("ada")
+    faults = watch(page, desk.origin)
+    page.get_by_role("link", name="Post a task").click()
+    expect(page.get_by_role("heading", name="Post a task")).to_be_visible()
+    place = desk.running.site.items[0].pose
+
+    click_map(page, 3.2, 2.9)
+    expect(page.get_by_text("desk2 stands there")).to_be_visible()
+    page.get_by_role("button", name="Review and post").click()
+    expect(page.get_by_role("dialog")).to_have_count(0)
+
+    click_map(page, place.x_m, place.y_m)
+    expect(page.get_by_text("stands there")).to_have_count(0)
+    expect(page.get_by_label("East, x (m)")).to_have_value(re.compile(rf"{place.x_m:.1f}\d?"))
+    page.get_by_role("button", name="Review and post").click()
+    page.get_by_role("dialog").get_by_role("button", name="Pay 100 IEC into escrow").click()
+
+    expect(page.get_by_role("heading", name=re.compile(r"Task \d+ · waste disposal"))).to_be_visible()
+    task_id = int(page.url.rsplit("/", 1)[-1])
+    expect(page.locator(".page-head .badge")).to_have_text("settled", timeout=3 * WAIT_MS)
+    report = page.get_by_role("region", name="Oracle's report")
+    expect(report.get_by_text("accepted").first).to_be_visible()
+    assert report.get_by_role("row").count() > 10
+    expect(report.locator("tbody .badge", has_text="failed")).to_have_count(0)
+
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Download the proof").click()
+    task = desk.running.bus.query(f"rodeo/lab/state/task/{task_id}")
+    assert desk.running.site.store_url in task["proof_uri"]
+    assert download.value.path().read_bytes()[:5] == b"\x89MCAP"
+
+    page.get_by_role("button", name="Replay the recording").click()
+    slider = page.get_by_role("slider", name="Time in the recording")
+    expect(slider).to_be_visible()
+    robot = page.locator(".lab-map .robot .moving").first
+    start = robot.get_attribute("style")
+    slider.fill(slider.get_attribute("max") or "")
+    expect(robot).not_to_have_attribute("style", start or "")
+    expect(page.get_by_text("Task settled")).to_have_count(0)  # the recording ends before
+    expect(page.get_by_text("Bin: it fell into yellow")).to_be_visible()
+    assert faults == []
+    page.close()
+
+
+def test_nobody_gets_in_without_the_passphrase_and_a_browser_that_tries_is_slowed_down(desk: Desk) -> None:
+    page = desk.page(None)
+    assert page.url == f"{desk.origin}/login?next=/"
+    log_in(page, "ada", "wrong passphrase")
+    expect(page.get_by_role("alert")).to_have_text("The name or the passphrase is wrong. Try again.")
+    with httpx.Client(base_url=desk.origin, headers={"Origin": desk.origin}, timeout=60) as client:
+        tries = [
+            client.post("/login", data={"name": "eve", "passphrase": f"guess number {n}"}).status_code
+            for n in range(7)
+        ]
+    assert tries == [401] * 5 + [429] * 2
+    log_in(page, "ada")
+    expect(page.get_by_role("heading", name="Overview")).to_be_visible()
+    page.close()
+
+
+def test_who_has_no_role_may_look_and_is_refused_whatever_they_try(desk: Desk) -> None:
+    page = desk.page("reader")
+    expect(page.get_by_role("link", name="Post a task")).to_have_count(0)
+    page.goto("/tasks/new")
+    expect(page.get_by_text("needs the role operator")).to_be_visible()
+    expect(page.get_by_role("button", name="Review and post")).to_have_count(0)
+    page.close()
+    task: dict[str, Any] = {"kind": "waste_disposal", "reward_iec": "1", "params": {}}
+    with desk.client("reader") as client:
+        assert client.get("/tasks").status_code == 200
+        refused = client.post("/actions/post-task", json=task)
+        assert (refused.status_code, refused.json()["code"]) == (403, "forbidden")
+    with desk.client(None) as client:
+        assert client.get("/tasks").status_code == 401
+
+
+def test_taking_a_role_takes_it_from_a_page_that_is_open_too(desk: Desk) -> None:
+    desk.accounts.add_user("bob", PASSPHRASE, [Role.OPERATOR])
+    page = desk.page("bob")
+    page.get_by_role("link", name="Post a task").click()
+    expect(page.get_by_label("Reward (IEC)")).to_have_value("100")
+    desk.accounts.change_user("bob", [], None)
+    page.get_by_role("button", name="Review and post").click()
+    page.get_by_role("button", name="Pay 100 IEC into escrow").click()
+    expect(page.get_by_text("This needs the role operator")).to_be_visible()
+    page.close()
+
+
+def test_a_session_that_was_ended_elsewhere_ends_at_the_next_click(desk: Desk) -> None:
+    desk.accounts.add_user("carol", PASSPHRASE, [Role.OPERATOR])
+    page = desk.page("carol")
+    page.get_by_role("link", name="Post a task").click()
+    expect(page.get_by_label("Reward (IEC)")).to_have_value("100")
+    desk.accounts.set_passphrase("carol", "another passphrase")
+    page.get_by_role("button", name="Review and post").click()
+    expect(page.get_by_role("button", name="Log in")).to_be_visible()
+    page.close()
+
+
+def test_other_sites_can_neither_post_nor_listen_with_somebodys_cookie(desk: Desk) -> None:
+    with httpx.Client(base_url=desk.origin, timeout=60) as client:
+        form = {"name": "ada", "passphrase": PASSPHRASE}
+        assert client.post("/login", data=form).status_code == 403
+        assert client.post("/login", data=form, headers={"Origin": "http://evil.example"}).status_code == 403
+        entered = client.post("/login", data=form, headers={"Origin": desk.origin})
+        assert entered.status_code == 303
+        flags = entered.headers["set-cookie"].lower()
+        assert "httponly" in flags and "samesite=strict" in flags
+        assert client.get("/", headers={"Host": "evil.example"}).status_code == 421
+        upgrade = {
+            "Connection": "Upgrade",
+            "Upgrade": "websocket",
+            "Sec-WebSocket-Version": "13",
+            "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+        }
+        socket = "/_nicegui_ws/socket.io/?EIO=4&transport=websocket&client_id="
+        page = client.get("/", headers={"Accept": "text/html"})
+        client_id = re.search(r'"client_id":\s*"([0-9a-f-]{36})"', page.text)
+        assert client_id is not None
+        policy = page.headers["content-security-policy"]
+        assert "script-src 'self' 'nonce-" in policy and "default-src 'none'" in policy
+        for origin, status in ((desk.origin, 101), ("http://evil.example", 403)):
+            headers = {**upgrade, "Origin": origin}
+            with client.stream("GET", socket + client_id[1], headers=headers) as answer:
+                assert answer.status_code == status
+        stranger = {**upgrade, "Origin": desk.origin}
+        client.cookies.clear()
+        assert client.get(socket + client_id[1], headers=stranger).status_code == 403

@@ -1,0 +1,55 @@
+"""A real Chromium for tests, cut off from everything but the page under test."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from playwright.sync_api import Browser, Page, sync_playwright
+
+_NAMES = ("chromium", "chromium-browser", "google-chrome")
+_MISSING = "the tests of the console need Chromium: apt-get install chromium"
+
+
+def chromium_path() -> str:
+    """Where Chromium is; installed with apt-get where it is missing and that is allowed."""
+    found = next(filter(None, map(shutil.which, _NAMES)), None)
+    if found is None and os.geteuid() == 0 and shutil.which("apt-get"):
+        installed = subprocess.run(
+            ["apt-get", "install", "--yes", "--quiet", "chromium"],
+            env={**os.environ, "DEBIAN_FRONTEND": "noninteractive"},
+            capture_output=True,
+            text=True,
+        )
+        found = shutil.which("chromium")
+        assert found, f"{_MISSING}\n{installed.stderr[-2000:]}"
+    assert found, _MISSING
+    return found
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """No name but this machine's resolves in it."""
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(
+            executable_path=chromium_path(),
+            args=["--no-sandbox", "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1"],
+        )
+        yield browser
+        browser.close()
+
+
+def watch(page: Page, origin: str) -> list[str]:
+    """Fills with what no page of the console may do: ask elsewhere, break its policy, raise an error."""
+    faults: list[str] = []
+    own = (origin, origin.replace("http", "ws", 1), "data:", "blob:")
+    page.on("request", lambda request: request.url.startswith(own) or faults.append(f"asked {request.url}"))
+    page.on("pageerror", lambda error: faults.append(f"raised {error}"))
+    page.on(
+        "console",
+        lambda message: message.type == "error" and faults.append(f"complained {message.text}"),
+    )
+    return faults

@@ -1,0 +1,124 @@
+"""Accounts: what opens a session or a token, and what ends it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rodeo.config import ConsoleConfig
+from services.console.accounts import Accounts
+from services.console.errors import AccountExists, LoginRefused, NotLoggedIn, UnknownAccount, WeakPassphrase
+from services.console.roles import Role
+
+PASSPHRASE = "correct horse battery"
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "accounts.sqlite"
+
+
+@pytest.fixture
+def now(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Wall time as the accounts see it."""
+    time_s = [1_800_000_000.0]
+    monkeypatch.setattr("services.console.accounts.time.time", lambda: time_s[0])
+    return time_s
+
+
+@pytest.fixture
+def accounts(path: Path, now: list[float]) -> Accounts:
+    accounts = Accounts(path, ConsoleConfig(session_idle_s=600, session_max_s=3600))
+    accounts.add_user("ada", PASSPHRASE, [Role.OPERATOR])
+    return accounts
+
+
+def test_only_the_right_passphrase_of_an_enabled_account_opens_a_session(accounts: Accounts) -> None:
+    session = accounts.session(accounts.log_in("ada", PASSPHRASE))
+    assert (session.user.name, session.user.roles) == ("ada", {Role.OPERATOR})
+    for name, passphrase in (("ada", PASSPHRASE + " "), ("ada", ""), ("eve", PASSPHRASE)):
+        with pytest.raises(LoginRefused):
+            accounts.log_in(name, passphrase)
+    accounts.change_user("ada", [Role.OPERATOR], None, disabled=True)
+    with pytest.raises(LoginRefused):
+        accounts.log_in("ada", PASSPHRASE)
+
+
+def test_a_session_ends_when_nothing_happens_and_at_last_however_busy(
+    accounts: Accounts, now: list[float]
+) -> None:
+    token = accounts.log_in("ada", PASSPHRASE)
+    for _ in range(7):
+        now[0] += 500
+        accounts.session(token, touch=True)
+    now[0] += 101  # 3601 s after it began
+    with pytest.raises(NotLoggedIn):
+        accounts.session(token, touch=True)
+    idle = accounts.log_in("ada", PASSPHRASE)
+    now[0] += 601
+    with pytest.raises(NotLoggedIn):
+        accounts.session(idle)
+
+
+def test_watching_does_not_keep_a_session_alive(accounts: Accounts, now: list[float]) -> None:
+    token = accounts.log_in("ada", PASSPHRASE)
+    now[0] += 400
+    accounts.session(token)
+    now[0] += 201
+    with pytest.raises(NotLoggedIn):
+        accounts.session(token)
+
+
+@pytest.mark.parametrize("end", ["log out", "new passphrase", "disable"])
+def test_a_session_is_over_when_it_is_ended(accounts: Accounts, end: str) -> None:
+    token = accounts.log_in("ada", PASSPHRASE)
+    if end == "log out":
+        accounts.log_out(token)
+    elif end == "new passphrase":
+        accounts.set_passphrase("ada", "another passphrase")
+    else:
+        accounts.change_user("ada", [Role.OPERATOR], None, disabled=True)
+    with pytest.raises(NotLoggedIn):
+        accounts.session(token)
+
+
+def test_roles_that_are_taken_are_gone_from_open_sessions(accounts: Accounts) -> None:
+    token = accounts.log_in("ada", PASSPHRASE)
+    accounts.change_user("ada", [Role.AUDITOR], "bob")
+    user = accounts.session(token).user
+    assert (user.roles, user.participant) == ({Role.AUDITOR}, "bob")
+
+
+def test_a_token_works_until_it_is_revoked(accounts: Accounts) -> None:
+    token = accounts.issue_token("ada", "a program")
+    assert accounts.token_user(token).name == "ada"
+    (entry,) = accounts.tokens("ada")
+    accounts.add_user("bob", PASSPHRASE, [])
+    with pytest.raises(UnknownAccount):
+        accounts.revoke_token("bob", entry["id"])
+    accounts.revoke_token("ada", entry["id"])
+    with pytest.raises(NotLoggedIn):
+        accounts.token_user(token)
+
+
+def test_the_file_holds_nothing_that_could_be_used_to_log_in(accounts: Accounts, path: Path) -> None:
+    session, token = accounts.log_in("ada", PASSPHRASE), accounts.issue_token("ada", "a program")
+    accounts.close()
+    stored = path.read_bytes()
+    assert b"$argon2id$" in stored
+    for secret in (PASSPHRASE, session, token):
+        assert secret.encode() not in stored
+    assert path.stat().st_mode & 0o077 == 0
+
+
+@pytest.mark.parametrize("passphrase", ["", "short", "x" * 257])
+def test_a_passphrase_that_is_too_short_or_endless_is_refused(accounts: Accounts, passphrase: str) -> None:
+    with pytest.raises(WeakPassphrase) as caught:
+        accounts.add_user("bob", passphrase, [])
+    assert caught.value.details == {"characters": len(passphrase)}
+
+
+def test_a_name_can_be_taken_once(accounts: Accounts) -> None:
+    with pytest.raises(AccountExists):
+        accounts.add_user("ada", PASSPHRASE, [])

@@ -1,0 +1,64 @@
+"""What the console says about a task before it costs anything."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import Any
+
+import pytest
+
+from rodeo.config import Site
+from rodeo.messages import RegisterTask
+from services.console.posting import problems
+from tests.support.site import LAB
+
+
+@pytest.fixture(scope="module")
+def site() -> Site:
+    return Site.load(LAB)
+
+
+def cleaning(**fields: Any) -> RegisterTask:
+    params = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2, **fields.pop("params", {})}
+    return RegisterTask(kind="waste_disposal", params=params, **{"reward_iec": Decimal(100), **fields})
+
+
+def charging(**params: Any) -> RegisterTask:
+    values = {"robot": "panther1", "dock": "dock1", "soc_from": 0.4, "soc_target": 0.9, **params}
+    return RegisterTask(kind="battery_charging", params=values, reward_iec=Decimal(200))
+
+
+def test_what_can_be_done_here_is_not_objected_to(site: Site) -> None:
+    assert problems(site, cleaning()) == {}
+    assert problems(site, charging()) == {}
+    assert problems(site, RegisterTask(kind="window_cleaning", reward_iec=Decimal(0))) == {}
+
+
+@pytest.mark.parametrize(
+    ("request_", "field"),
+    [
+        (cleaning(params={"item_id": "item99"}), "params.item_id"),
+        (cleaning(params={"x_m": 7.1}), "params.x_m"),
+        (cleaning(params={"y_m": -0.01}), "params.x_m"),
+        (cleaning(params={"x_m": 3.2, "y_m": 2.9}), "params.x_m"),
+        (cleaning(params={"x_m": 5.2, "y_m": 4.45}), "params.x_m"),
+        (cleaning(params={"x_m": "4.6"}), "params.x_m"),
+        (cleaning(params={"x_m": float("nan")}), "params.x_m"),
+        (cleaning(params={"x_m": True}), "params.x_m"),
+        (cleaning(reward_iec=Decimal(0)), "reward_iec"),
+        (cleaning(execution_window_s=5), "execution_window_s"),
+        (charging(robot="panther9"), "params.robot"),
+        (charging(dock="dock9"), "params.dock"),
+        (charging(soc_from=0.9, soc_target=0.9), "params.soc_target"),
+        (charging(soc_target=1.5), "params.soc_target"),
+        (charging(soc_from=None), "params.soc_target"),
+    ],
+)
+def test_what_cannot_be_done_here_is_named_by_its_field(
+    site: Site, request_: RegisterTask, field: str
+) -> None:
+    assert list(problems(site, request_)) == [field]
+
+
+def test_who_stands_in_the_way_is_named(site: Site) -> None:
+    assert problems(site, cleaning(params={"x_m": 3.2, "y_m": 2.9})) == {"params.x_m": "desk2 stands there"}

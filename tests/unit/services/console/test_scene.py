@@ -1,0 +1,37 @@
+"""The map draws the arm where the model's kinematics have it."""
+
+from __future__ import annotations
+
+import math
+
+import mujoco
+import numpy as np
+import pytest
+
+from rodeo.lab.world import ARM_JOINTS, robot_model
+from services.console import scene
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_drawn_arm_is_the_models_seen_from_above(seed: int) -> None:
+    model = robot_model()
+    data = mujoco.MjData(model)
+    joints = np.random.default_rng(seed).uniform(-1.5, 1.2, 6)
+    assert tuple(ARM_JOINTS) == scene.ARM_JOINTS
+    for name, angle in zip(ARM_JOINTS, joints, strict=True):
+        data.joint(name).qpos = angle
+    mujoco.mj_kinematics(model, data)
+    points = scene.arm_points(joints)
+    bodies = ["shoulder_link", "upper_arm_link", "upper_forearm_link", "lower_forearm_link", "wrist_link"]
+    for point, body in zip(points[1:6], bodies, strict=True):
+        assert point == pytest.approx(data.body(body).xpos[:2], abs=0.001), body
+    assert points[-1] == pytest.approx(data.site("grasp").xpos[:2], abs=0.001)
+
+
+@pytest.mark.parametrize("yaw_rad", [-3.0, -0.5, 0.0, 1.2])
+def test_the_heading_of_a_quaternion_about_the_vertical_is_its_angle(yaw_rad: float) -> None:
+    class Quaternion:
+        x = y = 0.0
+        z, w = math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)
+
+    assert scene.yaw_of(Quaternion()) == pytest.approx(yaw_rad)
