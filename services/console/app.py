@@ -112,7 +112,7 @@ async def serve(service: Service) -> None:
     async def lifespan(_api: FastAPI) -> Any:
         live.start()
         url = config.origin or f"http://{config.host}:{port}"
-        service.activity("serving", http=url)
+        service.activity(f"serving {url}", http=url)
         service.ready()
         log.info("on %s", url)
         yield

@@ -8,10 +8,11 @@ open for any page with our cookie.
 from __future__ import annotations
 
 import ipaddress
+import json
 import secrets
 from collections.abc import Callable
 from http.cookies import CookieError, SimpleCookie
-from urllib.parse import quote, urlsplit
+from urllib.parse import parse_qs, quote, urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse, RedirectResponse, Response
@@ -166,20 +167,18 @@ class Guard:
 
     async def _websocket(self, scope: Scope, receive: Receive, send: Send) -> None:
         headers = Headers(scope=scope)
+        if headers.get("host") not in self._hosts or headers.get("origin") not in self._origins:
+            await receive()
+            await send({"type": "websocket.close", "code": _POLICY_VIOLATION})
+            return
+        client_id = parse_qs(scope["query_string"].decode("latin-1")).get("client_id", [""])[0]
         try:
             session = self._accounts.session(self.token(headers))
         except NotLoggedIn:
-            await _refuse(receive, send)
+            await _have_page_load_again(receive, send)
             return
-        client_id = dict(
-            part.partition("=")[::2] for part in scope["query_string"].decode("latin-1").split("&")
-        ).get("client_id", "")
-        if (
-            headers.get("host") not in self._hosts
-            or headers.get("origin") not in self._origins
-            or not self._owns(session, client_id)
-        ):
-            await _refuse(receive, send)
+        if not self._owns(session, client_id):
+            await _have_page_load_again(receive, send)
             return
 
         async def checked() -> Message:
@@ -232,6 +231,15 @@ def _limited(receive: Receive, limit_bytes: int) -> Receive:
     return limited
 
 
-async def _refuse(receive: Receive, send: Send) -> None:
+async def _have_page_load_again(receive: Receive, send: Send) -> None:
+    """Tell a page of ours that its session or this process's memory of it is over.
+
+    It loads again and finds the login, or itself anew. A plain refusal would have it knock for ever.
+    """
+    opened = {"sid": "", "upgrades": [], "pingInterval": 25000, "pingTimeout": 20000, "maxPayload": 0}
     await receive()
+    await send({"type": "websocket.accept"})
+    await send({"type": "websocket.send", "text": "0" + json.dumps(opened)})
+    await receive()
+    await send({"type": "websocket.send", "text": '44{"message":"Implicit handshake failed"}'})
     await send({"type": "websocket.close", "code": _POLICY_VIOLATION})
