@@ -49,6 +49,13 @@ class ChainConfig(_Table):
     """Blocks on top of an event's block before it is published."""
 
 
+class TariffConfig(_Table):
+    """What a kilowatt-hour costs the organization from an hour of the site's day (UTC) on."""
+
+    from_hour: int = Field(ge=0, le=23)
+    eur_kwh: Decimal = Field(ge=0)
+
+
 class EconomyConfig(_Table):
     """What the organization pays and charges, and how long it waits."""
 
@@ -65,6 +72,8 @@ class EconomyConfig(_Table):
     """Long against a verification: it only rescues the money when the oracle never answers. A simulated
     site skips hours in seconds while the robot charges."""
     max_attempts: int = Field(default=3, ge=1)
+    electricity: list[TariffConfig] = [TariffConfig(from_hour=0, eur_kwh=Decimal("0.30"))]
+    """Before the day's first hour named here the last one's price holds."""
 
 
 class WalletLimits(_Table):

@@ -10,21 +10,34 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import BaseModel, Field, StringConstraints
+from pydantic import BaseModel, StringConstraints
 
 from rodeo import topics
 from rodeo.bus import Bus, validate
 from rodeo.config import Site
-from rodeo.errors import InvalidRequest, NoResponder
+from rodeo.errors import InvalidRequest, NoResponder, RodeoError
 from rodeo.messages import (
+    Admit,
+    AllowKind,
     CancelTask,
+    Deposit,
+    Dismiss,
+    Id,
+    MatchTask,
     Message,
+    RegisterDevice,
     RegisterService,
     RegisterTask,
-    Transfer,
+    ReinstateService,
+    RevokeDevice,
+    SetMembersOnly,
+    SetPolicy,
+    SetTerms,
+    SuspendService,
     UpdateService,
+    Withdraw,
 )
-from services.console.accounts import Accounts, User
+from services.console.accounts import MAX_PASSPHRASE, MIN_PASSPHRASE, Accounts, User
 from services.console.errors import Forbidden, RobotUnavailable
 from services.console.posting import problems
 from services.console.roles import Role
@@ -36,33 +49,40 @@ _COMMAND_S = 40.0
 _ROBOT_S = 5.0
 
 Json = dict[str, Any]
-Text64 = Annotated[
-    str, StringConstraints(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
-]
-Passphrase = Annotated[str, StringConstraints(min_length=12, max_length=256)]
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+Passphrase = Annotated[str, StringConstraints(min_length=MIN_PASSPHRASE, max_length=MAX_PASSPHRASE)]
 
 
 class RobotRequest(Message):
-    robot: Text64
+    robot: Name
+
+
+class OfferService(RegisterService):
+    participant: Name = ORGANIZATION
+    """Who offers it: an operator speaks for the organization, an executor for themselves."""
+
+
+class ChangeService(UpdateService):
+    participant: Name = ORGANIZATION
 
 
 class NewUser(Message):
-    name: Text64
+    name: Name
     passphrase: Passphrase
     roles: frozenset[Role] = frozenset()
-    participant: Text64 | None = None
+    participant: Name | None = None
     """Whose wallet an executor works with."""
 
 
 class ChangedUser(Message):
-    name: Text64
+    name: Name
     roles: frozenset[Role] = frozenset()
-    participant: Text64 | None = None
+    participant: Name | None = None
     disabled: bool = False
 
 
 class NewPassphrase(Message):
-    name: Text64
+    name: Name
     passphrase: Passphrase
 
 
@@ -71,7 +91,7 @@ class NewToken(Message):
 
 
 class TokenId(Message):
-    token_id: Annotated[int, Field(ge=0, lt=2**63)]
+    token_id: Id
 
 
 class Nothing(Message):
@@ -89,28 +109,22 @@ class Action:
     roles: frozenset[Role]
     """Any of them may; empty: everybody who is logged in."""
     run: Perform
-    spends: bool = False
-    """Moves money or gives rights: a page asks again before it does this."""
 
 
 class Actions:
     """Carries out actions for people whose roles allow them. Its methods block; call them from a thread."""
 
     def __init__(self, bus: Bus, site: Site, accounts: Accounts) -> None:
-        self._bus = bus
+        self.bus = bus
         self.site = site
         self.accounts = accounts
-
-    def may(self, user: User, name: str) -> bool:
-        action = ACTIONS[name]
-        return not action.roles or user.has(*action.roles)
 
     def perform(self, user: User, name: str, request: BaseModel | Json) -> Json:
         """Raises Forbidden, InvalidRequest, and what the bus and the one who does it answer."""
         action = ACTIONS[name]
         # Not what the page knew when it was opened: roles may have been taken since.
         user = self.accounts.user(user.name)
-        if user.disabled or not self.may(user, name):
+        if user.disabled or (action.roles and not user.has(*action.roles)):
             raise Forbidden(
                 f"this needs the role {' or '.join(sorted(action.roles))}",
                 action=name,
@@ -126,33 +140,50 @@ class Actions:
     def command(self, participant: str, name: str, request: BaseModel) -> Json:
         """A transaction of this participant through the bridge."""
         key = topics.COMMAND.name(org=self.site.org, participant=participant, command=name)
-        body = request.model_dump(mode="json", exclude_unset=True)
-        return self._bus.query(key, body, timeout_s=_COMMAND_S)
+        body = request.model_dump(mode="json", exclude_unset=True, exclude={"participant"})
+        return self.bus.query(key, body, timeout_s=_COMMAND_S)
 
-    def robot(self, robot: str, command: str) -> Json:
-        """An operator's word to a robot's agent. Raises ConfigError for a stranger, RobotUnavailable."""
+    def robot(self, robot: str, order: str) -> Json:
+        """An operator's order to a robot's agent. Raises ConfigError for a stranger, RobotUnavailable."""
         self.site.robot(robot)
         try:
-            return self._bus.query(f"rodeo/{self.site.org}/robot/{robot}/{command}", {}, timeout_s=_ROBOT_S)
+            return self.bus.query(f"rodeo/{self.site.org}/robot/{robot}/{order}", {}, timeout_s=_ROBOT_S)
         except NoResponder as error:
             raise RobotUnavailable(
                 "the robot's agent does not answer; is its process running?", robot=robot
             ) from error
 
     def stop_all(self) -> Json:
-        """Every robot at once; says who did not hear."""
-        stopped, silent = [], {}
+        """Every robot; says who did not hear."""
+        stopped: list[str] = []
+        silent: dict[str, str] = {}
         for robot in self.site.robots:
             try:
                 self.robot(robot.name, "stop")
                 stopped.append(robot.name)
-            except Exception as error:  # noqa: BLE001 - the others must be stopped all the same
-                silent[robot.name] = str(error)
+            except RodeoError as error:
+                # The others must be stopped all the same.
+                silent[robot.name] = error.message
         return {"stopped": stopped, "silent": silent}
+
+
+def speaks_for(user: User, participant: str) -> bool:
+    """Whether this person may act in the name of `participant`."""
+    own = participant == user.participant and user.has(Role.EXECUTOR)
+    return own or (participant == ORGANIZATION and user.has(Role.OPERATOR)) or user.has(Role.ADMINISTRATOR)
 
 
 def _of_organization(command: str) -> Perform:
     return lambda actions, _user, request: actions.command(ORGANIZATION, command, request)
+
+
+def _of_participant(command: str) -> Perform:
+    def perform(actions: Actions, user: User, request: OfferService | ChangeService) -> Json:
+        if not speaks_for(user, request.participant):
+            raise Forbidden("you do not speak for this participant", participant=request.participant)
+        return actions.command(request.participant, command, request)
+
+    return perform
 
 
 def _post_task(actions: Actions, _user: User, request: RegisterTask) -> Json:
@@ -162,8 +193,8 @@ def _post_task(actions: Actions, _user: User, request: RegisterTask) -> Json:
     return actions.command(ORGANIZATION, "register_task", request)
 
 
-def _of_robot(command: str) -> Perform:
-    return lambda actions, _user, request: actions.robot(request.robot, command)
+def _of_robot(order: str) -> Perform:
+    return lambda actions, _user, request: actions.robot(request.robot, order)
 
 
 def _stop_all(actions: Actions, _user: User, _request: Nothing) -> Json:
@@ -175,7 +206,9 @@ def _create_user(actions: Actions, _user: User, request: NewUser) -> Json:
     return {"name": request.name}
 
 
-def _change_user(actions: Actions, _user: User, request: ChangedUser) -> Json:
+def _change_user(actions: Actions, user: User, request: ChangedUser) -> Json:
+    if request.name == user.name and (request.disabled or Role.ADMINISTRATOR not in request.roles):
+        raise InvalidRequest("another administrator must do this to you", fields={"name": "your own account"})
     actions.accounts.change_user(request.name, request.roles, request.participant, request.disabled)
     return {"name": request.name}
 
@@ -199,32 +232,48 @@ def _revoke_token(actions: Actions, user: User, request: TokenId) -> Json:
 _ADMINISTRATOR = frozenset({Role.ADMINISTRATOR})
 _OPERATOR = frozenset({Role.OPERATOR})
 _TREASURER = frozenset({Role.TREASURER})
+_PROVIDER = frozenset({Role.OPERATOR, Role.EXECUTOR, Role.ADMINISTRATOR})
+_ANYBODY: frozenset[Role] = frozenset()
+
+
+def _command(name: str, summary: str, model: type[BaseModel], roles: frozenset[Role]) -> Action:
+    """A command of the organization to the bridge under its own name."""
+    return Action(name, summary, model, roles, _of_organization(name))
+
 
 _TABLE = (
-    Action("post_task", "Post a task; its reward goes into escrow", RegisterTask, _OPERATOR,
-           _post_task, spends=True),
-    Action("cancel_task", "Cancel a task that nobody has; its reward comes back", CancelTask, _OPERATOR,
-           _of_organization("cancel_task")),
-    Action("register_service", "Offer a service of the organization", RegisterService, _OPERATOR,
-           _of_organization("register_service")),
-    Action("update_service", "Price, pause, resume or retire a service of the organization", UpdateService,
-           _OPERATOR, _of_organization("update_service")),
-    Action("transfer", "Pay somebody from the organization's account", Transfer, _TREASURER,
-           _of_organization("transfer"), spends=True),
-    Action("pause_robot", "Let a robot finish its step and then wait", RobotRequest, _OPERATOR,
+    Action("post_task", "Post a task; its reward goes into escrow", RegisterTask, _OPERATOR, _post_task),
+    _command("cancel_task", "Cancel a task that nobody has; its reward comes back", CancelTask, _OPERATOR),
+    _command("match_task", "Look again for a service for an open task", MatchTask, _OPERATOR),
+    Action("register_service", "Offer a service", OfferService, _PROVIDER,
+           _of_participant("register_service")),
+    Action("update_service", "Price, pause, resume or retire a service", ChangeService, _PROVIDER,
+           _of_participant("update_service")),
+    _command("suspend_service", "Take work from a service", SuspendService, _ADMINISTRATOR),
+    _command("reinstate_service", "Let a suspended service work again", ReinstateService, _ADMINISTRATOR),
+    _command("register_device", "Let a key sign evidence", RegisterDevice, _ADMINISTRATOR),
+    _command("revoke_device", "Let a key sign no more", RevokeDevice, _ADMINISTRATOR),
+    _command("allow_kind", "Allow or forbid a kind of work; who judges it", AllowKind, _ADMINISTRATOR),
+    _command("set_policy", "How a service is chosen for a task", SetPolicy, _ADMINISTRATOR),
+    _command("set_terms", "Bond, penalty and how many failures suspend", SetTerms, _ADMINISTRATOR),
+    _command("set_members_only", "Open the organization or close it", SetMembersOnly, _ADMINISTRATOR),
+    _command("admit", "Make somebody a member", Admit, _ADMINISTRATOR),
+    _command("dismiss", "End a membership", Dismiss, _ADMINISTRATOR),
+    _command("deposit", "From the key's own account into the treasury", Deposit, _TREASURER),
+    _command("withdraw", "Out of the treasury", Withdraw, _TREASURER),
+    Action("pause_robot", "Let a robot finish its attempt and then wait", RobotRequest, _OPERATOR,
            _of_robot("pause")),
-    Action("resume_robot", "Let a paused robot go on", RobotRequest, _OPERATOR, _of_robot("resume")),
-    Action("charge_robot", "Send a robot to its dock", RobotRequest, _OPERATOR, _of_robot("charge")),
-    Action("cancel_robot", "Have a robot give up what it does", RobotRequest, _OPERATOR, _of_robot("cancel")),
+    Action("resume_robot", "Let a paused or stopped robot go on", RobotRequest, _OPERATOR,
+           _of_robot("resume")),
+    Action("charge_robot", "Have a robot buy a charge now", RobotRequest, _OPERATOR, _of_robot("charge")),
+    Action("cancel_robot", "Have a robot give up its attempt", RobotRequest, _OPERATOR, _of_robot("cancel")),
     Action("stop_robot", "Stop a robot at once", RobotRequest, _OPERATOR, _of_robot("stop")),
     Action("stop_all", "Stop every robot at once", Nothing, _OPERATOR, _stop_all),
-    Action("create_user", "Make an account for a person", NewUser, _ADMINISTRATOR, _create_user, spends=True),
-    Action("change_user", "Change roles or disable an account", ChangedUser, _ADMINISTRATOR, _change_user,
-           spends=True),
-    Action("set_passphrase", "Set a new passphrase", NewPassphrase, frozenset(), _set_passphrase),
-    Action("issue_token", "A token for a program that acts in your name", NewToken, frozenset(),
-           _issue_token),
-    Action("revoke_token", "Make one of your tokens worthless", TokenId, frozenset(), _revoke_token),
+    Action("create_user", "Make an account for a person", NewUser, _ADMINISTRATOR, _create_user),
+    Action("change_user", "Change roles or disable an account", ChangedUser, _ADMINISTRATOR, _change_user),
+    Action("set_passphrase", "Set a new passphrase", NewPassphrase, _ANYBODY, _set_passphrase),
+    Action("issue_token", "A token for a program that acts in your name", NewToken, _ANYBODY, _issue_token),
+    Action("revoke_token", "Make one of your tokens worthless", TokenId, _ANYBODY, _revoke_token),
 )  # fmt: skip
 
 ACTIONS: dict[str, Action] = {action.name: action for action in _TABLE}

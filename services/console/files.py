@@ -5,14 +5,17 @@
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends
 from fastapi.responses import FileResponse, JSONResponse, Response
 
 from rodeo.errors import RodeoError
+from services.console.money import transfers_csv
 from services.console.pages.frame import Console
 from services.console.rest import status_of
+
+_PAGE = 500
 
 
 def router(console: Console) -> APIRouter:
@@ -31,4 +34,24 @@ def router(console: Console) -> APIRouter:
             return JSONResponse(error.to_json(), status_of(error))
         return FileResponse(copy, filename=f"task-{task_id}.mcap", media_type="application/octet-stream")
 
+    @routes.get("/files/transfers.csv")
+    def transfers(account: str) -> Response:
+        try:
+            found = list(_transfers(console, account))
+        except RodeoError as error:
+            return JSONResponse(error.to_json(), status_of(error))
+        headers = {"Content-Disposition": 'attachment; filename="transfers.csv"'}
+        return Response(transfers_csv(found), media_type="text/csv", headers=headers)
+
     return routes
+
+
+def _transfers(console: Console, account: str) -> Iterator[dict[str, Any]]:
+    """All transfers of the account, newest first, asked page by page."""
+    offset = 0
+    while True:
+        page = console.reads.state("transfers", account=account, limit=_PAGE, offset=offset)["transfers"]
+        yield from page
+        offset += len(page)
+        if len(page) < _PAGE:
+            return

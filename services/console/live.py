@@ -44,7 +44,7 @@ _RETRY_S = 2.0
 QUEUE_SHOWN = 8
 VERDICTS_SHOWN = 6
 _EVENTS_KEPT = 200
-_LIVE_STATES = ("submitted", "assigned", "open")
+_ENDED_ASKED = 30
 
 
 class Newest:
@@ -223,14 +223,11 @@ class Live:
     def _summarize(self) -> Summary:
         counts: dict[str, int] = {}
         queue: list[Task] = []
-        for state in ("open", "assigned", "submitted", "settled", "failed", "cancelled"):
-            shown = QUEUE_SHOWN if state in _LIVE_STATES else 1
-            found, counts[state] = self._reads.tasks(shown, state=state)
-            if state in _LIVE_STATES:
-                queue += found
-        queue.sort(key=lambda task: (_LIVE_STATES.index(task.state), task.id))
-        newest, _ = self._reads.tasks(50)
-        judged = [task for task in newest if task.verdict is not None]
+        for state in ("submitted", "assigned", "open"):
+            found, counts[state] = self._reads.tasks(QUEUE_SHOWN, state=state, order="oldest")
+            queue += found
+        judged, counts["ended"] = self._reads.tasks(_ENDED_ASKED, state="settled,failed")
+        _, counts["settled"] = self._reads.tasks(1, state="settled")
         judged.sort(key=lambda task: task.settled or task.proof_submitted or task.registered, reverse=True)
         wallets = self._reads.state("wallets")
         return Summary(

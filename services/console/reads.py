@@ -13,7 +13,7 @@ from rodeo.bus import Bus, validate
 from rodeo.config import Site
 from rodeo.errors import MalformedJson
 from rodeo.evidence import Store
-from rodeo.messages import Task
+from rodeo.messages import DaoEvent, Task
 from services.console.errors import UnknownFile
 
 Json = dict[str, Any]
@@ -40,6 +40,15 @@ class Reads:
         """One page, newest first, and how many there are in all."""
         answer = self.state("tasks", limit=limit, offset=offset, **filters)
         return [validate(Task, task) for task in answer["tasks"]], int(answer["total"])
+
+    def history(self, task_id: int) -> list[DaoEvent]:
+        """The task's contract events in order."""
+        answer = self.state("events", task_id=task_id)
+        return [validate(DaoEvent, event) for event in answer["events"]]
+
+    def robot(self, robot: str) -> Json:
+        """What the robot's agent says of itself. Raises NoResponder."""
+        return self._bus.query(f"rodeo/{self._site.org}/robot/{robot}/state", {}, timeout_s=_QUERY_S)
 
     def task(self, task_id: int) -> Task:
         return validate(Task, self.state(f"task/{task_id}"))

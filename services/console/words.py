@@ -17,6 +17,7 @@ STATE_COLOURS = {
     "active": "good",
     "paused": "warn",
     "retired": "",
+    "suspended": "bad",
     "ready": "good",
     "not ready": "warn",
     "lost": "bad",
@@ -39,6 +40,8 @@ _ADVICE = {
     "forbidden": "Ask an administrator for the role.",
     "unknown_command": "This site's bridge is too old for it.",
     "unknown_query": "This site's bridge is too old for it.",
+    "nothing_to_cancel": "Look again: it may have finished.",
+    "wrong_state": "It has moved on meanwhile; the page shows how it is now.",
 }
 """What to do about an error, by its code."""
 

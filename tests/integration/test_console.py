@@ -63,6 +63,7 @@ def log_in(page: Page, user: str, passphrase: str = PASSPHRASE) -> None:
 
 def click_map(page: Page, x_m: float, y_m: float) -> None:
     """Click the floor at this place of the map frame."""
+    page.locator(".lab-map .floor").wait_for()
     x, y = page.evaluate(
         """([x, y]) => { const svg = document.querySelector('.lab-map svg');
         svg.scrollIntoView({block: 'center'});

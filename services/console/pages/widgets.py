@@ -157,3 +157,34 @@ async def confirm(title: str, lines: Sequence[tuple[str, str]], action: str, dan
     answer = await dialog
     dialog.delete()
     return bool(answer)
+
+
+Field = tuple[str, str | dict[str, str]]
+
+
+async def ask_form(
+    title: str, fields: dict[str, Field], action: str, values: dict[str, str] | None = None
+) -> dict[str, str] | None:
+    """Ask for a few texts; what was entered, None when it was closed.
+
+    A field is (label, text to start with) or (label, {value: words} to choose from).
+    """
+    inputs: dict[str, Any] = {}
+    with ui.dialog() as dialog, ui.card():
+        heading = Text("h2", title)
+        dialog.props(f'aria-labelledby="{heading.html_id}"')
+        with ui.element("div").classes("form").style("width: 100%"):
+            for name, (label, start) in fields.items():
+                if isinstance(start, dict):
+                    chosen = (values or {}).get(name, next(iter(start), None))
+                    field: Any = ui.select(start, label=label, value=chosen if chosen in start else None)
+                else:
+                    field = ui.input(label, value=start)
+                inputs[name] = field.props("outlined dense").classes("whole")
+        with ui.element("div").classes("dialog-buttons"):
+            ui.button("Back", on_click=lambda: dialog.submit(False)).props("flat")
+            ui.button(action, on_click=lambda: dialog.submit(True)).props("unelevated")
+    answer = await dialog
+    entered = {name: str(field.value or "") for name, field in inputs.items()}
+    dialog.delete()
+    return entered if answer else None

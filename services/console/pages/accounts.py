@@ -1,0 +1,168 @@
+"""People and their roles, for administrators; one's own passphrase and tokens, for everybody."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+
+from services.console.accounts import User
+from services.console.pages.frame import Console, act, ask, frame, user
+from services.console.pages.widgets import Section, Text, ask_form, badge, card, confirm, empty, table
+from services.console.roles import Role
+from services.console.words import moment
+
+Json = dict[str, Any]
+
+
+def register(console: Console) -> None:
+    @ui.page("/accounts")
+    def accounts() -> None:
+        with frame(console, "Accounts", "/accounts"):
+            page = AccountsPage(console)
+            # After the page is there: the framework gives up on one that takes long to answer.
+            ui.timer(0, page.load, once=True)
+
+
+class AccountsPage:
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._name = user().name
+        if user().has(Role.ADMINISTRATOR):
+            with card("People") as head:
+                with head:
+                    ui.button("New account", icon="person_add", on_click=self._create).props("flat dense")
+                self._people = Section(self._draw_people)
+        with ui.element("div").classes("grid"):
+            with ui.element("div").classes("stack span-7"), card("Your tokens") as head:
+                with head:
+                    ui.button("New token", icon="add", on_click=self._issue).props("flat dense")
+                Text("p", "A token lets a program do under /api what you may do here.", "soft")
+                self._tokens = Section(self._draw_tokens)
+            with ui.element("div").classes("stack span-5"), card("Your passphrase"):
+                Text("p", "A new passphrase ends all your sessions, this one too.", "soft")
+                self._new = ui.input("New passphrase", password=True).props(
+                    "outlined dense autocomplete=new-password"
+                )
+                ui.button("Set it", on_click=self._set_passphrase).props("outline").style("align-self: start")
+
+    async def load(self) -> None:
+        if user().has(Role.ADMINISTRATOR):
+            self._people.show(await ask(self._console.accounts.users))
+        self._tokens.show(await ask(self._console.accounts.tokens, self._name))
+
+    async def _act(self, name: str, request: Json, done: str) -> Json | None:
+        reply = await act(self._console, name, request, done)
+        if reply is not None:
+            await self.load()
+        return reply
+
+    # -- people ----------------------------------------------------------------------------------------
+
+    def _draw_people(self, people: list[User]) -> None:
+        table(
+            "Accounts",
+            [("Name", ""), ("Roles", "wrap"), ("Works as", "wide-only"), ("", "number")],
+            [
+                (
+                    one.name,
+                    ", ".join(sorted(one.roles)) or "may look",
+                    one.participant or "–",
+                    partial(self._person_end, one),
+                )
+                for one in people
+            ],
+        )
+
+    def _person_end(self, person: User) -> None:
+        if person.disabled:
+            badge("disabled", "bad")
+        with (
+            ui.button(icon="more_vert").props(f'flat dense round aria-label="Change {person.name}"'),
+            ui.menu(),
+        ):
+            ui.menu_item("Change roles", partial(self._change, person))
+            if person.name != self._name:
+                word = "Enable" if person.disabled else "Disable"
+                ui.menu_item(word, partial(self._set_disabled, person, not person.disabled))
+
+    async def _create(self) -> None:
+        answer = await ask_form(
+            "New account",
+            {
+                "name": ("Name", ""),
+                "passphrase": ("First passphrase, 12 characters or more", ""),
+                "roles": ("Roles, with commas in between", ""),
+                "participant": ("Participant, for an executor", ""),
+            },
+            "Make it",
+        )
+        if answer is not None:
+            request = {**answer, **_roles_of(answer)}
+            await self._act("create_user", request, f"{answer['name']} may log in")
+
+    async def _change(self, person: User) -> None:
+        answer = await ask_form(
+            f"Roles of {person.name}",
+            {
+                "roles": ("Roles, with commas in between", ", ".join(sorted(person.roles))),
+                "participant": ("Participant, for an executor", person.participant or ""),
+            },
+            "Change them",
+        )
+        if answer is not None:
+            request = {"name": person.name, "disabled": person.disabled, **_roles_of(answer)}
+            await self._act("change_user", request, f"{person.name} has these roles now")
+
+    async def _set_disabled(self, person: User, disabled: bool) -> None:
+        request = {
+            "name": person.name,
+            "roles": sorted(person.roles),
+            "participant": person.participant,
+            "disabled": disabled,
+        }
+        lines = [("Account", person.name), ("Sessions and tokens", "end at once")]
+        if not disabled or await confirm("Disable this account?", lines, "Disable it", danger=True):
+            await self._act(
+                "change_user", request, f"{person.name} is {'disabled' if disabled else 'enabled'}"
+            )
+
+    # -- one's own -------------------------------------------------------------------------------------
+
+    def _draw_tokens(self, tokens: list[Json]) -> None:
+        if not tokens:
+            empty("You have no tokens.")
+            return
+        table(
+            "Your tokens",
+            [("For", ""), ("Made", "wide-only"), ("Last used", ""), ("", "number")],
+            [
+                (one["label"], moment(one["created_s"]), moment(one["used_s"]), partial(self._token_end, one))
+                for one in tokens
+            ],
+        )
+
+    def _token_end(self, token: Json) -> None:
+        request = {"token_id": token["id"]}
+        revoke = partial(self._act, "revoke_token", request, "The token is worthless now")
+        ui.button("Revoke", on_click=revoke).props("flat dense color=negative")
+
+    async def _issue(self) -> None:
+        answer = await ask_form("New token", {"label": ("What is it for?", "")}, "Make it")
+        if answer is None:
+            return
+        reply = await self._act("issue_token", answer, "")
+        if reply is not None:
+            lines = [("Token", reply["token"]), ("Shown", "this once; keep it where programs keep secrets")]
+            await confirm("Your new token", lines, "I have it")
+
+    async def _set_passphrase(self) -> None:
+        request = {"name": self._name, "passphrase": self._new.value or ""}
+        if await act(self._console, "set_passphrase", request) is not None:
+            ui.navigate.to("/login")
+
+
+def _roles_of(answer: dict[str, str]) -> Json:
+    roles = [role.strip() for role in answer["roles"].split(",") if role.strip()]
+    return {"roles": roles, "participant": answer["participant"] or None}

@@ -1,0 +1,133 @@
+"""Orders to robots: wait, go on, charge, give up, stop."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+
+from rodeo.errors import RodeoError
+from services.console.lab_map import LabMap
+from services.console.pages.frame import Console, act, ask, follow, follow_async, frame, page_head, user
+from services.console.pages.widgets import Section, badge, card, confirm, fact, facts, notice, progress_bar
+from services.console.roles import Role
+from services.console.words import explain, share, span
+
+Json = dict[str, Any]
+
+_ORDERS = (
+    ("Pause", "pause_robot", "pause", "finishes its attempt, then waits"),
+    ("Resume", "resume_robot", "play_arrow", "takes work again"),
+    ("Charge", "charge_robot", "bolt", "buys a charge now"),
+)
+
+
+def register(console: Console) -> None:
+    @ui.page("/operator")
+    def operator() -> None:
+        with frame(console, "Operator", "/operator", heading=False):
+            with ui.element("div").classes("page-head"):
+                page_head("Operator")
+                ui.element("span").classes("grow")
+                if user().has(Role.OPERATOR):
+                    stop = ui.button("Stop everything", icon="front_hand", color="negative")
+                    stop.props("unelevated").on_click(partial(_stop_all, console))
+            if not user().has(Role.OPERATOR):
+                notice("Ordering robots needs the role operator. Ask an administrator for it.", bad=True)
+                return
+            with ui.element("div").classes("grid"):
+                with ui.element("div").classes("stack span-7"), card("Lab"):
+                    lab_map = LabMap(console.lab, "Map of the lab with robots and items")
+                    follow(console, "map", lambda: lab_map.show(console.live.map))
+                with ui.element("div").classes("stack span-5"):
+                    for robot in console.site.robots:
+                        RobotCard(console, robot.name)
+
+
+class RobotCard:
+    """One robot: what it says of itself, and what it can be told."""
+
+    def __init__(self, console: Console, robot: str) -> None:
+        self._console = console
+        self._robot = robot
+        with card(robot):
+            self._problem = Section(lambda text: notice(text, bad=True) if text else None).live()
+            self._state = Section(self._draw).live()
+            with ui.element("div").classes("row tight"):
+                for word, action, icon, effect in _ORDERS:
+                    ui.button(
+                        word, icon=icon, on_click=partial(self._order, action, f"{robot} {effect}")
+                    ).props(f'outline aria-label="{word} {robot}"')
+                ui.button("Give up", icon="undo", on_click=self._cancel).props(
+                    f'outline aria-label="Have {robot} give up its attempt"'
+                )
+                ui.button("Stop", icon="front_hand", color="negative", on_click=self._stop).props(
+                    f'unelevated aria-label="Stop {robot}"'
+                )
+        self._refresh = follow_async(console, "processes", self._load)
+
+    async def _load(self) -> None:
+        try:
+            state = await ask(self._console.reads.robot, self._robot)
+        except RodeoError as error:
+            unheard = error.code in ("no_responder", "query_timeout")
+            self._problem.show(f"The agent of {self._robot} does not answer." if unheard else explain(error))
+            return
+        self._problem.show("")
+        self._state.show(state)
+
+    def _draw(self, state: Json) -> None:
+        with ui.element("div").classes("row tight"):
+            if state.get("stopped"):
+                badge("stopped", "bad")
+            elif state.get("paused"):
+                badge("paused", "warn")
+            else:
+                badge("working", "good")
+            if state.get("charge_ordered"):
+                badge("will charge", "info")
+        with facts():
+            for name, value in state.items():
+                if name == "soc" and isinstance(value, int | float):
+                    fact("Battery", share(float(value)))
+                elif name == "eta_s" and isinstance(value, int | float):
+                    fact("Finished in", f"about {span(float(value))}")
+                elif name not in ("paused", "stopped", "charge_ordered", "progress") and value not in (
+                    None,
+                    "",
+                ):
+                    fact(name.replace("_", " ").capitalize(), _plain(value)[:300], "wrap")
+        if isinstance(state.get("progress"), int | float):
+            progress_bar(float(state["progress"]), f"Progress of {self._robot}")
+
+    async def _order(self, action: str, done: str) -> None:
+        if await act(self._console, action, {"robot": self._robot}, done) is not None:
+            self._refresh()
+
+    async def _cancel(self) -> None:
+        lines = [("Robot", self._robot), ("Its attempt", "fails on chain; others may take the task")]
+        if await confirm("Give up the attempt?", lines, "Give it up", danger=True):
+            await self._order("cancel_robot", f"{self._robot} gives up its attempt")
+
+    async def _stop(self) -> None:
+        # Not asked twice: who stops a robot has no time to answer.
+        await self._order("stop_robot", f"{self._robot} stands still until it is resumed")
+
+
+async def _stop_all(console: Console) -> None:
+    reply = await act(console, "stop_all", {})
+    if reply is None:
+        return
+    if reply["silent"]:
+        names = ", ".join(reply["silent"])
+        ui.notify(f"Did not hear: {names}. Use the emergency stop on the robot.", type="negative", timeout=0,
+                  close_button="Close")  # fmt: skip
+    if reply["stopped"]:
+        ui.notify(f"Stopped: {', '.join(reply['stopped'])}", type="positive")
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.3g}" if isinstance(value, float) else str(value)

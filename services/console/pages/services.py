@@ -1,0 +1,373 @@
+"""Who offers what, how well they did it, whose keys may sign, and the organization's rules."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+
+from rodeo.errors import RodeoError
+from services.console.actions import ORGANIZATION, speaks_for
+from services.console.pages.frame import Console, act, ask, follow_async, frame, user
+from services.console.pages.widgets import (
+    Section,
+    Text,
+    ask_form,
+    badge,
+    card,
+    confirm,
+    empty,
+    fact,
+    facts,
+    hash_text,
+    notice,
+    table,
+)
+from services.console.roles import Role
+from services.console.words import explain, iec, kind, moment, party, share
+
+Json = dict[str, Any]
+
+POLICIES = {
+    "first_come": "First come, first served",
+    "lowest_price": "Lowest price",
+    "highest_reputation": "Highest reputation",
+}
+
+
+def register(console: Console) -> None:
+    @ui.page("/services")
+    def services() -> None:
+        with frame(console, "Services and participants", "/services"):
+            ServicesPage(console)
+
+
+class ServicesPage:
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        person = user()
+        self._problem = Section(lambda text: notice(text, bad=True) if text else None).live()
+        with card("Services") as head:
+            if person.has(Role.OPERATOR, Role.EXECUTOR):
+                with head:
+                    ui.button("Offer a service", icon="add", on_click=self._offer).props("flat dense")
+            self._services = Section(self._draw_services)
+        with card("Participants"):
+            self._participants = Section(_draw_participants)
+        with ui.element("div").classes("grid"):
+            with ui.element("div").classes("stack span-7"), card("Device keys") as head:
+                if person.has(Role.ADMINISTRATOR):
+                    with head:
+                        ui.button("Register a key", icon="add", on_click=self._register_device).props(
+                            "flat dense"
+                        )
+                self._devices = Section(self._draw_devices)
+            with ui.element("div").classes("stack span-5"), card("Rules"):
+                self._rules = Section(self._draw_rules)
+        self._refresh = follow_async(console, "organization", self._load)
+
+    async def _load(self) -> None:
+        state = self._console.reads.state
+        try:
+            services = (await ask(state, "services"))["services"]
+            participants = (await ask(state, "participants"))["participants"]
+            devices = (await ask(state, "devices"))["devices"]
+            self._organization = await ask(state, "organization")
+        except RodeoError as error:
+            self._problem.show(explain(error))
+            return
+        self._problem.show("")
+        self._services.show(services)
+        self._participants.show(participants)
+        self._devices.show(devices)
+        self._rules.show(self._organization)
+
+    async def _act(self, name: str, request: Json, done: str) -> None:
+        if await act(self._console, name, request, done) is not None:
+            self._refresh()
+
+    # -- services --------------------------------------------------------------------------------------
+
+    def _draw_services(self, services: list[Json]) -> None:
+        if not services:
+            empty("Nobody offers a service yet.")
+            return
+        table(
+            "Services on offer",
+            [
+                ("Service", ""),
+                ("Provider", ""),
+                ("State", ""),
+                ("Price", "number"),
+                ("Reputation", "number"),
+                ("Done / rejected / late", "number wide-only"),
+                ("", "number"),
+            ],
+            [
+                (
+                    partial(_service_name, one),
+                    party(one["provider_name"], one["provider"]),
+                    partial(badge, one["state"]),
+                    iec(one["price_iec"]),
+                    share(one["reputation"] / 64) if "reputation" in one else "–",
+                    f"{one['completed']} / {one['rejected']} / {one['expired']}",
+                    partial(self._service_menu, one),
+                )
+                for one in services
+            ],
+        )
+
+    def _service_menu(self, service: Json) -> None:
+        person, provider = user(), service["provider_name"]
+        own = provider is not None and speaks_for(person, provider)
+        if service["state"] == "retired" or not (own or person.has(Role.ADMINISTRATOR)):
+            return
+        about = f"service {service['id']}"
+        with ui.button(icon="more_vert").props(f'flat dense round aria-label="Change {about}"'), ui.menu():
+            if own:
+                ui.menu_item("Change the price", partial(self._price, service))
+                if service["state"] == "active":
+                    ui.menu_item("Pause", partial(self._set_state, service, "paused"))
+                elif service["state"] == "paused":
+                    ui.menu_item("Resume", partial(self._set_state, service, "active"))
+                ui.menu_item("Retire for good", partial(self._set_state, service, "retired"))
+            if person.has(Role.ADMINISTRATOR):
+                if service["state"] == "suspended":
+                    request = {"service_id": service["id"]}
+                    ui.menu_item(
+                        "Reinstate", partial(self._act, "reinstate_service", request, f"{about} works again")
+                    )
+                else:
+                    ui.menu_item("Suspend", partial(self._suspend, service))
+
+    async def _price(self, service: Json) -> None:
+        answer = await ask_form(
+            "New price", {"price_iec": ("Price (IEC)", service["price_iec"])}, "Set the price"
+        )
+        if answer is not None:
+            await self._update(service, answer, f"Service {service['id']} has a new price")
+
+    async def _set_state(self, service: Json, state: str) -> None:
+        if state == "retired":
+            lines = [
+                ("Service", f"{service['id']} · {kind(service['kind'])}"),
+                ("After that", "it cannot come back"),
+            ]
+            if not await confirm("Retire this service?", lines, "Retire it", danger=True):
+                return
+        await self._update(service, {"state": state}, f"Service {service['id']} is {state}")
+
+    async def _update(self, service: Json, change: Json, done: str) -> None:
+        request = {"service_id": service["id"], "participant": service["provider_name"], **change}
+        await self._act("update_service", request, done)
+
+    async def _suspend(self, service: Json) -> None:
+        lines = [
+            ("Service", f"{service['id']} · {kind(service['kind'])}"),
+            ("Until", "an administrator reinstates it"),
+        ]
+        if await confirm("Suspend this service?", lines, "Suspend it", danger=True):
+            await self._act(
+                "suspend_service", {"service_id": service["id"]}, f"Service {service['id']} is suspended"
+            )
+
+    async def _offer(self) -> None:
+        person = user()
+        participant = ORGANIZATION if person.has(Role.OPERATOR) else person.participant or ""
+        allowed = [one["kind"] for one in self._organization["kinds"] if one["allowed"]]
+        answer = await ask_form(
+            f"Offer a service of {participant}",
+            {
+                "kind": ("Kind", {name: kind(name) for name in allowed}),
+                "price_iec": ("Price (IEC)", "100"),
+                "description": ("For people", ""),
+            },
+            "Offer it",
+        )
+        if answer is not None:
+            await self._act(
+                "register_service", {"participant": participant, **answer}, "The service is on offer"
+            )
+
+    # -- devices ---------------------------------------------------------------------------------------
+
+    def _draw_devices(self, devices: list[Json]) -> None:
+        if not devices:
+            empty("No key may sign evidence yet.")
+            return
+        table(
+            "Device keys",
+            [("Key", ""), ("Role", ""), ("Owner", ""), ("Since", "wide-only"), ("", "number")],
+            [
+                (
+                    partial(hash_text, one["address"]),
+                    one["role"],
+                    party(one["owner_name"], one["owner"]),
+                    moment(one["registered"]),
+                    partial(self._device_end, one),
+                )
+                for one in devices
+            ],
+        )
+
+    def _device_end(self, device: Json) -> None:
+        if device["revoked"]:
+            badge("revoked")
+        elif user().has(Role.ADMINISTRATOR):
+            ui.button("Revoke", on_click=partial(self._revoke, device)).props("flat dense color=negative")
+        else:
+            badge("active")
+
+    async def _revoke(self, device: Json) -> None:
+        lines = [
+            ("Key", device["address"]),
+            ("Role", f"{device['role']} of {party(device['owner_name'], device['owner'])}"),
+            ("After that", "the oracle rejects what it signs; it cannot be registered again"),
+        ]
+        if await confirm("Revoke this key?", lines, "Revoke it", danger=True):
+            await self._act("revoke_device", {"device": device["address"]}, "The key is revoked")
+
+    async def _register_device(self) -> None:
+        answer = await ask_form(
+            "Register a device key",
+            {
+                "device": ("Address of the key (0x…)", ""),
+                "role": ("Role", {name: name for name in ("robot", "bin", "meter", "mocap")}),
+                "owner": ("Owner: a participant or an address", ""),
+            },
+            "Register it",
+        )
+        if answer is not None:
+            await self._act("register_device", answer, "The key may sign evidence")
+
+    # -- rules -----------------------------------------------------------------------------------------
+
+    def _draw_rules(self, organization: Json) -> None:
+        terms = organization["terms"]
+        failures = int(terms.get("max_failures") or 0)
+        with facts():
+            policy = str(organization["policy"])
+            fact("Chosen by", POLICIES.get(policy, policy))
+            fact("Open to", "members only" if organization["members_only"] else "everybody")
+            fact("Bond", iec(terms.get("bond_iec") or 0))
+            fact("Penalty for a failure", iec(terms.get("penalty_iec") or 0))
+            fact("Suspended after", f"{failures} failures in a row" if failures else "never")
+        table(
+            "Kinds of work",
+            [("Kind of work", ""), ("Judged by", ""), ("", "number")],
+            [
+                (
+                    kind(one["kind"]),
+                    (one["review"] or "oracle") if one["allowed"] else "not allowed",
+                    partial(self._kind_end, one),
+                )
+                for one in organization["kinds"]
+            ],
+        )
+        if user().has(Role.ADMINISTRATOR):
+            with ui.element("div").classes("row tight"):
+                ui.button("Change rules", on_click=self._change_rules).props("outline dense")
+                ui.button("Allow a kind", on_click=self._allow_kind).props("outline dense")
+                ui.button("Membership", on_click=self._membership).props("outline dense")
+
+    def _kind_end(self, one: Json) -> None:
+        if not user().has(Role.ADMINISTRATOR):
+            return
+        word, allowed = ("Forbid", False) if one["allowed"] else ("Allow", True)
+        request = {"kind": one["kind"], "allowed": allowed}
+        done = f"{kind(one['kind'])} is {'allowed' if allowed else 'forbidden'}"
+        ui.button(word, on_click=partial(self._act, "allow_kind", request, done)).props("flat dense")
+
+    async def _allow_kind(self) -> None:
+        answer = await ask_form(
+            "Allow a kind of work",
+            {
+                "kind": ("Name, for example window_cleaning", ""),
+                "review": ("Judged by", {"oracle": "the oracle", "auditor": "an auditor"}),
+            },
+            "Allow it",
+        )
+        if answer is not None:
+            await self._act("allow_kind", {"allowed": True, **answer}, f"{kind(answer['kind'])} is allowed")
+
+    async def _change_rules(self) -> None:
+        old, terms = self._organization, self._organization["terms"]
+        before = {name: str(terms.get(name) or 0) for name in ("bond_iec", "penalty_iec", "max_failures")}
+        answer = await ask_form(
+            "Rules of the organization",
+            {
+                "policy": ("A service is chosen by", POLICIES),
+                "bond_iec": ("Bond of a new service (IEC)", before["bond_iec"]),
+                "penalty_iec": ("Penalty for a failure (IEC)", before["penalty_iec"]),
+                "max_failures": ("Failures in a row that suspend, 0 for never", before["max_failures"]),
+            },
+            "Change them",
+            values={"policy": old["policy"]},
+        )
+        if answer is None:
+            return
+        policy = answer.pop("policy")
+        if policy != old["policy"]:
+            await self._act("set_policy", {"policy": policy}, "Services are chosen differently now")
+        if answer != before:
+            await self._act("set_terms", answer, "New services agree to the new terms")
+
+    async def _membership(self) -> None:
+        answer = await ask_form(
+            "Membership",
+            {
+                "action": (
+                    "What",
+                    {
+                        "admit": "Admit somebody",
+                        "dismiss": "Dismiss somebody",
+                        "close": "Let only members in",
+                        "open": "Let everybody in",
+                    },
+                ),
+                "account": ("Who: a participant or an address", ""),
+            },
+            "Do it",
+        )
+        if answer is None:
+            return
+        if answer["action"] in ("admit", "dismiss"):
+            await self._act(
+                answer["action"], {"account": answer["account"]}, f"{answer['account']}: {answer['action']}"
+            )
+        else:
+            enabled = answer["action"] == "close"
+            done = "Only members may take part now" if enabled else "Everybody may take part now"
+            await self._act("set_members_only", {"enabled": enabled}, done)
+
+
+def _service_name(service: Json) -> None:
+    Text("strong", f"{service['id']} · {kind(service['kind'])}")
+    if service["description"]:
+        Text("div", service["description"][:120], "soft wrap")
+
+
+def _draw_participants(participants: list[Json]) -> None:
+    table(
+        "Participants",
+        [
+            ("Participant", ""),
+            ("Address", "wide-only"),
+            ("Roles on chain", "wrap"),
+            ("Balance", "number"),
+            ("Posted", "number wide-only"),
+            ("Done", "number wide-only"),
+        ],
+        [
+            (
+                one["name"] or "stranger",
+                partial(hash_text, one["address"]),
+                ", ".join(one["roles_on_chain"]) or one["role"] or "–",
+                iec(one["balance_iec"]),
+                f"{sum(one['created'].values()):,}",
+                f"{one['executed'].get('settled', 0):,}",
+            )
+            for one in participants
+        ],
+    )

@@ -1,0 +1,263 @@
+"""The money: balance over time with every transfer explained, deposits, withdrawals, tariffs."""
+
+from __future__ import annotations
+
+from decimal import Decimal, InvalidOperation
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+
+from rodeo.errors import RodeoError
+from services.console.actions import ORGANIZATION
+from services.console.money import prices, reason
+from services.console.pages.frame import Console, act, ask, follow_async, frame, user
+from services.console.pages.widgets import (
+    Link,
+    Section,
+    Text,
+    ask_form,
+    card,
+    confirm,
+    empty,
+    fact,
+    facts,
+    notice,
+    table,
+    tile,
+)
+from services.console.roles import Role
+from services.console.words import explain, iec, kind, moment, party, short
+
+Json = dict[str, Any]
+
+CHARTED = 500
+"""Transfers in the chart: as many as the bridge gives at once."""
+PAGE_ROWS = 20
+_GREEN, _RED, _TEAL, _AMBER = "#1a7f4b", "#b3261e", "#139a85", "#c98a12"
+
+
+def register(console: Console) -> None:
+    @ui.page("/treasury")
+    def treasury() -> None:
+        with frame(console, "Treasury", "/treasury", heading=False):
+            TreasuryPage(console)
+
+
+class TreasuryPage:
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._account = ORGANIZATION
+        self._page = 1
+        with ui.element("div").classes("page-head"):
+            Text("h1", "Treasury")
+            ui.element("span").classes("grow")
+            if user().has(Role.TREASURER):
+                ui.button("Deposit", icon="south_west", on_click=self._deposit).props("outline")
+                ui.button("Withdraw", icon="north_east", on_click=self._withdraw).props("outline")
+        self._problem = Section(lambda text: notice(text, bad=True) if text else None).live()
+        with ui.element("div").classes("grid tiles"):
+            self._balance, self._escrow, self._earned, self._spent = (
+                tile(name, "–")
+                for name in ("balance", "in escrow", "received, as charted", "paid, as charted")
+            )
+        with card("Balance and electricity price") as head:
+            with head:
+                self._select = ui.select([ORGANIZATION], value=ORGANIZATION, label="Account")
+                self._select.props("outlined dense").style("min-width: 180px")
+                self._select.on_value_change(self._choose)
+            self._none = Section(lambda text: empty(text) if text else None)
+            self._chart = ui.echart(_options([], [])).style("height: 320px; width: 100%")
+            self._chart.props('role="img" aria-label="Balance over time; the table below has every transfer"')
+        with ui.element("div").classes("grid"):
+            with ui.element("div").classes("stack span-8"), card("Transfers") as head:
+                with head:
+                    self._csv = ui.button("CSV", icon="download").props("flat dense")
+                self._rows = Section(self._draw_rows)
+            with ui.element("div").classes("stack span-4"), card("Tariffs"):
+                _draw_tariffs(console)
+        self._refresh = follow_async(console, "organization", self._load)
+
+    def _choose(self, event: Any) -> None:
+        self._account, self._page = str(event.value), 1
+        self._refresh()
+
+    async def _load(self) -> None:
+        state = self._console.reads.state
+        try:
+            charted = (await ask(state, "transfers", account=self._account, limit=CHARTED))["transfers"]
+            page = await ask(
+                state,
+                "transfers",
+                account=self._account,
+                limit=PAGE_ROWS,
+                offset=(self._page - 1) * PAGE_ROWS,
+            )
+            wallet = await ask(state, "wallet", account=self._account)
+        except RodeoError as error:
+            self._problem.show(explain(error))
+            return
+        self._problem.show("")
+        names = [wallet["name"] for wallet in self._console.live.summary.wallets] or [ORGANIZATION]
+        if names != self._select.options:
+            self._select.set_options(names)
+        self._csv.props(f'href="/files/transfers.csv?account={self._account}"')
+        self._balance.set_text(iec(wallet["balance_iec"]))
+        self._escrow.set_text(iec(wallet["in_escrow_iec"]))
+        changes = [Decimal(one["change_iec"]) for one in charted]
+        self._earned.set_text(iec(sum((one for one in changes if one > 0), Decimal(0))))
+        self._spent.set_text(iec(-sum((one for one in changes if one < 0), Decimal(0))))
+        self._none.show("" if charted else "No money moved on this account yet.")
+        self._rows.show(page["transfers"], page["total"], self._page)
+        self._draw_chart(charted)
+
+    def _draw_chart(self, transfers: list[Json]) -> None:
+        ordered = sorted(transfers, key=lambda one: one["seq"])
+        costs: list[tuple[float, float]] = []
+        if ordered:
+            tariffs = self._console.site.economy.electricity
+            first_s, last_s = ordered[0]["time_s"], max(ordered[-1]["time_s"], ordered[0]["time_s"] + 60)
+            costs = prices(tariffs, first_s, last_s)
+        self._chart.options.clear()
+        self._chart.options.update(_options(ordered, costs))
+        self._chart.update()
+
+    def _draw_rows(self, transfers: list[Json], total: int, page: int) -> None:
+        if not transfers:
+            empty("No transfers.")
+            return
+        table(
+            "Transfers, newest first",
+            [
+                ("When", ""),
+                ("Why", "wrap"),
+                ("With", "wide-only"),
+                ("Change", "number"),
+                ("Balance", "number wide-only"),
+            ],
+            [
+                (
+                    moment(one["time_s"]),
+                    partial(_why, one),
+                    _other(one, self._account),
+                    f"{Decimal(one['change_iec']):+,.2f}".rstrip("0").rstrip("."),
+                    iec(one["balance_iec"]),
+                )
+                for one in transfers
+            ],
+        )
+        pages = max(1, -(-total // PAGE_ROWS))
+        with ui.element("div").classes("row"):
+            Text("span", f"{total:,} transfers", "soft")
+            ui.element("span").classes("grow")
+            if pages > 1:
+                ui.pagination(1, pages, value=page, direction_links=True, on_change=self._turn).props(
+                    "max-pages=6"
+                )
+
+    def _turn(self, event: Any) -> None:
+        self._page = int(event.value)
+        self._refresh()
+
+    # -- moving money ----------------------------------------------------------------------------------
+
+    async def _deposit(self) -> None:
+        answer = await ask_form("Deposit into the treasury", {"amount_iec": ("Amount (IEC)", "")}, "Review")
+        if answer is None or (amount := _amount(answer["amount_iec"])) is None:
+            return
+        lines = [("Amount", iec(amount)), ("From", "the own account of the organization's key")]
+        if await confirm("Deposit?", lines, f"Deposit {iec(amount)}"):
+            await act(self._console, "deposit", {"amount_iec": str(amount)}, f"{iec(amount)} deposited")
+
+    async def _withdraw(self) -> None:
+        answer = await ask_form(
+            "Withdraw from the treasury",
+            {"amount_iec": ("Amount (IEC)", ""), "to": ("To: a participant or an address", "")},
+            "Review",
+        )
+        if answer is None or (amount := _amount(answer["amount_iec"])) is None:
+            return
+        lines = [("Amount", iec(amount)), ("To", answer["to"])]
+        wallets = self._console.live.summary.wallets
+        balance = next((Decimal(one["balance_iec"]) for one in wallets if one["name"] == ORGANIZATION), None)
+        if balance is not None:
+            lines.append(("Treasury after", iec(balance - amount)))
+        if await confirm("Withdraw?", lines, f"Pay {iec(amount)} to {short(answer['to'])}"):
+            request = {"amount_iec": str(amount), "to": answer["to"]}
+            await act(self._console, "withdraw", request, f"{iec(amount)} paid to {short(answer['to'])}")
+
+
+def _amount(text: str) -> Decimal | None:
+    """What was entered; tells when it is no amount."""
+    try:
+        amount = Decimal(text.replace(",", "").strip())
+    except InvalidOperation:
+        amount = Decimal(0)
+    if amount.is_finite() and amount > 0:
+        return amount
+    ui.notify("Enter an amount of IEC above 0", type="warning")
+    return None
+
+
+def _why(transfer: Json) -> None:
+    if transfer["task_id"] is None:
+        Text("span", reason(transfer))
+    else:
+        Link(reason(transfer), f"/tasks/{transfer['task_id']}")
+
+
+def _other(transfer: Json, account: str) -> str:
+    if transfer["sender_name"] == account:
+        return party(transfer["to_name"], transfer["to"])
+    return party(transfer["sender_name"], transfer["sender"])
+
+
+def _draw_tariffs(console: Console) -> None:
+    economy = console.site.economy
+    with facts():
+        for tariff in sorted(economy.electricity, key=lambda tariff: tariff.from_hour):
+            fact(f"Electricity from {tariff.from_hour}:00", f"{tariff.eur_kwh:.2f} EUR/kWh")
+        fact(f"Usual reward, {kind('waste_disposal')}", iec(economy.cleaning_reward_iec))
+        fact("Price of a charge", iec(economy.charging_reward_iec))
+    Text("p", "Tariffs are set under [economy] in the site file; hours are UTC.", "soft")
+
+
+def _options(transfers: list[Json], costs: list[tuple[float, float]]) -> Json:
+    """ECharts: balance as a step line with a mark for each transfer, electricity price on the right."""
+    steps = [[round(one["time_s"] * 1000), float(one["balance_iec"])] for one in transfers]
+
+    def marks(received: bool) -> list[Json]:
+        return [
+            {
+                "value": [round(one["time_s"] * 1000), float(one["balance_iec"])],
+                "name": f"{reason(one)}: {Decimal(one['change_iec']):+,f} IEC",
+            }
+            for one in transfers
+            if (Decimal(one["change_iec"]) > 0) == received
+        ]
+
+    line = {"lineStyle": {"width": 2}, "showSymbol": False, "step": "end", "type": "line"}
+    dots = {"type": "scatter", "symbolSize": 9, "tooltip": {"formatter": "{b}"}}
+    axis = {"nameTextStyle": {"color": "#7b8896"}, "axisLabel": {"color": "#7b8896"}}
+    return {
+        "useUTC": True,
+        "animation": False,
+        "textStyle": {"fontFamily": "inherit"},
+        "grid": {"left": 8, "right": 8, "top": 56, "bottom": 8, "containLabel": True},
+        "legend": {"top": 0, "type": "scroll", "textStyle": {"color": "#7b8896"}},
+        "tooltip": {"trigger": "item", "confine": True},
+        "xAxis": {"type": "time", "axisLabel": {"color": "#7b8896", "hideOverlap": True}},
+        "yAxis": [
+            {"type": "value", "name": "IEC", "scale": True, **axis,
+             "splitLine": {"lineStyle": {"opacity": 0.25}}},
+            {"type": "value", "name": "EUR/kWh", "min": 0, "splitLine": {"show": False}, **axis},
+        ],
+        "series": [
+            {**line, "name": "Balance", "data": steps, "color": _TEAL},
+            {**dots, "name": "Received", "data": marks(True), "color": _GREEN, "symbol": "triangle"},
+            {**dots, "name": "Paid", "data": marks(False), "color": _RED, "symbol": "diamond"},
+            {**line, "name": "Electricity", "yAxisIndex": 1, "color": _AMBER,
+             "data": [[round(time_s * 1000), price] for time_s, price in costs],
+             "lineStyle": {"width": 1.5, "type": "dashed"}},
+        ],
+    }  # fmt: skip
