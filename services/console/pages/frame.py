@@ -80,7 +80,7 @@ def frame(console: Console, title: str, path: str, *, heading: bool = True) -> I
     dark = {"dark": True, "light": False}.get(context.client.request.cookies.get(THEME_COOKIE, ""))
     mode = ui.dark_mode(dark)
     person = user()
-    drawer = ui.left_drawer(value=None).classes("app-drawer").props("width=220")
+    drawer = ui.left_drawer(value=False).classes("app-drawer").props("width=220 show-if-above")
     with drawer, ui.element("nav").classes("app-nav").props('aria-label="Pages"'):
         for place in PLACES:
             if place.roles and not person.has(*place.roles):

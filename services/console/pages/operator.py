@@ -54,7 +54,7 @@ class RobotCard:
         with card(robot):
             self._problem = Section(lambda text: notice(text, bad=True) if text else None).live()
             self._state = Section(self._draw).live()
-            with ui.element("div").classes("row tight"):
+            with ui.element("div").classes("line tight"):
                 for word, action, icon, effect in _ORDERS:
                     ui.button(
                         word, icon=icon, on_click=partial(self._order, action, f"{robot} {effect}")
@@ -78,7 +78,7 @@ class RobotCard:
         self._state.show(state)
 
     def _draw(self, state: Json) -> None:
-        with ui.element("div").classes("row tight"):
+        with ui.element("div").classes("line tight"):
             if state.get("stopped"):
                 badge("stopped", "bad")
             elif state.get("paused"):

@@ -97,10 +97,10 @@ class ServicesPage:
             "Services on offer",
             [
                 ("Service", ""),
-                ("Provider", ""),
+                ("Provider", "wide-only"),
                 ("State", ""),
                 ("Price", "number"),
-                ("Reputation", "number"),
+                ("Reputation", "number wide-only"),
                 ("Done / rejected / late", "number wide-only"),
                 ("", "number"),
             ],
@@ -266,7 +266,7 @@ class ServicesPage:
             ],
         )
         if user().has(Role.ADMINISTRATOR):
-            with ui.element("div").classes("row tight"):
+            with ui.element("div").classes("line tight"):
                 ui.button("Change rules", on_click=self._change_rules).props("outline dense")
                 ui.button("Allow a kind", on_click=self._allow_kind).props("outline dense")
                 ui.button("Membership", on_click=self._membership).props("outline dense")
@@ -342,6 +342,11 @@ class ServicesPage:
             await self._act("set_members_only", {"enabled": enabled}, done)
 
 
+def _role(name: str) -> str:
+    """ORACLE_ROLE -> oracle"""
+    return name.removesuffix("_ROLE").removeprefix("DEFAULT_").lower()
+
+
 def _service_name(service: Json) -> None:
     Text("strong", f"{service['id']} · {kind(service['kind'])}")
     if service["description"]:
@@ -363,7 +368,7 @@ def _draw_participants(participants: list[Json]) -> None:
             (
                 one["name"] or "stranger",
                 partial(hash_text, one["address"]),
-                ", ".join(one["roles_on_chain"]) or one["role"] or "–",
+                ", ".join(map(_role, one["roles_on_chain"])) or one["role"] or "–",
                 iec(one["balance_iec"]),
                 f"{sum(one['created'].values()):,}",
                 f"{one['executed'].get('settled', 0):,}",

@@ -249,7 +249,7 @@ def _draw_report(report: Json | None, problem: str) -> None:
     if report is None:
         empty(problem)
         return
-    with ui.element("div").classes("row"):
+    with ui.element("div").classes("line"):
         badge("accepted" if report.get("accepted") else "rejected")
         Text("span", str(report.get("reason", ""))[:500], "wrap")
     checks = [check for check in report.get("checks", []) if isinstance(check, dict)]

@@ -149,7 +149,7 @@ def _name(task: Task) -> None:
 
 def _draw_pager(total: int, page: int, go: Any) -> None:
     pages = max(1, -(-total // PAGE_ROWS))
-    with ui.element("nav").classes("row").props('aria-label="Pages of the list"'):
+    with ui.element("nav").classes("line").props('aria-label="Pages of the list"'):
         first = (page - 1) * PAGE_ROWS + 1
         shown = f"{first:,} to {min(total, page * PAGE_ROWS):,} of {total:,}" if total else "0 tasks"
         Text("span", shown, "soft").props('aria-live="polite"')

@@ -147,7 +147,7 @@ class TreasuryPage:
             ],
         )
         pages = max(1, -(-total // PAGE_ROWS))
-        with ui.element("div").classes("row"):
+        with ui.element("div").classes("line"):
             Text("span", f"{total:,} transfers", "soft")
             ui.element("span").classes("grow")
             if pages > 1:
@@ -207,6 +207,10 @@ def _why(transfer: Json) -> None:
 
 
 def _other(transfer: Json, account: str) -> str:
+    if transfer["reason"] in ("mint", "burn"):
+        return "–"
+    if transfer["reason"] in ("escrow", "payment", "surplus", "refund", "bond", "bond_returned"):
+        return "escrow"
     if transfer["sender_name"] == account:
         return party(transfer["to_name"], transfer["to"])
     return party(transfer["sender_name"], transfer["sender"])

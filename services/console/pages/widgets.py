@@ -77,7 +77,7 @@ def fact(name: str, value: str | Callable[[], Any], classes: str = "") -> None:
 
 def hash_text(value: str) -> None:
     """A hash or address with its ends shown, the whole as a tooltip and for copying."""
-    with ui.element("span").classes("row tight"):
+    with ui.element("span").classes("line tight"):
         Text("span", short(value), "mono").props(f'title="{value}"')
         copy = ui.button(icon="content_copy", on_click=lambda: _copy(value))
         copy.props('flat dense round size=sm aria-label="Copy"')
@@ -93,7 +93,7 @@ Cell = str | Callable[[], Any]
 
 def table(caption: str, columns: Sequence[tuple[str, str]], rows: Iterable[Sequence[Cell]]) -> None:
     """`columns` are (title, classes); a cell is text or a function that builds elements."""
-    with ui.element("div").classes("scroll"), ui.element("table").classes("data"):
+    with ui.element("div").classes("table-scroll"), ui.element("table").classes("data"):
         Text("caption", caption, "visually-hidden")
         with ui.element("thead"), ui.element("tr"):
             for title, classes in columns:
