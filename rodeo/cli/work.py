@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import threading
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -16,9 +15,8 @@ from rodeo.clock import Clock, SimClock, WallClock
 from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.errors import ClockUnavailable, InvalidRequest
-from rodeo.evidence import Store
+from rodeo.evidence import statement
 from rodeo.evidence.statement import Executor
-from rodeo.messages import PostVerdict
 
 AsOption = Annotated[
     str | None, typer.Option("--as", help="The participant; the site's only other one by default.")
@@ -79,29 +77,7 @@ def judge(
 ) -> None:
     """Judge a submitted proof as an auditor, for kinds of task that the oracle does not decide."""
     with connected(site) as (loaded, bus):
-        auditor = Participant(bus, loaded.org, participant)
-        task = auditor.task(task_id)
-        report: dict[str, Any] = {
-            "task_id": task.id,
-            "attempt": task.attempt,
-            "proof_sha256": task.proof_sha256,
-            "accepted": accepted,
-            "reason": reason,
-            "auditor": participant,
-        }
-        uri, sha256 = Store(loaded).put_bytes(json.dumps(report, indent=2).encode(), ".json")
-        auditor.command(
-            "post_verdict",
-            PostVerdict(
-                task_id=task.id,
-                attempt=task.attempt,
-                proof_sha256=task.proof_sha256 or "",
-                accepted=accepted,
-                reason=reason,
-                report_sha256=sha256,
-                report_uri=uri,
-            ),
-        )
+        statement.judge(loaded, Participant(bus, loaded.org, participant), task_id, accepted, reason)
     console.print(f"task {task_id} {'accepted' if accepted else 'rejected'}")
 
 

@@ -7,6 +7,7 @@ who said it, for which assignment, and when; whether it is true is for an audito
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -23,7 +24,7 @@ from rodeo.evidence.errors import EvidenceError, RecordingSealed
 from rodeo.evidence.proof import Proof
 from rodeo.evidence.recorder import EVENT_CHANNEL, Recorder
 from rodeo.evidence.store import Store
-from rodeo.messages import Task
+from rodeo.messages import PostVerdict, Task
 from rodeo.ros2 import types
 
 PHOTO_TOPIC = "/statement/photo"
@@ -40,6 +41,10 @@ class NotYourTask(RequestError):
 
 class NotAccepted(RequestError):
     """There is no recording of this assignment: accept it first."""
+
+
+class NotSubmitted(RequestError):
+    """There is no proof to judge."""
 
 
 class BadPhoto(RequestError):
@@ -132,6 +137,38 @@ class Executor:
     def _path(self, task: Task) -> Path:
         folder = self._site.data_dir / "statements" / self._dao.name
         return folder / f"{task.id}-{task.attempt}" / "recording.mcap"
+
+
+def judge(site: Site, auditor: Participant, task_id: int, accepted: bool, reason: str) -> None:
+    """An auditor's verdict on the proof that was submitted for a task, with a report of its own in the store.
+
+    Raises StoreUnavailable, and what `Participant` raises: the contract refuses who may not judge this kind.
+    """
+    task = auditor.task(task_id)
+    if task.proof_sha256 is None:
+        raise NotSubmitted("no proof of this task waits for a verdict", task_id=task_id, state=task.state)
+    report = {
+        "kind": task.kind,
+        "task_id": task.id,
+        "attempt": task.attempt,
+        "proof_sha256": task.proof_sha256,
+        "accepted": accepted,
+        "reason": reason,
+        "auditor": auditor.name,
+    }
+    uri, digest = Store(site).put_bytes(json.dumps(report, indent=2, ensure_ascii=False).encode(), ".json")
+    auditor.command(
+        "post_verdict",
+        PostVerdict(
+            task_id=task.id,
+            attempt=task.attempt,
+            proof_sha256=task.proof_sha256,
+            accepted=accepted,
+            reason=reason,
+            report_sha256=digest,
+            report_uri=uri,
+        ),
+    )
 
 
 def photo_format(photo: bytes) -> str:

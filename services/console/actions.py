@@ -10,12 +10,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import BaseModel, StringConstraints
+from pydantic import Base64Bytes, BaseModel, Field, StringConstraints
 
-from rodeo import topics
+from rodeo import topics, wallets
 from rodeo.bus import Bus, validate
+from rodeo.clock import Clock
 from rodeo.config import Site
+from rodeo.dao import Participant
 from rodeo.errors import InvalidRequest, NoResponder, RodeoError
+from rodeo.evidence.statement import MAX_NOTE_CHARACTERS, MAX_PHOTOS, Executor, judge
 from rodeo.messages import (
     Admit,
     AllowKind,
@@ -94,6 +97,23 @@ class TokenId(Message):
     token_id: Id
 
 
+class TaskId(Message):
+    task_id: Id
+
+
+class SubmitWork(Message):
+    task_id: Id
+    note: Annotated[str, StringConstraints(min_length=1, max_length=MAX_NOTE_CHARACTERS)]
+    photos: list[Base64Bytes] = Field(default_factory=list, max_length=MAX_PHOTOS)
+    """JPEG or PNG."""
+
+
+class Judge(Message):
+    task_id: Id
+    accepted: bool
+    reason: Annotated[str, StringConstraints(min_length=1, max_length=500)]
+
+
 class Nothing(Message):
     pass
 
@@ -114,7 +134,8 @@ class Action:
 class Actions:
     """Carries out actions for people whose roles allow them. Its methods block; call them from a thread."""
 
-    def __init__(self, bus: Bus, site: Site, accounts: Accounts) -> None:
+    def __init__(self, bus: Bus, site: Site, accounts: Accounts, clock: Clock) -> None:
+        self._clock = clock
         self.bus = bus
         self.site = site
         self.accounts = accounts
@@ -143,11 +164,20 @@ class Actions:
         body = request.model_dump(mode="json", exclude_unset=True, exclude={"participant"})
         return self.bus.query(key, body, timeout_s=_COMMAND_S)
 
+    def executor(self, user: User) -> Executor:
+        """Whoever this person works as. Raises Forbidden, WalletError when the key is not on this site."""
+        if user.participant is None:
+            raise Forbidden("your account works as no participant; an administrator can say which")
+        participant = Participant(self.bus, self.site.org, user.participant)
+        return Executor(self.site, participant, wallets.load(self.site, user.participant), self._clock)
+
     def robot(self, robot: str, order: str) -> Json:
         """An operator's order to a robot's agent. Raises ConfigError for a stranger, RobotUnavailable."""
         self.site.robot(robot)
         try:
-            return self.bus.query(f"rodeo/{self.site.org}/robot/{robot}/{order}", {}, timeout_s=_ROBOT_S)
+            return self.bus.query(
+                topics.ROBOT_ORDER.name(org=self.site.org, robot=robot, order=order), {}, timeout_s=_ROBOT_S
+            )
         except NoResponder as error:
             raise RobotUnavailable(
                 "the robot's agent does not answer; is its process running?", robot=robot
@@ -201,6 +231,23 @@ def _stop_all(actions: Actions, _user: User, _request: Nothing) -> Json:
     return actions.stop_all()
 
 
+def _accept_work(actions: Actions, user: User, request: TaskId) -> Json:
+    return {"task_id": actions.executor(user).accept(request.task_id).id}
+
+
+def _submit_work(actions: Actions, user: User, request: SubmitWork) -> Json:
+    executor = actions.executor(user)
+    # Handing in says that it was taken on; doing both is doing it once.
+    executor.accept(request.task_id)
+    return {"proof_sha256": executor.submit(request.task_id, request.note, request.photos)}
+
+
+def _judge(actions: Actions, user: User, request: Judge) -> Json:
+    auditor = Participant(actions.bus, actions.site.org, user.participant or ORGANIZATION)
+    judge(actions.site, auditor, request.task_id, request.accepted, request.reason)
+    return {"task_id": request.task_id, "accepted": request.accepted}
+
+
 def _create_user(actions: Actions, _user: User, request: NewUser) -> Json:
     actions.accounts.add_user(request.name, request.passphrase, request.roles, request.participant)
     return {"name": request.name}
@@ -232,6 +279,8 @@ def _revoke_token(actions: Actions, user: User, request: TokenId) -> Json:
 _ADMINISTRATOR = frozenset({Role.ADMINISTRATOR})
 _OPERATOR = frozenset({Role.OPERATOR})
 _TREASURER = frozenset({Role.TREASURER})
+_EXECUTOR = frozenset({Role.EXECUTOR})
+_AUDITOR = frozenset({Role.AUDITOR})
 _PROVIDER = frozenset({Role.OPERATOR, Role.EXECUTOR, Role.ADMINISTRATOR})
 _ANYBODY: frozenset[Role] = frozenset()
 
@@ -269,6 +318,10 @@ _TABLE = (
     Action("cancel_robot", "Have a robot give up its attempt", RobotRequest, _OPERATOR, _of_robot("cancel")),
     Action("stop_robot", "Stop a robot at once", RobotRequest, _OPERATOR, _of_robot("stop")),
     Action("stop_all", "Stop every robot at once", Nothing, _OPERATOR, _stop_all),
+    Action("accept_work", "Take on a task that is assigned to you", TaskId, _EXECUTOR, _accept_work),
+    Action("submit_work", "Hand in note and photos as the proof of your work", SubmitWork, _EXECUTOR,
+           _submit_work),
+    Action("judge", "Approve or reject a proof that the rules leave to an auditor", Judge, _AUDITOR, _judge),
     Action("create_user", "Make an account for a person", NewUser, _ADMINISTRATOR, _create_user),
     Action("change_user", "Change roles or disable an account", ChangedUser, _ADMINISTRATOR, _change_user),
     Action("set_passphrase", "Set a new passphrase", NewPassphrase, _ANYBODY, _set_passphrase),

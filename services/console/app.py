@@ -30,7 +30,7 @@ from services.console.actions import Actions
 from services.console.guard import Guard, origins_of
 from services.console.live import Live
 from services.console.pages import accounts as accounts_page
-from services.console.pages import operator, overview, services, task, tasks, treasury
+from services.console.pages import operator, overview, services, task, tasks, treasury, work
 from services.console.pages.frame import Console
 from services.console.reads import Reads
 
@@ -50,7 +50,7 @@ def build(console: Console, origins: set[str], lifespan: Callable[[FastAPI], Any
     api.include_router(files.router(console))
     api.mount("/api", rest.make_api(console))
     api.mount("/static", StaticFiles(directory=STATIC))
-    for module in (overview, tasks, task, services, treasury, operator, accounts_page):
+    for module in (overview, tasks, task, services, treasury, work, operator, accounts_page):
         module.register(console)
     nicegui_app.colors(
         primary="#0f6d5f", positive="#1a7f4b", negative="#b3261e", warning="#8a5a00", info="#1f5fa8"
@@ -107,7 +107,9 @@ async def serve(service: Service) -> None:
     reads = Reads(service.bus, site)
     accounts = Accounts(accounts_path(site), config)
     live = Live(service.bus, site, reads)
-    console = Console(site, accounts, Actions(service.bus, site, accounts), reads, live, scene.lab(site))
+    console = Console(
+        site, accounts, Actions(service.bus, site, accounts, service.clock), reads, live, scene.lab(site)
+    )
 
     @asynccontextmanager
     async def lifespan(_api: FastAPI) -> Any:

@@ -12,7 +12,8 @@ from rodeo import topics
 from rodeo.bus import Bus, validate
 from rodeo.config import Site
 from rodeo.errors import MalformedJson
-from rodeo.evidence import Store
+from rodeo.evidence import Store, open_proof
+from rodeo.evidence.statement import Statement, read_statement
 from rodeo.messages import DaoEvent, Task
 from services.console.errors import UnknownFile
 
@@ -48,7 +49,9 @@ class Reads:
 
     def robot(self, robot: str) -> Json:
         """What the robot's agent says of itself. Raises NoResponder."""
-        return self._bus.query(f"rodeo/{self._site.org}/robot/{robot}/state", {}, timeout_s=_QUERY_S)
+        return self._bus.query(
+            topics.ROBOT_ORDER.name(org=self._site.org, robot=robot, order="state"), {}, timeout_s=_QUERY_S
+        )
 
     def task(self, task_id: int) -> Task:
         return validate(Task, self.state(f"task/{task_id}"))
@@ -72,6 +75,11 @@ class Reads:
         while len(self._reports) > _REPORTS_KEPT:
             self._reports.popitem(last=False)
         return report
+
+    def statement(self, task: Task) -> Statement:
+        """Note and photos that a person handed in. Raises UnknownFile, EvidenceError."""
+        with tempfile.TemporaryDirectory(prefix="rodeo-statement-") as folder:
+            return read_statement(open_proof(self.proof(task, Path(folder))))
 
     def proof(self, task: Task, folder: Path) -> Path:
         """A copy of the proof in `folder`, its bytes checked. Raises UnknownFile, EvidenceError."""

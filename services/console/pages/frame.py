@@ -111,7 +111,7 @@ def frame(console: Console, title: str, path: str, *, heading: bool = True) -> I
             # A plain form: it works when nothing else does.
             with ui.element("form").props('method="post" action="/logout"').style("margin-top: 12px"):
                 ui.button("Log out").props("outline dense type=submit")
-    with ui.element("main").classes("page") as main:
+    with ui.element("div").classes("page") as main:
         if heading:
             page_head(title)
         yield

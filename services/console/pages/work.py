@@ -1,0 +1,271 @@
+"""My work: tasks of a person who does them, and proofs that wait for an auditor."""
+
+from __future__ import annotations
+
+import base64
+from functools import partial
+from typing import Any
+
+from nicegui import ui
+from nicegui.events import UploadEventArguments
+
+from rodeo.errors import RodeoError
+from rodeo.evidence.statement import MAX_PHOTO_BYTES, MAX_PHOTOS, Statement, photo_format
+from rodeo.messages import Task
+from services.console.pages.frame import Console, act, ask, fail, follow_async, frame, user
+from services.console.pages.widgets import Link, Section, Text, badge, card, confirm, empty, notice, tile
+from services.console.roles import Role
+from services.console.words import explain, iec, kind, moment
+
+Json = dict[str, Any]
+
+SHOWN = 20
+
+
+def register(console: Console) -> None:
+    @ui.page("/work")
+    def work() -> None:
+        with frame(console, "My work", "/work"):
+            person = user()
+            if not person.has(Role.EXECUTOR, Role.AUDITOR):
+                notice(
+                    "This page is for executors and auditors. Ask an administrator for the role.", bad=True
+                )
+                return
+            if person.has(Role.EXECUTOR):
+                if person.participant is None:
+                    notice("Your account works as no participant; an administrator can say which.", bad=True)
+                else:
+                    ExecutorDesk(console, person.participant)
+            if person.has(Role.AUDITOR):
+                AuditorDesk(console)
+
+
+class ExecutorDesk:
+    """What is assigned to a participant without a body, and what became of the rest."""
+
+    def __init__(self, console: Console, participant: str) -> None:
+        self._console = console
+        self._participant = participant
+        self._problem = Section(lambda text: notice(text, bad=True) if text else None).live()
+        with ui.element("div").classes("grid tiles"):
+            self._balance, self._todo, self._waiting, self._paid = (
+                tile(name, "–") for name in ("my balance", "to do", "waiting for a verdict", "paid tasks")
+            )
+        with ui.element("div").classes("grid"):
+            with ui.element("div").classes("stack span-7"), card("To do"):
+                self._assigned = Section(self._draw_assigned).live()
+            with ui.element("div").classes("stack span-5"), card("Handed in"):
+                self._ended = Section(_draw_ended).live()
+        self._refresh = follow_async(console, "organization", self._load)
+
+    async def _load(self) -> None:
+        reads = self._console.reads
+        mine = partial(reads.tasks, executor=self._participant)
+        try:
+            todo, total = await ask(mine, SHOWN, state="assigned", order="oldest")
+            ended, _ = await ask(mine, SHOWN, state="submitted,settled,failed")
+            _, waiting = await ask(mine, 1, state="submitted")
+            _, paid = await ask(mine, 1, state="settled")
+            wallet = await ask(reads.state, "wallet", account=self._participant)
+        except RodeoError as error:
+            self._problem.show(explain(error))
+            return
+        self._problem.show("")
+        self._balance.set_text(iec(wallet["balance_iec"]))
+        for shown, number in ((self._todo, total), (self._waiting, waiting), (self._paid, paid)):
+            shown.set_text(f"{number:,}")
+        self._assigned.show(todo)
+        self._ended.show(ended)
+
+    def _draw_assigned(self, tasks: list[Task]) -> None:
+        if not tasks:
+            empty("Nothing is assigned to you. Offer a service, and tasks of its kind come here.")
+            return
+        with ui.element("ul").classes("list"):
+            for task in tasks:
+                with ui.element("li"):
+                    Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
+                    with ui.element("span").classes("line tight"):
+                        ui.button("Accept", on_click=partial(self._accept, task)).props(
+                            f'outline dense aria-label="Accept task {task.id}"'
+                        )
+                        ui.button("Hand in", on_click=partial(self._hand_in, task)).props(
+                            f'unelevated dense aria-label="Hand in task {task.id}"'
+                        )
+                    due = f" · due by {moment(task.execution_deadline)}" if task.execution_deadline else ""
+                    Text(
+                        "span",
+                        f"{task.description or 'no description'} · {iec(task.reward_iec)}{due}",
+                        "soft",
+                    )
+
+    async def _accept(self, task: Task) -> None:
+        await act(self._console, "accept_work", {"task_id": task.id}, f"Task {task.id} is yours to do")
+
+    async def _hand_in(self, task: Task) -> None:
+        entered = await _ask_statement(task)
+        if entered is None:
+            return
+        note, photos = entered
+        lines = [("Note", note), ("Photos", str(len(photos))), ("After that", "it cannot be changed")]
+        if await confirm(f"Hand in task {task.id}?", lines, "Seal and hand in"):
+            request = {
+                "task_id": task.id,
+                "note": note,
+                "photos": [base64.b64encode(photo).decode() for photo in photos],
+            }
+            await act(self._console, "submit_work", request, f"Task {task.id} is handed in")
+
+
+async def _ask_statement(task: Task) -> tuple[str, list[bytes]] | None:
+    """Note and photos; None when it was closed."""
+    photos: list[bytes] = []
+
+    async def take(event: UploadEventArguments) -> None:
+        data = await event.file.read()
+        try:
+            photo_format(data)
+        except RodeoError as error:
+            fail(error)
+            return
+        photos.append(data)
+        count.set_text(f"{len(photos)} photo{'s' if len(photos) != 1 else ''} added")
+
+    def close() -> None:
+        if (note.value or "").strip():
+            dialog.submit(True)
+        else:
+            ui.notify("Say in a sentence what you did", type="warning")
+
+    with ui.dialog() as dialog, ui.card():
+        heading = Text("h2", f"Hand in task {task.id}")
+        dialog.props(f'aria-labelledby="{heading.html_id}"')
+        note = ui.textarea("What did you do?").props("outlined dense autofocus maxlength=4000")
+        note.style("width: 100%")
+        upload = ui.upload(
+            label="Photos (JPEG or PNG)",
+            auto_upload=True,
+            multiple=True,
+            max_file_size=MAX_PHOTO_BYTES,
+            max_files=MAX_PHOTOS,
+            on_upload=take,
+            on_rejected=lambda: ui.notify(
+                f"At most {MAX_PHOTOS} JPEG or PNG pictures of 8 MB", type="warning"
+            ),
+        )
+        upload.props('accept="image/jpeg,image/png" flat bordered').style("width: 100%")
+        count = Text("p", "No photo yet", "soft").props('aria-live="polite"')
+        with ui.element("div").classes("dialog-buttons"):
+            ui.button("Back", on_click=lambda: dialog.submit(False)).props("flat")
+            ui.button("Review", on_click=close).props("unelevated")
+    answer = await dialog
+    entered = str(note.value or "").strip()
+    dialog.delete()
+    return (entered, photos) if answer else None
+
+
+def _draw_ended(tasks: list[Task]) -> None:
+    if not tasks:
+        empty("You have handed in nothing yet.")
+        return
+    with ui.element("ul").classes("list"):
+        for task in tasks:
+            with ui.element("li"):
+                Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
+                badge(task.verdict or task.state)
+                if task.state == "settled":
+                    outcome = f"paid {iec(task.paid_iec)} on {moment(task.settled)}"
+                else:
+                    outcome = task.reason or "waiting for the verdict"
+                Text("span", outcome, "soft")
+
+
+class AuditorDesk:
+    """Proofs of those kinds of work that the organization's rules leave to a person."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._problem = Section(lambda text: notice(text, bad=True) if text else None).live()
+        with card("To judge"):
+            self._waiting = Section(self._draw).live()
+        self._refresh = follow_async(console, "organization", self._load)
+
+    async def _load(self) -> None:
+        reads = self._console.reads
+        try:
+            kinds = (await ask(reads.state, "organization"))["kinds"]
+            tasks, _ = await ask(reads.tasks, 100, state="submitted", order="oldest")
+        except RodeoError as error:
+            self._problem.show(explain(error))
+            return
+        self._problem.show("")
+        ours = {one["kind"] for one in kinds if one["review"] == "auditor"}
+        self._waiting.show([task for task in tasks if task.kind in ours][:SHOWN])
+
+    def _draw(self, tasks: list[Task]) -> None:
+        if not tasks:
+            empty("No proof waits for an auditor.")
+            return
+        with ui.element("ul").classes("list"):
+            for task in tasks:
+                with ui.element("li"):
+                    Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
+                    ui.button("Open", on_click=partial(self._open, task)).props(
+                        f'unelevated dense aria-label="Judge task {task.id}"'
+                    )
+                    due = (
+                        f" · verdict due by {moment(task.verdict_deadline)}" if task.verdict_deadline else ""
+                    )
+                    Text(
+                        "span",
+                        f"{task.executor_name or task.executor} for {iec(task.reward_iec)}{due}",
+                        "soft",
+                    )
+
+    async def _open(self, task: Task) -> None:
+        try:
+            statement: Statement | None = await ask(self._console.reads.statement, task)
+        except RodeoError as error:
+            statement = None
+            fail(error)
+        with ui.dialog() as dialog, ui.card().style("width: 640px"):
+            heading = Text("h2", f"Judge task {task.id}")
+            dialog.props(f'aria-labelledby="{heading.html_id}"')
+            Text("p", task.description or kind(task.kind), "wrap")
+            if statement is None:
+                notice("The proof holds no statement that could be shown; the task's page has the recording.")
+            else:
+                Text("p", f"“{statement.note}”", "wrap")
+                for number, photo in enumerate(statement.photos, start=1):
+                    kind_ = photo_format(photo)
+                    source = f"data:image/{kind_};base64,{base64.b64encode(photo).decode()}"
+                    image = ui.element("img").props(f'alt="Photo {number} of the work"')
+                    image.props["src"] = source
+                    image.style("max-width: 100%; max-height: 320px; border-radius: 8px")
+            reason = ui.input("Why?").props("outlined dense maxlength=500").style("width: 100%")
+
+            def answer(accepted: bool) -> None:
+                if (reason.value or "").strip():
+                    dialog.submit(accepted)
+                else:
+                    ui.notify("Give a reason: the executor reads it", type="warning")
+
+            with ui.element("div").classes("dialog-buttons"):
+                ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
+                ui.button("Reject", on_click=lambda: answer(False), color="negative").props("outline")
+                ui.button("Approve", on_click=lambda: answer(True)).props("unelevated")
+        accepted = await dialog
+        text = str(reason.value or "").strip()
+        dialog.delete()
+        if accepted is None:
+            return
+        word = "Approve" if accepted else "Reject"
+        lines = [
+            ("Task", f"{task.id} · {kind(task.kind)}"),
+            ("Reason", text),
+            ("Reward", iec(task.reward_iec)),
+        ]
+        if await confirm(f"{word} this work?", lines, word, danger=not accepted):
+            request = {"task_id": task.id, "accepted": accepted, "reason": text}
+            await act(self._console, "judge", request, f"Task {task.id} is judged")
