@@ -45,6 +45,7 @@ QUEUE_SHOWN = 8
 VERDICTS_SHOWN = 6
 _EVENTS_KEPT = 200
 _ENDED_ASKED = 30
+_PATH_POINTS = 60
 
 
 class Newest:
@@ -266,8 +267,8 @@ class Live:
 
         for robot in self._site.robots:
             keep(topics.MOCAP_POSE, body=robot.name)
-            for topic in (topics.ODOM, topics.JOINT_STATES, topics.BATTERY_STATE):
-                keep(topic, ns=robot.name)
+            for topic in (topics.ODOM, topics.JOINT_STATES, topics.BATTERY_STATE, topics.PLAN):
+                keep(topic, ns=robot.namespace)
         for item in self._site.items:
             keep(topics.MOCAP_POSE, body=item.id)
 
@@ -277,7 +278,7 @@ class Live:
         self._newest.clear()
 
     def _map_state(self) -> Json:
-        robots = {robot.name: self._robot_state(robot.name) for robot in self._site.robots}
+        robots = {one.name: self._robot_state(one.name, one.namespace) for one in self._site.robots}
         items = {}
         for item in self._site.items:
             pose = self._newest[topics.MOCAP_POSE.name(body=item.id)]
@@ -286,11 +287,11 @@ class Live:
                 items[item.id] = {"x": _mm(at.x), "y": _mm(at.y), "z": _mm(at.z), "fresh": pose.fresh}
         return {"robots": robots, "items": items}
 
-    def _robot_state(self, name: str) -> Json:
+    def _robot_state(self, name: str, namespace: str) -> Json:
         mocap = self._newest[topics.MOCAP_POSE.name(body=name)]
-        odom = self._newest[topics.ODOM.name(ns=name)]
-        joints = self._newest[topics.JOINT_STATES.name(ns=name)]
-        battery = self._newest[topics.BATTERY_STATE.name(ns=name)]
+        odom = self._newest[topics.ODOM.name(ns=namespace)]
+        joints = self._newest[topics.JOINT_STATES.name(ns=namespace)]
+        battery = self._newest[topics.BATTERY_STATE.name(ns=namespace)]
         state: Json = {"fresh": False}
         if mocap.message is not None:
             state |= _pose(mocap.message.pose) | {"fresh": mocap.fresh, "source": "motion capture"}
@@ -302,6 +303,10 @@ class Live:
                 state["arm"] = arm_points(np.array([angles[joint] for joint in ARM_JOINTS]))
         if battery.message is not None and battery.fresh:
             state["soc"] = round(float(battery.message.percentage), 3)
+        plan = self._newest[topics.PLAN.name(ns=namespace)]
+        if plan.message is not None and plan.fresh:
+            points = [pose.pose.position for pose in plan.message.poses]
+            state["path"] = [[_mm(at.x), _mm(at.y)] for at in points[:: max(1, len(points) // _PATH_POINTS)]]
         return state
 
 

@@ -37,7 +37,7 @@ def track(proof: Proof, site: Site) -> Json:
         "robots": {
             robot.name: columns
             for robot in site.robots
-            if (columns := _robot(proof, robot.name, at_ns)) is not None
+            if (columns := _robot(proof, robot.name, robot.namespace, at_ns)) is not None
         },
         "items": {
             item.id: columns
@@ -70,24 +70,24 @@ def _pose(proof: Proof, name: str, at_ns: Array) -> Json | None:
     }
 
 
-def _robot(proof: Proof, name: str, at_ns: Array) -> Json | None:
+def _robot(proof: Proof, name: str, namespace: str, at_ns: Array) -> Json | None:
     columns = _pose(proof, topics.MOCAP_POSE.name(body=name), at_ns)
     if columns is None:
-        odom = _table(proof, topics.ODOM, topics.ODOM.name(ns=name))
+        odom = _table(proof, topics.ODOM, topics.ODOM.name(ns=namespace))
         if odom is None:
             return None
         rows = _rows(odom, at_ns)
         columns = {axis: _rounded(odom[f"pose.pose.position.{axis}"][rows]) for axis in "xy"}
         columns["yaw"] = _rounded(_yaw(odom, "pose.pose.orientation", rows))
     columns.pop("z", None)
-    joints = _table(proof, topics.JOINT_STATES, topics.JOINT_STATES.name(ns=name))
+    joints = _table(proof, topics.JOINT_STATES, topics.JOINT_STATES.name(ns=namespace))
     if joints is not None:
         try:
             angles = joints.named("position", list(ARM_JOINTS))[_rows(joints, at_ns)]
         except LayoutChanged:
             angles = np.empty((0, 6))  # another robot's arm, which this map cannot draw
         columns["arm"] = [arm_points(row) for row in angles]
-    battery = _table(proof, topics.BATTERY_STATE, topics.BATTERY_STATE.name(ns=name))
+    battery = _table(proof, topics.BATTERY_STATE, topics.BATTERY_STATE.name(ns=namespace))
     if battery is not None:
         columns["soc"] = _rounded(battery["percentage"][_rows(battery, at_ns)])
     return columns

@@ -21,6 +21,7 @@ from tests.support.site import RunningSite, write_site
 
 PASSPHRASE = "correct horse battery"
 WAIT_MS = 60_000
+expect.set_options(timeout=WAIT_MS)
 SITE = """clock.speed = 20
 clock.idle_speed = 400
 agent.explore_when_idle = false
