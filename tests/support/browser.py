@@ -8,7 +8,7 @@ import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from playwright.sync_api import Browser, Page, sync_playwright
+from playwright.sync_api import Browser, ConsoleMessage, Error, Page, Request, sync_playwright
 
 _NAMES = ("chromium", "chromium-browser", "google-chrome")
 _MISSING = "the tests of the console need Chromium: apt-get install chromium"
@@ -46,10 +46,19 @@ def watch(page: Page, origin: str) -> list[str]:
     """Fills with what no page of the console may do: ask elsewhere, break its policy, raise an error."""
     faults: list[str] = []
     own = (origin, origin.replace("http", "ws", 1), "data:", "blob:")
-    page.on("request", lambda request: request.url.startswith(own) or faults.append(f"asked {request.url}"))
-    page.on("pageerror", lambda error: faults.append(f"raised {error}"))
-    page.on(
-        "console",
-        lambda message: message.type == "error" and faults.append(f"complained {message.text}"),
-    )
+
+    def asked(request: Request) -> None:
+        if not request.url.startswith(own):
+            faults.append(f"asked {request.url}")
+
+    def raised(error: Error) -> None:
+        faults.append(f"raised {error}")
+
+    def complained(message: ConsoleMessage) -> None:
+        if message.type == "error":
+            faults.append(f"complained {message.text}")
+
+    page.on("request", asked)
+    page.on("pageerror", raised)
+    page.on("console", complained)
     return faults
