@@ -11,7 +11,6 @@ from typing import Any
 import pytest
 from eth_account import Account
 
-from bench import soak
 from deploy.chain.server import RpcServer
 from rodeo import wallets
 from tests.support.chain import Answer, EmbeddedChain, FaultyNode
@@ -62,14 +61,6 @@ def test_a_wallet_that_is_stuck_holds_up_nobody_else(running: RunningSite, node:
         service_ids = {request.result()["service_id"] for request in stuck}
     assert service_ids == {1}
     assert dao.task(task_id)["state"] == "assigned"
-
-
-def test_bridge_node_and_router_killed_at_random_moments_settle_every_task_once() -> None:
-    """A short run of `make bench ONLY=soak`."""
-    found = soak.faults(tasks=8, kills=5, seed=7)
-    assert found.pop("faults_kills") == 5
-    assert found.pop("faults_s") > 0
-    assert set(found.values()) == {0}, found
 
 
 def test_a_chain_that_was_made_anew_is_taken_for_another(running: RunningSite) -> None:
