@@ -1,4 +1,4 @@
-"""What is in the photo: EfficientNet-Lite0 by OpenCV's DNN module, on one thread, offline.
+"""What is in the photo: EfficientNet-Lite by OpenCV's DNN module, on one thread, offline.
 
 The preprocessing, the classes and the thresholds are data beside the weights (`model/preprocessing.json`,
 written by `services.itrash.train`), so that weights and their preprocessing cannot drift apart.
@@ -7,7 +7,7 @@ written by `services.itrash.train`), so that weights and their preprocessing can
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -28,6 +28,7 @@ class Preprocessing(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     classes: list[str]
+    """The network's outputs in order; one more follows, for a picture that shows none of them."""
     input_px: int
     """Side of the square input. The whole photo is squeezed into it: the bin's camera frames the item, so
     cropping would lose what the picture is about."""
@@ -37,20 +38,22 @@ class Preprocessing(BaseModel):
     temperature: float
     """Logits are divided by it before the softmax (Guo et al., 2017, arXiv:1706.04599)."""
     unknown_below: float
-    """A photo whose best probability is lower is `unknown`."""
+    """A photo whose best class is less probable than this, `none of them` included, is `unknown`."""
 
 
 @dataclass(frozen=True)
 class Classification:
-    """`label` is a class or `unknown`; `probabilities` of all classes sum to one either way."""
+    """`label` is a class or `unknown`; `probabilities` of the classes sum to one either way: they say which
+    class it is if it is one. `item_probability` says whether it is one at all."""
 
     label: str
     probabilities: dict[str, float]
+    item_probability: float = 1.0
 
     @property
     def confidence(self) -> float:
-        """The highest probability, 0..1."""
-        return max(self.probabilities.values())
+        """How probable it is that this is an item of the best class, 0..1."""
+        return max(self.probabilities.values()) * self.item_probability
 
 
 def to_input(image_bgr: np.ndarray, preprocessing: Preprocessing) -> np.ndarray:
@@ -63,16 +66,19 @@ def to_input(image_bgr: np.ndarray, preprocessing: Preprocessing) -> np.ndarray:
 
 
 def verdict(logits: np.ndarray, preprocessing: Preprocessing) -> Classification:
-    """Logits (classes,) -> calibrated probabilities and the label."""
+    """Logits (classes + 1,) -> calibrated probabilities and the label."""
     scaled = logits.astype(np.float64) / preprocessing.temperature
     exponentials = np.exp(scaled - scaled.max())
-    probabilities = exponentials / exponentials.sum()
-    best = int(probabilities.argmax())
-    sure = probabilities[best] >= preprocessing.unknown_below
-    return Classification(
-        label=preprocessing.classes[best] if sure else UNKNOWN,
-        probabilities=dict(zip(preprocessing.classes, map(float, probabilities), strict=True)),
+    shares = exponentials / exponentials.sum()
+    item = float(shares[:-1].sum())
+    # Scaled again on their own: where no item is all but certain, `item` may vanish.
+    classes = np.exp(scaled[:-1] - scaled[:-1].max())
+    found = Classification(
+        label=preprocessing.classes[int(classes.argmax())],
+        probabilities=dict(zip(preprocessing.classes, map(float, classes / classes.sum()), strict=True)),
+        item_probability=item,
     )
+    return found if found.confidence >= preprocessing.unknown_below else replace(found, label=UNKNOWN)
 
 
 class Classifier:
@@ -84,7 +90,7 @@ class Classifier:
         self._one_at_a_time = threading.Lock()  # a cv2.dnn.Net keeps its buffers between calls
 
     def logits(self, image_bgr: np.ndarray) -> np.ndarray:
-        """uint8 (h, w, 3) BGR -> float32 (classes,)."""
+        """uint8 (h, w, 3) BGR -> float32 (classes + 1,)."""
         blob = to_input(image_bgr, self.preprocessing)
         with self._one_at_a_time:
             self._net.setInput(blob)

@@ -22,12 +22,14 @@ class Sample:
 
     image_bgr: np.ndarray
     label: str | None
+    name: str = ""
+    """Where it came from."""
 
 
 def load_photos(folder: Path) -> list[Sample]:
     """Every photo under `folder/<class>/`, in a stable order. Raises FileNotFoundError, ImageError."""
     return [
-        Sample(_shrink(decode_image(path.read_bytes())), label)
+        Sample(_shrink(decode_image(path.read_bytes())), label, f"{label}/{path.name}")
         for label in CLASSES
         for path in sorted((folder / label).iterdir())
     ]

