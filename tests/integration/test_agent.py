@@ -26,8 +26,9 @@ agent.explore_when_idle = true
 class Organization:
     """The organization's side of a running site."""
 
-    def __init__(self, running: RunningSite) -> None:
+    def __init__(self, running: RunningSite, wait_s: float = WAIT_S) -> None:
         self.running = running
+        self._wait_s = wait_s
         self.events: list[DaoEvent] = []
         self.activities: list[str] = []
         self._changed = threading.Condition()
@@ -55,7 +56,7 @@ class Organization:
 
     def _wait(self, found: Callable[[], Any], what: str) -> Any:
         with self._changed:
-            assert self._changed.wait_for(found, WAIT_S), (
+            assert self._changed.wait_for(found, self._wait_s), (
                 f"waited for {what}; the agent said:\n{self.running.log('robot_agent')}"
             )
             return found()

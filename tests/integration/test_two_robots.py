@@ -31,13 +31,13 @@ def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -
     running.deploy_contracts()
     agents = [f"robot_agent.{name}" for name in ROBOTS]
     running.start("bridge", "oracle", "itrash", "robot_sim", *agents)
-    organization = Organization(running)
+    organization = Organization(running, wait_s=350.0)
     yield organization
     organization.close()
     running.stop()
 
 
-@pytest.mark.timeout(400)
+@pytest.mark.timeout(720)
 def test_two_tasks_are_done_by_two_robots_which_are_both_paid(organization: Organization) -> None:
     running = organization.running
     tasks = []
