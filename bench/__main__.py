@@ -11,7 +11,18 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-AREAS = ("contracts", "evidence", "oracle", "robot", "itrash", "bridge", "autonomy", "soak", "console")
+AREAS = (
+    "contracts",
+    "evidence",
+    "oracle",
+    "forgeries",
+    "robot",
+    "itrash",
+    "bridge",
+    "autonomy",
+    "soak",
+    "console",
+)
 OUT = Path("out/bench.json")
 
 

@@ -1,6 +1,8 @@
 """From URI to verdict, as the oracle does it: fetched from the store, verified in a process of its own.
 
-`verify_cleaning_s`: a 192 s cleaning at 50 Hz (eight topics), replayed in physics at 2 ms.
+`verify_cleaning_s`: a 192 s cleaning at 50 Hz (eight topics), replayed in physics at 2 ms; the same at 48, 96
+and 384 s as `verify_cleaning_<length>s_s`. `verify_growth`: what another second costs between 192 and 384 s,
+over what it costs between 96 and 192 s; 1 is linear.
 `verify_charging_s`: a 65-minute charge at 1 Hz with a signed statement every 10 s.
 `verify_peak_mb`: largest resident memory of a process that verifies both.
 """
@@ -28,14 +30,16 @@ from tests.support.assignments import (
     BINDING,
     CHARGE_BINDING,
     METER,
+    MOCAP,
     ROBOT,
     charging_ledger,
     cleaning_ledger,
 )
-from tests.support.recordings import Take, film_charging, film_cleaning, seal
+from tests.support.recordings import Take, film_charging, film_cleaning, seal, signed_poses
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 CLEANING_S = 192.0
+LENGTHS_S = (48.0, 96.0, CLEANING_S, 384.0)
 CHARGED_FROM = 0.525
 """State of charge from which a charge takes 65 minutes."""
 REPEATS = 5
@@ -46,7 +50,11 @@ def run() -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         site = Site.load(SITE).model_copy(update={"data_dir": Path(folder, "data")})
         brief = film_cleaning(site, "item1", BIN)
-        cleaning = film_cleaning(site, "item1", BIN, linger_s=CLEANING_S - (brief.end_s - brief.start_s))
+        films = {
+            length_s: film_cleaning(site, "item1", BIN, linger_s=length_s - (brief.end_s - brief.start_s))
+            for length_s in LENGTHS_S
+        }
+        cleaning = films[CLEANING_S]
         charge = film_charging(site, METER, CHARGE_BINDING, soc=CHARGED_FROM)
         cases = {
             "cleaning": _submitted(site, cleaning, cleaning_ledger(cleaning), BINDING, ROBOT),
@@ -59,6 +67,13 @@ def run() -> dict[str, float]:
         for name, ledger in cases.items():
             _verify(site, ledger)  # the first starts what later ones share
             figures[f"verify_{name}_s"] = statistics.median(_verify(site, ledger) for _ in range(REPEATS))
+        for length_s, film in films.items():
+            ledger = _submitted(site, film, cleaning_ledger(film), BINDING, ROBOT)
+            took_s = statistics.median(_verify(site, ledger) for _ in range(REPEATS))
+            figures[f"verify_cleaning_{length_s:.0f}s_s"] = took_s
+        more_s = figures["verify_cleaning_384s_s"] - figures["verify_cleaning_192s_s"]
+        less_s = figures["verify_cleaning_192s_s"] - figures["verify_cleaning_96s_s"]
+        figures["verify_growth"] = (more_s / 192) / (less_s / 96)
         figures["verify_peak_mb"] = _peak_mb(site, list(cases.values()))
         return figures
 
@@ -66,7 +81,7 @@ def run() -> dict[str, float]:
 def _submitted(site: Site, take: Take, ledger: Ledger, binding: Binding, device: LocalAccount) -> Ledger:
     """The chain's view after the proof of `take` was put into the store."""
     with tempfile.TemporaryDirectory() as folder:
-        proof = seal(take, Path(folder, "proof.mcap"), binding, device)
+        proof = seal(signed_poses(take, MOCAP), Path(folder, "proof.mcap"), binding, device)
         fields = {"proof_uri": Store(site).put(proof.path), "proof_sha256": proof.sha256}
     return ledger.model_copy(update={"task": ledger.task.model_copy(update=fields)})
 

@@ -126,12 +126,16 @@ class StoreConfig(_Table):
     """fsspec URL where proofs and reports go; the data directory's `store` folder by default."""
     allowed: list[str] = []
     """Further URL prefixes that a proof may be fetched from."""
+    options: dict[str, Any] = {}
+    """Of fsspec's client for these URLs ({ endpoint_url = "..." } for S3). Credentials do not belong here."""
     max_bytes: int = 256 * MiB
 
 
 class OracleConfig(_Table):
     time_limit_s: float = 60.0
     """Wall time for one verification; beyond it the proof is rejected with that reason."""
+    accept_unsealed: bool = False
+    """Whether bags that nobody sealed while they were recorded are paid for."""
 
 
 class CameraConfig(_Table):

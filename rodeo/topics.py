@@ -230,6 +230,14 @@ DISPOSAL = _dao(
     "itrash",
     "what fell where",
 )
+MOCAP_ATTESTATION = _dao(
+    "rodeo/{org}/mocap/{body}/attestation",
+    "Attestation",
+    Form.TOPIC,
+    "robot_sim",
+    "which poses the motion capture published",
+    1,
+)
 BIN_STATE = _dao("rodeo/{org}/itrash/{bin}/state", "BinState", Form.QUERY, "itrash", "its last attestations")
 ROBOT_ORDER = _dao(
     "rodeo/{org}/robot/{robot}/{order}",

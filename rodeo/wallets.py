@@ -48,7 +48,7 @@ def wallets_elsewhere(site: Site) -> dict[str, str]:
 def device_names(site: Site) -> dict[str, str]:
     """Device keys, which sign evidence and own nothing: name -> role on chain."""
     robots = {f"{robot.name}-device": "robot" for robot in site.robots}
-    return {**robots, f"{site.bin.name}-device": "bin", "meter-device": "meter"}
+    return {**robots, f"{site.bin.name}-device": "bin", "meter-device": "meter", "mocap-device": "mocap"}
 
 
 def keystore_path(site: Site, name: str) -> Path:

@@ -192,7 +192,7 @@ def wallet(
 @reports_errors
 def verify(
     file: Annotated[
-        Path, typer.Argument(help="A proof (MCAP).", metavar="FILE", exists=True, dir_okay=False)
+        Path, typer.Argument(help="A proof (MCAP), or a ROS 1 or ROS 2 bag.", metavar="FILE", exists=True)
     ],
     site: SiteOption = DEFAULT_SITE,
     as_json: JsonOption = False,
@@ -209,7 +209,7 @@ def verify(
         print_json(report.model_dump())
     else:
         table = Table(box=None)
-        for column in ("check", "", "measured", "limit", "about"):
+        for column in ("check", "", "measured", "limit", "the limit's source", "about"):
             table.add_column(column, no_wrap=column == "check")
         for name, result, *values in report.rows():
             table.add_row(name, RESULT_COLOURS[result], *map(escape, values))

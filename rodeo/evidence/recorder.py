@@ -42,6 +42,8 @@ from rodeo.ros2.types import schema_text
 
 EVENT_CHANNEL = "rodeo/event"
 ATTESTATION_CHANNEL = "rodeo/attestation"
+CLOSED = "recording_closed"
+"""Last event of a recording: {"event", "topics": {topic: {"seen", "published"}}}, see `Tally`."""
 _JSON_CHANNELS = frozenset({EVENT_CHANNEL, ATTESTATION_CHANNEL})
 _IDLE_SEAL_S = 1.0
 """Wall time after which messages are sealed although no further one came."""
@@ -68,6 +70,27 @@ class _Entry(NamedTuple):
     log_ns: int
     publish_ns: int
     data: bytes
+    urgent: bool = False
+    """To be signed and on disk at once."""
+
+
+class Tally:
+    """How many messages of one topic were seen, and how many its publishers sent by their own count."""
+
+    def __init__(self) -> None:
+        self.seen = 0
+        self.published = 0
+        self._last = 0
+
+    def add(self, sequence: int) -> None:
+        """The next message's sequence number. One that does not grow is of a publisher that restarted."""
+        step = sequence - self._last
+        self.published += step if self.seen and step > 0 else 1
+        self.seen += 1
+        self._last = sequence
+
+    def counts(self) -> dict[str, int]:
+        return {"seen": self.seen, "published": self.published}
 
 
 class Recorder:
@@ -104,7 +127,7 @@ class Recorder:
 
     @classmethod
     def finish(cls, path: Path, binding: Binding, account: LocalAccount, clock: Clock) -> SealedProof:
-        """Seal a suspended or cut off recording as it is, without adding to it. Raises like `resume`."""
+        """Seal a suspended or cut off recording as it is. Raises like `resume`."""
         recorder, _ = cls._reopen(path, binding, account, clock)
         return recorder.close()
 
@@ -156,15 +179,18 @@ class Recorder:
         name = topic if topic.startswith("/") else "/" + topic
         self._put(_Entry(name, ros_type, sequence & 0xFFFFFFFF, log_time_ns, publish_time_ns, cdr))
 
-    def write_json(self, channel: str, payload: dict[str, Any]) -> None:
-        """One JSON object on `rodeo/event` or `rodeo/attestation`, stamped with the clock's time."""
+    def write_json(self, channel: str, payload: dict[str, Any], *, urgent: bool = True) -> None:
+        """One JSON object on `rodeo/event` or `rodeo/attestation`, stamped with the clock's time.
+
+        What is `urgent` is signed and on disk at once: being killed right after it must not lose it.
+        """
         if channel not in _JSON_CHANNELS:
             raise ValueError(f"no such JSON channel: {channel}")
         now_ns = self._clock.now_ns()
         with self._lock:
             sequence = self._sequences[channel] = self._sequences.get(channel, -1) + 1
         data = json.dumps(payload, allow_nan=False, separators=(",", ":")).encode()
-        self._put(_Entry(channel, "", sequence, now_ns, now_ns, data))
+        self._put(_Entry(channel, "", sequence, now_ns, now_ns, data, urgent))
 
     def close(self) -> SealedProof:
         """Write everything, the final seal and the file's index. Raises RecorderFailed."""
@@ -233,6 +259,7 @@ class _SealedFile:
         self._writer.start(profile="ros2", library="rodeo")
         self._schemas: dict[str, tuple[int, bytes]] = {}
         self._channels: dict[str, tuple[int, bytes]] = {}
+        self._tallies: dict[str, Tally] = {}
         self._last_log_ns = 0
         self._unsealed_since_ns: int | None = None
 
@@ -254,8 +281,8 @@ class _SealedFile:
         if self._unsealed_since_ns is not None and entry.log_ns - self._unsealed_since_ns >= SEAL_PERIOD_NS:
             self.seal()
         self._write(entry)
-        if entry.topic in _JSON_CHANNELS:
-            self.seal()  # rare and decisive: being killed right after it must not lose it
+        if entry.urgent:
+            self.seal()
 
     def seal(self) -> None:
         """Sign what is not yet signed and put it on disk."""
@@ -265,6 +292,7 @@ class _SealedFile:
     def finish(self, *, final: bool) -> None:
         self.seal()
         if final:
+            self._write_tallies()
             data = self._chain.final(self.running)
             self._write(
                 _Entry(SEAL_TOPIC, "", self.running.messages, self._last_log_ns, self._last_log_ns, data)
@@ -273,6 +301,13 @@ class _SealedFile:
         self._stream.flush()
         os.fsync(self._stream.fileno())
         self._stream.close()
+
+    def _write_tallies(self) -> None:
+        topics = {topic: tally.counts() for topic, tally in self._tallies.items()}
+        data = json.dumps({"event": CLOSED, "topics": topics}, separators=(",", ":")).encode()
+        self._write(
+            _Entry(EVENT_CHANNEL, "", self.running.messages, self._last_log_ns, self._last_log_ns, data)
+        )
 
     def _write_seal(self) -> None:
         data = self._chain.next(self.running, self._last_log_ns)
@@ -290,6 +325,8 @@ class _SealedFile:
         length = _LENGTH.pack(_MESSAGE_HEADER_BYTES + len(entry.data))
         tail = _TAIL.pack(entry.sequence, entry.log_ns, entry.publish_ns) + entry.data
         self.running.add(digest, length, tail)
+        if entry.schema_name:
+            self._tallies.setdefault(entry.topic, Tally()).add(entry.sequence)
         self._last_log_ns = max(self._last_log_ns, entry.log_ns)
         if self._unsealed_since_ns is None:
             self._unsealed_since_ns = entry.log_ns

@@ -6,28 +6,29 @@ is putting it once.
 
 from __future__ import annotations
 
-import os
 import re
 import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from hashlib import file_digest, sha256
 from pathlib import Path
-from typing import IO
+from typing import IO, Any
 
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
 from rodeo.config import Site
 from rodeo.evidence.errors import (
+    EvidenceError,
     ProofHashMismatch,
     ProofNotFound,
     ProofTooLarge,
     ProofUriNotAllowed,
     StoreUnavailable,
 )
+from rodeo.evidence.upload import blocks, upload
 
 _NAME = re.compile(r"^(?P<sha256>[0-9a-f]{64})\.(?P<suffix>mcap|json)$")
-_BLOCK_BYTES = 1 << 20
 
 
 class Store:
@@ -39,6 +40,7 @@ class Store:
     def __init__(self, site: Site) -> None:
         self._url = site.store_url.rstrip("/")
         self._allowed = [self._url, *(url.rstrip("/") for url in site.store.allowed)]
+        self._options = site.store.options
         self._max_bytes = site.store.max_bytes
 
     def put(self, path: Path) -> str:
@@ -46,30 +48,34 @@ class Store:
 
         Raises StoreUnavailable, ProofHashMismatch when the store gives back other bytes, ProofTooLarge.
         """
-        size = path.stat().st_size
-        if size > self._max_bytes:
-            raise ProofTooLarge(
-                "the file is larger than the store takes",
-                limit="file_bytes",
-                value=size,
-                allowed=self._max_bytes,
-            )
+        _check_size(path.stat().st_size, self._max_bytes)
         with path.open("rb") as file:
             digest = file_digest(file, "sha256").hexdigest()
         uri = f"{self._url}/{digest}{path.suffix}"
-        filesystem, target = fsspec.core.url_to_fs(uri)
-        try:
-            if isinstance(filesystem, LocalFileSystem):
-                _put_local(path, Path(target))
-            else:  # object stores show an object only once it is complete
-                filesystem.put_file(str(path), target)
-            with filesystem.open(target, "rb") as stored:
-                found = _digest(stored, self._max_bytes)
-        except OSError as error:
-            raise StoreUnavailable("the store did not take the file", uri=uri, cause=str(error)) from error
+        with _reached(uri):
+            filesystem, target = self._open(uri)
+            if self._stored(filesystem, target) != digest:
+                upload(filesystem, path, target)
+            found = self._stored(filesystem, target)
+        if found is None:
+            raise StoreUnavailable("the store does not have what it took", uri=uri)
         if found != digest:
             raise ProofHashMismatch("the store gave back other bytes", uri=uri, found="0x" + found)
         return uri
+
+    def _open(self, uri: str) -> tuple[Any, str]:
+        """The filesystem of `uri`, and its path there."""
+        filesystem, path = fsspec.core.url_to_fs(uri, **self._options)
+        filesystem.invalidate_cache()  # what another process put there meanwhile counts
+        return filesystem, path
+
+    def _stored(self, filesystem: Any, target: str) -> str | None:
+        """SHA-256 hex of what is stored at `target`, None when nothing is."""
+        try:
+            with filesystem.open(target, "rb") as stored:
+                return _digest(stored, self._max_bytes)
+        except FileNotFoundError:
+            return None
 
     def put_bytes(self, data: bytes, suffix: str) -> tuple[str, str]:
         """Upload `data`; (uri, sha256 as 0x hex). Raises like `put`."""
@@ -98,21 +104,20 @@ class Store:
         """
         self.check(uri)
         limit = self._max_bytes if max_bytes is None else max_bytes
-        filesystem, source = fsspec.core.url_to_fs(uri)
-        if isinstance(filesystem, LocalFileSystem) and Path(source).exists() and not Path(source).is_file():
-            raise ProofNotFound("the URI does not name a regular file", uri=uri)
+        filesystem, source = self._open(uri)
+        if isinstance(filesystem, LocalFileSystem) and Path(source).exists():
+            if not Path(source).is_file():
+                raise ProofNotFound("the URI does not name a regular file", uri=uri)
+            _check_size(Path(source).stat().st_size, limit)
         folder = folder or Path(tempfile.mkdtemp(prefix="rodeo-proof-"))
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / uri.rpartition("/")[2]
         try:
-            with filesystem.open(source, "rb") as remote, path.open("wb") as local:
+            with _reached(uri), filesystem.open(source, "rb") as remote, path.open("wb") as local:
                 found = _digest(remote, limit, copy=local)
-        except FileNotFoundError as error:
+        except EvidenceError:
             path.unlink(missing_ok=True)
-            raise ProofNotFound("the store has no such file", uri=uri) from error
-        except OSError as error:
-            path.unlink(missing_ok=True)
-            raise StoreUnavailable("the store did not give the file", uri=uri, cause=str(error)) from error
+            raise
         if "0x" + found != sha256.lower():
             path.unlink()
             raise ProofHashMismatch(
@@ -121,35 +126,33 @@ class Store:
         return path
 
 
-def _put_local(path: Path, target: Path) -> None:
-    target.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, part = tempfile.mkstemp(dir=target.parent, prefix=".part-")
+def _check_size(size: int, max_bytes: int) -> None:
+    if size > max_bytes:
+        raise ProofTooLarge(
+            "the file is larger than allowed", limit="file_bytes", value=size, allowed=max_bytes
+        )
+
+
+@contextmanager
+def _reached(uri: str) -> Iterator[None]:
+    """Whatever a store's client raises becomes ProofNotFound or StoreUnavailable."""
     try:
-        with open(descriptor, "wb") as file, path.open("rb") as source:
-            for block in _blocks(source):
-                file.write(block)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, target)
-    except BaseException:
-        os.unlink(part)
+        yield
+    except EvidenceError:
         raise
-
-
-def _blocks(stream: IO[bytes]) -> Iterator[bytes]:
-    while block := stream.read(_BLOCK_BYTES):
-        yield block
+    except FileNotFoundError as error:
+        raise ProofNotFound("the store has no such file", uri=uri) from error
+    except Exception as error:  # botocore, aiohttp and others have no root in common
+        cause = f"{type(error).__name__}: {error}"[:500]
+        raise StoreUnavailable("the store did not answer as it should", uri=uri, cause=cause) from error
 
 
 def _digest(stream: IO[bytes], max_bytes: int, copy: IO[bytes] | None = None) -> str:
     """SHA-256 hex of a stream of at most `max_bytes`, written to `copy` on the way."""
     digest, size = sha256(), 0
-    for block in _blocks(stream):
+    for block in blocks(stream):
         size += len(block)
-        if size > max_bytes:
-            raise ProofTooLarge(
-                "the file is larger than allowed", limit="file_bytes", value=size, allowed=max_bytes
-            )
+        _check_size(size, max_bytes)
         digest.update(block)
         if copy is not None:
             copy.write(block)

@@ -73,12 +73,13 @@ class Publisher:
             raise MalformedMessage("message of another type", expected=self._msgtype, got=message.__msgtype__)
         self.publish_cdr(types.serialize(message), source_time_ns)
 
-    def publish_cdr(self, cdr: bytes, source_time_ns: int | None = None) -> None:
-        """Send a message that is already serialised."""
+    def publish_cdr(self, cdr: bytes, source_time_ns: int | None = None) -> int:
+        """Send a message that is already serialised; the sequence number under which it went out."""
         if source_time_ns is None:
             source_time_ns = self._clock.now_ns()
         attachment = wire.Attachment(next(self._sequence), source_time_ns, self._gid)
         self._publisher.put(cdr, attachment=attachment.encode())
+        return attachment.sequence
 
     def close(self) -> None:
         self._publisher.undeclare()

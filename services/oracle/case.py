@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -12,14 +12,17 @@ from pydantic import BaseModel, ConfigDict
 from rodeo import topics
 from rodeo.config import Site
 from rodeo.dao import CHARGING, CLEANING
-from rodeo.evidence import Attestation, EvidenceError, Proof
+from rodeo.evidence import Attestation, EvidenceError, Proof, verify_attestation
+from rodeo.evidence.errors import BadAttestation
+from rodeo.evidence.recorder import ATTESTATION_CHANNEL
 from rodeo.evidence.series import Array, Table
 from rodeo.lab.config import ItemConfig, RobotConfig
 from rodeo.messages import Task
 from rodeo.metering import MeterStatement
+from services.oracle.witness import signed
 
 if TYPE_CHECKING:
-    from services.oracle.replay import Replay
+    from services.oracle.replay import Replay, Vote
 
 
 class Device(BaseModel):
@@ -29,7 +32,7 @@ class Device(BaseModel):
 
     address: str
     role: str
-    """robot, bin or meter"""
+    """robot, bin, meter or mocap"""
     owner: str
     """Address of the participant that it works for."""
     revoked: float | None = None
@@ -46,9 +49,9 @@ class Ledger(BaseModel):
     first_use: str | None = None
     """"task/attempt" that submitted the same proof hash earlier, if any."""
 
-    def signers(self, role: str) -> set[str]:
-        """Lower-case addresses that may sign as `role` now."""
-        return {d.address.lower() for d in self.devices if d.role == role and d.revoked is None}
+    def signers(self, role: str | None) -> set[str]:
+        """Lower-case addresses that may sign as `role` (None: as anything) now."""
+        return {d.address.lower() for d in self.devices if role in (None, d.role) and d.revoked is None}
 
 
 class CaseError(EvidenceError):
@@ -73,6 +76,14 @@ class Pose:
         return np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
 
 
+@dataclass(frozen=True)
+class Statement:
+    """What another device signed, and when it was recorded."""
+
+    payload: dict[str, Any]
+    log_s: float
+
+
 class Case:
     """A proof, the site, and what the chain says (None when asked away from the chain)."""
 
@@ -80,6 +91,9 @@ class Case:
         self.proof = proof
         self.site = site
         self.ledger = ledger
+        self._genuine: dict[int, bool] = {}
+        self._witnessed: dict[str, Array] = {}
+        self._poses: dict[str, Pose] = {}
 
     @cached_property
     def kind(self) -> str:
@@ -95,7 +109,13 @@ class Case:
 
     @cached_property
     def robot(self) -> RobotConfig:
-        """The robot that the recording is of. Raises CaseError."""
+        """The robot that the chain names: the executor, or the one to be charged. Without a chain, or when it
+        names none of this site, the one that the recording is of. Raises CaseError."""
+        task = self.ledger.task if self.ledger else None
+        named = (task.params.get("robot") if task.kind == CHARGING else task.executor_name) if task else None
+        for robot in self.site.robots:
+            if robot.name == named:
+                return robot
         for robot in self.site.robots:
             if any(topic.startswith(f"/{robot.namespace}/") for topic in self.proof.topics):
                 return robot
@@ -127,6 +147,11 @@ class Case:
 
     def pose(self, body: str) -> Pose:
         """Motion capture of a body. Raises LayoutChanged, CaseError when stamps or numbers are absurd."""
+        if body not in self._poses:
+            self._poses[body] = self._pose(body)
+        return self._poses[body]
+
+    def _pose(self, body: str) -> Pose:
         table = self.table(topics.MOCAP_POSE, body=body)
         position_m = table.vector("pose.position")
         quaternion = table.vector("pose.orientation", "wxyz")
@@ -139,22 +164,63 @@ class Case:
         return Pose(time_s, position_m, quaternion)
 
     @cached_property
-    def attestations(self) -> list[Attestation]:
-        """Statements by other devices in the recording. Raises BadAttestation."""
+    def events(self) -> list[dict[str, Any]]:
+        """Contract events and the recorder's own, as recorded. Raises CorruptProof."""
+        return self.proof.events()
+
+    @cached_property
+    def _attestations(self) -> list[Attestation]:
+        """Statements by other devices, signatures not yet checked. Raises BadAttestation."""
         return self.proof.attestations()
+
+    def signers(self, role: str | None) -> set[str] | None:
+        """Lower-case addresses of the devices in this role (None: in any); without a chain None: anybody."""
+        return self.ledger.signers(role) if self.ledger else None
+
+    def stated(self, role: str | None, *keys: str) -> list[Statement]:
+        """What a device in this role (None: in any) signed that has `keys`, in order.
+
+        What it did not sign is left out: anybody on the bus may have put it there. Raises BadAttestation for
+        what is no statement at all.
+        """
+        signers = self.signers(role)
+        statements = []
+        for index, one in enumerate(self._attestations):
+            if all(key in one.payload for key in keys) and (signers is None or one.signer.lower() in signers):
+                if index not in self._genuine:
+                    self._genuine[index] = _genuine(one)
+                if self._genuine[index]:
+                    log_ns = self.proof.topics[ATTESTATION_CHANNEL].log_ns[index]
+                    statements.append(Statement(one.payload, log_ns * 1e-9))
+        return statements
 
     @cached_property
     def meter_statements(self) -> list[MeterStatement]:
         """What a meter of this site signed, in order. Raises CaseError when there is nothing."""
-        signers = self.ledger.signers("meter") if self.ledger else None
         statements = [
-            MeterStatement.model_validate(one.payload)
-            for one in self.attestations
-            if (signers is None or one.signer.lower() in signers) and one.payload.get("type") == "meter"
+            MeterStatement.model_validate(statement.payload)
+            for statement in self.stated("meter", "type", "meter", "energy_wh")
+            if statement.payload["type"] == "meter"
         ]
         if not statements:
-            raise CaseError("nothing signed by a meter is in the recording", meters=sorted(signers or ()))
+            raise CaseError(
+                "nothing signed by a meter is in the recording", meters=sorted(self.signers("meter") or ())
+            )
         return statements
+
+    def witnessed(self, body: str) -> Array:
+        """(n,) whether the lab's motion capture signed each recorded pose of `body`. Raises CaseError."""
+        topic = "/" + topics.MOCAP_POSE.name(body=body)
+        if topic not in self.proof.topics:
+            raise CaseError("the topic is not in the recording", topic=topic)
+        if body not in self._witnessed:
+            poses = self.proof.topics[topic]
+            self._witnessed[body] = (
+                signed(poses, body, self._attestations, self.signers("mocap"))
+                if self.proof.sealed
+                else np.ones(len(poses), bool)  # a bag is believed in everything or in nothing
+            )
+        return self._witnessed[body]
 
     @cached_property
     def replay(self) -> Replay:
@@ -162,6 +228,21 @@ class Case:
         from services.oracle.replay import replay
 
         return replay(self)
+
+    @cached_property
+    def vote(self) -> Vote:
+        """The same with small errors; computed once. Raises what `replay` raises."""
+        from services.oracle.replay import vote
+
+        return vote(self, self.replay)
+
+
+def _genuine(attestation: Attestation) -> bool:
+    try:
+        verify_attestation(attestation)
+    except BadAttestation:
+        return False
+    return True
 
 
 def increasing(table: Table) -> Array:

@@ -68,11 +68,11 @@ class Report(BaseModel):
         """The JSON that is stored by content."""
         return json.dumps(self.model_dump(), indent=1, ensure_ascii=False).encode()
 
-    def rows(self) -> list[tuple[str, str, str, str, str]]:
-        """(check, result, measured, limit, detail) as text, for a table."""
+    def rows(self) -> list[tuple[str, str, str, str, str, str]]:
+        """(check, result, measured, limit, source of the limit, detail) as text, for a table."""
         words = {True: "passed", False: "FAILED", None: "skipped"}
         return [
-            (c.name, words[c.passed], _text(c.measured, c.unit), _text(c.limit, c.unit), c.detail or c.source)
+            (c.name, words[c.passed], _text(c.measured, c.unit), _text(c.limit, c.unit), c.source, c.detail)
             for c in self.checks
         ]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rodeo.config import Site
 from rodeo.errors import RodeoError
-from rodeo.evidence import EvidenceError, Limits, Store, open_proof
+from rodeo.evidence import EvidenceError, Limits, Store, is_bag, open_bag, open_proof
 from services.oracle.case import Case, CaseError, Ledger
 from services.oracle.checks import CHECKS, STATEMENT, CheckFunction
 from services.oracle.report import Check, Finding, Report, skipped
@@ -22,11 +22,13 @@ def verify_file(path: Path, site: Site, ledger: Ledger | None = None) -> Report:
     """
     checks: list[Check] = []
     try:
-        proof = open_proof(path, Limits(file_bytes=site.store.max_bytes))
+        limits = Limits(file_bytes=site.store.max_bytes)
+        proof = open_bag(path, limits) if is_bag(path) else open_proof(path, limits)
     except EvidenceError as error:
         return _report([_failed("readable_and_sealed", error)], ledger)
-    sealed = f"{proof.messages} messages under {proof.seals} seals by {proof.signer}"
-    checks.append(Check(name="readable_and_sealed", passed=True, detail=sealed))
+    by = f"under {proof.seals} seals by {proof.signer}" if proof.sealed else "of a bag"
+    detail = f"{proof.messages} messages {by}"
+    checks.append(Check(name="readable_and_sealed", passed=True, source="docs/evidence.md", detail=detail))
     case = Case(proof, site, ledger)
     missed = ""
     for stage in CHECKS.get(case.kind, STATEMENT):

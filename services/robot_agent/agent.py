@@ -417,6 +417,7 @@ class Agent:
             self._site,
             self._robot.name,
             items,
+            self._service.bus,
             holes_allowed=released,
         )
         self._start_recording(recording, task)

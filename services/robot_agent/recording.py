@@ -13,6 +13,7 @@ from typing import Any
 from eth_account.signers.local import LocalAccount
 
 from rodeo import topics
+from rodeo.bus import Bus
 from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.evidence import Binding, EvidenceError, Recorder
@@ -88,6 +89,7 @@ class Recording:
         site: Site,
         robot: str,
         items: list[str],
+        bus: Bus,
         holes_allowed: bool = False,
     ) -> None:
         """Start, or go on where a killed process left off. Raises RecordingSealed when it is finished."""
@@ -108,6 +110,10 @@ class Recording:
         node.raw_subscription(
             topics.ODOM.name(ns=site.robot(robot).namespace), topics.ODOM.type, self._watch_for_holes
         )
+        self._witnesses = [
+            bus.subscribe_json(topics.MOCAP_ATTESTATION.name(org=site.org, body=body), self._on_witness)
+            for body in (robot, *items)
+        ]
 
     def _writer(self, name: str, typename: str) -> Any:
         def write(info: MessageInfo) -> None:
@@ -140,6 +146,10 @@ class Recording:
     def attestation(self, attestation: dict[str, Any]) -> None:
         """Another device's signed statement."""
         self._guard(lambda: self._recorder.write_json("rodeo/attestation", attestation))
+
+    def _on_witness(self, _key: str, attestation: dict[str, Any]) -> None:
+        """Motion capture speaks of each body every second: part of the stream, nothing to save at once."""
+        self._guard(lambda: self._recorder.write_json("rodeo/attestation", attestation, urgent=False))
 
     def _guard(self, write: Any) -> None:
         """Writers run in the bus's threads: a failure is kept for `check`, which the agent calls."""
@@ -178,5 +188,7 @@ class Recording:
         """Put everything on disk and let go of the file, to be sealed or gone on with."""
         with self._lock:
             self._over = True  # what still arrives while the subscriptions go belongs to no task
+        for witness in self._witnesses:
+            witness.undeclare()
         self._node.close()
         self._recorder.suspend()

@@ -17,6 +17,7 @@ from services.robot_sim.camera import BinCamera, WristCamera
 from services.robot_sim.entities import UnknownEntity
 from services.robot_sim.frames import RobotFrames, Transform, compose, relative
 from services.robot_sim.loop import Loop
+from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.simulation import SimRobot
 
 log = logging.getLogger(__name__)
@@ -33,7 +34,7 @@ _CDR_ORDER = np.array([1, 2, 3, 0])
 class LabPlane:
     """Clock, motion capture, bin and dock."""
 
-    def __init__(self, node: Node, loop: Loop, camera: BinCamera) -> None:
+    def __init__(self, node: Node, loop: Loop, camera: BinCamera, mocap: MotionCapture) -> None:
         self._loop, self._simulation, self._camera = loop, loop.simulation, camera
         site = self._simulation.site
         self._bin, self._dock = site.bin.name, site.dock.name
@@ -43,7 +44,10 @@ class LabPlane:
 
         self._clock = publisher(topics.CLOCK)
         self._clock_sent_s = -math.inf
-        self._mocap = {body: publisher(topics.MOCAP_POSE, body=body) for body in self._simulation.captured}
+        self._mocap = {
+            body: mocap.track(body, publisher(topics.MOCAP_POSE, body=body))
+            for body in self._simulation.captured
+        }
         self._pose = messages.pose_template()
         self._presence = publisher(topics.BIN_PRESENCE, bin=self._bin)
         self._loads = {
@@ -63,11 +67,11 @@ class LabPlane:
 
     def publish(self, tick: int, skipped: bool) -> None:
         now_ns, simulation = self._simulation.time_ns, self._simulation
-        for body, mocap in self._mocap.items():
+        for body, tracked in self._mocap.items():
             if (seen := simulation.captured_pose(body)) is not None:
                 position_m, quat_wxyz = seen
                 cdr = self._pose.encode(now_ns, (0, position_m), (3, quat_wxyz[_CDR_ORDER]))
-                mocap.publish_cdr(cdr, now_ns)
+                tracked.publish_cdr(cdr, now_ns)
         if skipped or tick % _SLOW_TICKS == 0:
             self._presence.publish(messages.presence(now_ns, self._bin, simulation.presence_m()), now_ns)
             for name, scale in self._loads.items():

@@ -10,6 +10,7 @@ from rodeo.service import Service
 from services.robot_sim.actions import Actions
 from services.robot_sim.camera import open_camera
 from services.robot_sim.loop import Loop
+from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.plane import LabPlane, RobotPlane
 from services.robot_sim.simulation import Simulation
 from services.robot_sim.state import StateFile, saved_time_ns
@@ -62,7 +63,8 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             loop = Loop(simulation, state, site.clock)
             session, domain_id = service.bus.session, site.bus.domain_id
             lab_node = Node(session, "lab", "", domain_id, simulation)
-            lab = LabPlane(lab_node, loop, open_camera(simulation))
+            mocap = MotionCapture(service.bus, site)
+            lab = LabPlane(lab_node, loop, open_camera(simulation), mocap)
             nodes, robots = [lab_node], []
             for robot in simulation.robots.values():
                 node = Node(session, "body", robot.config.namespace, domain_id, simulation)

@@ -15,7 +15,7 @@ from rodeo.dao import Participant
 from rodeo.evidence import Store
 from services.oracle.report import Report
 from tests.support.dao import Dao
-from tests.support.recordings import Take, film_cleaning, later, seal
+from tests.support.recordings import Take, film_cleaning, later, seal, signed_poses
 from tests.support.site import RunningSite, write_site
 
 PLACE = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
@@ -65,6 +65,7 @@ class Executor:
         self.folder = folder
         self.wallet = Participant(dao.running.bus, dao.site.org, "panther1")
         self.device = wallets.load(dao.site, "panther1-device")
+        self.mocap = wallets.load(dao.site, "mocap-device")
         self.store = Store(dao.site)
 
     def assigned(self, **task: Any) -> int:
@@ -76,7 +77,7 @@ class Executor:
     def record(self, task_id: int) -> Path:
         task = self.wallet.task(task_id)
         path = self.folder / f"{task_id}-{task.attempt}.mcap"
-        seal(self.take, path, self.wallet.binding(task), self.device)
+        seal(signed_poses(self.take, self.mocap), path, self.wallet.binding(task), self.device)
         self.dao.set_clock(self.take.end_s + 5)
         return path
 

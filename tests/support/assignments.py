@@ -16,6 +16,7 @@ from tests.support.recordings import Take
 ROBOT = Account.create()
 BIN = Account.create()
 METER = Account.create()
+MOCAP = Account.create()
 EXECUTOR = Account.create().address
 ORGANIZATION = Account.create().address
 
@@ -35,6 +36,7 @@ def devices() -> list[Device]:
         Device(address=ROBOT.address, role="robot", owner=EXECUTOR),
         Device(address=BIN.address, role="bin", owner=ORGANIZATION),
         Device(address=METER.address, role="meter", owner=ORGANIZATION),
+        Device(address=MOCAP.address, role="mocap", owner=ORGANIZATION),
     ]
 
 

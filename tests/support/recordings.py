@@ -5,6 +5,7 @@ A `Take` is what was on the bus; tests change it before `seal` makes a proof of 
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -15,6 +16,8 @@ from typing import Any
 import mujoco
 import numpy as np
 from eth_account.signers.local import LocalAccount
+from rosbags.rosbag2 import Writer
+from rosbags.typesys import Stores, get_typestore
 
 from rodeo.config import Site
 from rodeo.evidence import Binding, Recorder, SealedProof, attest
@@ -23,6 +26,7 @@ from rodeo.lab.config import Pose2
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, wrap
 from rodeo.lab.world import build_world
 from rodeo.metering import MeterSample, MeterStatement, segment_wh
+from rodeo.mocap import PoseChain
 from rodeo.ros2.types import new, serialize
 from services.robot_sim.battery import Battery, Supply
 from tests.support.operator import READY_RAD, Operator
@@ -86,6 +90,22 @@ class TakeClock:
         raise NotImplementedError("nobody waits while a take is written")
 
 
+def signed_poses(take: Take, account: LocalAccount) -> Take:
+    """With what the lab's motion capture says of its poses, each statement right after its last pose."""
+    chains: dict[str, PoseChain] = {}
+    samples = []
+    for sample in take.samples:
+        samples.append(sample)
+        if sample.topic.startswith("mocap/"):
+            body = sample.topic.split("/")[1]
+            chain = chains.setdefault(body, PoseChain(body))
+            statement = chain.add(sample.sequence, serialize(sample.message), sample.time_ns * 1e-9)
+            if statement is not None:
+                signed = attest(statement.model_dump(), account).model_dump()
+                samples.append(Sample("rodeo/attestation", "", signed, sample.time_ns))
+    return Take(samples)
+
+
 def seal(take: Take, path: Path, binding: Binding, account: LocalAccount) -> SealedProof:
     """Write `take` as the executor's device would have."""
     clock = TakeClock(take.samples[0].time_ns)
@@ -98,8 +118,24 @@ def seal(take: Take, path: Path, binding: Binding, account: LocalAccount) -> Sea
                 sample.topic, sample.ros_type, cdr, sample.time_ns, sample.time_ns, sample.sequence
             )
         else:
-            recorder.write_json(sample.topic, sample.message)
+            urgent = sample.message.get("payload", {}).get("type") != "mocap"
+            recorder.write_json(sample.topic, sample.message, urgent=urgent)
     return recorder.close()
+
+
+def write_bag(take: Take, path: Path) -> Path:
+    """`take` as a ROS 2 bag of another tool: nothing is sealed, JSON goes as text."""
+    text = "std_msgs/msg/String"
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(path, version=9) as writer:
+        connections: dict[str, Any] = {}
+        for sample in take.samples:
+            topic, kind = "/" + sample.topic, sample.ros_type or text
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            message = sample.message if sample.ros_type else new(text, data=json.dumps(sample.message))
+            writer.write(connections[topic], sample.time_ns, serialize(message))
+    return path
 
 
 def stamp(message: Any, time_ns: int) -> Any:

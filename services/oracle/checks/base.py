@@ -12,6 +12,8 @@ TOLERANCE = 1.05
 """On published limits, for numerical differentiation of poses."""
 WINDOW_S = 0.2
 """Speeds are taken over so long, so that a tenth of a millimetre of noise does not count as motion."""
+TYRE_GRIP_M_S2 = 0.8 * 9.81
+"""Whatever the motors do, tyres with a friction of 0.8 cannot push harder."""
 ODOMETRY_WINDOW_S = 2.0
 ODOMETRY_LIMIT_M = 0.25
 """Wheels of a skid-steered base slip: 12 % of what it can drive in one window."""
@@ -28,6 +30,22 @@ def base_speed(case: Case) -> Finding:
         "m/s",
         source="Husarion Panther: 2 m/s",
         detail="fastest by motion capture",
+    )
+
+
+def base_acceleration(case: Case) -> Finding:
+    """Hardest change of the base's speed by motion capture."""
+    pose = case.pose(case.robot.name)
+    step = _step(pose.time_s)
+    before, now, after = (pose.position_m[i : len(pose.time_s) - 2 * step + i] for i in (0, step, 2 * step))
+    elapsed_s = (pose.time_s[2 * step :] - pose.time_s[: -2 * step]) / 2
+    change = np.linalg.norm(after - 2 * now + before, axis=1) / elapsed_s**2
+    return at_most(
+        float(change.max()),
+        TYRE_GRIP_M_S2,
+        "m/s2",
+        source="friction of the tyres on the lab's floor",
+        detail="hardest by motion capture",
     )
 
 
@@ -88,10 +106,15 @@ def stays_in_room(case: Case) -> Finding:
 
 def _rate(time_s: Array, values: Array) -> Array:
     """Change of `values` per second over windows of about WINDOW_S."""
-    step = max(1, round(WINDOW_S / float(np.median(np.diff(time_s)))))
+    step = _step(time_s)
     elapsed = time_s[step:] - time_s[:-step]
     change = values[step:] - values[:-step]
     return change / (elapsed[:, None] if change.ndim == 2 else elapsed)
+
+
+def _step(time_s: Array) -> int:
+    """How many samples WINDOW_S is."""
+    return max(1, round(WINDOW_S / float(np.median(np.diff(time_s)))))
 
 
 def _travelled(edges_s: Array, time_s: Array, position_m: Array) -> Array:

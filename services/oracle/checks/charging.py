@@ -14,6 +14,9 @@ DELIVERING_A = 0.1
 """Less current than this is the meter's noise."""
 METER_CLASS = 0.02
 """Class 2 metering: readings within 2 %."""
+SIGNED_SHARE = 0.98
+"""Of the readings; the last few may come after the meter's last word."""
+SAME_TIME_S = 1e-3
 REGISTER_SHARE = 0.001
 """A register and its readings are the same sum."""
 DOCKED_SHARE = 0.98
@@ -27,7 +30,9 @@ TARGET_SLACK = 0.02
 def meter_chain(case: Case) -> Finding:
     """The meter's signed statements are whole and of this assignment."""
     statements, binding = case.meter_statements, case.proof.binding
-    foreign = [s.seq for s in statements if (s.task_id, s.attempt) != (binding.task_id, binding.attempt)]
+    foreign = [
+        s.seq for s in statements if binding and (s.task_id, s.attempt) != (binding.task_id, binding.attempt)
+    ]
     broken = chain_breaks(statements)
     return equal(
         f"{len(broken)} breaks, {len(foreign)} of another task",
@@ -52,6 +57,23 @@ def readings(case: Case) -> Finding:
     )
     return at_most(
         off, METER_CLASS, "", source="class 2 metering", detail="largest error of a signed reading"
+    )
+
+
+def readings_signed(case: Case) -> Finding:
+    """Share of the readings on the bus, while current flowed, that the meter signed."""
+    _, time_s, _, ampere = _output(case)
+    flowing = time_s[ampere > DELIVERING_A]
+    if not len(flowing):
+        raise CaseError("the meter never saw a current")
+    signed_s = np.array([sample.time_s for sample in _samples(case)])
+    nearest = np.clip(np.searchsorted(signed_s, flowing - SAME_TIME_S), 0, len(signed_s) - 1)
+    return at_least(
+        float((np.abs(signed_s[nearest] - flowing) <= SAME_TIME_S).mean()),
+        SIGNED_SHARE,
+        "",
+        source="the meter signs every reading",
+        detail="share of the readings that is signed",
     )
 
 

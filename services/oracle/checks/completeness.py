@@ -1,20 +1,28 @@
 """Does the recording hold what the other checks need, without holes?"""
 
+import math
+
 import numpy as np
 
+from rodeo.dao import CHARGING
+from rodeo.evidence.recorder import CLOSED, Tally
 from rodeo.lab.layout import BinLayout
 from rodeo.topics import BATTERY_STATE, DOCK_OUTPUT, JOINT_STATES, MOCAP_POSE, ODOM, Topic
 from services.oracle.case import Case, CaseError, increasing
-from services.oracle.report import Finding, at_least, at_most
+from services.oracle.report import Finding, at_least, at_most, equal, skipped
 from services.oracle.rest import Rest, compartment_of
 
 RATE_SHARE = 0.9
-"""Of the nominal rate in the key table: a site's scheduler is not a metronome."""
+"""Of the nominal rate in the key table: a site's scheduler is not a metronome. What comes faster than it is
+published was recorded once and written at another pace."""
 COVERED_SHARE = 0.9
 """Of the recording; the rest may be missing around a restart of the recorder."""
 HOLE_PERIODS = 25
 """A silence of so many nominal periods (0.5 s at 50 Hz) is a hole. One over which nothing moved, the item
 already in the bin, misses nothing (`services.oracle.rest`)."""
+_NO_NUMBERS = "a bag does not tell the publishers' sequence numbers"
+UNSIGNED_S = 2.5
+"""Motion capture signs every second: one statement may be lost."""
 
 
 def _cleaning(case: Case) -> list[tuple[Topic, str]]:
@@ -34,9 +42,14 @@ def _charging(case: Case) -> list[tuple[Topic, str]]:
     ]
 
 
+def streams(case: Case) -> list[tuple[Topic, str]]:
+    """What a recording of this kind of task must hold: topic of the key table, name."""
+    return _charging(case) if case.kind == CHARGING else _cleaning(case)
+
+
 def cleaning_topics(case: Case) -> Finding:
     """Odometry, joints and motion capture at their nominal rates."""
-    return _slowest(case, _cleaning(case))
+    return _rates(case, _cleaning(case))
 
 
 def item_outside_bin(case: Case) -> Finding:
@@ -59,34 +72,120 @@ def cleaning_gaps(case: Case) -> Finding:
 
 def charging_topics(case: Case) -> Finding:
     """The dock's meter and the battery at their nominal rates."""
-    return _slowest(case, _charging(case))
+    return _rates(case, _charging(case))
 
 
 def charging_gaps(case: Case) -> Finding:
     """Few holes in them while current flows."""
+    return _least_covered(case, _charging(case), *_flowing(case))
+
+
+def _flowing(case: Case) -> tuple[float, float]:
+    """When current first and last flowed, s."""
     output = case.table(DOCK_OUTPUT, dock=case.site.dock.name)
     flowing = increasing(output)[output["current"] > 0]
     if len(flowing) < 2:
         raise CaseError("the meter never saw a current", topic=output.topic)
-    return _least_covered(case, _charging(case), flowing[0], flowing[-1])
+    return float(flowing[0]), float(flowing[-1])
 
 
-def messages_missed(case: Case) -> Finding:
-    """Share of the publishers' sequence numbers that are not in the recording, holes at rest not counted."""
-    missed, published = 0, 0
-    rest = Rest(case)
-    for topic, name in _cleaning(case):
+def in_order(case: Case) -> Finding:
+    """No topic's messages were recorded out of their order in time."""
+    backwards = {
+        topic: int((np.diff(np.frombuffer(column.log_ns, np.uint64).astype(np.int64)) < 0).sum())
+        for topic, column in case.proof.topics.items()
+        if column.ros_type
+    }
+    worst = max(backwards, key=lambda topic: backwards[topic], default="")
+    return at_most(
+        backwards.get(worst, 0), 0, "", source="log times of the recording", detail=f"steps back in {worst}"
+    )
+
+
+def tallied(case: Case) -> Finding:
+    """The recorder's own count of what it saw and what was published, at its end, fits what is there."""
+    if not case.proof.sealed:
+        return skipped(_NO_NUMBERS)
+    counts = next((e.get("topics") for e in reversed(case.events) if e.get("event") == CLOSED), None)
+    if not isinstance(counts, dict):
+        raise CaseError("the recording does not end with its counts")
+    found = {}
+    for topic, column in case.proof.topics.items():
+        if column.ros_type:
+            tally = Tally()
+            for sequence in column.sequence:
+                tally.add(sequence)
+            found[topic] = tally.counts()
+    wrong = [topic for topic in found.keys() | counts.keys() if found.get(topic) != counts.get(topic)]
+    return equal(
+        len(wrong),
+        0,
+        source="the recorder's counts",
+        detail=f"topics that differ: {', '.join(sorted(wrong))[:200]}",
+    )
+
+
+def cleaning_missed(case: Case) -> Finding:
+    """Share of what was published on one topic and not recorded, holes at rest not counted."""
+    return _missed(case, _cleaning(case), Rest(case))
+
+
+def charging_missed(case: Case) -> Finding:
+    """Share of what was published on one topic while current flowed, and not recorded."""
+    start_s, end_s = _flowing(case)
+    return _missed(case, _charging(case), None, start_s, end_s)
+
+
+def poses_signed(case: Case) -> Finding:
+    """The lab's motion capture vouches for the poses of base and item, but for short stretches."""
+    if not case.proof.sealed:
+        return skipped("a bag does not keep the sequence numbers that motion capture signs")
+    worst_s, body = max((_longest_unsigned_s(case, body), body) for body in (case.robot.name, case.item.id))
+    return at_most(
+        worst_s,
+        UNSIGNED_S,
+        "s",
+        source="statements of the motion capture, one per second",
+        detail=f"poses of {body} that it did not sign, at a stretch",
+    )
+
+
+def _longest_unsigned_s(case: Case, body: str) -> float:
+    """Holes do not count: what was not recorded needs no signature."""
+    time_s, signed = case.pose(body).time_s, case.witnessed(body)
+    period_s = 1 / (MOCAP_POSE.rate_hz or 1)
+    lasted_s = np.minimum(np.append(np.diff(time_s), period_s), HOLE_PERIODS * period_s)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~signed, [False]])))
+    stretches = zip(edges[::2], edges[1::2], strict=True)
+    return max((float(lasted_s[first:end].sum()) for first, end in stretches), default=0.0)
+
+
+def _missed(
+    case: Case,
+    topics: list[tuple[Topic, str]],
+    rest: Rest | None,
+    start_s: float = -math.inf,
+    end_s: float = math.inf,
+) -> Finding:
+    if not case.proof.sealed:
+        return skipped(_NO_NUMBERS)
+    shares = []
+    for topic, name in topics:
         steps = np.diff(np.frombuffer(case.proof.topics["/" + name].sequence, np.uint32).astype(np.int64))
         # A publisher that restarts counts from the beginning again.
-        steps = np.where((steps < 1) | _at_rest(_times(case, topic, name), topic, rest), 1, steps)
-        published += int(steps.sum()) + 1
-        missed += int((steps - 1).sum())
+        steps = np.maximum(steps, 1)
+        time_s = _times(case, topic, name)
+        if rest is not None:
+            steps[_at_rest(time_s, topic, rest)] = 1
+        steps = steps[(time_s[:-1] >= start_s) & (time_s[1:] <= end_s)]
+        shares.append((float((steps - 1).sum()) / (float(steps.sum()) + 1), name))
+    share, name = max(shares)
     return at_most(
-        missed / published,
+        share,
         1 - COVERED_SHARE,
         "",
         source="sequence numbers on the bus",
-        detail=f"{missed} of {published} messages are missing",
+        detail=f"published and not recorded: /{name}",
     )
 
 
@@ -96,15 +195,18 @@ def _times(case: Case, topic: Topic, name: str) -> np.ndarray:
     return increasing(case.proof.table("/" + name, topic.type))
 
 
-def _slowest(case: Case, topics: list[tuple[Topic, str]]) -> Finding:
-    """Lowest median rate as a share of nominal."""
-    share, name = min(
+def _rates(case: Case, topics: list[tuple[Topic, str]]) -> Finding:
+    """The median rate that is farthest from nominal, as a share of it."""
+    shares = [
         (1 / (float(np.median(np.diff(_times(case, topic, name)))) * (topic.rate_hz or 1)), name)
         for topic, name in topics
-    )
-    return at_least(
-        share, RATE_SHARE, "", source="nominal rates of the key table", detail=f"slowest: /{name}"
-    )
+    ]
+    source = "nominal rates of the key table"
+    fastest, name = max(shares)
+    if fastest > 1 / RATE_SHARE:
+        return at_most(fastest, 1 / RATE_SHARE, "", source, f"fastest: /{name}")
+    slowest, name = min(shares)
+    return at_least(slowest, RATE_SHARE, "", source, f"slowest: /{name}")
 
 
 def _least_covered(

@@ -14,14 +14,7 @@ EARLY_SLACK_S = 1.0
 
 def _statements(case: Case, *keys: str) -> list[dict[str, Any]]:
     """Payloads signed by this site's bin that have `keys`, in order."""
-    signers = case.ledger.signers("bin") if case.ledger else None
-    return [
-        statement.payload
-        for statement in case.attestations
-        if (signers is None or statement.signer.lower() in signers)
-        and statement.payload.get("bin") == case.site.bin.name
-        and all(key in statement.payload for key in keys)
-    ]
+    return [s.payload for s in case.stated("bin", "bin", *keys) if s.payload["bin"] == case.site.bin.name]
 
 
 def _classification(case: Case) -> dict[str, Any]:

@@ -10,12 +10,13 @@ UNSEALED_LIMIT_S = 5.0
 """Twice the seal period and room for messages that arrive late."""
 
 _NO_CHAIN = "no chain to compare with"
+_NOT_SEALED = "a bag has no seal"
 
 
 def task_binding(case: Case) -> Finding:
     """Sealed for this chain, contract, task, attempt and executor."""
-    if case.ledger is None:
-        return skipped(_NO_CHAIN)
+    if case.ledger is None or case.proof.binding is None:
+        return skipped(_NO_CHAIN if case.proof.sealed else _NOT_SEALED)
     ledger, task, binding = case.ledger, case.ledger.task, case.proof.binding
     found = (binding.chain_id, binding.task_manager, binding.task_id, binding.attempt, binding.executor)
     expected = (ledger.chain_id, ledger.task_manager, task.id, task.attempt, task.executor or "")
@@ -29,15 +30,15 @@ def task_binding(case: Case) -> Finding:
 
 def nonce(case: Case) -> Finding:
     """Sealed with the nonce that this assignment created."""
-    if case.ledger is None:
-        return skipped(_NO_CHAIN)
+    if case.ledger is None or case.proof.binding is None:
+        return skipped(_NO_CHAIN if case.proof.sealed else _NOT_SEALED)
     return equal(case.proof.binding.nonce, case.ledger.task.nonce, source="the assignment on chain")
 
 
 def signer(case: Case) -> Finding:
     """Sealed by a registered device that works for the executor."""
-    if case.ledger is None:
-        return skipped(_NO_CHAIN)
+    if case.ledger is None or case.proof.signer is None:
+        return skipped(_NO_CHAIN if case.proof.sealed else _NOT_SEALED)
     role = "meter" if case.kind == CHARGING else "robot"
     owner = (case.ledger.task.executor or "").lower()
     for device in case.ledger.devices:
@@ -85,10 +86,24 @@ def recorded_in_assignment(case: Case) -> Finding:
 
 def sealed_while_recording(case: Case) -> Finding:
     """No stretch of the recording stayed unsigned for long."""
+    if not case.proof.sealed:
+        return skipped(_NOT_SEALED)
     return at_most(
         case.proof.longest_unsealed_ns * 1e-9,
         UNSEALED_LIMIT_S,
         "s",
         source="a seal every second of recording",
         detail="longest recorded time under one seal",
+    )
+
+
+def sealed(case: Case) -> Finding:
+    """Somebody vouches for it with a key; asked last, so that a bag is reported on all the same."""
+    allowed = case.site.oracle.accept_unsealed
+    return Finding(
+        passed=case.proof.sealed or allowed,
+        measured="sealed" if case.proof.sealed else "a bag without a seal",
+        limit="sealed or not" if allowed else "sealed",
+        source="the site's oracle.accept_unsealed",
+        detail="who vouches for the recording",
     )

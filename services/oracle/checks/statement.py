@@ -11,7 +11,7 @@ def executors_own_seal(case: Case) -> Finding:
     if case.ledger is None:
         return skipped("no chain to compare with")
     return equal(
-        case.proof.signer.lower(),
+        (case.proof.signer or "").lower(),
         (case.ledger.task.executor or "").lower(),
         source="the assignment on chain",
         detail="who sealed the statement",

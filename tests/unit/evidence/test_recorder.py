@@ -33,7 +33,7 @@ def test_any_mcap_reader_reads_every_topic(recorded: Callable[..., Path]) -> Non
     with recorded(20).open("rb") as file:
         messages = list(make_reader(file, validate_crcs=True).iter_messages())
     topics = {channel.topic for _, channel, _ in messages}
-    assert topics == {"/panther1/odom", "/panther1/joint_states", "rodeo/seal"}
+    assert topics == {"/panther1/odom", "/panther1/joint_states", "rodeo/event", "rodeo/seal"}
     schema = next(s for s, channel, _ in messages if channel.topic == "/panther1/odom")
     assert schema is not None
     assert (schema.name, schema.encoding) == ("nav_msgs/msg/Odometry", "ros2msg")
@@ -71,8 +71,8 @@ def test_json_is_stamped_by_the_clock(
     clock.time_ns += 7
     recorder.write_json("rodeo/event", {"name": "TaskAssigned"})
     proof = open_proof(recorder.close().path)
-    assert proof.events() == [{"name": "TaskAssigned"}]
-    assert list(proof.topics["rodeo/event"].log_ns) == [START_NS + 7]
+    assert proof.events()[0] == {"name": "TaskAssigned"}
+    assert proof.topics["rodeo/event"].log_ns[0] == START_NS + 7
 
 
 def test_the_hash_is_that_of_the_file(recorded: Callable[..., Path], tmp_path: Path) -> None:
@@ -99,6 +99,19 @@ def test_threads_may_write_at_once(
         thread.join()
     proof = open_proof(recorder.close().path)
     assert [proof.count(f"/robot{number}/joint_states") for number in range(4)] == [300] * 4
+
+
+def test_it_ends_with_what_was_seen_of_what_was_published(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    recorder = Recorder(tmp_path / "proof.mcap", binding, device, clock)
+    drive(recorder, 7, 20)
+    drive(recorder, 25, 30)  # five were lost
+    drive(recorder, 1, 4)  # the publisher started anew
+    last = open_proof(recorder.close().path).events()[-1]
+    counts = {"seen": 21, "published": 26}
+    topics = {"/panther1/odom": counts, "/panther1/joint_states": counts}
+    assert last == {"event": "recording_closed", "topics": topics}
 
 
 def test_a_recording_is_never_overwritten(
@@ -162,7 +175,7 @@ def test_suspended_recordings_continue(
     recorder.close()
     proof = open_proof(path)
     assert list(proof.topics["/panther1/odom"].sequence) == [*range(120), *range(200, 300)]
-    assert [event["event"] for event in proof.events()] == ["recording_resumed"]
+    assert [event["event"] for event in proof.events()] == ["recording_resumed", "recording_closed"]
 
 
 def test_a_suspended_recording_is_finished_as_it_is(
@@ -175,7 +188,7 @@ def test_a_suspended_recording_is_finished_as_it_is(
     sealed = Recorder.finish(path, binding, device, clock)
     proof = open_proof(path)
     assert list(proof.topics["/panther1/odom"].sequence) == [*range(120)]
-    assert proof.events() == []
+    assert [event["event"] for event in proof.events()] == ["recording_closed"]
     assert proof.end_ns - proof.start_ns < 10 * 10**9
     assert sealed.path == path
     with pytest.raises(RecordingSealed):

@@ -13,8 +13,8 @@ from rodeo.evidence import Binding
 from services.oracle.case import Ledger
 from services.oracle.report import Report
 from services.oracle.verify import verify_file
-from tests.support.assignments import BIN, BINDING, CHARGE_BINDING, METER, ROBOT
-from tests.support.recordings import Take, film_charging, film_cleaning, seal
+from tests.support.assignments import BIN, BINDING, CHARGE_BINDING, METER, MOCAP, ROBOT
+from tests.support.recordings import Take, film_charging, film_cleaning, seal, signed_poses
 from tests.support.site import LAB
 
 
@@ -46,8 +46,11 @@ def judge(site: Site, tmp_path: Path) -> Judge:
         *,
         binding: Binding = BINDING,
         device: LocalAccount = ROBOT,
+        mocap: LocalAccount | None = MOCAP,
         at: Site | None = None,
     ) -> Report:
+        if mocap is not None:
+            take = signed_poses(take, mocap)
         path = seal(take, tmp_path / "proof.mcap", binding, device).path
         return verify_file(path, at or site, chain)
 

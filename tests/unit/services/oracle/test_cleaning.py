@@ -181,7 +181,7 @@ def test_a_hole_in_which_the_work_was_done_and_nothing_moved_is_no_loss(cleaning
 
 def test_a_bin_that_could_not_look_when_it_fell_is_believed(cleaning: Take, judge: Judge) -> None:
     """It was down, or the bus was: it says between which times the weight changed."""
-    take = re_attested(cleaning, BIN, "weight_n", after_s=cleaning.start_s, time_s=cleaning.end_s + 60)
+    take = re_attested(cleaning, BIN, "weight_n", after_s=cleaning.start_s, time_s=cleaning.end_s)
     report = judge(take, cleaning_ledger(take))
     assert report.accepted, report.reason
 
@@ -347,7 +347,7 @@ def test_fingers_that_do_not_press_are_refused(cleaning: Take, judge: Judge) -> 
         return with_joints(sample, effort=effort)
 
     take = cleaning.edited(JOINT_STATES, limp)
-    assert failed(judge(take, cleaning_ledger(take))) in ("grasp", "transport")
+    assert failed(judge(take, cleaning_ledger(take))) in ("grasp", "transport", "compartment", "ensemble")
 
 
 def test_an_item_beside_the_gripper_is_refused(cleaning: Take, judge: Judge) -> None:
@@ -413,7 +413,7 @@ def test_an_altered_attestation_is_refused(cleaning: Take, judge: Judge) -> None
     take = cleaning.edited("rodeo/attestation", forge)
     report = judge(take, cleaning_ledger(take))
     assert failed(report) == "compartment"
-    assert "bad_attestation" in report.reason
+    assert "no classification signed by the bin" in report.reason
 
 
 def test_a_drop_that_the_bin_felt_elsewhere_is_refused(cleaning: Take, judge: Judge) -> None:
@@ -422,7 +422,7 @@ def test_a_drop_that_the_bin_felt_elsewhere_is_refused(cleaning: Take, judge: Ju
 
 
 def test_a_drop_long_after_the_release_is_refused(cleaning: Take, judge: Judge) -> None:
-    take = re_attested(cleaning, BIN, "weight_n", after_s=cleaning.end_s + 59, time_s=cleaning.end_s + 60)
+    take = re_attested(cleaning, BIN, "weight_n", after_s=cleaning.end_s + 9, time_s=cleaning.end_s + 9.5)
     assert failed(judge(take, cleaning_ledger(take))) == "dropped"
 
 
@@ -452,3 +452,20 @@ def test_a_truncated_file_is_a_report_not_a_crash(
     report = verify_file(path, site, cleaning_ledger(cleaning))
     assert failed(report) == "readable_and_sealed"
     assert "truncated_proof" in report.reason
+
+
+def test_a_bag_is_reported_on_and_paid_for_only_where_that_is_allowed(
+    cleaning: Take, site: Site, tmp_path: Any
+) -> None:
+    from services.oracle.verify import verify_file
+    from tests.support.recordings import write_bag
+
+    bag = write_bag(cleaning, tmp_path / "bag")
+    report = verify_file(bag, site, cleaning_ledger(cleaning))
+    assert failed(report) == "sealed"
+    results = {check.name: check.passed for check in report.checks}
+    assert results["nonce"] is results["tallied"] is None
+    assert results["compartment"] is results["ensemble"] is results["dropped"] is True
+    lenient = site.oracle.model_copy(update={"accept_unsealed": True})
+    report = verify_file(bag, site.model_copy(update={"oracle": lenient}), cleaning_ledger(cleaning))
+    assert report.accepted, report.reason

@@ -9,8 +9,8 @@ from rodeo.config import Site
 from rodeo.evidence import Store
 from services.oracle.report import Report
 from services.oracle.worker import MEMORY_BYTES, verify_apart
-from tests.support.assignments import BINDING, ROBOT, cleaning_ledger
-from tests.support.recordings import Take, seal
+from tests.support.assignments import BINDING, MOCAP, ROBOT, cleaning_ledger
+from tests.support.recordings import Take, seal, signed_poses
 
 MIB = 1 << 20
 
@@ -26,7 +26,7 @@ def submitted(
 ) -> Report:
     """The report on `take` after it went through the store."""
     at = site.model_copy(update={"data_dir": tmp_path / "data"})
-    proof = seal(take, tmp_path / "proof.mcap", BINDING, ROBOT)
+    proof = seal(signed_poses(take, MOCAP), tmp_path / "proof.mcap", BINDING, ROBOT)
     fields = {"proof_uri": Store(at).put(proof.path), "proof_sha256": proof.sha256} | task
     chain = cleaning_ledger(take, **fields)
     report = verify_apart(at, chain, tmp_path / "work", time_limit_s, threading.Event(), memory_bytes)

@@ -1,0 +1,716 @@
+"""The forgeries themselves. Each is one function: what it does is its docstring."""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import zstandard
+from mcap.writer import MCAP0_MAGIC, Writer
+
+from rodeo.evidence import Recorder
+from tests.forgeries.workshop import (
+    FINGERS,
+    GAUGE,
+    ITEM,
+    ITEM_POSE,
+    JOINT_STATES,
+    ODOM,
+    OUTPUT,
+    PLACE,
+    ROBOT_POSE,
+    SIGNED,
+    STRANGER,
+    WAIST,
+    McapMessage,
+    Submission,
+    Workshop,
+    at_pace,
+    displaced,
+    middle_s,
+    numbered,
+    opened,
+    restated,
+    timed,
+    with_fields,
+    with_joints,
+)
+from tests.support.assignments import BIN, BINDING, METER, ROBOT
+from tests.support.recordings import Sample, Take, TakeClock, film_cleaning, signed_poses
+
+Make = Callable[[Workshop], Submission]
+
+
+@dataclass(frozen=True)
+class Forgery:
+    make: Make
+    check: str
+    """The check that the verdict names."""
+    says: str
+    """Part of the verdict's reason."""
+
+
+CATALOGUE: dict[str, Forgery] = {}
+
+
+def forgery(check: str, says: str = "") -> Callable[[Make], Make]:
+    def register(make: Make) -> Make:
+        assert make.__name__ not in CATALOGUE
+        CATALOGUE[make.__name__] = Forgery(make, check, says)
+        return make
+
+    return register
+
+
+# -- the URI -------------------------------------------------------------------------------------------
+
+_HASH = "0x" + "ab" * 32
+
+
+@forgery("fetched", "proof_uri_not_allowed")
+def path_traversal(shop: Workshop) -> Submission:
+    """A URI that climbs out of the store."""
+    return Submission(
+        shop.cleaning_ledger(), uri=f"{shop.site.store_url}/../../etc/{'ab' * 32}.mcap", sha256=_HASH
+    )
+
+
+@forgery("fetched", "proof_uri_not_allowed")
+def local_file(shop: Workshop) -> Submission:
+    """A URI of a file of the oracle's machine."""
+    return Submission(shop.cleaning_ledger(), uri="file:///etc/passwd", sha256=_HASH)
+
+
+@forgery("fetched", "proof_uri_not_allowed")
+def loopback_url(shop: Workshop) -> Submission:
+    """A URI of a service that only the oracle's machine reaches."""
+    uri = f"http://127.0.0.1:8545/{'ab' * 32}.mcap"
+    return Submission(shop.cleaning_ledger(), uri=uri, sha256=_HASH)
+
+
+@forgery("fetched", "proof_not_found")
+def nothing_there(shop: Workshop) -> Submission:
+    """A file that was never stored."""
+    return Submission(shop.cleaning_ledger(), uri=f"{shop.site.store_url}/{'ab' * 32}.mcap", sha256=_HASH)
+
+
+@forgery("fetched", "proof_hash_mismatch")
+def another_hash(shop: Workshop) -> Submission:
+    """A hash on chain that is not the file's, so that the file could be chosen later."""
+    return Submission(shop.cleaning_ledger(), path=shop.honest_file(), sha256=_HASH)
+
+
+@forgery("fetched", "proof_too_large")
+def gigabyte_file(shop: Workshop) -> Submission:
+    """A file of four gigabytes, with holes."""
+    target = shop.site.data_dir / "store" / f"{'ab' * 32}.mcap"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    with target.open("wb") as file:
+        os.truncate(file.fileno(), 4 << 30)
+    return Submission(shop.cleaning_ledger(), uri=f"{shop.site.store_url}/{target.name}", sha256=_HASH)
+
+
+# -- the file ------------------------------------------------------------------------------------------
+
+EARLY_NS = 1_900_000_000 * 10**9
+
+
+def _file(shop: Workshop, name: str, data: bytes) -> Submission:
+    path = shop.folder / f"{name}.mcap"
+    path.write_bytes(data)
+    return Submission(shop.cleaning_ledger(), path)
+
+
+@forgery("readable_and_sealed", "truncated_proof")
+def truncated_file(shop: Workshop) -> Submission:
+    """Cut off in the middle."""
+    data = shop.honest_file().read_bytes()
+    return _file(shop, "truncated", data[: len(data) // 2])
+
+
+@forgery("readable_and_sealed", "corrupt_proof")
+def corrupted_chunk(shop: Workshop) -> Submission:
+    """Bytes in a compressed chunk replaced."""
+    data = bytearray(shop.honest_file().read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + 64] = bytes(64)
+    return _file(shop, "corrupted", bytes(data))
+
+
+@forgery("readable_and_sealed", "corrupt_proof")
+def random_bytes(shop: Workshop) -> Submission:
+    """Not a recording at all."""
+    return _file(shop, "random", np.random.default_rng(1).bytes(100_000))
+
+
+@forgery("readable_and_sealed", "proof_too_large")
+def decompression_bomb(shop: Workshop) -> Submission:
+    """A chunk of some kilobytes that becomes gigabytes."""
+    packer = zstandard.ZstdCompressor(level=1).compressobj(size=2 << 30)
+    zeros = bytes(1 << 24)
+    packed = b"".join(packer.compress(zeros) for _ in range(1 << 7)) + packer.flush()
+    name = b"zstd"
+    body = struct.pack("<QQQII", 0, 0, 2 << 30, 0, len(name)) + name + struct.pack("<Q", len(packed)) + packed
+    header = struct.pack("<I", 4) + b"ros2" + struct.pack("<I", 0)
+    records = struct.pack("<BQ", 1, len(header)) + header + struct.pack("<BQ", 6, len(body)) + body
+    return _file(shop, "bomb", MCAP0_MAGIC + records)
+
+
+@forgery("readable_and_sealed", "proof_too_large")
+def millions_of_topics(shop: Workshop) -> Submission:
+    """Twenty thousand channels; more would only make the file longer that is not read to its end."""
+    path = shop.folder / "topics.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2", library="rodeo")
+        for number in range(20_000):
+            channel = writer.register_channel(f"/topic{number}", "json", 0)
+        writer.add_message(channel, EARLY_NS, b"{}", EARLY_NS, 0)
+        writer.finish()
+    return Submission(shop.cleaning_ledger(), path)
+
+
+@forgery("readable_and_sealed", "absurd")
+def absurd_timestamps(shop: Workshop) -> Submission:
+    """Messages from the year 2262."""
+    path = shop.rewritten(
+        lambda messages: [(t, 2**63 if n > 5 else ns, d) for n, (t, ns, d) in enumerate(messages)]
+    )
+    return Submission(shop.cleaning_ledger(), path)
+
+
+@forgery("readable_and_sealed", "broken_seal")
+def edited_message(shop: Workshop) -> Submission:
+    """One byte of one message changed."""
+
+    def edit(messages: list[McapMessage]) -> list[McapMessage]:
+        index = len(messages) // 2
+        topic, log_ns, data = messages[index]
+        return [*messages[:index], (topic, log_ns, data[:-1] + bytes([data[-1] ^ 1])), *messages[index + 1 :]]
+
+    return Submission(shop.cleaning_ledger(), shop.rewritten(edit))
+
+
+@forgery("readable_and_sealed", "broken_seal")
+def dropped_message(shop: Workshop) -> Submission:
+    """One message taken out."""
+    return Submission(
+        shop.cleaning_ledger(), shop.rewritten(lambda m: m[: len(m) // 2] + m[len(m) // 2 + 1 :])
+    )
+
+
+@forgery("readable_and_sealed", "broken_seal")
+def added_message(shop: Workshop) -> Submission:
+    """One message put in twice."""
+    return Submission(
+        shop.cleaning_ledger(), shop.rewritten(lambda m: m[: len(m) // 2] + m[len(m) // 2 - 1 :])
+    )
+
+
+@forgery("readable_and_sealed", "broken_seal")
+def reordered_messages(shop: Workshop) -> Submission:
+    """Two messages swapped."""
+
+    def swap(messages: list[McapMessage]) -> list[McapMessage]:
+        index = len(messages) // 2
+        return [*messages[:index], messages[index + 1], messages[index], *messages[index + 2 :]]
+
+    return Submission(shop.cleaning_ledger(), shop.rewritten(swap))
+
+
+@forgery("readable_and_sealed", "broken_seal")
+def another_topic(shop: Workshop) -> Submission:
+    """The same bytes under another name: the item's poses as the base's and the other way round."""
+    names = {"/" + ITEM_POSE: "/" + ROBOT_POSE, "/" + ROBOT_POSE: "/" + ITEM_POSE}
+    path = shop.rewritten(lambda messages: [(names.get(t, t), ns, data) for t, ns, data in messages])
+    return Submission(shop.cleaning_ledger(), path)
+
+
+@forgery("readable_and_sealed", "broken_seal")
+def spliced_halves(shop: Workshop) -> Submission:
+    """The first half of one run and the second half of another, each with its own seals."""
+    half_ns = round(middle_s(shop.cleaning) * 1e9)
+
+    def second_half(messages: list[McapMessage]) -> list[McapMessage]:
+        return [message for message in messages if message[0] == "rodeo/seal" or message[1] >= half_ns]
+
+    return Submission(shop.cleaning_ledger(), shop.rewritten(second_half))
+
+
+@forgery("readable_and_sealed", "unsealed_proof")
+def never_sealed(shop: Workshop) -> Submission:
+    """A recording without its final seal."""
+    path = shop.folder / "unsealed.mcap"
+    first = shop.cleaning.samples[0].time_ns
+    recorder = Recorder(path, BINDING, ROBOT, TakeClock(first))
+    recorder.write_json("rodeo/event", {"event": "began"})
+    recorder.suspend()
+    return Submission(shop.cleaning_ledger(), path)
+
+
+# -- whose proof of what -------------------------------------------------------------------------------
+
+
+@forgery("task_binding")
+def other_task(shop: Workshop) -> Submission:
+    """A proof of another task."""
+    return shop.cleaned(shop.cleaning, binding=BINDING.model_copy(update={"task_id": 6}))
+
+
+@forgery("task_binding")
+def other_attempt(shop: Workshop) -> Submission:
+    """A proof of the attempt before."""
+    return shop.cleaned(shop.cleaning, attempt=2)
+
+
+@forgery("task_binding")
+def other_chain(shop: Workshop) -> Submission:
+    """A proof of a task on a test network."""
+    return shop.cleaned(shop.cleaning, binding=BINDING.model_copy(update={"chain_id": 11155111}))
+
+
+@forgery("nonce")
+def guessed_nonce(shop: Workshop) -> Submission:
+    """Recorded and sealed before the assignment, whose nonce nobody knew."""
+    return shop.cleaned(shop.cleaning, binding=BINDING.model_copy(update={"nonce": "0x" + "01" * 32}))
+
+
+@forgery("signer")
+def another_robots_proof(shop: Workshop) -> Submission:
+    """Sealed by a registered device of somebody else."""
+    return shop.cleaned(shop.cleaning, device=METER)
+
+
+@forgery("signer", "not registered")
+def unregistered_key(shop: Workshop) -> Submission:
+    """Sealed by a key that nobody registered."""
+    return shop.cleaned(shop.cleaning, device=STRANGER)
+
+
+@forgery("signer", "revoked")
+def revoked_key(shop: Workshop) -> Submission:
+    """Sealed by a device that was revoked."""
+    ledger = shop.cleaning_ledger()
+    devices = [
+        device.model_copy(update={"revoked": 1.0}) if device.address == ROBOT.address else device
+        for device in ledger.devices
+    ]
+    return Submission(ledger.model_copy(update={"devices": devices}), shop.sealed(shop.cleaning))
+
+
+@forgery("first_use")
+def replay_of_an_old_proof(shop: Workshop) -> Submission:
+    """A file that was paid before."""
+    ledger = shop.cleaning_ledger().model_copy(update={"first_use": "task 3 attempt 1"})
+    return Submission(ledger, shop.honest_file())
+
+
+@forgery("recorded_in_assignment")
+def old_recording_sealed_anew(shop: Workshop) -> Submission:
+    """Last week's recording, sealed for today's task."""
+    week_s = 7 * 86400
+    return shop.cleaned(
+        shop.cleaning, assigned=shop.cleaning.start_s + week_s, proof_submitted=shop.cleaning.end_s + week_s
+    )
+
+
+@forgery("sealed_while_recording")
+def sealed_afterwards(shop: Workshop) -> Submission:
+    """All messages under one seal, made when the work was long over."""
+    from rodeo.evidence import recorder
+
+    period_ns = recorder.SEAL_PERIOD_NS
+    recorder.SEAL_PERIOD_NS = 10**18
+    try:
+        quiet = shop.cleaning.without(SIGNED)
+        return shop.cleaned(quiet)
+    finally:
+        recorder.SEAL_PERIOD_NS = period_ns
+
+
+# -- time and completeness, sealed with the executor's own key -------------------------------------------
+
+
+@forgery("poses_signed")
+def last_weeks_recording_with_new_times(shop: Workshop) -> Submission:
+    """All stamps moved into the assignment; the motion capture's statements cannot be."""
+    shift_ns = -7 * 10**9
+    return shop.cleaned(Take([timed(s, s.time_ns + shift_ns) for s in shop.cleaning.samples]))
+
+
+@forgery("cleaning_topics", "fastest")
+def sped_up(shop: Workshop) -> Submission:
+    """Everything played twice as fast."""
+    return shop.cleaned(at_pace(shop.cleaning, 2.0))
+
+
+@forgery("cleaning_topics", "slowest")
+def slowed_down(shop: Workshop) -> Submission:
+    """Motion beyond the robot's limits, stretched until it is within."""
+    return shop.cleaned(at_pace(shop.cleaning, 0.5), proof_submitted=shop.cleaning.end_s + 120)
+
+
+@forgery("stated_in_time")
+def sped_up_at_the_right_rates(shop: Workshop) -> Submission:
+    """Played twice as fast, with every second message left out."""
+    fast = at_pace(shop.cleaning, 2.0)
+    kept = Take([s for s in fast.samples if not s.ros_type or s.sequence % 2 == 0])
+    return shop.cleaned(
+        Take([replace(s, sequence=s.sequence // 2) if s.ros_type else s for s in kept.samples])
+    )
+
+
+@forgery("recorded_time")
+def recorded_from_a_slow_replay(shop: Workshop) -> Submission:
+    """An old bag played at a third of its speed into a recorder: stamps and log times drift apart."""
+    return shop.cleaned(
+        at_pace(shop.cleaning, 1 / 3, stamps=False), proof_submitted=shop.cleaning.end_s + 300
+    )
+
+
+@forgery("cleaning_missed")
+def messages_left_out(shop: Workshop) -> Submission:
+    """Every fifth message of the odometry left out."""
+    return shop.cleaned(shop.cleaning.edited(ODOM, lambda s: None if s.sequence % 5 == 3 else s))
+
+
+@forgery("cleaning_gaps")
+def a_stretch_left_out(shop: Workshop) -> Submission:
+    """Where the robot did what it should not; the numbers show no gap."""
+    begin_s, end_s = middle_s(shop.cleaning, 0.5), middle_s(shop.cleaning, 0.65)
+    take = shop.cleaning.edited(JOINT_STATES, lambda s: None if begin_s < s.time_ns * 1e-9 < end_s else s)
+    return shop.cleaned(numbered(take, JOINT_STATES))
+
+
+@forgery("cleaning_topics", "/panther1/odom")
+def a_topic_left_out(shop: Workshop) -> Submission:
+    """No odometry at all."""
+    return shop.cleaned(shop.cleaning.without(ODOM))
+
+
+@forgery("in_order")
+def reordered_and_sealed(shop: Workshop) -> Submission:
+    """Two stretches of the joints exchanged."""
+    samples = list(shop.cleaning.samples)
+    at = [index for index, sample in enumerate(samples) if sample.topic == JOINT_STATES]
+    first, second = at[500:550], at[700:750]
+    for one, other in zip(first, second, strict=True):
+        samples[one], samples[other] = samples[other], samples[one]
+    return shop.cleaned(Take(samples))
+
+
+@forgery("cleaning_topics", "do not increase")
+def messages_added_and_sealed(shop: Workshop) -> Submission:
+    """A stretch of the odometry twice."""
+    samples = []
+    for sample in shop.cleaning.samples:
+        samples += [sample, sample] if sample.topic == ODOM and 500 < sample.sequence < 600 else [sample]
+    return shop.cleaned(Take(samples))
+
+
+@forgery("tallied")
+def false_counts(shop: Workshop) -> Submission:
+    """A closing count of messages that are not there."""
+    from rodeo.evidence.recorder import Tally
+
+    counts = Tally.counts
+    Tally.counts = lambda self: {"seen": self.seen + 10, "published": self.published + 10}  # type: ignore[method-assign]
+    try:
+        return shop.cleaned(shop.cleaning)
+    finally:
+        Tally.counts = counts  # type: ignore[method-assign]
+
+
+# -- the motion, sealed with the executor's own key ------------------------------------------------------
+
+
+def _lifts(sample: Sample) -> Sample:
+    position = replace(sample.message.pose.position, z=sample.message.pose.position.z + 0.3)
+    return with_fields(sample, pose=replace(sample.message.pose, position=position))
+
+
+@forgery("poses_signed", ITEM)
+def invented_item_motion(shop: Workshop) -> Submission:
+    """Poses of an item that flies, which the motion capture never saw."""
+    half_s = middle_s(shop.cleaning)
+    return shop.cleaned(
+        shop.cleaning.edited(ITEM_POSE, lambda s: _lifts(s) if s.time_ns * 1e-9 > half_s else s)
+    )
+
+
+@forgery("poses_signed", "panther1")
+def invented_base_motion(shop: Workshop) -> Submission:
+    """Base and odometry half a metre beside where they were."""
+    take = shop.cleaning.edited(ROBOT_POSE, lambda s: displaced(s, x=0.5))
+    return shop.cleaned(take.edited(ODOM, lambda s: displaced(s, x=0.5)))
+
+
+@forgery("poses_signed")
+def motion_capture_signed_by_the_robot(shop: Workshop) -> Submission:
+    """Statements about the poses under the robot's own key."""
+    return shop.cleaned(signed_poses(shop.unsigned, ROBOT))
+
+
+@forgery("poses_signed")
+def statements_left_out(shop: Workshop) -> Submission:
+    """The statements about a stretch of poses left out, and the poses edited there."""
+    begin_s, end_s = middle_s(shop.cleaning, 0.4), middle_s(shop.cleaning, 0.6)
+
+    def drop(sample: Sample) -> Sample | None:
+        payload = sample.message["payload"]
+        return None if payload.get("type") == "mocap" and begin_s < payload["end_s"] < end_s else sample
+
+    return shop.cleaned(shop.cleaning.edited(SIGNED, drop))
+
+
+@forgery("replayed", "never leaves the floor")
+def motion_without_an_item(shop: Workshop) -> Submission:
+    """All motions of a cleaning, beside an item that stays where it is."""
+    lies = shop.unsigned.of(ITEM_POSE)[0].message.pose
+    return shop.colluding(shop.unsigned.edited(ITEM_POSE, lambda s: with_fields(s, pose=lies)))
+
+
+@forgery("base_speed")
+def teleport(shop: Workshop) -> Submission:
+    """The base is somewhere else from one moment to the next, for the motion capture, too."""
+    half_s = middle_s(shop.unsigned)
+
+    def jump(sample: Sample) -> Sample:
+        return displaced(sample, x=0.8) if sample.time_ns * 1e-9 > half_s else sample
+
+    return shop.colluding(shop.unsigned.edited(ROBOT_POSE, jump).edited(ODOM, jump))
+
+
+@forgery("base_acceleration")
+def instant_start(shop: Workshop) -> Submission:
+    """Short of the speed limit at once, and back."""
+    begin_s = middle_s(shop.unsigned)
+
+    def dash(sample: Sample) -> Sample:
+        passed_s = sample.time_ns * 1e-9 - begin_s
+        return displaced(sample, x=0.35 if 0 < passed_s < 5 else 0.0)
+
+    return shop.colluding(shop.unsigned.edited(ROBOT_POSE, dash).edited(ODOM, dash))
+
+
+@forgery("odometry")
+def odometry_that_contradicts_motion_capture(shop: Workshop) -> Submission:
+    """Wheels that never turned."""
+    first = shop.cleaning.of(ODOM)[0].message
+    return shop.cleaned(
+        shop.cleaning.edited(ODOM, lambda s: with_fields(s, pose=first.pose, twist=first.twist))
+    )
+
+
+@forgery("stays_in_room")
+def through_the_wall(shop: Workshop) -> Submission:
+    """A path on the other side of the wall, for the motion capture, too."""
+    take = shop.unsigned.edited(ROBOT_POSE, lambda s: displaced(s, x=1.6))
+    return shop.colluding(take)
+
+
+@forgery("joint_range")
+def joints_beyond_their_range(shop: Workshop) -> Submission:
+    """A shoulder that bends where it cannot."""
+
+    def bend(sample: Sample) -> Sample:
+        position = sample.message.position.copy()
+        position[JOINT_SHOULDER] += 2.5
+        return with_joints(sample, position=position)
+
+    return shop.cleaned(shop.cleaning.edited(JOINT_STATES, bend))
+
+
+JOINT_SHOULDER = WAIST + 1
+
+
+@forgery("joint_speed")
+def joints_faster_than_the_arm(shop: Workshop) -> Submission:
+    """The waist elsewhere from one moment to the next."""
+    half_s = middle_s(shop.cleaning)
+
+    def jump(sample: Sample) -> Sample:
+        position = sample.message.position.copy()
+        position[WAIST] += 1.5 if sample.time_ns * 1e-9 > half_s else 0.0
+        return with_joints(sample, position=position)
+
+    return shop.cleaned(shop.cleaning.edited(JOINT_STATES, jump))
+
+
+@forgery("gripper_force")
+def a_grip_of_steel(shop: Workshop) -> Submission:
+    """Fingers that press ten times harder than they can."""
+    return shop.cleaned(
+        shop.cleaning.edited(JOINT_STATES, lambda s: with_joints(s, effort=s.message.effort * _STRONG))
+    )
+
+
+_STRONG = np.ones(12)
+_STRONG[FINGERS] = 10.0
+
+
+@forgery("grasp")
+def edited_trajectory(shop: Workshop) -> Submission:
+    """An arm that moved elsewhere, its recording turned towards the item by a few degrees too few."""
+
+    def turn(sample: Sample) -> Sample:
+        position = sample.message.position.copy()
+        position[WAIST] += 0.12
+        return with_joints(sample, position=position)
+
+    return shop.cleaned(shop.cleaning.edited(JOINT_STATES, turn))
+
+
+@forgery("replayed", "does not close")
+def gripper_never_closed(shop: Workshop) -> Submission:
+    """Somebody else carried the item beside the robot."""
+    return shop.cleaned(shop.cleaning.edited(JOINT_STATES, opened))
+
+
+@forgery("compartment", "outside the bin")
+def dropped_on_the_way(shop: Workshop) -> Submission:
+    """The fingers open half-way; a person took the item the rest of the way."""
+    share_s = middle_s(shop.cleaning, 0.62)
+    return shop.cleaned(
+        shop.cleaning.edited(JOINT_STATES, lambda s: opened(s) if s.time_ns * 1e-9 > share_s else s)
+    )
+
+
+@forgery("item_place")
+def an_item_from_elsewhere(shop: Workshop) -> Submission:
+    """Another piece of trash than the one that the task is about."""
+    return shop.cleaned(shop.cleaning, params=PLACE | {"x_m": 4.6})
+
+
+# -- the bin -------------------------------------------------------------------------------------------
+
+
+@forgery("compartment")
+def wrong_compartment(shop: Workshop) -> Submission:
+    """Done, but into the nearest compartment."""
+    take = film_cleaning(shop.site, ITEM, BIN, via=(), compartment="green")
+    return shop.colluding(take)
+
+
+@forgery("compartment", "no classification signed by the bin")
+def wrong_class(shop: Workshop) -> Submission:
+    """A classification of the robot's own making."""
+    return shop.cleaned(
+        restated(shop.cleaning, ROBOT, "image_sha256", **{"class": "glass", "compartment": "green"})
+    )
+
+
+@forgery("compartment", "no classification signed by the bin")
+def altered_classification(shop: Workshop) -> Submission:
+    """The bin's own signature under other words."""
+
+    def alter(sample: Sample) -> Sample:
+        payload = sample.message["payload"]
+        if "image_sha256" not in payload:
+            return sample
+        return replace(sample, message=sample.message | {"payload": payload | {"class": "glass"}})
+
+    return shop.cleaned(shop.cleaning.edited(SIGNED, alter))
+
+
+@forgery("classified")
+def classification_of_another_item(shop: Workshop) -> Submission:
+    """What the bin said of the item before, signed by the bin."""
+    return shop.cleaned(restated(shop.cleaning, BIN, "image_sha256", time_s=shop.cleaning.start_s))
+
+
+@forgery("dropped", "no drop signed by the bin")
+def spoofed_drop(shop: Workshop) -> Submission:
+    """A drop that the robot signs itself."""
+    return shop.cleaned(restated(shop.cleaning, ROBOT, "weight_n"))
+
+
+@forgery("dropped")
+def drop_of_another_item(shop: Workshop) -> Submission:
+    """The bin's word on another classification."""
+    return shop.cleaned(restated(shop.cleaning, BIN, "weight_n", classification_seq=2))
+
+
+@forgery("dropped")
+def drop_of_an_hour_ago(shop: Workshop) -> Submission:
+    """The bin's word from before the release."""
+    start_s = shop.cleaning.start_s
+    return shop.cleaned(restated(shop.cleaning, BIN, "weight_n", after_s=start_s, time_s=start_s + 5))
+
+
+@forgery("stated_in_time")
+def a_statement_from_the_future(shop: Workshop) -> Submission:
+    """A statement that was recorded before the bin made it: put in when the recording was sealed anew."""
+    end_s = shop.cleaning.end_s
+    return shop.cleaned(restated(shop.cleaning, BIN, "weight_n", after_s=end_s, time_s=end_s + 300))
+
+
+# -- charging ------------------------------------------------------------------------------------------
+
+
+@forgery("signer")
+def charge_sealed_by_the_robot(shop: Workshop) -> Submission:
+    """The buyer's device in place of the seller's."""
+    return shop.charged(shop.charge, device=ROBOT)
+
+
+@forgery("meter_chain", "nothing signed by a meter")
+def invented_meter(shop: Workshop) -> Submission:
+    """Readings under a key that is no meter's."""
+    return shop.charged(restated(shop.charge, STRANGER, "energy_wh"))
+
+
+@forgery("meter_chain")
+def meter_statement_left_out(shop: Workshop) -> Submission:
+    """One statement of the meter missing."""
+    third = shop.charge.of(SIGNED)[2]
+    return shop.charged(shop.charge.edited(SIGNED, lambda s: None if s is third else s))
+
+
+@forgery("meter_chain", "of another task")
+def energy_of_another_task(shop: Workshop) -> Submission:
+    """What was delivered, and paid, before."""
+    return shop.charged(restated(shop.charge, METER, "energy_wh", task_id=99))
+
+
+@forgery("readings")
+def readings_beside_the_bus(shop: Workshop) -> Submission:
+    """Amperes on the bus that the meter did not sign."""
+    return shop.charged(shop.charge.edited(OUTPUT, lambda s: with_fields(s, current=s.message.current * 1.2)))
+
+
+@forgery("readings_signed")
+def readings_that_nobody_signed(shop: Workshop) -> Submission:
+    """The meter was switched off for the second half."""
+    half = len(shop.charge.of(SIGNED)) // 2
+    kept = shop.charge.of(SIGNED)[:half]
+    return shop.charged(shop.charge.edited(SIGNED, lambda s: s if s in kept else None))
+
+
+@forgery("energy", "unexplained")
+def energy_that_went_elsewhere(shop: Workshop) -> Submission:
+    """A battery that gained half of what was metered."""
+    start = shop.charge.of(GAUGE)[0].message.percentage
+
+    def half(sample: Sample) -> Sample:
+        return with_fields(sample, percentage=start + (sample.message.percentage - start) * 0.5)
+
+    return shop.charged(shop.charge.edited(GAUGE, half), params=_CHARGE | {"soc_target": 0.9})
+
+
+@forgery("robot_docked")
+def a_robot_that_was_not_there(shop: Workshop) -> Submission:
+    """Another load on the dock's contacts."""
+    return shop.charged(shop.charge.edited(GAUGE, lambda s: with_fields(s, voltage=s.message.voltage - 1.5)))
+
+
+@forgery("target")
+def half_a_charge(shop: Workshop) -> Submission:
+    """Less than was ordered."""
+    return shop.charged(shop.charge, params=_CHARGE | {"soc_target": 1.0})
+
+
+_CHARGE = {"robot": "panther1", "dock": "dock1", "soc_from": 0.9, "soc_target": 0.95}

@@ -1,0 +1,35 @@
+"""Every forgery of the catalogue is refused for its own reason, and the oracle goes on."""
+
+from __future__ import annotations
+
+import pytest
+
+from rodeo.config import Site
+from tests.forgeries import CATALOGUE, Workshop
+from tests.support.site import LAB
+
+
+@pytest.fixture(scope="module")
+def workshop(tmp_path_factory: pytest.TempPathFactory) -> Workshop:
+    return Workshop(Site.load(LAB), tmp_path_factory.mktemp("forgeries"))
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_a_forgery_is_refused_for_its_own_reason(workshop: Workshop, name: str) -> None:
+    forgery = CATALOGUE[name]
+    report = workshop.judged(forgery.make(workshop))
+    assert not report.accepted, forgery.make.__doc__
+    assert report.reason.split(":")[0] == forgery.check, report.reason
+    assert forgery.says in report.reason
+
+
+def test_what_the_forgeries_are_made_of_is_honest(workshop: Workshop) -> None:
+    """After all of them, too: nothing that was refused is in the way of the next proof."""
+    for submission in (workshop.cleaned(workshop.cleaning), workshop.charged(workshop.charge)):
+        report = workshop.judged(submission)
+        assert report.accepted, report.reason
+
+
+def test_there_are_enough_of_them() -> None:
+    assert len(CATALOGUE) >= 25
+    assert all(forgery.make.__doc__ for forgery in CATALOGUE.values())

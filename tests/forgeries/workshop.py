@@ -1,0 +1,221 @@
+"""What a forger works with: honest recordings, a store to submit to, and the executor's own device key."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from hashlib import file_digest
+from itertools import count
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from eth_account import Account
+from eth_account.signers.local import LocalAccount
+from mcap.reader import make_reader
+from mcap.writer import Writer
+
+from rodeo.config import Site
+from rodeo.evidence import Binding, Store, attest
+from rodeo.lab.body import JOINTS
+from rodeo.ros2.types import new
+from services.oracle.case import Ledger
+from services.oracle.report import Report
+from services.oracle.verify import verify_submission
+from tests.support.assignments import (
+    BIN,
+    BINDING,
+    CHARGE_BINDING,
+    METER,
+    MOCAP,
+    ROBOT,
+    charging_ledger,
+    cleaning_ledger,
+)
+from tests.support.recordings import Sample, Take, film_charging, film_cleaning, seal, signed_poses, stamp
+
+ITEM = "item3"
+PLACE = {"item_id": ITEM, "x_m": 5.4, "y_m": 2.5}
+JOINT_STATES, ODOM, SIGNED = "panther1/joint_states", "panther1/odom", "rodeo/attestation"
+ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", f"mocap/{ITEM}/pose"
+OUTPUT, GAUGE = "dock1/output", "panther1/battery_state"
+FINGERS = [JOINTS.index("left_finger"), JOINTS.index("right_finger")]
+WAIST = JOINTS.index("waist")
+STRANGER = Account.create()
+
+McapMessage = tuple[str, int, bytes]
+"""Topic, log time in ns, payload."""
+
+
+@dataclass(frozen=True)
+class Submission:
+    """What the chain is told of a proof. Without a URI, the file at `path` is put into the store first."""
+
+    ledger: Ledger
+    path: Path | None = None
+    uri: str | None = None
+    sha256: str | None = None
+
+
+class Workshop:
+    """Filmed once; every forgery gets files of its own in `folder`."""
+
+    def __init__(self, site: Site, folder: Path) -> None:
+        # Not simulated: a simulated clock, faster than real time, needs wider limits.
+        clock = site.clock.model_copy(update={"source": "wall"})
+        self.site = site.model_copy(update={"data_dir": folder / "data", "clock": clock})
+        self.store = Store(self.site)
+        self.folder = folder
+        self._numbers = count()
+        film = film_cleaning(site, ITEM, BIN, via=())
+        for other in site.items:
+            if other.id != ITEM:
+                film = film.without(f"mocap/{other.id}/pose")
+        self.unsigned = film
+        """Before the motion capture signed: for labs whose motion capture helps the forger."""
+        self.cleaning = signed_poses(film, MOCAP)
+        self.charge = film_charging(site, METER, CHARGE_BINDING, soc=0.94)
+
+    # -- submitting ------------------------------------------------------------------------------------
+
+    def sealed(self, take: Take, binding: Binding = BINDING, device: LocalAccount = ROBOT) -> Path:
+        return seal(take, self.folder / f"{next(self._numbers)}.mcap", binding, device).path
+
+    def cleaned(
+        self, take: Take, *, binding: Binding = BINDING, device: LocalAccount = ROBOT, **task: Any
+    ) -> Submission:
+        """`take` as proof of the cleaning task, sealed with the robot's key."""
+        return Submission(self.cleaning_ledger(**task), self.sealed(take, binding, device))
+
+    def colluding(self, take: Take) -> Submission:
+        """The same with poses that the lab's motion capture signs, whatever they are."""
+        return self.cleaned(signed_poses(take, MOCAP))
+
+    def charged(self, take: Take, *, device: LocalAccount = METER, **task: Any) -> Submission:
+        """`take` as proof of the charging task, sealed with the meter's key."""
+        return Submission(charging_ledger(self.charge, **task), self.sealed(take, CHARGE_BINDING, device))
+
+    def cleaning_ledger(self, **task: Any) -> Ledger:
+        return cleaning_ledger(self.cleaning, **({"params": PLACE} | task))
+
+    def judged(self, submission: Submission) -> Report:
+        """What the oracle says, from the URI on."""
+        uri, sha256 = submission.uri, submission.sha256
+        if submission.path is not None:
+            with submission.path.open("rb") as file:
+                sha256 = sha256 or "0x" + file_digest(file, "sha256").hexdigest()
+            uri = uri or self.deposit(submission.path)
+        ledger = submission.ledger
+        task = ledger.task.model_copy(update={"proof_uri": uri, "proof_sha256": sha256})
+        folder = self.folder / f"verify-{next(self._numbers)}"
+        return verify_submission(self.site, ledger.model_copy(update={"task": task}), folder)
+
+    def deposit(self, path: Path) -> str:
+        """Put a file into the store's folder, past the store's own limits; its URI."""
+        with path.open("rb") as file:
+            digest = file_digest(file, "sha256").hexdigest()
+        target = self.site.data_dir / "store" / f"{digest}.mcap"
+        target.parent.mkdir(parents=True, exist_ok=True)
+        path.replace(target)
+        return f"{self.site.store_url}/{digest}.mcap"
+
+    # -- files -----------------------------------------------------------------------------------------
+
+    def honest_file(self) -> Path:
+        return self.sealed(self.cleaning)
+
+    def rewritten(self, edit: Callable[[list[McapMessage]], list[McapMessage]]) -> Path:
+        """The honest file with its messages as `edit` returns them, seals included, well-formed."""
+        source = self.honest_file()
+        path = self.folder / f"{next(self._numbers)}.mcap"
+        with source.open("rb") as file:
+            reader = make_reader(file)
+            messages: list[McapMessage] = []
+            kinds: dict[str, tuple[str, str, bytes]] = {}
+            for schema, channel, message in reader.iter_messages(log_time_order=False):
+                kinds[channel.topic] = (
+                    channel.message_encoding,
+                    schema.name if schema else "",
+                    schema.data if schema else b"",
+                )
+                messages.append((channel.topic, message.log_time, message.data))
+        with path.open("wb") as file:
+            writer = Writer(file)
+            writer.start(profile="ros2", library="rodeo")
+            channels: dict[str, int] = {}
+            for sequence, (topic, log_ns, data) in enumerate(edit(messages)):
+                if topic not in channels:
+                    encoding, name, text = kinds[topic]
+                    schema_id = writer.register_schema(name, "ros2msg", text) if name else 0
+                    channels[topic] = writer.register_channel(topic, encoding, schema_id)
+                writer.add_message(channels[topic], log_ns, data, log_ns, sequence)
+            writer.finish()
+        return path
+
+
+# -- tools ---------------------------------------------------------------------------------------------
+
+
+def middle_s(take: Take, share: float = 0.5) -> float:
+    return take.start_s + share * (take.end_s - take.start_s)
+
+
+def with_joints(sample: Sample, **columns: np.ndarray) -> Sample:
+    return replace(sample, message=replace(sample.message, **columns))
+
+
+def with_fields(sample: Sample, **fields: Any) -> Sample:
+    return replace(sample, message=replace(sample.message, **fields))
+
+
+def opened(sample: Sample) -> Sample:
+    """With the fingers wide open."""
+    position, effort = sample.message.position.copy(), sample.message.effort.copy()
+    position[FINGERS], effort[FINGERS] = (0.057, -0.057), 0.0
+    return with_joints(sample, position=position, effort=effort)
+
+
+def displaced(sample: Sample, x: float = 0.0, y: float = 0.0) -> Sample:
+    """A pose or odometry sample, moved."""
+    if hasattr(sample.message.pose, "pose"):
+        inner = sample.message.pose.pose
+        at = replace(inner.position, x=inner.position.x + x, y=inner.position.y + y)
+        pose = replace(sample.message.pose, pose=replace(inner, position=at))
+    else:
+        at = sample.message.pose.position
+        pose = replace(sample.message.pose, position=replace(at, x=at.x + x, y=at.y + y))
+    return with_fields(sample, pose=pose)
+
+
+def timed(sample: Sample, time_ns: int, *, stamps: bool = True) -> Sample:
+    """The same message at another time."""
+    if not sample.ros_type or not stamps:
+        return replace(sample, time_ns=time_ns)
+    header = replace(sample.message.header, stamp=new("builtin_interfaces/msg/Time"))
+    return replace(sample, message=stamp(replace(sample.message, header=header), time_ns), time_ns=time_ns)
+
+
+def at_pace(take: Take, factor: float, *, stamps: bool = True) -> Take:
+    """Played `factor` times faster."""
+    start_ns = take.samples[0].time_ns
+    return Take([
+        timed(s, start_ns + round((s.time_ns - start_ns) / factor), stamps=stamps) for s in take.samples
+    ])  # fmt: skip
+
+
+def restated(take: Take, account: LocalAccount, having: str, **changes: Any) -> Take:
+    """Statements whose payload has the key `having`, changed and signed by `account`."""
+
+    def sign(sample: Sample) -> Sample:
+        payload = sample.message["payload"]
+        if having not in payload:
+            return sample
+        return replace(sample, message=attest(payload | changes, account).model_dump())
+
+    return take.edited(SIGNED, sign)
+
+
+def numbered(take: Take, topic: str) -> Take:
+    """With sequence numbers that show no gap."""
+    numbers: Iterator[int] = count()
+    return take.edited(topic, lambda s: replace(s, sequence=next(numbers)))
