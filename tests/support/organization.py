@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from decimal import Decimal
@@ -78,15 +78,15 @@ class Organization:
 
 
 @contextmanager
-def running_chain(backend: str, folder: Path) -> Iterator[Site]:
-    """A site whose chain of that backend runs until the end of the block."""
+def running_chain(backend: str, folder: Path, now_s: Callable[[], int] = lambda: GENESIS_S) -> Iterator[Site]:
+    """A site whose chain of that backend runs until the end of the block; `now_s` is its clock."""
     site = Site.load(write_site(folder, backend))
     with ExitStack() as stack:
         if backend == "anvil":
-            stack.enter_context(Anvil(site.chain.url, folder, CHAIN_ID, GENESIS_S, lambda: GENESIS_S))
+            stack.enter_context(Anvil(site.chain.url, folder, CHAIN_ID, GENESIS_S, now_s))
         else:
             store = Store(folder / "chain.sqlite")
             stack.callback(store.close)
-            ledger = Ledger(store, CHAIN_ID, GENESIS_S, lambda: GENESIS_S)
+            ledger = Ledger(store, CHAIN_ID, GENESIS_S, now_s)
             stack.enter_context(RpcServer(site.chain.url, Methods(ledger)))
         yield site

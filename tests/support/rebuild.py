@@ -1,0 +1,206 @@
+"""The state of an organization, made of its contracts' events and nothing else.
+
+It knows the rules of docs/contracts.md, never asks a contract, and says the same as their views.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+
+from rodeo.chain import (
+    Cause,
+    Device,
+    KindRules,
+    Log,
+    Review,
+    Service,
+    ServiceState,
+    Task,
+    TaskState,
+    Terms,
+    events,
+)
+
+NO_PROOF = bytes(32)
+ZERO_ADDRESS = "0x" + "00" * 20
+
+
+@dataclass
+class Rebuilt:
+    """What the views of the contracts answer, by what they are asked for."""
+
+    tasks: dict[int, Task] = field(default_factory=dict)
+    services: dict[int, Service] = field(default_factory=dict)
+    """`place` is 0: `waiting` has the order."""
+    waiting: list[int] = field(default_factory=list)
+    """Services that wait for a task, those that have waited longest first."""
+    devices: dict[str, Device] = field(default_factory=dict)
+    kinds: dict[str, KindRules] = field(default_factory=dict)
+    roles: set[tuple[str, str]] = field(default_factory=set)
+    """(role, account)"""
+    terms: Terms = field(default_factory=lambda: Terms(0, 0, 0))
+    members_only: bool = False
+    policy: str = ZERO_ADDRESS
+    balances: dict[str, int] = field(default_factory=dict)
+    owed: dict[str, int] = field(default_factory=dict)
+
+    def apply(self, log: Log, time_s: int) -> None:
+        """Take in the next event, of a block at `time_s`."""
+        event = log.event
+        match event:
+            case events.TaskRegistered():
+                self.tasks[event.task_id] = Task(
+                    creator=event.creator,
+                    reward=event.reward,
+                    kind=event.kind,
+                    price=0,
+                    service_id=0,
+                    deadline=0,
+                    execution_window=event.execution_window,
+                    verdict_window=event.verdict_window,
+                    attempt=0,
+                    max_attempts=event.max_attempts,
+                    state=TaskState.OPEN,
+                    proof_hash=NO_PROOF,
+                )
+            case events.TaskAssigned():
+                self._task(
+                    event.task_id,
+                    state=TaskState.ASSIGNED,
+                    attempt=event.attempt,
+                    service_id=event.service_id,
+                    price=event.price,
+                    deadline=event.deadline,
+                )
+                self._service(event.service_id, task_id=event.task_id)
+            case events.ProofSubmitted():
+                self._task(
+                    event.task_id,
+                    state=TaskState.SUBMITTED,
+                    proof_hash=event.proof_hash,
+                    deadline=event.deadline,
+                )
+            case events.TaskSettled():
+                self._release(event.task_id, None)
+                self._task(event.task_id, state=TaskState.SETTLED, deadline=0, proof_hash=NO_PROOF)
+            case events.TaskRequeued():
+                self._release(event.task_id, event.cause)
+                self._task(
+                    event.task_id,
+                    state=TaskState.OPEN,
+                    service_id=0,
+                    price=0,
+                    deadline=0,
+                    proof_hash=NO_PROOF,
+                )
+            case events.TaskFailed():
+                self._release(event.task_id, event.cause)
+                self._task(event.task_id, state=TaskState.FAILED, deadline=0, proof_hash=NO_PROOF)
+            case events.TaskCancelled():
+                self._task(event.task_id, state=TaskState.CANCELLED)
+            case events.ServiceRegistered():
+                self.services[event.service_id] = Service(
+                    provider=event.provider,
+                    price=event.price,
+                    kind=event.kind,
+                    task_id=0,
+                    place=0,
+                    state=ServiceState.ACTIVE,
+                    completed=0,
+                    rejected=0,
+                    expired=0,
+                    reputation=32,
+                    bond=0,
+                    penalty=0,
+                    max_failures=0,
+                    failures=0,
+                )
+                self.waiting.append(event.service_id)
+            case events.TermsAgreed():
+                self._service(
+                    event.service_id, bond=event.bond, penalty=event.penalty, max_failures=event.max_failures
+                )
+            case events.ServiceUpdated():
+                # Queues again at the back.
+                self._service(event.service_id, state=ServiceState.PAUSED)
+                self._service(event.service_id, price=event.price, state=event.state)
+            case events.ServiceSuspended():
+                self._service(event.service_id, state=ServiceState.SUSPENDED)
+            case events.ServiceReinstated():
+                self._service(event.service_id, state=ServiceState.PAUSED, failures=0)
+            case events.BondPenalized():
+                bond = self.services[event.service_id].bond
+                self._service(event.service_id, bond=bond - event.amount)
+            case events.BondReturned():
+                self._service(event.service_id, bond=0)
+            case events.PaymentDeferred():
+                self.owed[event.account] = self.owed.get(event.account, 0) + event.amount
+            case events.PaymentCollected():
+                self.owed[event.account] -= event.amount
+            case events.DeviceRegistered():
+                self.devices[event.device] = Device(event.role, event.owner, time_s, 0, event.registrar)
+            case events.DeviceRevoked():
+                self.devices[event.device] = replace(self.devices[event.device], revoked_at=time_s)
+            case events.KindAllowed():
+                self._kind(event.kind, allowed=event.allowed)
+            case events.ReviewChanged():
+                self._kind(event.kind, review=event.review)
+            case events.MinWindowChanged():
+                self._kind(event.kind, min_window=event.min_window)
+            case events.RoleGranted():
+                self.roles.add((event.role, event.account))
+            case events.RoleRevoked():
+                self.roles.remove((event.role, event.account))
+            case events.TermsChanged():
+                self.terms = Terms(event.bond, event.penalty, event.max_failures)
+            case events.MembersOnlyChanged():
+                self.members_only = event.members_only
+            case events.PolicyChanged():
+                self.policy = event.policy
+            case events.Transfer():
+                self._balance(event.sender, -event.value)
+                self._balance(event.to, event.value)
+
+    def _task(self, task_id: int, **changes: object) -> None:
+        self.tasks[task_id] = replace(self.tasks[task_id], **changes)  # type: ignore[arg-type]
+
+    def _service(self, service_id: int, **changes: object) -> None:
+        """Change a service, and whether and where it waits."""
+        service = replace(self.services[service_id], **changes)  # type: ignore[arg-type]
+        judged = service.completed + service.rejected + service.expired
+        self.services[service_id] = replace(service, reputation=(service.completed + 1) * 64 // (judged + 2))
+        available = service.state is ServiceState.ACTIVE and service.task_id == 0
+        if available and service_id not in self.waiting:
+            self.waiting.append(service_id)
+        elif not available and service_id in self.waiting:
+            self.waiting.remove(service_id)
+
+    def _release(self, task_id: int, cause: Cause | None) -> None:
+        """The attempt is over for the service that made it: with success where there is no cause."""
+        service_id = self.tasks[task_id].service_id
+        service = self.services[service_id]
+        has_terms = service.bond > 0 or service.max_failures > 0
+        changes: dict[str, int] = {"task_id": 0}
+        if cause is None:
+            changes |= {"completed": service.completed + 1, "failures": 0}
+        elif cause is not Cause.VERDICT_EXPIRED:
+            counter = "rejected" if cause is Cause.REJECTED else "expired"
+            changes |= {counter: getattr(service, counter) + 1}
+            changes |= {"failures": service.failures + 1} if has_terms else {}
+        self._service(service_id, **changes)
+
+    def _kind(self, kind: str, **changes: object) -> None:
+        rules = self.kinds.get(kind, KindRules(allowed=False, review=Review.ORACLE, min_window=0))
+        self.kinds[kind] = replace(rules, **changes)  # type: ignore[arg-type]
+
+    def _balance(self, account: str, change: int) -> None:
+        self.balances[account] = self.balances.get(account, 0) + change
+
+
+def rebuild(logs: Iterable[Log], time_of: Callable[[int], int]) -> Rebuilt:
+    """The state after `logs`, which are all of them, in chain order; `time_of(block)` is its time, s."""
+    state = Rebuilt()
+    for log in logs:
+        state.apply(log, time_of(log.block))
+    return state

@@ -1,0 +1,197 @@
+"""Events alone tell the whole state: after an eventful life, what they add up to is what the views answer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from rodeo.chain import Policy, Review, Role, ServiceState, TaskState, Terms, to_wei
+from rodeo.chain.permit import sign_permit
+from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
+from tests.support.rebuild import ZERO_ADDRESS, rebuild
+
+STEPS = 30
+DEVICE = "0x" + "00" * 19 + "01"
+
+
+@dataclass
+class Clock:
+    now_s: int = GENESIS_S
+
+    def __call__(self) -> int:
+        return self.now_s
+
+
+@dataclass
+class Life:
+    """Random things that the participants of an organization may do, one per step."""
+
+    organization: Organization
+    clock: Clock
+    random: Random
+
+    def prepare(self) -> None:
+        organization, calls = self.organization, self.organization.client.organization_calls
+        for call in (
+            calls.set_terms(Terms(to_wei(Decimal(20)), to_wei(Decimal(6)), 2)),
+            calls.set_review("battery_charging", Review.AUDITOR),
+            calls.set_min_window(KIND, 60),
+            calls.grant_role(Role.AUDITOR, organization.oracle.address),
+            calls.admit(organization.robot.address),
+            calls.admit(organization.operator.address),
+            calls.set_members_only(True),
+            calls.register_device(DEVICE, "mocap", organization.robot.address),
+            calls.allow_kind("painting", True),
+            calls.allow_kind("painting", False),
+        ):
+            organization.send(organization.operator, call)
+        organization.send(organization.operator, calls.revoke_device(DEVICE))
+        organization.send(organization.operator, calls.revoke_role(Role.AUDITOR, organization.oracle.address))
+
+    def step(self) -> None:
+        often = [self.post, self.offer, self.prove, self.judge]
+        seldom = [self.update, self.expire, self.cancel, self.govern, self.post_with_permit]
+        self.random.choice([*often, *often, *seldom])()
+
+    def post(self) -> None:
+        reward = self.random.choice([30, 60, 100])
+        call = self.organization.client.organization_calls.register_task(self.organization.request(reward))
+        self.organization.send(self.organization.operator, call)
+
+    def post_with_permit(self) -> None:
+        # Not the robot: a permit would replace its lasting approval.
+        client, creator = self.organization.client, self.organization.operator
+        request = self.organization.request(30)
+        permit = sign_permit(client, creator, request.reward, self.clock.now_s + 10**6)
+        self.organization.send(creator, client.calls.register_task_with_permit(request, *permit))
+
+    def offer(self) -> None:
+        price = to_wei(Decimal(self.random.choice([20, 50, 80])))
+        call = self.organization.client.calls.register_service(KIND, price, "cleans")
+        self.organization.send(self.organization.robot, call)
+
+    def update(self) -> None:
+        client = self.organization.client
+        for service_id in self._shuffled(client.service_count()):
+            service = client.service(service_id)
+            if service.state in (ServiceState.ACTIVE, ServiceState.PAUSED):
+                state = self.random.choice([ServiceState.ACTIVE, ServiceState.PAUSED, ServiceState.RETIRED])
+                call = client.calls.update_service(service_id, service.price, state)
+                self.organization.send(self.organization.robot, call)
+                return
+
+    def prove(self) -> None:
+        client = self.organization.client
+        for task_id in self._tasks(TaskState.ASSIGNED):
+            attempt = client.task(task_id).attempt
+            call = client.calls.submit_proof(task_id, attempt, PROOF, "file:///proof.mcap")
+            self.organization.send(self.organization.robot, call)
+            return
+
+    def judge(self) -> None:
+        client = self.organization.client
+        for task_id in self._tasks(TaskState.SUBMITTED):
+            call = client.calls.post_verdict(
+                task_id,
+                client.task(task_id).attempt,
+                PROOF,
+                self.random.random() < 0.5,
+                REPORT,
+                "file:///report.json",
+                "looked at it",
+            )
+            self.organization.send(self.organization.oracle, call)
+            return
+
+    def expire(self) -> None:
+        """All that runs, now and then: the windows of the others end with that of the oldest."""
+        client = self.organization.client
+        running = self._tasks(TaskState.ASSIGNED, TaskState.SUBMITTED)
+        if not running or self.random.random() < 0.5:
+            return
+        self.clock.now_s = max(client.task(task_id).deadline for task_id in running) + 1
+        for task_id in running:
+            self.organization.send(self.organization.operator, client.calls.expire_task(task_id))
+
+    def cancel(self) -> None:
+        client = self.organization.client
+        for task_id in self._tasks(TaskState.OPEN):
+            if client.task(task_id).creator == client.organization:
+                call = client.organization_calls.cancel_task(task_id)
+                self.organization.send(self.organization.operator, call)
+                return
+
+    def govern(self) -> None:
+        client = self.organization.client
+        calls = client.organization_calls
+        chosen = self.random.choice([calls.set_policy(policy) for policy in Policy])
+        self.organization.send(self.organization.operator, chosen)
+        for service_id in self._shuffled(client.service_count()):
+            service = client.service(service_id)
+            if service.state is ServiceState.SUSPENDED and service.bond >= service.penalty:
+                self.organization.send(self.organization.operator, calls.reinstate_service(service_id))
+                return
+            if service.state is ServiceState.ACTIVE and self.random.random() < 0.3:
+                self.organization.send(self.organization.operator, calls.suspend_service(service_id))
+                return
+
+    def _tasks(self, *states: TaskState) -> list[int]:
+        client = self.organization.client
+        return [i for i in self._shuffled(client.task_count()) if client.task(i).state in states]
+
+    def _shuffled(self, count: int) -> list[int]:
+        return self.random.sample(range(1, count + 1), count)
+
+
+@pytest.fixture
+def life(tmp_path: Path) -> Iterator[Life]:
+    # Not on anvil as well: it follows the clock block by block, and refuses what the new time would allow.
+    clock = Clock()
+    with running_chain("eth-tester", tmp_path, clock) as site:
+        organization = Organization(site)
+        organization.deploy()
+        yield Life(organization, clock, Random(7))
+
+
+def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
+    life.prepare()
+    for _ in range(STEPS):
+        life.step()
+    client, w3 = life.organization.client, life.organization.client.w3
+    state = rebuild(
+        client.logs(client.deployment.block, w3.eth.block_number),
+        lambda block: w3.eth.get_block(block)["timestamp"],
+    )
+
+    assert len(state.tasks) == client.task_count()
+    for task_id, task in state.tasks.items():
+        assert client.task(task_id) == task, task_id
+    services = {i: client.service(i) for i in range(1, client.service_count() + 1)}
+    assert {i: replace(service, place=0) for i, service in services.items()} == state.services
+    places = {service.place: i for i, service in services.items() if service.place}
+    assert [places[place] for place in sorted(places)] == state.waiting
+
+    for address, device in state.devices.items():
+        assert client.device(address) == device
+    for kind, rules in state.kinds.items():
+        assert client.kind(kind) == rules
+    assert client.terms() == state.terms
+    assert client.members_only() == state.members_only
+    assert client.policy() == state.policy
+    accounts = {account for _, account in state.roles} | set(state.balances) - {ZERO_ADDRESS}
+    held = {(role.value, account) for role in Role for account in accounts if client.has_role(role, account)}
+    assert held == state.roles
+
+    for account in accounts:
+        assert client.balance(account) == state.balances.get(account, 0), account
+    live = (TaskState.OPEN, TaskState.ASSIGNED, TaskState.SUBMITTED)
+    escrow = sum(task.reward for task in state.tasks.values() if task.state in live)
+    bonds = sum(service.bond for service in state.services.values())
+    assert state.balances[client.task_manager] == escrow + bonds + sum(state.owed.values())
+    # A life in which nothing happened would prove nothing.
+    assert any(service.completed + service.rejected + service.expired for service in services.values())
