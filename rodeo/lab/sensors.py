@@ -71,7 +71,7 @@ class DepthCamera:
 class Lidar:
     """A planar scanner at `site` that does not see the bodies under `root`, as its driver masks them."""
 
-    BEAMS = 360
+    BEAMS = 240
     NEAREST_M = 0.3
     FARTHEST_M = 10.0
     ANGLE_MIN_RAD = -np.pi

@@ -33,6 +33,37 @@ class StampedDoubles:
         return bytes(self._buffer)
 
 
+class Transforms:
+    """tf2_msgs/TFMessage of always the same frames, stamped alike."""
+
+    def __init__(self, template: Any) -> None:
+        self._buffer = bytearray(types.serialize(template))
+        marked = [_marked(template, k) for k in range(len(template.transforms))]
+        # Numbers are aligned to 8 bytes from the end of the encapsulation header, stamps to 4.
+        self._numbers = np.frombuffer(self._buffer, "<f8", offset=_STAMP_AT, count=len(self._buffer[4:]) // 8)
+        self._words = np.frombuffer(self._buffer, "<u4", offset=_STAMP_AT, count=len(self._buffer[4:]) // 4)
+        self._first_number = np.array([number for _, number in marked])
+        self._stamp_word = np.array([word for word, _ in marked])
+        self._index = self._first_number[:, None] + np.arange(7)
+
+    def encode(self, time_ns: int, poses: np.ndarray) -> bytes:
+        """`poses` (n, 7): x, y, z in m and qx, qy, qz, qw of each frame in its parent."""
+        seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
+        self._words[self._stamp_word], self._words[self._stamp_word + 1] = seconds, nanoseconds
+        self._numbers[self._index] = poses
+        return bytes(self._buffer)
+
+
+def _marked(template: Any, k: int) -> tuple[int, int]:
+    """Where stamp (in words of 4) and translation (in words of 8) of transform `k` are in the message."""
+    part = template.transforms[k]
+    before, marks = (part.header.stamp.sec, part.transform.translation.x), (0x5A5A1234, 1.2345678e123)
+    part.header.stamp.sec, part.transform.translation.x = marks
+    body = types.serialize(template)[_STAMP_AT:]
+    part.header.stamp.sec, part.transform.translation.x = before
+    return body.index(struct.pack("<i", marks[0])) // 4, body.index(struct.pack("<d", marks[1])) // 8
+
+
 class JointStates:
     """sensor_msgs/JointState of always the same joints."""
 

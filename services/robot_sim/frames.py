@@ -6,6 +6,19 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+_CONJUGATE_PRODUCT = np.zeros((4, 4, 4))
+"""[k, i, j]: what a_i b_j (w, x, y, z) adds to component k (x, y, z, w) of conj(a) b."""
+for _k, _terms in enumerate(
+    (
+        ((0, 1, 1), (1, 0, -1), (2, 3, -1), (3, 2, 1)),
+        ((0, 2, 1), (2, 0, -1), (3, 1, -1), (1, 3, 1)),
+        ((0, 3, 1), (3, 0, -1), (1, 2, -1), (2, 1, 1)),
+        ((0, 0, 1), (1, 1, 1), (2, 2, 1), (3, 3, 1)),
+    )
+):
+    for _i, _j, _sign in _terms:
+        _CONJUGATE_PRODUCT[_k, _i, _j] = _sign
+
 
 @dataclass(frozen=True)
 class Transform:
@@ -25,7 +38,8 @@ class RobotFrames:
         self._prefix, self._namespace = f"{robot}/", namespace
         root = model.body(f"{robot}/base_link").id
         links = [b for b in range(model.nbody) if b != root and self._owns(model.body(b).name)]
-        self._moving = [b for b in links if model.body_jntnum[b]]
+        self._moving = np.array([b for b in links if model.body_jntnum[b]])
+        self._parents = model.body_parentid[self._moving]
         self._fixed = [b for b in links if not model.body_jntnum[b]]
         self._sites = [s for s in range(model.nsite) if self._owns(model.site(s).name)]
 
@@ -61,15 +75,21 @@ class RobotFrames:
         ]
         return links + sites
 
-    def moving(self) -> list[Transform]:
-        """Links with a joint, as the joints are now."""
-        return [self._relative(body) for body in self._moving]
+    @property
+    def moving(self) -> list[tuple[str, str]]:
+        """(parent, child) of the links with a joint."""
+        return [
+            (self._body_frame(int(parent)), self._body_frame(int(body)))
+            for parent, body in zip(self._parents, self._moving, strict=True)
+        ]
 
-    def _relative(self, body: int) -> Transform:
-        parent = int(self._model.body_parentid[body])
-        data = self._data
-        position, quat = relative(data.xpos[parent], data.xquat[parent], data.xpos[body], data.xquat[body])
-        return Transform(self._body_frame(parent), self._body_frame(body), position, quat)
+    def poses(self) -> np.ndarray:
+        """(n, 7) x, y, z, qx, qy, qz, qw of `moving` in their parents' frames, as the joints are now."""
+        data, parents = self._data, self._parents
+        offset = data.xpos[self._moving] - data.xpos[parents]
+        position = np.einsum("nji,nj->ni", data.xmat[parents].reshape(-1, 3, 3), offset)
+        quat = np.einsum("kij,ni,nj->nk", _CONJUGATE_PRODUCT, data.xquat[parents], data.xquat[self._moving])
+        return np.concatenate([position, quat], axis=1)
 
 
 def lab_frames(model: mujoco.MjModel, names: Sequence[str]) -> list[Transform]:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,7 @@ from rodeo.lab.sensors import Lidar, Pinhole
 from rodeo.lab.world import CAMERA_SITE, LIDAR_SITE
 from rodeo.ros2 import types
 from services.robot_sim.battery import Battery, Supply, SupplyStatus
-from services.robot_sim.cdr import JointStates, StampedDoubles
+from services.robot_sim.cdr import JointStates, StampedDoubles, Transforms
 from services.robot_sim.frames import Transform
 from services.robot_sim.planner import Point2
 
@@ -41,6 +42,8 @@ _UNUSED = 1e-9
 ODOMETRY_NUMBERS = 7 + 36 + 6 + 36
 ODOMETRY_TWIST = 7 + 36
 """Where the twist begins."""
+LOAD_Z = 2
+"""Which number of a load is its weight."""
 
 
 def stamp(time_ns: int) -> Any:
@@ -160,6 +163,12 @@ def _transform(position_m: Numbers, quat_wxyz: Numbers) -> Any:
     return _Transform(translation=_Vector3(x=x, y=y, z=z), rotation=_Quaternion(x=qx, y=qy, z=qz, w=qw))
 
 
+def transforms_template(frames: Sequence[tuple[str, str]]) -> Transforms:
+    """Of (parent, child) frames."""
+    still = Transform("", "", np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    return Transforms(transforms(0, [replace(still, parent=parent, child=child) for parent, child in frames]))
+
+
 def path(time_ns: int, corners: Sequence[Point2]) -> Any:
     """A nav_msgs/Path along `corners`, a pose at each, facing the next."""
     poses, yaw_rad = [], 0.0
@@ -219,9 +228,9 @@ def presence(time_ns: int, frame: str, distance_m: float) -> Any:
     )
 
 
-def load(time_ns: int, frame: str, weight_n: float) -> Any:
-    wrench = types.new("geometry_msgs/msg/Wrench", force=_Vector3(x=0.0, y=0.0, z=weight_n))
-    return types.new("geometry_msgs/msg/WrenchStamped", header=header(time_ns, frame), wrench=wrench)
+def load_template(frame: str) -> StampedDoubles:
+    """Numbers: force (x, y, z), torque (x, y, z)."""
+    return StampedDoubles(types.new("geometry_msgs/msg/WrenchStamped", header=header(0, frame)), 6)
 
 
 def compressed_image(time_ns: int, frame: str, jpeg: bytes) -> Any:

@@ -15,7 +15,7 @@ from rodeo.ros2 import DEFAULT, LATCHED, MessageInfo, Node, Publisher, types
 from services.robot_sim import messages
 from services.robot_sim.camera import BinCamera, WristCamera
 from services.robot_sim.entities import UnknownEntity
-from services.robot_sim.frames import RobotFrames, Transform, compose, relative
+from services.robot_sim.frames import RobotFrames, compose, relative
 from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.simulation import SimRobot
@@ -27,6 +27,7 @@ _DEPTH_TICKS = 10
 _SECOND_TICKS = 50
 """Control periods between messages of 10 Hz, 5 Hz and 1 Hz."""
 _CLOCK_WALL_PERIOD_S = 0.01
+_NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 _CDR_ORDER = np.array([1, 2, 3, 0])
 """From MuJoCo's w, x, y, z to ROS's x, y, z, w."""
 
@@ -51,7 +52,10 @@ class LabPlane:
         self._pose = messages.pose_template()
         self._presence = publisher(topics.BIN_PRESENCE, bin=self._bin)
         self._loads = {
-            name: publisher(topics.BIN_LOAD, bin=self._bin, compartment=name)
+            name: (
+                publisher(topics.BIN_LOAD, bin=self._bin, compartment=name),
+                messages.load_template(f"{self._bin}/{name}"),
+            )
             for name in site.bin.compartments
         }
         self._image = publisher(topics.BIN_IMAGE, bin=self._bin)
@@ -74,9 +78,9 @@ class LabPlane:
                 tracked.publish_cdr(cdr, now_ns)
         if skipped or tick % _SLOW_TICKS == 0:
             self._presence.publish(messages.presence(now_ns, self._bin, simulation.presence_m()), now_ns)
-            for name, scale in self._loads.items():
-                frame = f"{self._bin}/{name}"
-                scale.publish(messages.load(now_ns, frame, simulation.weight_n(name)), now_ns)
+            for name, (scale, load) in self._loads.items():
+                weight = messages.LOAD_Z, (simulation.weight_n(name),)
+                scale.publish_cdr(load.encode(now_ns, weight), now_ns)
         if skipped or tick % _SECOND_TICKS == 0:
             self._output.publish(messages.dock_output(now_ns, simulation.supply), now_ns)
 
@@ -150,6 +154,8 @@ class RobotPlane:
         self._image, self._camera = publisher(topics.WRIST_IMAGE), WristCamera(model, f"{name}/wrist_camera")
         self._tf = publisher(topics.TF)
         self._frames = RobotFrames(model, data, name, self._ns)
+        odom, base = f"{self._ns}/odom", f"{self._ns}/base_link"
+        self._transforms = messages.transforms_template([("map", odom), (odom, base), *self._frames.moving])
         now_ns = self._simulation.time_ns
         publisher(topics.TF_STATIC).publish(messages.transforms(now_ns, self._frames.fixed()), now_ns)
         description = types.new(topics.ROBOT_DESCRIPTION.type, data=robot.description)
@@ -164,7 +170,7 @@ class RobotPlane:
         if skipped or tick % _SECOND_TICKS == 0:
             self._battery.publish(messages.battery_state(now_ns, self._ns, robot.battery), now_ns)
         if self._tf.matched:
-            self._tf.publish(messages.transforms(now_ns, self._transforms()), now_ns)
+            self._tf.publish_cdr(self._transforms.encode(now_ns, self._frame_poses()), now_ns)
         if (skipped or tick % _SLOW_TICKS == 0) and self._scan.matched:
             self._scan.publish(messages.scan(now_ns, self._ns, robot.scan_m()), now_ns)
         if (skipped or tick % _DEPTH_TICKS == 0) and self._depth_image.matched:
@@ -189,22 +195,17 @@ class RobotPlane:
         joints = self._joint_states.encode(now_ns, body.positions, body.velocities, body.efforts)
         self._joints.publish_cdr(joints, now_ns)
 
-    def _transforms(self) -> list[Transform]:
-        """map -> odom (localisation, which is the motion capture's), odom -> base_link, the links."""
+    def _frame_poses(self) -> np.ndarray:
+        """(n, 7): odom in the map (localisation is the motion capture's), base_link in odom, the links."""
         body, at = self._robot.body, self._robot.odometry
         half = at.yaw_rad / 2
         reckoned_m = np.array([at.x_m, at.y_m, 0.0])
         reckoned_quat = np.array([math.cos(half), 0.0, 0.0, math.sin(half)])
-        origin, none = np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0])
         # Where odom's origin is, seen from the base, carried to where the base really is.
-        back_m, back_quat = relative(reckoned_m, reckoned_quat, origin, none)
+        back_m, back_quat = relative(reckoned_m, reckoned_quat, np.zeros(3), _NO_TURN)
         odom_m, odom_quat = compose(body.position_m, body.quat_wxyz, back_m, back_quat)
-        odom, base = f"{self._ns}/odom", f"{self._ns}/base_link"
-        return [
-            Transform("map", odom, odom_m, odom_quat),
-            Transform(odom, base, reckoned_m, reckoned_quat),
-            *self._frames.moving(),
-        ]
+        near = [[*odom_m, *odom_quat[_CDR_ORDER]], [*reckoned_m, *reckoned_quat[_CDR_ORDER]]]
+        return np.concatenate([near, self._frames.poses()])
 
     def _on_cmd_vel(self, twist: Any, _info: MessageInfo) -> None:
         command = Twist2(twist.linear.x, twist.angular.z)

@@ -56,6 +56,7 @@ class SimRobot:
         self.odometry = Odometry(config.name, config.pose, config.noise)
         self.stopped = False
         """The emergency stop is engaged."""
+        self._scan: tuple[float, np.ndarray] | None = None
         self._lidar = Lidar(model, f"{config.name}/{LIDAR_SITE}", f"{config.name}/base_link")
         self._random = np.random.default_rng(zlib.crc32(config.name.encode()) + 1)
 
@@ -99,8 +100,11 @@ class SimRobot:
 
     def scan_m(self) -> np.ndarray:
         """(Lidar.BEAMS,) ranges as the lidar measures them, noise included."""
-        ranges_m = self._lidar.ranges(self.body.data)
-        return ranges_m + self.config.noise.lidar_m * self._random.standard_normal(len(ranges_m))
+        time_s = self.body.data.time
+        if self._scan is None or self._scan[0] != time_s:
+            noise_m = self.config.noise.lidar_m * self._random.standard_normal(Lidar.BEAMS)
+            self._scan = time_s, self._lidar.ranges(self.body.data) + noise_m
+        return self._scan[1]
 
     def blur(self, depth_m: np.ndarray) -> np.ndarray:
         """Depths as the wrist's camera measures them."""

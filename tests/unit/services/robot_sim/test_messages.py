@@ -10,7 +10,7 @@ from rodeo.lab.body import JOINTS
 from rodeo.lab.config import NoiseConfig
 from rodeo.ros2 import types
 from services.robot_sim import messages
-from services.robot_sim.frames import RobotFrames, compose, relative
+from services.robot_sim.frames import RobotFrames, Transform, compose, relative
 from services.robot_sim.simulation import Simulation
 from tests.support.site import LAB
 
@@ -58,7 +58,11 @@ def test_the_frames_lead_from_the_base_to_where_the_hand_is() -> None:
         simulation.step()
     model, data = simulation.model, simulation.data
     frames = RobotFrames(model, data, "panther1", "ns")
-    tree = {t.child: t for t in (*frames.fixed(), *frames.moving())}
+    moving = [
+        Transform(*names, pose[:3], np.roll(pose[3:], 1))
+        for names, pose in zip(frames.moving, frames.poses(), strict=True)
+    ]
+    tree = {t.child: t for t in (*frames.fixed(), *moving)}
     frame, position, quat = "ns/grasp", np.zeros(3), np.array([1.0, 0, 0, 0])
     while frame != "ns/base_link":
         step = tree[frame]
@@ -67,6 +71,18 @@ def test_the_frames_lead_from_the_base_to_where_the_hand_is() -> None:
     base = data.body("panther1/base_link")
     there_m, _ = compose(base.xpos, base.xquat, position, quat)
     assert there_m == pytest.approx(data.site("panther1/grasp").xpos, abs=1e-4)
+
+
+def test_transforms_written_into_their_template_are_the_serialised_transforms() -> None:
+    chance = np.random.default_rng(3)
+    names = [("map", "a/odom"), ("a/odom", "a/base_link"), ("a/base_link", "a/left_finger_link")]
+    poses = chance.normal(size=(3, 7))
+    frames = [
+        Transform(*name, pose[:3], np.roll(pose[3:], 1)) for name, pose in zip(names, poses, strict=True)
+    ]
+    template = messages.transforms_template(names)
+    template.encode(1, np.ones((3, 7)))
+    assert template.encode(TIME_NS, poses) == types.serialize(messages.transforms(TIME_NS, frames))
 
 
 def test_relative_undoes_compose() -> None:
