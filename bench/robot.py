@@ -1,35 +1,56 @@
-"""The simulated body: how fast the bare world, the whole process and the bin's camera are.
+"""The simulated body: how fast the bare world, the whole process and its sensors are.
 
 `physics_step_us`, `physics_realtime_factor`: CPU time of mj_step while the robot drives and turns.
-`sim_realtime_factor`: the process at full speed while the robot drives, every topic published over the
-router and received by another process, the state saved in each control period.
-`sim_messages_per_s`: what that other process received.
+`sim_realtime_factor`: the process at full speed while the robot drives, every topic but the cameras'
+subscribed, what belongs into a proof recorded and sealed by another process (this one), the state saved in
+each control period. `sim_realtime_factor_5`: the same with five robots that all drive.
+`sim_core_percent`: CPU time of the simulator per wall time meanwhile.
+`sim_messages_per_s`: what was received.
+`cmd_vel_to_motion_ms`, `..._worst_ms`: wall time from a velocity command to the first odometry that moves, at
+real-time speed; median and worst of MOTIONS.
 `render_ms`: one picture of the bin's camera, encoded; left out where there is no OpenGL driver.
+`depth_ms`, `scan_ms`: one depth picture and one scan, by ray casts.
 """
 
 from __future__ import annotations
 
 import itertools
 import json
+import os
 import socket
 import tempfile
 import threading
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 # The lab chooses MuJoCo's OpenGL back end, which counts only before the first import of mujoco.
 from rodeo.config import Site
 
 # isort: split
 import mujoco
+from eth_account import Account
 
 from deploy.launcher import Launcher
+from rodeo import topics
 from rodeo.bus import Bus
 from rodeo.clock import SimClock
+from rodeo.evidence import Binding, Recorder
 from rodeo.lab.body import Body, Twist2
 from rodeo.lab.render import Camera, RendererUnavailable, encode
-from rodeo.lab.world import CONTROL_PERIOD_S, CONTROL_STEPS, TIMESTEP_S, begin, build_world
-from rodeo.ros2 import Node, types
+from rodeo.lab.sensors import DepthCamera, Lidar
+from rodeo.lab.world import (
+    CAMERA_SITE,
+    CONTROL_PERIOD_S,
+    CONTROL_STEPS,
+    LIDAR_SITE,
+    TIMESTEP_S,
+    begin,
+    build_world,
+)
+from rodeo.ros2 import MessageInfo, Node, types
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 
@@ -37,7 +58,16 @@ PHYSICS_S = 20.0
 """Simulated."""
 PROCESS_WALL_S = 5.0
 PICTURES = 20
+MOTIONS = 30
 _READY_S = 60.0
+_BINDING = Binding(
+    chain_id=31337,
+    task_manager="0x" + "12" * 20,
+    task_id=1,
+    attempt=1,
+    executor="0x" + "34" * 20,
+    nonce="0x" + "56" * 32,
+)
 _COMMAND_WALL_S = 0.002
 """Between two velocity commands: at full speed their time-out is a few of these."""
 
@@ -45,7 +75,14 @@ _COMMAND_WALL_S = 0.002
 def run() -> dict[str, float]:
     """Measure, the process on a site of its own on a free port in a folder that is removed."""
     site = Site.load(SITE)
-    return _physics(site) | _render(site) | _process()
+    measured = _physics(site) | _render(site) | _cast(site)
+    with _running("clock.speed = 0") as running:
+        measured |= _speed(*running)
+    with _running(f"clock.speed = 0\n{_robots(5)}") as running:
+        measured["sim_realtime_factor_5"] = _speed(*running)["sim_realtime_factor"]
+    with _running("clock.speed = 1") as running:
+        measured |= _latency(*running)
+    return measured
 
 
 def _physics(site: Site) -> dict[str, float]:
@@ -80,43 +117,159 @@ def _render(site: Site) -> dict[str, float]:
     return {"render_ms": 1e3 * spent_s / PICTURES}
 
 
-def _process() -> dict[str, float]:
+def _cast(site: Site) -> dict[str, float]:
+    model = build_world(site)
+    data = begin(model, site)
+    name = site.robots[0].name
+    depth = DepthCamera(model, f"{name}/{CAMERA_SITE}")
+    lidar = Lidar(model, f"{name}/{LIDAR_SITE}", f"{name}/base_link")
+    figures = {}
+    for figure, take in (("depth_ms", depth.image), ("scan_ms", lidar.ranges)):
+        started_s = time.thread_time()
+        for _ in range(PICTURES):
+            take(data)
+        figures[figure] = 1e3 * (time.thread_time() - started_s) / PICTURES
+    return figures
+
+
+@contextmanager
+def _running(extra: str) -> Iterator[tuple[Site, Bus, SimClock, int]]:
+    """A site of its own with router and simulator: site, bus, clock, the simulator's process id."""
     with tempfile.TemporaryDirectory(prefix="rodeo-bench-") as folder:
-        path = _write_site(Path(folder))
+        path = _write_site(Path(folder), extra)
         with Launcher(path, only=("router", "robot_sim")) as launcher:
             site = launcher.site
             bus = Bus.open(site.bus.router, timeout_s=_READY_S)
             clock = SimClock(bus.session, site.bus.domain_id)
-            if not clock.wait_ready(threading.Event(), _READY_S):
-                raise RuntimeError("the simulation's clock was not heard")
             try:
-                return _measure(site, bus, clock)
+                if not clock.wait_ready(threading.Event(), _READY_S):
+                    raise RuntimeError("the simulation's clock was not heard")
+                yield site, bus, clock, int(bus.query(f"rodeo/{site.org}/status/robot_sim")["pid"])
             finally:
                 clock.close()
                 bus.close()
 
 
-def _measure(site: Site, bus: Bus, clock: SimClock) -> dict[str, float]:
-    received = itertools.count()
-    watch = bus.session.declare_subscriber(f"{site.bus.domain_id}/**", lambda _sample: next(received))
+def _speed(site: Site, bus: Bus, clock: SimClock, pid: int) -> dict[str, float]:
     node = Node(bus.session, "bench", "", site.bus.domain_id, clock)
-    name = site.robots[0].name
-    command = types.new("geometry_msgs/msg/Twist")
-    command.linear.x, command.angular.z = 0.2, 0.6
-    wheel = node.publisher(f"{name}/cmd_vel", command.__msgtype__)
-    pace = threading.Event()
-    before_s, count, started_s = clock.now_s(), next(received), time.perf_counter()
-    while time.perf_counter() - started_s < PROCESS_WALL_S:
+    received = itertools.count()
+    lock = threading.Lock()
+    with tempfile.TemporaryDirectory(prefix="rodeo-bench-") as folder:
+        recorder = Recorder(Path(folder, "proof.mcap"), _BINDING, Account.create(), clock)
+
+        def listener(name: str, topic: topics.Topic) -> Callable[[MessageInfo], None]:
+            def on_message(info: MessageInfo) -> None:
+                next(received)
+                if topic.recorded:
+                    with lock:
+                        recorder.write_ros(
+                            name, topic.type, info.cdr, clock.now_ns(), info.source_time_ns, info.sequence
+                        )
+
+            return on_message
+
+        for name, topic in _published(site):
+            node.raw_subscription(name, topic.type, listener(name, topic))
+        command = types.new(topics.CMD_VEL.type)
+        command.linear.x, command.angular.z = 0.2, 0.6
+        wheels = [
+            node.publisher(topics.CMD_VEL.name(ns=robot.namespace), topics.CMD_VEL.type)
+            for robot in site.robots
+        ]
+        pace = threading.Event()
+        before_s, count, cpu_s = clock.now_s(), next(received), _cpu_s(pid)
+        started_s = time.perf_counter()
+        while time.perf_counter() - started_s < PROCESS_WALL_S:
+            for wheel in wheels:
+                wheel.publish(command)
+            pace.wait(_COMMAND_WALL_S)
+        spent_s = time.perf_counter() - started_s
+        figures = {
+            "sim_realtime_factor": (clock.now_s() - before_s) / spent_s,
+            "sim_messages_per_s": (next(received) - count) / spent_s,
+            "sim_core_percent": 100 * (_cpu_s(pid) - cpu_s) / spent_s,
+        }
+        node.close()
+        recorder.close()
+    return figures
+
+
+def _published(site: Site) -> Iterator[tuple[str, topics.Topic]]:
+    """(name, topic) of everything the simulator publishes at a fixed rate, but for the cameras."""
+    values = {
+        "ns": [robot.namespace for robot in site.robots],
+        "body": [*(robot.name for robot in site.robots), *(item.id for item in site.items)],
+        "bin": [site.bin.name],
+        "compartment": list(site.bin.compartments),
+        "dock": [site.dock.name],
+    }
+    for topic in topics.TOPICS:
+        if topic.plane is not topics.Plane.ROBOT or topic.rate_hz is None or "camera" in topic.key:
+            continue
+        fields = [field for field in values if f"{{{field}}}" in topic.key]
+        for chosen in itertools.product(*(values[field] for field in fields)):
+            yield topic.name(**dict(zip(fields, chosen, strict=True))), topic
+
+
+def _latency(site: Site, bus: Bus, clock: SimClock, _pid: int) -> dict[str, float]:
+    node = Node(bus.session, "bench", "", site.bus.domain_id, clock)
+    moving, standing = threading.Event(), threading.Event()
+    moved_s = 0.0
+
+    def on_odometry(message: Any, _info: MessageInfo) -> None:
+        nonlocal moved_s
+        twist = message.twist.twist
+        if twist.linear.x == 0.0 and twist.angular.z == 0.0:
+            moving.clear()
+            standing.set()
+        elif not moving.is_set():
+            moved_s = time.perf_counter()
+            standing.clear()
+            moving.set()
+
+    namespace = site.robots[0].namespace
+    node.subscription(topics.ODOM.name(ns=namespace), topics.ODOM.type, on_odometry)
+    wheel = node.publisher(topics.CMD_VEL.name(ns=namespace), topics.CMD_VEL.type)
+    command = types.new(topics.CMD_VEL.type)
+    latencies_ms = []
+    for number in range(MOTIONS + 1):
+        if not standing.wait(_READY_S):
+            raise RuntimeError("the base does not come to a stand")
+        # Not in step with the control period, and back and forth on the same spot.
+        time.sleep(0.1 + 0.0007 * number)
+        command.linear.x = 0.5 if number % 2 else -0.5
+        sent_s = time.perf_counter()
         wheel.publish(command)
-        pace.wait(_COMMAND_WALL_S)
-    spent_s = time.perf_counter() - started_s
-    factor, messages = (clock.now_s() - before_s) / spent_s, (next(received) - count) / spent_s
+        if not moving.wait(_READY_S):
+            raise RuntimeError("the base does not move")
+        latencies_ms.append(1e3 * (moved_s - sent_s))
     node.close()
-    watch.undeclare()
-    return {"sim_realtime_factor": factor, "sim_messages_per_s": messages}
+    # The first command may overtake the discovery of its publisher.
+    latencies_ms = sorted(latencies_ms[1:])
+    return {
+        "cmd_vel_to_motion_ms": latencies_ms[len(latencies_ms) // 2],
+        "cmd_vel_to_motion_worst_ms": latencies_ms[-1],
+    }
 
 
-def _write_site(folder: Path) -> Path:
+def _cpu_s(pid: int) -> float:
+    """User and system time of a process."""
+    user, system = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[11:13]
+    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
+
+
+def _robots(count: int) -> str:
+    """A site's robots, in a row along the lab's longer side; a lab that has room for them."""
+    tables = [
+        f"""[[robots]]
+name = "panther{number}"
+pose = {{ x_m = {1.5 + 2.0 * number}, y_m = 2.0 }}"""
+        for number in range(count)
+    ]
+    return f"lab.size_m = [{3.0 + 2.0 * count}, 5.0]\n" + "\n".join(tables)
+
+
+def _write_site(folder: Path, extra: str) -> Path:
     with socket.socket() as listener:
         listener.bind(("127.0.0.1", 0))
         port = listener.getsockname()[1]
@@ -125,7 +278,7 @@ def _write_site(folder: Path) -> Path:
         f"""extends = {json.dumps(str(SITE))}
 data_dir = {json.dumps(str(folder / "data"))}
 bus.router = "tcp/127.0.0.1:{port}"
-clock.speed = 0
+{extra}
 """
     )
     return path
