@@ -265,14 +265,36 @@ def markdown() -> str:
         lines += ["|---|---|---|---|---|---|---|"]
         for topic in TOPICS:
             if topic.plane is plane:
-                rate = "on demand" if topic.rate_hz is None else f"{topic.rate_hz:g}"
-                rate += ", while subscribed" if topic.lazy else ""
-                rate += ", latched" if topic.latched else ""
                 recorded = "yes" if topic.recorded else ""
-                cells = [f"`{topic.key}`", f"`{topic.type}`", topic.form, rate, topic.writer, recorded]
+                cells = [
+                    f"`{topic.key}`",
+                    f"`{topic.type}`",
+                    topic.form,
+                    _rate(topic),
+                    topic.writer,
+                    recorded,
+                ]
                 lines.append(f"| {' | '.join(cells)} | {topic.meaning} |")
         lines.append("")
     return "\n".join(lines)
+
+
+def robot_interface() -> str:
+    """What a robot offers and takes, as a table: part of docs/bring-your-own-robot.md."""
+    lines = ["| name | type | form | rate (Hz) | in a proof | what |", "|---|---|---|---|---|---|"]
+    for topic in TOPICS:
+        if topic.plane is Plane.ROBOT and (topic.key.startswith("{ns}/") or topic.key.startswith("tf")):
+            form = "subscribed" if topic.writer != "robot_sim" else topic.form
+            recorded = "yes" if topic.recorded else ""
+            lines.append(
+                f"| `{topic.key}` | `{topic.type}` | {form} | {_rate(topic)} | {recorded} | {topic.meaning} |"
+            )
+    return "\n".join(lines) + "\n"
+
+
+def _rate(topic: Topic) -> str:
+    rate = "on demand" if topic.rate_hz is None else f"{topic.rate_hz:g}"
+    return rate + (", while subscribed" if topic.lazy else "") + (", latched" if topic.latched else "")
 
 
 _PLANES = {

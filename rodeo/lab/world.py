@@ -396,7 +396,9 @@ def _add_item(spec: mujoco.MjSpec, item: ItemConfig) -> None:
 
 
 def _add_robot(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
-    child = mujoco.MjSpec.from_file(str(ROBOT_XML))
+    # A URDF has no actuators and no contact parameters.
+    mjcf = robot.kinematics if robot.kinematics and robot.kinematics.suffix == ".xml" else ROBOT_XML
+    child = mujoco.MjSpec.from_file(str(mjcf))
     frame = spec.worldbody.add_frame(pos=[robot.pose.x_m, robot.pose.y_m, 0], quat=_turn(robot.pose.yaw_rad))
     child.body("base_link").add_freejoint(name="base")
     spec.attach(child, prefix=f"{robot.name}/", frame=frame)

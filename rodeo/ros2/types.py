@@ -10,6 +10,7 @@ rosbags dataclasses: sequences of numbers are numpy arrays, nested messages are 
 
 from __future__ import annotations
 
+import struct
 from functools import cache
 from typing import Any
 
@@ -22,6 +23,9 @@ from rosbags.typesys.store import Typestore
 from rodeo.ros2.errors import MalformedMessage, UnknownType
 from rodeo.ros2.interfaces import ACTIONS, MESSAGES, SERVICES
 
+_ENCAPSULATION_BYTES = 4
+_STAMP = struct.Struct("<iI")
+"""builtin_interfaces/Time."""
 _SEPARATOR = "=" * 80
 _DUMMY_FIELD = "structure_needs_at_least_one_member"
 """rosidl gives empty structures this uint8; it is on the wire but in no definition text."""
@@ -164,6 +168,14 @@ def deserialize(cdr: bytes, typename: str) -> Any:
         return _store.deserialize_cdr(cdr, _known(typename))
     except (SerdeError, IndexError, AssertionError) as error:
         raise MalformedMessage(f"not a {typename}: {error}", type=typename, length_bytes=len(cdr)) from error
+
+
+def stamp_ns(cdr: bytes) -> int:
+    """The stamp of a message that begins with a std_msgs/Header. Raises MalformedMessage."""
+    if len(cdr) < _STAMP.size + _ENCAPSULATION_BYTES:
+        raise MalformedMessage("too short for a header", length_bytes=len(cdr))
+    sec, nanosec = _STAMP.unpack_from(cdr, _ENCAPSULATION_BYTES)
+    return int(sec) * 1_000_000_000 + int(nanosec)
 
 
 @cache

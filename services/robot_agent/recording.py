@@ -20,7 +20,7 @@ from rodeo.evidence import Binding, EvidenceError, Recorder
 from rodeo.evidence.errors import ContainerError
 from rodeo.evidence.reader import SealedReader
 from rodeo.messages import DaoEvent
-from rodeo.ros2 import MessageInfo, Node
+from rodeo.ros2 import MessageInfo, Node, types
 from rodeo.topics import Form, Plane, Topic
 from services.robot_agent.errors import EvidenceHole
 
@@ -123,17 +123,19 @@ class Recording:
                 )
             )
             with self._progress:
-                self._written_ns[name] = info.source_time_ns
+                self._written_ns[name] = types.stamp_ns(info.cdr)
                 self._progress.notify_all()
 
         return write
 
     def _watch_for_holes(self, info: MessageInfo) -> None:
+        # By the header: the source time of a ROS 2 robot is wall time, in a simulated lab too.
+        stamp_ns = types.stamp_ns(info.cdr)
         if self._last_odom_ns is not None:
-            step_ns = info.source_time_ns - self._last_odom_ns
+            step_ns = stamp_ns - self._last_odom_ns
             if step_ns > _HOLE_NS:
                 self._hole_ns = max(self._hole_ns, step_ns)
-        self._last_odom_ns = info.source_time_ns
+        self._last_odom_ns = stamp_ns
 
     def event(self, event: DaoEvent) -> None:
         """A contract event of this task."""

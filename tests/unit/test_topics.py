@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from rodeo.topics import TOPICS, Form, Plane, markdown
+from rodeo.topics import TOPICS, Form, Plane, markdown, robot_interface
 
 
 def test_keys_are_unique() -> None:
@@ -34,3 +34,8 @@ def test_a_name_fills_its_template() -> None:
 def test_the_page_of_keys_is_the_table() -> None:
     page = Path(__file__).parents[2] / "docs" / "keys.md"
     assert page.read_text() == markdown(), "run: python -m rodeo.topics > docs/keys.md"
+
+
+def test_the_page_for_who_brings_a_robot_lists_the_robots_part_of_the_table() -> None:
+    page = Path(__file__).parents[2] / "docs" / "bring-your-own-robot.md"
+    assert robot_interface() in page.read_text(), "paste what rodeo.topics.robot_interface() returns"

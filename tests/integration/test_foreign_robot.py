@@ -1,0 +1,136 @@
+"""A robot of another make does a task: a process that knows zenoh-ros2-sdk and nothing of this project."""
+
+from __future__ import annotations
+
+import ast
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rodeo.bus import DaoEvents
+from rodeo.lab.items import shape_of
+from rodeo.lab.urdf import to_urdf
+from rodeo.lab.world import robot_model
+from rodeo.messages import DaoEvent
+from rodeo.service import PARENT_VARIABLE
+from tests.support.site import RunningSite, write_site
+
+WAIT_S = 170.0
+FOREIGN = Path(__file__).parents[1] / "foreign_robot"
+SITE = """clock.speed = 2
+agent.explore_when_idle = false
+lab.furniture = []
+[[robots]]
+name = "arthur"
+namespace = "fleet/arthur"
+body = "ros2"
+kinematics = "arthur.urdf"
+wallet = "purse"
+pose = { x_m = 3.1, y_m = 2.0 }
+
+[[items]]
+id = "item1"
+class = "metal"
+shape = "can"
+pose = { x_m = 4.3, y_m = 2.0 }
+mass_kg = 0.03
+"""
+
+
+def imports_of(path: Path) -> Iterator[str]:
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.module or ""
+
+
+def test_the_foreign_robot_imports_nothing_of_ours() -> None:
+    own = {path.stem for path in FOREIGN.glob("*.py")}
+    allowed = {*sys.stdlib_module_names, "numpy", "mujoco", "rosbags", "zenoh_ros2_sdk", *own}
+    for path in FOREIGN.glob("*.py"):
+        assert {name.split(".")[0] for name in imports_of(path)} <= allowed, path.name
+
+
+class ForeignRobot:
+    """Its process, which starts with the site's router."""
+
+    def __init__(self, running: RunningSite) -> None:
+        site = running.site
+        robot, item = site.robots[0], site.items[0]
+        radius_m, _, half_height_m = shape_of(item).half_m
+        self._log = open(site.data_dir / "foreign.log", "wb")  # noqa: SIM115 - closed with the process
+        arguments = {
+            "--port": site.bus.router.rsplit(":", 1)[1],
+            "--namespace": robot.namespace,
+            "--body": robot.name,
+            "--urdf": str(robot.kinematics),
+            "--item": item.id,
+            "--item-radius": str(radius_m),
+            "--item-half-height": str(half_height_m),
+        }
+        self._process = subprocess.Popen(
+            [
+                *(sys.executable, str(FOREIGN / "robot.py"), "--pose", "3.1", "2.0", "0"),
+                *(word for pair in arguments.items() for word in pair),
+            ],
+            stdin=subprocess.DEVNULL,
+            stdout=self._log,
+            stderr=subprocess.STDOUT,
+            start_new_session=True,
+            cwd=site.data_dir,
+            env={
+                **{k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", PARENT_VARIABLE)},
+                "ZENOH_CONFIG_OVERRIDE": 'mode="client"',
+            },
+        )
+
+    def stop(self) -> None:
+        self._process.send_signal(signal.SIGKILL)
+        self._process.wait()
+        self._log.close()
+
+
+@pytest.fixture
+def running(tmp_path: Path, chain_backend: str) -> Iterator[RunningSite]:
+    (tmp_path / "arthur.urdf").write_text(to_urdf(robot_model(), "arthur"))
+    running = RunningSite(write_site(tmp_path, chain_backend, SITE))
+    running.start("router", "chain")
+    running.deploy_contracts()
+    running.start("robot_sim")
+    foreign = ForeignRobot(running)
+    try:
+        running.start("bridge", "oracle", "itrash", "robot_agent")
+        yield running
+    finally:
+        foreign.stop()
+        running.stop()
+
+
+@pytest.mark.timeout(300)
+def test_the_agent_does_a_task_with_a_robot_of_another_make(running: RunningSite) -> None:
+    ended = threading.Event()
+    events: list[DaoEvent] = []
+
+    def on_event(event: DaoEvent) -> None:
+        events.append(event)
+        if event.name in ("TaskSettled", "TaskRequeued", "TaskFailed"):
+            ended.set()
+
+    dao = DaoEvents(running.bus, running.site.org, on_event)
+    item = running.site.items[0]
+    params: dict[str, Any] = {"item_id": item.id, "x_m": item.pose.x_m + 0.1, "y_m": item.pose.y_m - 0.1}
+    key = f"rodeo/{running.site.org}/wallet/organization/register_task"
+    running.bus.query(key, {"kind": "waste_disposal", "reward_iec": "100", "params": params}, timeout_s=30.0)
+    came = ended.wait(WAIT_S)
+    dao.close()
+    foreign = (running.site.data_dir / "foreign.log").read_text()[-2000:]
+    names = [event.name for event in events]
+    assert came and "TaskSettled" in names, f"{names}\n{running.log('robot_agent')}\n{foreign}"
