@@ -334,7 +334,7 @@ def sealed_afterwards(shop: Workshop) -> Submission:
 # -- time and completeness, sealed with the executor's own key -------------------------------------------
 
 
-@forgery("poses_signed")
+@forgery("stated_in_time")
 def last_weeks_recording_with_new_times(shop: Workshop) -> Submission:
     """All stamps moved into the assignment; the motion capture's statements cannot be."""
     shift_ns = -7 * 10**9
