@@ -138,7 +138,7 @@ def _reached(uri: str) -> Iterator[None]:
     """Whatever a store's client raises becomes ProofNotFound or StoreUnavailable."""
     try:
         yield
-    except EvidenceError:
+    except (EvidenceError, MemoryError):  # a full memory here is not the store's
         raise
     except FileNotFoundError as error:
         raise ProofNotFound("the store has no such file", uri=uri) from error
