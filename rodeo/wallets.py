@@ -26,6 +26,9 @@ from rodeo.errors import KeystoreMissing, WalletError
 
 PASSPHRASE_VARIABLE = "RODEO_KEYSTORE_PASSPHRASE"
 
+KEY_VARIABLE = "RODEO_KEY_"
+"""`RODEO_KEY_ORGANIZATION` holds the private key of `organization` (0x, 32 bytes), in place of a keystore."""
+
 _SCRYPT_N = 1 << 14
 """Work factor of the keystores made here: a quarter of a second would not protect a throw-away key more."""
 
@@ -59,6 +62,8 @@ def keystore_path(site: Site, name: str) -> Path:
 
 def address(site: Site, name: str) -> str:
     """The checksummed address of keystore `name`, if it says so without being opened. Raises WalletError."""
+    if _key_variable(name) in os.environ:
+        return load(site, name).address
     keystore = _read(keystore_path(site, name), name)
     # The format does not require it, and Foundry's keystores keep it to themselves.
     if "address" not in keystore:
@@ -67,7 +72,17 @@ def address(site: Site, name: str) -> str:
 
 
 def load(site: Site, name: str) -> LocalAccount:
-    """Open keystore `name`. Raises KeystoreMissing, or WalletError when the passphrase does not fit."""
+    """Open keystore `name`, or take the key from the environment.
+
+    Raises KeystoreMissing, or WalletError when the passphrase does not fit or the variable holds no key.
+    """
+    variable = _key_variable(name)
+    if variable in os.environ:
+        try:
+            return Account.from_key(os.environ[variable].strip())
+        except ValueError:
+            # Neither the key nor what is wrong with it: both would end in a log.
+            raise WalletError("the variable holds no private key", name=name, variable=variable) from None
     path = keystore_path(site, name)
     keystore = _read(path, name)
     try:
@@ -104,7 +119,15 @@ def _folder(site: Site) -> Path:
 
 
 def _missing(site: Site, names: Iterable[str]) -> list[str]:
-    return [name for name in names if not keystore_path(site, name).exists()]
+    return [
+        name
+        for name in names
+        if _key_variable(name) not in os.environ and not keystore_path(site, name).exists()
+    ]
+
+
+def _key_variable(name: str) -> str:
+    return KEY_VARIABLE + name.upper().replace("-", "_")
 
 
 def _passphrase(site: Site) -> str:

@@ -51,6 +51,28 @@ def test_a_wrong_passphrase_is_an_error_that_names_the_keystore(
     assert caught.value.details["name"] == "oracle"
 
 
+def test_a_key_in_the_environment_stands_in_for_its_keystore(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The first account of every local node: a test key that all the world knows.
+    key = "0xac0974bec39a17e36ba4a6b4d238ff944bacb478cbed5efcae784d7bf4f2ff80"
+    monkeypatch.setenv("RODEO_KEY_PANTHER1_DEVICE", key)
+    wallets.ensure_wallets(site)
+    assert not wallets.keystore_path(site, "panther1-device").exists()
+    assert wallets.address(site, "panther1-device") == "0xf39Fd6e51aad88F6F4ce6aB8827279cffFb92266"
+    assert wallets.load(site, "panther1-device").key.to_0x_hex() == key
+
+
+def test_what_is_no_key_is_an_error_that_does_not_repeat_it(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RODEO_KEY_ORACLE", "0xnokey")
+    with pytest.raises(WalletError) as caught:
+        wallets.load(site, "oracle")
+    assert caught.value.details == {"name": "oracle", "variable": "RODEO_KEY_ORACLE"}
+    assert "nokey" not in str(caught.value)
+
+
 def test_a_missing_keystore_is_an_error(site: Site) -> None:
     wallets.ensure_wallets(site)
     with pytest.raises(WalletError) as caught:
