@@ -57,7 +57,7 @@ def run() -> dict[str, float]:
                 page = _logged_in(browser, origin)
                 figures = {"console_interactive_ms": _interactive_ms(page)}
                 figures |= _event_to_page_ms(page, running, dao)
-                figures["console_cpu_20_browsers"] = _cpu(browser, page, running)
+                figures["console_cpu_20_browsers"] = _cpu(page, running)
             return figures
         finally:
             dao.stop()
@@ -65,7 +65,7 @@ def run() -> dict[str, float]:
 
 
 def _logged_in(browser: Browser, origin: str) -> Page:
-    page = browser.new_page(base_url=origin)
+    page = browser.new_context(base_url=origin).new_page()
     page.set_default_timeout(60_000)
     page.goto("/")
     page.get_by_label("Name").fill("ada")
@@ -115,7 +115,7 @@ def _event_to_page_ms(page: Page, running: RunningSite, dao: Dao) -> dict[str, f
     }
 
 
-def _cpu(browser: Browser, first: Page, running: RunningSite) -> float:
+def _cpu(first: Page, running: RunningSite) -> float:
     """Cores used by the console while the pages are open."""
     context = first.context
     pages = [first, *(context.new_page() for _ in range(BROWSERS - 1))]
