@@ -45,7 +45,10 @@ def test_two_tasks_are_done_by_two_robots_which_are_both_paid(organization: Orga
         organization.wait_for_event("TaskSettled", task_id)
         tasks.append(organization.task(task_id))
     assert {task["executor_name"] for task in tasks} == set(ROBOTS)
-    assert [(task["attempt"], task["verdict"]) for task in tasks] == [(1, "accepted")] * 2
+    assert [(task["attempt"], task["verdict"]) for task in tasks] == [(1, "accepted")] * 2, "\n".join(
+        [str(event) for event in organization.events]
+        + [running.log(f"robot_agent.{name}") for name in ROBOTS]
+    )
     for task in tasks:
         proof = open_proof(Store(running.site).fetch(task["proof_uri"], task["proof_sha256"]))
         recorded = {name for name in ROBOTS if f"/{name}/odom" in proof.topics}
