@@ -33,6 +33,7 @@ from services.robot_agent.arm import (
 from services.robot_agent.bin import SmartBin
 from services.robot_agent.body import Body, Checkpoint
 from services.robot_agent.errors import (
+    Blocked,
     GraspFailed,
     MotionFailed,
     NoAnswer,
@@ -57,8 +58,9 @@ Note = Callable[[dict[str, Any]], None]
 _PICKS = 4
 _DELIVERIES = 4
 _SHOWS = 3
-_PATIENCE_S = 60.0
-"""Site time for which a place that cannot be reached is tried again: who stands in the way may move on."""
+_PATIENCE_S = 300.0
+"""Site time for which a place that cannot be reached is tried again: who stands in the way may move on, and
+another robot takes this long to pick something up while planning goes at wall speed."""
 _QUEUE_S = 900.0
 """The same for the bin: other robots use it one after another."""
 _PLACES = 12
@@ -175,6 +177,8 @@ class Cleaning:
                     cause=error.code,
                     **error.details,
                 ) from error
+            except Blocked as error:  # waiting was the retry
+                raise TaskFailed(f"gave up: {error.message}", item=item_id, cause=error.code) from error
             except (GraspFailed, MotionFailed, Unreachable, NotGraspable, NoAnswer) as error:
                 log.warning("%s did not work: %s", "delivering" if held else "grasping", error)
                 note({"event": "retry", "where": "held" if held else "floor", **error.to_json()})
@@ -348,7 +352,7 @@ class Cleaning:
     ) -> None:
         """The first of the places that can be reached, tried again for `patience_s` of site time.
 
-        `poses` is not empty. Raises MotionFailed.
+        `poses` is not empty. Raises Blocked.
         """
         give_up_s = self._clock.now_s() + patience_s
         while True:
@@ -360,7 +364,7 @@ class Cleaning:
                     log.warning("could not drive to x %.2f y %.2f: %s", pose.x_m, pose.y_m, error)
                     failure = error
             if self._clock.now_s() >= give_up_s:
-                raise failure
+                raise Blocked(failure.message, waited_s=patience_s, **failure.details) from failure
             self._pause(_BLOCKED_S, checkpoint)
 
     def _check_grip(self, position_m: float) -> None:

@@ -10,6 +10,7 @@ RodeoError
     ├── Revoked             the assignment is gone: expired, cancelled or decided
     ├── BodySilent          the body or the motion capture does not report
     ├── MotionFailed        the body could not do a motion
+    │   └── Blocked         nowhere to stand could be reached, for as long as the robot has patience
     ├── Unreachable         no arm configuration, or no place to stand, for a pose
     ├── NotFound            the item is not where it should be
     ├── GraspFailed         the item is not in the gripper after grasping
@@ -56,6 +57,10 @@ class BodySilent(AgentError):
 
 class MotionFailed(AgentError):
     """The body gave up a motion; `details` carry what it said."""
+
+
+class Blocked(MotionFailed):
+    """None of the places to stand could be reached, and waiting did not help."""
 
 
 class Unreachable(AgentError):

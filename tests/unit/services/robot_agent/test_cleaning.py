@@ -118,6 +118,22 @@ def test_a_blocked_way_is_answered_with_another_place_to_stand(scene: Scene) -> 
     assert scene.body.dropped_in == "yellow"
 
 
+def test_a_robot_that_stands_in_the_way_for_minutes_costs_no_retry(scene: Scene) -> None:
+    scene.body.blocked = 20
+    scene.dispose()
+    assert scene.body.dropped_in == "yellow"
+    assert "retry" not in [note["event"] for note in scene.notes]
+
+
+def test_a_way_that_stays_blocked_fails_the_task_once_patience_ends(scene: Scene) -> None:
+    scene.body.blocked = 999
+    start_s = scene.body.clock.now_s()
+    with pytest.raises(TaskFailed) as caught:
+        scene.dispose()
+    assert caught.value.details["cause"] == "blocked"
+    assert scene.body.clock.now_s() - start_s < 600
+
+
 def test_a_bin_that_says_nothing_is_shown_the_item_again(scene: Scene) -> None:
     scene.bin.silent = 2
     scene.dispose()
