@@ -44,6 +44,11 @@ class MocapStatement(BaseModel):
     """Header stamp of the last pose."""
 
 
+def pose_record(sequence: int, cdr: bytes) -> bytes:
+    """What a statement's hash covers of one pose."""
+    return _POSE.pack(sequence & 0xFFFFFFFF, len(cdr)) + cdr
+
+
 class PoseHash:
     """SHA-256 over the poses added so far."""
 
@@ -51,7 +56,7 @@ class PoseHash:
         self._sha256 = sha256()
 
     def add(self, sequence: int, cdr: bytes) -> None:
-        self._sha256.update(_POSE.pack(sequence & 0xFFFFFFFF, len(cdr)) + cdr)
+        self._sha256.update(pose_record(sequence, cdr))
 
     def hexdigest(self) -> str:
         """0x, 32 bytes."""

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -49,8 +49,7 @@ class Limits:
     """2100-01-01."""
 
 
-@dataclass(frozen=True, slots=True)
-class RawMessage:
+class RawMessage(NamedTuple):
     """One message record: header fields, and the bytes that the running hash covers."""
 
     channel_id: int
@@ -95,7 +94,8 @@ class Container:
                     _limit("uncompressed_bytes", uncompressed, self.limits.uncompressed_bytes)
                     for message in self._chunk_messages(chunk):
                         count += 1
-                        _limit("messages", count, self.limits.messages)
+                        if count > self.limits.messages:
+                            _limit("messages", count, self.limits.messages)
                         yield message
             self._check_end(mapped, count)
 

@@ -30,9 +30,16 @@ class TopicMessages:
         self.publish_ns = array("Q")
         self.sequence = array("I")
         self.data: list[bytes] = []
+        self._table: Table | None = None
 
     def __len__(self) -> int:
         return len(self.data)
+
+    def table(self) -> Table:
+        """The ROS messages as columns, read once. Raises LayoutChanged."""
+        if self._table is None:
+            self._table = table(self.data, self.log_ns, self.ros_type, self.topic)
+        return self._table
 
 
 @dataclass(frozen=True)
@@ -98,7 +105,7 @@ class Proof:
             raise LayoutChanged(
                 "the topic has another type", topic=topic, found=column.ros_type[:200], expected=ros_type
             )
-        return table(column.data, column.log_ns, ros_type, topic)
+        return column.table()
 
     def json(self, channel: str) -> list[dict[str, Any]]:
         """The objects on a JSON channel. Raises CorruptProof for what is not a JSON object."""

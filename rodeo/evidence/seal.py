@@ -51,20 +51,32 @@ class Binding(BaseModel):
     nonce: Bytes32
 
 
+_PARTS_AT_ONCE = 300
+"""A call of the hash costs more than the bytes of one message."""
+
+
 class RunningHash:
     """SHA-256 over the messages added so far, and how many they were."""
 
     def __init__(self) -> None:
         self._sha256 = hashlib.sha256()
+        self._pending: list[bytes | memoryview] = []
         self.messages = 0
 
     def add(self, channel_digest: bytes, length_field: bytes | memoryview, tail: bytes | memoryview) -> None:
         """One message: its MCAP record's length field (8 bytes) and what follows the channel id in it."""
-        self._sha256.update(b"".join((channel_digest, length_field, tail)))
+        self._pending += (channel_digest, length_field, tail)
         self.messages += 1
+        if len(self._pending) >= _PARTS_AT_ONCE:
+            self._absorb()
 
     def hexdigest(self) -> str:
+        self._absorb()
         return self._sha256.copy().hexdigest()
+
+    def _absorb(self) -> None:
+        self._sha256.update(b"".join(self._pending))
+        self._pending.clear()
 
 
 def channel_digest(

@@ -287,6 +287,13 @@ class World:
         for wheel in WHEEL_JOINTS:
             spec.delete(spec.joint(prefix + wheel))
         spec.delete(spec.joint(prefix + "base"))
+        # Scales and what is only seen change nothing for the item and cost time in every step.
+        for name in case.site.bin.compartments:
+            bucket = f"{case.site.bin.name}/{name}"
+            spec.delete(spec.joint(bucket))
+        for geom in list(spec.geoms):
+            if not geom.contype and not geom.conaffinity:
+                spec.delete(geom)
         # The base follows its recorded pose, so its wheels need no ground to stand on.
         spec.geom("floor").contype = 1
         base = spec.body(prefix + "base_link")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator
+from hashlib import sha256
 
 import numpy as np
 from pydantic import ValidationError
@@ -12,7 +13,7 @@ from rodeo.evidence import Attestation, verify_attestation
 from rodeo.evidence.errors import BadAttestation
 from rodeo.evidence.proof import TopicMessages
 from rodeo.evidence.series import Array
-from rodeo.mocap import MocapStatement, PoseHash, payload_digest
+from rodeo.mocap import MocapStatement, payload_digest, pose_record
 
 _Run = list[tuple[MocapStatement, Attestation]]
 
@@ -23,6 +24,7 @@ def signed(
     """(n,) whether each recorded pose is covered by a statement of one of `signers` (lower-case addresses;
     None believes any) that agrees with it."""
     covered = np.zeros(len(poses), bool)
+    records = [pose_record(*pose) for pose in zip(poses.sequence, poses.data, strict=True)]
     positions: dict[int, list[int]] = defaultdict(list)
     for index, sequence in enumerate(poses.sequence):
         positions[sequence].append(index)
@@ -38,7 +40,7 @@ def signed(
             # A publisher that restarted counts from the beginning, so a number may come twice.
             for start in positions[statement.first]:
                 block = slice(start, start + statement.count)
-                if _hash(poses, block) == statement.hash:
+                if "0x" + sha256(b"".join(records[block])).hexdigest() == statement.hash:
                     covered[block] = True
     return covered
 
@@ -63,10 +65,3 @@ def _runs(body: str, statements: Iterable[Attestation]) -> Iterator[_Run]:
         digest = own_digest
     if run:
         yield run
-
-
-def _hash(poses: TopicMessages, block: slice) -> str:
-    running = PoseHash()
-    for sequence, data in zip(poses.sequence[block], poses.data[block], strict=True):
-        running.add(sequence, data)
-    return running.hexdigest()
