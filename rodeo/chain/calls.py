@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Protocol
 
+from eth_abi.abi import encode
 from eth_typing import ChecksumAddress, HexStr
-from web3 import Web3
+from eth_utils.abi import function_abi_to_4byte_selector, get_abi_input_types
 
 from rodeo.chain import artifacts
 from rodeo.chain.deployment import Deployment
@@ -39,10 +41,22 @@ class _Contract:
 
     def __init__(self, name: str, deployment: Deployment) -> None:
         self.address = deployment.address(name)
-        self._contract = Web3().eth.contract(address=self.address, abi=artifacts.load(name).abi)
+        self._functions = _functions(name)
 
     def call(self, function: str, *args: Any) -> Call:
-        return Call(self.address, self._contract.encode_abi(function, list(args)), function)
+        # Not web3's encode_abi: it reads the whole ABI anew, which takes longer than signing.
+        selector, types = self._functions[function]
+        return Call(self.address, HexStr("0x" + (selector + encode(types, args)).hex()), function)
+
+
+@cache
+def _functions(contract: str) -> dict[str, tuple[bytes, list[str]]]:
+    """Function -> its selector and the types of its parameters; none is overloaded."""
+    return {
+        entry["name"]: (function_abi_to_4byte_selector(entry), get_abi_input_types(entry))  # type: ignore[arg-type]
+        for entry in artifacts.load(contract).abi
+        if entry["type"] == "function"
+    }
 
 
 def _request(request: TaskRequest) -> tuple[Any, ...]:

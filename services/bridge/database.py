@@ -5,6 +5,7 @@ The index can be rebuilt from the chain and so may lose its last moments in a po
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,13 @@ def _config(connection: sqlalchemy.Connection, what: str) -> Any:
 
 def upsert(engine: Engine, table: Table) -> Any:
     """`insert` that overwrites the row with the same primary key."""
-    dialect: Any = postgresql if engine.dialect.name == "postgresql" else sqlite
+    return _upsert(engine.dialect.name, table)
+
+
+@cache
+def _upsert(dialect_name: str, table: Table) -> Any:
+    # Made once: SQLAlchemy knows a statement it has seen by the object, any other by all that is in it.
+    dialect: Any = postgresql if dialect_name == "postgresql" else sqlite
     statement = dialect.insert(table)
     others = {
         column.name: statement.excluded[column.name] for column in table.columns if not column.primary_key

@@ -12,7 +12,7 @@ from rodeo.messages import DaoEvent
 from services.bridge.errors import ChainReorganized
 from services.bridge.heads import Header
 from services.bridge.index import KEPT_BLOCKS, NOWHERE, Index, Position, TimedLog
-from services.bridge.node import Call, Node
+from services.bridge.node import MAX_BATCH, Call, Node
 
 log = logging.getLogger(__name__)
 
@@ -65,14 +65,14 @@ class Follower:
         """The newest block of the node, as last heard."""
 
     def step(self, headers: list[Header]) -> bool:
-        """Take in the next blocks; whether there were any. `headers` are what the node told of.
+        """Take in the next blocks; whether to look for more at once. `headers` are what the node told of.
 
         Raises ChainUnavailable or RpcFailed, and ChainReorganized when not even the first block is the same.
         """
-        applied = (len(headers) == 1 and self._take(headers[0])) or self._catch_up()
+        again = not self._take(headers) and self._catch_up()
         if self._unpublished:
             self.publish_missed()
-        return applied
+        return again
 
     def publish_missed(self) -> None:
         """Publish what was indexed but not published, before a crash or while the router was away.
@@ -85,20 +85,26 @@ class Follower:
                 return
         self._unpublished = False
 
-    # -- one block that the node told of -------------------------------------------------------------------
+    # -- blocks that the node told of ----------------------------------------------------------------------
 
-    def _take(self, header: Header) -> bool:
-        """With one question to the node; whether the block follows on what was indexed, and it has it."""
-        position = self._index.position
-        follows = (_number(header), header["parentHash"]) == (position.block + 1, position.block_hash)
-        if self._confirmations or not follows:
+    def _take(self, headers: list[Header]) -> bool:
+        """With one question to the node; whether they follow on what was indexed, and it has them all."""
+        end = self._index.position
+        if self._confirmations or not headers or len(headers) > MAX_BATCH:
             return False
+        for header in headers:
+            if (_number(header), header["parentHash"]) != (end.block + 1, end.block_hash):
+                return False
+            end = _position(header)
         try:
-            found = self._node.call("eth_getLogs", {**self._filter, "blockHash": header["hash"]})
+            found = self._ask(
+                *(("eth_getLogs", [{**self._filter, "blockHash": header["hash"]}]) for header in headers)
+            )
         except RpcFailed:
             return False
-        self.head = max(self.head, _number(header))
-        self._apply(found, {}, header)
+        self.head = max(self.head, end.block)
+        known = {_number(header): header for header in headers}
+        self._apply([one for logs in found for one in logs], known, headers[-1])
         return True
 
     # -- all that there are --------------------------------------------------------------------------------

@@ -6,7 +6,6 @@ import json
 import logging
 import threading
 from collections.abc import Callable
-from queue import Empty, SimpleQueue
 from typing import Any, Protocol
 from urllib.parse import urlsplit, urlunsplit
 
@@ -22,7 +21,9 @@ Header = dict[str, Any]
 
 OPEN_TIMEOUT_S = 3.0
 
-MAX_HEADER_BYTES = 1 << 20
+MAX_NOTICE_BYTES = 1 << 20
+MAX_NOTICES = 1024
+"""That wait while something else is done; then the node's connection has to wait."""
 
 POLL_MIN_S = 0.01
 POLL_MAX_S = 0.25
@@ -42,7 +43,7 @@ class Heads(Protocol):
         """
 
     def wake(self) -> None:
-        """End `wait` now: somebody expects a block. From any thread."""
+        """Somebody expects a block: end `wait` where it would sleep through that. From any thread."""
 
     def close(self) -> None: ...
 
@@ -77,7 +78,8 @@ class SubscribedHeads:
             self._connection: ClientConnection = connect(
                 url,
                 open_timeout=OPEN_TIMEOUT_S,
-                max_size=2**22,
+                max_size=MAX_NOTICE_BYTES,
+                max_queue=MAX_NOTICES,
                 compression=None,
                 ping_interval=5,
                 ping_timeout=5,
@@ -91,39 +93,27 @@ class SubscribedHeads:
         if "result" not in reply:
             self._connection.close()
             raise ChainUnavailable("no subscription", url=url, reason=str(reply.get("error")))
-        self._news: SimpleQueue[Header | Exception | None] = SimpleQueue()
-        self._thread = threading.Thread(target=self._listen, name="heads", daemon=True)
-        self._thread.start()
 
     def wait(self) -> list[Header]:
         headers: list[Header] = []
+        timeout_s = SUBSCRIBED_CHECK_S
         try:
-            news = self._news.get(timeout=SUBSCRIBED_CHECK_S)
-            while True:
-                if isinstance(news, Exception):
-                    raise ChainUnavailable("the subscription ended", reason=str(news)) from news
-                if news is not None:
-                    headers.append(news)
-                news = self._news.get_nowait()
-        except Empty:
+            while len(headers) < MAX_NOTICES:
+                notice = json.loads(self._connection.recv(timeout=timeout_s))
+                if notice.get("method") == "eth_subscription":
+                    headers.append(notice["params"]["result"])
+                timeout_s = 0.0  # what has come already
+        except TimeoutError:
             return headers
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, WebSocketException) as error:
+            raise ChainUnavailable("the subscription ended", reason=str(error)) from error
+        return headers
 
     def wake(self) -> None:
-        self._news.put(None)
+        """Nothing to do: the node tells."""
 
     def close(self) -> None:
         self._connection.close()
-        self._thread.join()
-
-    def _listen(self) -> None:
-        try:
-            for message in self._connection:
-                notice = json.loads(message)
-                if notice.get("method") == "eth_subscription":
-                    self._news.put(notice["params"]["result"])
-            self._news.put(ConnectionError("the node closed the connection"))
-        except (OSError, ValueError, KeyError, WebSocketException) as error:
-            self._news.put(error)
 
 
 def open_heads(url: str, websocket_url: str | None, on_fallback: Callable[[str], None]) -> Heads:

@@ -12,7 +12,19 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import MetaData, Select, delete, func, insert, inspect, make_url, or_, select, update
+from sqlalchemy import (
+    MetaData,
+    Select,
+    bindparam,
+    delete,
+    func,
+    insert,
+    inspect,
+    make_url,
+    or_,
+    select,
+    update,
+)
 from sqlalchemy.exc import DBAPIError
 
 from rodeo.chain import Log
@@ -127,7 +139,7 @@ class Index:
     @property
     def published_seq(self) -> int:
         """The last event that was put on the bus."""
-        return int(self._rows(select(schema.cursor.c.published_seq))[0]["published_seq"])
+        return int(self._scalar(_PUBLISHED_SEQ))
 
     def apply(
         self, logs: Sequence[TimedLog], position: Position, *, head: int | None = None
@@ -139,7 +151,7 @@ class Index:
         final = (position.block if head is None else head) - KEPT_BLOCKS
         applied: list[DaoEvent] = []
         with self._engine.begin() as connection:
-            last = connection.scalar(select(func.max(schema.events.c.seq))) or 0
+            last = connection.scalar(_NEWEST_SEQ) or 0
             rows = Rows(self._engine, connection)
             projection = Projection(rows, self._identity["contracts"])  # type: ignore[arg-type]
             projection.prepare(timed.log for timed in logs)
@@ -149,7 +161,7 @@ class Index:
                 applied.append(_dao_event(seq, timed, self.genesis_hash))
             rows.write()
             if applied:
-                connection.execute(insert(schema.events), [_event_row(event) for event in applied])
+                connection.execute(_ADD_EVENTS, [_event_row(event) for event in applied])
             recent = {
                 one.log.block: (one.log.block_hash, one.time_s) for one in logs if one.log.block > final
             }
@@ -161,7 +173,7 @@ class Index:
             if position.block % KEPT_BLOCKS == 0 or len(recent) > 1:
                 connection.execute(delete(schema.blocks).where(schema.blocks.c.number <= final))
                 connection.execute(delete(schema.undo).where(schema.undo.c.block <= final))
-            connection.execute(update(schema.cursor).values(**_at(position)))
+            connection.execute(_MOVE_CURSOR, _at(position))
         self._position = position
         return applied
 
@@ -175,7 +187,7 @@ class Index:
         events = schema.events.c
         gone = (events.block > position.block) & ~events.undone
         with self._engine.begin() as connection:
-            last = connection.scalar(select(func.max(events.seq))) or 0
+            last = connection.scalar(_NEWEST_SEQ) or 0
             undone = connection.execute(
                 select(schema.events).where(gone).order_by(events.seq.desc())
             ).mappings()
@@ -191,9 +203,7 @@ class Index:
             ]
             connection.execute(update(schema.events).where(gone).values(undone=True))
             if notices:
-                connection.execute(
-                    insert(schema.events), [_event_row(notice, undone=True) for notice in notices]
-                )
+                connection.execute(_ADD_EVENTS, [_event_row(notice, undone=True) for notice in notices])
             if position == NOWHERE:
                 for table in _FROM_EVENTS:
                     connection.execute(delete(table))
@@ -201,14 +211,14 @@ class Index:
                 roll_back(self._engine, connection, position.block)
             connection.execute(delete(schema.blocks).where(schema.blocks.c.number > position.block))
             connection.execute(delete(schema.receipts))
-            connection.execute(update(schema.cursor).values(**_at(position)))
+            connection.execute(_MOVE_CURSOR, _at(position))
         self._position = position
         return notices
 
     def mark_published(self, seq: int) -> None:
         """Remember that all events up to `seq` were put on the bus."""
         with self._engine.begin() as connection:
-            connection.execute(update(schema.cursor).values(published_seq=seq))
+            connection.execute(_MOVE_CURSOR, {"published_seq": seq})
 
     # Events -----------------------------------------------------------------------------------------------
 
@@ -226,7 +236,7 @@ class Index:
         ]
 
     def last_seq(self) -> int:
-        return self._scalar(select(func.max(schema.events.c.seq))) or 0
+        return self._scalar(_NEWEST_SEQ) or 0
 
     # Questions --------------------------------------------------------------------------------------------
 
@@ -324,8 +334,7 @@ class Index:
         return {row["address"]: row["balance"] for row in self._rows(select(schema.balances))}
 
     def balance(self, address: str) -> int:
-        row = self._first(select(schema.balances).where(schema.balances.c.address == address))
-        return row["balance"] if row else 0
+        return int(self._scalar(_BALANCE, {"address": address}) or 0)
 
     def transfers(
         self, account: str | None, task_id: int | None, first_s: float, last_s: float, page: Page
@@ -392,14 +401,21 @@ class Index:
         rows = self._rows(query)
         return rows[0] if rows else None
 
-    def _scalar(self, query: Select[Any]) -> Any:
+    def _scalar(self, query: Select[Any], parameters: Row | None = None) -> Any:
         with self._engine.connect() as connection:
-            return connection.scalar(query)
+            return connection.scalar(query, parameters)
 
     def _rows(self, query: Select[Any]) -> list[Row]:
         with self._engine.connect() as connection:
             return [dict(row) for row in connection.execute(query).mappings()]
 
+
+# Made once: what is asked at every block costs more to put together than to answer.
+_NEWEST_SEQ = select(func.max(schema.events.c.seq))
+_ADD_EVENTS = insert(schema.events)
+_MOVE_CURSOR = update(schema.cursor)
+_PUBLISHED_SEQ = select(schema.cursor.c.published_seq)
+_BALANCE = select(schema.balances.c.balance).where(schema.balances.c.address == bindparam("address"))
 
 _OF_EVENT = ("seq", "name", "block", "log_index", "tx_hash", "time_s", "task_id", "args")
 

@@ -137,17 +137,17 @@ class Journal:
 
         One with `replaces`, the id of an entry that can never be mined, takes its place and its request_id.
         """
-        entries = []
+        if not transactions:
+            return []
+        old = [{"entry_id": one["replaces"]} for one in transactions if "replaces" in one]
+        rows = [
+            {"state": "sent", "replaced": []} | {name: one[name] for name in one if name != "replaces"}
+            for one in transactions
+        ]
         with self._engine.begin() as connection:
-            for values in transactions:
-                old = values.pop("replaces", None)
-                if old is not None:
-                    connection.execute(_dropped.values(), {"entry_id": old})
-                row = connection.execute(
-                    insert(_transactions).values(state="sent", replaced=[], **values).returning(_transactions)
-                ).one()
-                entries.append(_entry(row))
-        return entries
+            if old:
+                connection.execute(_dropped, old)
+            return [_entry(row) for row in connection.execute(_added, rows)]
 
     def replace(self, entry: Entry, **values: Any) -> Entry:
         """Note the same transaction with a higher fee, before it is sent."""
@@ -192,6 +192,7 @@ class Journal:
             return [_entry(row) for row in connection.execute(query)]
 
 
+_added = insert(_transactions).returning(_transactions, sort_by_parameter_order=True)
 _by_id = update(_transactions).where(_transactions.c.id == bindparam("entry_id"))
 _dropped = _by_id.values(state="dropped", request_id=None)
 _reopened = _by_id.values(state="sent", outcome=None, block=None)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
-from sqlalchemy import Connection, Engine, Table, delete, insert, select
+from sqlalchemy import Connection, Delete, Engine, Select, Table, bindparam, delete, insert, select
 
 from services.bridge import schema
 from services.bridge.database import upsert
@@ -33,8 +34,8 @@ class Rows:
         """The row, not to be changed by the caller."""
         place = (table.name, key)
         if place not in self._rows:
-            query = select(table).where(*_matches(table, key))
-            row = self._connection.execute(query).mappings().one_or_none()
+            found = self._connection.execute(_select(table), _parameters(table, key))
+            row = found.mappings().one_or_none()
             self._rows[place] = None if row is None else dict(row)
         return self._rows[place]
 
@@ -89,11 +90,26 @@ def roll_back(engine: Engine, connection: Connection, block: int) -> None:
     for change in connection.execute(newest_first).mappings().all():
         table = schema.metadata.tables[change["table"]]
         if change["row"] is None:
-            connection.execute(delete(table).where(*_matches(table, tuple(change["key"]))))
+            connection.execute(_delete(table), _parameters(table, tuple(change["key"])))
         else:
             connection.execute(upsert(engine, table), change["row"])
     connection.execute(delete(schema.undo).where(schema.undo.c.block > block))
 
 
-def _matches(table: Table, key: Key) -> list[Any]:
-    return [column == value for column, value in zip(table.primary_key, key, strict=True)]
+@cache
+def _select(table: Table) -> Select[Any]:
+    """The row with the key in `_parameters`."""
+    return select(table).where(*_matches(table))
+
+
+@cache
+def _delete(table: Table) -> Delete:
+    return delete(table).where(*_matches(table))
+
+
+def _matches(table: Table) -> list[Any]:
+    return [column == bindparam(f"key_{column.name}") for column in table.primary_key]
+
+
+def _parameters(table: Table, key: Key) -> dict[str, Any]:
+    return {f"key_{column.name}": value for column, value in zip(table.primary_key, key, strict=True)}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import sys
 import threading
@@ -56,6 +57,9 @@ _EXPIRY_RETRY_S = 5.0
 _SWITCH_S = 0.0005
 """How long a thread keeps the interpreter from the one that has a block to publish."""
 
+_TELL_S = 1.0
+"""Between two messages on how far the index is: it may be a hundred blocks in a second."""
+
 BLOCKS_BEHIND = Gauge("rodeo_bridge_blocks_behind", "Blocks of the node that are not in the index")
 INDEXED_BLOCK = Gauge("rodeo_bridge_indexed_block", "The newest block in the index")
 EVENTS = Counter("rodeo_bridge_events_total", "Events put on the bus", ["name"])
@@ -102,6 +106,7 @@ class Bridge:
         self._heads: Heads = PolledHeads()
         self._reason = "starting"
         self._told_block = -1
+        self._tell_s = 0.0
         self._accounts: dict[str, LocalAccount] = {}
         # A thread per participant checks its commands, in their order: a stuck wallet holds up nobody else.
         self._threads = {
@@ -230,6 +235,9 @@ class Bridge:
             lambda why: log.info("the node is asked for new blocks: %s", why),
         )
         headers: list[Header] = []
+        # What is there now stays: to look through it for garbage takes longer than to publish a block.
+        gc.collect()
+        gc.freeze()
         try:
             while not self._stop.is_set():
                 if not attachment.follower.step(headers):
@@ -259,8 +267,8 @@ class Bridge:
         BLOCKS_BEHIND.set(max(0, attachment.follower.head - block))
         for name, length in attachment.outbox.in_flight().items():
             QUEUE.labels(name).set(length)
-        if block != self._told_block:
-            self._told_block = block
+        if block != self._told_block and (now_s := time.monotonic()) >= self._tell_s:
+            self._told_block, self._tell_s = block, now_s + _TELL_S
             self._service.activity("following the chain", block=block)
 
     def _not_ready(self, reason: str) -> None:
