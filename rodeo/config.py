@@ -47,6 +47,9 @@ class ChainConfig(_Table):
     text, and where the node has no subscriptions, it is asked."""
     confirmations: int = Field(default=0, ge=0)
     """Blocks on top of an event's block before it is published."""
+    max_block_age_s: float | None = Field(default=None, gt=0)
+    """How old the newest indexed block may be before the bridge is not ready, for chains whose blocks come by
+    the wall clock. None where a block only comes with a transaction."""
 
 
 class TariffConfig(_Table):

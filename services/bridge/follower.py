@@ -64,6 +64,11 @@ class Follower:
         self.head = -1
         """The newest block of the node, as last heard."""
 
+    @property
+    def behind(self) -> int:
+        """Blocks of the node, as last heard, that are deep enough and not in the index."""
+        return max(0, self.head - self._confirmations - self._index.position.block)
+
     def step(self, headers: list[Header]) -> bool:
         """Take in the next blocks; whether to look for more at once. `headers` are what the node told of.
 

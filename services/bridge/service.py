@@ -39,7 +39,7 @@ from services.bridge.errors import BridgeNotReady, ChainReorganized, UnknownPart
 from services.bridge.fees import Limits
 from services.bridge.follower import BEHIND_GRACE_S, Follower
 from services.bridge.heads import Header, Heads, PolledHeads, open_heads
-from services.bridge.index import Index, sqlite_url
+from services.bridge.index import Index, Position, sqlite_url
 from services.bridge.journal import Journal
 from services.bridge.names import ORGANIZATION, Names
 from services.bridge.node import Node
@@ -56,6 +56,9 @@ _EXPIRY_RETRY_S = 5.0
 
 _SWITCH_S = 0.0005
 """How long a thread keeps the interpreter from the one that has a block to publish."""
+
+_BEHIND_S = 10.0
+"""Wall time for which the index may run after the node's head and still count as being there."""
 
 _TELL_S = 1.0
 """Between two messages on how far the index is: it may be a hundred blocks in a second."""
@@ -235,17 +238,24 @@ class Bridge:
             lambda why: log.info("the node is asked for new blocks: %s", why),
         )
         headers: list[Header] = []
+        current_s = time.monotonic()
         # What is there now stays: to look through it for garbage takes longer than to publish a block.
         gc.collect()
         gc.freeze()
         try:
             while not self._stop.is_set():
-                if not attachment.follower.step(headers):
+                if attachment.follower.step(headers):
+                    headers = []
+                    if time.monotonic() - current_s > _BEHIND_S:
+                        self._not_ready(f"{attachment.follower.behind} blocks behind the node")
+                    continue
+                current_s = time.monotonic()
+                if (late := self._late(attachment.index.position)) is None:
                     self._ready(attachment)
                     self._expire_overdue(attachment)
-                    headers = heads.wait()
                 else:
-                    headers = []
+                    self._not_ready(late)
+                headers = heads.wait()
         finally:
             self._heads = PolledHeads()
             heads.close()
@@ -258,13 +268,20 @@ class Bridge:
         EVENTS.labels(event.name).inc()
         return True
 
+    def _late(self, position: Position) -> str | None:
+        """Why the index does not tell of now although it is where the node is."""
+        limit_s, age_s = self._site.chain.max_block_age_s, time.time() - position.block_time_s
+        if limit_s is None or age_s <= limit_s:
+            return None
+        return f"the node is behind: its newest block is older than {limit_s:g} s"
+
     def _ready(self, attachment: _Attachment) -> None:
         if self._reason:
             self._reason = ""
             self._service.ready()
         block = attachment.index.position.block
         INDEXED_BLOCK.set(block)
-        BLOCKS_BEHIND.set(max(0, attachment.follower.head - block))
+        BLOCKS_BEHIND.set(attachment.follower.behind)
         for name, length in attachment.outbox.in_flight().items():
             QUEUE.labels(name).set(length)
         if block != self._told_block and (now_s := time.monotonic()) >= self._tell_s:
