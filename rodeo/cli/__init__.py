@@ -2,7 +2,7 @@
 
 import typer
 
-from rodeo.cli import classify, console, organization, robot, site, work
+from rodeo.cli import classify, console, organization, robot, rules, site, work
 
 app = typer.Typer(
     name="rodeo",
@@ -19,5 +19,6 @@ organization.tasks.command()(work.judge)
 organization.services.command()(work.offer)
 app.add_typer(organization.tasks, name="task")
 app.add_typer(organization.services, name="service")
+app.add_typer(rules.rules, name="organization")
 app.add_typer(robot.robots, name="robot")
 app.add_typer(console.accounts, name="console")

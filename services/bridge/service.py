@@ -250,7 +250,8 @@ class Bridge:
                         self._not_ready(f"{attachment.follower.behind} blocks behind the node")
                     continue
                 current_s = time.monotonic()
-                if (late := self._late(attachment.index.position)) is None:
+                late = why_late(attachment.index.position, self._site.chain.max_block_age_s, time.time())
+                if late is None:
                     self._ready(attachment)
                     self._expire_overdue(attachment)
                 else:
@@ -267,13 +268,6 @@ class Bridge:
         self._service.bus.put_json(topics.EVENT.name(org=self._site.org, event=event.name), event)
         EVENTS.labels(event.name).inc()
         return True
-
-    def _late(self, position: Position) -> str | None:
-        """Why the index does not tell of now although it is where the node is."""
-        limit_s, age_s = self._site.chain.max_block_age_s, time.time() - position.block_time_s
-        if limit_s is None or age_s <= limit_s:
-            return None
-        return f"the node is behind: its newest block is older than {limit_s:g} s"
 
     def _ready(self, attachment: _Attachment) -> None:
         if self._reason:
@@ -351,6 +345,13 @@ class Bridge:
                 log.info("its window has passed", extra={"task": task_id})
                 job = self._threads[ORGANIZATION].submit(_expire, wallet, task_id)
                 self._expiring[task_id] = (job, now_s + _EXPIRY_RETRY_S)
+
+
+def why_late(position: Position, max_block_age_s: float | None, now_s: float) -> str | None:
+    """Why an index that is where the node is does not tell of now; None where it does."""
+    if max_block_age_s is None or now_s - position.block_time_s <= max_block_age_s:
+        return None
+    return f"the node is behind: its newest block is older than {max_block_age_s:g} s"
 
 
 def _command_of(key: str) -> tuple[str, str]:

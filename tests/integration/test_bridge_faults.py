@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -13,9 +14,10 @@ from eth_account import Account
 
 from deploy.chain.server import RpcServer
 from rodeo import wallets
+from rodeo.errors import NoResponder
 from tests.support.chain import Answer, EmbeddedChain, FaultyNode
-from tests.support.dao import Dao
-from tests.support.site import RunningSite
+from tests.support.dao import PARAMS, Dao
+from tests.support.site import WAIT_S, RunningSite
 
 SEND = "eth_sendRawTransaction"
 
@@ -61,6 +63,40 @@ def test_a_wallet_that_is_stuck_holds_up_nobody_else(running: RunningSite, node:
         service_ids = {request.result()["service_id"] for request in stuck}
     assert service_ids == {1}
     assert dao.task(task_id)["state"] == "assigned"
+
+
+def test_a_bridge_that_is_killed_before_the_receipt_gives_the_same_one(
+    running: RunningSite, node: FaultyNode
+) -> None:
+    dao = Dao(running)
+    running.start("router", "bridge", ready=False)
+    running.deploy_contracts()
+    running.wait_ready("bridge")
+    mined, killed = threading.Event(), threading.Event()
+    sent: list[str] = []
+
+    def answer_nobody(method: str, params: Sequence[Any], answer: Answer) -> Any:
+        result = answer(method, params)
+        if method == SEND and not mined.is_set():
+            sent.append(result)
+            mined.set()
+            killed.wait(WAIT_S)
+        return result
+
+    node.fault = answer_nobody
+    with ThreadPoolExecutor(max_workers=1) as asker:
+        first = asker.submit(dao.post, request_id="the task")
+        assert mined.wait(WAIT_S)
+        running.kill("bridge")
+        killed.set()
+        with pytest.raises(NoResponder):
+            first.result()
+    running.start("bridge")
+    request = {"kind": "waste_disposal", "reward_iec": "100", "params": PARAMS, "request_id": "the task"}
+    reply = dao.command("organization", "register_task", **request)
+    assert reply["tx_hash"] == sent[0]
+    assert dao.command("organization", "register_task", **request) == reply
+    assert dao.client().task_count() == dao.state("tasks")["total"] == 1
 
 
 def test_a_chain_that_was_made_anew_is_taken_for_another(running: RunningSite) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from decimal import Decimal
@@ -21,7 +20,7 @@ from rodeo.errors import NoResponder, RemoteError
 from rodeo.messages import RegisterService, RegisterTask, Transfer
 from rodeo.service import PARENT_VARIABLE
 from tests.support.dao import PARAMS, Dao
-from tests.support.site import RunningSite, write_site
+from tests.support.site import RunningSite, readyz, write_site
 
 ALICE: LocalAccount = Account.from_key("0x" + "a1" * 32)
 LIMITS = '[bridge.limits.oracle]\ndaily_iec = "10"\n'
@@ -112,8 +111,7 @@ def test_a_wallet_spends_no_more_in_a_day_than_the_site_file_says(dao: Dao) -> N
 
 def test_health_and_metrics_are_served_over_http(dao: Dao) -> None:
     url = dao.running.status("bridge").metrics_url
-    with urllib.request.urlopen(f"{url}/readyz") as answer:
-        assert answer.status == 200
+    assert readyz(url)[0] == 200
     with urllib.request.urlopen(f"{url}/metrics") as answer:
         metrics = answer.read().decode()
     assert "rodeo_ready 1.0" in metrics and "rodeo_bus_connected 1.0" in metrics
@@ -152,12 +150,4 @@ def test_a_robots_own_bridge_has_its_wallet_alone(dao: Dao) -> None:
     running.kill("chain")
     url = running.status("bridge-bob").metrics_url
     running.wait_for_status("bridge-bob", lambda status: not status.ready)
-    assert _readyz(url) == 503
-
-
-def _readyz(url: str) -> int:
-    try:
-        with urllib.request.urlopen(f"{url}/readyz") as answer:
-            return int(answer.status)
-    except urllib.error.HTTPError as error:
-        return error.code
+    assert readyz(url)[0] == 503

@@ -9,12 +9,15 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 from deploy.processes import PROCESSES
+from rodeo.cli import app
 from rodeo.config import Site
 from rodeo.service import lock_holder
 from tests.support.site import RunningSite, write_site
@@ -238,6 +241,55 @@ def test_a_task_that_cannot_be_posted_says_why(
 ) -> None:
     done = rodeo(up, "task", "create", "waste_disposal", *arguments, status=1)
     assert all(word in done.stderr for word in words), done.stderr
+
+
+def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
+    def organization(*arguments: str, status: int = 0) -> str:
+        # In this process: the same code, without a second for each start of an interpreter.
+        done = CliRunner().invoke(app, ["organization", *arguments, "--site", str(up)])
+        assert done.exit_code == status, done.output
+        return str(done.output)
+
+    def state() -> dict[str, Any]:
+        return dict(json.loads(organization("show", "--json")))
+
+    before = state()
+    organization("policy", "lowest_price")
+    organization("kind", "sweeping", "--review", "auditor", "--min-window", "120")
+    organization("terms", "--bond", "50", "--penalty", "20", "--max-failures", "2")
+    organization("members-only")
+    organization("admit", "panther1")
+    organization("grant", "auditor", "panther1")
+    organization("withdraw", "5", "--to", "oracle")
+    device = "0x" + "Ab" * 20
+    organization("register-device", device.lower(), "--role", "bin", "--owner", "organization")
+    now = state()
+    assert (now["policy"], now["members_only"]) == ("lowest_price", True)
+    assert now["terms"] == {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2}
+    rules = {"kind": "sweeping", "allowed": True, "review": "auditor", "min_window_s": 120}
+    assert rules in now["kinds"]
+    assert "panther1" in {one["name"] for one in now["roles"]["AUDITOR_ROLE"]}
+    assert "panther1" in {one["name"] for one in now["roles"]["MEMBER_ROLE"]}
+    assert Decimal(now["treasury_iec"]) == Decimal(before["treasury_iec"]) - 5
+    shown = organization("show")
+    assert "bond 50 IEC" in shown and "open to" in shown and "members" in shown
+    assert "meter" in organization("devices")
+    # Back to what the other tests find.
+    organization("revoke-device", device.lower())
+    organization("revoke", "auditor", "panther1")
+    organization("dismiss", "panther1")
+    organization("members-only", "--off")
+    organization("terms")
+    organization("kind", "sweeping", "--disallow")
+    organization("policy", "first_come")
+    assert "revoked" in organization("devices")
+    after = state()
+    assert rules | {"allowed": False} in after["kinds"]
+    assert all(after[name] == before[name] for name in ("policy", "members_only", "terms", "roles"))
+    assert "invalid_request" in organization("policy", "chance", status=1)
+    assert "unknown_participant" in organization("admit", "bob", status=1)
+    assert "unknown_service" in organization("suspend", "12345", status=1)
+    assert "unknown_service" in organization("reinstate", "12345", status=1)
 
 
 def test_services_and_wallets_are_listed(up: Path) -> None:

@@ -10,6 +10,8 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.error
+import urllib.request
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -59,6 +61,15 @@ console.port = 0
 """
     )
     return path
+
+
+def readyz(metrics_url: str) -> tuple[int, str]:
+    """HTTP status and text of a process's readiness, which needs no bus."""
+    try:
+        with urllib.request.urlopen(f"{metrics_url}/readyz", timeout=WAIT_S) as answer:
+            return answer.status, answer.read().decode()
+    except urllib.error.HTTPError as error:
+        return error.code, error.read().decode()
 
 
 class RunningSite:

@@ -1,5 +1,9 @@
 """Keystores: made once, opened with the passphrase, never readable by others."""
 
+import os
+import pty
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -97,3 +101,36 @@ def test_what_is_no_keystore_is_called_so(site: Site, text: str) -> None:
     wallets.keystore_path(site, "oracle").write_text(text)
     with pytest.raises(WalletError, match="not a keystore"):
         wallets.load(site, "oracle")
+
+
+def test_a_terminal_is_asked_for_the_passphrase_once(site: Site, site_path: Path) -> None:
+    wallets.ensure_wallets(site)
+    passphrase = site.data_dir / "keys" / "passphrase"
+    typed = passphrase.read_text()
+    passphrase.unlink()
+    program = (
+        "import sys; from pathlib import Path; from rodeo import wallets; from rodeo.config import Site\n"
+        "site = Site.load(Path(sys.argv[1]))\n"
+        "print(*(wallets.load(site, name).address for name in ('panther1', 'oracle')))\n"
+    )
+    ours, theirs = pty.openpty()
+    # In a session of its own there is no /dev/tty, only what stands for it here.
+    with subprocess.Popen(
+        [sys.executable, "-c", program, str(site_path)],
+        stdin=theirs,
+        stdout=subprocess.PIPE,
+        stderr=theirs,
+        text=True,
+        start_new_session=True,
+        env={name: value for name, value in os.environ.items() if name != wallets.PASSPHRASE_VARIABLE},
+    ) as asking:
+        os.close(theirs)  # so that reading ends when the process does
+        shown = b""
+        while b"Passphrase" not in shown:
+            shown += os.read(ours, 1024)
+        os.write(ours, f"{typed}\n".encode())
+        printed, _ = asking.communicate(timeout=60)
+    os.close(ours)
+    passphrase.write_text(typed)
+    assert printed.split() == [wallets.load(site, name).address for name in ("panther1", "oracle")]
+    assert typed.encode() not in shown

@@ -1,0 +1,248 @@
+"""Commands about the organization itself: its rules, members, devices and treasury."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+import typer
+from rich.table import Table
+
+from rodeo import topics
+from rodeo.cli.common import (
+    DEFAULT_SITE,
+    JsonOption,
+    SiteOption,
+    connected,
+    console,
+    print_json,
+    reports_errors,
+)
+from rodeo.cli.organization import ParticipantOption, iec
+from rodeo.messages import Policy, RoleName
+
+rules = typer.Typer(
+    help="The organization's rules, members, devices and treasury: for whoever has the role on its contract.",
+    no_args_is_help=True,
+)
+
+AccountArgument = Annotated[str, typer.Argument(help="A participant's name or an address.")]
+RoleArgument = Annotated[str, typer.Argument(help=f"{', '.join(get_args(RoleName))}.")]
+AmountArgument = Annotated[str, typer.Argument(help="In IEC.")]
+
+
+@rules.command("show")
+@reports_errors
+def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """Show the rules, the treasury and who holds which role."""
+    with connected(site) as (loaded, bus):
+        state = bus.query(topics.STATE.name(org=loaded.org, what="organization"))
+    if as_json:
+        print_json(state)
+        return
+    table = Table(box=None, show_header=False)
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    terms = state["terms"]
+    table.add_row("address", state["address"])
+    table.add_row("treasury", iec(state["treasury_iec"]))
+    table.add_row("policy", state["policy"])
+    table.add_row(
+        "terms of new services",
+        f"bond {iec(terms['bond_iec'])}, penalty {iec(terms['penalty_iec'])}, "
+        f"suspended after {terms['max_failures'] or 'any number of'} failures",
+    )
+    table.add_row("open to", "members" if state["members_only"] else "everybody")
+    for kind in state["kinds"]:
+        allowed = "judged by " + kind["review"] if kind["allowed"] else "not accepted"
+        table.add_row(kind["kind"], f"{allowed}, window of at least {kind['min_window_s']} s")
+    for role, holders in sorted(state["roles"].items()):
+        table.add_row(role, ", ".join(one["name"] or one["address"] for one in holders))
+    console.print(table, highlight=False)
+
+
+@rules.command("policy")
+@reports_errors
+def policy(
+    name: Annotated[str, typer.Argument(help=f"{', '.join(get_args(Policy))}.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Say how a service is chosen for a task."""
+    _send(site, participant, "set_policy", policy=name)
+
+
+@rules.command("kind")
+@reports_errors
+def kind(
+    name: Annotated[str, typer.Argument(help="The kind of task.")],
+    allowed: Annotated[bool, typer.Option("--allow/--disallow")] = True,
+    review: Annotated[str | None, typer.Option(help="Who judges it: oracle or auditor.")] = None,
+    min_window_s: Annotated[
+        int | None, typer.Option("--min-window", help="Shortest execution window, in seconds.")
+    ] = None,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Accept a kind of work, or no longer."""
+    fields = {"kind": name, "allowed": allowed, "review": review, "min_window_s": min_window_s}
+    _send(site, participant, "allow_kind", **fields)
+
+
+@rules.command("terms")
+@reports_errors
+def terms(
+    bond: Annotated[str, typer.Option(help="Locked until the service retires, in IEC.")] = "0",
+    penalty: Annotated[str, typer.Option(help="What a failed attempt takes from the bond, in IEC.")] = "0",
+    max_failures: Annotated[int, typer.Option(help="Failures in a row that suspend; 0 for none.")] = 0,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Say what services agree to that are offered from now on."""
+    fields = {"bond_iec": bond, "penalty_iec": penalty, "max_failures": max_failures}
+    _send(site, participant, "set_terms", **fields)
+
+
+@rules.command("members-only")
+@reports_errors
+def members_only(
+    enabled: Annotated[bool, typer.Option("--on/--off")] = True,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Let only members offer services and post tasks, or everybody."""
+    _send(site, participant, "set_members_only", enabled=enabled)
+
+
+@rules.command("admit")
+@reports_errors
+def admit(
+    account: AccountArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Make somebody a member."""
+    _send(site, participant, "admit", account=account)
+
+
+@rules.command("dismiss")
+@reports_errors
+def dismiss(
+    account: AccountArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """End a membership."""
+    _send(site, participant, "dismiss", account=account)
+
+
+@rules.command("grant")
+@reports_errors
+def grant(
+    role: RoleArgument,
+    account: AccountArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Give somebody a role."""
+    _send(site, participant, "grant_role", role=role, account=account)
+
+
+@rules.command("revoke")
+@reports_errors
+def revoke(
+    role: RoleArgument,
+    account: AccountArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Take a role back."""
+    _send(site, participant, "revoke_role", role=role, account=account)
+
+
+@rules.command("suspend")
+@reports_errors
+def suspend(
+    service_id: int, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
+) -> None:
+    """Give a service no more tasks."""
+    _send(site, participant, "suspend_service", service_id=service_id)
+
+
+@rules.command("reinstate")
+@reports_errors
+def reinstate(
+    service_id: int, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
+) -> None:
+    """Let a suspended service return: paused, until its provider activates it."""
+    _send(site, participant, "reinstate_service", service_id=service_id)
+
+
+@rules.command("deposit")
+@reports_errors
+def deposit(
+    amount: AmountArgument, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
+) -> None:
+    """Pay into the treasury from the account of whose key signs."""
+    _send(site, participant, "deposit", amount_iec=amount)
+
+
+@rules.command("withdraw")
+@reports_errors
+def withdraw(
+    amount: AmountArgument,
+    to: Annotated[str, typer.Option(help="A participant's name or an address.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Pay out of the treasury."""
+    _send(site, participant, "withdraw", to=to, amount_iec=amount)
+
+
+@rules.command("devices")
+@reports_errors
+def devices(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """List the keys that sign evidence."""
+    with connected(site) as (loaded, bus):
+        reply = bus.query(topics.STATE.name(org=loaded.org, what="devices"))
+    if as_json:
+        print_json(reply)
+        return
+    table = Table("address", "role", "owner", "", box=None)
+    for one in reply["devices"]:
+        gone = "" if one["revoked"] is None else "[red]revoked[/]"
+        table.add_row(one["address"], one["role"], one["owner_name"] or one["owner"], gone)
+    console.print(table)
+
+
+@rules.command("register-device")
+@reports_errors
+def register_device(
+    address: Annotated[str, typer.Argument(help="Of the key that signs evidence.")],
+    role: Annotated[str, typer.Option(help="What it is: robot, bin, meter, mocap.")],
+    owner: Annotated[str, typer.Option(help="A participant's name or an address.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Let a key sign evidence."""
+    _send(site, participant, "register_device", device=address, role=role, owner=owner)
+
+
+@rules.command("revoke-device")
+@reports_errors
+def revoke_device(
+    address: Annotated[str, typer.Argument(help="Of the key that signs evidence.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Let what a key signs from now on count no more."""
+    _send(site, participant, "revoke_device", device=address)
+
+
+def _send(site: Path, participant: str, command: str, **fields: Any) -> None:
+    """Do it and say in which block. Fields that are None are left out."""
+    request = {name: value for name, value in fields.items() if value is not None}
+    with connected(site) as (loaded, bus):
+        key = topics.COMMAND.name(org=loaded.org, participant=participant, command=command)
+        reply = bus.query(key, request, timeout_s=30)
+    console.print(f"{command.replace('_', ' ')}: done in block {reply['block']}", highlight=False)
