@@ -5,6 +5,7 @@ The index can be rebuilt from the chain and so may lose its last moments in a po
 
 from __future__ import annotations
 
+import threading
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,10 @@ from typing import Any
 import sqlalchemy
 from sqlalchemy import Engine, Table, create_engine, make_url
 from sqlalchemy.dialects import postgresql, sqlite
+
+_CHECKPOINT_S = 2.0
+_CHECKPOINT_PAGES = 10_000
+"""Of 4 KiB; a commit moves them by itself when the log has grown this far all the same."""
 
 _MIGRATIONS = Path(__file__).parent / "migrations"
 
@@ -35,9 +40,34 @@ def open_database(url: str, schema: str = "", *, durable: bool = False) -> Engin
         # Readers do not wait for the writer.
         connection.execute("pragma journal_mode = wal")
         connection.execute(f"pragma synchronous = {'full' if durable else 'normal'}")
+        if not durable:
+            connection.execute(f"pragma wal_autocheckpoint = {_CHECKPOINT_PAGES}")
 
     sqlalchemy.event.listen(engine, "connect", configure)
     return engine
+
+
+class Checkpointer:
+    """Moves the pages of a SQLite write-ahead log to their place, in a thread of its own.
+
+    That waits for the disk, which SQLite would do in one commit of a hundred: 30 ms that nobody expects. It
+    holds up neither readers nor the writer.
+    """
+
+    def __init__(self, engine: Engine) -> None:
+        self._engine = engine
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="checkpoints", daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        while not self._stop.wait(_CHECKPOINT_S):
+            with self._engine.connect() as connection:
+                connection.exec_driver_sql("pragma wal_checkpoint(passive)")
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
 
 
 def migrate(engine: Engine, what: str, revision: str = "head") -> None:

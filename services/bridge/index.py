@@ -31,7 +31,7 @@ from rodeo.chain import Log
 from rodeo.messages import DaoEvent
 from services.bridge import schema
 from services.bridge.amounts import event_args
-from services.bridge.database import migrate, open_database, upsert
+from services.bridge.database import Checkpointer, migrate, open_database, upsert
 from services.bridge.errors import IndexUnusable
 from services.bridge.projection import Projection
 from services.bridge.rows import Rows, roll_back
@@ -105,6 +105,7 @@ class Index:
             self._position = Position(rows[0]["block"], rows[0]["block_hash"], rows[0]["block_time_s"])
         else:
             self.clear()
+        self._checkpointer = Checkpointer(self._engine) if self._engine.dialect.name == "sqlite" else None
 
     def _migrate(self) -> None:
         tables = schema.metadata.tables
@@ -128,6 +129,8 @@ class Index:
         self._position = NOWHERE
 
     def close(self) -> None:
+        if self._checkpointer is not None:
+            self._checkpointer.close()
         self._engine.dispose()
 
     # Following the chain ----------------------------------------------------------------------------------
@@ -171,8 +174,8 @@ class Index:
                 [{"number": n, "hash": block_hash, "time_s": t} for n, (block_hash, t) in recent.items()],
             )
             if position.block % KEPT_BLOCKS == 0 or len(recent) > 1:
-                connection.execute(delete(schema.blocks).where(schema.blocks.c.number <= final))
-                connection.execute(delete(schema.undo).where(schema.undo.c.block <= final))
+                connection.execute(_FORGET_BLOCKS, {"final": final})
+                connection.execute(_FORGET_UNDO, {"final": final})
             connection.execute(_MOVE_CURSOR, _at(position))
         self._position = position
         return applied
@@ -414,6 +417,8 @@ class Index:
 _NEWEST_SEQ = select(func.max(schema.events.c.seq))
 _ADD_EVENTS = insert(schema.events)
 _MOVE_CURSOR = update(schema.cursor)
+_FORGET_BLOCKS = delete(schema.blocks).where(schema.blocks.c.number <= bindparam("final"))
+_FORGET_UNDO = delete(schema.undo).where(schema.undo.c.block <= bindparam("final"))
 _PUBLISHED_SEQ = select(schema.cursor.c.published_seq)
 _BALANCE = select(schema.balances.c.balance).where(schema.balances.c.address == bindparam("address"))
 

@@ -241,6 +241,8 @@ class Outbox:
     def indexed(self, tx_hashes: Iterable[str]) -> None:
         """The index has taken in events of these transactions."""
         with self._lock:
+            if not any(wallet.in_flight for wallet in self._wallets.values()):
+                return  # strangers' transactions: ours are in flight before they are sent
             self._seen.update(tx_hashes)
         self._wake.set()
 
