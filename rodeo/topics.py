@@ -69,6 +69,22 @@ ODOM = _topic("{ns}/odom", "nav_msgs/msg/Odometry", 50, "robot_sim", True, "whee
 JOINT_STATES = _topic(
     "{ns}/joint_states", "sensor_msgs/msg/JointState", 50, "robot_sim", True, "arm, fingers and wheels"
 )
+ARM_STATE = _topic(
+    "{ns}/arm_controller/controller_state",
+    "control_msgs/msg/JointTrajectoryControllerState",
+    10,
+    "robot_sim",
+    True,
+    "where the arm's controller wants the joints, and where they are",
+)
+GRIPPER_STATE = _topic(
+    "{ns}/gripper_controller/controller_state",
+    "control_msgs/msg/JointTrajectoryControllerState",
+    10,
+    "robot_sim",
+    True,
+    "the same of the fingers: the reference is the last command's",
+)
 BATTERY_STATE = _topic(
     "{ns}/battery_state", "sensor_msgs/msg/BatteryState", 1, "robot_sim", True, "the robot's battery"
 )

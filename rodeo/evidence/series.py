@@ -10,15 +10,13 @@ from __future__ import annotations
 import struct
 from array import array
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
 from rosbags.interfaces import Nodetype
-from rosbags.typesys import Stores, get_typestore
-from rosbags.typesys.store import Typestore
 
 from rodeo.evidence.errors import LayoutChanged
+from rodeo.ros2.types import STORE
 
 Array = np.ndarray[Any, Any]
 
@@ -37,13 +35,8 @@ _DTYPES = {"bool": "?", "byte": "u1", "char": "u1"} | {
 _MAX_FIELDS = 10_000
 
 
-@cache
-def _typestore() -> Typestore:
-    return get_typestore(Stores.ROS2_JAZZY)
-
-
 def _fields(ros_type: str) -> list[tuple[str, Any]]:
-    return _typestore().fielddefs[ros_type][1]
+    return STORE.fielddefs[ros_type][1]
 
 
 @dataclass(frozen=True)
@@ -71,9 +64,9 @@ class Table:
         """(n, len(components)) from `path.x`, `path.y`, ..."""
         return np.stack([self[f"{path}.{component}"] for component in components], axis=1)
 
-    def named(self, path: str, names: list[str]) -> Array:
-        """(n, len(names)): the entries of sequence `path` that belong to `names` of a JointState."""
-        found = [self.strings[key] for key in self.strings if key.startswith("name[")]
+    def named(self, path: str, names: list[str], key: str = "name") -> Array:
+        """(n, len(names)): the entries of sequence `path` that belong to `names` in sequence `key`."""
+        found = [self.strings[one] for one in self.strings if one.startswith(f"{key}[")]
         missing = [name for name in names if name not in found]
         if missing or self[path].shape[1] != len(found):
             raise LayoutChanged("joints are missing", topic=self.topic, field=path, missing=missing)

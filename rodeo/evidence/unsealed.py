@@ -13,13 +13,13 @@ from pathlib import Path
 
 from rosbags.convert.converter import is_same_wireformat, migrate_bytes
 from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import CorruptProof, ProofNotFound, ProofTooLarge
 from rodeo.evidence.proof import Proof, TopicMessages
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.ros2.types import STORE
 
 _JSON = {"/" + channel: channel for channel in (EVENT_CHANNEL, ATTESTATION_CHANNEL)}
 _STRING = "std_msgs/msg/String"
@@ -51,7 +51,7 @@ def open_bag(path: Path, limits: Limits | None = None) -> Proof:
 
 
 def _read(path: Path, limits: Limits) -> tuple[dict[str, TopicMessages], array[int]]:
-    ours = get_typestore(Stores.ROS2_JAZZY)
+    ours = STORE
     topics: dict[str, TopicMessages] = {}
     indices: dict[str, int] = {}
     order = array("H")

@@ -119,23 +119,24 @@ def _build_store() -> Typestore:
     return store
 
 
-_store = _build_store()
+STORE = _build_store()
+"""Every type in use, for what of rosbags needs a store."""
 
 
 def _known(typename: str) -> str:
-    if typename not in _store.fielddefs:
+    if typename not in STORE.fielddefs:
         raise UnknownType(f"unknown interface type {typename!r}", type=typename)
     return typename
 
 
 def msg(typename: str) -> type[Any]:
     """Class of a message type. Raises UnknownType."""
-    return _store.types[_known(typename)]
+    return STORE.types[_known(typename)]
 
 
 def new(typename: str, **fields: Any) -> Any:
     """A message with the given fields; all others are zero, empty or false. Raises UnknownType."""
-    definitions = dict(_store.fielddefs[_known(typename)][1])
+    definitions = dict(STORE.fielddefs[_known(typename)][1])
     unknown = fields.keys() - definitions.keys()
     if unknown:
         raise UnknownType(f"{typename} has no field {sorted(unknown)}", type=typename, fields=sorted(unknown))
@@ -159,13 +160,13 @@ def _zero(descriptor: Any) -> Any:
 
 def serialize(message: Any) -> bytes:
     """CDR (little endian, with encapsulation header) of a message made by `msg` or `new`."""
-    return bytes(_store.serialize_cdr(message, message.__msgtype__))
+    return bytes(STORE.serialize_cdr(message, message.__msgtype__))
 
 
 def deserialize(cdr: bytes, typename: str) -> Any:
     """Message from CDR. Raises UnknownType, MalformedMessage."""
     try:
-        return _store.deserialize_cdr(cdr, _known(typename))
+        return STORE.deserialize_cdr(cdr, _known(typename))
     except (SerdeError, IndexError, AssertionError) as error:
         raise MalformedMessage(f"not a {typename}: {error}", type=typename, length_bytes=len(cdr)) from error
 
@@ -181,7 +182,7 @@ def stamp_ns(cdr: bytes) -> int:
 @cache
 def type_hash(typename: str) -> str:
     """RIHS01 hash (REP-2016) of a message, service or derived action structure. Raises UnknownType."""
-    return _store.hash_rihs01(_known(typename))
+    return STORE.hash_rihs01(_known(typename))
 
 
 def dds_type(typename: str) -> str:
@@ -199,7 +200,7 @@ def schema_text(typename: str) -> str:
         if name in definitions:
             return
         definitions[name] = ""
-        constants, fields = _store.fielddefs[_known(name)]
+        constants, fields = STORE.fielddefs[_known(name)]
         lines = [f"{kind} {constant}={value}" for constant, kind, value in constants]
         for field, descriptor in fields:
             if field != _DUMMY_FIELD:

@@ -116,6 +116,11 @@ class ArmDriver:
     def idle(self) -> bool:
         return self._motion is None
 
+    @property
+    def reference_rad(self) -> np.ndarray:
+        """(6,) where the joints are wanted now."""
+        return self._hold_rad
+
     def follow(self, motion: Motion) -> None:
         """Start a trajectory from where the arm is; one under way ends as cancelled."""
         self.halt()

@@ -82,3 +82,24 @@ class JointStates:
         for sequence, values in zip(self._sequences, (position, velocity, effort), strict=True):
             sequence[:] = values
         return bytes(self._buffer)
+
+
+class ControllerStates:
+    """control_msgs/JointTrajectoryControllerState of always the same joints, positions only."""
+
+    def __init__(self, template: Any) -> None:
+        count, parts = len(template.joint_names), (template.reference, template.feedback, template.error)
+        marks = [1.2345678e123 * (k + 1) for k in range(len(parts))]
+        for part, mark in zip(parts, marks, strict=True):
+            part.positions = np.full(count, mark)
+        self._buffer = bytearray(types.serialize(template))
+        places = [self._buffer.index(struct.pack("<d", mark)) for mark in marks]
+        self._reference, self._feedback, self._error = (
+            np.frombuffer(self._buffer, "<f8", count, place) for place in places
+        )
+
+    def encode(self, time_ns: int, reference: np.ndarray, measured: np.ndarray) -> bytes:
+        _STAMP.pack_into(self._buffer, _STAMP_AT, *divmod(time_ns, 1_000_000_000))
+        self._reference[:], self._feedback[:] = reference, measured
+        self._error[:] = reference - measured
+        return bytes(self._buffer)

@@ -13,7 +13,7 @@ from rodeo.lab.sensors import Lidar, Pinhole
 from rodeo.lab.world import CAMERA_SITE, LIDAR_SITE
 from rodeo.ros2 import types
 from services.robot_sim.battery import Battery, Supply, SupplyStatus
-from services.robot_sim.cdr import JointStates, StampedDoubles, Transforms
+from services.robot_sim.cdr import ControllerStates, JointStates, StampedDoubles, Transforms
 from services.robot_sim.frames import Transform
 from services.robot_sim.planner import Point2
 
@@ -100,6 +100,17 @@ def joint_state_template() -> JointStates:
     zeros = np.zeros(len(JOINTS))
     return JointStates(
         _JointState(header=header(0, ""), name=list(JOINTS), position=zeros, velocity=zeros, effort=zeros)
+    )
+
+
+def controller_state_template(joints: Sequence[str]) -> ControllerStates:
+    return ControllerStates(
+        types.new(
+            "control_msgs/msg/JointTrajectoryControllerState",
+            header=header(0, ""),
+            joint_names=list(joints),
+            speed_scaling_factor=1.0,
+        )
     )
 
 

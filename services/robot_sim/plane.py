@@ -10,7 +10,7 @@ import numpy as np
 from rodeo import topics
 from rodeo.lab.body import Twist2
 from rodeo.lab.sensors import DepthCamera
-from rodeo.lab.world import CAMERA_SITE
+from rodeo.lab.world import ARM_JOINTS, CAMERA_SITE, FINGER_JOINTS
 from rodeo.ros2 import DEFAULT, LATCHED, MessageInfo, Node, Publisher, types
 from services.robot_sim import messages
 from services.robot_sim.camera import BinCamera, WristCamera
@@ -27,6 +27,7 @@ _DEPTH_TICKS = 10
 _SECOND_TICKS = 50
 """Control periods between messages of 10 Hz, 5 Hz and 1 Hz."""
 _CLOCK_WALL_PERIOD_S = 0.01
+_FINGER_SIDES = np.array([1.0, -1.0])
 _NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
 _CDR_ORDER = np.array([1, 2, 3, 0])
 """From MuJoCo's w, x, y, z to ROS's x, y, z, w."""
@@ -144,6 +145,9 @@ class RobotPlane:
         self._odometry = messages.odometry_template(self._ns, robot.config.noise)
         self._joints = publisher(topics.JOINT_STATES)
         self._joint_states = messages.joint_state_template()
+        self._arm, self._gripper = publisher(topics.ARM_STATE), publisher(topics.GRIPPER_STATE)
+        self._arm_state = messages.controller_state_template(ARM_JOINTS)
+        self._gripper_state = messages.controller_state_template(FINGER_JOINTS)
         self._battery = publisher(topics.BATTERY_STATE)
         self._scan = publisher(topics.SCAN)
         self._depth_image, self._depth_info = (
@@ -167,6 +171,8 @@ class RobotPlane:
     def publish(self, tick: int, skipped: bool) -> None:
         now_ns, robot = self._simulation.time_ns, self._robot
         self._publish_motion(now_ns)
+        if tick % _SLOW_TICKS == 0:
+            self._publish_controllers(now_ns)
         if skipped or tick % _SECOND_TICKS == 0:
             self._battery.publish(messages.battery_state(now_ns, self._ns, robot.battery), now_ns)
         if self._tf.matched:
@@ -194,6 +200,12 @@ class RobotPlane:
         self._odom.publish_cdr(odometry, now_ns)
         joints = self._joint_states.encode(now_ns, body.positions, body.velocities, body.efforts)
         self._joints.publish_cdr(joints, now_ns)
+
+    def _publish_controllers(self, now_ns: int) -> None:
+        robot, position = self._robot, self._robot.body.positions
+        self._arm.publish_cdr(self._arm_state.encode(now_ns, robot.arm.reference_rad, position[:6]), now_ns)
+        fingers_m = robot.gripper.position_m * _FINGER_SIDES
+        self._gripper.publish_cdr(self._gripper_state.encode(now_ns, fingers_m, position[6:8]), now_ns)
 
     def _frame_poses(self) -> np.ndarray:
         """(n, 7): odom in the map (localisation is the motion capture's), base_link in odom, the links."""

@@ -21,6 +21,17 @@ PARTS = {
     "control_msgs/msg/JointComponentTolerance": (
         "string joint_name\nuint16 component\nfloat64 position\nfloat64 velocity\nfloat64 acceleration\n"
     ),
+    "control_msgs/msg/JointTrajectoryControllerState": (
+        "std_msgs/Header header\nstring[] joint_names\n"
+        "trajectory_msgs/JointTrajectoryPoint reference\ntrajectory_msgs/JointTrajectoryPoint feedback\n"
+        "trajectory_msgs/JointTrajectoryPoint error\ntrajectory_msgs/JointTrajectoryPoint output\n"
+        "string[] multi_dof_joint_names\n"
+        "trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_reference\n"
+        "trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_feedback\n"
+        "trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error\n"
+        "trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_output\n"
+        "float64 speed_scaling_factor\n"
+    ),
     "simulation_interfaces/msg/Result": "uint8 result\nstring error_message\n",
     "simulation_interfaces/msg/EntityState": (
         "std_msgs/Header header\ngeometry_msgs/Pose pose\ngeometry_msgs/Twist twist\n"
@@ -74,6 +85,7 @@ SERVICES = {
 }
 
 HASHES = {
+    "control_msgs/msg/JointTrajectoryControllerState": "51d8dd89cc624cbe9daaeeb4d80d6de9b86168ffdc3be41fefc0953e3c26e480",
     "nav2_msgs/action/NavigateToPose_SendGoal": "a4fcb3bee1bf32e21a0e541a943b221aa0826996e2c98f079b47022b256f48b5",
     "nav2_msgs/action/NavigateToPose_GetResult": "12dc670d3dac446019bb61a2bef1fd92ada02d582ca70922706d933a54b07f1c",
     "nav2_msgs/action/NavigateToPose_FeedbackMessage": "9d1f6fa2eb975ce733b419ac2e97b134d8ff92b6478b6559feed9a50bdfd82b3",

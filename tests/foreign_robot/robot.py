@@ -27,6 +27,7 @@ ARM = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotat
 FINGERS = ("left_finger", "right_finger")
 WHEELS = ("fl_wheel_joint", "fr_wheel_joint", "rl_wheel_joint", "rr_wheel_joint")
 STOWED_RAD = (0.0, -1.1, 0.55, 0.0, 1.77, 0.0)
+CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 OPEN_M, CLOSED_M, PAD_M = 0.057, 0.021, 0.008
 GRIP_N = 5.0
 SPEED_M_S, SPEED_UP_M_S2 = 0.4, 0.5
@@ -109,6 +110,7 @@ class Robot:
         self.base = Base(*arguments.pose)
         self.arm = np.array(STOWED_RAD)
         self.gripper_m, self._holding = OPEN_M, False
+        self._wanted_m = OPEN_M
         self._in_hand: tuple[np.ndarray, np.ndarray] | None = None
         self._item: tuple[np.ndarray, np.ndarray] | None = None
         self.stopped = False
@@ -137,6 +139,8 @@ class Robot:
             for name, typename in (
                 ("odom", "nav_msgs/msg/Odometry"),
                 ("joint_states", "sensor_msgs/msg/JointState"),
+                ("arm_controller/controller_state", CONTROLLER_STATE),
+                ("gripper_controller/controller_state", CONTROLLER_STATE),
                 ("battery_state", "sensor_msgs/msg/BatteryState"),
                 ("scan", "sensor_msgs/msg/LaserScan"),
                 ("wrist_camera/depth/image_rect_raw", "sensor_msgs/msg/Image"),
@@ -303,6 +307,7 @@ class Robot:
         if goal is None:
             return
         wanted = min(OPEN_M, max(CLOSED_M, goal.request.command.position))
+        self._wanted_m = wanted
         stops_m = self._radius_m + PAD_M if self._item_between_pads() else CLOSED_M
         step = 0.06 * STEP_S
         target = max(wanted, stops_m)
@@ -417,6 +422,11 @@ class Robot:
             effort=np.array([*[0.0] * 6, -force, force, *[0.0] * 4]),
         )
         if self._tick % 5 == 0:
+            fingers = np.array([1.0, -1.0])
+            self._publish_controller(now_s, "arm", ARM, self.arm, self.arm)
+            self._publish_controller(
+                now_s, "gripper", FINGERS, self._wanted_m * fingers, self.gripper_m * fingers
+            )
             self._publish_scan(now_s)
         if self._tick % 10 == 0:
             self._publish_depth(now_s)
@@ -437,6 +447,44 @@ class Robot:
             child_frame_id=f"{self._ns}/base_link",
             pose=new("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=np.zeros(36)),
             twist=new("geometry_msgs/msg/TwistWithCovariance", twist=twist, covariance=np.zeros(36)),
+        )
+
+    def _publish_controller(
+        self, now_s: float, part: str, joints: tuple[str, ...], wanted: np.ndarray, measured: np.ndarray
+    ) -> None:
+        new, none = self._network.new, np.zeros(0)
+        still = new("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
+
+        def point(positions: np.ndarray) -> Any:
+            return new(
+                "trajectory_msgs/msg/JointTrajectoryPoint",
+                positions=positions,
+                velocities=none,
+                accelerations=none,
+                effort=none,
+                time_from_start=still,
+            )
+
+        nowhere = new(
+            "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint",
+            transforms=[],
+            velocities=[],
+            accelerations=[],
+            time_from_start=still,
+        )
+        self._publishers[f"{part}_controller/controller_state"].publish(
+            header=self._header(now_s, ""),
+            joint_names=list(joints),
+            reference=point(wanted),
+            feedback=point(measured),
+            error=point(wanted - measured),
+            output=point(none),
+            multi_dof_joint_names=[],
+            multi_dof_reference=nowhere,
+            multi_dof_feedback=nowhere,
+            multi_dof_error=nowhere,
+            multi_dof_output=nowhere,
+            speed_scaling_factor=1.0,
         )
 
     def _publish_battery(self, now_s: float) -> None:

@@ -13,8 +13,10 @@ from mcap.writer import MCAP0_MAGIC, Writer
 
 from rodeo.evidence import Recorder
 from tests.forgeries.workshop import (
+    ARM_STATE,
     FINGERS,
     GAUGE,
+    GRIPPER_STATE,
     ITEM,
     ITEM_POSE,
     JOINT_STATES,
@@ -29,6 +31,7 @@ from tests.forgeries.workshop import (
     Submission,
     Workshop,
     at_pace,
+    commanded,
     displaced,
     middle_s,
     numbered,
@@ -561,7 +564,39 @@ def edited_trajectory(shop: Workshop) -> Submission:
         position[WAIST] += 0.12
         return with_joints(sample, position=position)
 
-    return shop.cleaned(shop.cleaning.edited(JOINT_STATES, turn))
+    take = shop.cleaning.edited(ARM_STATE, lambda s: commanded(s, s.message.reference.positions + _TURNED))
+    return shop.cleaned(take.edited(JOINT_STATES, turn))
+
+
+_TURNED = np.array([0.12, 0, 0, 0, 0, 0])
+
+
+@forgery("arm_commanded", "median")
+def motion_that_nobody_commanded(shop: Workshop) -> Submission:
+    """The same in the joints alone: the commands were for elsewhere."""
+    return shop.cleaned(
+        shop.cleaning.edited(ARM_STATE, lambda s: commanded(s, s.message.reference.positions + _TURNED))
+    )
+
+
+@forgery("arm_commanded")
+def commands_of_another_motion(shop: Workshop) -> Submission:
+    """An arm that is told to stay where it is, while it is said to work."""
+    first = shop.cleaning.of(ARM_STATE)[0].message.reference.positions
+    return shop.cleaned(shop.cleaning.edited(ARM_STATE, lambda s: commanded(s, first)))
+
+
+@forgery("gripper_commanded")
+def a_grip_that_nobody_commanded(shop: Workshop) -> Submission:
+    """Fingers that close while they are told to stay open."""
+    first = shop.cleaning.of(GRIPPER_STATE)[0].message.reference.positions
+    return shop.cleaned(shop.cleaning.edited(GRIPPER_STATE, lambda s: commanded(s, first)))
+
+
+@forgery("cleaning_topics", "gripper_controller")
+def commands_left_out(shop: Workshop) -> Submission:
+    """Measured positions alone."""
+    return shop.cleaned(shop.cleaning.without(GRIPPER_STATE))
 
 
 @forgery("replayed", "does not close")
@@ -573,10 +608,11 @@ def gripper_never_closed(shop: Workshop) -> Submission:
 @forgery("compartment", "outside the bin")
 def dropped_on_the_way(shop: Workshop) -> Submission:
     """The fingers open half-way; a person took the item the rest of the way."""
-    share_s = middle_s(shop.cleaning, 0.62)
-    return shop.cleaned(
-        shop.cleaning.edited(JOINT_STATES, lambda s: opened(s) if s.time_ns * 1e-9 > share_s else s)
+    share_s, wide = middle_s(shop.cleaning, 0.62), np.array([0.057, -0.057])
+    take = shop.cleaning.edited(
+        GRIPPER_STATE, lambda s: commanded(s, wide) if s.time_ns * 1e-9 > share_s else s
     )
+    return shop.cleaned(take.edited(JOINT_STATES, lambda s: opened(s) if s.time_ns * 1e-9 > share_s else s))
 
 
 @forgery("item_place")

@@ -37,6 +37,7 @@ from tests.support.recordings import Sample, Take, film_charging, film_cleaning,
 ITEM = "item3"
 PLACE = {"item_id": ITEM, "x_m": 5.4, "y_m": 2.5}
 JOINT_STATES, ODOM, SIGNED = "panther1/joint_states", "panther1/odom", "rodeo/attestation"
+ARM_STATE, GRIPPER_STATE = (f"panther1/{part}_controller/controller_state" for part in ("arm", "gripper"))
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", f"mocap/{ITEM}/pose"
 OUTPUT, GAUGE = "dock1/output", "panther1/battery_state"
 FINGERS = [JOINTS.index("left_finger"), JOINTS.index("right_finger")]
@@ -173,6 +174,11 @@ def opened(sample: Sample) -> Sample:
     position, effort = sample.message.position.copy(), sample.message.effort.copy()
     position[FINGERS], effort[FINGERS] = (0.057, -0.057), 0.0
     return with_joints(sample, position=position, effort=effort)
+
+
+def commanded(sample: Sample, reference: np.ndarray) -> Sample:
+    """A controller's state with another reference."""
+    return with_fields(sample, reference=replace(sample.message.reference, positions=reference))
 
 
 def displaced(sample: Sample, x: float = 0.0, y: float = 0.0) -> Sample:

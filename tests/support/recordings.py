@@ -17,23 +17,24 @@ import mujoco
 import numpy as np
 from eth_account.signers.local import LocalAccount
 from rosbags.rosbag2 import Writer
-from rosbags.typesys import Stores, get_typestore
 
 from rodeo.config import Site
 from rodeo.evidence import Binding, Recorder, SealedProof, attest
 from rodeo.lab.body import JOINTS, Body, Twist2
 from rodeo.lab.config import Pose2
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, wrap
-from rodeo.lab.world import build_world
+from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, build_world
 from rodeo.metering import MeterSample, MeterStatement, segment_wh
 from rodeo.mocap import PoseChain
-from rodeo.ros2.types import new, serialize
+from rodeo.ros2.types import STORE, new, serialize
 from services.robot_sim.battery import Battery, Supply
 from tests.support.operator import READY_RAD, Operator
 
 START_NS = 1_900_000_000 * 10**9
 ODOMETRY, JOINTS_TYPE = "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState"
 METER_STATEMENT_SAMPLES = 10
+CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
+CONTROLLER_FRAMES = 5
 POSE, BATTERY = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/BatteryState"
 
 
@@ -126,7 +127,7 @@ def seal(take: Take, path: Path, binding: Binding, account: LocalAccount) -> Sea
 def write_bag(take: Take, path: Path) -> Path:
     """`take` as a ROS 2 bag of another tool: nothing is sealed, JSON goes as text."""
     text = "std_msgs/msg/String"
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store = STORE
     with Writer(path, version=9) as writer:
         connections: dict[str, Any] = {}
         for sample in take.samples:
@@ -161,9 +162,13 @@ class _Camera:
     def now_ns(self) -> int:
         return START_NS + round(self.data.time * 1e3) * 10**6
 
-    def film(self) -> None:
-        """One 50 Hz frame of everything."""
+    def film(self, arm_rad: np.ndarray, gripper_m: float) -> None:
+        """One 50 Hz frame of everything; the controllers want arm and gripper there."""
         ns, body = self.robot.name, self.body
+        if self._sequence % CONTROLLER_FRAMES == 0:
+            fingers_m = gripper_m * np.array([1.0, -1.0])
+            self._control("arm", ARM_JOINTS, arm_rad, body.positions[:6])
+            self._control("gripper", FINGER_JOINTS, fingers_m, body.positions[6:8])
         twist = body.wheel_twist
         self._odom[2] += twist.angular_rad_s * 0.02
         self._odom[:2] += (
@@ -195,6 +200,21 @@ class _Camera:
             self._add(f"mocap/{name}/pose", POSE, pose)
         self._sequence += 1
 
+    def _control(
+        self, part: str, joints: tuple[str, ...], reference: np.ndarray, measured: np.ndarray
+    ) -> None:
+        point = "trajectory_msgs/msg/JointTrajectoryPoint"
+        state = new(
+            CONTROLLER_STATE,
+            joint_names=list(joints),
+            reference=new(point, positions=reference.copy()),
+            feedback=new(point, positions=measured.copy()),
+            error=new(point, positions=reference - measured),
+        )
+        topic = f"{self.robot.name}/{part}_controller/controller_state"
+        number = self._sequence // CONTROLLER_FRAMES
+        self.samples.append(Sample(topic, CONTROLLER_STATE, stamp(state, self.now_ns), self.now_ns, number))
+
     def attest(self, payload: dict[str, Any], account: LocalAccount) -> None:
         statement = attest(payload, account).model_dump()
         self.samples.append(Sample("rodeo/attestation", "", statement, self.now_ns))
@@ -211,7 +231,7 @@ class _FilmedOperator(Operator):
 
     def tick(self) -> None:
         super().tick()
-        self.camera.film()
+        self.camera.film(self.setpoint, self.grip[0])
 
     def turn_to(self, yaw_rad: float) -> None:
         """Without the last hundredth of a radian, for which tyres that stick take half a minute."""
@@ -315,7 +335,7 @@ def later(take: Take, seconds: int, bin_account: LocalAccount, after_s: float = 
                 sample,
                 message=stamp(replace(sample.message, header=header), time_ns),
                 time_ns=time_ns,
-                sequence=sample.sequence + 50 * seconds,
+                sequence=sample.sequence + seconds * (10 if sample.ros_type == CONTROLLER_STATE else 50),
             )
         payload = sample.message["payload"]
         times = {key: payload[key] + seconds for key in ("after_s", "time_s") if key in payload}

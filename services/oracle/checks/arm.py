@@ -4,14 +4,22 @@ from functools import cache
 
 import numpy as np
 
-from rodeo.evidence.series import Array
+from rodeo.evidence.series import Array, Table
 from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, robot_model
+from rodeo.topics import ARM_STATE, GRIPPER_STATE
 from services.oracle.case import Case, increasing
 from services.oracle.checks.base import TOLERANCE, WINDOW_S
 from services.oracle.report import Finding, at_most
 
 RANGE_SLACK_RAD = 0.05
 """Soft joint stops give way a little."""
+
+FOLLOWING_LIMIT_RAD = 0.25
+"""A trajectory that is off its path by 0.2 rad is aborted; another 0.05 for what passes until then."""
+USUALLY_WITHIN_RAD = 0.05
+"""The median: servos lag while they move and sag under the arm's weight, but mostly they hold still."""
+AGAINST_LIMIT_M = 0.005
+"""What fingers, of a millimetre of play, may give way under what they hold."""
 
 
 @cache
@@ -61,3 +69,51 @@ def gripper_force(case: Case) -> Finding:
         source="the site's limits of the robot",
         detail="strongest push of a finger",
     )
+
+
+def arm_commanded(case: Case) -> Finding:
+    """The arm was where its controller wanted it: the joints moved because they were told to."""
+    state = case.table(ARM_STATE, ns=case.robot.namespace)
+    wanted = state.named("reference.positions", list(ARM_JOINTS), "joint_names")
+    off = np.abs(wanted - _measured(case, state, ARM_JOINTS)).max(axis=1)
+    worst, median = float(off.max()), float(np.median(off))
+    if not worst <= FOLLOWING_LIMIT_RAD:
+        return at_most(
+            worst, FOLLOWING_LIMIT_RAD, "rad", source="path tolerance of the arm's controller", detail=_OFF
+        )
+    return at_most(
+        median,
+        USUALLY_WITHIN_RAD,
+        "rad",
+        source="lag and sag of the arm's servos",
+        detail=f"median of {_OFF}",
+    )
+
+
+_OFF = "commanded against measured joints"
+
+
+def gripper_commanded(case: Case) -> Finding:
+    """The fingers only ever went where they were commanded, though what they hold may stop them before."""
+    state = case.table(GRIPPER_STATE, ns=case.robot.namespace)
+    wanted = _half_gap(state.named("reference.positions", list(FINGER_JOINTS), "joint_names"))
+    left_m = np.abs(wanted - _half_gap(_measured(case, state, FINGER_JOINTS)))
+    commands = np.split(left_m, np.flatnonzero(np.diff(wanted)) + 1)
+    return at_most(
+        max(float((left - np.minimum.accumulate(left)).max()) for left in commands),
+        AGAINST_LIMIT_M,
+        "m",
+        source="play of the fingers",
+        detail="a finger's way away from where it is commanded",
+    )
+
+
+def _measured(case: Case, state: Table, joints: tuple[str, ...]) -> Array:
+    """(n, len(joints)) recorded positions at the times of a controller's states."""
+    time_s = increasing(case.joints)
+    columns = case.joints.named("position", list(joints)).T
+    return np.stack([np.interp(increasing(state), time_s, column) for column in columns], axis=1)
+
+
+def _half_gap(fingers_m: Array) -> Array:
+    return np.asarray((fingers_m[:, 0] - fingers_m[:, 1]) / 2)

@@ -7,7 +7,16 @@ import numpy as np
 from rodeo.dao import CHARGING
 from rodeo.evidence.recorder import CLOSED, Tally
 from rodeo.lab.layout import BinLayout
-from rodeo.topics import BATTERY_STATE, DOCK_OUTPUT, JOINT_STATES, MOCAP_POSE, ODOM, Topic
+from rodeo.topics import (
+    ARM_STATE,
+    BATTERY_STATE,
+    DOCK_OUTPUT,
+    GRIPPER_STATE,
+    JOINT_STATES,
+    MOCAP_POSE,
+    ODOM,
+    Topic,
+)
 from services.oracle.case import Case, CaseError, increasing
 from services.oracle.report import Finding, at_least, at_most, equal, skipped
 from services.oracle.rest import Rest, compartment_of
@@ -30,6 +39,8 @@ def _cleaning(case: Case) -> list[tuple[Topic, str]]:
     return [
         (ODOM, ODOM.name(ns=namespace)),
         (JOINT_STATES, JOINT_STATES.name(ns=namespace)),
+        (ARM_STATE, ARM_STATE.name(ns=namespace)),
+        (GRIPPER_STATE, GRIPPER_STATE.name(ns=namespace)),
         (MOCAP_POSE, MOCAP_POSE.name(body=robot)),
         (MOCAP_POSE, MOCAP_POSE.name(body=item)),
     ]
@@ -48,7 +59,7 @@ def streams(case: Case) -> list[tuple[Topic, str]]:
 
 
 def cleaning_topics(case: Case) -> Finding:
-    """Odometry, joints and motion capture at their nominal rates."""
+    """Odometry, joints, their controllers and motion capture at their nominal rates."""
     return _rates(case, _cleaning(case))
 
 
