@@ -56,6 +56,7 @@ class LabConfig(Section):
     wall_height_m: Positive = 0.5
     wall_thickness_m: Positive = 0.1
     furniture: tuple[FurnitureConfig, ...] = ()
+    mocap: bool = Field(True, description="whether motion capture tracks robots and items")
 
 
 class BinConfig(Section):

@@ -12,6 +12,7 @@ import math
 import threading
 import time
 from collections import defaultdict
+from contextlib import closing
 from hashlib import file_digest
 from pathlib import Path
 from typing import Any
@@ -191,7 +192,8 @@ class Charger:
             if problem is not None:
                 log.warning("task %d cannot be done: %s", job.task.id, problem)
                 delivery.stop(End.BAD_TASK)
-            self._attend(delivery)
+            with closing(self._watch(robot, delivery)):
+                self._attend(delivery)
         finally:
             self._delivery = None
         if not delivery.session.ended:
@@ -199,6 +201,15 @@ class Charger:
             return None
         log.info("%s ended: %s, %.1f Wh", job.name, job.session.end, delivery.energy_wh)
         return delivery.seal().sha256
+
+    def _watch(self, robot: str, delivery: Delivery) -> Node:
+        """Listens to the motion capture of the robot, where there is one, until it is closed."""
+        bus, site = self._service.bus, self._site
+        node = Node(bus.session, "charger_watch", "", site.bus.domain_id, self._service.clock)
+        if site.lab.mocap:
+            pose = topics.MOCAP_POSE
+            node.raw_subscription(pose.name(body=robot), pose.type, delivery.on_pose)
+        return node
 
     def _attend(self, delivery: Delivery) -> None:
         """Move the contactor and tell the progress until the session is over or the process has to stop."""

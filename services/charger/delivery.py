@@ -19,12 +19,16 @@ from rodeo.evidence import Binding, Recorder, SealedProof, attest
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.messages import DaoEvent
 from rodeo.metering import MeterStatement
-from rodeo.ros2 import MessageInfo
+from rodeo.ros2 import MessageInfo, types
+from rodeo.ros2.errors import MalformedMessage
 from services.charger.job import Job, Recorded, recover, stamp_s
 from services.charger.meter import Meter, Register
 from services.charger.session import End, Phase, Session, SessionLimits
 
 log = logging.getLogger(__name__)
+
+_POSE_PERIOD_NS = 900_000_000
+"""A parked robot needs no more than one pose per second."""
 
 READINGS_PER_STATEMENT = 10
 """At 1 Hz: what the meter signs is at most 10 s old."""
@@ -54,6 +58,8 @@ class Delivery:
         self._changed = threading.Condition()
         self._failure: RodeoError | None = None
         self._last_time_s = 0.0
+        self._last_pose_ns = 0
+        self._pose_topic = topics.MOCAP_POSE.name(body=str(job.task.params.get("robot")))
         dock = str(job.task.params.get("dock"))
         self._output_topic = topics.DOCK_OUTPUT.name(dock=dock)
         self._battery_topic = battery_topic
@@ -95,6 +101,20 @@ class Delivery:
                 self._record(self._battery_topic, topics.BATTERY_STATE.type, info)
                 if math.isfinite(message.percentage):
                     self.session.battery(float(message.percentage))
+
+    def on_pose(self, info: MessageInfo) -> None:
+        """Where motion capture sees the robot: on record once per second while it is on the contacts."""
+        try:
+            time_ns = types.stamp_ns(info.cdr)
+        except MalformedMessage as error:
+            log.warning("left out a pose: %s", error)
+            return
+        if time_ns - self._last_pose_ns < _POSE_PERIOD_NS:
+            return
+        with self._step():
+            if self.job.session.phase is not Phase.WAITING:
+                self._last_pose_ns = time_ns
+                self._record(self._pose_topic, topics.MOCAP_POSE.type, info)
 
     def on_event(self, event: DaoEvent) -> None:
         """A contract event of this task."""

@@ -743,6 +743,12 @@ def a_robot_that_was_not_there(shop: Workshop) -> Submission:
     return shop.charged(shop.charge.edited(GAUGE, lambda s: with_fields(s, voltage=s.message.voltage - 1.5)))
 
 
+@forgery("robot_docked")
+def a_robot_beside_the_dock(shop: Workshop) -> Submission:
+    """Motion capture saw the robot half a metre away."""
+    return shop.charged(shop.charge.edited(ROBOT_POSE, lambda s: displaced(s, x=0.5)))
+
+
 @forgery("target")
 def half_a_charge(shop: Workshop) -> Submission:
     """Less than was ordered."""

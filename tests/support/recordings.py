@@ -22,7 +22,7 @@ from rodeo.config import Site
 from rodeo.evidence import Binding, Recorder, SealedProof, attest
 from rodeo.lab.body import JOINTS, Body, Twist2
 from rodeo.lab.config import Pose2
-from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, wrap
+from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, dock_parking, wrap
 from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, build_world
 from rodeo.metering import MeterSample, MeterStatement, segment_wh
 from rodeo.mocap import PoseChain
@@ -356,6 +356,7 @@ def moved(sample: Sample, **changes: float) -> Sample:
 def film_charging(site: Site, meter_account: LocalAccount, binding: Binding, *, soc: float = 0.5) -> Take:
     """A robot on the dock from `soc` to 96 %: constant current, then constant voltage, sampled at 1 Hz."""
     dock, robot = site.dock, site.robots[0]
+    parked = dock_parking(dock)
     battery, supply = Battery(robot.battery, soc), Supply(dock)
     supply.enable(True)
     samples: list[Sample] = []
@@ -386,6 +387,11 @@ def film_charging(site: Site, meter_account: LocalAccount, binding: Binding, *, 
         )
         samples.append(Sample(f"{dock.name}/output", BATTERY, stamp(output, now_ns), now_ns, seconds))
         samples.append(Sample(f"{robot.name}/battery_state", BATTERY, stamp(gauge, now_ns), now_ns, seconds))
+        pose = new(POSE)
+        pose.pose.position.x, pose.pose.position.y = parked.x_m, parked.y_m
+        pose.pose.orientation.z = math.sin(parked.yaw_rad / 2)
+        pose.pose.orientation.w = math.cos(parked.yaw_rad / 2)
+        samples.append(Sample(f"mocap/{robot.name}/pose", POSE, stamp(pose, now_ns), now_ns, 50 * seconds))
         reading = MeterSample(
             time_s=now_ns * 1e-9, voltage_v=terminal_v, current_a=current_a, power_w=terminal_v * current_a
         )

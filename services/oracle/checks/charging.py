@@ -6,7 +6,7 @@ from rodeo.evidence.series import Array, Table
 from rodeo.lab.config import Pose2
 from rodeo.lab.layout import on_contacts
 from rodeo.metering import MAX_GAP_S, MeterSample, chain_breaks, energy_wh
-from rodeo.topics import BATTERY_STATE, DOCK_OUTPUT, MOCAP_POSE
+from rodeo.topics import BATTERY_STATE, DOCK_OUTPUT
 from services.oracle.case import Case, CaseError, increasing
 from services.oracle.report import Finding, at_least, at_most, equal
 
@@ -92,36 +92,39 @@ def register(case: Case) -> Finding:
 
 
 def robot_docked(case: Case) -> Finding:
-    """While current flowed, the robot was on the contacts: by motion capture, else by its battery."""
+    """While current flowed, the robot was on the contacts: its battery had the terminals' voltage, and motion
+    capture, where there is one, saw it there."""
     _, time_s, volt, ampere = _output(case)
     flowing = time_s[ampere > DELIVERING_A]
     if not len(flowing):
         raise CaseError("the meter never saw a current")
-    if case.proof.count("/" + MOCAP_POSE.name(body=case.robot.name)):
+    # Only what is connected has the voltage of the terminals.
+    battery = case.table(BATTERY_STATE, ns=case.robot.namespace)
+    times = increasing(battery)
+    connected = np.abs(battery["voltage"] - np.interp(times, time_s, volt))
+    docked = _at(flowing, times, connected <= METER_CLASS * case.site.dock.voltage_v)
+    source = "voltage of the robot's battery (weaker: the site has no motion capture)"
+    if case.site.lab.mocap:
         pose = case.pose(case.robot.name)
-        times = pose.time_s
-        docked = np.array(
-            [
-                on_contacts(case.site.dock, Pose2.model_construct(x_m=x, y_m=y, yaw_rad=yaw))
-                for (x, y, _), yaw in zip(pose.position_m.tolist(), pose.yaw_rad.tolist(), strict=True)
-            ]
-        )
-        source = "motion capture of the robot"
-    else:
-        # Only what is connected has the voltage of the terminals.
-        battery = case.table(BATTERY_STATE, ns=case.robot.namespace)
-        times = increasing(battery)
-        terminals_v = np.interp(times, time_s, volt)
-        docked = np.abs(battery["voltage"] - terminals_v) <= METER_CLASS * case.site.dock.voltage_v
-        source = "voltage of the robot's battery (weaker: no motion capture in the recording)"
-    nearest = np.clip(np.searchsorted(times, flowing), 0, len(times) - 1)
+        standing = [
+            on_contacts(case.site.dock, Pose2.model_construct(x_m=x, y_m=y, yaw_rad=yaw))
+            for (x, y, _), yaw in zip(pose.position_m.tolist(), pose.yaw_rad.tolist(), strict=True)
+        ]
+        docked = docked & _at(flowing, pose.time_s, np.array(standing))
+        source = "motion capture of the robot and voltage of its battery"
     return at_least(
-        float(docked[nearest].mean()),
+        float(docked.mean()),
         DOCKED_SHARE,
         "",
         source=source,
         detail="share of the charging time that the robot is docked",
     )
+
+
+def _at(moments_s: Array, time_s: Array, values: Array) -> Array:
+    """`values`, one per `time_s`, at each moment: of the first that is not earlier; False after a silence."""
+    nearest = np.clip(np.searchsorted(time_s, moments_s), 0, len(time_s) - 1)
+    return np.asarray(values[nearest] & (np.abs(time_s[nearest] - moments_s) <= MAX_GAP_S))
 
 
 def power(case: Case) -> Finding:

@@ -9,13 +9,15 @@ import pytest
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
+from rodeo.config import Site
 from rodeo.evidence import attest
 from rodeo.ros2.types import new
 from tests.support.assignments import CHARGE_BINDING, METER, ROBOT, charging_ledger
-from tests.support.recordings import Sample, Take, stamp
+from tests.support.recordings import Sample, Take, moved, stamp
 from tests.unit.services.oracle.conftest import Judge, failed
 
 OUTPUT, GAUGE, SIGNED = "dock1/output", "panther1/battery_state", "rodeo/attestation"
+ROBOT_POSE = "mocap/panther1/pose"
 
 
 def judged(judge: Judge, take: Take, **task: Any) -> Any:
@@ -108,22 +110,24 @@ def test_a_battery_that_is_not_connected_is_noticed(charge: Take, judge: Judge) 
 
 
 def test_motion_capture_outranks_the_robots_word(charge: Take, judge: Judge) -> None:
-    away: list[Sample] = []
-    for sample in charge.of(OUTPUT):
-        pose = new("geometry_msgs/msg/PoseStamped")
-        pose.pose.position.x, pose.pose.position.y, pose.pose.orientation.w = 4.0, 2.0, 1.0
-        away.append(
-            Sample(
-                "mocap/panther1/pose",
-                "geometry_msgs/msg/PoseStamped",
-                stamp(pose, sample.time_ns),
-                sample.time_ns,
-                sample.sequence,
-            )
-        )
-    take = Take(sorted([*charge.samples, *away], key=lambda s: s.time_ns))
+    def away(sample: Sample) -> Sample:
+        at = sample.message.pose.position
+        return moved(sample, x=at.x + 0.3)
+
+    take = charge.edited(ROBOT_POSE, away)
     report = judged(judge, take)
     assert failed(report) == "robot_docked"
+
+
+def test_where_there_is_motion_capture_the_recording_holds_it(charge: Take, judge: Judge) -> None:
+    assert failed(judged(judge, charge.without(ROBOT_POSE))) == "robot_docked"
+
+
+def test_where_there_is_none_the_battery_says_it(charge: Take, judge: Judge, site: Site) -> None:
+    blind = charge.without(ROBOT_POSE)
+    at = site.model_copy(update={"lab": site.lab.model_copy(update={"mocap": False})})
+    report = judge(blind, charging_ledger(blind), binding=CHARGE_BINDING, device=METER, at=at)
+    assert report.accepted, report.reason
 
 
 def test_a_dock_that_gives_more_than_it_can_is_refused(charge: Take, judge: Judge, site: Any) -> None:

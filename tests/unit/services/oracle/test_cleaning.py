@@ -23,6 +23,7 @@ from tests.support.site import LAB
 from tests.unit.services.oracle.conftest import Judge, failed
 
 JOINT_STATES, ODOM = "panther1/joint_states", "panther1/odom"
+GRIPPER_STATE = "panther1/gripper_controller/controller_state"
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", "mocap/item1/pose"
 FINGERS = [JOINTS.index("left_finger"), JOINTS.index("right_finger")]
 
@@ -370,7 +371,13 @@ def test_an_item_that_is_let_go_on_the_way_is_refused(cleaning: Take, judge: Jud
         position[FINGERS], effort[FINGERS] = (0.057, -0.057), 0.0
         return with_joints(sample, position=position, effort=effort)
 
-    take = cleaning.edited(JOINT_STATES, drops)
+    def commands(sample: Sample) -> Sample:
+        if sample.time_ns * 1e-9 < half_s:
+            return sample
+        reference = replace(sample.message.reference, positions=np.array([0.057, -0.057]))
+        return replace(sample, message=replace(sample.message, reference=reference))
+
+    take = cleaning.edited(JOINT_STATES, drops).edited(GRIPPER_STATE, commands)
     report = judge(take, cleaning_ledger(take))
     assert failed(report) == "compartment"
     assert "outside the bin" in report.reason
