@@ -3,6 +3,7 @@
 Noise-free: whoever simulates a sensor adds its errors. Only what is drawn is seen, not the collision hulls.
 """
 
+import copy
 from dataclasses import dataclass
 
 import mujoco
@@ -78,10 +79,10 @@ class Lidar:
     STEP_RAD = 2 * np.pi / BEAMS
 
     def __init__(self, model: mujoco.MjModel, site: str, root: str) -> None:
-        self._model, self._site = model, model.site(site).id
-        own_root = model.body(root).rootid[0]
-        self._own = np.flatnonzero(model.body_rootid[model.geom_bodyid] == own_root)
-        self._groups = model.geom_group[self._own].copy()
+        self._site = model.site(site).id
+        self._model = copy.copy(model)
+        own = model.body_rootid[model.geom_bodyid] == model.body(root).rootid[0]
+        self._model.geom_group[own] = _HIDDEN_GROUP
         self.angles_rad = self.ANGLE_MIN_RAD + self.STEP_RAD * np.arange(self.BEAMS)
         self._rays = np.stack(
             [np.cos(self.angles_rad), np.sin(self.angles_rad), np.zeros(self.BEAMS)], axis=1
@@ -92,11 +93,7 @@ class Lidar:
     def ranges(self, data: mujoco.MjData) -> np.ndarray:
         """(BEAMS,) m in the site's frame, counter-clockwise from straight back; inf where nothing is."""
         eye, turn = data.site_xpos[self._site], data.site_xmat[self._site].reshape(3, 3)
-        self._model.geom_group[self._own] = _HIDDEN_GROUP
-        try:
-            _cast(self._model, data, eye, self._rays @ turn.T, self._geom, self._range_m, self.FARTHEST_M)
-        finally:
-            self._model.geom_group[self._own] = self._groups
+        _cast(self._model, data, eye, self._rays @ turn.T, self._geom, self._range_m, self.FARTHEST_M)
         ranges_m = self._range_m.copy()
         ranges_m[(self._geom < 0) | (ranges_m > self.FARTHEST_M)] = np.inf
         return ranges_m

@@ -56,6 +56,7 @@ LIDAR_SITE = "lidar_link"
 
 ROBOT_XML = Path(__file__).with_name("panther_viperx.xml")
 
+FLOOR = "floor"
 # Collision bits; the robot's own are in its model.
 FIXED, ROBOT, ROLLING, ITEM = 1, 2, 4, 8
 
@@ -208,11 +209,11 @@ def _add_room(spec: mujoco.MjSpec, lab: LabConfig) -> None:
     length_m, width_m = lab.size_m
     world = spec.worldbody
     world.add_geom(
-        name="floor",
+        name=FLOOR,
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[length_m * 2, width_m * 2, 1],
         pos=[length_m / 2, width_m / 2, 0],
-        contype=FIXED | ROLLING,
+        contype=FIXED,
         conaffinity=0,
         material="floor",
         friction=[0.8, 0.005, 0.0001],
@@ -401,4 +402,27 @@ def _add_robot(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
     child = mujoco.MjSpec.from_file(str(mjcf))
     frame = spec.worldbody.add_frame(pos=[robot.pose.x_m, robot.pose.y_m, 0], quat=_turn(robot.pose.yaw_rad))
     child.body("base_link").add_freejoint(name="base")
+    tyres = [geom for geom in child.geoms if geom.contype == ROLLING]
+    for number, tyre in enumerate(tyres, 1):
+        tyre.name = tyre.name or f"tyre{number}"
+        _roll(spec, robot.name, tyre)
     spec.attach(child, prefix=f"{robot.name}/", frame=frame)
+
+
+def _roll(spec: mujoco.MjSpec, robot: str, tyre: mujoco.MjsGeom) -> None:
+    """Let the tyre touch the floor as a pair of geoms: the same contact, but nobody has to look for it.
+
+    The pair has the tyre's parameters, which is how MuJoCo mixes two geoms when one has the higher priority.
+    """
+    if tyre.priority <= spec.geom(FLOOR).priority:
+        raise ConfigError("a tyre's priority must be higher than the floor's", robot=robot, tyre=tyre.name)
+    slide, spin, roll = tyre.friction
+    spec.add_pair(
+        geomname1=FLOOR,
+        geomname2=f"{robot}/{tyre.name}",
+        condim=tyre.condim,
+        friction=[slide, slide, spin, roll, roll],
+        solref=tyre.solref,
+        solimp=tyre.solimp,
+    )
+    tyre.contype = tyre.conaffinity = 0

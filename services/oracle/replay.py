@@ -295,7 +295,8 @@ class World:
             if not geom.contype and not geom.conaffinity:
                 spec.delete(geom)
         # The base follows its recorded pose, so its wheels need no ground to stand on.
-        spec.geom("floor").contype = 1
+        for contact in list(spec.pairs):
+            spec.delete(contact)
         base = spec.body(prefix + "base_link")
         slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
         axes = (*np.eye(3), *np.eye(3)[::-1])

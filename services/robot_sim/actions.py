@@ -92,12 +92,14 @@ class Actions:
         self._loop.call(lambda: self._start(drive))
         while not drive.finished.wait(_FEEDBACK_WALL_PERIOD_S):
             goal.publish_feedback(self._navigation_feedback(drive, started_ns, replans))
+        self._loop.settle()
         return drive
 
     def _start(self, drive: Drive) -> None:
         self._robot.base.follow(drive)
         now_ns = self._simulation.time_ns
-        self._plan.publish(messages.path(now_ns, self._robot.base.way), now_ns)
+        path = messages.path(now_ns, self._robot.base.way)
+        self._loop.outbox.then(lambda: self._plan.publish(path, now_ns))
         if self._robot.stopped:
             self._robot.base.stop()
 
@@ -168,6 +170,7 @@ class Actions:
         self._loop.call(lambda: self._begin(robot.arm, motion))
         while not motion.finished.wait(_FEEDBACK_WALL_PERIOD_S):
             goal.publish_feedback(self._arm_feedback(motion))
+        self._loop.settle()
         if motion.was_cancelled:
             goal.canceled(types.new(result))
         elif motion.error:
@@ -202,6 +205,7 @@ class Actions:
         self._loop.call(lambda: self._begin(robot.gripper, grip))
         while not grip.finished.wait(_FEEDBACK_WALL_PERIOD_S):
             goal.publish_feedback(self._grip_state("Feedback", False, False))
+        self._loop.settle()
         state = self._grip_state(
             "Result", grip.stalled, not (grip.stalled or grip.was_cancelled or grip.was_stopped)
         )

@@ -1,23 +1,15 @@
 """The robot's coordinate frames for tf: REP 105's map, odom and base_link, then its links and sensors."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-_CONJUGATE_PRODUCT = np.zeros((4, 4, 4))
-"""[k, i, j]: what a_i b_j (w, x, y, z) adds to component k (x, y, z, w) of conj(a) b."""
-for _k, _terms in enumerate(
-    (
-        ((0, 1, 1), (1, 0, -1), (2, 3, -1), (3, 2, 1)),
-        ((0, 2, 1), (2, 0, -1), (3, 1, -1), (1, 3, 1)),
-        ((0, 3, 1), (3, 0, -1), (1, 2, -1), (2, 1, 1)),
-        ((0, 0, 1), (1, 1, 1), (2, 2, 1), (3, 3, 1)),
-    )
-):
-    for _i, _j, _sign in _terms:
-        _CONJUGATE_PRODUCT[_k, _i, _j] = _sign
+_CONJUGATE_PART = np.array([[1, 0, 3, 2], [2, 3, 0, 1], [3, 2, 1, 0], [0, 1, 2, 3]])
+_CONJUGATE_SIGN = np.array([[-1, 1, 1, -1], [-1, -1, 1, 1], [-1, 1, -1, 1], [1, 1, 1, 1]])
+"""conj(a) b as (x, y, z, w) is M b with M[k, j] = sign[k, j] a[part[k, j]]; a and b are (w, x, y, z)."""
 
 
 @dataclass(frozen=True)
@@ -40,6 +32,7 @@ class RobotFrames:
         links = [b for b in range(model.nbody) if b != root and self._owns(model.body(b).name)]
         self._moving = np.array([b for b in links if model.body_jntnum[b]])
         self._parents = model.body_parentid[self._moving]
+        self._conjugates = 4 * self._parents[:, None, None] + _CONJUGATE_PART
         self._fixed = [b for b in links if not model.body_jntnum[b]]
         self._sites = [s for s in range(model.nsite) if self._owns(model.site(s).name)]
 
@@ -85,11 +78,14 @@ class RobotFrames:
 
     def poses(self) -> np.ndarray:
         """(n, 7) x, y, z, qx, qy, qz, qw of `moving` in their parents' frames, as the joints are now."""
-        data, parents = self._data, self._parents
-        offset = data.xpos[self._moving] - data.xpos[parents]
-        position = np.einsum("nji,nj->ni", data.xmat[parents].reshape(-1, 3, 3), offset)
-        quat = np.einsum("kij,ni,nj->nk", _CONJUGATE_PRODUCT, data.xquat[parents], data.xquat[self._moving])
-        return np.concatenate([position, quat], axis=1)
+        data, parents, moving = self._data, self._parents, self._moving
+        poses = np.empty((len(moving), 7))
+        place, quat = data.xpos, data.xquat
+        offset = place[moving] - place[parents]
+        np.matmul(offset[:, None], data.xmat[parents].reshape(-1, 3, 3), out=poses[:, None, :3])
+        conjugates = quat.ravel()[self._conjugates] * _CONJUGATE_SIGN
+        np.matmul(conjugates, quat[moving][:, :, None], out=poses[:, 3:, None])
+        return poses
 
 
 def lab_frames(model: mujoco.MjModel, names: Sequence[str]) -> list[Transform]:
@@ -98,22 +94,17 @@ def lab_frames(model: mujoco.MjModel, names: Sequence[str]) -> list[Transform]:
     return [Transform("map", body.name, body.pos, body.quat) for body in bodies]
 
 
-def relative(
-    parent_m: np.ndarray, parent_quat: np.ndarray, child_m: np.ndarray, child_quat: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Position (3,) and quaternion (4,) of the child's frame in the parent's; all given in one frame."""
-    inverse, position, quat = np.empty(4), np.empty(3), np.empty(4)
-    mujoco.mju_negQuat(inverse, parent_quat)
-    mujoco.mju_rotVecQuat(position, child_m - parent_m, inverse)
-    mujoco.mju_mulQuat(quat, inverse, child_quat)
-    return position, quat
-
-
-def compose(
-    parent_m: np.ndarray, parent_quat: np.ndarray, child_m: np.ndarray, child_quat: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Pose of the child, which is given in the parent's frame, in the frame of the parent's pose."""
-    position, quat = np.empty(3), np.empty(4)
-    mujoco.mju_rotVecQuat(position, child_m, parent_quat)
-    mujoco.mju_mulQuat(quat, parent_quat, child_quat)
-    return parent_m + position, quat
+def odom_in_map(
+    base_m: np.ndarray, base_quat: np.ndarray, x_m: float, y_m: float, yaw_rad: float
+) -> tuple[float, ...]:
+    """Pose (x, y, z, qx, qy, qz, qw) in the map of the frame that has the base at x, y, yaw."""
+    c, s = math.cos(yaw_rad / 2), -math.sin(yaw_rad / 2)
+    w, x, y, z = base_quat.tolist()
+    w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
+    base_x, base_y, base_z = base_m.tolist()
+    return (
+        base_x - (1 - 2 * (y * y + z * z)) * x_m - 2 * (x * y - w * z) * y_m,
+        base_y - 2 * (x * y + w * z) * x_m - (1 - 2 * (x * x + z * z)) * y_m,
+        base_z - 2 * (x * z - w * y) * x_m - 2 * (y * z + w * x) * y_m,
+        *(x, y, z, w),
+    )

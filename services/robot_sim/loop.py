@@ -5,11 +5,14 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future
+from contextlib import suppress
+from functools import partial
 from typing import Protocol, TypeVar
 
 from rodeo.config import ClockConfig
 from rodeo.errors import RodeoError
-from services.robot_sim.simulation import Simulation
+from services.robot_sim.outbox import Outbox
+from services.robot_sim.simulation import PERIOD_NS, Simulation
 from services.robot_sim.state import StateFile
 
 Result = TypeVar("Result")
@@ -26,16 +29,30 @@ class SimulationStopped(RodeoError):
 
 
 class Publisher(Protocol):
-    """What the loop tells the bus, after the state that it shows was saved."""
+    """What shows the world to others, after the state that it shows was saved."""
 
-    def publish(self, skipped: bool) -> None: ...
+    def take(self) -> None:
+        """Copy what is to be shown; in the simulation's thread, between two control periods."""
+        ...
+
+    def publish(self, skipped: bool) -> None:
+        """Add what was copied to the outbox; in the outbox's thread, meanwhile the world goes on."""
+        ...
 
 
 class Loop:
-    def __init__(self, simulation: Simulation, state: StateFile, clock: ClockConfig) -> None:
+    """Args:
+    stop: ends `run`.
+    """
+
+    def __init__(
+        self, simulation: Simulation, state: StateFile, clock: ClockConfig, stop: threading.Event
+    ) -> None:
         self.simulation = simulation
+        self.outbox = Outbox(stop)
         self._state = state
         self._clock = clock
+        self._stop = stop
         self._jobs: queue.SimpleQueue[tuple[Callable[[], object], Future[object] | None]]
         self._jobs = queue.SimpleQueue()
         self._closed = threading.Event()
@@ -44,7 +61,9 @@ class Loop:
         self._speed = 0.0
 
     def call(self, function: Callable[[], Result]) -> Result:
-        """Run `function` between two control periods and return what it returns. Raises SimulationStopped."""
+        """Run `function` between two control periods and return what it returns, once all that was published
+        until then is on the bus. Raises SimulationStopped.
+        """
         done: Future[object] = Future()
         self._jobs.put((function, done))
         while not self._closed.is_set():
@@ -55,26 +74,40 @@ class Loop:
                     raise
         raise SimulationStopped("the simulation has stopped")
 
-    def post(self, function: Callable[[], object]) -> None:
-        """Run `function`, which must not fail, between two control periods, some time soon."""
+    def command(self, function: Callable[[], object]) -> None:
+        """Run `function`, which must not fail, between two control periods, and begin the next one at once:
+        a robot that waits for the wall clock would be up to a period late. The simulation is never more than
+        that ahead of its time.
+        """
         self._jobs.put((function, None))
 
-    def run(self, publisher: Publisher, stop: threading.Event) -> None:
-        """Advance until `stop` is set; afterwards all motion has ended as cancelled."""
-        while not stop.is_set():
+    def settle(self) -> None:
+        """Return when all that was published until now is on the bus, or when the simulation has stopped.
+
+        Whoever hears how a motion ended has seen where it ended.
+        """
+        with suppress(SimulationStopped):
+            self.call(lambda: None)
+
+    def run(self, publisher: Publisher) -> None:
+        """Advance until the end; afterwards all motion has ended as cancelled. Raises what sending raised."""
+        while not self._stop.is_set():
             skipping = self.simulation.parked and self._clock.idle_speed != self._clock.speed
-            if self._wait_turn(self._clock.idle_speed if skipping else self._clock.speed, stop):
+            if self._wait_turn(self._clock.idle_speed if skipping else self._clock.speed):
                 continue
             if skipping:
                 self.simulation.skip()
             else:
                 self.simulation.step()
             self._state.save(self.simulation.time_ns, self.simulation.row())
-            publisher.publish(skipped=skipping)
+            if self.outbox.ready():
+                publisher.take()
+                self.outbox.publish(partial(publisher.publish, skipped=skipping), self._ahead)
         self.simulation.halt()
         self._closed.set()
+        self.outbox.close()
 
-    def _wait_turn(self, speed: float, stop: threading.Event) -> bool:
+    def _wait_turn(self, speed: float) -> bool:
         """Wait for the next period or for something asked for; True if it is not yet time to advance."""
         now_s = time.monotonic()
         behind_s = now_s - self._due_s(speed) if speed > 0 and self._speed == speed else 0.0
@@ -82,21 +115,27 @@ class Loop:
             self._speed, self._anchor_wall_s, self._anchor_ns = speed, now_s, self.simulation.time_ns
         wait_s = self._due_s(speed) - now_s if speed > 0 else 0.0
         try:
-            job = self._jobs.get(wait_s > _EARLY_S, timeout=min(max(wait_s, 0.0), _STOP_CHECK_S))
+            function, done = self._jobs.get(wait_s > _EARLY_S, timeout=min(max(wait_s, 0.0), _STOP_CHECK_S))
         except queue.Empty:
             return wait_s > _STOP_CHECK_S
-        self._do(*job)
-        return True
+        self._do(function, done)
+        return done is not None or wait_s * speed > PERIOD_NS * 1e-9
+
+    @property
+    def _ahead(self) -> bool:
+        """Whether the next period has to wait."""
+        return self._speed > 0 and self._due_s(self._speed) - time.monotonic() > _EARLY_S
 
     def _due_s(self, speed: float) -> float:
         return self._anchor_wall_s + (self.simulation.time_ns - self._anchor_ns) * 1e-9 / speed
 
-    @staticmethod
-    def _do(function: Callable[[], object], done: Future[object] | None) -> None:
+    def _do(self, function: Callable[[], object], done: Future[object] | None) -> None:
         if done is None:
             function()
             return
         try:
-            done.set_result(function())
+            result = function()
         except Exception as error:  # noqa: BLE001 - raised again in the thread that asked
             done.set_exception(error)
+        else:
+            self.outbox.then(lambda: done.set_result(result))

@@ -9,16 +9,16 @@ import numpy as np
 
 from rodeo import topics
 from rodeo.lab.body import Twist2
-from rodeo.lab.sensors import DepthCamera
 from rodeo.lab.world import ARM_JOINTS, CAMERA_SITE, FINGER_JOINTS
 from rodeo.ros2 import DEFAULT, LATCHED, MessageInfo, Node, Publisher, types
 from services.robot_sim import messages
 from services.robot_sim.camera import BinCamera, WristCamera
 from services.robot_sim.entities import UnknownEntity
-from services.robot_sim.frames import RobotFrames, compose, relative
+from services.robot_sim.frames import RobotFrames, odom_in_map
 from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.simulation import SimRobot
+from services.robot_sim.snapshot import RobotSnapshot, Snapshot
 
 log = logging.getLogger(__name__)
 
@@ -28,16 +28,15 @@ _SECOND_TICKS = 50
 """Control periods between messages of 10 Hz, 5 Hz and 1 Hz."""
 _CLOCK_WALL_PERIOD_S = 0.01
 _FINGER_SIDES = np.array([1.0, -1.0])
-_NO_TURN = np.array([1.0, 0.0, 0.0, 0.0])
-_CDR_ORDER = np.array([1, 2, 3, 0])
-"""From MuJoCo's w, x, y, z to ROS's x, y, z, w."""
 
 
 class LabPlane:
     """Clock, motion capture, bin and dock."""
 
-    def __init__(self, node: Node, loop: Loop, camera: BinCamera, mocap: MotionCapture) -> None:
-        self._loop, self._simulation, self._camera = loop, loop.simulation, camera
+    def __init__(
+        self, node: Node, loop: Loop, snapshot: Snapshot, camera: BinCamera, mocap: MotionCapture
+    ) -> None:
+        self._loop, self._simulation, self._snapshot, self._camera = loop, loop.simulation, snapshot, camera
         site = self._simulation.site
         self._bin, self._dock = site.bin.name, site.dock.name
 
@@ -71,31 +70,31 @@ class LabPlane:
         )
 
     def publish(self, tick: int, skipped: bool) -> None:
-        now_ns, simulation = self._simulation.time_ns, self._simulation
-        for body, tracked in self._mocap.items():
-            if (seen := simulation.captured_pose(body)) is not None:
-                position_m, quat_wxyz = seen
-                cdr = self._pose.encode(now_ns, (0, position_m), (3, quat_wxyz[_CDR_ORDER]))
-                tracked.publish_cdr(cdr, now_ns)
+        seen, add = self._snapshot, self._loop.outbox.add
+        now_ns = seen.time_ns
+        for body, pose in seen.captured_poses():
+            add(self._mocap[body].publish_cdr, self._pose.encode(now_ns, (0, pose)), now_ns)
         if skipped or tick % _SLOW_TICKS == 0:
-            self._presence.publish(messages.presence(now_ns, self._bin, simulation.presence_m()), now_ns)
+            add(self._presence.publish, messages.presence(now_ns, self._bin, seen.presence_m()), now_ns)
             for name, (scale, load) in self._loads.items():
-                weight = messages.LOAD_Z, (simulation.weight_n(name),)
-                scale.publish_cdr(load.encode(now_ns, weight), now_ns)
+                weight = messages.LOAD_Z, (seen.weight_n(name),)
+                add(scale.publish_cdr, load.encode(now_ns, weight), now_ns)
         if skipped or tick % _SECOND_TICKS == 0:
-            self._output.publish(messages.dock_output(now_ns, simulation.supply), now_ns)
+            add(self._output.publish, messages.dock_output(now_ns, seen.supply), now_ns)
 
     def publish_clock(self) -> None:
         """At most every _CLOCK_WALL_PERIOD_S: whoever reads the clock needs no more than that."""
         now_s = time.monotonic()
         if now_s - self._clock_sent_s >= _CLOCK_WALL_PERIOD_S:
             self._clock_sent_s = now_s
-            self._clock.publish(messages.clock(self._simulation.time_ns), self._simulation.time_ns)
+            now_ns = self._snapshot.time_ns
+            self._loop.outbox.add(self._clock.publish, messages.clock(now_ns), now_ns)
 
     def _capture(self, _request: Any) -> Any:
         def take() -> None:
             jpeg, now_ns = self._camera.jpeg(), self._simulation.time_ns
-            self._image.publish(messages.compressed_image(now_ns, f"{self._bin}/camera", jpeg), now_ns)
+            image = messages.compressed_image(now_ns, f"{self._bin}/camera", jpeg)
+            self._loop.outbox.then(lambda: self._image.publish(image, now_ns))
 
         self._loop.call(take)
         return types.new("std_srvs/srv/Trigger_Response", success=True)
@@ -133,9 +132,11 @@ def _entity_result(result: int, message: str = "") -> Any:
 class RobotPlane:
     """What one robot tells, velocity commands and the emergency stop; its actions are `Actions`."""
 
-    def __init__(self, node: Node, loop: Loop, robot: SimRobot) -> None:
+    def __init__(
+        self, node: Node, loop: Loop, snapshot: Snapshot, robot: SimRobot, seen: RobotSnapshot
+    ) -> None:
         self._loop, self._simulation, self._robot = loop, loop.simulation, robot
-        model, data = self._simulation.model, self._simulation.data
+        self._snapshot, self._seen = snapshot, seen
         name, self._ns = robot.config.name, robot.config.namespace
 
         def publisher(topic: topics.Topic) -> Publisher:
@@ -154,10 +155,12 @@ class RobotPlane:
             publisher(topics.WRIST_DEPTH),
             publisher(topics.WRIST_DEPTH_INFO),
         )
-        self._depth = DepthCamera(model, f"{name}/{CAMERA_SITE}")
-        self._image, self._camera = publisher(topics.WRIST_IMAGE), WristCamera(model, f"{name}/wrist_camera")
+        self._image, self._camera = (
+            publisher(topics.WRIST_IMAGE),
+            WristCamera(snapshot.model, f"{name}/wrist_camera"),
+        )
         self._tf = publisher(topics.TF)
-        self._frames = RobotFrames(model, data, name, self._ns)
+        self._frames = RobotFrames(snapshot.model, snapshot.data, name, self._ns)
         odom, base = f"{self._ns}/odom", f"{self._ns}/base_link"
         self._transforms = messages.transforms_template([("map", odom), (odom, base), *self._frames.moving])
         now_ns = self._simulation.time_ns
@@ -169,60 +172,62 @@ class RobotPlane:
         node.service(stop.name(ns=self._ns), stop.type, self._on_emergency_stop)
 
     def publish(self, tick: int, skipped: bool) -> None:
-        now_ns, robot = self._simulation.time_ns, self._robot
+        now_ns, seen, add = self._snapshot.time_ns, self._seen, self._loop.outbox.add
         self._publish_motion(now_ns)
         if tick % _SLOW_TICKS == 0:
             self._publish_controllers(now_ns)
         if skipped or tick % _SECOND_TICKS == 0:
-            self._battery.publish(messages.battery_state(now_ns, self._ns, robot.battery), now_ns)
+            add(self._battery.publish, messages.battery_state(now_ns, self._ns, seen.battery), now_ns)
         if self._tf.matched:
-            self._tf.publish_cdr(self._transforms.encode(now_ns, self._frame_poses()), now_ns)
+            add(self._tf.publish_cdr, self._transforms.encode(now_ns, self._frame_poses()), now_ns)
         if (skipped or tick % _SLOW_TICKS == 0) and self._scan.matched:
-            self._scan.publish(messages.scan(now_ns, self._ns, robot.scan_m()), now_ns)
+            add(self._scan.publish, messages.scan(now_ns, self._ns, seen.scan_m()), now_ns)
         if (skipped or tick % _DEPTH_TICKS == 0) and self._depth_image.matched:
-            depth_m = robot.blur(self._depth.image(self._simulation.data))
-            self._depth_info.publish(messages.camera_info(now_ns, self._ns, self._depth.lens), now_ns)
-            self._depth_image.publish(messages.depth_image(now_ns, self._ns, depth_m), now_ns)
+            info = messages.camera_info(now_ns, self._ns, seen.depth.lens)
+            add(self._depth_info.publish, info, now_ns)
+            image = messages.depth_image(now_ns, self._ns, seen.depth_m())
+            add(self._depth_image.publish, image, now_ns)
         if (skipped or tick % _SECOND_TICKS == 0) and self._image.matched:
-            jpeg = self._camera.jpeg(self._simulation.data)
+            jpeg = self._camera.jpeg(self._snapshot.data)
             if jpeg is not None:
                 frame = f"{self._ns}/{CAMERA_SITE}"
-                self._image.publish(messages.compressed_image(now_ns, frame, jpeg), now_ns)
+                add(self._image.publish, messages.compressed_image(now_ns, frame, jpeg), now_ns)
 
     def _publish_motion(self, now_ns: int) -> None:
-        body, at = self._robot.body, self._robot.odometry
-        half = at.yaw_rad / 2
+        seen, add = self._seen, self._loop.outbox.add
+        half = seen.yaw_rad / 2
         odometry = self._odometry.encode(
             now_ns,
-            (0, (at.x_m, at.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))),
-            (messages.ODOMETRY_TWIST, (at.twist.linear_m_s, 0.0, 0.0, 0.0, 0.0, at.twist.angular_rad_s)),
+            (0, (seen.x_m, seen.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))),
+            (
+                messages.ODOMETRY_TWIST,
+                (seen.twist.linear_m_s, 0.0, 0.0, 0.0, 0.0, seen.twist.angular_rad_s),
+            ),
         )
-        self._odom.publish_cdr(odometry, now_ns)
+        add(self._odom.publish_cdr, odometry, now_ns)
+        body = seen.body
         joints = self._joint_states.encode(now_ns, body.positions, body.velocities, body.efforts)
-        self._joints.publish_cdr(joints, now_ns)
+        add(self._joints.publish_cdr, joints, now_ns)
 
     def _publish_controllers(self, now_ns: int) -> None:
-        robot, position = self._robot, self._robot.body.positions
-        self._arm.publish_cdr(self._arm_state.encode(now_ns, robot.arm.reference_rad, position[:6]), now_ns)
-        fingers_m = robot.gripper.position_m * _FINGER_SIDES
-        self._gripper.publish_cdr(self._gripper_state.encode(now_ns, fingers_m, position[6:8]), now_ns)
+        seen, add, position = self._seen, self._loop.outbox.add, self._seen.body.positions
+        arm = self._arm_state.encode(now_ns, seen.arm_reference_rad, position[:6])
+        add(self._arm.publish_cdr, arm, now_ns)
+        fingers = self._gripper_state.encode(now_ns, seen.gripper_reference_m * _FINGER_SIDES, position[6:8])
+        add(self._gripper.publish_cdr, fingers, now_ns)
 
     def _frame_poses(self) -> np.ndarray:
         """(n, 7): odom in the map (localisation is the motion capture's), base_link in odom, the links."""
-        body, at = self._robot.body, self._robot.odometry
-        half = at.yaw_rad / 2
-        reckoned_m = np.array([at.x_m, at.y_m, 0.0])
-        reckoned_quat = np.array([math.cos(half), 0.0, 0.0, math.sin(half)])
-        # Where odom's origin is, seen from the base, carried to where the base really is.
-        back_m, back_quat = relative(reckoned_m, reckoned_quat, np.zeros(3), _NO_TURN)
-        odom_m, odom_quat = compose(body.position_m, body.quat_wxyz, back_m, back_quat)
-        near = [[*odom_m, *odom_quat[_CDR_ORDER]], [*reckoned_m, *reckoned_quat[_CDR_ORDER]]]
-        return np.concatenate([near, self._frames.poses()])
+        seen, body = self._seen, self._seen.body
+        half = seen.yaw_rad / 2
+        odom = odom_in_map(body.position_m, body.quat_wxyz, seen.x_m, seen.y_m, seen.yaw_rad)
+        base = (seen.x_m, seen.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
+        return np.concatenate(((odom, base), self._frames.poses()))
 
     def _on_cmd_vel(self, twist: Any, _info: MessageInfo) -> None:
         command = Twist2(twist.linear.x, twist.angular.z)
         if math.isfinite(command.linear_m_s) and math.isfinite(command.angular_rad_s):
-            self._loop.post(lambda: self._robot.command(command, self._simulation.time_s))
+            self._loop.command(lambda: self._robot.command(command, self._simulation.time_s))
 
     def _on_emergency_stop(self, request: Any) -> Any:
         log.warning("%s: emergency stop %s", self._ns, "engaged" if request.data else "released")

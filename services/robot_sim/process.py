@@ -13,6 +13,7 @@ from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.plane import LabPlane, RobotPlane
 from services.robot_sim.simulation import Simulation
+from services.robot_sim.snapshot import Snapshot
 from services.robot_sim.state import StateFile, saved_time_ns
 
 log = logging.getLogger(__name__)
@@ -23,12 +24,13 @@ _REPORT_WALL_S = 1.0
 class Bus:
     """Publishes the whole world, and tells the service how fast it goes."""
 
-    def __init__(
-        self, service: Service, lab: LabPlane, robots: list[RobotPlane], simulation: Simulation
-    ) -> None:
-        self._service, self._lab, self._robots, self._simulation = service, lab, robots, simulation
+    def __init__(self, service: Service, snapshot: Snapshot, lab: LabPlane, robots: list[RobotPlane]) -> None:
+        self._service, self._snapshot, self._lab, self._robots = service, snapshot, lab, robots
         self._tick = 0
-        self._reported = (time.monotonic(), simulation.time_s)
+        self._reported = (time.monotonic(), snapshot.time_ns)
+
+    def take(self) -> None:
+        self._snapshot.take()
 
     def publish(self, skipped: bool) -> None:
         for robot in self._robots:
@@ -36,10 +38,10 @@ class Bus:
         self._lab.publish(self._tick, skipped)
         self._lab.publish_clock()
         self._tick += 1
-        wall_s, before_s = self._reported
+        wall_s, before_ns = self._reported
         if (passed_s := time.monotonic() - wall_s) >= _REPORT_WALL_S:
-            speed = (self._simulation.time_s - before_s) / passed_s
-            self._reported = (time.monotonic(), self._simulation.time_s)
+            speed = (self._snapshot.time_ns - before_ns) * 1e-9 / passed_s
+            self._reported = (time.monotonic(), self._snapshot.time_ns)
             self._service.activity("skipping idle time" if skipped else "simulating", speed=round(speed, 1))
 
 
@@ -60,18 +62,19 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
                     time_ns = max(time_ns, time.time_ns())
                 simulation.restore(time_ns, row)
                 log.info("going on from the saved world at %.2f s", simulation.time_s)
-            loop = Loop(simulation, state, site.clock)
+            loop = Loop(simulation, state, site.clock, service.stop)
             session, domain_id = service.bus.session, site.bus.domain_id
             lab_node = Node(session, "lab", "", domain_id, simulation)
             mocap = MotionCapture(service.bus, site)
-            lab = LabPlane(lab_node, loop, open_camera(simulation), mocap)
+            snapshot = Snapshot(simulation)
+            lab = LabPlane(lab_node, loop, snapshot, open_camera(simulation), mocap)
             nodes, robots = [lab_node], []
-            for robot in simulation.robots.values():
+            for robot, seen in zip(simulation.robots.values(), snapshot.robots, strict=True):
                 node = Node(session, "body", robot.config.namespace, domain_id, simulation)
                 nodes.append(node)
-                robots.append(RobotPlane(node, loop, robot))
+                robots.append(RobotPlane(node, loop, snapshot, robot, seen))
                 Actions(node, loop, robot)
             service.ready()
-            loop.run(Bus(service, lab, robots, simulation), service.stop)
+            loop.run(Bus(service, snapshot, lab, robots))
             for node in nodes:
                 node.close()

@@ -18,7 +18,6 @@ from rodeo.lab.world import (
     LIDAR_SITE,
     begin,
     robot_model,
-    scale_weight_n,
     world_spec,
 )
 from services.robot_sim.arm import ArmDriver, GripperDriver
@@ -39,8 +38,6 @@ _LOOK_PERIODS = 10
 _REST_SPEED = 1e-3
 _MJ_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _ON_FLOOR_M = 0.15
-_UNDERGROUND_M = -1.0
-_PRESENCE_MAX_M = 2.0
 
 
 class SimRobot:
@@ -56,7 +53,6 @@ class SimRobot:
         self.odometry = Odometry(config.name, config.pose, config.noise)
         self.stopped = False
         """The emergency stop is engaged."""
-        self._scan: tuple[float, np.ndarray] | None = None
         self._lidar = Lidar(model, f"{config.name}/{LIDAR_SITE}", f"{config.name}/base_link")
         self._random = np.random.default_rng(zlib.crc32(config.name.encode()) + 1)
 
@@ -100,16 +96,8 @@ class SimRobot:
 
     def scan_m(self) -> np.ndarray:
         """(Lidar.BEAMS,) ranges as the lidar measures them, noise included."""
-        time_s = self.body.data.time
-        if self._scan is None or self._scan[0] != time_s:
-            noise_m = self.config.noise.lidar_m * self._random.standard_normal(Lidar.BEAMS)
-            self._scan = time_s, self._lidar.ranges(self.body.data) + noise_m
-        return self._scan[1]
-
-    def blur(self, depth_m: np.ndarray) -> np.ndarray:
-        """Depths as the wrist's camera measures them."""
-        share = self.config.noise.depth_share
-        return depth_m * (1 + share * self._random.standard_normal(depth_m.shape, np.float32))
+        noise_m = self.config.noise.lidar_m * self._random.standard_normal(Lidar.BEAMS)
+        return self._lidar.ranges(self.body.data) + noise_m
 
     def watch(self, lab: Map) -> None:
         """Stop the drive under way if the lidar shows something on its route that `lab` has not."""
@@ -156,12 +144,14 @@ class Simulation:
         self.supply = Supply(site.dock)
         self.bin = BinLayout(site.bin)
         self._items = {item.id: self.model.body(item.id).id for item in site.items}
-        self._captured = {
+        self.captured = {
             **self._items,
             **{robot.name: self.model.body(f"{robot.name}/base_link").id for robot in bodies},
             **{robot.name: self.model.body(robot.name).id for robot in elsewhere},
         }
-        self._presence = self.model.site(f"{site.bin.name}/presence").id
+        """What the motion capture tracks: names and MuJoCo's numbers of bodies."""
+        self._state_size = mujoco.mj_stateSize(self.model, _MJ_STATE)
+        self._row = np.empty(self._state_size + len(self._extras()))
 
     @property
     def time_s(self) -> float:
@@ -228,17 +218,6 @@ class Simulation:
         body = self._items[item]
         return self.data.xpos[body], self.data.xquat[body]
 
-    @property
-    def captured(self) -> list[str]:
-        """Bodies that the motion capture tracks."""
-        return list(self._captured)
-
-    def captured_pose(self, body: str) -> tuple[np.ndarray, np.ndarray] | None:
-        """Position (3,) in m and quaternion (4,) w, x, y, z in the map; None if it is not in the lab."""
-        index = self._captured[body]
-        position_m = self.data.xpos[index]
-        return None if position_m[2] < _UNDERGROUND_M else (position_m, self.data.xquat[index])
-
     def lab_frames(self) -> list[Transform]:
         return lab_frames(self.model, [self.site.bin.name, self.site.dock.name])
 
@@ -259,16 +238,6 @@ class Simulation:
             if z < _ON_FLOOR_M and math.hypot(x - bin_pose.x_m, y - bin_pose.y_m) > self.bin.width_m / 2
         ]
 
-    def weight_n(self, compartment: str) -> float:
-        return scale_weight_n(self.model, self.data, self.site.bin.name, compartment)
-
-    def presence_m(self) -> float:
-        """Distance from the bin's camera to the first thing in front of it; infinite beyond 2 m."""
-        eye = self.data.site_xpos[self._presence]
-        beam = self.data.site_xmat[self._presence].reshape(3, 3)[:, 2].copy()
-        distance_m = mujoco.mj_ray(self.model, self.data, eye, beam, None, True, -1, None)
-        return distance_m if 0 <= distance_m <= _PRESENCE_MAX_M else math.inf
-
     # -- survival ----------------------------------------------------------------------------------
 
     @property
@@ -280,17 +249,17 @@ class Simulation:
 
     @property
     def row_size(self) -> int:
-        return mujoco.mj_stateSize(self.model, _MJ_STATE) + len(self._extras())
+        return len(self._row)
 
     def row(self) -> np.ndarray:
         """Everything that changes, for `restore`."""
-        state = np.empty(mujoco.mj_stateSize(self.model, _MJ_STATE))
-        mujoco.mj_getState(self.model, self.data, state, _MJ_STATE)
-        return np.concatenate((state, self._extras()))
+        mujoco.mj_getState(self.model, self.data, self._row[: self._state_size], _MJ_STATE)
+        self._row[self._state_size :] = self._extras()
+        return self._row.copy()
 
     def restore(self, time_ns: int, row: np.ndarray) -> None:
         """Go on from a saved row. Motion that was under way is not resumed: the base stops, the arm holds."""
-        size = mujoco.mj_stateSize(self.model, _MJ_STATE)
+        size = self._state_size
         self.time_ns = time_ns
         mujoco.mj_setState(self.model, self.data, row[:size].copy(), _MJ_STATE)
         mujoco.mj_forward(self.model, self.data)

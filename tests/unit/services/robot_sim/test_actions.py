@@ -30,24 +30,34 @@ NAVIGATE = "nav2_msgs/action/NavigateToPose"
 class Bench:
     """One simulation in a thread, its actions, and a client of them."""
 
-    def __init__(self, folder: Path, session: zenoh.Session) -> None:
+    def __init__(self, folder: Path, session: zenoh.Session, monkeypatch: pytest.MonkeyPatch) -> None:
         site = Site.load(LAB).model_copy(update={"items": []})
         self.simulation = Simulation(site, 1_800_000_000_000_000_000)
         self.robot: SimRobot = self.simulation.robots["panther1"]
         self.each_period: Callable[[], None] = lambda: None
         """Called in the simulation's thread after each control period."""
+        step = self.simulation.step
+
+        def stepped() -> None:
+            step()
+            self.each_period()
+
+        monkeypatch.setattr(self.simulation, "step", stepped)
         self._state = StateFile(folder / "world", b"", self.simulation.row_size)
-        self._loop = loop = Loop(self.simulation, self._state, ClockConfig(speed=0))
+        self._stop = threading.Event()
+        self._loop = loop = Loop(self.simulation, self._state, ClockConfig(speed=0), self._stop)
         self._server = Node(session, "body", "panther1", 0, self.simulation)
         self.node = Node(session, "client", "", 0, self.simulation)
         Actions(self._server, loop, self.robot)
         self.client = ActionClient(self.node, "panther1/navigate_to_pose", NAVIGATE)
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=loop.run, args=(self, self._stop))
+        self._thread = threading.Thread(target=loop.run, args=(self,))
         self._thread.start()
 
+    def take(self) -> None:
+        pass
+
     def publish(self, skipped: bool) -> None:
-        self.each_period()
+        pass
 
     def place(self, name: str, x_m: float, y_m: float) -> None:
         self._loop.call(lambda: self.simulation.place(name, np.array([x_m, y_m, 0.0]), UPRIGHT))
@@ -68,9 +78,9 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Iterator[Bench]:
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     session = zenoh.open(zenoh_config("router", listen=[f"tcp/127.0.0.1:{free_port()}"]))
-    bench = Bench(tmp_path, session)
+    bench = Bench(tmp_path, session, monkeypatch)
     yield bench
     bench.close()
     session.close()

@@ -2,6 +2,7 @@
 
 import math
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -10,11 +11,21 @@ from rodeo.lab.body import JOINTS
 from rodeo.lab.config import NoiseConfig
 from rodeo.ros2 import types
 from services.robot_sim import messages
-from services.robot_sim.frames import RobotFrames, Transform, compose, relative
+from services.robot_sim.frames import RobotFrames, Transform, odom_in_map
 from services.robot_sim.simulation import Simulation
 from tests.support.site import LAB
 
 TIME_NS = 1_800_000_000_123_456_789
+
+
+def compose(
+    parent_m: np.ndarray, parent_quat: np.ndarray, child_m: np.ndarray, child_quat: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pose of the child, which is given in the parent's frame, in the frame of the parent's pose."""
+    position, quat = np.empty(3), np.empty(4)
+    mujoco.mju_rotVecQuat(position, child_m, parent_quat)
+    mujoco.mju_mulQuat(quat, parent_quat, child_quat)
+    return parent_m + position, quat
 
 
 def test_a_pose_written_into_its_template_is_the_serialised_pose() -> None:
@@ -85,11 +96,11 @@ def test_transforms_written_into_their_template_are_the_serialised_transforms() 
     assert template.encode(TIME_NS, poses) == types.serialize(messages.transforms(TIME_NS, frames))
 
 
-def test_relative_undoes_compose() -> None:
-    half = math.sqrt(0.5)
-    parent_m, parent_quat = np.array([1.0, 2.0, 3.0]), np.array([half, 0.0, 0.0, half])
-    child_m, child_quat = np.array([0.1, 0.2, 0.3]), np.array([half, half, 0.0, 0.0])
-    pose = compose(parent_m, parent_quat, child_m, child_quat)
-    back_m, back_quat = relative(parent_m, parent_quat, *pose)
-    assert back_m == pytest.approx(child_m)
-    assert back_quat == pytest.approx(child_quat)
+def test_what_wheels_reckon_in_odom_is_where_the_base_is_in_the_map() -> None:
+    base_m, base_quat = np.array([1.0, 2.0, 3.0]), np.array([0.4, 0.2, -0.4, 0.8])
+    x_m, y_m, yaw_rad = 0.7, -0.3, 2.1
+    odom = np.array(odom_in_map(base_m, base_quat, x_m, y_m, yaw_rad))
+    reckoned_quat = np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
+    there_m, there_quat = compose(odom[:3], np.roll(odom[3:], 1), np.array([x_m, y_m, 0.0]), reckoned_quat)
+    assert there_m == pytest.approx(base_m)
+    assert there_quat == pytest.approx(base_quat)

@@ -12,6 +12,7 @@ from rodeo.lab.layout import BinLayout, dock_parking
 from services.robot_sim.arm import Grip
 from services.robot_sim.camera import RENDERINGS, StoredCamera
 from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS, SimRobot, Simulation
+from services.robot_sim.snapshot import Snapshot
 from tests.support.site import LAB
 
 START_NS = 1_800_000_000_000_000_000
@@ -134,12 +135,12 @@ def test_a_robot_beside_the_dock_gets_nothing() -> None:
 
 def test_the_presence_sensor_sees_what_is_held_before_the_camera() -> None:
     simulation = Simulation(Site.load(LAB), START_NS)
-    assert simulation.presence_m() == math.inf
+    assert Snapshot(simulation).presence_m() == math.inf
     layout = BinLayout(simulation.site.bin)
     qpos = simulation.data.joint("item1").qpos
     qpos[:3] = layout.show_point
     simulation.step()
-    assert simulation.presence_m() == pytest.approx(simulation.site.bin.show_distance_m, abs=0.04)
+    assert Snapshot(simulation).presence_m() == pytest.approx(simulation.site.bin.show_distance_m, abs=0.04)
 
 
 def test_without_opengl_the_camera_shows_the_kind_of_thing_that_is_there() -> None:

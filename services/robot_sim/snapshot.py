@@ -1,0 +1,96 @@
+"""The world as it was at the end of a control period, to be published while the next one is computed."""
+
+import copy
+import math
+import zlib
+from collections.abc import Iterator
+
+import mujoco
+import numpy as np
+
+from rodeo.lab.body import Body
+from rodeo.lab.sensors import DepthCamera, Lidar
+from rodeo.lab.world import CAMERA_SITE, LIDAR_SITE, scale_weight_n
+from services.robot_sim.simulation import SimRobot, Simulation
+
+_XYZW = np.array([1, 2, 3, 0])
+"""ROS's order of a quaternion in MuJoCo's."""
+_UNDERGROUND_M = -1.0
+_PRESENCE_MAX_M = 2.0
+
+
+class RobotSnapshot:
+    """One robot in `data`, which is a copy of the world's, with the robot's own sensors."""
+
+    def __init__(self, robot: SimRobot, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+        config = self.config = robot.config
+        self.body = Body(model, data, config.name, config.limits)
+        self._robot, self._data = robot, data
+        self._lidar = Lidar(model, f"{config.name}/{LIDAR_SITE}", f"{config.name}/base_link")
+        self.depth = DepthCamera(model, f"{config.name}/{CAMERA_SITE}")
+        self._random = np.random.default_rng(zlib.crc32(config.name.encode()) + 2)
+        self.take()
+
+    def take(self) -> None:
+        reckoned = self._robot.odometry
+        self.x_m, self.y_m, self.yaw_rad = reckoned.x_m, reckoned.y_m, reckoned.yaw_rad
+        """In the frame odom, as the wheels have it."""
+        self.twist = reckoned.twist
+        self.battery = copy.copy(self._robot.battery)
+        self.arm_reference_rad, self.gripper_reference_m = (
+            self._robot.arm.reference_rad,
+            self._robot.gripper.position_m,
+        )
+
+    def scan_m(self) -> np.ndarray:
+        """(Lidar.BEAMS,) ranges as the lidar measures them, noise included."""
+        noise_m = self.config.noise.lidar_m * self._random.standard_normal(Lidar.BEAMS)
+        return self._lidar.ranges(self._data) + noise_m
+
+    def depth_m(self) -> np.ndarray:
+        """(height, width) depths as the wrist's camera measures them."""
+        depth_m = self.depth.image(self._data)
+        share = self.config.noise.depth_share
+        return depth_m * (1 + share * self._random.standard_normal(depth_m.shape, np.float32))
+
+
+class Snapshot:
+    """`take` is for the simulation's thread, everything else for the one that publishes."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self.site, self.model = simulation.site, simulation.model
+        self.data = mujoco.MjData(self.model)
+        mujoco.mj_copyData(self.data, self.model, simulation.data)
+        self.robots = [RobotSnapshot(robot, self.model, self.data) for robot in simulation.robots.values()]
+        self._bodies = list(simulation.captured)
+        self._tracked = np.array(list(simulation.captured.values()))
+        self._presence = self.model.site(f"{self.site.bin.name}/presence").id
+        self.take()
+
+    def take(self) -> None:
+        """Copy the world as it is now."""
+        mujoco.mj_copyData(self.data, self.model, self._simulation.data)
+        self.time_ns = self._simulation.time_ns
+        self.supply = copy.copy(self._simulation.supply)
+        for robot in self.robots:
+            robot.take()
+
+    def captured_poses(self) -> Iterator[tuple[str, np.ndarray]]:
+        """Each body that motion capture sees in the lab, and its pose (7,): x, y, z in m, qx, qy, qz, qw."""
+        poses = np.empty((len(self._tracked), 7))
+        poses[:, :3] = self.data.xpos[self._tracked]
+        poses[:, 3:] = self.data.xquat[self._tracked[:, None], _XYZW]
+        for body, pose, height_m in zip(self._bodies, poses, poses[:, 2].tolist(), strict=True):
+            if height_m >= _UNDERGROUND_M:
+                yield body, pose
+
+    def weight_n(self, compartment: str) -> float:
+        return scale_weight_n(self.model, self.data, self.site.bin.name, compartment)
+
+    def presence_m(self) -> float:
+        """Distance from the bin's camera to the first thing in front of it; infinite beyond 2 m."""
+        eye = self.data.site_xpos[self._presence]
+        beam = self.data.site_xmat[self._presence].reshape(3, 3)[:, 2].copy()
+        distance_m = mujoco.mj_ray(self.model, self.data, eye, beam, None, True, -1, None)
+        return distance_m if 0 <= distance_m <= _PRESENCE_MAX_M else math.inf
