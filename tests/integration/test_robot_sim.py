@@ -96,15 +96,22 @@ def seconds(stamp: Any) -> float:
 
 
 SITE = """
-clock.speed = 10
+clock.speed = {speed}
 clock.idle_speed = 200
-robots = [{ name = "panther1", pose = { x_m = 1.4, y_m = 1.3 }, battery = { soc = 0.5 } }]
+robots = [{{ name = "panther1", pose = {{ x_m = 1.4, y_m = 1.3 }}, battery = {{ soc = 0.5 }} }}]
 """
+SLOWLY = pytest.mark.parametrize("speed", [2])
+"""For what is done to a robot on its way: a busy machine must be in time to do it, too."""
 
 
 @pytest.fixture
-def lab(tmp_path: Path) -> Iterator[RunningSite]:
-    site = RunningSite(write_site(tmp_path, extra=SITE))
+def speed() -> int:
+    return 10
+
+
+@pytest.fixture
+def lab(tmp_path: Path, speed: int) -> Iterator[RunningSite]:
+    site = RunningSite(write_site(tmp_path, extra=SITE.format(speed=speed)))
     yield site
     site.stop()
 
@@ -180,6 +187,7 @@ def test_a_goal_nobody_can_reach_is_aborted_with_nav2s_code(remote: Remote) -> N
     assert aborted.value.result.error_code == 204
 
 
+@SLOWLY
 def test_a_killed_simulation_goes_on_where_it_was(lab: RunningSite, remote: Remote) -> None:
     parking = BinLayout(remote.site.bin).parking
     start = remote.pose()
@@ -188,9 +196,9 @@ def test_a_killed_simulation_goes_on_where_it_was(lab: RunningSite, remote: Remo
     while math.dist((remote.pose().x_m, remote.pose().y_m), (start.x_m, start.y_m)) < 0.3:
         remote.newest("mocap/panther1/pose", remote.clock.now_s())
     lab.kill("robot_sim")
-    killed_s, killed_at = remote.clock.now_s(), remote.pose()
     with pytest.raises(ActionServerLost):
         goal.result(WALL_LIMIT_S)
+    killed_s, killed_at = remote.clock.now_s(), remote.pose()
 
     lab.start("robot_sim")
     remote.newest("mocap/panther1/pose", killed_s)
@@ -209,8 +217,8 @@ def test_it_stops_in_time_while_the_router_takes_nothing(lab: RunningSite, remot
         with pytest.raises(subprocess.TimeoutExpired):
             body.wait(3.0)
         body.send_signal(signal.SIGTERM)
-        # Before a launcher would kill it.
-        assert body.wait(8.0) == 0
+        # By itself: a launcher that had to kill it would see another status.
+        assert body.wait(WALL_LIMIT_S) == 0
     finally:
         router.send_signal(signal.SIGCONT)
     assert "Traceback" not in lab.log("robot_sim")
@@ -274,6 +282,7 @@ def eventually(holds: Callable[[], Any], what: str) -> None:
         time.sleep(0.05)
 
 
+@SLOWLY
 def test_an_emergency_stop_aborts_the_goal_and_refuses_the_next(remote: Remote) -> None:
     goal = remote.drive(BinLayout(remote.site.bin).parking)
     stop = "panther1/emergency_stop", "std_srvs/srv/SetBool"
