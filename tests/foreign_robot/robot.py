@@ -22,7 +22,9 @@ from interfaces import SERVICES, Network
 
 STEP_S = 0.02
 LATE_S = 0.03
-"""Behind the lab's clock by more than this it stands still."""
+"""Behind the lab's clock by more than this it slows down, to a stand if need be."""
+PACE_PER_STEP = 0.1
+"""How fast it slows down and goes on: what it holds must not feel a jerk."""
 ARM = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate")
 FINGERS = ("left_finger", "right_finger")
 WHEELS = ("fl_wheel_joint", "fr_wheel_joint", "rl_wheel_joint", "rr_wheel_joint")
@@ -41,6 +43,18 @@ WIDTH_PX, HEIGHT_PX, FOCAL_PX = 96, 72, 55.0
 
 def wrap(angle_rad: float) -> float:
     return math.remainder(angle_rad, math.tau)
+
+
+def hermite(time_s: float, times_s: np.ndarray, values: np.ndarray, slopes: np.ndarray) -> np.ndarray:
+    """The cubic through `values` (n, k) at `times_s` (n,) with `slopes` (n, k), as ros2_control has it."""
+    k = min(max(int(np.searchsorted(times_s, time_s, "right")) - 1, 0), max(len(times_s) - 2, 0))
+    if len(times_s) == 1:
+        return values[0]
+    span_s = times_s[k + 1] - times_s[k]
+    u = (time_s - times_s[k]) / span_s
+    ahead = values[k + 1] - values[k]
+    begin, end = slopes[k] * span_s - ahead, ahead - slopes[k + 1] * span_s
+    return values[k] + u * ahead + u * (1 - u) * (begin * (1 - u) + end * u)
 
 
 class Base:
@@ -70,7 +84,7 @@ class Base:
     def stop(self) -> None:
         self.legs, self.speed_m_s, self.turn_rad_s = [], 0.0, 0.0
 
-    def step(self) -> None:
+    def step(self, dt_s: float) -> None:
         if not self.legs:
             self.speed_m_s = self.turn_rad_s = 0.0
             return
@@ -78,28 +92,30 @@ class Base:
         if kind == "turn":
             self.speed_m_s = 0.0
             error = wrap(target[0] - self.yaw_rad)
-            step = math.copysign(self._ramp(self.turn_rad_s, TURN_RAD_S, TURN_UP_RAD_S2, abs(error)), error)
-            self.yaw_rad, self.turn_rad_s = wrap(self.yaw_rad + step), step / STEP_S
+            step = math.copysign(
+                self._ramp(self.turn_rad_s, TURN_RAD_S, TURN_UP_RAD_S2, abs(error), dt_s), error
+            )
+            self.yaw_rad, self.turn_rad_s = wrap(self.yaw_rad + step), step / dt_s
             if abs(error) - abs(step) < 1e-6:
                 self.legs.pop(0)
                 self.turn_rad_s = 0.0
             return
         x_m, y_m, sign = target
         left_m = math.dist((self.x_m, self.y_m), (x_m, y_m))
-        step = self._ramp(self.speed_m_s, SPEED_M_S, SPEED_UP_M_S2, left_m)
+        step = self._ramp(self.speed_m_s, SPEED_M_S, SPEED_UP_M_S2, left_m, dt_s)
         if left_m > 0:
             self.x_m += (x_m - self.x_m) / left_m * step
             self.y_m += (y_m - self.y_m) / left_m * step
-        self.speed_m_s = sign * step / STEP_S
+        self.speed_m_s = sign * step / dt_s
         self.way_m += sign * step
         if left_m - step < 1e-6:
             self.legs.pop(0)
 
     @staticmethod
-    def _ramp(speed: float, fastest: float, acceleration: float, left: float) -> float:
+    def _ramp(speed: float, fastest: float, acceleration: float, left: float, dt_s: float) -> float:
         """How far to go in this step: faster and slower gently, and not beyond what is left."""
-        wanted = min(fastest, abs(speed) + acceleration * STEP_S, math.sqrt(2 * acceleration * left))
-        return min(left, max(wanted, 0.02) * STEP_S)
+        wanted = min(fastest, abs(speed) + acceleration * dt_s, math.sqrt(2 * acceleration * left))
+        return min(left, max(wanted, 0.02) * dt_s)
 
 
 class Robot:
@@ -111,15 +127,16 @@ class Robot:
         self.arm = np.array(STOWED_RAD)
         self.gripper_m, self._holding = OPEN_M, False
         self._wanted_m = OPEN_M
+        self._joints = self._joint_positions()
         self._in_hand: tuple[np.ndarray, np.ndarray] | None = None
         self._item: tuple[np.ndarray, np.ndarray] | None = None
         self.stopped = False
         self._time_s: float | None = None
-        self._moved_s = 0.0
-        """Time in which it was able to move."""
+        self._pace, self._moved_s = 1.0, 0.0
+        """How fast its own time goes, and how much of it has passed."""
         self._tick = 0
         self._drive: Goal | None = None
-        self._trajectory: tuple[Goal, float, np.ndarray, np.ndarray] | None = None
+        self._trajectory: tuple[Goal, float, np.ndarray, np.ndarray, np.ndarray] | None = None
         self._grip: Goal | None = None
         spec = mujoco.MjSpec.from_file(str(arguments.urdf))
         spec.compiler.fusestatic = False
@@ -202,10 +219,12 @@ class Robot:
                 self._time_s = now_s - STEP_S
             while self._time_s + STEP_S <= now_s + 1e-4:
                 self._time_s += STEP_S
-                # On a machine that is late, time goes on and the robot stands: the lab must see all it does.
-                if now_s - self._time_s < LATE_S:
-                    self._moved_s += STEP_S
-                    self._move(self._moved_s)
+                # On a machine that is late the robot waits: the lab must see all that it does.
+                change = PACE_PER_STEP if now_s - self._time_s < LATE_S else -PACE_PER_STEP
+                self._pace = min(1.0, max(0.0, self._pace + change))
+                if self._pace > 0:
+                    self._moved_s += STEP_S * self._pace
+                    self._move(STEP_S * self._pace)
                 self._publish(self._time_s)
                 self._tick += 1
             self._tell_the_lab()
@@ -234,23 +253,25 @@ class Robot:
             points = trajectory.points
             times = np.array([p.time_from_start.sec + p.time_from_start.nanosec * 1e-9 for p in points])
             positions = np.array([np.asarray(p.positions)[order] for p in points])
+            speeds = np.array([np.asarray(p.velocities)[order] for p in points])
             if self._trajectory is not None:
                 self._trajectory[0].end(CANCELED)
             if times[0] > 0:
                 times, positions = np.r_[0.0, times], np.vstack([self.arm, positions])
-            self._trajectory = goal, self._moved_s, times, positions
+                speeds = np.vstack([np.zeros(6), speeds])
+            self._trajectory = goal, self._moved_s, times, positions, speeds
         else:
             if self._grip is not None:
                 self._grip.end(CANCELED, position=self.gripper_m)
             self._grip = goal
 
-    def _move(self, now_s: float) -> None:
+    def _move(self, dt_s: float) -> None:
         if self.stopped:
             self._abort()
-        self.base.step()
+        self.base.step(dt_s)
         self._step_drive()
-        self._step_arm(now_s)
-        self._step_gripper()
+        self._step_arm()
+        self._step_gripper(dt_s)
         self._place()
         if self._in_hand is not None:
             self._item = self._carried()
@@ -292,24 +313,24 @@ class Robot:
                 distance_remaining=float(len(self.base.legs)),
             )
 
-    def _step_arm(self, now_s: float) -> None:
+    def _step_arm(self) -> None:
         if self._trajectory is None:
             return
-        goal, began_s, times, positions = self._trajectory
-        elapsed_s = now_s - began_s
-        self.arm = np.array([np.interp(elapsed_s, times, column) for column in positions.T])
+        goal, began_s, times, positions, speeds = self._trajectory
+        elapsed_s = self._moved_s - began_s
+        self.arm = hermite(min(elapsed_s, times[-1]), times, positions, speeds)
         if goal.cancel or elapsed_s >= times[-1]:
             goal.end(CANCELED if goal.cancel else SUCCEEDED)
             self._trajectory = None
 
-    def _step_gripper(self) -> None:
+    def _step_gripper(self, dt_s: float) -> None:
         goal = self._grip
         if goal is None:
             return
         wanted = min(OPEN_M, max(CLOSED_M, goal.request.command.position))
         self._wanted_m = wanted
         stops_m = self._radius_m + PAD_M if self._item_between_pads() else CLOSED_M
-        step = 0.06 * STEP_S
+        step = 0.06 * dt_s
         target = max(wanted, stops_m)
         self.gripper_m += max(-step, min(step, target - self.gripper_m))
         there = abs(self.gripper_m - target) < 1e-4
@@ -414,11 +435,12 @@ class Robot:
     def _publish(self, now_s: float) -> None:
         self._publish_odometry(now_s)
         force = GRIP_N if self._holding else 0.0
+        joints = self._joint_positions()
         self._publishers["joint_states"].publish(
             header=self._header(now_s, ""),
             name=[*ARM, *FINGERS, *WHEELS],
-            position=np.array([*self.arm, self.gripper_m, -self.gripper_m, *[self.base.way_m / WHEEL_M] * 4]),
-            velocity=np.zeros(12),
+            position=joints,
+            velocity=(joints - self._joints) / STEP_S,
             effort=np.array([*[0.0] * 6, -force, force, *[0.0] * 4]),
         )
         if self._tick % 5 == 0:
@@ -432,6 +454,12 @@ class Robot:
             self._publish_depth(now_s)
         if self._tick % 50 == 0:
             self._publish_battery(now_s)
+        self._joints = joints
+
+    def _joint_positions(self) -> np.ndarray:
+        """(12,) of arm, fingers and wheels."""
+        wheels = [self.base.way_m / WHEEL_M] * 4
+        return np.array([*self.arm, self.gripper_m, -self.gripper_m, *wheels])
 
     def _publish_odometry(self, now_s: float) -> None:
         new, base = self._network.new, self.base
@@ -439,8 +467,8 @@ class Robot:
         pose = self._pose(
             np.array([base.x_m, base.y_m, 0.0]), np.array([math.cos(half), 0.0, 0.0, math.sin(half)])
         )
-        linear = new("geometry_msgs/msg/Vector3", x=base.speed_m_s, y=0.0, z=0.0)
-        angular = new("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=base.turn_rad_s)
+        linear = new("geometry_msgs/msg/Vector3", x=base.speed_m_s * self._pace, y=0.0, z=0.0)
+        angular = new("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=base.turn_rad_s * self._pace)
         twist = new("geometry_msgs/msg/Twist", linear=linear, angular=angular)
         self._publishers["odom"].publish(
             header=self._header(now_s, f"{self._ns}/odom"),
