@@ -102,6 +102,8 @@ class Journal:
     def __init__(self, path: Path) -> None:
         # Synced at each commit: a transaction on the chain must be in the journal after a power cut as well.
         self._engine = open_database(f"sqlite:///{path}", durable=True)
+        # An outcome that a power cut takes is asked of the node again: it need not wait for the disk.
+        self._outcomes = open_database(f"sqlite:///{path}")
         names = inspect(self._engine).get_table_names()
         if "transactions" in names and "alembic_version" not in names:
             stamp(self._engine, "journal", "0001")
@@ -164,7 +166,7 @@ class Journal:
         """Keep outcomes: `entry_id`, `state` (mined, failed), `outcome` (reply or error), `block`, `fee`."""
         rows = list(outcomes)
         if rows:
-            with self._engine.begin() as connection:
+            with self._outcomes.begin() as connection:
                 connection.execute(_finished, rows)
 
     def forget(self, entry: Entry) -> None:
@@ -184,6 +186,7 @@ class Journal:
             return connection.scalar(query) or 0
 
     def close(self) -> None:
+        self._outcomes.dispose()
         self._engine.dispose()
 
     def _entries(self, condition: Any) -> list[Entry]:
