@@ -16,7 +16,7 @@ from sqlalchemy.dialects import postgresql, sqlite
 
 _CHECKPOINT_S = 2.0
 _CHECKPOINT_PAGES = 10_000
-"""Of 4 KiB; a commit moves them by itself when the log has grown this far all the same."""
+"""Of 4 KiB, after which the log begins anew: it does so by itself only when nothing is written meanwhile."""
 
 _MIGRATIONS = Path(__file__).parent / "migrations"
 
@@ -41,7 +41,7 @@ def open_database(url: str, schema: str = "", *, durable: bool = False) -> Engin
         connection.execute("pragma journal_mode = wal")
         connection.execute(f"pragma synchronous = {'full' if durable else 'normal'}")
         if not durable:
-            connection.execute(f"pragma wal_autocheckpoint = {_CHECKPOINT_PAGES}")
+            connection.execute("pragma wal_autocheckpoint = 0")
 
     sqlalchemy.event.listen(engine, "connect", configure)
     return engine
@@ -50,8 +50,7 @@ def open_database(url: str, schema: str = "", *, durable: bool = False) -> Engin
 class Checkpointer:
     """Moves the pages of a SQLite write-ahead log to their place, in a thread of its own.
 
-    That waits for the disk, which SQLite would do in one commit of a hundred: 30 ms that nobody expects. It
-    holds up neither readers nor the writer.
+    That waits for the disk, which SQLite would do in one commit of a hundred: 30 ms that nobody expects.
     """
 
     def __init__(self, engine: Engine) -> None:
@@ -63,7 +62,11 @@ class Checkpointer:
     def _run(self) -> None:
         while not self._stop.wait(_CHECKPOINT_S):
             with self._engine.connect() as connection:
-                connection.exec_driver_sql("pragma wal_checkpoint(passive)")
+                # Holds up neither readers nor the writer.
+                _, pages, _ = connection.exec_driver_sql("pragma wal_checkpoint(passive)").one()
+                if pages > _CHECKPOINT_PAGES:
+                    # Holds up the writer, but only for what came in the meantime.
+                    connection.exec_driver_sql("pragma wal_checkpoint(restart)")
 
     def close(self) -> None:
         self._stop.set()
