@@ -77,9 +77,9 @@ class Publisher:
         """Send a message that is already serialised; the sequence number under which it went out."""
         if source_time_ns is None:
             source_time_ns = self._clock.now_ns()
-        attachment = wire.Attachment(next(self._sequence), source_time_ns, self._gid)
-        self._publisher.put(cdr, attachment=attachment.encode())
-        return attachment.sequence
+        sequence = next(self._sequence)
+        self._publisher.put(cdr, attachment=wire.attachment(sequence, source_time_ns, self._gid))
+        return sequence
 
     def close(self) -> None:
         self._publisher.undeclare()

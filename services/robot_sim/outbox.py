@@ -16,7 +16,7 @@ from typing import Any
 Send = Callable[[Any, int], object]
 """`publish` or `publish_cdr` of a publisher: message and site time in ns."""
 
-_BATCH_WALL_S = 0.002
+_BATCH_WALL_S = 0.005
 """What is to be sent waits no longer than this for company."""
 _STOP_CHECK_S = 0.1
 _CLOSE_S = 1.0
@@ -40,7 +40,7 @@ class Outbox:
         self._thread.start()
 
     def ready(self) -> bool:
-        """Wait until the last control period is published; False when stopped. Raises what sending raised."""
+        """Wait until the last period is in messages; False when stopped. Raises what a send raised."""
         while not self._free.acquire(timeout=_STOP_CHECK_S):
             if self._stop.is_set():
                 return False
@@ -54,10 +54,10 @@ class Outbox:
         def work() -> None:
             try:
                 period()
-                if at_once or time.monotonic() - self._since_s >= _BATCH_WALL_S:
-                    self._flush()
             finally:
                 self._free.release()
+            if at_once or time.monotonic() - self._since_s >= _BATCH_WALL_S:
+                self._flush()
 
         self._work.put(work)
 

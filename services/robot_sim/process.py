@@ -1,5 +1,6 @@
 """The process: one simulation on one bus, from its saved state or from the site file."""
 
+import gc
 import logging
 import threading
 import time
@@ -74,6 +75,8 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
                 nodes.append(node)
                 robots.append(RobotPlane(node, loop, snapshot, robot, seen))
                 Actions(node, loop, robot)
+            # What was made until now is not garbage before the process ends.
+            gc.freeze()
             service.ready()
             loop.run(Bus(service, snapshot, lab, robots))
             for node in nodes:

@@ -139,6 +139,9 @@ class Simulation:
         self.entities = Entities(spec, [item.id for item in site.items], [robot.name for robot in elsewhere])
         self.model = spec.compile()
         self.data = begin(self.model, simulated)
+        self.fingerprint = _fingerprint(self.model, [robot.name for robot in bodies])
+        """What the saved numbers are about: the compiled world."""
+        self.entities.settle(self.model, self.data)
         self.robots = {config.name: SimRobot(self.model, self.data, config) for config in bodies}
         self.map = Map.of(site)
         self.supply = Supply(site.dock)
@@ -241,13 +244,6 @@ class Simulation:
     # -- survival ----------------------------------------------------------------------------------
 
     @property
-    def fingerprint(self) -> bytes:
-        """What the saved numbers are about: the compiled world."""
-        buffer = np.empty(mujoco.mj_sizeModel(self.model), np.uint8)
-        mujoco.mj_saveModel(self.model, None, buffer)
-        return buffer.tobytes() + "".join(self.robots).encode()
-
-    @property
     def row_size(self) -> int:
         return len(self._row)
 
@@ -262,6 +258,7 @@ class Simulation:
         size = self._state_size
         self.time_ns = time_ns
         mujoco.mj_setState(self.model, self.data, row[:size].copy(), _MJ_STATE)
+        self.entities.settle(self.model, self.data)
         mujoco.mj_forward(self.model, self.data)
         enabled, finished, *rest = row[size:]
         self.supply.enabled, self.supply.finished = bool(enabled), bool(finished)
@@ -272,3 +269,9 @@ class Simulation:
     def _extras(self) -> list[float]:
         robots = [number for robot in self.robots.values() for number in robot.row()]
         return [float(self.supply.enabled), float(self.supply.finished), *robots]
+
+
+def _fingerprint(model: mujoco.MjModel, robots: list[str]) -> bytes:
+    buffer = np.empty(mujoco.mj_sizeModel(model), np.uint8)
+    mujoco.mj_saveModel(model, None, buffer)
+    return buffer.tobytes() + "".join(robots).encode()

@@ -85,6 +85,18 @@ def test_the_same_site_has_the_same_fingerprint_and_another_has_not() -> None:
     assert Simulation(fewer, START_NS).fingerprint != same
 
 
+def test_an_obstacle_that_is_put_into_the_lab_is_solid_also_after_a_restart() -> None:
+    first, second = Simulation(Site.load(LAB), START_NS), Simulation(Site.load(LAB), START_NS)
+    first.place("obstacle1", np.array([2.2, 1.3, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+    second.restore(first.time_ns, first.row())
+    assert second.fingerprint == first.fingerprint
+    for simulation in (first, second):
+        for _ in range(150):
+            the_robot(simulation).command(Twist2(0.5, 0.0), simulation.time_s)
+            simulation.step()
+        assert 1.5 < the_robot(simulation).body.pose.x_m < 1.7
+
+
 def test_time_advances_by_the_control_period(docked: Simulation) -> None:
     before_ns = docked.time_ns
     docked.step()
