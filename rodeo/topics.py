@@ -88,6 +88,22 @@ GRIPPER_STATE = _topic(
 BATTERY_STATE = _topic(
     "{ns}/battery_state", "sensor_msgs/msg/BatteryState", 1, "robot_sim", True, "the robot's battery"
 )
+POSE = _topic(
+    "{ns}/pose",
+    "geometry_msgs/msg/PoseStamped",
+    50,
+    "robot_sim",
+    True,
+    "where the robot localises itself in the map; only on sites without motion capture",
+)
+ITEM_POSE = _topic(
+    "{ns}/item_pose",
+    "geometry_msgs/msg/PoseStamped",
+    None,
+    "robot_agent",
+    True,
+    "where the robot sees the item that it is about to take, in the map",
+)
 CMD_VEL = _topic(
     "{ns}/cmd_vel", "geometry_msgs/msg/Twist", None, "robot_agent", False, "base velocity command"
 )
@@ -299,6 +315,8 @@ def robot_interface() -> str:
     """What a robot offers and takes, as a table: part of docs/bring-your-own-robot.md."""
     lines = ["| name | type | form | rate (Hz) | in a proof | what |", "|---|---|---|---|---|---|"]
     for topic in TOPICS:
+        if topic is ITEM_POSE:
+            continue  # the mind's own
         if topic.plane is Plane.ROBOT and (topic.key.startswith("{ns}/") or topic.key.startswith("tf")):
             form = "subscribed" if topic.writer != "robot_sim" else topic.form
             recorded = "yes" if topic.recorded else ""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict
@@ -52,6 +52,9 @@ class Ledger(BaseModel):
     def signers(self, role: str | None) -> set[str]:
         """Lower-case addresses that may sign as `role` (None: as anything) now."""
         return {d.address.lower() for d in self.devices if role in (None, d.role) and d.revoked is None}
+
+
+NO_MOCAP = "not applicable: the site has no motion capture"
 
 
 class CaseError(EvidenceError):
@@ -132,6 +135,11 @@ class Case:
             if item_id not in items:
                 raise CaseError("the site has no such item", item_id=item_id)
             return items[item_id]
+        if not self.mocap:
+            taken = [e.get("item") for e in self.events if e.get("event") == "releasing"]
+            if not taken or taken[-1] not in items:
+                raise CaseError("the recording does not say which item of this site it is about")
+            return items[taken[-1]]
         recorded = [i for i in items if self.proof.count("/" + topics.MOCAP_POSE.name(body=i))]
         if not recorded:
             raise CaseError("no item of this site is in the recording", items=list(items))
@@ -145,23 +153,45 @@ class Case:
     def joints(self) -> Table:
         return self.table(topics.JOINT_STATES, ns=self.robot.namespace)
 
+    @property
+    def mocap(self) -> bool:
+        """Whether the site has motion capture."""
+        return self.site.lab.mocap
+
+    @property
+    def base_source(self) -> str:
+        """Who says where the base is."""
+        return "motion capture" if self.mocap else "the robot's own localisation"
+
+    @property
+    def item_pose_source(self) -> Literal["motion capture", "perception"]:
+        """Who says where the item lay: the lab, or the robot itself, which is weaker."""
+        return "motion capture" if self.mocap else "perception"
+
     def pose(self, body: str) -> Pose:
         """Motion capture of a body. Raises LayoutChanged, CaseError when stamps or numbers are absurd."""
         if body not in self._poses:
-            self._poses[body] = self._pose(body)
+            self._poses[body] = _pose(self.table(topics.MOCAP_POSE, body=body))
         return self._poses[body]
 
-    def _pose(self, body: str) -> Pose:
-        table = self.table(topics.MOCAP_POSE, body=body)
-        position_m = table.vector("pose.position")
-        quaternion = table.vector("pose.orientation", "wxyz")
-        norm = np.linalg.norm(quaternion, axis=1)
-        if not (np.isfinite(position_m).all() and np.isfinite(norm).all() and (abs(norm - 1) < 1e-3).all()):
-            raise CaseError("a pose is not a pose", body=body)
-        flips = np.cumprod(np.where((quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0, -1.0, 1.0))
-        quaternion = quaternion * np.concatenate([[1.0], flips])[:, None] / norm[:, None]
-        time_s = increasing(table)
-        return Pose(time_s, position_m, quaternion)
+    @cached_property
+    def base(self) -> Pose:
+        """The base's motion by motion capture, or by its own localisation without. Raises like `pose`."""
+        if self.mocap:
+            return self.pose(self.robot.name)
+        return _pose(self.table(topics.POSE, ns=self.robot.namespace))
+
+    def sighting(self, before_s: float) -> tuple[Array, Array]:
+        """Position (3,) and quaternion (4,) w, x, y, z of the item where the robot last saw it before then.
+
+        Raises CaseError, LayoutChanged.
+        """
+        table = self.table(topics.ITEM_POSE, ns=self.robot.namespace)
+        seen = np.flatnonzero(table.stamp_s <= before_s)
+        if not len(seen):
+            raise CaseError("the robot did not record where it saw the item", before_s=before_s)
+        position_m, quaternion = _poses(table)
+        return position_m[seen[-1]], quaternion[seen[-1]]
 
     @cached_property
     def events(self) -> list[dict[str, Any]]:
@@ -243,6 +273,21 @@ def _genuine(attestation: Attestation) -> bool:
     except BadAttestation:
         return False
     return True
+
+
+def _poses(table: Table) -> tuple[Array, Array]:
+    """(n, 3) positions and (n, 4) normed quaternions w, x, y, z. Raises CaseError."""
+    position_m, quaternion = table.vector("pose.position"), table.vector("pose.orientation", "wxyz")
+    norm = np.linalg.norm(quaternion, axis=1)
+    if not (np.isfinite(position_m).all() and np.isfinite(norm).all() and (abs(norm - 1) < 1e-3).all()):
+        raise CaseError("a pose is not a pose", topic=table.topic)
+    return position_m, quaternion / norm[:, None]
+
+
+def _pose(table: Table) -> Pose:
+    position_m, quaternion = _poses(table)
+    flips = np.cumprod(np.where((quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0, -1.0, 1.0))
+    return Pose(increasing(table), position_m, quaternion * np.concatenate([[1.0], flips])[:, None])
 
 
 def increasing(table: Table) -> Array:

@@ -9,7 +9,7 @@ only. So a recording shows work exactly if the same motion does the work again.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import mujoco
@@ -21,7 +21,17 @@ from scipy.spatial.transform import Rotation
 from rodeo.evidence.series import Array
 from rodeo.lab.config import Pose2
 from rodeo.lab.layout import BinLayout
-from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, TIMESTEP_S, WHEEL_JOINTS, world_spec
+from rodeo.lab.world import (
+    ARM_JOINTS,
+    FINGER_JOINTS,
+    GRASP_SITE,
+    GRIPPER_CLOSED_M,
+    TIMESTEP_S,
+    WHEEL_JOINTS,
+    robot_model,
+    world_spec,
+)
+from rodeo.topics import GRIPPER_STATE
 from services.oracle.case import Case, CaseError, Pose, increasing
 
 LIFTED_M = 0.05
@@ -39,6 +49,8 @@ HELD_SHARE = 0.9
 BEFORE_RELEASE_S = 0.5
 SETTLE_S = 1.0
 """Replayed after the recorded item came to rest."""
+FALL_S = 1.0
+"""From the opening of the fingers until the item lies, where nobody saw it."""
 LONGEST_S = 600.0
 """No carry across one room takes longer; bounds what a proof can make the oracle compute."""
 
@@ -91,6 +103,24 @@ MEMBERS = (
 )
 """Of the ensemble: none, then 1.5 mm of motion capture, half a milliradian of encoders, 15 % of friction and
 10 % of effort. The same ones for every proof, so that anybody gets the same result."""
+
+
+SIGHTINGS = (
+    Chance(),
+    *(
+        Chance(item_m=(radius_m * math.cos(turn), radius_m * math.sin(turn)))
+        for radius_m in (0.005, 0.010, 0.015)
+        for turn in np.arange(8) * (math.pi / 4)
+    ),
+)
+"""Where an item may lie that a depth camera saw from above, the likeliest first: to 1.5 cm, as its picture
+elements and the way back to the map allow. An item that the gripper finds nowhere there was not taken."""
+
+
+def around(chance: Chance) -> tuple[Chance, ...]:
+    """`MEMBERS` beside the place that `chance` found for the item."""
+    x_m, y_m = chance.item_m
+    return tuple(replace(m, item_m=(m.item_m[0] + x_m, m.item_m[1] + y_m)) for m in MEMBERS)
 
 
 @dataclass(frozen=True)
@@ -170,19 +200,24 @@ def replay(case: Case) -> Replay:
     With the item exactly where motion capture had it, or, if the gripper misses it there, with the first of
     `MEMBERS` in which it does not.
     """
-    item, base = case.pose(case.item.id), case.pose(case.robot.name)
-    joints = case.joints
+    base, joints = case.base, case.joints
     joint_time_s = increasing(joints)
     fingers_m = joints.named("position", list(FINGER_JOINTS))
-    phases = find_phases(item, joint_time_s, (fingers_m[:, 0] - fingers_m[:, 1]) / 2)
+    if case.mocap:
+        item = case.pose(case.item.id)
+        phases = find_phases(item, joint_time_s, (fingers_m[:, 0] - fingers_m[:, 1]) / 2)
+        signed = np.flatnonzero(case.witnessed(case.item.id) & (item.time_s <= phases.closing_s))
+        if not len(signed):
+            raise CaseError("motion capture did not sign where the item lay", before_s=phases.closing_s)
+        item_m, item_quat = item.position_m[signed[-1]], item.quaternion[signed[-1]]
+    else:
+        phases = felt_phases(case)
+        item_m, item_quat = case.sighting(phases.closing_s)
     start_s = max(phases.closing_s - BEFORE_CLOSING_S, joint_time_s[0], base.time_s[0])
     end_s = min(phases.rest_s + SETTLE_S, joint_time_s[-1], base.time_s[-1])
     if not 0 < end_s - start_s <= LONGEST_S:
         raise CaseError("the carry is absurdly long or not recorded", start_s=start_s, end_s=end_s)
     time_s = np.arange(start_s, end_s, TIMESTEP_S)
-    signed = np.flatnonzero(case.witnessed(case.item.id) & (item.time_s <= phases.closing_s))
-    if not len(signed):
-        raise CaseError("motion capture did not sign where the item lay", before_s=phases.closing_s)
 
     arm = PchipInterpolator(joint_time_s, joints.named("position", list(ARM_JOINTS)))
     fingers = PchipInterpolator(joint_time_s, fingers_m)
@@ -196,15 +231,16 @@ def replay(case: Case) -> Replay:
         path=np.hstack([part(time_s) for part in parts]),
         speed=np.hstack([part.derivative()(time_s) for part in parts]),
         effort=effort,
-        item_m=item.position_m[signed[-1]],
-        item_quat=item.quaternion[signed[-1]],
+        item_m=item_m,
+        item_quat=item_quat,
     )
     world = World(case)
-    exact = world.run(motion, MEMBERS[0])
+    guesses = MEMBERS if case.mocap else SIGHTINGS
+    exact = world.run(motion, guesses[0])
     if exact.picked:
         return exact
     until_s = phases.lifted_s + HELD_S
-    chance = next((chance for chance in MEMBERS[1:] if world.run(motion, chance, until_s).picked), None)
+    chance = next((chance for chance in guesses[1:] if world.run(motion, chance, until_s).picked), None)
     return exact if chance is None else world.run(motion, chance)
 
 
@@ -214,13 +250,14 @@ def vote(case: Case, found: Replay) -> Vote:
     Each picks the item up from the floor and, from half a second before the release in `found` on, drops it.
     """
     wanted = compartment_at(case, found.item_m[-1])
+    members = MEMBERS if case.mocap else around(found.chance)
     succeeded = failed = 0
-    for chance in MEMBERS:
+    for chance in members:
         if max(succeeded, failed) > len(MEMBERS) // 2:
             break
-        if chance is found.chance:
+        if chance == found.chance:
             fell = found.picked and wanted is not None
-        elif MEMBERS.index(chance) < MEMBERS.index(found.chance):
+        elif members.index(chance) < members.index(found.chance):
             fell = False  # tried before, and missed
         else:
             picked = found.world.run(found.motion, chance, found.phases.lifted_s + HELD_S).picked
@@ -258,6 +295,42 @@ def find_phases(item: Pose, joint_time_s: Array, gripper_m: Array) -> Phases:
     moved = np.linalg.norm(item.position_m - item.position_m[-1], axis=1) > 0.005
     rest_s = float(item.time_s[np.flatnonzero(moved)[-1]])
     return Phases(closing_s, lifted_s, rest_s)
+
+
+def felt_phases(case: Case) -> Phases:
+    """The same from what the gripper felt: it was commanded to close, something kept it from doing so, and it
+    rose with that. Raises CaseError."""
+    state = case.table(GRIPPER_STATE, ns=case.robot.namespace)
+    time_s, joint_time_s = increasing(state), increasing(case.joints)
+    reference_m = state.named("reference.positions", list(FINGER_JOINTS), "joint_names")
+    wanted_m = np.maximum((reference_m[:, 0] - reference_m[:, 1]) / 2, GRIPPER_CLOSED_M)
+    fingers_m = case.joints.named("position", list(FINGER_JOINTS))
+    gap_m = np.interp(time_s, joint_time_s, (fingers_m[:, 0] - fingers_m[:, 1]) / 2)
+    arm_rad = case.joints.named("position", list(ARM_JOINTS))
+    height_m = _grasp_height_m(
+        case, np.stack([np.interp(time_s, joint_time_s, a) for a in arm_rad.T], axis=1)
+    )
+    held = (gap_m > wanted_m + CLOSED_M) & (gap_m > GRIPPER_CLOSED_M + CLOSED_M)
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]])))
+    for begin, end in reversed(list(zip(edges[::2], edges[1::2], strict=True))):
+        rises = np.flatnonzero(height_m[begin:end] > height_m[begin] + LIFTED_M)
+        if len(rises) and time_s[end - 1] - time_s[begin + rises[0]] > HELD_S:
+            lifted_s, rest_s = time_s[begin + rises[0]], time_s[end - 1] + FALL_S
+            return Phases(float(time_s[begin]), float(lifted_s), float(rest_s))
+    raise CaseError("the gripper never closes on something and rises with it")
+
+
+def _grasp_height_m(case: Case, arm_rad: Array) -> Array:
+    """(n,) height of the gripper over the floor for arm joints (n, 6)."""
+    model = robot_model(case.robot.kinematics)
+    data = mujoco.MjData(model)
+    joints = [model.joint(name).qposadr[0] for name in ARM_JOINTS]
+    heights = np.empty(len(arm_rad))
+    for index, angles in enumerate(arm_rad):
+        data.qpos[joints] = angles
+        mujoco.mj_kinematics(model, data)
+        heights[index] = data.site(GRASP_SITE).xpos[2]
+    return heights
 
 
 def _base_path(base: Pose) -> PchipInterpolator:

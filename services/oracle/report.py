@@ -39,6 +39,8 @@ class Report(BaseModel):
     task_id: int | None
     attempt: int | None
     proof_sha256: str | None
+    item_pose_source: str | None = None
+    """Of a cleaning: who said where the item lay, "motion capture" or, weaker, the robot's "perception"."""
     accepted: bool
     reason: str
     checks: list[Check]
@@ -52,6 +54,7 @@ class Report(BaseModel):
         task_id: int | None = None,
         attempt: int | None = None,
         proof_sha256: str | None = None,
+        item_pose_source: str | None = None,
     ) -> Report:
         failed = next((check for check in checks if check.passed is False), None)
         return cls(
@@ -59,6 +62,7 @@ class Report(BaseModel):
             task_id=task_id,
             attempt=attempt,
             proof_sha256=proof_sha256,
+            item_pose_source=item_pose_source,
             accepted=failed is None and bool(checks),
             reason=describe(failed) if failed else "accepted" if checks else "nothing was checked",
             checks=checks,

@@ -26,7 +26,7 @@ class Rest:
     """Motion of base, arm, fingers and item, to be asked about holes. Raises what `Case` raises."""
 
     def __init__(self, case: Case) -> None:
-        base, item, joints = case.pose(case.robot.name), case.pose(case.item.id), case.joints
+        base, item, joints = case.base, case.pose(case.item.id), case.joints
         joint_time_s = increasing(joints)
         self._item = item
         self._layout = BinLayout(case.site.bin)

@@ -6,6 +6,7 @@ import logging
 from pathlib import Path
 
 from rodeo.config import Site
+from rodeo.dao import CLEANING
 from rodeo.errors import RodeoError
 from rodeo.evidence import EvidenceError, Limits, Store, is_bag, open_bag, open_proof
 from services.oracle.case import Case, CaseError, Ledger
@@ -37,7 +38,8 @@ def verify_file(path: Path, site: Site, ledger: Ledger | None = None) -> Report:
             continue
         checks += [_run(check, case) for check in stage]
         missed = next((check.name for check in checks if check.passed is False), "")
-    return _report(checks, ledger, proof.sha256, case.kind)
+    source = case.item_pose_source if case.kind == CLEANING else None
+    return _report(checks, ledger, proof.sha256, case.kind, source)
 
 
 def verify_submission(site: Site, ledger: Ledger, folder: Path) -> Report:
@@ -76,7 +78,11 @@ def _failed(name: str, error: RodeoError) -> Check:
 
 
 def _report(
-    checks: list[Check], ledger: Ledger | None, sha256: str | None = None, kind: str | None = None
+    checks: list[Check],
+    ledger: Ledger | None,
+    sha256: str | None = None,
+    kind: str | None = None,
+    item_pose_source: str | None = None,
 ) -> Report:
     task = ledger.task if ledger else None
     return Report.of(
@@ -85,4 +91,5 @@ def _report(
         task_id=task.id if task else None,
         attempt=task.attempt if task else None,
         proof_sha256=sha256 or (task.proof_sha256 if task else None),
+        item_pose_source=item_pose_source,
     )

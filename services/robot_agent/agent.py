@@ -13,6 +13,7 @@ from typing import Any
 
 from eth_account.signers.local import LocalAccount
 
+from rodeo import topics
 from rodeo.bus import DaoEvents
 from rodeo.dao import CHARGING, CLEANING
 from rodeo.errors import BusError, RemoteError
@@ -20,7 +21,7 @@ from rodeo.evidence import EvidenceError, Recorder, Store
 from rodeo.evidence.errors import RecordingSealed
 from rodeo.lab.config import RobotConfig
 from rodeo.messages import DaoEvent, Task
-from rodeo.ros2 import Node
+from rodeo.ros2 import Node, types
 from rodeo.service import Service
 from services.robot_agent.account import Account
 from services.robot_agent.arm import Arm
@@ -44,6 +45,7 @@ from services.robot_agent.journal import Journal, Phase
 from services.robot_agent.memory import Held, Memory
 from services.robot_agent.navigation import Floor, Point
 from services.robot_agent.orders import Order, Orders
+from services.robot_agent.perception import Sighting
 from services.robot_agent.recording import Recording, tells_of_disposal, tells_of_release
 from services.robot_agent.upkeep import Upkeep
 
@@ -123,6 +125,8 @@ class Agent:
         self._bin = SmartBin(bus, site, self._on_attestation)
         self._memory = Memory(site, service.data_dir / "memory.json")
         arm = Arm(robot.limits, robot.kinematics)
+        item_pose = topics.ITEM_POSE
+        self._item_pose = self._node.publisher(item_pose.name(ns=robot.namespace), item_pose.type)
         self._cleaning = Cleaning(
             site,
             self._body,
@@ -133,6 +137,7 @@ class Agent:
             self._bin,
             self._clock,
             self._stop,
+            self._announce,
         )
         self._upkeep = Upkeep(site, robot, self._node, self._body, self._dao, self._clock, service.data_dir)
         self._charging = Charging(
@@ -155,6 +160,16 @@ class Agent:
     def _make_node(self, name: str) -> Node:
         session, domain_id = self._service.bus.session, self._site.bus.domain_id
         return Node(session, name, self._robot.namespace, domain_id, self._clock)
+
+    def _announce(self, sighting: Sighting) -> None:
+        now_ns = self._clock.now_ns()
+        message = types.new(topics.ITEM_POSE.type)
+        message.header.frame_id = "map"
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(now_ns, 1_000_000_000)
+        at, turn = message.pose.position, message.pose.orientation
+        at.x, at.y, at.z = sighting.position_m
+        turn.w, turn.x, turn.y, turn.z = sighting.quat_wxyz
+        self._item_pose.publish(message, now_ns)
 
     # -- what is heard ---------------------------------------------------------------------------------
 

@@ -130,7 +130,8 @@ class Body:
         names = {"ns": robot.namespace}
         self._joint_states = Latest(node, topics.JOINT_STATES.name(**names), topics.JOINT_STATES.type)
         self._battery = Latest(node, topics.BATTERY_STATE.name(**names), topics.BATTERY_STATE.type)
-        self._pose = Latest(node, topics.MOCAP_POSE.name(body=robot.name), topics.MOCAP_POSE.type)
+        pose = topics.MOCAP_POSE.name(body=robot.name) if site.lab.mocap else topics.POSE.name(**names)
+        self._pose = Latest(node, pose, topics.MOCAP_POSE.type)
         self._dock = site.dock
         self._navigate, self._follow, self._grip = (
             ActionClient(node, action.name(**names), action.type)

@@ -129,7 +129,9 @@ class Cleaning:
         smart_bin: SmartBin,
         clock: Clock,
         stop: threading.Event,
+        announce: Callable[[Sighting], None],
     ) -> None:
+        """`announce` is told where the item lies that is about to be taken."""
         self._site = site
         self._body = body
         self._arm = arm
@@ -140,6 +142,7 @@ class Cleaning:
         self._layout = BinLayout(site.bin)
         self._clock = clock
         self._stop = stop
+        self._announce = announce
 
     def item(self, item_id: str) -> ItemConfig:
         """Raises TaskFailed when the site has no such item."""
@@ -287,6 +290,7 @@ class Cleaning:
             self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
         sighting = self._see(item, place, checkpoint, report)
         self._memory.saw(item.id, sighting.position_m[:2])
+        self._announce(sighting)
         report(f"grasping {item.id}", 0.3)
         base = self._body.base_pose(checkpoint)
         grasp = top_grasps(item, sighting.position_m, sighting.quat_wxyz)[0]

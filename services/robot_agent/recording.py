@@ -31,8 +31,8 @@ _HOLE_NS = 400_000_000
 """Odometry comes every 20 ms: a longer silence means that messages were lost (a router that restarts)."""
 
 
-def recorded_topics(site: Site, robot: str, items: list[str]) -> Iterator[tuple[str, str]]:
-    """(name, ROS type) of each topic that belongs into the proof of a task of `robot` with `items`."""
+def recorded_topics(site: Site, robot: str, items: list[str]) -> Iterator[tuple[Topic, str]]:
+    """Each topic, by its name, that belongs into the proof of a task of `robot` with `items`."""
     names = {
         "ns": [site.robot(robot).namespace],
         "body": [robot, *items],
@@ -42,7 +42,7 @@ def recorded_topics(site: Site, robot: str, items: list[str]) -> Iterator[tuple[
     }
     for topic in topics.TOPICS:
         if topic.recorded and topic.plane == Plane.ROBOT and topic.form == Form.TOPIC:
-            yield from ((name, topic.type) for name in _expand(topic, names))
+            yield from ((topic, name) for name in _expand(topic, names))
 
 
 def _expand(topic: Topic, names: dict[str, list[str]]) -> list[str]:
@@ -105,8 +105,8 @@ class Recording:
         self._lock = threading.Lock()
         self._written_ns: dict[str, int] = {}
         self._progress = threading.Condition(self._lock)
-        for name, typename in recorded_topics(site, robot, items):
-            node.raw_subscription(name, typename, self._writer(name, typename))
+        for topic, name in recorded_topics(site, robot, items):
+            node.raw_subscription(name, topic.type, self._writer(topic, name))
         node.raw_subscription(
             topics.ODOM.name(ns=site.robot(robot).namespace), topics.ODOM.type, self._watch_for_holes
         )
@@ -115,13 +115,15 @@ class Recording:
             for body in (robot, *items)
         ]
 
-    def _writer(self, name: str, typename: str) -> Any:
+    def _writer(self, topic: Topic, name: str) -> Any:
         def write(info: MessageInfo) -> None:
             self._guard(
                 lambda: self._recorder.write_ros(
-                    name, typename, info.cdr, self._clock.now_ns(), info.source_time_ns, info.sequence
+                    name, topic.type, info.cdr, self._clock.now_ns(), info.source_time_ns, info.sequence
                 )
             )
+            if topic.rate_hz is None:
+                return
             with self._progress:
                 self._written_ns[name] = types.stamp_ns(info.cdr)
                 self._progress.notify_all()

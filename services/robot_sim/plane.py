@@ -18,7 +18,7 @@ from services.robot_sim.frames import RobotFrames, odom_in_map
 from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.simulation import SimRobot
-from services.robot_sim.snapshot import RobotSnapshot, Snapshot
+from services.robot_sim.snapshot import XYZW, RobotSnapshot, Snapshot
 
 log = logging.getLogger(__name__)
 
@@ -47,7 +47,7 @@ class LabPlane:
         self._clock_sent_s = -math.inf
         self._mocap = {
             body: mocap.track(body, publisher(topics.MOCAP_POSE, body=body))
-            for body in self._simulation.captured
+            for body in (self._simulation.captured if site.lab.mocap else ())
         }
         self._pose = messages.pose_template()
         self._presence = publisher(topics.BIN_PRESENCE, bin=self._bin)
@@ -72,7 +72,7 @@ class LabPlane:
     def publish(self, tick: int, skipped: bool) -> None:
         seen, add = self._snapshot, self._loop.outbox.add
         now_ns = seen.time_ns
-        for body, pose in seen.captured_poses():
+        for body, pose in seen.captured_poses() if self._mocap else ():
             add(self._mocap[body].publish_cdr, self._pose.encode(now_ns, (0, pose)), now_ns)
         if skipped or tick % _SLOW_TICKS == 0:
             add(self._presence.publish, messages.presence(now_ns, self._bin, seen.presence_m()), now_ns)
@@ -146,6 +146,8 @@ class RobotPlane:
         self._odometry = messages.odometry_template(self._ns, robot.config.noise)
         self._joints = publisher(topics.JOINT_STATES)
         self._joint_states = messages.joint_state_template()
+        self._pose = None if self._simulation.site.lab.mocap else publisher(topics.POSE)
+        self._pose_cdr = messages.pose_template()
         self._arm, self._gripper = publisher(topics.ARM_STATE), publisher(topics.GRIPPER_STATE)
         self._arm_state = messages.controller_state_template(ARM_JOINTS)
         self._gripper_state = messages.controller_state_template(FINGER_JOINTS)
@@ -206,6 +208,9 @@ class RobotPlane:
         )
         add(self._odom.publish_cdr, odometry, now_ns)
         body = seen.body
+        if self._pose is not None:
+            pose = self._pose_cdr.encode(now_ns, (0, body.position_m), (3, body.quat_wxyz[XYZW]))
+            add(self._pose.publish_cdr, pose, now_ns)
         joints = self._joint_states.encode(now_ns, body.positions, body.velocities, body.efforts)
         add(self._joints.publish_cdr, joints, now_ns)
 

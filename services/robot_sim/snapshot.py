@@ -13,7 +13,7 @@ from rodeo.lab.sensors import DepthCamera, Lidar
 from rodeo.lab.world import CAMERA_SITE, LIDAR_SITE, scale_weight_n
 from services.robot_sim.simulation import SimRobot, Simulation
 
-_XYZW = np.array([1, 2, 3, 0])
+XYZW = np.array([1, 2, 3, 0])
 """ROS's order of a quaternion in MuJoCo's."""
 _UNDERGROUND_M = -1.0
 _PRESENCE_MAX_M = 2.0
@@ -80,7 +80,7 @@ class Snapshot:
         """Each body that motion capture sees in the lab, and its pose (7,): x, y, z in m, qx, qy, qz, qw."""
         poses = np.empty((len(self._tracked), 7))
         poses[:, :3] = self.data.xpos[self._tracked]
-        poses[:, 3:] = self.data.xquat[self._tracked[:, None], _XYZW]
+        poses[:, 3:] = self.data.xquat[self._tracked[:, None], XYZW]
         for body, pose, height_m in zip(self._bodies, poses, poses[:, 2].tolist(), strict=True):
             if height_m >= _UNDERGROUND_M:
                 yield body, pose

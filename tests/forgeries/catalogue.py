@@ -24,6 +24,7 @@ from tests.forgeries.workshop import (
     OUTPUT,
     PLACE,
     ROBOT_POSE,
+    SEEN,
     SIGNED,
     STRANGER,
     WAIST,
@@ -41,8 +42,8 @@ from tests.forgeries.workshop import (
     with_fields,
     with_joints,
 )
-from tests.support.assignments import BIN, BINDING, METER, ROBOT
-from tests.support.recordings import Sample, Take, TakeClock, film_cleaning, signed_poses
+from tests.support.assignments import BIN, BINDING, METER, MOCAP, ROBOT
+from tests.support.recordings import Sample, Take, TakeClock, film_cleaning, signed_poses, without_mocap
 
 Make = Callable[[Workshop], Submission]
 
@@ -180,7 +181,7 @@ def millions_of_topics(shop: Workshop) -> Submission:
 def absurd_timestamps(shop: Workshop) -> Submission:
     """Messages from the year 2262."""
     path = shop.rewritten(
-        lambda messages: [(t, 2**63 if n > 5 else ns, d) for n, (t, ns, d) in enumerate(messages)]
+        lambda messages: [m._replace(log_ns=2**63) if n > 5 else m for n, m in enumerate(messages)]
     )
     return Submission(shop.cleaning_ledger(), path)
 
@@ -191,8 +192,9 @@ def edited_message(shop: Workshop) -> Submission:
 
     def edit(messages: list[McapMessage]) -> list[McapMessage]:
         index = len(messages) // 2
-        topic, log_ns, data = messages[index]
-        return [*messages[:index], (topic, log_ns, data[:-1] + bytes([data[-1] ^ 1])), *messages[index + 1 :]]
+        data = messages[index].data
+        edited = messages[index]._replace(data=data[:-1] + bytes([data[-1] ^ 1]))
+        return [*messages[:index], edited, *messages[index + 1 :]]
 
     return Submission(shop.cleaning_ledger(), shop.rewritten(edit))
 
@@ -228,7 +230,7 @@ def reordered_messages(shop: Workshop) -> Submission:
 def another_topic(shop: Workshop) -> Submission:
     """The same bytes under another name: the item's poses as the base's and the other way round."""
     names = {"/" + ITEM_POSE: "/" + ROBOT_POSE, "/" + ROBOT_POSE: "/" + ITEM_POSE}
-    path = shop.rewritten(lambda messages: [(names.get(t, t), ns, data) for t, ns, data in messages])
+    path = shop.rewritten(lambda messages: [m._replace(topic=names.get(m.topic, m.topic)) for m in messages])
     return Submission(shop.cleaning_ledger(), path)
 
 
@@ -236,11 +238,26 @@ def another_topic(shop: Workshop) -> Submission:
 def spliced_halves(shop: Workshop) -> Submission:
     """The first half of one run and the second half of another, each with its own seals."""
     half_ns = round(middle_s(shop.cleaning) * 1e9)
+    other = shop.read(shop.sealed(_another_run(shop)))
 
-    def second_half(messages: list[McapMessage]) -> list[McapMessage]:
-        return [message for message in messages if message[0] == "rodeo/seal" or message[1] >= half_ns]
+    def splice(messages: list[McapMessage]) -> list[McapMessage]:
+        return [m for m in messages if m.log_ns < half_ns] + [m for m in other if m.log_ns >= half_ns]
 
-    return Submission(shop.cleaning_ledger(), shop.rewritten(second_half))
+    return Submission(shop.cleaning_ledger(), shop.rewritten(splice))
+
+
+def _another_run(shop: Workshop) -> Take:
+    """The same work, done beside where it was; the motion capture signed that, too."""
+    take = shop.unsigned.edited(ROBOT_POSE, lambda s: displaced(s, y=0.6))
+    return signed_poses(take.edited(ITEM_POSE, lambda s: displaced(s, y=0.6)), MOCAP)
+
+
+@forgery("base_speed")
+def spliced_and_sealed(shop: Workshop) -> Submission:
+    """The same two halves under one seal, each with the motion capture's own statements."""
+    half_ns = round(middle_s(shop.cleaning) * 1e9)
+    first = [s for s in shop.cleaning.samples if s.time_ns < half_ns]
+    return shop.cleaned(Take(first + [s for s in _another_run(shop).samples if s.time_ns >= half_ns]))
 
 
 @forgery("readable_and_sealed", "unsealed_proof")
@@ -621,6 +638,43 @@ def an_item_from_elsewhere(shop: Workshop) -> Submission:
     return shop.cleaned(shop.cleaning, params=PLACE | {"x_m": 4.6})
 
 
+# -- without motion capture, where the robot's own sight stands in --------------------------------------
+
+
+@forgery("item_place", "perception")
+def seen_elsewhere(shop: Workshop) -> Submission:
+    """An item that the robot saw further from the task's place than the task allows."""
+    return shop.blind(without_mocap(shop.unsigned, ITEM, off_m=(0.4, 0.0)))
+
+
+@forgery("grasp")
+def seen_beside_the_gripper(shop: Workshop) -> Submission:
+    """A motion that was made up without an item, and an item said to be seen nearby."""
+    return shop.blind(without_mocap(shop.unsigned, ITEM, off_m=(0.08, 0.08)))
+
+
+@forgery("replayed", "did not record where it saw the item")
+def never_seen(shop: Workshop) -> Submission:
+    """Arm and gripper moved as if there were an item, which nobody saw before."""
+    take = without_mocap(shop.unsigned, ITEM)
+    end_ns = take.samples[-1].time_ns
+    late = [timed(s, end_ns) if s.topic == SEEN else s for s in take.samples]
+    return shop.blind(Take(sorted(late, key=lambda s: s.time_ns)))
+
+
+@forgery("replayed", "never closes on something")
+def nothing_between_the_fingers(shop: Workshop) -> Submission:
+    """A gripper that closes on nothing and rises."""
+
+    def empty(sample: Sample) -> Sample:
+        position = sample.message.position.copy()
+        closed = np.abs(position[FINGERS]) < 0.05
+        position[FINGERS] = np.where(closed, np.array([0.021, -0.021]), position[FINGERS])
+        return with_joints(sample, position=position)
+
+    return shop.blind(without_mocap(shop.unsigned, ITEM).edited(JOINT_STATES, empty))
+
+
 # -- the bin -------------------------------------------------------------------------------------------
 
 
@@ -753,6 +807,12 @@ def a_robot_beside_the_dock(shop: Workshop) -> Submission:
 def half_a_charge(shop: Workshop) -> Submission:
     """Less than was ordered."""
     return shop.charged(shop.charge, params=_CHARGE | {"soc_target": 1.0})
+
+
+@forgery("tariff")
+def overpriced_energy(shop: Workshop) -> Submission:
+    """A session that costs more than the dock's tariff says."""
+    return shop.charged(shop.charge, price_iec=shop.site.economy.charging_reward_iec + 1)
 
 
 _CHARGE = {"robot": "panther1", "dock": "dock1", "soc_from": 0.9, "soc_target": 0.95}

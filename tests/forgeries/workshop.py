@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from hashlib import file_digest
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from eth_account import Account
@@ -39,13 +39,19 @@ PLACE = {"item_id": ITEM, "x_m": 5.4, "y_m": 2.5}
 JOINT_STATES, ODOM, SIGNED = "panther1/joint_states", "panther1/odom", "rodeo/attestation"
 ARM_STATE, GRIPPER_STATE = (f"panther1/{part}_controller/controller_state" for part in ("arm", "gripper"))
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", f"mocap/{ITEM}/pose"
+SEEN = "panther1/item_pose"
 OUTPUT, GAUGE = "dock1/output", "panther1/battery_state"
 FINGERS = [JOINTS.index("left_finger"), JOINTS.index("right_finger")]
 WAIST = JOINTS.index("waist")
 STRANGER = Account.create()
 
-McapMessage = tuple[str, int, bytes]
-"""Topic, log time in ns, payload."""
+
+class McapMessage(NamedTuple):
+    topic: str
+    log_ns: int
+    publish_ns: int
+    sequence: int
+    data: bytes
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,8 @@ class Submission:
 
     ledger: Ledger
     path: Path | None = None
+    site: Site | None = None
+    """Of which it is said to be, if another than the workshop's."""
     uri: str | None = None
     sha256: str | None = None
 
@@ -92,6 +100,12 @@ class Workshop:
         """The same with poses that the lab's motion capture signs, whatever they are."""
         return self.cleaned(signed_poses(take, MOCAP))
 
+    def blind(self, take: Take) -> Submission:
+        """`take` as proof of the cleaning task at a site without motion capture."""
+        lab = self.site.lab.model_copy(update={"mocap": False})
+        site = self.site.model_copy(update={"lab": lab})
+        return Submission(self.cleaning_ledger(), self.sealed(take), site=site)
+
     def charged(self, take: Take, *, device: LocalAccount = METER, **task: Any) -> Submission:
         """`take` as proof of the charging task, sealed with the meter's key."""
         return Submission(charging_ledger(self.charge, **task), self.sealed(take, CHARGE_BINDING, device))
@@ -109,7 +123,8 @@ class Workshop:
         ledger = submission.ledger
         task = ledger.task.model_copy(update={"proof_uri": uri, "proof_sha256": sha256})
         folder = self.folder / f"verify-{next(self._numbers)}"
-        return verify_submission(self.site, ledger.model_copy(update={"task": task}), folder)
+        site = submission.site or self.site
+        return verify_submission(site, ledger.model_copy(update={"task": task}), folder)
 
     def deposit(self, path: Path) -> str:
         """Put a file into the store's folder, past the store's own limits; its URI."""
@@ -125,31 +140,35 @@ class Workshop:
     def honest_file(self) -> Path:
         return self.sealed(self.cleaning)
 
+    def read(self, path: Path) -> list[McapMessage]:
+        """The messages of a recording in file order, seals included."""
+        with path.open("rb") as file:
+            read = make_reader(file).iter_messages(log_time_order=False)
+            return [
+                McapMessage(
+                    channel.topic, message.log_time, message.publish_time, message.sequence, message.data
+                )
+                for _, channel, message in read
+            ]
+
     def rewritten(self, edit: Callable[[list[McapMessage]], list[McapMessage]]) -> Path:
         """The honest file with its messages as `edit` returns them, seals included, well-formed."""
         source = self.honest_file()
-        path = self.folder / f"{next(self._numbers)}.mcap"
         with source.open("rb") as file:
-            reader = make_reader(file)
-            messages: list[McapMessage] = []
-            kinds: dict[str, tuple[str, str, bytes]] = {}
-            for schema, channel, message in reader.iter_messages(log_time_order=False):
-                kinds[channel.topic] = (
-                    channel.message_encoding,
-                    schema.name if schema else "",
-                    schema.data if schema else b"",
-                )
-                messages.append((channel.topic, message.log_time, message.data))
+            summary = make_reader(file).get_summary()
+        assert summary is not None
+        kinds = {channel.topic: channel for channel in summary.channels.values()}
+        path = self.folder / f"{next(self._numbers)}.mcap"
         with path.open("wb") as file:
             writer = Writer(file)
             writer.start(profile="ros2", library="rodeo")
             channels: dict[str, int] = {}
-            for sequence, (topic, log_ns, data) in enumerate(edit(messages)):
+            for topic, log_ns, publish_ns, sequence, data in edit(self.read(source)):
                 if topic not in channels:
-                    encoding, name, text = kinds[topic]
-                    schema_id = writer.register_schema(name, "ros2msg", text) if name else 0
-                    channels[topic] = writer.register_channel(topic, encoding, schema_id)
-                writer.add_message(channels[topic], log_ns, data, log_ns, sequence)
+                    schema = summary.schemas.get(kinds[topic].schema_id)
+                    number = writer.register_schema(schema.name, "ros2msg", schema.data) if schema else 0
+                    channels[topic] = writer.register_channel(topic, kinds[topic].message_encoding, number)
+                writer.add_message(channels[topic], log_ns, data, publish_ns, sequence)
             writer.finish()
         return path
 

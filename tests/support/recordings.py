@@ -318,6 +318,23 @@ def film_cleaning(
     return Take(camera.samples)
 
 
+def without_mocap(take: Take, item_id: str, off_m: tuple[float, float] = (0.0, 0.0)) -> Take:
+    """The same film at a site without motion capture, whose robot sees the item this far from where it is."""
+    lies = take.of(f"mocap/{item_id}/pose")[0]
+    at = lies.message.pose.position
+    seen = moved(lies, x=at.x + off_m[0], y=at.y + off_m[1])
+    robot = next(s.topic.split("/")[0] for s in take.samples if s.topic.endswith("/joint_states"))
+    samples = []
+    for sample in take.samples:
+        if sample.topic == f"mocap/{robot}/pose":
+            samples.append(replace(sample, topic=f"{robot}/pose"))
+        elif sample is lies:
+            samples.append(replace(seen, topic=f"{robot}/item_pose"))
+        elif not sample.topic.startswith("mocap/"):
+            samples.append(sample)
+    return Take(samples)
+
+
 def later(take: Take, seconds: int, bin_account: LocalAccount, after_s: float = 0.0) -> Take:
     """The same film, shot so much later; the bin signs its statements anew.
 

@@ -63,7 +63,7 @@ CHECKS: dict[str, tuple[Stage, ...]] = {
         (completeness.charging_gaps, completeness.charging_missed),
         (charging.meter_chain,),
         (charging.readings, charging.readings_signed, charging.register),
-        (charging.robot_docked, charging.power, charging.energy, charging.target),
+        (charging.robot_docked, charging.power, charging.energy, charging.target, charging.tariff),
         (provenance.sealed,),
     ),
 }

@@ -5,8 +5,8 @@ import numpy as np
 from rodeo.evidence.series import Array
 from rodeo.lab.layout import BUMPER_M, HALF_WIDTH_M
 from rodeo.topics import ODOM
-from services.oracle.case import Case, increasing
-from services.oracle.report import Finding, at_most
+from services.oracle.case import NO_MOCAP, Case, increasing
+from services.oracle.report import Finding, at_most, skipped
 
 TOLERANCE = 1.05
 """On published limits, for numerical differentiation of poses."""
@@ -23,19 +23,19 @@ CLEARANCE_M = 0.03
 
 def base_speed(case: Case) -> Finding:
     """Fastest motion of the base by motion capture."""
-    pose = case.pose(case.robot.name)
+    pose = case.base
     return at_most(
         float(np.linalg.norm(_rate(pose.time_s, pose.position_m), axis=1).max()),
         case.robot.limits.linear_m_s * TOLERANCE,
         "m/s",
         source="Husarion Panther: 2 m/s",
-        detail="fastest by motion capture",
+        detail=f"fastest by {case.base_source}",
     )
 
 
 def base_acceleration(case: Case) -> Finding:
     """Hardest change of the base's speed by motion capture."""
-    pose = case.pose(case.robot.name)
+    pose = case.base
     step = _step(pose.time_s)
     before, now, after = (pose.position_m[i : len(pose.time_s) - 2 * step + i] for i in (0, step, 2 * step))
     elapsed_s = (pose.time_s[2 * step :] - pose.time_s[: -2 * step]) / 2
@@ -45,25 +45,27 @@ def base_acceleration(case: Case) -> Finding:
         TYRE_GRIP_M_S2,
         "m/s2",
         source="friction of the tyres on the lab's floor",
-        detail="hardest by motion capture",
+        detail=f"hardest by {case.base_source}",
     )
 
 
 def turning_speed(case: Case) -> Finding:
     """Fastest turn of the base by motion capture."""
-    pose = case.pose(case.robot.name)
+    pose = case.base
     return at_most(
         float(np.abs(_rate(pose.time_s, pose.yaw_rad)).max()),
         case.robot.limits.angular_rad_s * TOLERANCE,
         "rad/s",
         source="the site's limits of the robot",
-        detail="fastest by motion capture",
+        detail=f"fastest by {case.base_source}",
     )
 
 
 def odometry(case: Case) -> Finding:
     """The robot's own odometry covers the ground that motion capture saw it cover."""
-    pose = case.pose(case.robot.name)
+    if not case.mocap:
+        return skipped(NO_MOCAP)
+    pose = case.base
     table = case.table(ODOM, ns=case.robot.namespace)
     time_s = increasing(table)
     start_s, end_s = max(time_s[0], pose.time_s[0]), min(time_s[-1], pose.time_s[-1])
@@ -81,7 +83,7 @@ def odometry(case: Case) -> Finding:
 
 def stays_in_room(case: Case) -> Finding:
     """How deep the base's outline ever was in a wall or in furniture."""
-    pose = case.pose(case.robot.name)
+    pose = case.base
     outline = _outline()
     c, s = np.cos(pose.yaw_rad), np.sin(pose.yaw_rad)
     x = pose.position_m[:, :1] + c[:, None] * outline[:, 0] - s[:, None] * outline[:, 1]

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from services.oracle.case import Case, CaseError
+from services.oracle.case import NO_MOCAP, Case, CaseError
 from services.oracle.replay import LIFTED_M, compartment_at
-from services.oracle.report import Finding, at_least, at_most, equal
+from services.oracle.report import Finding, at_least, at_most, equal, skipped
 
 PLACE_LIMIT_M = 0.3
 """The task's place is where somebody saw the item, to about a foot's length."""
@@ -47,7 +47,7 @@ def item_place(case: Case) -> Finding:
         PLACE_LIMIT_M,
         "m",
         source="the task's place" if case.ledger else "the site file",
-        detail="from where motion capture saw the item before the grasp",
+        detail=f"from where {case.item_pose_source} saw the item before the grasp",
     )
 
 
@@ -83,6 +83,8 @@ def transport(case: Case) -> Finding:
 
 def motion_capture(case: Case) -> Finding:
     """The replayed item is where motion capture saw the real one."""
+    if not case.mocap:
+        return skipped(NO_MOCAP)
     replay = case.replay
     carried = _carried(case)
     pose = case.pose(case.item.id)
@@ -116,9 +118,15 @@ def ensemble(case: Case) -> Finding:
         vote.succeeded / vote.run,
         MAJORITY,
         "",
-        source="replays with errors of measurement",
+        source=f"replays with errors of measurement; {_TRUST[case.item_pose_source]}",
         detail=f"{vote.succeeded} of the {vote.run} replays that decided it lift, carry and drop the item",
     )
+
+
+_TRUST = {
+    "motion capture": "the item lay where motion capture signed it",
+    "perception": "weaker: the item lay where the robot says that it saw it",
+}
 
 
 def _carried(case: Case) -> np.ndarray:

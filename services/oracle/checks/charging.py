@@ -8,7 +8,7 @@ from rodeo.lab.layout import on_contacts
 from rodeo.metering import MAX_GAP_S, MeterSample, chain_breaks, energy_wh
 from rodeo.topics import BATTERY_STATE, DOCK_OUTPUT
 from services.oracle.case import Case, CaseError, increasing
-from services.oracle.report import Finding, at_least, at_most, equal
+from services.oracle.report import Finding, at_least, at_most, equal, skipped
 
 DELIVERING_A = 0.1
 """Less current than this is the meter's noise."""
@@ -176,6 +176,21 @@ def target(case: Case) -> Finding:
     else:
         wanted, source = float(case.ledger.task.params["soc_target"]), "the task"
     return at_least(reached, wanted - TARGET_SLACK, "", source=source, detail="state of charge at the end")
+
+
+def tariff(case: Case) -> Finding:
+    """The seller is paid no more for a session than its tariff says, whatever the buyer put into escrow."""
+    price = case.ledger.task.price_iec if case.ledger else None
+    if price is None:
+        return skipped("no chain to compare with")
+    delivered_kwh = case.meter_statements[-1].energy_wh / 1000
+    return at_most(
+        float(price),
+        float(case.site.economy.charging_reward_iec),
+        "IEC",
+        source="the site's economy.charging_reward_iec",
+        detail=f"price of the session, in which {delivered_kwh:.3f} kWh were delivered",
+    )
 
 
 def _samples(case: Case) -> list[MeterSample]:

@@ -15,9 +15,10 @@ from rodeo.topics import (
     JOINT_STATES,
     MOCAP_POSE,
     ODOM,
+    POSE,
     Topic,
 )
-from services.oracle.case import Case, CaseError, increasing
+from services.oracle.case import NO_MOCAP, Case, CaseError, increasing
 from services.oracle.report import Finding, at_least, at_most, equal, skipped
 from services.oracle.rest import Rest, compartment_of
 
@@ -35,15 +36,16 @@ UNSIGNED_S = 2.5
 
 
 def _cleaning(case: Case) -> list[tuple[Topic, str]]:
-    robot, namespace, item = case.robot.name, case.robot.namespace, case.item.id
-    return [
+    namespace = case.robot.namespace
+    own = [
         (ODOM, ODOM.name(ns=namespace)),
         (JOINT_STATES, JOINT_STATES.name(ns=namespace)),
         (ARM_STATE, ARM_STATE.name(ns=namespace)),
         (GRIPPER_STATE, GRIPPER_STATE.name(ns=namespace)),
-        (MOCAP_POSE, MOCAP_POSE.name(body=robot)),
-        (MOCAP_POSE, MOCAP_POSE.name(body=item)),
     ]
+    if not case.mocap:
+        return [*own, (POSE, POSE.name(ns=namespace))]
+    return [*own, *((MOCAP_POSE, MOCAP_POSE.name(body=body)) for body in (case.robot.name, case.item.id))]
 
 
 def _charging(case: Case) -> list[tuple[Topic, str]]:
@@ -65,6 +67,8 @@ def cleaning_topics(case: Case) -> Finding:
 
 def item_outside_bin(case: Case) -> Finding:
     """There was something to do: the item was not in the bin when the recording began."""
+    if not case.mocap:
+        return skipped(NO_MOCAP)
     layout, item = BinLayout(case.site.bin), case.pose(case.item.id)
     found = compartment_of(layout, item, 0)
     return Finding(
@@ -78,7 +82,7 @@ def item_outside_bin(case: Case) -> Finding:
 def cleaning_gaps(case: Case) -> Finding:
     """Few holes in them, but for those in which everything lay still."""
     span = case.proof.start_ns * 1e-9, case.proof.end_ns * 1e-9
-    return _least_covered(case, _cleaning(case), *span, Rest(case))
+    return _least_covered(case, _cleaning(case), *span, _rest(case))
 
 
 def charging_topics(case: Case) -> Finding:
@@ -138,7 +142,7 @@ def tallied(case: Case) -> Finding:
 
 def cleaning_missed(case: Case) -> Finding:
     """Share of what was published on one topic and not recorded, holes at rest not counted."""
-    return _missed(case, _cleaning(case), Rest(case))
+    return _missed(case, _cleaning(case), _rest(case))
 
 
 def charging_missed(case: Case) -> Finding:
@@ -149,6 +153,8 @@ def charging_missed(case: Case) -> Finding:
 
 def poses_signed(case: Case) -> Finding:
     """The lab's motion capture vouches for the poses of base and item, but for short stretches."""
+    if not case.mocap:
+        return skipped(NO_MOCAP)
     if not case.proof.sealed:
         return skipped("a bag does not keep the sequence numbers that motion capture signs")
     worst_s, body = max((_longest_unsigned_s(case, body), body) for body in (case.robot.name, case.item.id))
@@ -159,6 +165,11 @@ def poses_signed(case: Case) -> Finding:
         source="statements of the motion capture, one per second",
         detail=f"poses of {body} that it did not sign, at a stretch",
     )
+
+
+def _rest(case: Case) -> Rest | None:
+    """Without motion capture nobody knows whether the item lay still in a hole."""
+    return Rest(case) if case.mocap else None
 
 
 def _longest_unsigned_s(case: Case, body: str) -> float:

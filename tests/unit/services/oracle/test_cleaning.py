@@ -18,7 +18,7 @@ from rodeo.lab.layout import BinLayout
 from rodeo.ros2.types import new
 from services.oracle.case import Ledger
 from tests.support.assignments import BIN, BINDING, cleaning_ledger
-from tests.support.recordings import Sample, Take, film_cleaning, later, moved, stamp
+from tests.support.recordings import Sample, Take, film_cleaning, later, moved, stamp, without_mocap
 from tests.support.site import LAB
 from tests.unit.services.oracle.conftest import Judge, failed
 
@@ -359,6 +359,31 @@ def test_an_item_beside_the_gripper_is_refused(cleaning: Take, judge: Judge) -> 
 def test_an_item_far_from_the_tasks_place_is_refused(cleaning: Take, judge: Judge) -> None:
     chain = cleaning_ledger(cleaning, params={"item_id": "item1", "x_m": 4.0, "y_m": 1.2})
     assert failed(judge(cleaning, chain)) == "item_place"
+
+
+def without_motion_capture(site: Site) -> Site:
+    return site.model_copy(update={"lab": site.lab.model_copy(update={"mocap": False})})
+
+
+def test_without_motion_capture_the_robots_own_sight_stands_in_and_is_marked_as_weaker(
+    cleaning: Take, judge: Judge, site: Site
+) -> None:
+    """It saw the item a centimetre from where it lay, where the gripper would have missed it."""
+    take = without_mocap(cleaning, "item1", off_m=(0.007, 0.007))
+    report = judge(take, cleaning_ledger(cleaning), mocap=None, at=without_motion_capture(site))
+    assert report.accepted, report.reason
+    assert report.item_pose_source == "perception"
+    skipped = {check.name for check in report.checks if check.passed is None}
+    assert skipped == {"item_outside_bin", "poses_signed", "odometry", "motion_capture"}
+    assert "weaker" in next(check.source for check in report.checks if check.name == "ensemble")
+
+
+def test_what_the_robot_says_that_it_saw_elsewhere_is_not_the_tasks_item(
+    cleaning: Take, judge: Judge, site: Site
+) -> None:
+    take = without_mocap(cleaning, "item1", off_m=(0.4, 0.0))
+    report = judge(take, cleaning_ledger(cleaning), mocap=None, at=without_motion_capture(site))
+    assert failed(report) == "item_place"
 
 
 def test_an_item_that_is_let_go_on_the_way_is_refused(cleaning: Take, judge: Judge) -> None:

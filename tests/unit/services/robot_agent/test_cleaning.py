@@ -16,6 +16,7 @@ from services.robot_agent.cleaning import Cleaning
 from services.robot_agent.errors import Stopped, TaskFailed
 from services.robot_agent.memory import Memory
 from services.robot_agent.navigation import Floor
+from services.robot_agent.perception import Sighting
 from tests.support.site import LAB
 from tests.unit.services.robot_agent.fakes import AnsweringBin, KinematicBody, ManualClock, Pose3, RayCamera
 
@@ -36,6 +37,7 @@ class Scene:
         self.memory = Memory(self.site, folder / "memory.json")
         self.notes: list[dict[str, Any]] = []
         self.progress: list[float] = []
+        self.sightings: list[Sighting] = []
         self.cleaning = Cleaning(
             self.site,
             self.body,  # type: ignore[arg-type]
@@ -46,6 +48,7 @@ class Scene:
             self.bin,  # type: ignore[arg-type]
             self.clock,
             threading.Event(),
+            self.sightings.append,
         )
 
     @property

@@ -12,7 +12,7 @@ SITE = Site.load(LAB)
 
 
 def test_every_recorded_topic_of_the_table_is_there_under_its_full_name() -> None:
-    recorded = dict(recorded_topics(SITE, "panther1", ["item1"]))
+    recorded = {name: topic.type for topic, name in recorded_topics(SITE, "panther1", ["item1"])}
     assert recorded["panther1/odom"] == "nav_msgs/msg/Odometry"
     assert recorded["mocap/item1/pose"] == "geometry_msgs/msg/PoseStamped"
     assert {f"itrash/{name}/load" for name in SITE.bin.compartments} <= recorded.keys()
@@ -22,9 +22,11 @@ def test_every_recorded_topic_of_the_table_is_there_under_its_full_name() -> Non
 
 
 def test_the_motion_capture_of_other_items_is_left_out() -> None:
-    assert "mocap/item2/pose" not in dict(recorded_topics(SITE, "panther1", ["item1"]))
+    assert "mocap/item2/pose" not in {
+        name: topic.type for topic, name in recorded_topics(SITE, "panther1", ["item1"])
+    }
 
 
 def test_a_task_without_an_item_of_this_site_still_records_the_robot() -> None:
-    recorded = dict(recorded_topics(SITE, "panther1", []))
+    recorded = {name: topic.type for topic, name in recorded_topics(SITE, "panther1", [])}
     assert [name for name in recorded if name.startswith("mocap/")] == ["mocap/panther1/pose"]
