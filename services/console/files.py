@@ -19,7 +19,7 @@ _PAGE = 500
 
 
 def router(console: Console) -> APIRouter:
-    """GET /files/proof/<task>."""
+    """GET /files/proof/<task>?attempt=<number> and /files/transfers.csv?account=<name>."""
     routes = APIRouter(include_in_schema=False)
 
     def folder() -> Iterator[Path]:
@@ -27,9 +27,9 @@ def router(console: Console) -> APIRouter:
             yield Path(path)
 
     @routes.get("/files/proof/{task_id}")
-    def proof(task_id: int, folder: Annotated[Path, Depends(folder)]) -> Response:
+    def proof(task_id: int, folder: Annotated[Path, Depends(folder)], attempt: int | None = None) -> Response:
         try:
-            copy = console.reads.proof(console.reads.task(task_id), folder)
+            copy = console.reads.proof(console.reads.evidence(task_id, attempt), folder)
         except RodeoError as error:
             return JSONResponse(error.to_json(), status_of(error))
         return FileResponse(copy, filename=f"task-{task_id}.mcap", media_type="application/octet-stream")

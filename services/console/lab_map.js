@@ -89,8 +89,8 @@ export default {
       }
       this.drawDock(svg);
       this.drawBin(svg);
-      this.below = node("g", {}, svg);
-      this.above = node("g", {}, svg);
+      // Robots under items, which they carry, and every name on top.
+      [this.paths, this.bodies, this.things, this.names] = [0, 1, 2, 3].map(() => node("g", {}, svg));
       this.marker = node("g", { class: "marker", visibility: "hidden" }, svg);
       node("circle", { r: 0.13 }, this.marker);
       node("path", { d: "M-0.24 0H0.24M0-0.24V0.24" }, this.marker);
@@ -123,8 +123,8 @@ export default {
     robot(name) {
       if (this.robots[name]) return this.robots[name];
       const { bumper_m: front, half_width_m: half } = this.lab.robot;
-      const path = node("polyline", { class: "path" }, this.below);
-      const group = node("g", { class: "robot" }, this.above);
+      const path = node("polyline", { class: "path" }, this.paths);
+      const group = node("g", { class: "robot" }, this.bodies);
       const turned = node("g", { class: "moving" }, group);
       for (const [x, y] of [[0.22, 0.35], [0.22, -0.35], [-0.22, 0.35], [-0.22, -0.35]])
         node("rect", { class: "wheel", x: x - 0.18, y: -y - 0.07, width: 0.36, height: 0.14, rx: 0.05 }, turned);
@@ -132,16 +132,22 @@ export default {
       node("path", { class: "heading", d: `M${front - 0.05} 0l-0.12-0.09v0.18z` }, turned);
       const arm = node("polyline", { class: "arm" }, turned);
       const tip = node("circle", { class: "tip", r: 0.055, visibility: "hidden" }, turned);
-      const label = node("g", { class: "moving label" }, group);
+      const label = node("g", { class: "moving name" }, this.names);
       const title = node("text", { y: 0.68 }, label, name);
       return (this.robots[name] = { group, turned, arm, tip, label, title, path });
     },
 
-    // robots: {name: {x, y, yaw, arm?, soc?, fresh, path?}}; items: {id: {x, y, z, fresh}}
+    live(state) {
+      if (!this.track) this.show(state);
+    },
+
+    // robots: {name: {x, y, yaw, arm?, soc?, fresh, path?}}; items: {id: {x, y, z, fresh}}. What has no place
+    // is hidden.
     show(state) {
       for (const [name, one] of Object.entries(state.robots)) {
         const drawn = this.robot(name);
-        drawn.group.setAttribute("visibility", one.x === undefined ? "hidden" : "visible");
+        const visibility = one.x === undefined ? "hidden" : "visible";
+        for (const part of [drawn.group, drawn.label, drawn.path]) part.setAttribute("visibility", visibility);
         if (one.x === undefined) continue;
         // The shorter way round, or the robot would spin where its heading passes half a turn.
         const last = drawn.yaw ?? one.yaw;
@@ -165,12 +171,14 @@ export default {
         let drawn = this.items[id];
         if (!drawn) {
           const kind = this.lab.items[id] ?? "trash";
-          const group = node("g", { class: `item moving ${kind}` }, this.above);
+          const group = node("g", { class: `item moving ${kind}` }, this.things);
           node("circle", { r: 0.09 }, group);
           node("text", { y: 0.24 }, group, id);
           node("title", {}, group, `${id}: ${kind}`);
           drawn = this.items[id] = group;
         }
+        drawn.setAttribute("visibility", one.x === undefined ? "hidden" : "visible");
+        if (one.x === undefined) continue;
         drawn.style.transform = placed({ x: one.x, y: one.y });
         drawn.classList.toggle("stale", !one.fresh);
         // Labels of what lies in the bin would lie upon each other.
@@ -197,13 +205,18 @@ export default {
     },
 
     // track: {duration_s, t: [..], robots: {name: {x, y, yaw, arm, soc}}, items: {id: {x, y, z}}, marks: [{t, text}]}
+    // Null ends the replay.
     replay(track) {
+      this.stop();
       this.track = track;
       this.now_s = 0;
+      const nowhere = (drawn) => Object.fromEntries(Object.keys(drawn).map((name) => [name, {}]));
+      this.show({ robots: nowhere(this.robots), items: nowhere(this.items) });
       this.showReplay();
     },
 
     showReplay() {
+      if (!this.track) return;
       const { t, robots, items } = this.track;
       let low = 0;
       let high = t.length - 1;

@@ -28,12 +28,12 @@ class LabMap(ui.element, component="lab_map.js"):
             self.on("place", place)
 
     def show(self, state: Json) -> None:
-        """Move robots and items to where `Live.map` says."""
-        self.run_method("show", state)
+        """Move robots and items to where `Live.map` says, unless a recording is shown."""
+        self.run_method("live", state)
 
     def mark_place(self, place: tuple[float, float] | None) -> None:
         self.run_method("mark", None if place is None else list(place))
 
-    def replay(self, track: Json) -> None:
-        """Show a recording (`replay.track`) with a time slider."""
+    def replay(self, track: Json | None) -> None:
+        """Show a recording (`replay.track`) with a time slider; None ends that."""
         self.run_method("replay", track)

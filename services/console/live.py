@@ -175,8 +175,15 @@ class Live:
         names = [*jobs, *(name for name in sorted(self._statuses) if name not in jobs)]
         processes = [self._process(name, jobs.get(name, "")) for name in names]
         if processes != self.processes:
+            if self._bridge(processes) != self._bridge(self.processes):
+                # Ask it again: what is shown may have become old, or current again.
+                self._changed.set()
             self.processes = processes
             self._tell("processes")
+
+    def _bridge(self, processes: list[ProcessState]) -> str:
+        name = self._site.bridge.name
+        return next((one.state for one in processes if one.name == name), "")
 
     def _process(self, name: str, job: str) -> ProcessState:
         if name not in self._statuses:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from rodeo.evidence.errors import LayoutChanged
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.evidence.series import Table
 from services.console.scene import ARM_JOINTS, arm_points
+from services.console.words import phrase
 
 Json = dict[str, Any]
 Array = np.ndarray[Any, Any]
@@ -131,6 +131,6 @@ def _sentence(value: Json) -> str:
     name = value.get("name") or value.get("event")
     if not isinstance(name, str):
         return ""
-    sentence = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).replace("_", " ").capitalize()
+    sentence = phrase(name)
     detail = value.get("message")
     return f"{sentence}: {detail}" if isinstance(detail, str) else sentence

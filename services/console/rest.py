@@ -8,7 +8,7 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Annotated, Any
 
-from fastapi import Body, Depends, FastAPI, Request, Security
+from fastapi import Body, Depends, FastAPI, Query, Request, Security
 from fastapi import Path as PathParameter
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, JSONResponse
@@ -29,12 +29,15 @@ from rodeo.evidence import EvidenceError
 from rodeo.messages import Kind, Task, TaskState
 from services.console.accounts import User
 from services.console.actions import ACTIONS, Action
+from services.console.attempts import Attempt
+from services.console.attempts import attempts as attempts_of
 from services.console.errors import Forbidden, NotLoggedIn
 from services.console.pages.frame import Console
 
 Json = dict[str, Any]
 
 TaskId = Annotated[int, PathParameter(ge=0, lt=2**63)]
+AttemptNumber = Annotated[int | None, Query(ge=1, lt=2**8, description="The last one if left out")]
 
 
 class Problem(BaseModel):
@@ -144,10 +147,15 @@ def _questions(api: FastAPI, console: Console, caller: Any) -> None:
         """One task."""
         return reads.task(task_id)
 
+    @api.get("/tasks/{task_id}/attempts")
+    def attempts(task_id: TaskId, _user: caller) -> list[Attempt]:
+        """Who tried it when, with which proof, and what was said of it."""
+        return attempts_of(reads.history(reads.task(task_id).id))
+
     @api.get("/tasks/{task_id}/report")
-    def report(task_id: TaskId, _user: caller) -> Json:
-        """The oracle's report on its last proof, check by check."""
-        return reads.report(reads.task(task_id))
+    def report(task_id: TaskId, _user: caller, attempt: AttemptNumber = None) -> Json:
+        """The oracle's report on its proof, check by check."""
+        return reads.report(reads.evidence(task_id, attempt))
 
     @api.get(
         "/tasks/{task_id}/proof",
@@ -155,7 +163,7 @@ def _questions(api: FastAPI, console: Console, caller: Any) -> None:
         responses={200: {"content": {"application/octet-stream": {}}, "description": "The recording (MCAP)"}},
     )
     def proof(copy: Annotated[Path, Depends(_copy_of_proof(console, caller))]) -> FileResponse:
-        """Its last proof, a sealed recording."""
+        """Its proof, a sealed recording."""
         return FileResponse(copy, filename=copy.name, media_type="application/octet-stream")
 
     @api.get("/processes")
@@ -185,9 +193,9 @@ def _state(console: Console, what: str, caller: Any) -> Callable[..., Json]:
 
 
 def _copy_of_proof(console: Console, caller: Any) -> Callable[..., Iterator[Path]]:
-    def copy(task_id: TaskId, _user: caller) -> Iterator[Path]:
+    def copy(task_id: TaskId, _user: caller, attempt: AttemptNumber = None) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(prefix="rodeo-proof-") as folder:
-            yield console.reads.proof(console.reads.task(task_id), Path(folder))
+            yield console.reads.proof(console.reads.evidence(task_id, attempt), Path(folder))
 
     return copy
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from datetime import UTC, datetime
 from decimal import Decimal
 
@@ -26,6 +27,8 @@ STATE_COLOURS = {
     "rejected": "bad",
     "expired": "bad",
     "revoked": "bad",
+    "at work": "info",
+    "in verification": "brand",
 }
 """The class of a badge that shows this word."""
 
@@ -42,15 +45,54 @@ _ADVICE = {
     "unknown_query": "This site's bridge is too old for it.",
     "nothing_to_cancel": "Look again: it may have finished.",
     "wrong_state": "It has moved on meanwhile; the page shows how it is now.",
+    "unknown_task": "Look for its number under Tasks.",
+    "unknown_participant": "Participants are listed under Services; or give an address (0x…).",
+    "store_unavailable": "Check that the site's store can be reached, then try again.",
 }
 """What to do about an error, by its code."""
+
+_UNFIT = "the request does not fit"
+"""How `rodeo.bus.validate` begins what it says of a request."""
+
+_AMOUNT = "enter an amount of IEC, for example 12.5"
+_PARTY = "enter a participant's name or an address (0x and 40 hex digits)"
+_FIELD_ADVICE = {
+    "reward_iec": _AMOUNT,
+    "price_iec": _AMOUNT,
+    "amount_iec": _AMOUNT,
+    "bond_iec": _AMOUNT,
+    "penalty_iec": _AMOUNT,
+    "max_failures": "enter a whole number from 0 to 255",
+    "device": "enter the key's address: 0x and 40 hex digits",
+    "owner": _PARTY,
+    "account": _PARTY,
+    "to": _PARTY,
+    "kind": "begin with a small letter; small letters, digits and _ only, at most 31",
+    "name": "letters, digits, dots, dashes and _ only, at most 64",
+    "participant": "enter the name of a participant of this site",
+    "passphrase": "use 12 to 256 characters",
+    "label": "say in 1 to 64 characters what it is for",
+    "note": "say in at most 4,000 characters what you did",
+    "reason": "say why in at most 500 characters",
+    "max_attempts": "enter a whole number from 1 to 255",
+    "execution_window_s": "give the executor at least a minute",
+}
+"""What to enter, by the field's name: the framework's own words are for programs."""
 
 
 def explain(error: RodeoError) -> str:
     """The error and what to do about it."""
-    fields = error.details.get("fields")
-    wrong = "; ".join(f"{name}: {text}" for name, text in fields.items()) if isinstance(fields, dict) else ""
-    parts = [error.message[:1].upper() + error.message[1:], wrong, _ADVICE.get(error.code, "")]
+    sentence, fields = error.message, error.details.get("fields")
+    wrong = ""
+    if isinstance(fields, dict):
+        advice: dict[str, str] = {}
+        if sentence.startswith(_UNFIT):
+            sentence, advice = "mend this and try again", _FIELD_ADVICE
+        wrong = "; ".join(
+            f"{name.replace('_iec', '').replace('_', ' ')}: {advice.get(name, text)}"
+            for name, text in fields.items()
+        )
+    parts = [sentence[:1].upper() + sentence[1:], wrong, _ADVICE.get(error.code, "")]
     return ". ".join(part.rstrip(".") for part in parts if part) + "."
 
 
@@ -63,6 +105,16 @@ def number(value: Decimal, digits: int = 2) -> str:
     """With thousands separated and no zeros at the end."""
     text = f"{value:,.{digits}f}"
     return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def phrase(name: str) -> str:
+    """TaskSettled -> Task settled"""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name).replace("_", " ").capitalize()
+
+
+def count(number_of: int, one: str) -> str:
+    """1 transfer, 2 transfers"""
+    return f"{number_of:,} {one}{'' if number_of == 1 else 's'}"
 
 
 def kind(name: str) -> str:

@@ -16,7 +16,8 @@ from websockets.typing import Origin
 
 from services.console.accounts import Accounts, accounts_path
 from services.console.roles import Role
-from tests.support.browser import chromium, watch
+from tests.support.accessibility import faint, tab_to, unnamed
+from tests.support.browser import chromium, log_in, watch
 from tests.support.site import RunningSite, write_site
 
 PASSPHRASE = "correct horse battery"
@@ -49,7 +50,7 @@ class Desk:
         page.set_default_timeout(WAIT_MS)
         page.goto("/")
         if user is not None:
-            log_in(page, user)
+            log_in(page, user, PASSPHRASE)
             expect(page.get_by_role("heading", name="Overview")).to_be_visible(timeout=WAIT_MS)
         return page
 
@@ -58,12 +59,6 @@ class Desk:
         token = "none" if user is None else self.accounts.issue_token(user, "test")
         headers = {"Authorization": f"Bearer {token}"}
         return httpx.Client(base_url=f"{self.origin}/api", headers=headers, timeout=60)
-
-
-def log_in(page: Page, user: str, passphrase: str = PASSPHRASE) -> None:
-    page.get_by_label("Name").fill(user)
-    page.get_by_label("Passphrase").fill(passphrase)
-    page.get_by_role("button", name="Log in").click()
 
 
 def click_map(page: Page, x_m: float, y_m: float) -> None:
@@ -88,6 +83,9 @@ def desk(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterat
     with chromium() as browser:
         yield Desk(running, browser)
     running.stop()
+
+
+PAGES = ("/", "/tasks", "/tasks/new", "/tasks/1", "/services", "/treasury", "/work", "/operator", "/accounts")
 
 
 @pytest.mark.timeout(300)
@@ -182,6 +180,53 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     auditor.close()
 
 
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_control_has_a_name_and_every_text_can_be_read(desk: Desk, scheme: str) -> None:
+    page = desk.page("ada")
+    page.emulate_media(color_scheme=scheme)
+    for path in PAGES:
+        page.goto(path)
+        expect(page.locator(".page h1")).to_be_visible()
+        expect(page.get_by_text("Loading …")).to_have_count(0)
+        expect(page.locator("body")).to_have_class(re.compile(f"body--{scheme}"))
+        assert unnamed(page) == [], path
+        assert faint(page) == [], path
+        assert page.locator("h1").count() == 1, path
+    page.close()
+
+
+def test_a_task_is_posted_and_a_report_opened_with_the_keyboard_alone(desk: Desk) -> None:
+    page = desk.page(None)
+    expect(page.get_by_label("Name")).to_be_focused()
+    page.keyboard.type("ada")
+    page.keyboard.press("Tab")
+    page.keyboard.type(PASSPHRASE)
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", name="Overview")).to_be_visible()
+    tab_to(page, "Post a task")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("heading", name="Post a task")).to_be_visible()
+    expect(page.get_by_label("East, x (m)")).not_to_have_value("")
+    tab_to(page, "Reward (IEC)")
+    page.keyboard.press("Control+A")
+    page.keyboard.type("1")
+    tab_to(page, "Let it wait if every service costs more")
+    page.keyboard.press("Space")
+    expect(page.get_by_text("The cheapest service")).to_have_count(0)
+    tab_to(page, "Review and post")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("button", name="Pay 1 IEC into escrow")).to_be_focused()
+    page.keyboard.press("Enter")
+    expect(page.locator(".page-head .badge")).to_have_text("open")
+
+    tab_to(page, "← Tasks")
+    page.keyboard.press("Enter")
+    tab_to(page, "1 · waste disposal")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("region", name="Oracle's report").get_by_role("row").nth(10)).to_be_visible()
+    page.close()
+
+
 def test_nobody_gets_in_without_the_passphrase_and_a_browser_that_tries_is_slowed_down(desk: Desk) -> None:
     page = desk.page(None)
     assert page.url == f"{desk.origin}/login?next=/"
@@ -193,7 +238,7 @@ def test_nobody_gets_in_without_the_passphrase_and_a_browser_that_tries_is_slowe
             for n in range(7)
         ]
     assert tries == [401] * 5 + [429] * 2
-    log_in(page, "ada")
+    log_in(page, "ada", PASSPHRASE)
     expect(page.get_by_role("heading", name="Overview")).to_be_visible()
     page.close()
 

@@ -62,3 +62,10 @@ def watch(page: Page, origin: str) -> list[str]:
     page.on("pageerror", raised)
     page.on("console", complained)
     return faults
+
+
+def log_in(page: Page, name: str, passphrase: str) -> None:
+    """Fill in the login that the page shows."""
+    page.get_by_label("Name").fill(name)
+    page.get_by_label("Passphrase").fill(passphrase)
+    page.get_by_role("button", name="Log in").click()

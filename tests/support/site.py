@@ -56,7 +56,7 @@ bus.router = "tcp/127.0.0.1:{free_port()}"
 chain.url = "http://127.0.0.1:{free_port()}"
 chain.backend = "{chain_backend}"
 itrash.http_port = 0
-console.port = 0
+console.port = {free_port()}
 {extra}
 """
     )

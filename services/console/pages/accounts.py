@@ -9,11 +9,24 @@ from nicegui import ui
 
 from services.console.accounts import User
 from services.console.pages.frame import Console, act, ask, frame, user
-from services.console.pages.widgets import Section, Text, ask_form, badge, card, confirm, empty, table
+from services.console.pages.widgets import (
+    Field,
+    Section,
+    Text,
+    ask_form,
+    badge,
+    card,
+    confirm,
+    empty,
+    on_page,
+    table,
+)
 from services.console.roles import Role
 from services.console.words import moment
 
 Json = dict[str, Any]
+
+_ROLES = {role.value: role.value for role in Role}
 
 
 def register(console: Console) -> None:
@@ -33,13 +46,13 @@ class AccountsPage:
             with card("People") as head:
                 with head:
                     ui.button("New account", icon="person_add", on_click=self._create).props("flat dense")
-                self._people = Section(self._draw_people)
+                self._people = Section(self._draw_people).waiting()
         with ui.element("div").classes("grid"):
             with ui.element("div").classes("stack span-7"), card("Your tokens") as head:
                 with head:
                     ui.button("New token", icon="add", on_click=self._issue).props("flat dense")
                 Text("p", "A token lets a program do under /api what you may do here.", "soft")
-                self._tokens = Section(self._draw_tokens)
+                self._tokens = Section(self._draw_tokens).waiting()
             with ui.element("div").classes("stack span-5"), card("Your passphrase"):
                 Text("p", "A new passphrase ends all your sessions, this one too.", "soft")
                 self._new = ui.input("New passphrase", password=True).props(
@@ -52,11 +65,15 @@ class AccountsPage:
             self._people.show(await ask(self._console.accounts.users))
         self._tokens.show(await ask(self._console.accounts.tokens, self._name))
 
+    @on_page
     async def _act(self, name: str, request: Json, done: str) -> Json | None:
         reply = await act(self._console, name, request, done)
         if reply is not None:
             await self.load()
         return reply
+
+    async def _done(self, name: str, request: Json, done: str) -> bool:
+        return await self._act(name, request, done) is not None
 
     # -- people ----------------------------------------------------------------------------------------
 
@@ -88,33 +105,34 @@ class AccountsPage:
                 ui.menu_item(word, partial(self._set_disabled, person, not person.disabled))
 
     async def _create(self) -> None:
-        answer = await ask_form(
+        await ask_form(
             "New account",
             {
-                "name": ("Name", ""),
-                "passphrase": ("First passphrase, 12 characters or more", ""),
-                "roles": ("Roles, with commas in between", ""),
-                "participant": ("Participant, for an executor", ""),
+                "name": Field("Name"),
+                "passphrase": Field("First passphrase, 12 characters or more", secret=True),
+                "roles": Field("Roles; none may look", choices=_ROLES, several=True),
+                "participant": Field("Participant, for an executor"),
             },
             "Make it",
+            lambda answer: self._done("create_user", _account(answer), f"{answer['name']} may log in"),
         )
-        if answer is not None:
-            request = {**answer, **_roles_of(answer)}
-            await self._act("create_user", request, f"{answer['name']} may log in")
 
+    @on_page
     async def _change(self, person: User) -> None:
-        answer = await ask_form(
+        fixed = {"name": person.name, "disabled": person.disabled}
+        await ask_form(
             f"Roles of {person.name}",
             {
-                "roles": ("Roles, with commas in between", ", ".join(sorted(person.roles))),
-                "participant": ("Participant, for an executor", person.participant or ""),
+                "roles": Field("Roles; none may look", ",".join(person.roles), _ROLES, several=True),
+                "participant": Field("Participant, for an executor", person.participant or ""),
             },
             "Change them",
+            lambda answer: self._done(
+                "change_user", fixed | _account(answer), f"{person.name} has these roles now"
+            ),
         )
-        if answer is not None:
-            request = {"name": person.name, "disabled": person.disabled, **_roles_of(answer)}
-            await self._act("change_user", request, f"{person.name} has these roles now")
 
+    @on_page
     async def _set_disabled(self, person: User, disabled: bool) -> None:
         request = {
             "name": person.name,
@@ -136,7 +154,7 @@ class AccountsPage:
             return
         table(
             "Your tokens",
-            [("For", ""), ("Made", "wide-only"), ("Last used", ""), ("", "number")],
+            [("For", ""), ("Made", "plain wide-only"), ("Last used", ""), ("", "number")],
             [
                 (one["label"], moment(one["created_s"]), moment(one["used_s"]), partial(self._token_end, one))
                 for one in tokens
@@ -149,13 +167,18 @@ class AccountsPage:
         ui.button("Revoke", on_click=revoke).props("flat dense color=negative")
 
     async def _issue(self) -> None:
-        answer = await ask_form("New token", {"label": ("What is it for?", "")}, "Make it")
-        if answer is None:
-            return
-        reply = await self._act("issue_token", answer, "")
-        if reply is not None:
-            lines = [("Token", reply["token"]), ("Shown", "this once; keep it where programs keep secrets")]
+        async def issue(answer: dict[str, str]) -> bool:
+            reply = await self._act("issue_token", answer, "")
+            if reply is None:
+                return False
+            lines = [
+                ("Token", reply["token"]),
+                ("Shown", "this once; keep it where programs keep secrets"),
+            ]
             await confirm("Your new token", lines, "I have it")
+            return True
+
+        await ask_form("New token", {"label": Field("What is it for?")}, "Make it", issue)
 
     async def _set_passphrase(self) -> None:
         request = {"name": self._name, "passphrase": self._new.value or ""}
@@ -163,6 +186,6 @@ class AccountsPage:
             ui.navigate.to("/login")
 
 
-def _roles_of(answer: dict[str, str]) -> Json:
-    roles = [role.strip() for role in answer["roles"].split(",") if role.strip()]
-    return {"roles": roles, "participant": answer["participant"] or None}
+def _account(answer: dict[str, str]) -> Json:
+    roles = [role for role in answer["roles"].split(",") if role]
+    return {**answer, "roles": roles, "participant": answer["participant"] or None}

@@ -16,7 +16,7 @@ from rodeo.errors import RodeoError
 from services.console.accounts import Accounts, Session, User
 from services.console.actions import Actions
 from services.console.live import Live
-from services.console.pages.widgets import Link, Text
+from services.console.pages.widgets import Link, Section, Text, notice
 from services.console.reads import Reads
 from services.console.roles import Role
 from services.console.words import explain
@@ -201,6 +201,16 @@ def fail(error: RodeoError) -> None:
     """Say what went wrong and what to do; it stays until it is closed."""
     log.info("%s: %s", error.code, error)
     ui.notify(explain(error), type="negative", timeout=0, close_button="Close", multi_line=True)
+
+
+def stale(error: RodeoError) -> str:
+    """Why the page is not current."""
+    return f"This page is not current. {explain(error)}"
+
+
+def problem_section() -> Section:
+    """Where a page says why it is not current; shown with an empty text it is gone."""
+    return Section(lambda text: notice(text, bad=True) if text else None).live()
 
 
 def back_link(text: str, path: str) -> None:

@@ -9,7 +9,17 @@ from nicegui import ui
 
 from rodeo.errors import RodeoError
 from services.console.lab_map import LabMap
-from services.console.pages.frame import Console, act, ask, follow, follow_async, frame, page_head, user
+from services.console.pages.frame import (
+    Console,
+    act,
+    ask,
+    follow,
+    follow_async,
+    frame,
+    page_head,
+    problem_section,
+    user,
+)
 from services.console.pages.widgets import Section, badge, card, confirm, fact, facts, notice, progress_bar
 from services.console.roles import Role
 from services.console.words import explain, share, span
@@ -21,6 +31,11 @@ _ORDERS = (
     ("Resume", "resume_robot", "play_arrow", "takes work again"),
     ("Charge", "charge_robot", "bolt", "buys a charge now"),
 )
+
+
+_ELSEWHERE = ("robot", "paused", "stopped", "charge_ordered", "progress")
+"""Shown in the card's title, as a badge or as a bar."""
+_UNITS = {"km": "km", "m": "m", "w": "W", "wh": "Wh", "s": "s"}
 
 
 def register(console: Console) -> None:
@@ -52,7 +67,7 @@ class RobotCard:
         self._console = console
         self._robot = robot
         with card(robot):
-            self._problem = Section(lambda text: notice(text, bad=True) if text else None).live()
+            self._problem = problem_section()
             self._state = Section(self._draw).live()
             with ui.element("div").classes("line tight"):
                 for word, action, icon, effect in _ORDERS:
@@ -93,11 +108,12 @@ class RobotCard:
                     fact("Battery", share(float(value)))
                 elif name == "eta_s" and isinstance(value, int | float):
                     fact("Finished in", f"about {span(float(value))}")
-                elif name not in ("paused", "stopped", "charge_ordered", "progress") and value not in (
+                elif name not in _ELSEWHERE and value not in (
                     None,
                     "",
                 ):
-                    fact(name.replace("_", " ").capitalize(), _plain(value)[:300], "wrap")
+                    label, words = _said(name, value)
+                    fact(label, words[:300], "wrap")
         if isinstance(state.get("progress"), int | float):
             progress_bar(float(state["progress"]), f"Progress of {self._robot}")
 
@@ -127,7 +143,11 @@ async def _stop_all(console: Console) -> None:
         ui.notify(f"Stopped: {', '.join(reply['stopped'])}", type="positive")
 
 
-def _plain(value: Any) -> str:
+def _said(name: str, value: Any) -> tuple[str, str]:
+    """What an agent says of itself by that name, as people read it: units are in the names."""
+    plain, _, unit = name.rpartition("_")
+    label = (plain if unit in _UNITS else name).replace("_", " ").capitalize()
     if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value:.3g}" if isinstance(value, float) else str(value)
+        return label, "yes" if value else "no"
+    text = f"{value:.3g}" if isinstance(value, float) else str(value)
+    return label, f"{text} {_UNITS[unit]}" if unit in _UNITS else text

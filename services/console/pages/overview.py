@@ -10,7 +10,7 @@ from nicegui import ui
 from rodeo.messages import Task
 from services.console.lab_map import LabMap
 from services.console.live import ProcessState
-from services.console.pages.frame import Console, follow, frame, page_head, user
+from services.console.pages.frame import Console, follow, frame, page_head, problem_section, user
 from services.console.pages.widgets import (
     Link,
     Section,
@@ -18,7 +18,6 @@ from services.console.pages.widgets import (
     badge,
     card,
     empty,
-    notice,
     progress_bar,
     table,
     tile,
@@ -41,7 +40,7 @@ def register(console: Console) -> None:
                 ui.element("span").classes("grow")
                 if user().has(Role.OPERATOR):
                     ui.button("Post a task", icon="add").props('unelevated href="/tasks/new"')
-            problem = Section(lambda text: notice(text, bad=True) if text else None).live()
+            problem = problem_section()
             with ui.element("div").classes("grid tiles"):
                 open_, working, settled, supply = (
                     tile(name, "–") for name in ("waiting", "being done", "paid so far", "IEC in circulation")
@@ -52,14 +51,14 @@ def register(console: Console) -> None:
                         lab_map = LabMap(console.lab, "Map of the lab with robots and items")
                         seen = Section(_draw_seen)
                     with card("Queue"):
-                        queue = Section(_draw_queue)
+                        queue = Section(_draw_queue).waiting()
                     with card("Last verdicts"):
-                        verdicts = Section(_draw_verdicts).live()
+                        verdicts = Section(_draw_verdicts).waiting().live()
                 with ui.element("div").classes("stack span-5"):
                     with card("Now"):
                         now = Section(_draw_now)
                     with card("Wallets"):
-                        wallets = Section(_draw_wallets)
+                        wallets = Section(_draw_wallets).waiting()
                     with card("Processes"):
                         health = Section(_draw_processes)
 
@@ -74,15 +73,16 @@ def register(console: Console) -> None:
 
             def show_organization() -> None:
                 summary = console.live.summary
-                problem.show(summary.problem)
+                problem.show(f"This page is not current. {summary.problem}" if summary.problem else "")
                 counts = summary.counts
                 open_.set_text(_count(counts, "open"))
                 working.set_text(_count(counts, "assigned", "submitted"))
                 settled.set_text(_count(counts, "settled"))
                 supply.set_text(iec(summary.supply_iec).removesuffix(" IEC"))
-                queue.show(summary.queue)
-                verdicts.show(summary.verdicts)
-                wallets.show(summary.wallets)
+                if counts:
+                    queue.show(summary.queue)
+                    verdicts.show(summary.verdicts)
+                    wallets.show(summary.wallets)
 
             follow(console, "map", show_map)
             follow(console, "processes", show_processes)

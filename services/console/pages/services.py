@@ -9,8 +9,18 @@ from nicegui import ui
 
 from rodeo.errors import RodeoError
 from services.console.actions import ORGANIZATION, speaks_for
-from services.console.pages.frame import Console, act, ask, follow_async, frame, user
+from services.console.pages.frame import (
+    Console,
+    act,
+    ask,
+    follow_async,
+    frame,
+    problem_section,
+    stale,
+    user,
+)
 from services.console.pages.widgets import (
+    Field,
     Section,
     Text,
     ask_form,
@@ -21,14 +31,15 @@ from services.console.pages.widgets import (
     fact,
     facts,
     hash_text,
-    notice,
+    on_page,
     table,
 )
 from services.console.roles import Role
-from services.console.words import explain, iec, kind, moment, party, share
+from services.console.words import iec, kind, moment, party, share, short
 
 Json = dict[str, Any]
 
+_MEMBERSHIP = {"admit": "is a member", "dismiss": "is no member any more"}
 POLICIES = {
     "first_come": "First come, first served",
     "lowest_price": "Lowest price",
@@ -47,14 +58,14 @@ class ServicesPage:
     def __init__(self, console: Console) -> None:
         self._console = console
         person = user()
-        self._problem = Section(lambda text: notice(text, bad=True) if text else None).live()
+        self._problem = problem_section()
         with card("Services") as head:
             if person.has(Role.OPERATOR, Role.EXECUTOR):
                 with head:
                     ui.button("Offer a service", icon="add", on_click=self._offer).props("flat dense")
-            self._services = Section(self._draw_services)
+            self._services = Section(self._draw_services).waiting()
         with card("Participants"):
-            self._participants = Section(_draw_participants)
+            self._participants = Section(_draw_participants).waiting()
         with ui.element("div").classes("grid"):
             with ui.element("div").classes("stack span-7"), card("Device keys") as head:
                 if person.has(Role.ADMINISTRATOR):
@@ -62,9 +73,9 @@ class ServicesPage:
                         ui.button("Register a key", icon="add", on_click=self._register_device).props(
                             "flat dense"
                         )
-                self._devices = Section(self._draw_devices)
+                self._devices = Section(self._draw_devices).waiting()
             with ui.element("div").classes("stack span-5"), card("Rules"):
-                self._rules = Section(self._draw_rules)
+                self._rules = Section(self._draw_rules).waiting()
         self._refresh = follow_async(console, "organization", self._load)
 
     async def _load(self) -> None:
@@ -75,7 +86,7 @@ class ServicesPage:
             devices = (await ask(state, "devices"))["devices"]
             self._organization = await ask(state, "organization")
         except RodeoError as error:
-            self._problem.show(explain(error))
+            self._problem.show(stale(error))
             return
         self._problem.show("")
         self._services.show(services)
@@ -83,9 +94,13 @@ class ServicesPage:
         self._devices.show(devices)
         self._rules.show(self._organization)
 
-    async def _act(self, name: str, request: Json, done: str) -> None:
-        if await act(self._console, name, request, done) is not None:
-            self._refresh()
+    @on_page
+    async def _act(self, name: str, request: Json, done: str) -> bool:
+        """Whether it was done."""
+        if await act(self._console, name, request, done) is None:
+            return False
+        self._refresh()
+        return True
 
     # -- services --------------------------------------------------------------------------------------
 
@@ -141,13 +156,16 @@ class ServicesPage:
                 else:
                     ui.menu_item("Suspend", partial(self._suspend, service))
 
+    @on_page
     async def _price(self, service: Json) -> None:
-        answer = await ask_form(
-            "New price", {"price_iec": ("Price (IEC)", service["price_iec"])}, "Set the price"
+        await ask_form(
+            f"New price of service {service['id']}",
+            {"price_iec": Field("Price (IEC)", service["price_iec"])},
+            "Set the price",
+            lambda answer: self._update(service, answer, f"Service {service['id']} has a new price"),
         )
-        if answer is not None:
-            await self._update(service, answer, f"Service {service['id']} has a new price")
 
+    @on_page
     async def _set_state(self, service: Json, state: str) -> None:
         if state == "retired":
             lines = [
@@ -158,10 +176,11 @@ class ServicesPage:
                 return
         await self._update(service, {"state": state}, f"Service {service['id']} is {state}")
 
-    async def _update(self, service: Json, change: Json, done: str) -> None:
+    async def _update(self, service: Json, change: Json, done: str) -> bool:
         request = {"service_id": service["id"], "participant": service["provider_name"], **change}
-        await self._act("update_service", request, done)
+        return await self._act("update_service", request, done)
 
+    @on_page
     async def _suspend(self, service: Json) -> None:
         lines = [
             ("Service", f"{service['id']} · {kind(service['kind'])}"),
@@ -175,20 +194,22 @@ class ServicesPage:
     async def _offer(self) -> None:
         person = user()
         participant = ORGANIZATION if person.has(Role.OPERATOR) else person.participant or ""
+        if not participant:
+            ui.notify("Your account works as no participant; an administrator can say which", type="warning")
+            return
         allowed = [one["kind"] for one in self._organization["kinds"] if one["allowed"]]
-        answer = await ask_form(
+        await ask_form(
             f"Offer a service of {participant}",
             {
-                "kind": ("Kind", {name: kind(name) for name in allowed}),
-                "price_iec": ("Price (IEC)", "100"),
-                "description": ("For people", ""),
+                "kind": Field("Kind", choices={name: kind(name) for name in allowed}),
+                "price_iec": Field("Price (IEC)", "100"),
+                "description": Field("For people"),
             },
             "Offer it",
-        )
-        if answer is not None:
-            await self._act(
+            lambda answer: self._act(
                 "register_service", {"participant": participant, **answer}, "The service is on offer"
-            )
+            ),
+        )
 
     # -- devices ---------------------------------------------------------------------------------------
 
@@ -198,7 +219,7 @@ class ServicesPage:
             return
         table(
             "Device keys",
-            [("Key", ""), ("Role", ""), ("Owner", ""), ("Since", "wide-only"), ("", "number")],
+            [("Key", ""), ("Role", ""), ("Owner", ""), ("Since", "plain wide-only"), ("", "number")],
             [
                 (
                     partial(hash_text, one["address"]),
@@ -215,10 +236,14 @@ class ServicesPage:
         if device["revoked"]:
             badge("revoked")
         elif user().has(Role.ADMINISTRATOR):
-            ui.button("Revoke", on_click=partial(self._revoke, device)).props("flat dense color=negative")
+            name = f"Revoke the {device['role']} key {short(device['address'])}"
+            ui.button("Revoke", on_click=partial(self._revoke, device)).props(
+                f'flat dense color=negative aria-label="{name}"'
+            )
         else:
             badge("active")
 
+    @on_page
     async def _revoke(self, device: Json) -> None:
         lines = [
             ("Key", device["address"]),
@@ -229,17 +254,16 @@ class ServicesPage:
             await self._act("revoke_device", {"device": device["address"]}, "The key is revoked")
 
     async def _register_device(self) -> None:
-        answer = await ask_form(
+        await ask_form(
             "Register a device key",
             {
-                "device": ("Address of the key (0x…)", ""),
-                "role": ("Role", {name: name for name in ("robot", "bin", "meter", "mocap")}),
-                "owner": ("Owner: a participant or an address", ""),
+                "device": Field("Address of the key (0x…)"),
+                "role": Field("Role", choices={name: name for name in ("robot", "bin", "meter", "mocap")}),
+                "owner": Field("Owner: a participant or an address"),
             },
             "Register it",
+            lambda answer: self._act("register_device", answer, "The key may sign evidence"),
         )
-        if answer is not None:
-            await self._act("register_device", answer, "The key may sign evidence")
 
     # -- rules -----------------------------------------------------------------------------------------
 
@@ -277,69 +301,76 @@ class ServicesPage:
         word, allowed = ("Forbid", False) if one["allowed"] else ("Allow", True)
         request = {"kind": one["kind"], "allowed": allowed}
         done = f"{kind(one['kind'])} is {'allowed' if allowed else 'forbidden'}"
-        ui.button(word, on_click=partial(self._act, "allow_kind", request, done)).props("flat dense")
+        ui.button(word, on_click=partial(self._act, "allow_kind", request, done)).props(
+            f'flat dense aria-label="{word} {kind(one["kind"])}"'
+        )
 
+    @on_page
     async def _allow_kind(self) -> None:
-        answer = await ask_form(
+        await ask_form(
             "Allow a kind of work",
             {
-                "kind": ("Name, for example window_cleaning", ""),
-                "review": ("Judged by", {"oracle": "the oracle", "auditor": "an auditor"}),
+                "kind": Field("Name, for example window_cleaning"),
+                "review": Field("Judged by", choices={"oracle": "the oracle", "auditor": "an auditor"}),
             },
             "Allow it",
+            lambda answer: self._act(
+                "allow_kind", {"allowed": True, **answer}, f"{kind(answer['kind'])} is allowed"
+            ),
         )
-        if answer is not None:
-            await self._act("allow_kind", {"allowed": True, **answer}, f"{kind(answer['kind'])} is allowed")
 
+    @on_page
     async def _change_rules(self) -> None:
-        old, terms = self._organization, self._organization["terms"]
+        policy, terms = self._organization["policy"], self._organization["terms"]
         before = {name: str(terms.get(name) or 0) for name in ("bond_iec", "penalty_iec", "max_failures")}
-        answer = await ask_form(
+
+        async def change(answer: dict[str, str]) -> bool:
+            wanted = answer.pop("policy")
+            if wanted != policy and not await self._act(
+                "set_policy", {"policy": wanted}, "Services are chosen differently now"
+            ):
+                return False
+            return answer == before or await self._act(
+                "set_terms", answer, "New services agree to the new terms"
+            )
+
+        await ask_form(
             "Rules of the organization",
             {
-                "policy": ("A service is chosen by", POLICIES),
-                "bond_iec": ("Bond of a new service (IEC)", before["bond_iec"]),
-                "penalty_iec": ("Penalty for a failure (IEC)", before["penalty_iec"]),
-                "max_failures": ("Failures in a row that suspend, 0 for never", before["max_failures"]),
+                "policy": Field("A service is chosen by", policy, POLICIES),
+                "bond_iec": Field("Bond of a new service (IEC)", before["bond_iec"]),
+                "penalty_iec": Field("Penalty for a failure (IEC)", before["penalty_iec"]),
+                "max_failures": Field("Failures in a row that suspend, 0 for never", before["max_failures"]),
             },
             "Change them",
-            values={"policy": old["policy"]},
+            change,
         )
-        if answer is None:
-            return
-        policy = answer.pop("policy")
-        if policy != old["policy"]:
-            await self._act("set_policy", {"policy": policy}, "Services are chosen differently now")
-        if answer != before:
-            await self._act("set_terms", answer, "New services agree to the new terms")
 
+    @on_page
     async def _membership(self) -> None:
-        answer = await ask_form(
+        async def change(answer: dict[str, str]) -> bool:
+            what, account = answer["action"], answer["account"]
+            if what in _MEMBERSHIP:
+                return await self._act(what, {"account": account}, f"{account} {_MEMBERSHIP[what]}")
+            closed = what == "close"
+            done = "Only members may take part now" if closed else "Everybody may take part now"
+            return await self._act("set_members_only", {"enabled": closed}, done)
+
+        choices = {
+            "admit": "Admit somebody",
+            "dismiss": "Dismiss somebody",
+            "close": "Let only members in",
+            "open": "Let everybody in",
+        }
+        await ask_form(
             "Membership",
             {
-                "action": (
-                    "What",
-                    {
-                        "admit": "Admit somebody",
-                        "dismiss": "Dismiss somebody",
-                        "close": "Let only members in",
-                        "open": "Let everybody in",
-                    },
-                ),
-                "account": ("Who: a participant or an address", ""),
+                "action": Field("What", choices=choices),
+                "account": Field("Who, to admit or dismiss: a participant or an address"),
             },
             "Do it",
+            change,
         )
-        if answer is None:
-            return
-        if answer["action"] in ("admit", "dismiss"):
-            await self._act(
-                answer["action"], {"account": answer["account"]}, f"{answer['account']}: {answer['action']}"
-            )
-        else:
-            enabled = answer["action"] == "close"
-            done = "Only members may take part now" if enabled else "Everybody may take part now"
-            await self._act("set_members_only", {"enabled": enabled}, done)
 
 
 def _role(name: str) -> str:
@@ -359,7 +390,7 @@ def _draw_participants(participants: list[Json]) -> None:
         [
             ("Participant", ""),
             ("Address", "wide-only"),
-            ("Roles on chain", "wrap"),
+            ("Roles", "wrap"),
             ("Balance", "number"),
             ("Posted", "number wide-only"),
             ("Done", "number wide-only"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from decimal import Decimal
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -12,8 +13,21 @@ from nicegui import ui
 from rodeo.errors import RodeoError
 from rodeo.evidence import open_proof
 from rodeo.messages import Task
+from services.console.attempts import Attempt, attempts, ended_s
 from services.console.lab_map import LabMap
-from services.console.pages.frame import Console, act, ask, back_link, fail, follow_async, frame, user
+from services.console.pages.frame import (
+    Console,
+    act,
+    ask,
+    back_link,
+    fail,
+    follow,
+    follow_async,
+    frame,
+    problem_section,
+    stale,
+    user,
+)
 from services.console.pages.widgets import (
     Section,
     Text,
@@ -25,13 +39,20 @@ from services.console.pages.widgets import (
     facts,
     hash_text,
     notice,
+    on_page,
     table,
 )
+from services.console.reads import Seal
 from services.console.replay import track
 from services.console.roles import Role
-from services.console.words import explain, iec, kind, moment, parameter, party, span
+from services.console.words import explain, iec, kind, moment, number, parameter, party, phrase, short, span
 
 Json = dict[str, Any]
+
+LIVE = ("open", "assigned", "submitted")
+"""States in which a task holds its reward in escrow."""
+_TOKEN_EVENTS = ("Transfer", "Approval")
+"""Every transaction of a task has some; the treasury explains them."""
 
 
 def register(console: Console) -> None:
@@ -45,12 +66,18 @@ class TaskPage:
     def __init__(self, console: Console, task_id: int) -> None:
         self._console = console
         self._task_id = task_id
-        self._report_of: str | None = None
+        self._attempts: list[Attempt] = []
+        self._chosen: int | None = None
+        """The attempt whose proof and report are shown; None for the newest that has one."""
+        self._shown: Attempt | None = None
+        self._live = False
         back_link("Tasks", "/tasks")
         self._head = Section(self._draw_head).live()
-        self._problem = Section(lambda text: notice(text, bad=True) if text else None).live()
+        self._problem = problem_section()
         with card("Progress"):
-            self._progress = Section(_draw_progress)
+            self._progress = Section(_draw_progress).waiting()
+        with card("Attempts"):
+            self._tries = Section(self._draw_attempts).waiting()
         with ui.element("div").classes("grid"):
             with ui.element("div").classes("stack span-7"), card("Where") as head:
                 self._map = LabMap(console.lab, "Map of the lab: where the task is")
@@ -62,48 +89,132 @@ class TaskPage:
                     self._replay.visible = False
             with ui.element("div").classes("stack span-5"):
                 with card("Agreement"):
-                    self._agreement = Section(_draw_agreement)
+                    self._agreement = Section(_draw_agreement).waiting()
                 with card("Proof"):
-                    self._proof = Section(_draw_proof)
+                    self._proof = Section(self._draw_proof).waiting()
                 with card("Transactions"):
-                    self._transactions = Section(_draw_transactions)
+                    self._transactions = Section(_draw_transactions).waiting()
         with card("Oracle's report"):
-            self._report = Section(_draw_report)
-        follow_async(console, "organization", self._load)
+            self._report = Section(_draw_report).waiting()
+        follow(console, "map", self._show_map)
+        self._refresh = follow_async(console, "organization", self._load)
+
+    def _show_map(self) -> None:
+        """Robots are of interest while somebody works on the task."""
+        if self._live:
+            self._map.show(self._console.live.map)
 
     async def _load(self) -> None:
         reads = self._console.reads
         try:
             task = await ask(reads.task, self._task_id)
+            events = await ask(reads.history, self._task_id)
         except RodeoError as error:
-            self._problem.show(
-                f"There is no task {self._task_id}." if error.code == "unknown_task" else explain(error)
-            )
+            unknown = error.code == "unknown_task"
+            self._problem.show(f"There is no task {self._task_id}." if unknown else stale(error))
             return
         self._problem.show("")
+        self._attempts = attempts(events)
+        proven = [one for one in self._attempts if one.proof_sha256 is not None]
+        shown = next((one for one in reversed(proven) if self._chosen in (None, one.number)), None)
+        self._live = task.state in LIVE
         self._head.show(task)
-        self._progress.show(task)
+        self._progress.show(task, ended_s(events))
+        names = {one["address"]: one["name"] for one in self._console.live.summary.wallets}
+        self._tries.show(self._attempts, names, None if shown is None else shown.number)
         self._agreement.show(task)
-        self._proof.show(task)
-        self._replay.visible = task.proof_uri is not None
+        self._show_map()
         place = task.params.get("x_m"), task.params.get("y_m")
         if all(isinstance(value, int | float) for value in place):
             self._map.mark_place(place)  # type: ignore[arg-type]
-        await self._load_report(task)
+        await self._load_evidence(shown)
         try:
             answer = await ask(reads.state, "transactions", task_id=self._task_id)
             self._transactions.show(answer["transactions"], "")
         except RodeoError as error:
             self._transactions.show([], explain(error))
 
-    async def _load_report(self, task: Task) -> None:
-        if task.report_sha256 is None:
+    async def _load_evidence(self, shown: Attempt | None) -> None:
+        """Report, proof and who sealed it."""
+        self._shown = shown
+        self._replay.visible = shown is not None
+        if shown is None:
             self._report.show(None, "The oracle has not judged a proof of this task yet.")
+            self._proof.show(None, {})
             return
+        if shown.report_sha256 is None:
+            self._report.show(None, "Nobody has judged this proof yet.")
+        else:
+            try:
+                self._report.show(await ask(self._console.reads.report, shown), "")
+            except RodeoError as error:
+                self._report.show(None, explain(error))
         try:
-            self._report.show(await ask(self._console.reads.report, task), "")
+            seal = await ask(self._console.reads.seal, shown)
+            devices = (await ask(self._console.reads.state, "devices"))["devices"]
         except RodeoError as error:
-            self._report.show(None, explain(error))
+            self._proof.show(shown, {"Sealed by": explain(error)})
+            return
+        self._proof.show(shown, _seal_facts(seal, devices))
+
+    def _draw_attempts(self, made: list[Attempt], names: dict[str, str], shown: int | None) -> None:
+        if not made:
+            empty("Nobody has taken it on yet.")
+            return
+        table(
+            "Attempts at this task",
+            [
+                ("Attempt", ""),
+                ("Executor", ""),
+                ("Assigned", "plain wide-only"),
+                ("Proof submitted", "plain wide-only"),
+                ("Outcome", "wrap"),
+                ("", "number"),
+            ],
+            [
+                (
+                    str(one.number),
+                    party(names.get(one.executor), one.executor),
+                    moment(one.assigned_s),
+                    moment(one.submitted_s),
+                    partial(_draw_outcome, one),
+                    partial(self._choice, one, shown == one.number),
+                )
+                for one in made
+            ],
+        )
+
+    def _choice(self, attempt: Attempt, is_shown: bool) -> None:
+        if attempt.proof_sha256 is None:
+            return
+        if is_shown:
+            Text("span", "shown below", "soft")
+            return
+        ui.button("Show", on_click=partial(self._choose, attempt.number)).props(
+            f'flat dense aria-label="Show proof and report of attempt {attempt.number}"'
+        )
+
+    def _choose(self, number: int) -> None:
+        self._chosen = number
+        self._map.replay(None)
+        self._refresh()
+
+    def _draw_proof(self, attempt: Attempt | None, sealed: dict[str, str]) -> None:
+        if attempt is None:
+            empty("No proof was submitted yet.")
+            return
+        with facts():
+            fact("Attempt", str(attempt.number))
+            fact("SHA-256", lambda: hash_text(attempt.proof_sha256 or ""))
+            for name, value in sealed.items():
+                if value.startswith("0x"):
+                    fact(name, partial(hash_text, value))
+                else:
+                    fact(name, value)
+        ui.button("Download", icon="download").props(
+            f'outline dense href="/files/proof/{self._task_id}?attempt={attempt.number}" '
+            'aria-label="Download the proof"'
+        ).style("align-self: start")
 
     def _draw_head(self, task: Task) -> None:
         with ui.element("div").classes("page-head"):
@@ -118,6 +229,7 @@ class TaskPage:
         if task.description:
             Text("p", task.description, "soft wrap")
 
+    @on_page
     async def _cancel(self, task: Task) -> None:
         lines = [
             ("Task", f"{task.id} · {kind(task.kind)}"),
@@ -127,42 +239,46 @@ class TaskPage:
             await act(self._console, "cancel_task", {"task_id": task.id}, f"Task {task.id} is cancelled")
 
     async def _load_replay(self) -> None:
+        if self._shown is None:
+            return
         self._replay.props("loading")
         try:
-            shown = await ask(_read_recording, self._console, self._task_id)
+            recording = await ask(_track, self._console, self._shown)
         except RodeoError as error:
             fail(error)
             return
         finally:
             self._replay.props(remove="loading")
         self._replay.visible = False
-        self._map.replay(shown["track"])
-        self._proof.show(await ask(self._console.reads.task, self._task_id), shown)
+        self._map.replay(recording)
 
 
-def _read_recording(console: Console, task_id: int) -> Json:
-    """The recording as the map replays it, and who sealed it. Raises UnknownFile, EvidenceError."""
-    task = console.reads.task(task_id)
+def _track(console: Console, attempt: Attempt) -> Json:
+    """The attempt's recording as the map replays it. Raises UnknownFile, EvidenceError."""
     with tempfile.TemporaryDirectory(prefix="rodeo-replay-") as folder:
-        proof = open_proof(console.reads.proof(task, Path(folder)))
-        devices = {one["address"]: one for one in console.reads.state("devices")["devices"]}
-        signer = devices.get(proof.signer)
-        return {
-            "track": track(proof, console.site),
-            "signer": proof.signer,
-            "device": f"{signer['role']} of {party(signer['owner_name'], signer['owner'])}"
-            if signer
-            else "unknown",
-            "revoked": bool(signer and signer["revoked"]),
-            "size_bytes": proof.size_bytes,
-            "messages": proof.messages,
-            "seals": proof.seals,
-        }
+        return track(open_proof(console.reads.proof(attempt, Path(folder))), console.site)
 
 
-def _draw_progress(task: Task) -> None:
+def _seal_facts(seal: Seal, devices: list[Json]) -> dict[str, str]:
+    signer = next((one for one in devices if one["address"] == seal.signer), None)
+    whose = "unknown" if signer is None else f"{signer['role']} of {signer['owner_name'] or signer['owner']}"
+    revoked = " (revoked)" if signer is not None and signer["revoked"] else ""
+    return {
+        "Sealed by": seal.signer or "nobody",
+        "Device": whose + revoked,
+        "Recording": f"{number(Decimal(seal.size_bytes) / 10**6)} MB, {seal.messages:,} messages, "
+        f"{seal.seals:,} seals, all in order",
+    }
+
+
+def _draw_outcome(attempt: Attempt) -> None:
+    badge(attempt.verdict or ("in verification" if attempt.submitted_s else "at work"))
+    if attempt.reason:
+        Text("div", attempt.reason, "soft wrap")
+
+
+def _draw_progress(task: Task, ended: float | None) -> None:
     """The state machine with its times, as far as it got."""
-    over = task.state in ("settled", "failed", "cancelled")
     steps: list[tuple[str, float | None, str]] = [
         ("Posted", task.registered, "done"),
         ("Assigned", task.assigned, "done" if task.assigned else "now" if task.state == "open" else ""),
@@ -180,7 +296,7 @@ def _draw_progress(task: Task) -> None:
         ),
         (
             {"failed": "Failed, refunded", "cancelled": "Cancelled, refunded"}.get(task.state, "Paid"),
-            task.settled,
+            ended,
             {"settled": "done", "failed": "bad", "cancelled": "bad"}.get(task.state, ""),
         ),
     ]
@@ -198,10 +314,11 @@ def _draw_progress(task: Task) -> None:
                     before = time_s
     if task.attempt:
         Text(
-            "p", f"Attempt {task.attempt} of {task.max_attempts}" + ("" if over else _deadline(task)), "soft"
+            "p",
+            f"Attempt {task.attempt} of {task.max_attempts}"
+            + (_deadline(task) if task.state in LIVE else ""),
+            "soft",
         )
-    if task.reason and task.verdict != "accepted":
-        notice(f"Last verdict: {task.reason}", bad=True)
 
 
 def _deadline(task: Task) -> str:
@@ -213,7 +330,7 @@ def _deadline(task: Task) -> str:
 
 
 def _draw_agreement(task: Task) -> None:
-    live = task.state in ("open", "assigned", "submitted")
+    live = task.state in LIVE
     with facts():
         fact("Creator", party(task.creator_name, task.creator))
         fact("Executor", party(task.executor_name, task.executor) if task.executor else "nobody yet")
@@ -225,24 +342,6 @@ def _draw_agreement(task: Task) -> None:
             fact("Returned", iec(task.reward_iec - task.paid_iec))
         for name, value in task.params.items():
             fact(parameter(name), str(value)[:200], "wrap")
-
-
-def _draw_proof(task: Task, opened: Json | None = None) -> None:
-    if task.proof_sha256 is None or task.proof_uri is None:
-        empty("No proof was submitted for the running attempt.")
-        return
-    with facts():
-        fact("SHA-256", lambda: hash_text(task.proof_sha256 or ""))
-        if opened is not None:
-            fact("Sealed by", lambda: hash_text(opened["signer"]))
-            fact("Device", opened["device"] + (" (revoked)" if opened["revoked"] else ""))
-            fact("Recording", f"{opened['size_bytes'] / 1e6:.1f} MB, {opened['messages']:,} messages, "
-                              f"{opened['seals']:,} seals")  # fmt: skip
-        else:
-            fact("Sealed by", "shown with the replay, which checks every seal")
-    ui.button("Download", icon="download").props(
-        f'outline dense href="/files/proof/{task.id}" aria-label="Download the proof"'
-    ).style("align-self: start")
 
 
 def _draw_report(report: Json | None, problem: str) -> None:
@@ -294,13 +393,21 @@ def _draw_transactions(transactions: list[Json], problem: str) -> None:
     else:
         table(
             "Transactions of this task",
-            [("What", ""), ("Gas", "number"), ("Hash", "")],
+            [("What", "wrap"), ("Gas", "number"), ("Fee (ETH)", "number wide-only"), ("Hash", "")],
             [
                 (
-                    str(one.get("command") or one.get("event") or one.get("name") or ""),
-                    f"{int(one['gas_used']):,}" if one.get("gas_used") is not None else "–",
-                    partial(hash_text, str(one.get("tx_hash", ""))),
+                    partial(_draw_transaction, one),
+                    f"{one['gas_used']:,}" if one["gas_used"] is not None else "–",
+                    "–" if one["fee_wei"] is None else number(Decimal(one["fee_wei"]) / 10**18, 8),
+                    partial(hash_text, one["tx_hash"]),
                 )
                 for one in transactions
             ],
         )
+
+
+def _draw_transaction(transaction: Json) -> None:
+    told = [name for name in transaction["events"] if name not in _TOKEN_EVENTS] or transaction["events"]
+    Text("span", ", ".join(map(phrase, told)))
+    sender = transaction["sender_name"] or short(transaction["sender"] or "unknown")
+    Text("div", f"{moment(transaction['time_s'])} by {sender}", "soft")

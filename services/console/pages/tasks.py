@@ -16,7 +16,18 @@ from rodeo.dao import CHARGING, CLEANING
 from rodeo.errors import InvalidRequest, MalformedJson, QueryTimeout, RodeoError
 from rodeo.messages import RegisterTask, Task
 from services.console.lab_map import LabMap
-from services.console.pages.frame import Console, ask, fail, follow, follow_async, frame, page_head, user
+from services.console.pages.frame import (
+    Console,
+    ask,
+    fail,
+    follow,
+    follow_async,
+    frame,
+    page_head,
+    problem_section,
+    stale,
+    user,
+)
 from services.console.pages.widgets import Link, Section, Text, badge, card, confirm, empty, notice, table
 from services.console.posting import problems
 from services.console.roles import Role
@@ -75,9 +86,9 @@ def _list(console: Console, page: int, state: str, kind_: str, text: str) -> Non
         kind_select.props("outlined dense")
         search = ui.input("Number or words", value=text, on_change=lambda e: choose(text=e.value or ""))
         search.props("outlined dense clearable debounce=300").style("flex: 1; max-width: 320px")
-    problem = Section(lambda words: notice(words, bad=True) if words else None).live()
+    problem = problem_section()
     with ui.element("section").classes("card").props('aria-label="Tasks"'):
-        rows = Section(_draw_rows)
+        rows = Section(_draw_rows).waiting()
         pager = Section(lambda total, at: _draw_pager(total, at, lambda to: choose(page=to)))
 
     async def load() -> None:
@@ -85,7 +96,7 @@ def _list(console: Console, page: int, state: str, kind_: str, text: str) -> Non
             found, total = await ask(_find, console, wanted)
             allowed = (await ask(console.reads.state, "chain"))["kinds"]
         except RodeoError as error:
-            problem.show(explain(error))
+            problem.show(stale(error))
             return
         problem.show("")
         kind_select.set_options({_ANY: "Any kind", **{name: kind(name) for name in allowed}})
@@ -125,7 +136,7 @@ def _draw_rows(tasks: list[Task], filtered: bool) -> None:
             ("Reward", "number"),
             ("Executor", "wide-only"),
             ("Attempt", "number wide-only"),
-            ("Posted", "wide-only"),
+            ("Posted", "plain wide-only"),
         ],
         [
             (
@@ -173,7 +184,7 @@ class PostForm:
                 with ui.element("div").classes("form"):
                     self.kind = ui.select(
                         {CLEANING: kind(CLEANING), CHARGING: kind(CHARGING)}, value=CLEANING, label="Kind"
-                    ).classes("whole")
+                    )
                     self.kind.on_value_change(self._changed)
                     self.item = ui.select(items, value=next(iter(items), None), label="Item")
                     self.item.on_value_change(self._item_chosen)
@@ -196,7 +207,7 @@ class PostForm:
                     self.attempts = ui.number("Attempts", min=1, max=20, precision=0, on_change=self._changed)
                     self.attempts.value = site.economy.max_attempts
                     self.window.value = site.economy.cleaning_window_s / 60
-                    self.description = ui.input("Note for people").classes("whole")
+                    self.description = ui.input("Note for people")
                     self.wait = ui.checkbox("Let it wait if every service costs more").classes("whole")
                 for field in (
                     *(self.kind, self.item, self.robot, self.x, self.y, self.soc_from, self.soc_target),

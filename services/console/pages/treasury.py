@@ -11,8 +11,18 @@ from nicegui import ui
 from rodeo.errors import RodeoError
 from services.console.actions import ORGANIZATION
 from services.console.money import prices, reason
-from services.console.pages.frame import Console, act, ask, follow_async, frame, user
+from services.console.pages.frame import (
+    Console,
+    act,
+    ask,
+    follow_async,
+    frame,
+    problem_section,
+    stale,
+    user,
+)
 from services.console.pages.widgets import (
+    Field,
     Link,
     Section,
     Text,
@@ -22,12 +32,11 @@ from services.console.pages.widgets import (
     empty,
     fact,
     facts,
-    notice,
     table,
     tile,
 )
 from services.console.roles import Role
-from services.console.words import explain, iec, kind, moment, party, short
+from services.console.words import count, iec, kind, moment, party, short
 
 Json = dict[str, Any]
 
@@ -55,7 +64,7 @@ class TreasuryPage:
             if user().has(Role.TREASURER):
                 ui.button("Deposit", icon="south_west", on_click=self._deposit).props("outline")
                 ui.button("Withdraw", icon="north_east", on_click=self._withdraw).props("outline")
-        self._problem = Section(lambda text: notice(text, bad=True) if text else None).live()
+        self._problem = problem_section()
         with ui.element("div").classes("grid tiles"):
             self._balance, self._escrow, self._earned, self._spent = (
                 tile(name, "–")
@@ -70,11 +79,11 @@ class TreasuryPage:
             self._chart = ui.echart(_options([], [])).style("height: 320px; width: 100%")
             self._chart.props('role="img" aria-label="Balance over time; the table below has every transfer"')
         with ui.element("div").classes("grid"):
-            with ui.element("div").classes("stack span-8"), card("Transfers") as head:
+            with ui.element("div").classes("stack span-7"), card("Transfers") as head:
                 with head:
                     self._csv = ui.button("CSV", icon="download").props("flat dense")
-                self._rows = Section(self._draw_rows)
-            with ui.element("div").classes("stack span-4"), card("Tariffs"):
+                self._rows = Section(self._draw_rows).waiting()
+            with ui.element("div").classes("stack span-5"), card("Tariffs"):
                 _draw_tariffs(console)
         self._refresh = follow_async(console, "organization", self._load)
 
@@ -95,7 +104,7 @@ class TreasuryPage:
             )
             wallet = await ask(state, "wallet", account=self._account)
         except RodeoError as error:
-            self._problem.show(explain(error))
+            self._problem.show(stale(error))
             return
         self._problem.show("")
         names = [wallet["name"] for wallet in self._console.live.summary.wallets] or [ORGANIZATION]
@@ -129,7 +138,7 @@ class TreasuryPage:
         table(
             "Transfers, newest first",
             [
-                ("When", ""),
+                ("When", "plain-wide"),
                 ("Why", "wrap"),
                 ("With", "wide-only"),
                 ("Change", "number"),
@@ -148,7 +157,7 @@ class TreasuryPage:
         )
         pages = max(1, -(-total // PAGE_ROWS))
         with ui.element("div").classes("line"):
-            Text("span", f"{total:,} transfers", "soft")
+            Text("span", count(total, "transfer"), "soft")
             ui.element("span").classes("grow")
             if pages > 1:
                 ui.pagination(1, pages, value=page, direction_links=True, on_change=self._turn).props(
@@ -162,29 +171,43 @@ class TreasuryPage:
     # -- moving money ----------------------------------------------------------------------------------
 
     async def _deposit(self) -> None:
-        answer = await ask_form("Deposit into the treasury", {"amount_iec": ("Amount (IEC)", "")}, "Review")
-        if answer is None or (amount := _amount(answer["amount_iec"])) is None:
-            return
-        lines = [("Amount", iec(amount)), ("From", "the own account of the organization's key")]
-        if await confirm("Deposit?", lines, f"Deposit {iec(amount)}"):
-            await act(self._console, "deposit", {"amount_iec": str(amount)}, f"{iec(amount)} deposited")
+        async def pay(answer: dict[str, str]) -> bool:
+            if (amount := _amount(answer["amount_iec"])) is None:
+                return False
+            lines = [("Amount", iec(amount)), ("From", "the own account of the organization's key")]
+            return await confirm("Deposit?", lines, f"Deposit {iec(amount)}") and await self._act(
+                "deposit", {"amount_iec": str(amount)}, f"{iec(amount)} deposited"
+            )
+
+        await ask_form(
+            "Deposit into the treasury", {"amount_iec": Field("Amount (IEC)")}, "Review the deposit", pay
+        )
 
     async def _withdraw(self) -> None:
-        answer = await ask_form(
-            "Withdraw from the treasury",
-            {"amount_iec": ("Amount (IEC)", ""), "to": ("To: a participant or an address", "")},
-            "Review",
-        )
-        if answer is None or (amount := _amount(answer["amount_iec"])) is None:
-            return
-        lines = [("Amount", iec(amount)), ("To", answer["to"])]
-        wallets = self._console.live.summary.wallets
-        balance = next((Decimal(one["balance_iec"]) for one in wallets if one["name"] == ORGANIZATION), None)
-        if balance is not None:
-            lines.append(("Treasury after", iec(balance - amount)))
-        if await confirm("Withdraw?", lines, f"Pay {iec(amount)} to {short(answer['to'])}"):
-            request = {"amount_iec": str(amount), "to": answer["to"]}
-            await act(self._console, "withdraw", request, f"{iec(amount)} paid to {short(answer['to'])}")
+        async def pay(answer: dict[str, str]) -> bool:
+            if (amount := _amount(answer["amount_iec"])) is None:
+                return False
+            lines = [("Amount", iec(amount)), ("To", answer["to"])]
+            wallets = self._console.live.summary.wallets
+            balance = next(
+                (Decimal(one["balance_iec"]) for one in wallets if one["name"] == ORGANIZATION), None
+            )
+            if balance is not None:
+                lines.append(("Treasury after", iec(balance - amount)))
+            done = f"{iec(amount)} paid to {short(answer['to'])}"
+            return await confirm("Withdraw?", lines, f"Pay {iec(amount)}") and await self._act(
+                "withdraw", {"amount_iec": str(amount), "to": answer["to"]}, done
+            )
+
+        fields = {
+            "amount_iec": Field("Amount (IEC)"),
+            "to": Field("To: a participant or an address"),
+        }
+        await ask_form("Withdraw from the treasury", fields, "Review the withdrawal", pay)
+
+    async def _act(self, name: str, request: Json, done: str) -> bool:
+        """Whether it was done."""
+        return await act(self._console, name, request, done) is not None
 
 
 def _amount(text: str) -> Decimal | None:
@@ -209,6 +232,8 @@ def _why(transfer: Json) -> None:
 def _other(transfer: Json, account: str) -> str:
     if transfer["reason"] in ("mint", "burn"):
         return "–"
+    if transfer["reason"] == "deposit":
+        return "the organization's key"
     if transfer["reason"] in ("escrow", "payment", "surplus", "refund", "bond", "bond_returned"):
         return "escrow"
     if transfer["sender_name"] == account:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from dataclasses import dataclass
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
-from nicegui import ui
+from nicegui import context, ui
 from nicegui.elements.mixins.text_element import TextElement
 
 from services.console.words import STATE_COLOURS, short
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 class Text(TextElement):
@@ -77,10 +82,10 @@ def fact(name: str, value: str | Callable[[], Any], classes: str = "") -> None:
 
 def hash_text(value: str) -> None:
     """A hash or address with its ends shown, the whole as a tooltip and for copying."""
-    with ui.element("span").classes("line tight"):
+    with ui.element("span").classes("line hash"):
         Text("span", short(value), "mono").props(f'title="{value}"')
         copy = ui.button(icon="content_copy", on_click=lambda: _copy(value))
-        copy.props('flat dense round size=sm aria-label="Copy"')
+        copy.props(f'flat dense round size=sm aria-label="Copy {short(value)}"')
 
 
 async def _copy(value: str) -> None:
@@ -122,13 +127,19 @@ class Section:
     """A part of a page that is drawn again when what it shows has changed, and only then."""
 
     def __init__(self, draw: Callable[..., None], tag: str = "div", classes: str = "") -> None:
-        self._element = ui.element(tag).classes(classes)
+        self._element = ui.element(tag).classes(f"section {classes}")
         self._draw = draw
         self._shown: Any = None
 
     def live(self) -> Section:
         """Have screen readers tell what changes."""
         self._element.props('aria-live="polite"')
+        return self
+
+    def waiting(self) -> Section:
+        """Say that the answer has not come yet."""
+        with self._element:
+            empty("Loading …")
         return self
 
     def show(self, *data: Any) -> None:
@@ -138,6 +149,19 @@ class Section:
         self._element.clear()
         with self._element:
             self._draw(*data)
+
+
+def on_page(handler: Callable[P, Awaitable[T]]) -> Callable[P, Awaitable[T]]:
+    """Run what a click starts on the page itself: the section that was clicked on may be drawn again, and
+    take its dialogs with it, before it has finished.
+    """
+
+    @wraps(handler)
+    async def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        with context.client:
+            return await handler(*args, **kwargs)
+
+    return run
 
 
 async def confirm(title: str, lines: Sequence[tuple[str, str]], action: str, danger: bool = False) -> bool:
@@ -159,32 +183,58 @@ async def confirm(title: str, lines: Sequence[tuple[str, str]], action: str, dan
     return bool(answer)
 
 
-Field = tuple[str, str | dict[str, str]]
+@dataclass(frozen=True)
+class Field:
+    """One entry of a form; `choices` are {value: words}."""
+
+    label: str
+    start: str = ""
+    choices: dict[str, str] | None = None
+    several: bool = False
+    """Any number of the choices; the answer has commas in between."""
+    secret: bool = False
+
+    def draw(self) -> Any:
+        if self.choices is None:
+            entry: Any = ui.input(self.label, value=self.start, password=self.secret)
+            return entry.props("autocomplete=new-password") if self.secret else entry
+        if self.several:
+            chosen = [one for one in self.start.split(",") if one in self.choices]
+            return ui.select(self.choices, label=self.label, value=chosen, multiple=True).props("use-chips")
+        start = self.start if self.start in self.choices else next(iter(self.choices), None)
+        return ui.select(self.choices, label=self.label, value=start)
 
 
 async def ask_form(
-    title: str, fields: dict[str, Field], action: str, values: dict[str, str] | None = None
-) -> dict[str, str] | None:
-    """Ask for a few texts; what was entered, None when it was closed.
+    title: str,
+    fields: dict[str, Field],
+    action: str,
+    perform: Callable[[dict[str, str]], Awaitable[bool]],
+) -> None:
+    """Ask for a few texts and `perform` with them; the form stays until that succeeds or it is closed."""
+    entries: dict[str, Any] = {}
 
-    A field is (label, text to start with) or (label, {value: words} to choose from).
-    """
-    inputs: dict[str, Any] = {}
-    with ui.dialog() as dialog, ui.card():
+    async def attempt() -> None:
+        button.props("loading")
+        try:
+            if await perform({name: _entered(entry) for name, entry in entries.items()}):
+                dialog.submit(True)
+        finally:
+            button.props(remove="loading")
+
+    with ui.dialog().props("no-backdrop-dismiss") as dialog, ui.card():
         heading = Text("h2", title)
         dialog.props(f'aria-labelledby="{heading.html_id}"')
         with ui.element("div").classes("form").style("width: 100%"):
-            for name, (label, start) in fields.items():
-                if isinstance(start, dict):
-                    chosen = (values or {}).get(name, next(iter(start), None))
-                    field: Any = ui.select(start, label=label, value=chosen if chosen in start else None)
-                else:
-                    field = ui.input(label, value=start)
-                inputs[name] = field.props("outlined dense").classes("whole")
+            for name, field in fields.items():
+                entries[name] = field.draw().props("outlined dense").classes("whole")
+        next(iter(entries.values())).props("autofocus")
         with ui.element("div").classes("dialog-buttons"):
-            ui.button("Back", on_click=lambda: dialog.submit(False)).props("flat")
-            ui.button(action, on_click=lambda: dialog.submit(True)).props("unelevated")
-    answer = await dialog
-    entered = {name: str(field.value or "") for name, field in inputs.items()}
+            ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
+            button = ui.button(action, on_click=attempt).props("unelevated")
+    await dialog
     dialog.delete()
-    return entered if answer else None
+
+
+def _entered(entry: Any) -> str:
+    return ",".join(entry.value) if isinstance(entry.value, list) else str(entry.value or "").strip()

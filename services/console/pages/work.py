@@ -12,10 +12,31 @@ from nicegui.events import UploadEventArguments
 from rodeo.errors import RodeoError
 from rodeo.evidence.statement import MAX_PHOTO_BYTES, MAX_PHOTOS, Statement, photo_format
 from rodeo.messages import Task
-from services.console.pages.frame import Console, act, ask, fail, follow_async, frame, user
-from services.console.pages.widgets import Link, Section, Text, badge, card, confirm, empty, notice, tile
+from services.console.pages.frame import (
+    Console,
+    act,
+    ask,
+    fail,
+    follow_async,
+    frame,
+    problem_section,
+    stale,
+    user,
+)
+from services.console.pages.widgets import (
+    Link,
+    Section,
+    Text,
+    badge,
+    card,
+    confirm,
+    empty,
+    notice,
+    on_page,
+    tile,
+)
 from services.console.roles import Role
-from services.console.words import explain, iec, kind, moment
+from services.console.words import count, iec, kind, moment
 
 Json = dict[str, Any]
 
@@ -47,16 +68,16 @@ class ExecutorDesk:
     def __init__(self, console: Console, participant: str) -> None:
         self._console = console
         self._participant = participant
-        self._problem = Section(lambda text: notice(text, bad=True) if text else None).live()
+        self._problem = problem_section()
         with ui.element("div").classes("grid tiles"):
             self._balance, self._todo, self._waiting, self._paid = (
                 tile(name, "–") for name in ("my balance", "to do", "waiting for a verdict", "paid tasks")
             )
         with ui.element("div").classes("grid"):
             with ui.element("div").classes("stack span-7"), card("To do"):
-                self._assigned = Section(self._draw_assigned).live()
+                self._assigned = Section(self._draw_assigned).waiting().live()
             with ui.element("div").classes("stack span-5"), card("Handed in"):
-                self._ended = Section(_draw_ended).live()
+                self._ended = Section(_draw_ended).waiting().live()
         self._refresh = follow_async(console, "organization", self._load)
 
     async def _load(self) -> None:
@@ -69,7 +90,7 @@ class ExecutorDesk:
             _, paid = await ask(mine, 1, state="settled")
             wallet = await ask(reads.state, "wallet", account=self._participant)
         except RodeoError as error:
-            self._problem.show(explain(error))
+            self._problem.show(stale(error))
             return
         self._problem.show("")
         self._balance.set_text(iec(wallet["balance_iec"]))
@@ -100,69 +121,64 @@ class ExecutorDesk:
                         "soft",
                     )
 
+    @on_page
     async def _accept(self, task: Task) -> None:
         await act(self._console, "accept_work", {"task_id": task.id}, f"Task {task.id} is yours to do")
 
+    @on_page
     async def _hand_in(self, task: Task) -> None:
-        entered = await _ask_statement(task)
-        if entered is None:
-            return
-        note, photos = entered
-        lines = [("Note", note), ("Photos", str(len(photos))), ("After that", "it cannot be changed")]
-        if await confirm(f"Hand in task {task.id}?", lines, "Seal and hand in"):
+        """Ask for note and photos; the form stays until they are handed in or it is closed."""
+        photos: list[bytes] = []
+
+        async def take(event: UploadEventArguments) -> None:
+            data = await event.file.read()
+            try:
+                photo_format(data)
+            except RodeoError as error:
+                fail(error)
+                return
+            photos.append(data)
+            added.set_text(f"{count(len(photos), 'photo')} added")
+
+        async def review() -> None:
+            text = (note.value or "").strip()
+            if not text:
+                ui.notify("Say in a sentence what you did", type="warning")
+                return
+            lines = [("Note", text), ("Photos", str(len(photos))), ("After that", "it cannot be changed")]
+            if not await confirm(f"Hand in task {task.id}?", lines, "Seal and hand in"):
+                return
             request = {
                 "task_id": task.id,
-                "note": note,
+                "note": text,
                 "photos": [base64.b64encode(photo).decode() for photo in photos],
             }
-            await act(self._console, "submit_work", request, f"Task {task.id} is handed in")
+            if await act(self._console, "submit_work", request, f"Task {task.id} is handed in") is not None:
+                dialog.submit(True)
 
-
-async def _ask_statement(task: Task) -> tuple[str, list[bytes]] | None:
-    """Note and photos; None when it was closed."""
-    photos: list[bytes] = []
-
-    async def take(event: UploadEventArguments) -> None:
-        data = await event.file.read()
-        try:
-            photo_format(data)
-        except RodeoError as error:
-            fail(error)
-            return
-        photos.append(data)
-        count.set_text(f"{len(photos)} photo{'s' if len(photos) != 1 else ''} added")
-
-    def close() -> None:
-        if (note.value or "").strip():
-            dialog.submit(True)
-        else:
-            ui.notify("Say in a sentence what you did", type="warning")
-
-    with ui.dialog() as dialog, ui.card():
-        heading = Text("h2", f"Hand in task {task.id}")
-        dialog.props(f'aria-labelledby="{heading.html_id}"')
-        note = ui.textarea("What did you do?").props("outlined dense autofocus maxlength=4000")
-        note.style("width: 100%")
-        upload = ui.upload(
-            label="Photos (JPEG or PNG)",
-            auto_upload=True,
-            multiple=True,
-            max_file_size=MAX_PHOTO_BYTES,
-            max_files=MAX_PHOTOS,
-            on_upload=take,
-            on_rejected=lambda: ui.notify(
-                f"At most {MAX_PHOTOS} JPEG or PNG pictures of 8 MB", type="warning"
-            ),
-        )
-        upload.props('accept="image/jpeg,image/png" flat bordered').style("width: 100%")
-        count = Text("p", "No photo yet", "soft").props('aria-live="polite"')
-        with ui.element("div").classes("dialog-buttons"):
-            ui.button("Back", on_click=lambda: dialog.submit(False)).props("flat")
-            ui.button("Review", on_click=close).props("unelevated")
-    answer = await dialog
-    entered = str(note.value or "").strip()
-    dialog.delete()
-    return (entered, photos) if answer else None
+        with ui.dialog().props("no-backdrop-dismiss") as dialog, ui.card():
+            heading = Text("h2", f"Hand in task {task.id}")
+            dialog.props(f'aria-labelledby="{heading.html_id}"')
+            note = ui.textarea("What did you do?").props("outlined dense autofocus maxlength=4000")
+            note.style("width: 100%")
+            upload = ui.upload(
+                label="Photos (JPEG or PNG)",
+                auto_upload=True,
+                multiple=True,
+                max_file_size=MAX_PHOTO_BYTES,
+                max_files=MAX_PHOTOS,
+                on_upload=take,
+                on_rejected=lambda: ui.notify(
+                    f"At most {MAX_PHOTOS} JPEG or PNG pictures of 8 MB", type="warning"
+                ),
+            )
+            upload.props('accept="image/jpeg,image/png" flat bordered').style("width: 100%")
+            added = Text("p", "No photo yet", "soft").props('aria-live="polite"')
+            with ui.element("div").classes("dialog-buttons"):
+                ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
+                ui.button("Review", on_click=review).props("unelevated")
+        await dialog
+        dialog.delete()
 
 
 def _draw_ended(tasks: list[Task]) -> None:
@@ -186,9 +202,9 @@ class AuditorDesk:
 
     def __init__(self, console: Console) -> None:
         self._console = console
-        self._problem = Section(lambda text: notice(text, bad=True) if text else None).live()
+        self._problem = problem_section()
         with card("To judge"):
-            self._waiting = Section(self._draw).live()
+            self._waiting = Section(self._draw).waiting().live()
         self._refresh = follow_async(console, "organization", self._load)
 
     async def _load(self) -> None:
@@ -197,7 +213,7 @@ class AuditorDesk:
             kinds = (await ask(reads.state, "organization"))["kinds"]
             tasks, _ = await ask(reads.tasks, 100, state="submitted", order="oldest")
         except RodeoError as error:
-            self._problem.show(explain(error))
+            self._problem.show(stale(error))
             return
         self._problem.show("")
         ours = {one["kind"] for one in kinds if one["review"] == "auditor"}
@@ -223,13 +239,33 @@ class AuditorDesk:
                         "soft",
                     )
 
+    @on_page
     async def _open(self, task: Task) -> None:
+        """Show the evidence and ask for a verdict; the form stays until it is given or it is closed."""
         try:
             statement: Statement | None = await ask(self._console.reads.statement, task)
         except RodeoError as error:
             statement = None
             fail(error)
-        with ui.dialog() as dialog, ui.card().style("width: 640px"):
+
+        async def answer(accepted: bool) -> None:
+            text = (reason.value or "").strip()
+            if not text:
+                ui.notify("Give a reason: the executor reads it", type="warning")
+                return
+            word = "Approve" if accepted else "Reject"
+            lines = [
+                ("Task", f"{task.id} · {kind(task.kind)}"),
+                ("Reason", text),
+                ("Reward", iec(task.reward_iec)),
+            ]
+            if not await confirm(f"{word} this work?", lines, word, danger=not accepted):
+                return
+            request = {"task_id": task.id, "accepted": accepted, "reason": text}
+            if await act(self._console, "judge", request, f"Task {task.id} is judged") is not None:
+                dialog.submit(True)
+
+        with ui.dialog().props("no-backdrop-dismiss") as dialog, ui.card().style("width: 640px"):
             heading = Text("h2", f"Judge task {task.id}")
             dialog.props(f'aria-labelledby="{heading.html_id}"')
             Text("p", task.description or kind(task.kind), "wrap")
@@ -238,34 +274,14 @@ class AuditorDesk:
             else:
                 Text("p", f"“{statement.note}”", "wrap")
                 for number, photo in enumerate(statement.photos, start=1):
-                    kind_ = photo_format(photo)
-                    source = f"data:image/{kind_};base64,{base64.b64encode(photo).decode()}"
+                    source = f"data:image/{photo_format(photo)};base64,{base64.b64encode(photo).decode()}"
                     image = ui.element("img").props(f'alt="Photo {number} of the work"')
                     image.props["src"] = source
                     image.style("max-width: 100%; max-height: 320px; border-radius: 8px")
             reason = ui.input("Why?").props("outlined dense maxlength=500").style("width: 100%")
-
-            def answer(accepted: bool) -> None:
-                if (reason.value or "").strip():
-                    dialog.submit(accepted)
-                else:
-                    ui.notify("Give a reason: the executor reads it", type="warning")
-
             with ui.element("div").classes("dialog-buttons"):
                 ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
-                ui.button("Reject", on_click=lambda: answer(False), color="negative").props("outline")
-                ui.button("Approve", on_click=lambda: answer(True)).props("unelevated")
-        accepted = await dialog
-        text = str(reason.value or "").strip()
+                ui.button("Reject", on_click=partial(answer, False), color="negative").props("outline")
+                ui.button("Approve", on_click=partial(answer, True)).props("unelevated")
+        await dialog
         dialog.delete()
-        if accepted is None:
-            return
-        word = "Approve" if accepted else "Reject"
-        lines = [
-            ("Task", f"{task.id} · {kind(task.kind)}"),
-            ("Reason", text),
-            ("Reward", iec(task.reward_iec)),
-        ]
-        if await confirm(f"{word} this work?", lines, word, danger=not accepted):
-            request = {"task_id": task.id, "accepted": accepted, "reason": text}
-            await act(self._console, "judge", request, f"Task {task.id} is judged")

@@ -1,0 +1,77 @@
+"""The attempts at a task one by one, from its contract events; the index keeps the last one only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+from rodeo.messages import DaoEvent
+
+_ENDS = ("TaskSettled", "TaskFailed", "TaskCancelled")
+_EXPIRED = {
+    "execution_expired": "no proof within the execution window",
+    "verdict_expired": "no verdict within the verdict window",
+}
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """Times are site time, s; what did not happen is None."""
+
+    number: int
+    executor: str
+    """Address."""
+    assigned_s: float
+    submitted_s: float | None = None
+    ended_s: float | None = None
+    proof_sha256: str | None = None
+    proof_uri: str | None = None
+    verdict: str | None = None
+    """accepted, rejected or expired"""
+    reason: str | None = None
+    report_sha256: str | None = None
+    report_uri: str | None = None
+
+
+def happened(events: Iterable[DaoEvent]) -> list[DaoEvent]:
+    """Without those that a reorganization took back."""
+    kept: dict[int, DaoEvent] = {}
+    for event in events:
+        if event.name == "EventUndone":
+            kept.pop(event.args["undone_seq"], None)
+        else:
+            kept[event.seq] = event
+    return list(kept.values())
+
+
+def attempts(events: Iterable[DaoEvent]) -> list[Attempt]:
+    """In order; `events` are those of one task in order."""
+    made: list[Attempt] = []
+    for event in happened(events):
+        args = event.args
+        if event.name == "TaskAssigned":
+            made.append(Attempt(args["attempt"], args["executor"], event.time_s))
+        elif not made:
+            continue
+        elif event.name == "ProofSubmitted":
+            made[-1] = replace(
+                made[-1], submitted_s=event.time_s, proof_sha256=args["proof_hash"], proof_uri=args["uri"]
+            )
+        elif event.name == "VerdictPosted":
+            made[-1] = replace(
+                made[-1],
+                verdict="accepted" if args["accepted"] else "rejected",
+                reason=args["reason"],
+                report_sha256=args["report_hash"],
+                report_uri=args["report_uri"],
+            )
+        elif event.name in ("TaskSettled", "TaskFailed", "TaskRequeued"):
+            made[-1] = replace(made[-1], ended_s=event.time_s)
+            if (expiry := _EXPIRED.get(args.get("cause", ""))) is not None:
+                made[-1] = replace(made[-1], verdict="expired", reason=expiry)
+    return made
+
+
+def ended_s(events: Iterable[DaoEvent]) -> float | None:
+    """When the task was settled, failed or cancelled; None while it goes on."""
+    return next((event.time_s for event in happened(events) if event.name in _ENDS), None)
