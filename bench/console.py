@@ -1,4 +1,5 @@
-"""How quickly a page of the console is there, how soon it shows an event, what twenty open browsers cost.
+"""How quickly a page of the console is there, how soon it shows an event, what twenty open browsers cost, and
+how quick it is with a thousand tasks.
 
 Router, chain, bridge and console run as processes; Chromium is real, and a robot circles on the bus.
 """
@@ -11,7 +12,8 @@ import statistics
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -32,6 +34,10 @@ LOADS = 7
 EVENTS = 40
 BROWSERS = 20
 CPU_S = 20.0
+TASKS = 1_000
+CALLERS = 16
+CANCELLED = 7
+"""Every so many tasks one is cancelled, so that a filter has something to find."""
 _POSE_S = 0.02
 
 _WATCH = """() => { window.seen = {}; new MutationObserver(() => {
@@ -43,22 +49,34 @@ _WATCH = """() => { window.seen = {}; new MutationObserver(() => {
 def run() -> dict[str, float]:
     """`console_interactive_ms` (median, from asking to a page that answers clicks),
     `console_event_to_page_p50_ms` and `_p95_ms` (from the event on the bus to the text in the page),
-    `console_cpu_20_browsers` (cores of the console's process while a robot moves on 20 open overviews)."""
+    `console_cpu_20_browsers` (cores of the console's process while a robot moves on 20 open overviews);
+    with a thousand tasks, medians from the click to what it asked for: `console_tasks1000_list_ms` and
+    `_treasury_ms` (from asking to a page that shows its rows), `_filter_ms`, `_search_ms` (with the 300 ms in
+    which people go on typing) and `_next_page_ms`."""
+    with chromium() as browser:
+        with _console("eth-tester") as (running, dao, origin), _circling_robot(running):
+            page = _logged_in(browser, origin)
+            figures = {"console_interactive_ms": _interactive_ms(page)}
+            figures |= _event_to_page_ms(page, running, dao)
+            figures["console_cpu_20_browsers"] = _cpu(page, running)
+            page.context.close()
+        with _console("anvil") as (_running, dao, origin):
+            _post_tasks(dao)
+            return figures | _with_many_tasks(_logged_in(browser, origin))
+
+
+@contextmanager
+def _console(chain: str) -> Iterator[tuple[RunningSite, Dao, str]]:
+    """An organization with its console, and where that is."""
     with tempfile.TemporaryDirectory() as folder:
-        running = RunningSite(write_site(Path(folder)))
+        running = RunningSite(write_site(Path(folder), chain))
         dao = Dao(running)
         try:
             dao.start()
             running.start("console")
-            origin = str(running.status("console").details["http"])
             accounts = Accounts(accounts_path(running.site), running.site.console)
             accounts.add_user("ada", PASSPHRASE, [Role.OPERATOR])
-            with chromium() as browser, _circling_robot(running):
-                page = _logged_in(browser, origin)
-                figures = {"console_interactive_ms": _interactive_ms(page)}
-                figures |= _event_to_page_ms(page, running, dao)
-                figures["console_cpu_20_browsers"] = _cpu(page, running)
-            return figures
+            yield running, dao, str(running.status("console").details["http"])
         finally:
             dao.stop()
             running.stop()
@@ -82,13 +100,11 @@ def _wait_interactive(page: Page) -> None:
 
 
 def _interactive_ms(page: Page) -> float:
-    took_ms = []
-    for _ in range(LOADS):
-        started_s = time.perf_counter()
+    def open_page() -> None:
         page.goto("/")
         _wait_interactive(page)
-        took_ms.append((time.perf_counter() - started_s) * 1e3)
-    return statistics.median(took_ms)
+
+    return _median_ms(open_page, lambda: None)
 
 
 def _event_to_page_ms(page: Page, running: RunningSite, dao: Dao) -> dict[str, float]:
@@ -113,6 +129,75 @@ def _event_to_page_ms(page: Page, running: RunningSite, dao: Dao) -> dict[str, f
         "console_event_to_page_p50_ms": statistics.median(took_ms),
         "console_event_to_page_p95_ms": statistics.quantiles(took_ms, n=20)[-1],
     }
+
+
+def _post_tasks(dao: Dao) -> None:
+    def post(number: int) -> None:
+        task_id = dao.post("1", allow_wait=True, description=f"note {number}")
+        if number % CANCELLED == 0:
+            dao.command("organization", "cancel_task", task_id=task_id)
+
+    with ThreadPoolExecutor(CALLERS) as callers:
+        list(callers.map(post, range(TASKS)))
+
+
+def _with_many_tasks(page: Page) -> dict[str, float]:
+    rows = page.locator("table.data tbody tr")
+
+    def opened(path: str) -> float:
+        def open_page() -> None:
+            page.goto(path)
+            _wait_interactive(page)
+            rows.nth(1).wait_for()
+
+        return _median_ms(open_page, lambda: None)
+
+    def shown(condition: str) -> None:
+        page.wait_for_function(
+            f"() => {{ const rows = [...document.querySelectorAll('table.data tbody tr')];"
+            f" return rows.length && {condition}; }}"
+        )
+
+    def every_task() -> None:
+        page.goto("/tasks")
+        _wait_interactive(page)
+        shown(f"rows[0].textContent.startsWith('{TASKS} ')")
+
+    def cancelled_only() -> None:
+        page.get_by_role("option", name="cancelled").click()
+        shown("rows.every((row) => row.querySelector('.badge').textContent === 'cancelled')")
+
+    def open_filter() -> None:
+        every_task()
+        page.get_by_label("State").click()
+        page.get_by_role("option", name="cancelled").wait_for()
+
+    def search() -> None:
+        page.get_by_label("Number or words").fill("note 777")
+        shown("rows.length === 1 && rows[0].textContent.includes('note 777')")
+
+    def next_page() -> None:
+        page.locator(".q-pagination button").last.click()
+        shown(f"!rows[0].textContent.startsWith('{TASKS} ')")
+
+    return {
+        "console_tasks1000_list_ms": opened("/tasks"),
+        "console_tasks1000_treasury_ms": opened("/treasury"),
+        "console_tasks1000_filter_ms": _median_ms(cancelled_only, open_filter),
+        "console_tasks1000_search_ms": _median_ms(search, every_task),
+        "console_tasks1000_next_page_ms": _median_ms(next_page, every_task),
+    }
+
+
+def _median_ms(action: Callable[[], None], before: Callable[[], None]) -> float:
+    """Of `LOADS` times; `before` each of them is not counted."""
+    took_ms = []
+    for _ in range(LOADS):
+        before()
+        started_s = time.perf_counter()
+        action()
+        took_ms.append((time.perf_counter() - started_s) * 1e3)
+    return statistics.median(took_ms)
 
 
 def _cpu(first: Page, running: RunningSite) -> float:

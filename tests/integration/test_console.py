@@ -16,7 +16,7 @@ from websockets.typing import Origin
 
 from services.console.accounts import Accounts, accounts_path
 from services.console.roles import Role
-from tests.support.accessibility import faint, tab_to, unnamed
+from tests.support.accessibility import nothing_is_faint, tab_to, unnamed
 from tests.support.browser import chromium, log_in, watch
 from tests.support.site import RunningSite, write_site
 
@@ -88,7 +88,7 @@ def desk(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterat
 PAGES = ("/", "/tasks", "/tasks/new", "/tasks/1", "/services", "/treasury", "/work", "/operator", "/accounts")
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(900)
 def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_replayed(desk: Desk) -> None:
     page = desk.page("ada")
     faults = watch(page, desk.origin)
@@ -109,7 +109,7 @@ def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_repla
 
     expect(page.get_by_role("heading", name=re.compile(r"Task \d+ · waste disposal"))).to_be_visible()
     task_id = int(page.url.rsplit("/", 1)[-1])
-    expect(page.locator(".page-head .badge")).to_have_text("settled", timeout=3 * WAIT_MS)
+    expect(page.locator(".page-head .badge")).to_have_text("settled", timeout=8 * WAIT_MS)
     report = page.get_by_role("region", name="Oracle's report")
     expect(report.get_by_text("accepted").first).to_be_visible()
     assert report.get_by_role("row").count() > 10
@@ -128,8 +128,9 @@ def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_repla
     start = robot.get_attribute("style")
     slider.fill(slider.get_attribute("max") or "")
     expect(robot).not_to_have_attribute("style", start or "")
-    expect(page.get_by_text("Task settled")).to_have_count(0)  # the recording ends before
-    expect(page.get_by_text("Bin: it fell into yellow")).to_be_visible()
+    said = page.get_by_role("list", name="What was recorded")
+    expect(said.get_by_text("Task settled")).to_have_count(0)  # the recording ends before
+    expect(said.get_by_text("Bin: it fell into yellow")).to_be_visible()
     assert faults == []
     page.close()
 
@@ -180,18 +181,17 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     auditor.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_every_control_has_a_name_and_every_text_can_be_read(desk: Desk, scheme: str) -> None:
+def test_every_control_has_a_name_and_every_text_can_be_read_in_light_and_dark(desk: Desk) -> None:
     page = desk.page("ada")
-    page.emulate_media(color_scheme=scheme)
     for path in PAGES:
         page.goto(path)
-        expect(page.locator(".page h1")).to_be_visible()
+        expect(page.locator(".page h1")).to_have_count(1)
         expect(page.get_by_text("Loading …")).to_have_count(0)
-        expect(page.locator("body")).to_have_class(re.compile(f"body--{scheme}"))
         assert unnamed(page) == [], path
-        assert faint(page) == [], path
-        assert page.locator("h1").count() == 1, path
+        for scheme in ("light", "dark"):
+            page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+            expect(page.locator("body")).to_have_class(re.compile(f"body--{scheme}"))
+            nothing_is_faint(page)
     page.close()
 
 

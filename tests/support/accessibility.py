@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from typing import Any
 
 from playwright.sync_api import Page
+
+from tests.support.site import WAIT_S
 
 _NAMED = {"button", "link", "textbox", "searchbox", "spinbutton", "combobox", "checkbox", "slider"}
 _NAMED |= {"menuitem", "image", "progressbar", "table", "region"}
@@ -45,10 +48,12 @@ def unnamed(page: Page) -> list[str]:
     ]
 
 
-def faint(page: Page) -> list[str]:
-    """Texts that are too like what is behind them, with their contrast."""
-    found: list[str] = page.evaluate(_FAINT, MIN_CONTRAST)
-    return found
+def nothing_is_faint(page: Page) -> None:
+    """No text stays too like what is behind it; colours may still be changing when this is called."""
+    deadline_s = time.monotonic() + WAIT_S
+    while found := page.evaluate(_FAINT, MIN_CONTRAST):
+        assert time.monotonic() < deadline_s, f"{page.url}: {found}"
+        page.wait_for_timeout(100)
 
 
 def tab_to(page: Page, name: str) -> None:
