@@ -200,7 +200,17 @@ async def act(console: Console, name: str, request: BaseModel | Json, done: str 
 def fail(error: RodeoError) -> None:
     """Say what went wrong and what to do; it stays until it is closed."""
     log.info("%s: %s", error.code, error)
-    ui.notify(explain(error), type="negative", timeout=0, close_button="Close", multi_line=True)
+    # At the top, and one at a time: below it would cover the button that tries again.
+    ui.notify(
+        explain(error),
+        type="negative",
+        timeout=0,
+        close_button="Close",
+        multi_line=True,
+        position="top",
+        group="problem",
+        badgeStyle="display: none",
+    )
 
 
 def stale(error: RodeoError) -> str:

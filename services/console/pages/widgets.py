@@ -164,6 +164,12 @@ def on_page(handler: Callable[P, Awaitable[T]]) -> Callable[P, Awaitable[T]]:
     return run
 
 
+def put_away(dialog: ui.dialog) -> None:
+    """Unless it went with its page."""
+    if not dialog.is_deleted:
+        dialog.delete()
+
+
 async def confirm(title: str, lines: Sequence[tuple[str, str]], action: str, danger: bool = False) -> bool:
     """Ask before money moves or something stops; `lines` say what will happen."""
     with ui.dialog() as dialog, ui.card():
@@ -179,7 +185,7 @@ async def confirm(title: str, lines: Sequence[tuple[str, str]], action: str, dan
             )
             button.props("unelevated autofocus")
     answer = await dialog
-    dialog.delete()
+    put_away(dialog)
     return bool(answer)
 
 
@@ -233,7 +239,7 @@ async def ask_form(
             ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
             button = ui.button(action, on_click=attempt).props("unelevated")
     await dialog
-    dialog.delete()
+    put_away(dialog)
 
 
 def _entered(entry: Any) -> str:

@@ -33,6 +33,7 @@ from services.console.pages.widgets import (
     empty,
     notice,
     on_page,
+    put_away,
     tile,
 )
 from services.console.roles import Role
@@ -178,7 +179,7 @@ class ExecutorDesk:
                 ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
                 ui.button("Review", on_click=review).props("unelevated")
         await dialog
-        dialog.delete()
+        put_away(dialog)
 
 
 def _draw_ended(tasks: list[Task]) -> None:
@@ -284,4 +285,4 @@ class AuditorDesk:
                 ui.button("Reject", on_click=partial(answer, False), color="negative").props("outline")
                 ui.button("Approve", on_click=partial(answer, True)).props("unelevated")
         await dialog
-        dialog.delete()
+        put_away(dialog)
