@@ -207,12 +207,14 @@ def test_a_task_is_posted_and_a_report_opened_with_the_keyboard_alone(desk: Desk
     page.keyboard.press("Enter")
     expect(page.get_by_role("heading", name="Post a task")).to_be_visible()
     expect(page.get_by_label("East, x (m)")).not_to_have_value("")
-    tab_to(page, "Reward (IEC)")
-    page.keyboard.press("Control+A")
-    page.keyboard.type("1")
+    for field, text in (("East, x (m)", "2"), ("North, y (m)", "1"), ("Reward (IEC)", "1")):
+        tab_to(page, field)
+        page.keyboard.press("Control+A")
+        page.keyboard.type(text)
     tab_to(page, "Let it wait if every service costs more")
     page.keyboard.press("Space")
-    expect(page.get_by_text("The cheapest service")).to_have_count(0)
+    for hint in ("The cheapest service", "stands there"):
+        expect(page.get_by_text(hint)).to_have_count(0)
     tab_to(page, "Review and post")
     page.keyboard.press("Enter")
     expect(page.get_by_role("button", name="Pay 1 IEC into escrow")).to_be_focused()

@@ -208,7 +208,9 @@ class PostForm:
                     self.attempts.value = site.economy.max_attempts
                     self.window.value = site.economy.cleaning_window_s / 60
                     self.description = ui.input("Note for people")
-                    self.wait = ui.checkbox("Let it wait if every service costs more").classes("whole")
+                    self.wait = ui.checkbox(
+                        "Let it wait if every service costs more", on_change=self._changed
+                    ).classes("whole")
                 for field in (
                     *(self.kind, self.item, self.robot, self.x, self.y, self.soc_from, self.soc_target),
                     *(self.params, self.reward, self.window, self.attempts, self.description),
