@@ -16,7 +16,7 @@ from websockets.typing import Origin
 
 from services.console.accounts import Accounts, accounts_path
 from services.console.roles import Role
-from tests.support.accessibility import nothing_is_faint, tab_to, unnamed
+from tests.support.accessibility import nothing_is_faint, unnamed
 from tests.support.browser import chromium, log_in, watch
 from tests.support.site import RunningSite, write_site
 
@@ -192,40 +192,6 @@ def test_every_control_has_a_name_and_every_text_can_be_read_in_light_and_dark(d
             page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
             expect(page.locator("body")).to_have_class(re.compile(f"body--{scheme}"))
             nothing_is_faint(page)
-    page.close()
-
-
-def test_a_task_is_posted_and_a_report_opened_with_the_keyboard_alone(desk: Desk) -> None:
-    page = desk.page(None)
-    expect(page.get_by_label("Name")).to_be_focused()
-    page.keyboard.type("ada")
-    page.keyboard.press("Tab")
-    page.keyboard.type(PASSPHRASE)
-    page.keyboard.press("Enter")
-    expect(page.get_by_role("heading", name="Overview")).to_be_visible()
-    tab_to(page, "Post a task")
-    page.keyboard.press("Enter")
-    expect(page.get_by_role("heading", name="Post a task")).to_be_visible()
-    expect(page.get_by_label("East, x (m)")).not_to_have_value("")
-    for field, text in (("East, x (m)", "2"), ("North, y (m)", "1"), ("Reward (IEC)", "1")):
-        tab_to(page, field)
-        page.keyboard.press("Control+A")
-        page.keyboard.type(text)
-    tab_to(page, "Let it wait if every service costs more")
-    page.keyboard.press("Space")
-    for hint in ("The cheapest service", "stands there"):
-        expect(page.get_by_text(hint)).to_have_count(0)
-    tab_to(page, "Review and post")
-    page.keyboard.press("Enter")
-    expect(page.get_by_role("button", name="Pay 1 IEC into escrow")).to_be_focused()
-    page.keyboard.press("Enter")
-    expect(page.locator(".page-head .badge")).to_have_text("open")
-
-    tab_to(page, "← Tasks")
-    page.keyboard.press("Enter")
-    tab_to(page, "1 · waste disposal")
-    page.keyboard.press("Enter")
-    expect(page.get_by_role("region", name="Oracle's report").get_by_role("row").nth(10)).to_be_visible()
     page.close()
 
 

@@ -124,7 +124,7 @@ def test_whatever_the_document_allows_or_forbids_gets_a_documented_answer(
     answer = case.call_and_validate(
         base_url=f"{desk.origin}/api",
         headers=desk.headers(),
-        timeout=WAIT_S,
+        timeout=2 * WAIT_S,
         excluded_checks=[positive_data_acceptance, negative_data_rejection, not_a_server_error],
     )
     assert answer.status_code not in (500, 501, 502), answer.text

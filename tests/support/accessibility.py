@@ -14,16 +14,8 @@ _NAMED = {"button", "link", "textbox", "searchbox", "spinbutton", "combobox", "c
 _NAMED |= {"menuitem", "image", "progressbar", "table", "region"}
 MIN_CONTRAST = 4.5
 """WCAG 2.2, 1.4.3 (AA) for text of this size."""
-_MAX_TABS = 150
 
 _FAINT = (Path(__file__).parent / "faint.js").read_text()
-_FOCUSED = """() => {
-  const element = document.activeElement;
-  if (!element || element === document.body) return null;
-  const ring = (e) => getComputedStyle(e).outlineStyle !== "none";
-  const field = element.closest(".q-field");
-  return ring(element) || Boolean(field?.matches(".q-field--highlighted, .q-field--focused"));
-}"""
 
 
 def _nodes(page: Page) -> list[dict[str, Any]]:
@@ -54,26 +46,3 @@ def nothing_is_faint(page: Page) -> None:
     while found := page.evaluate(_FAINT, MIN_CONTRAST):
         assert time.monotonic() < deadline_s, f"{page.url}: {found}"
         page.wait_for_timeout(100)
-
-
-def tab_to(page: Page, name: str) -> None:
-    """Press Tab until the control of this name has the focus, and can be seen to have it all the way."""
-    passed = []
-    for _ in range(_MAX_TABS):
-        page.keyboard.press("Tab")
-        visible = page.evaluate(_FOCUSED)
-        focused = next((node for node in _nodes(page) if _has_focus(node)), None)
-        here = "" if focused is None else _said(focused, "name")
-        assert visible is not False, f"nothing shows that {here!r} has the focus"
-        if here == name:
-            return
-        passed.append(here)
-    raise AssertionError(f"no Tab leads to {name!r}, only to {passed}")
-
-
-def _has_focus(node: dict[str, Any]) -> bool:
-    if _said(node, "role") in ("RootWebArea", "WebArea"):
-        return False
-    return any(
-        one["name"] == "focused" and one["value"].get("value") is True for one in node.get("properties", [])
-    )
