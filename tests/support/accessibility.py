@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -31,18 +32,24 @@ def _said(node: dict[str, Any], what: str) -> str:
     return str(node.get(what, {}).get("value", ""))
 
 
-def unnamed(page: Page) -> list[str]:
-    """Controls, pictures and regions without a name, each by its role."""
-    return [
-        role
-        for node in _nodes(page)
-        if (role := _said(node, "role")) in _NAMED and not _said(node, "name").strip()
-    ]
+def everything_is_named(page: Page) -> None:
+    """No control, picture or region stays without a name; the page may still be drawn when this is called."""
+    _until_none(
+        page, lambda: [role for node in _nodes(page) if _is_unnamed(role := _said(node, "role"), node)]
+    )
 
 
 def nothing_is_faint(page: Page) -> None:
     """No text stays too like what is behind it; colours may still be changing when this is called."""
+    _until_none(page, lambda: page.evaluate(_FAINT, MIN_CONTRAST))
+
+
+def _is_unnamed(role: str, node: dict[str, Any]) -> bool:
+    return role in _NAMED and not _said(node, "name").strip()
+
+
+def _until_none(page: Page, find: Callable[[], list[str]]) -> None:
     deadline_s = time.monotonic() + WAIT_S
-    while found := page.evaluate(_FAINT, MIN_CONTRAST):
+    while found := find():
         assert time.monotonic() < deadline_s, f"{page.url}: {found}"
         page.wait_for_timeout(100)
