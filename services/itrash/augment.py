@@ -32,6 +32,19 @@ class Chances:
 
 
 CHANCES = Chances()
+SELDOM = Chances(
+    any_turn=0.3,
+    cut=0.04,
+    clutter=0.04,
+    covered=0.08,
+    blur=0.06,
+    low_resolution=0.03,
+    noise=0.06,
+    compression=0.06,
+    coloured_light=0.05,
+    dim_or_bright=0.06,
+)
+"""Little of everything, so that what was learnt of it is not forgotten."""
 
 
 def augment(

@@ -2,20 +2,15 @@
 
     python -m services.itrash.train --data ../shared/data/trashnet
 
-Several networks with the same beginning and different draws are trained side by side, one core each; the
-mean of their weights is the model (model soup, Wortsman et al., 2022, arXiv:2203.05482): as good as their
-ensemble, as fast as one. Needs the `train` extra (torch, onnx); nothing at run time does.
+One core for an hour. Needs the `train` extra (torch, onnx); nothing at run time does.
 """
 
 from __future__ import annotations
 
 import argparse
 import logging
-import multiprocessing
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from itertools import count
 from pathlib import Path
 
 import cv2
@@ -24,7 +19,7 @@ import torch
 from torch import nn
 
 from services.itrash import evaluation, metrics, renderings, scenery
-from services.itrash.augment import CHANCES, augment
+from services.itrash.augment import CHANCES, SELDOM, Chances, augment
 from services.itrash.card import CARD, Measured, write_card
 from services.itrash.classifier import MODEL_DIR, PREPROCESSING, WEIGHTS, Classifier, Preprocessing, to_input
 from services.itrash.dataset import CLASSES, Sample, load_photos
@@ -44,10 +39,9 @@ CORRUPTED_EVERY = 5
 class Recipe:
     """Everything that decides the outcome."""
 
-    seeds: tuple[int, ...] = (7, 8)
-    """One network each."""
-    stable_steps: int = 900
-    cooldown_steps: int = 600
+    seed: int = 7
+    stable_steps: int = 1300
+    cooldown_steps: int = 700
     """The learning rate rises, stays, and falls to zero in the cooldown (warmup-stable-decay)."""
     warmup_steps: int = 50
     batch: int = 32
@@ -67,8 +61,10 @@ class Recipe:
     renderings_seed: int = 7
     renderings_per_class: int = 180
     held_out_renderings_per_class: int = 50
-    settling_batches: int = 40
-    """Over which the batch norms' statistics of the mean network are measured."""
+    finish_steps: int = 300
+    finish_rate: float = 1e-4
+    finish_ema_decay: float = 0.99
+    """At the end a few steps on pictures as large and as clean as most that the bin is shown."""
     known_rejected: float = 0.02
     """Share of known photos that may be called unknown; sets the threshold."""
 
@@ -77,8 +73,16 @@ class Draws:
     """Random training pictures. Rare classes come more often than their share, yet not the same few photos
     all the time: a class is drawn by the square root of its size."""
 
-    def __init__(self, photos: list[Sample], rendered: list[Sample], recipe: Recipe, seed: int) -> None:
+    def __init__(
+        self,
+        photos: list[Sample],
+        rendered: list[Sample],
+        recipe: Recipe,
+        seed: int,
+        chances: Chances,
+    ) -> None:
         self._rng = np.random.default_rng(seed)
+        self._chances = chances
         self._recipe = recipe
         self._photos = photos
         self._items = [sample for sample in rendered if sample.label is not None]
@@ -98,7 +102,9 @@ class Draws:
                 sample = self._items[rng.choice(len(self._items), p=self._item_weights)]
             else:
                 sample = self._photos[rng.choice(len(self._photos), p=self._photo_weights)]
-            chances = CHANCES if source > recipe.nothing_share + recipe.rendered_share else _NO_CLUTTER
+            chances = self._chances
+            if source <= recipe.nothing_share + recipe.rendered_share:
+                chances = replace(chances, clutter=0.0)
             view = augment(sample.image_bgr, side, rng, chances)
             inputs[row] = (view[..., ::-1].transpose(2, 0, 1).astype(np.float32) - MEAN) * SCALE
             target = len(CLASSES) if sample.label is None else CLASSES.index(sample.label)
@@ -119,39 +125,50 @@ class Draws:
         return scenery.TEXTURES[int(rng.integers(len(scenery.TEXTURES)))](side, rng)
 
 
-_NO_CLUTTER = replace(CHANCES, clutter=0.0)
-
-
 def _balanced(samples: list[Sample]) -> np.ndarray:
     counts = {label: sum(s.label == label for s in samples) for label in {s.label for s in samples}}
     weight = np.array([1 / np.sqrt(counts[s.label]) for s in samples])
     return weight / weight.sum()
 
 
+Schedule = list[tuple[int, float]]
+"""For each step the pictures' side (px) and the learning rate."""
+
+
+def beginning(recipe: Recipe) -> Schedule:
+    """The learning rate rises, stays, and falls to zero."""
+    stable, cooldown, peak = recipe.stable_steps, recipe.cooldown_steps, recipe.learning_rate
+    rise = [(recipe.stable_px, peak * min((step + 1) / recipe.warmup_steps, 1.0)) for step in range(stable)]
+    return rise + [(recipe.cooldown_px, peak * _fall(step / cooldown)) for step in range(cooldown)]
+
+
+def finish(recipe: Recipe) -> Schedule:
+    """A low rate that falls to zero."""
+    steps = recipe.finish_steps
+    return [(recipe.input_px, recipe.finish_rate * _fall(step / steps)) for step in range(steps)]
+
+
+def _fall(share: float) -> float:
+    """From 1 to 0 along half a cosine."""
+    return 0.5 + 0.5 * float(np.cos(np.pi * share))
+
+
 def fit(
-    photos: list[Sample], rendered: list[Sample], recipe: Recipe, seed: int
+    network: Network, draws: Draws, schedule: Schedule, weight_decay: float, ema_decay: float
 ) -> Iterator[tuple[int, float, Network]]:
-    """Train one network; yields (step, mean loss since the last, averaged network) now and then and at the
-    end. The averaged network is the exponential moving average of the weights."""
-    torch.manual_seed(seed)
-    torch.use_deterministic_algorithms(True)
-    torch.set_num_threads(1)  # the result must not depend on how many cores the machine has
-    cv2.setNumThreads(1)
-    draws = Draws(photos, rendered, recipe, seed)
-    network = Network(OUTPUTS, recipe.drop_connect).to(memory_format=torch.channels_last).train()
+    """Yields (step, mean loss since the last, averaged network) now and then and at the end. The averaged
+    network is the exponential moving average of the weights."""
+    network = network.to(memory_format=torch.channels_last).train()
     average = torch.optim.swa_utils.AveragedModel(
-        network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(recipe.ema_decay), use_buffers=True
+        network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(ema_decay), use_buffers=True
     )
     learnt = [p for p in network.parameters() if p.requires_grad]
-    optimizer = torch.optim.AdamW(learnt, recipe.learning_rate, weight_decay=recipe.weight_decay)
+    optimizer = torch.optim.AdamW(learnt, schedule[0][1], weight_decay=weight_decay)
     losses: list[float] = []
-    for step in count():
-        if step == recipe.stable_steps + recipe.cooldown_steps:
-            break
-        cooling = step >= recipe.stable_steps
+    for step, (side, rate) in enumerate(schedule, 1):
         for group in optimizer.param_groups:
-            group["lr"] = recipe.learning_rate * _rate(step, recipe)
-        inputs, targets = draws.batch(recipe.cooldown_px if cooling else recipe.stable_px)
+            group["lr"] = rate
+        inputs, targets = draws.batch(side)
         x = torch.from_numpy(inputs).to(memory_format=torch.channels_last)
         loss = nn.functional.cross_entropy(network(x), torch.from_numpy(targets))
         optimizer.zero_grad(set_to_none=True)
@@ -159,55 +176,37 @@ def fit(
         optimizer.step()
         average.update_parameters(network)
         losses.append(loss.item())
-        if len(losses) == LOG_EVERY_STEPS:
-            yield step + 1, float(np.mean(losses)), average.module
+        if step % LOG_EVERY_STEPS == 0 or step == len(schedule):
+            yield step, float(np.mean(losses)), average.module
             losses.clear()
-    yield step, float(np.mean(losses or [0.0])), average.module
 
 
-def _rate(step: int, recipe: Recipe) -> float:
-    """The learning rate at `step` as a share of its peak."""
-    if step < recipe.stable_steps:
-        return min((step + 1) / recipe.warmup_steps, 1.0)
-    return 0.5 + 0.5 * float(np.cos(np.pi * (step - recipe.stable_steps) / recipe.cooldown_steps))
+def train(photos: list[Sample], rendered: list[Sample], recipe: Recipe) -> Network:
+    """Train to the end; the averaged network in evaluation mode."""
+    torch.use_deterministic_algorithms(True)
+    torch.set_num_threads(1)  # the result must not depend on how many cores the machine has
+    cv2.setNumThreads(1)
+    torch.manual_seed(recipe.seed)
+    often = Draws(photos, rendered, recipe, recipe.seed, CHANCES)
+    network = Network(OUTPUTS, recipe.drop_connect)
+    network = _last(fit(network, often, beginning(recipe), recipe.weight_decay, recipe.ema_decay))
+    return finished(network, photos, rendered, recipe).eval()
 
 
-def train_one(photos: list[Sample], rendered: list[Sample], recipe: Recipe, seed: int) -> Network:
-    """Train one network to the end; runs in a process of its own."""
-    logging.basicConfig(level=logging.INFO, format="%(message)s")
+def finished(network: Network, photos: list[Sample], rendered: list[Sample], recipe: Recipe) -> Network:
+    """After the last steps."""
+    torch.manual_seed(recipe.seed + 1)  # these steps can be repeated alone
+    seldom = Draws(photos, rendered, recipe, recipe.seed + 1, SELDOM)
+    return _last(fit(network, seldom, finish(recipe), recipe.weight_decay, recipe.finish_ema_decay))
+
+
+def _last(progress: Iterator[tuple[int, float, Network]]) -> Network:
+    """The network of the last step; each is logged."""
     trained: list[Network] = []
-    for step, loss, network in fit(photos, rendered, recipe, seed):
-        log.info("network %d: step %d, loss %.3f", seed, step, loss)
+    for step, loss, network in progress:
+        log.info("step %d, loss %.3f", step, loss)
         trained = [network]
     return trained[0]
-
-
-def soup(networks: list[Network]) -> Network:
-    """The mean of the networks' weights and statistics, in evaluation mode."""
-    states = [network.state_dict() for network in networks]
-    mean = {
-        name: torch.stack([state[name] for state in states]).mean(dim=0)
-        if value.is_floating_point()
-        else value
-        for name, value in states[0].items()
-    }
-    networks[0].load_state_dict(mean)
-    return networks[0].eval()
-
-
-def settle_statistics(network: Network, draws: Draws, recipe: Recipe) -> None:
-    """Measure the batch norms' statistics anew: those of a mean of networks are not the mean of theirs."""
-    norms = [module for module in network.modules() if isinstance(module, nn.BatchNorm2d)]
-    learnt = [norm for norm in norms if norm.weight.requires_grad]
-    network.train()
-    for norm in learnt:
-        norm.reset_running_stats()
-        norm.momentum = None  # a plain mean over all batches
-    with torch.no_grad():
-        for _ in range(recipe.settling_batches):
-            inputs, _targets = draws.batch(recipe.input_px)
-            network(torch.from_numpy(inputs).to(memory_format=torch.channels_last))
-    network.eval()
 
 
 def calibrate(
@@ -228,15 +227,10 @@ def main(data: Path, out: Path, recipe: Recipe) -> None:
     train_photos = load_photos(data / "train")
     rendered = renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class)
     log.info("%d photos, %d renderings to learn from", len(train_photos), len(rendered))
-    with ProcessPoolExecutor(len(recipe.seeds), multiprocessing.get_context("spawn")) as workers:
-        jobs = [workers.submit(train_one, train_photos, rendered, recipe, seed) for seed in recipe.seeds]
-        networks = [job.result() for job in jobs]
-    network = soup(networks)
-    settle_statistics(network, Draws(train_photos, rendered, recipe, recipe.renderings_seed), recipe)
-    publish(network, data, out, recipe, f"{ARCHITECTURE}, a mean of {len(networks)}", str(recipe))
+    publish(train(train_photos, rendered, recipe), data, out, recipe)
 
 
-def publish(network: nn.Module, data: Path, out: Path, recipe: Recipe, title: str, how: str) -> None:
+def publish(network: Network, data: Path, out: Path, recipe: Recipe) -> None:
     """Export, calibrate, measure; write the model and its card into `out`."""
     out.mkdir(parents=True, exist_ok=True)
     train_photos, val_photos = load_photos(data / "train"), load_photos(data / "val")
@@ -266,7 +260,7 @@ def publish(network: nn.Module, data: Path, out: Path, recipe: Recipe, title: st
         grouped=evaluation.grouped_accuracy(on_photos, val_photos, train_photos),
         corrupted=evaluation.corrupted_accuracy(classifier, val_photos, every=CORRUPTED_EVERY),
     )
-    write_card(out, title, how, preprocessing, measured, val_photos)
+    write_card(out, ARCHITECTURE, str(recipe), preprocessing, measured, val_photos)
     log.info("%s", (out / CARD).read_text())
 
 
