@@ -78,7 +78,8 @@ def up(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator
     """A whole site in the background; stopped from another folder at the end."""
     site = write_site(tmp_path_factory.mktemp("site"), chain_backend, extra=QUIET)
     started = rodeo(site, "up", "--detach")
-    assert started.stdout.count(" ready") == len(PROCESSES)
+    states = [line.split()[1] for line in started.stdout.splitlines()[1:]]
+    assert states == ["ready"] * len(PROCESSES)
     yield site
     stopped = rodeo(site, "down", cwd=Path("/"))
     assert "launcher" in stopped.stdout and "robot_agent" in stopped.stdout
