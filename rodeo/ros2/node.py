@@ -100,6 +100,7 @@ class Subscription:
     ) -> None:
         self._topic = topic
         self._callback = callback
+        self._closed = False
         key = wire.data_key(node.domain_id, topic, typename)
         handler = zenoh.handlers.Callback(self._on_sample, indirect=not inline)
         self._subscriber: Any
@@ -126,6 +127,10 @@ class Subscription:
             log.exception("the callback of %s failed", self._topic)
 
     def close(self) -> None:
+        """Closing again, with the node for instance, changes nothing."""
+        if self._closed:
+            return
+        self._closed = True
         self._subscriber.undeclare()
         self._token.undeclare()
 

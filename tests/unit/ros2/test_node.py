@@ -149,3 +149,9 @@ def test_closing_a_node_takes_its_servers_out_of_the_graph(make_node: MakeNode) 
     with pytest.raises(ServiceUnavailable):
         client.call(request())
     server.close()  # once more changes nothing
+
+
+def test_a_subscription_that_was_closed_before_its_node_is_closed_once(make_node: MakeNode) -> None:
+    node = make_node("listener")
+    node.subscription("chatter", STRING, lambda message, info: None).close()
+    node.close()
