@@ -261,7 +261,7 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     organization("members-only")
     organization("admit", "panther1")
     organization("grant", "auditor", "panther1")
-    organization("withdraw", "5", "--to", "organization")
+    organization("withdraw", "5", "--to", "panther1")
     device = "0x" + "Ab" * 20
     organization("register-device", device.lower(), "--role", "bin", "--owner", "organization")
     now = state()
