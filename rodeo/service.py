@@ -315,6 +315,7 @@ def _guarded(body: Callable[[threading.Event], None], stop: threading.Event) -> 
         log.error("%s: %s", error.code, error)
         return 1
     except Exception:
+        # The process's outermost frame: said in its log and in its exit status.
         log.exception("failed")
         return 1
     return 0

@@ -124,6 +124,7 @@ class Subscription:
         except MalformedMessage as error:
             log.warning("dropped a message on %s: %s", self._topic, error)
         except Exception:
+            # The subscription's thread must outlive one message.
             log.exception("the callback of %s failed", self._topic)
 
     def close(self) -> None:

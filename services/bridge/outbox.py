@@ -269,6 +269,7 @@ class Outbox:
                 log.debug("%s", error)
                 self._stop.wait(_TICK_S)
             except Exception:
+                # What is journaled must be sent: one fault, said here, may not end everybody's transactions.
                 log.exception("the outbox failed; going on")
                 self._stop.wait(_TICK_S)
             self._wake.wait(_TICK_S)

@@ -255,7 +255,7 @@ def _finish(goal: ClientGoal, checkpoint: Checkpoint) -> Any:
         except GoalTimeout:
             try:
                 checkpoint()
-            except Exception:
+            except Exception:  # whatever it is, it is raised again
                 _cancel(goal)
                 raise
 
