@@ -263,8 +263,9 @@ class Bus:
             REQUESTS.labels(key, outcome).observe(time.perf_counter() - started_s)
 
         def on_query(query: zenoh.Query) -> None:
+            pool = workers(str(query.key_expr)) or self._workers
             try:
-                (workers(str(query.key_expr)) or self._workers).submit(answer, query)
+                pool.submit(answer, query)
             except RuntimeError:
                 # The threads have ended: whoever asks a process that stops hears that nobody answers.
                 log.debug("not answered while stopping: %s", query.key_expr)
