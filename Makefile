@@ -41,7 +41,7 @@ demo: setup  ## one cleaning task and one charging session, end to end
 
 test: setup node_modules/.stamp postgresql  ## everything that checks the project
 	@npm run --silent contracts:test
-	@$(BIN)/python -m pytest --chain $(CHAIN) --numprocesses $(JOBS) --dist loadfile
+	@$(BIN)/python -m pytest --chain $(CHAIN) --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder
 
 bench: setup node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, robot, itrash, bridge, soak, console)
 	@$(BIN)/python -m bench $(ONLY)
