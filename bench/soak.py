@@ -1,10 +1,12 @@
 """The bridge over a long run, on a site of its own: a hundred participants, and processes that are killed.
 
-`soak_*`: 100 participants post and settle 1,000 tasks through one bridge on anvil. `soak_lost` and
-`soak_doubled` must be 0; `soak_memory_growth` is the bridge's resident memory at the end over that after a
-quarter; `soak_time_per_task_ratio` the time per task in the last quarter over that in the second.
-`faults_*`: bridge, node and router get SIGKILL at 50 random moments in 100 tasks; `faults_unsettled`,
-`faults_doubled` and `faults_index_differences` must be 0. Progress goes to stderr; a run that takes
+`soak_*`: 100 participants post and settle 1,000 tasks through one bridge on anvil. `soak_lost`,
+`soak_doubled` and the like must be 0; `soak_memory_growth` is the bridge's resident memory at the end over
+that after a quarter. What a task costs in the last quarter over what it cost in the second:
+`soak_time_per_task_ratio` in wall time, `soak_cpu_per_task_ratio` in the bridge's own time and
+`soak_node_cpu_per_task_ratio` in the node's, which do not tell how busy the machine was.
+`faults_*`: bridge, node and router get SIGKILL at 50 random moments each in 100 tasks; `faults_unsettled`,
+`faults_doubled`, `faults_index_differences` and the like must be 0. Progress goes to stderr; a run that takes
 longer than its limit ends with SoakFailed and the last lines of each process's log.
 """
 
@@ -13,26 +15,21 @@ from __future__ import annotations
 import json
 import os
 import random
-import signal
-import subprocess
 import sys
 import tempfile
 import threading
 import time
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from decimal import Decimal
 from pathlib import Path
-from queue import SimpleQueue
 from typing import Any, TypeVar
 
-from bench.bridge import CHAIN_ID, write_site
-from deploy.processes import BY_NAME
-from rodeo import topics, wallets
+from rodeo import topics
 from rodeo.bus import Bus, DaoEvents
-from rodeo.chain import ChainClient, Deployment, from_wei
-from rodeo.config import Site
+from rodeo.chain import ChainClient, Deployment
 from rodeo.dao import CLEANING
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.messages import (
@@ -44,16 +41,19 @@ from rodeo.messages import (
     SubmitProof,
     Transfer,
 )
-from rodeo.service import PARENT_VARIABLE
+from services.bridge.index import UNDONE
+from tests.support.index import index_differences
+from tests.support.site import RunningSite, write_site
 
 T = TypeVar("T")
 
 PARTICIPANTS, TASKS = 100, 1_000
 KILLS, TASKS_WITH_KILLS = 50, 100
 
+CHAIN_ID = 31_337
 REWARD_IEC = Decimal(1)
 _AT_ONCE = 16
-_LIMIT_S = 1_800.0
+_LIMIT_S = 3_600.0
 """Wall time for either run."""
 
 _ASK_S = 5.0
@@ -63,6 +63,12 @@ _AGAIN = frozenset({"bridge_not_ready", "chain_unavailable", "transaction_timeou
 """What may be asked again with the same request_id."""
 
 KILLED = ("bridge", "chain", "router")
+
+_COMMANDS = 3
+"""That a task takes."""
+
+_AT_WORK = 0.8
+"""Share of the kills that wait until their victim works again; the others may meet it while it starts."""
 
 
 class SoakFailed(RodeoError):
@@ -88,13 +94,15 @@ def hundred_participants(
 
         site.together(prepare, names, lambda done: site.say(f"{done} of {participants} participants"))
         memory: list[int] = []
-        ended_s: list[float] = []
+        spent_s: dict[str, list[float]] = {"time": [], "cpu": [], "node_cpu": []}
 
         def settle(number: int) -> None:
             site.settle(number, names[number % participants])
 
         def on_done(done: int) -> None:
-            ended_s.append(time.monotonic())
+            spent_s["time"].append(time.monotonic())
+            spent_s["cpu"].append(site.cpu_s("bridge"))
+            spent_s["node_cpu"].append(site.cpu_s("chain"))
             if done in (tasks // 4, tasks):
                 memory.append(site.resident_bytes("bridge"))
             if done % 10 == 0:
@@ -103,42 +111,56 @@ def hundred_participants(
         started_s = time.monotonic()
         site.together(settle, range(tasks), on_done)
         quarter = tasks // 4
-        second = ended_s[2 * quarter - 1] - ended_s[quarter - 1]
-        last = ended_s[-1] - ended_s[-quarter - 1]
+
+        def ratio(spent: Sequence[float]) -> float:
+            second = spent[2 * quarter - 1] - spent[quarter - 1]
+            return (spent[-1] - spent[-quarter - 1]) / second
+
         return {
-            "soak_tasks_per_s": tasks / (ended_s[-1] - started_s),
-            "soak_time_per_task_ratio": last / second,
+            "soak_tasks_per_s": tasks / (spent_s["time"][-1] - started_s),
+            **{f"soak_{name}_per_task_ratio": ratio(spent) for name, spent in spent_s.items()},
             "soak_memory_growth": memory[-1] / memory[0],
             **{f"soak_{name}": value for name, value in site.differences(tasks).items()},
         }
 
 
 def faults(
-    tasks: int, kills: int, backend: str = "eth-tester", seed: int = 1, limit_s: float = _LIMIT_S
+    tasks: int,
+    kills: int,
+    backend: str = "eth-tester",
+    at_once: int = _AT_ONCE,
+    seed: int = 1,
+    limit_s: float = _LIMIT_S,
 ) -> dict[str, float]:
-    """Kill one of KILLED whenever as many commands have been answered as chance says."""
+    """Kill each of KILLED so often, each time when as many commands have been answered as chance says."""
     chance = random.Random(seed)
-    moments = sorted(chance.sample(range(1, 3 * tasks - 3), kills))
-    with _Site(backend, limit_s=limit_s) as site:
-        for number in range(8):
+    victims = list(KILLED) * kills
+    chance.shuffle(victims)
+    # Never after so many answers that those in flight could be the last.
+    moments = sorted(chance.choices(range(1, _COMMANDS * tasks - at_once), k=len(victims)))
+    killed: Counter[str] = Counter()
+    with _Site(backend, at_once=at_once, moments=deque(moments), limit_s=limit_s) as site:
+        for number in range(at_once):
             site.offer("panther1", number)
 
-        def kill(answers: int) -> None:
-            while moments and answers >= moments[0]:
-                moments.pop(0)
-                victim = chance.choice(KILLED)
+        def kill() -> None:
+            while site.kill_is_due():
+                victim = victims.pop()
+                if chance.random() < _AT_WORK:
+                    site.wait_served(victim)
                 site.wait(chance.uniform(0.0, 0.3))  # in the middle of whatever comes next
                 site.kill_and_restart(victim)
-                site.say(
-                    f"{answers} of {3 * tasks} commands, {kills - len(moments)} of {kills} kills: {victim}"
-                )
+                killed[victim] += 1
+                site.say(f"{site.answers} of {_COMMANDS * tasks} commands, kill {killed.total()}: {victim}")
 
         started_s = time.monotonic()
         # Children end with the thread that started them, so this one kills.
-        site.together(lambda number: site.settle(number, "organization"), range(tasks), on_answer=kill)
+        site.together(lambda number: site.settle(number, "organization"), range(tasks), meanwhile=kill)
         took_s = time.monotonic() - started_s
-        return {"faults_kills": kills - len(moments), "faults_s": took_s} | {
-            f"faults_{name}": value for name, value in site.differences(tasks).items()
+        return {
+            "faults_s": took_s,
+            **{f"faults_kills_{name}": killed[name] for name in KILLED},
+            **{f"faults_{name}": value for name, value in site.differences(tasks).items()},
         }
 
 
@@ -151,27 +173,30 @@ class _Site:
 
     backend: str
     extra: str = ""
+    at_once: int = _AT_ONCE
+    moments: deque[int] = field(default_factory=deque)
+    """After how many answers a kill is due. Nobody asks for more until it was done."""
     limit_s: float = _LIMIT_S
     events: list[DaoEvent] = field(default_factory=list)
+    answers: int = 0
 
     def __enter__(self) -> _Site:
         self._started_s = time.monotonic()
         self._given_up = threading.Event()
-        self._answers: SimpleQueue[None] = SimpleQueue()
+        self._lock = threading.Lock()
+        self._may_ask = threading.Event()
+        self._may_ask.set()
+        self._served: set[int] = set()
         self._folder = tempfile.TemporaryDirectory(prefix="rodeo-soak-")
-        self._path = write_site(Path(self._folder.name), self.backend, self.extra)
-        self.site = Site.load(self._path)
-        wallets.ensure_wallets(self.site)
-        self._processes: dict[str, subprocess.Popen[bytes]] = {}
+        self._running = RunningSite(write_site(Path(self._folder.name), self.backend, self.extra))
+        self.site = self._running.site
         try:
-            for name in KILLED:
-                self._start(name)
-            subprocess.run(
-                [sys.executable, "-m", "deploy.contracts", "--site", str(self._path)],
-                check=True,
-                capture_output=True,
+            self._running.start(*KILLED, ready=False)
+            self._running.deploy_contracts()
+            self.bus: Bus = self._running.bus
+            self._status = self.bus.subscribe_json(
+                topics.STATUS.name(org=self.site.org, process="*"), self._on_status
             )
-            self.bus = Bus.open(self.site.bus.router, timeout_s=60.0)
             self._heard = DaoEvents(self.bus, self.site.org, self.events.append)
         except BaseException:
             self._end_processes()
@@ -182,15 +207,15 @@ class _Site:
     def __exit__(self, *_error: object) -> None:
         self._given_up.set()
         self._heard.close()
-        self.bus.close()
         self._end_processes()
 
     def _end_processes(self) -> None:
-        for process in self._processes.values():
-            process.send_signal(signal.SIGTERM)
-        for process in self._processes.values():
-            process.wait()
+        self._running.stop()
         self._folder.cleanup()
+
+    def _on_status(self, _key: str, data: dict[str, Any]) -> None:
+        if data["ready"]:
+            self._served.add(data["pid"])
 
     def say(self, text: str) -> None:
         print(f"soak {time.monotonic() - self._started_s:6.1f} s: {text}", file=sys.stderr, flush=True)
@@ -200,14 +225,14 @@ class _Site:
         job: Callable[[T], object],
         inputs: Iterable[T],
         on_done: Callable[[int], None] = lambda _count: None,
-        on_answer: Callable[[int], None] = lambda _count: None,
+        meanwhile: Callable[[], None] = lambda: None,
     ) -> None:
-        """Do the job for all, several at once; both callbacks get how many there were so far, in this thread.
+        """Do the job for all, several at once; both callbacks run in this thread, `on_done` hears the number.
 
         Raises SoakFailed, or what a job raised.
         """
-        answers = done = 0
-        with ThreadPoolExecutor(_AT_ONCE) as pool:
+        done = 0
+        with ThreadPoolExecutor(self.at_once) as pool:
             try:
                 left = {pool.submit(job, one) for one in inputs}
                 while left:
@@ -216,10 +241,7 @@ class _Site:
                         one.result()
                         done += 1
                         on_done(done)
-                    while not self._answers.empty():
-                        self._answers.get()
-                        answers += 1
-                    on_answer(answers)
+                    meanwhile()
                     self._check()
             except BaseException:
                 self._given_up.set()
@@ -227,37 +249,60 @@ class _Site:
                 raise
 
     def _check(self) -> None:
-        ended = [name for name, process in self._processes.items() if process.poll() is not None]
+        ended = [name for name, child in self._running.children.items() if child.poll() is not None]
         if ended:
             raise SoakFailed("a process ended by itself\n" + self._logs(), names=ended)
         if time.monotonic() - self._started_s > self.limit_s:
             raise SoakFailed("not done in time\n" + self._logs(), limit_s=self.limit_s)
 
     def _logs(self) -> str:
-        lines = []
-        for name in KILLED:
-            text = (Path(self._folder.name) / f"{name}.log").read_text(errors="replace")
-            lines += [f"{name}: {line}" for line in text.splitlines()[-20:]]
-        return "\n".join(lines)
+        return "\n".join(f"{name}:\n{self._running.log(name)}" for name in KILLED)
 
-    def _start(self, name: str) -> None:
-        with open(Path(self._folder.name) / f"{name}.log", "ab") as log:
-            self._processes[name] = subprocess.Popen(
-                [sys.executable, "-m", BY_NAME[name].module, "--site", str(self._path)],
-                stdout=log,
-                stderr=subprocess.STDOUT,
-                env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
-            )
+    # -- killing -------------------------------------------------------------------------------------------
+
+    def kill_is_due(self) -> bool:
+        """Whether one is; each is told once. When none is, whoever waited goes on."""
+        with self._lock:
+            if self.moments and self.answers >= self.moments[0]:
+                self.moments.popleft()
+                return True
+            self._may_ask.set()
+            return False
+
+    def _answered(self) -> None:
+        with self._lock:
+            self.answers += 1
+            if self.moments and self.answers >= self.moments[0]:
+                self._may_ask.clear()
+
+    def wait_served(self, name: str) -> None:
+        """Until the process has said that it does its work."""
+        while self._running.children[name].pid not in self._served:
+            self.wait(0.02)
+            self._check()
 
     def kill_and_restart(self, name: str) -> None:
-        self._processes[name].kill()
-        self._processes[name].wait()
-        self._start(name)
+        self._running.kill(name)
+        self._running.start(name, ready=False)
+
+    # -- what the processes use ----------------------------------------------------------------------------
 
     def resident_bytes(self, name: str) -> int:
-        status = Path(f"/proc/{self._processes[name].pid}/status").read_text()
+        status = Path(f"/proc/{self._running.children[name].pid}/status").read_text()
         (line,) = [line for line in status.splitlines() if line.startswith("VmRSS:")]
         return int(line.split()[1]) * 1024
+
+    def cpu_s(self, name: str) -> float:
+        """What the process and its children (anvil) have computed, in user and kernel."""
+        process = Path(f"/proc/{self._running.children[name].pid}")
+        children = " ".join(path.read_text() for path in process.glob("task/*/children")).split()
+        stats = [
+            (Path("/proc") / pid / "stat").read_text().rpartition(")")[2].split()
+            for pid in (process.name, *children)
+        ]
+        return sum(int(stat[11]) + int(stat[12]) for stat in stats) / os.sysconf("SC_CLK_TCK")
+
+    # -- participants --------------------------------------------------------------------------------------
 
     def wait(self, seconds: float) -> None:
         """Raises SoakFailed when meanwhile all is given up, or the time is over."""
@@ -266,9 +311,10 @@ class _Site:
 
     def command(self, participant: str, name: str, request: Command) -> dict[str, Any]:
         """The reply, however often it has to be asked for."""
-        return self._patiently(
-            topics.COMMAND.name(org=self.site.org, participant=participant, command=name), request
-        )
+        while not self._may_ask.wait(0.1):
+            self.wait(0.0)
+        key = topics.COMMAND.name(org=self.site.org, participant=participant, command=name)
+        return self._patiently(key, request)
 
     def state(self, what: str, **parameters: Any) -> dict[str, Any]:
         """The index's answer, however often it has to be asked for."""
@@ -301,7 +347,7 @@ class _Site:
                 params={"item_id": f"item{number}", "x_m": 1.0, "y_m": 2.0},
             ),
         )
-        self._answers.put(None)
+        self._answered()
         task_id, sha256 = int(posted["task_id"]), f"{number + 1:064x}"
         while (task := self.state(f"task/{task_id}"))["state"] == "open":
             self.wait(0.02)  # every service is at work
@@ -316,7 +362,7 @@ class _Site:
                 proof_uri=f"{self.site.store_url}/{sha256}.mcap",
             ),
         )
-        self._answers.put(None)
+        self._answered()
         self.command(
             "oracle",
             "post_verdict",
@@ -331,7 +377,7 @@ class _Site:
                 report_uri="",
             ),
         )
-        self._answers.put(None)
+        self._answered()
 
     def differences(self, tasks: int) -> dict[str, float]:
         """What the contracts, the index and the events that were heard do not agree on."""
@@ -340,23 +386,24 @@ class _Site:
         while not self.events or self.events[-1].seq < chain["last_seq"]:
             self.wait(0.05)
             self._check()
-        indexed: list[dict[str, Any]] = []
-        while page := self.state("tasks", limit=500, offset=len(indexed))["tasks"]:
-            indexed.extend(page)
-        kept = {number: client.task(number) for number in range(1, client.task_count() + 1)}
-        balances = self.state("wallets")["wallets"]
-        differing = [one["id"] for one in indexed if one["state"] != kept[one["id"]].state.name.lower()]
-        differing += [
-            one["name"]
-            for one in balances
-            if one["balance_iec"] != f"{from_wei(client.balance(one['address'])):f}"
-        ]
-        settled = [event.task_id for event in self.events if event.name == "TaskSettled"]
+        kept = [client.task(number) for number in range(1, client.task_count() + 1)]
+        differing = index_differences(self.state, client)
+        for line in differing:
+            self.say(line)
+        undone = {event.args["undone_seq"] for event in self.events if event.name == UNDONE}
+        standing = [event for event in self.events if event.name != UNDONE and event.seq not in undone]
+        heard = [(event.block, event.log_index, event.name) for event in standing]
+        logs = client.logs(client.deployment.block, chain["head"])
+        logged = [(log.block, log.log_index, log.event.name) for log in logs]
+        settled = [event.task_id for event in standing if event.name == "TaskSettled"]
+        items = {event.args["params"] for event in standing if event.name == "TaskRegistered"}
         return {
-            "unsettled": sum(task.state.name != "SETTLED" for task in kept.values()),
-            "lost": tasks - len({one["params"]["item_id"] for one in indexed}),
+            "unsettled": sum(task.state.name != "SETTLED" for task in kept),
+            "lost": tasks - len(items),
             "doubled": len(kept) - tasks + len(settled) - len(set(settled)),
-            "index_differences": len(differing) + len(kept) - len(indexed),
+            "index_differences": len(differing),
+            "events_lost_or_doubled": sum((Counter(heard) - Counter(logged)).values())
+            + sum((Counter(logged) - Counter(heard)).values()),
             "events_out_of_order": sum(
                 event.seq != place for place, event in enumerate(self.events, start=1)
             ),

@@ -101,6 +101,9 @@ class BridgeConfig(_Table):
     """Publish events and answer `state` queries; of several bridges one does."""
     database: str | None = None
     """SQLAlchemy URL of the index, e.g. `postgresql+psycopg://user@host/rodeo`; a SQLite file by default."""
+    max_behind_s: float = Field(default=10.0, gt=0)
+    """Wall time for which the index may have fewer blocks than the node, or the node not answer, before the
+    bridge is not ready."""
     stuck_s: float = Field(default=30.0, gt=0)
     """Wall time after which a transaction that is not mined is sent again with a higher fee."""
     limits: dict[str, WalletLimits] = {}

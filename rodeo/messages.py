@@ -270,6 +270,8 @@ class Task(Message):
     settled: float | None
     execution_deadline: float | None
     verdict_deadline: float | None
+    execution_window_s: int
+    verdict_window_s: int
     nonce: str | None
     proof_sha256: str | None
     proof_uri: str | None

@@ -69,6 +69,7 @@ class Service:
         self.clock: Clock
         self._started_s = time.time()
         self._ready = False
+        self._ready_until_s: float | None = None
         self._reason = "starting"
         self._activity = "starting"
         self._progress: float | None = None
@@ -127,11 +128,13 @@ class Service:
             self.stop.wait(HEARTBEAT_S)
         raise Interrupted("stopped while waiting for a keystore", name=name)
 
-    def ready(self) -> None:
+    def ready(self, lapses_s: float | None = None) -> None:
+        """`lapses_s` (wall): how soon it must be said again, so that a process that hangs is not ready."""
         with self._lock:
             if not self._ready:
                 log.info("ready")
             self._ready, self._reason = True, ""
+            self._ready_until_s = None if lapses_s is None else time.monotonic() + lapses_s
             if self._activity == "starting":
                 self._activity = "idle"
 
@@ -154,14 +157,19 @@ class Service:
     def status(self) -> Status:
         connected = self._session is not None or self.bus.connected
         with self._lock:
-            ready = self._ready and connected
+            reason = self._reason
+            if self._ready and self._ready_until_s is not None and time.monotonic() > self._ready_until_s:
+                reason = "it hangs: whatever it waits for has not come"
+            if not connected:
+                reason = f"no router at {self.site.bus.router}"
+            ready = self._ready and not reason
             READY.set(ready)
             BUS_CONNECTED.set(connected)
             return Status(
                 process=self.name,
                 pid=os.getpid(),
                 ready=ready,
-                reason=self._reason if connected else f"no router at {self.site.bus.router}",
+                reason=reason,
                 metrics_url=self._metrics.url,
                 activity=self._activity,
                 progress=self._progress,

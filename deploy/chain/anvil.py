@@ -31,7 +31,10 @@ _STOP_S = 20.0
 _CLOCK_PERIOD_S = 0.05
 """How often (wall) anvil is told the time: block time lags by this times the clock's speed at most."""
 
-_STATE_INTERVAL_S = 10
+_STATE_INTERVAL_S = 60
+"""anvil writes its whole state each time, and answers nobody meanwhile. It also does when it ends, even when
+this process is killed, so that only a power cut takes what came since."""
+
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
@@ -63,7 +66,7 @@ class Anvil:
                 *_find_anvil(),
                 *("--host", self._host, "--port", str(self._port), "--chain-id", str(self._chain_id)),
                 *("--timestamp", str(self._genesis_time_s), "--state", str(self._state)),
-                *("--state-interval", str(_STATE_INTERVAL_S), "--preserve-historical-states", "--silent"),
+                *("--state-interval", str(_STATE_INTERVAL_S), "--silent"),
             ],
             # anvil holds the folder's lock as well, so that a successor waits until it has written its state.
             pass_fds=[self._lock],
@@ -92,7 +95,11 @@ class Anvil:
             self._check_alive()
 
     def block_number(self) -> int:
-        return int(self._rpc("eth_blockNumber"), 16)
+        """Raises AnvilFailed when anvil does not answer."""
+        try:
+            return int(self._rpc("eth_blockNumber"), 16)
+        except (OSError, HTTPException) as error:
+            raise AnvilFailed("anvil does not answer", reason=str(error)) from error
 
     def _wait_for_predecessor(self) -> int:
         deadline_s = time.monotonic() + _STOP_S

@@ -10,6 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from deploy.chain.anvil import Anvil
+from deploy.chain.errors import AnvilFailed
 from deploy.chain.ledger import Ledger
 from deploy.chain.methods import Methods
 from deploy.chain.server import RpcServer
@@ -93,7 +94,12 @@ def _keep_heartbeat(
             site_time.follow(service.clock)
             service.ready()
             while not stop.wait(HEARTBEAT_S):
-                service.activity("serving blocks", block=block_number())
+                try:
+                    service.activity("serving blocks", block=block_number())
+                    service.ready()
+                except AnvilFailed as error:
+                    # Busy; whether it has ended is watched by `wait`.
+                    service.not_ready(str(error))
 
     with ThreadPoolExecutor(max_workers=1, thread_name_prefix="presence") as background:
         presence = background.submit(beat)

@@ -477,6 +477,10 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
 }
 
 
+KNOWN = frozenset({*_COMMANDS, "prepare", "broadcast"})
+"""Names of all commands."""
+
+
 def _bytes32(value: str) -> bytes:
     return bytes.fromhex(value.removeprefix("0x"))
 

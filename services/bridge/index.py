@@ -336,6 +336,10 @@ class Index:
         """Address -> wei of IECoin, of everyone who ever had any."""
         return {row["address"]: row["balance"] for row in self._rows(select(schema.balances))}
 
+    def owed(self) -> dict[str, int]:
+        """Address -> wei that the token refused to it and `collect` pays."""
+        return {row["address"]: row["owed"] for row in self._rows(select(schema.balances)) if row["owed"]}
+
     def balance(self, address: str) -> int:
         return int(self._scalar(_BALANCE, {"address": address}) or 0)
 

@@ -253,10 +253,10 @@ class Outbox:
             self._undone_after = block if after is None else min(after, block)
         self._wake.set()
 
-    def in_flight(self) -> dict[str, int]:
-        """Wallet -> transactions that wait: to be sent or to be mined."""
-        with self._lock:
-            return {name: len(one.queue) + len(one.in_flight) for name, one in self._wallets.items()}
+    def waiting(self, name: str) -> int:
+        """Transactions of the wallet that wait to be sent or to be mined."""
+        wallet = self._wallets[name]
+        return len(wallet.queue) + len(wallet.in_flight)
 
     # -- the one thread ------------------------------------------------------------------------------------
 
@@ -292,7 +292,12 @@ class Outbox:
         entries = [entry for entry in self._journal.undone(block) if entry.wallet in self._wallets]
         self._journal.reopen(entries)
         for entry in entries:
-            log.warning("%s: %s was undone; sending it again", entry.wallet, entry.command)
+            log.warning(
+                "%s: %s was undone; sending it again",
+                entry.wallet,
+                entry.command,
+                extra={"task": entry.task_id},
+            )
             self._take_up(entry)
 
     def _take_up(self, entry: Entry) -> None:
@@ -431,7 +436,7 @@ class Outbox:
         reason = str(error.details.get("reason", error)).lower()
         entry = job.entry
         assert entry is not None
-        log.info("%s: %s was not taken: %s", entry.wallet, entry.command, reason)
+        log.info("%s: %s was not taken: %s", entry.wallet, entry.command, reason, extra=_extra(job))
         if "nonce too low" in reason:
             # Mined already, or its nonce went to another one: the receipt tells.
             job.due_s = job.last_sent_s = 0.0
@@ -552,7 +557,9 @@ class Outbox:
                 job, TransactionDropped("its nonce went to another transaction", tx_hash=entry.tx_hash)
             )
             return
-        log.warning("%s: nonce of %s went elsewhere; making it anew", wallet.name, entry.command)
+        log.warning(
+            "%s: nonce of %s went elsewhere; making it anew", wallet.name, entry.command, extra=_extra(job)
+        )
         job.attempt += 1
         job.sent_s = 0.0
         with self._lock:
@@ -573,14 +580,19 @@ class Outbox:
             if fees.max_fee * 10 < before.max_fee * 11 or fees.priority_fee * 10 < before.priority_fee * 11:
                 raise TransactionTimeout("the limits leave no room for a higher fee", max_fee=fees.max_fee)
         except (RequestError, TransactionTimeout) as error:
-            log.warning("%s: %s stays stuck: %s", entry.wallet, entry.command, error)
+            log.warning("%s: %s stays stuck: %s", entry.wallet, entry.command, error, extra=_extra(job))
             return
         signed = self._signed(wallet, job.order, entry.nonce, gas, fees)
         names = ("max_fee", "priority_fee", "fee", "tx_hash", "raw")
         job.entry = self._journal.replace(entry, **{name: signed[name] for name in names})
         job.sent_s = 0.0
         log.warning(
-            "%s: %s is stuck; fee %d -> %d", entry.wallet, entry.command, before.max_fee, fees.max_fee
+            "%s: %s is stuck; fee %d -> %d",
+            entry.wallet,
+            entry.command,
+            before.max_fee,
+            fees.max_fee,
+            extra=_extra(job),
         )
 
     def _reply(self, receipt: dict[str, Any]) -> Reply:

@@ -24,14 +24,30 @@ class Projection:
     rows: Rows
     contracts: Mapping[str, str]
     _reasons: dict[str, list[_Reason]] = field(default_factory=dict)
+    _ends: set[tuple[int, int]] = field(default_factory=set)
+    """(block, log index) of the last event of each thing that the contracts did."""
+    _free: int | None = None
+    """The service that becomes free by what they do now; at its end it has a task or a place in the line."""
 
     def prepare(self, logs: Iterable[Log]) -> None:
         """See all events that will be applied: a transfer is explained by its neighbours, before or after."""
         self._reasons = defaultdict(list)
+        last: Log | None = None
         for log in logs:
             self._reasons[log.tx_hash] += self._explanations(log)
+            if last is not None and (last.tx_hash != log.tx_hash or isinstance(log.event, _BEGINNINGS)):
+                self._ends.add((last.block, last.log_index))
+            last = log
+        if last is not None:
+            self._ends.add((last.block, last.log_index))
 
     def apply(self, seq: int, log: Log, time_s: int) -> None:
+        """Take in the next of the events that `prepare` saw."""
+        self._apply(seq, log, time_s)
+        if (log.block, log.log_index) in self._ends:
+            self._place_free()
+
+    def _apply(self, seq: int, log: Log, time_s: int) -> None:
         """Events without a case change nothing that can be queried; they are kept and published."""
         rows, event = self.rows, log.event
         match event:
@@ -47,6 +63,8 @@ class Projection:
                     creator=event.creator,
                     reward=event.reward,
                     paid=0,
+                    execution_window_s=event.execution_window,
+                    verdict_window_s=event.verdict_window,
                     params=params,
                     description=description,
                     text=event.params.lower(),
@@ -65,7 +83,9 @@ class Projection:
                     execution_deadline=event.deadline,
                     nonce="0x" + event.nonce.hex(),
                 )
-                rows.change(schema.services, event.service_id, task_id=event.task_id)
+                rows.change(schema.services, event.service_id, task_id=event.task_id, place=0)
+                if self._free == event.service_id:
+                    self._free = None  # its next task, before it waited
             case events.ProofSubmitted():
                 self._change_task(
                     event.task_id,
@@ -119,7 +139,9 @@ class Projection:
                     penalty=0,
                     max_failures=0,
                     failures=0,
+                    place=0,
                 )
+                self._free = event.service_id
             case events.TermsAgreed():
                 rows.change(
                     schema.services,
@@ -134,13 +156,14 @@ class Projection:
             case events.BondReturned():
                 rows.change(schema.services, event.service_id, bond=0)
             case events.ServiceSuspended():
-                rows.change(schema.services, event.service_id, state="suspended")
+                rows.change(schema.services, event.service_id, state="suspended", place=0)
             case events.ServiceReinstated():
                 rows.change(schema.services, event.service_id, state="paused", failures=0)
             case events.ServiceUpdated():
-                rows.change(
-                    schema.services, event.service_id, price=event.price, state=event.state.name.lower()
-                )
+                # It queues again at the back.
+                state = event.state.name.lower()
+                rows.change(schema.services, event.service_id, price=event.price, state=state, place=0)
+                self._free = event.service_id
             case events.DeviceRegistered():
                 rows.add(
                     schema.devices,
@@ -173,6 +196,10 @@ class Projection:
                 rows.put(schema.roles, role=event.role, address=event.account, held=True)
             case events.RoleRevoked():
                 rows.put(schema.roles, role=event.role, address=event.account, held=False)
+            case events.PaymentDeferred():
+                self._change_balance(event.account, owed=event.amount)
+            case events.PaymentCollected():
+                self._change_balance(event.account, owed=-event.amount)
             case events.Transfer():
                 self._transfer(seq, log, event, time_s)
 
@@ -180,9 +207,11 @@ class Projection:
         self.rows.change(schema.tasks, task_id, **values)
 
     def _change_kind(self, kind: str, **values: Any) -> None:
-        row = self.rows.find(schema.kinds, kind)
-        before = row or {"kind": kind, "allowed": False, "review": "oracle", "min_window_s": 0}
-        self.rows.put(schema.kinds, **{**before, **values})
+        self.rows.put(schema.kinds, **{**self._kind(kind), **values})
+
+    def _kind(self, kind: str) -> Mapping[str, Any]:
+        unknown = {"kind": kind, "allowed": False, "review": "oracle", "min_window_s": 0, "places": 0}
+        return self.rows.find(schema.kinds, kind) or unknown
 
     def _release_service(self, task_id: int, counter: str | None) -> None:
         """The attempt at the task is over for the service that made it."""
@@ -196,6 +225,18 @@ class Projection:
         elif counter is not None and (service["max_failures"] or service["penalty"] or service["bond"]):
             values["failures"] = min(service["failures"] + 1, 255)
         self.rows.change(schema.services, service["id"], **values)
+        self._free = service["id"]
+
+    def _place_free(self) -> None:
+        """As ServiceManager.offer: behind the others of its kind, where it takes tasks and there was none."""
+        service_id, self._free = self._free, None
+        if service_id is None:
+            return
+        service = self.rows.get(schema.services, service_id)
+        if service["state"] == "active" and service["task_id"] is None:
+            place = self._kind(service["kind"])["places"] + 1
+            self._change_kind(service["kind"], places=place)
+            self.rows.change(schema.services, service_id, place=place)
 
     # -- tokens --------------------------------------------------------------------------------------------
 
@@ -222,10 +263,13 @@ class Projection:
         # Tokens are minted from and burnt to the zero address.
         if address == ZERO_ADDRESS:
             return None
-        row = self.rows.find(schema.balances, address)
-        balance = (row["balance"] if row else 0) + change
-        self.rows.put(schema.balances, address=address, balance=balance)
-        return int(balance)
+        return int(self._change_balance(address, balance=change)["balance"])
+
+    def _change_balance(self, address: str, **changes: int) -> Mapping[str, Any]:
+        row = self.rows.find(schema.balances, address) or {"address": address, "balance": 0, "owed": 0}
+        after = {**row, **{name: row[name] + change for name, change in changes.items()}}
+        self.rows.put(schema.balances, **after)
+        return after
 
     def _explanations(self, log: Log) -> list[_Reason]:
         """Why tokens move in the transaction of `log`, as its event tells."""
@@ -304,6 +348,17 @@ _OF_ASSIGNMENT = (
     "nonce",
 )
 """Columns that only an assigned task has."""
+
+_BEGINNINGS = (
+    events.TaskRegistered,
+    events.VerdictPosted,
+    events.TaskRequeued,
+    events.TaskFailed,
+    events.ServiceRegistered,
+    events.ServiceUpdated,
+)
+"""With these the contracts begin something that may free a service or give it a task; a transaction of
+another contract may make them do several things."""
 
 _COUNTER: dict[Cause, str | None] = {
     Cause.REJECTED: "rejected",

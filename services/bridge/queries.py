@@ -200,10 +200,15 @@ class Queries:
         }
 
     def _wallets(self, _request: Request) -> Json:
-        balances = self._index.balances()
+        balances, owed = self._index.balances(), self._index.owed()
         return {
             "wallets": [
-                {"name": name, "address": address, "balance_iec": iec(balances.get(address, 0))}
+                {
+                    "name": name,
+                    "address": address,
+                    "balance_iec": iec(balances.get(address, 0)),
+                    "owed_iec": iec(owed.get(address, 0)),
+                }
                 for name, address in self._names.addresses.items()
             ],
             "supply_iec": iec(sum(balances.values())),

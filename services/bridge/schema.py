@@ -21,7 +21,7 @@ from sqlalchemy import (
     TypeDecorator,
 )
 
-VERSION = 2
+VERSION = 3
 """Raised when what is written to the tables changes; an index of another version is rebuilt."""
 
 metadata = MetaData()
@@ -124,6 +124,8 @@ tasks = Table(
     Column("ended", Float, doc="settled, cancelled or failed"),
     Column("execution_deadline", Float),
     Column("verdict_deadline", Float),
+    Column("execution_window_s", BigInteger, nullable=False),
+    Column("verdict_window_s", BigInteger, nullable=False),
     Column("nonce", String(66)),
     Column("proof_sha256", String(66)),
     Column("proof_uri", Written),
@@ -151,6 +153,7 @@ services = Table(
     Column("penalty", Wei, nullable=False),
     Column("max_failures", Integer, nullable=False),
     Column("failures", Integer, nullable=False, doc="in a row"),
+    Column("place", BigInteger, nullable=False, doc="lower was idle earlier; 0 when it does not wait"),
 )
 
 devices = Table(
@@ -171,6 +174,7 @@ kinds = Table(
     Column("allowed", Boolean, nullable=False),
     Column("review", String(16), nullable=False, doc="who judges it: oracle or auditor"),
     Column("min_window_s", BigInteger, nullable=False),
+    Column("places", BigInteger, nullable=False, doc="given to idle services until now"),
 )
 
 roles = Table(
@@ -194,6 +198,7 @@ balances = Table(
     metadata,
     Column("address", String(42), primary_key=True),
     Column("balance", Wei, nullable=False),
+    Column("owed", Wei, nullable=False, doc="what the token refused and `collect` pays"),
 )
 
 transfers = Table(

@@ -8,7 +8,8 @@ import sys
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 from eth_account.signers.local import LocalAccount
@@ -34,11 +35,11 @@ from rodeo.evidence import Store
 from rodeo.messages import DaoEvent
 from rodeo.metrics import LATENCY_BUCKETS_S
 from rodeo.service import Service
-from services.bridge.commands import Wallet
+from services.bridge.commands import KNOWN, Wallet
 from services.bridge.errors import BridgeNotReady, ChainReorganized, UnknownParticipant
 from services.bridge.fees import Limits
 from services.bridge.follower import BEHIND_GRACE_S, Follower
-from services.bridge.heads import Header, Heads, PolledHeads, open_heads
+from services.bridge.heads import SUBSCRIBED_CHECK_S, Header, Heads, PolledHeads, open_heads
 from services.bridge.index import Index, Position, sqlite_url
 from services.bridge.journal import Journal
 from services.bridge.names import ORGANIZATION, Names
@@ -57,14 +58,16 @@ _EXPIRY_RETRY_S = 5.0
 _SWITCH_S = 0.0005
 """How long a thread keeps the interpreter from the one that has a block to publish."""
 
-_BEHIND_S = 10.0
-"""Wall time for which the index may run after the node's head and still count as being there."""
-
 _TELL_S = 1.0
 """Between two messages on how far the index is: it may be a hundred blocks in a second."""
 
 BLOCKS_BEHIND = Gauge("rodeo_bridge_blocks_behind", "Blocks of the node that are not in the index")
 INDEXED_BLOCK = Gauge("rodeo_bridge_indexed_block", "The newest block in the index")
+BLOCKS = Histogram(
+    "rodeo_bridge_block_seconds",
+    "Wall time from hearing of new blocks to their events on the bus",
+    buckets=LATENCY_BUCKETS_S,
+)
 EVENTS = Counter("rodeo_bridge_events_total", "Events put on the bus", ["name"])
 UNDONE_BLOCKS = Counter("rodeo_bridge_undone_blocks_total", "Blocks that a reorganization took back")
 QUEUE = Gauge("rodeo_bridge_queue_length", "Transactions that wait to be sent or mined", ["wallet"])
@@ -226,6 +229,11 @@ class Bridge:
             journal=journal,
             node=node,
         )
+        # Asked when somebody looks: also of a bridge that is not ready.
+        INDEXED_BLOCK.set_function(lambda: index.position.block)
+        BLOCKS_BEHIND.set_function(lambda: follower.behind)
+        for name in self._threads:
+            QUEUE.labels(name).set_function(partial(outbox.waiting, name))
         outbox.start()
         return opened
 
@@ -244,10 +252,11 @@ class Bridge:
         gc.freeze()
         try:
             while not self._stop.is_set():
-                if attachment.follower.step(headers):
+                if self._step(attachment, headers):
                     headers = []
-                    if time.monotonic() - current_s > _BEHIND_S:
-                        self._not_ready(f"{attachment.follower.behind} blocks behind the node")
+                    behind = attachment.follower.behind
+                    if behind and time.monotonic() - current_s > self._config.max_behind_s:
+                        self._not_ready(f"{behind} blocks behind the node")
                     continue
                 current_s = time.monotonic()
                 late = why_late(attachment.index.position, self._site.chain.max_block_age_s, time.time())
@@ -261,6 +270,14 @@ class Bridge:
             self._heads = PolledHeads()
             heads.close()
 
+    def _step(self, attachment: _Attachment, headers: list[Header]) -> bool:
+        """Whether there is more to take in at once."""
+        before, started_s = attachment.index.position, time.perf_counter()
+        again = attachment.follower.step(headers)
+        if attachment.index.position != before:
+            BLOCKS.observe(time.perf_counter() - started_s)
+        return again
+
     def _publish(self, event: DaoEvent) -> bool:
         """Whether it went out: without a router it would be lost."""
         if not self._service.bus.connected:
@@ -270,14 +287,9 @@ class Bridge:
         return True
 
     def _ready(self, attachment: _Attachment) -> None:
-        if self._reason:
-            self._reason = ""
-            self._service.ready()
+        self._reason = ""
+        self._service.ready(self._config.max_behind_s + SUBSCRIBED_CHECK_S)
         block = attachment.index.position.block
-        INDEXED_BLOCK.set(block)
-        BLOCKS_BEHIND.set(attachment.follower.behind)
-        for name, length in attachment.outbox.in_flight().items():
-            QUEUE.labels(name).set(length)
         if block != self._told_block and (now_s := time.monotonic()) >= self._tell_s:
             self._told_block, self._tell_s = block, now_s + _TELL_S
             self._service.activity("following the chain", block=block)
@@ -315,10 +327,16 @@ class Bridge:
         participant, command = _command_of(request.key)
         if participant not in self._threads:
             raise UnknownParticipant("no such participant", who=participant, known=sorted(self._threads))
-        started_s = time.perf_counter()
-        reply = self._attached().wallets[participant].execute(command, request.json())
+        asked = _Asked(participant, command if command in KNOWN else "unknown")
+        try:
+            data = request.json()
+            asked.about(data)
+            reply = self._attached().wallets[participant].execute(command, data)
+        except RodeoError as error:
+            asked.ended(error)
+            raise
         if isinstance(reply, Future):
-            reply.add_done_callback(lambda done: _measure(command, done, time.perf_counter() - started_s))
+            reply.add_done_callback(lambda done: asked.ended(done.exception()))
         return reply
 
     # -- expiry ----------------------------------------------------------------------------------------------
@@ -360,12 +378,25 @@ def _command_of(key: str) -> tuple[str, str]:
     return participant, command
 
 
-def _measure(command: str, done: Future[Any], took_s: float) -> None:
-    error = done.exception()
-    outcome = "mined" if error is None else error.code if isinstance(error, RodeoError) else "internal"
-    COMMANDS.labels(command, outcome).observe(took_s)
-    if error is not None:
-        FAILURES.labels(outcome).inc()
+@dataclass
+class _Asked:
+    """A command, from when it came to when it is known what became of it."""
+
+    participant: str
+    command: str
+    task_id: int | None = None
+    since_s: float = field(default_factory=time.perf_counter)
+
+    def about(self, data: dict[str, Any]) -> None:
+        task_id = data.get("task_id")
+        self.task_id = task_id if isinstance(task_id, int) else None
+
+    def ended(self, error: BaseException | None) -> None:
+        outcome = "mined" if error is None else error.code if isinstance(error, RodeoError) else "internal"
+        COMMANDS.labels(self.command, outcome).observe(time.perf_counter() - self.since_s)
+        if error is not None:
+            FAILURES.labels(outcome).inc()
+            log.info("%s: no %s: %s", self.participant, self.command, error, extra={"task": self.task_id})
 
 
 def _expire(wallet: Wallet, task_id: int) -> None:

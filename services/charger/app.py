@@ -26,6 +26,7 @@ from rodeo.dao import CHARGING, Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError, RodeoError
 from rodeo.evidence import Store
 from rodeo.evidence.errors import RecordingSealed, StoreUnavailable
+from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Task
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.ros2.types import new
@@ -124,7 +125,8 @@ class Charger:
                     self._wake.wait(_LOOK_S)
                     self._wake.clear()
                 else:
-                    self._perform(job)
+                    with about_task(job.task.id):
+                        self._perform(job)
         finally:
             self._dao_events.close()
             self._node.close()

@@ -20,6 +20,7 @@ from rodeo.dao import Participant
 from rodeo.errors import BusError, RemoteError
 from rodeo.evidence import Store
 from rodeo.evidence.errors import StoreUnavailable
+from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, PostVerdict, Task
 from rodeo.service import Service
 from services.oracle.case import Device, Ledger
@@ -86,11 +87,12 @@ class Oracle:
                 task_id, attempt = self._submissions.get(timeout=RETRY_S)
             except queue.Empty:
                 continue
-            try:
-                self._decide(number, task_id, attempt)
-            except Exception:
-                # The next proof must get its verdict whatever happened to this one.
-                log.exception("task %d attempt %d got no verdict", task_id, attempt)
+            with about_task(task_id):
+                try:
+                    self._decide(number, task_id, attempt)
+                except Exception:
+                    # The next proof must get its verdict whatever happened to this one.
+                    log.exception("task %d attempt %d got no verdict", task_id, attempt)
 
     def _decide(self, number: int, task_id: int, attempt: int) -> None:
         """Verify one submission and post the verdict, unless it has one. Waits for bridge and store."""

@@ -20,6 +20,7 @@ from rodeo.errors import BusError, RemoteError
 from rodeo.evidence import EvidenceError, Recorder, Store
 from rodeo.evidence.errors import RecordingSealed
 from rodeo.lab.config import RobotConfig
+from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Task
 from rodeo.ros2 import Node, types
 from rodeo.service import Service
@@ -380,7 +381,8 @@ class Agent:
         journal = Journal.open(folder, task.id, task.attempt)
         self._attempt = task.id, task.attempt
         try:
-            self._advance(task, journal, folder)
+            with about_task(task.id):
+                self._advance(task, journal, folder)
         finally:
             self._attempt = None
 

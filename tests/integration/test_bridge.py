@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict
-from decimal import Decimal
-from enum import Enum
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rodeo.bus import Bus, DaoEvents
-from rodeo.chain import Policy, Role, from_wei
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError
-from rodeo.messages import DaoEvent, Status, Task
+from rodeo.messages import DaoEvent, Status
 from tests.support.dao import CHARGING, PARAMS, WAIT_S, Dao
+from tests.support.index import index_differences
 from tests.support.site import RunningSite, readyz, write_site
 
 CLEANING = "waste_disposal"
@@ -84,73 +81,7 @@ def events_from_the_beginning(dao: Dao) -> list[dict[str, Any]]:
 
 
 def assert_index_equals_contracts(dao: Dao) -> None:
-    """Every field that a view of the contracts and an answer of the index have in common."""
-    client = dao.client()
-    services = {one["id"]: one for one in dao.state("services")["services"]}
-    assert sorted(services) == list(range(1, client.service_count() + 1))
-    for service_id, service in services.items():
-        assert_equal(service, client.service(service_id), without={"place"})
-    tasks = {task["id"]: task for task in dao.state("tasks", limit=500)["tasks"]}
-    assert sorted(tasks) == list(range(1, client.task_count() + 1))
-    for task_id, indexed in tasks.items():
-        Task.model_validate(indexed)
-        kept = client.task(task_id)
-        # Windows are told by the deadlines that they end at; of the proof only one that waits is kept.
-        assert_equal(
-            indexed, kept, without={"execution_window", "verdict_window", "deadline", "proof_hash", "price"}
-        )
-        running = {"assigned": "execution_deadline", "submitted": "verdict_deadline"}.get(indexed["state"])
-        assert (indexed[running] if running else 0) == kept.deadline
-        waiting = indexed["proof_sha256"] if indexed["state"] == "submitted" else "0x" + "00" * 32
-        assert waiting == "0x" + kept.proof_hash.hex()
-        assert Decimal(indexed["price_iec"] or 0) == from_wei(kept.price)
-        provider = services[kept.service_id]["provider"] if kept.service_id else None
-        assert indexed["executor"] == provider
-    wallets = dao.state("wallets")
-    assert Decimal(wallets["supply_iec"]) == from_wei(client.total_supply())
-    for entry in wallets["wallets"]:
-        assert entry["balance_iec"] == f"{from_wei(client.balance(entry['address'])):f}"
-    for device in dao.state("devices")["devices"]:
-        kept_device = client.device(device["address"])
-        assert (device["role"], device["owner"], device["registrar"], device["registered"]) == (
-            kept_device.role,
-            kept_device.owner,
-            kept_device.registrar,
-            kept_device.registered_at,
-        )
-        assert (device["revoked"] or 0) == kept_device.revoked_at
-    rules = dao.state("organization")
-    policies = {client.deployment.contracts[one]: one.name.lower() for one in Policy}
-    assert rules["policy"] == policies[client.policy()]
-    assert rules["members_only"] == client.members_only()
-    assert_equal(rules["terms"], client.terms())
-    for kind in rules["kinds"]:
-        kept_kind = client.kind(kind["kind"])
-        assert (kind["allowed"], kind["review"], kind["min_window_s"]) == (
-            kept_kind.allowed,
-            kept_kind.review.name.lower(),
-            kept_kind.min_window,
-        )
-    holders = {one["address"] for held in rules["roles"].values() for one in held}
-    for role in Role:
-        held = {one["address"] for one in rules["roles"].get(role, [])}
-        assert held == {address for address in holders if client.has_role(role, address)}, role
-    for person in dao.state("participants")["participants"]:
-        assert person["member"] == client.has_role(Role.MEMBER, person["address"]), person
-        assert person["balance_iec"] == f"{from_wei(client.balance(person['address'])):f}"
-
-
-def assert_equal(indexed: dict[str, Any], kept: Any, without: Collection[str] = ()) -> None:
-    """Each field of a contract's record, as the index names and writes it."""
-    for name, value in asdict(kept).items():
-        if name in without:
-            continue
-        if f"{name}_iec" in indexed:
-            assert indexed[f"{name}_iec"] == f"{from_wei(value):f}", name
-        elif isinstance(value, Enum):
-            assert indexed[name] == value.name.lower(), name
-        else:
-            assert (indexed[name] or 0) == value, name
+    assert index_differences(dao.state, dao.client()) == []
 
 
 def test_a_task_is_assigned_proved_judged_and_paid(dao: Dao) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shutil
 import threading
+import time
+import urllib.request
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -12,12 +14,15 @@ from typing import Any
 import pytest
 from eth_account import Account
 
+from bench import soak
+from deploy.chain.errors import RpcError
 from deploy.chain.server import RpcServer
 from rodeo import wallets
 from rodeo.errors import NoResponder
+from services.bridge.node import Node
 from tests.support.chain import Answer, EmbeddedChain, FaultyNode
 from tests.support.dao import PARAMS, Dao
-from tests.support.site import WAIT_S, RunningSite
+from tests.support.site import WAIT_S, RunningSite, readyz
 
 SEND = "eth_sendRawTransaction"
 
@@ -65,6 +70,59 @@ def test_a_wallet_that_is_stuck_holds_up_nobody_else(running: RunningSite, node:
     assert dao.task(task_id)["state"] == "assigned"
 
 
+def test_a_bridge_is_ready_only_while_node_and_index_tell_of_now(site_path: Path, tmp_path: Path) -> None:
+    text = site_path.read_text()
+    site_path.write_text(f"bridge.max_behind_s = 0.2\nchain.max_block_age_s = 3600\n{text}")
+    running = RunningSite(site_path)
+    node = FaultyNode(EmbeddedChain(tmp_path / "chain.sqlite"))
+    asker = Node(running.site.chain.url)
+    asked, seen, goes_on = 0, threading.Event(), threading.Event()
+
+    def one_block_at_a_time(method: str, params: Sequence[Any], answer: Answer) -> Any:
+        nonlocal asked
+        if method == "eth_getLogs":
+            if params[0]["fromBlock"] != params[0]["toBlock"]:
+                raise RpcError("query returned more than 10000 results")
+            asked += 1
+            # The first take their time, the others until the test has seen what it waits for.
+            seen.wait(0.05 if asked < 10 else 5.0)
+        return answer(method, params)
+
+    def answer_late(method: str, params: Sequence[Any], answer: Answer) -> Any:
+        goes_on.wait(WAIT_S)
+        return answer(method, params)
+
+    try:
+        with RpcServer(running.site.chain.url, node):
+            running.start("router", "bridge", ready=False)
+            running.deploy_contracts()
+            old = running.wait_for_status("bridge", lambda status: "older than 3600 s" in status.reason)
+            assert not old.ready and readyz(old.metrics_url)[0] == 503
+            node.chain.now_s = int(time.time())
+            asker.call("evm_mine")
+            running.wait_ready("bridge")
+
+            node.fault = one_block_at_a_time
+            asker.batch([("evm_mine", [])] * 20)
+            late = running.wait_for_status("bridge", lambda status: "blocks behind" in status.reason)
+            assert not late.ready and readyz(late.metrics_url)[0] == 503
+            with urllib.request.urlopen(f"{late.metrics_url}/metrics") as metrics:
+                assert "rodeo_bridge_blocks_behind 0.0" not in metrics.read().decode()
+            seen.set()
+            running.wait_ready("bridge")
+
+            node.fault = answer_late
+            hung = running.wait_for_status("bridge", lambda status: not status.ready)
+            assert readyz(hung.metrics_url)[0] == 503
+            goes_on.set()
+            running.wait_ready("bridge")
+    finally:
+        seen.set()
+        goes_on.set()
+        running.stop()
+        asker.close()
+
+
 def test_a_bridge_that_is_killed_before_the_receipt_gives_the_same_one(
     running: RunningSite, node: FaultyNode
 ) -> None:
@@ -97,6 +155,14 @@ def test_a_bridge_that_is_killed_before_the_receipt_gives_the_same_one(
     assert reply["tx_hash"] == sent[0]
     assert dao.command("organization", "register_task", **request) == reply
     assert dao.client().task_count() == dao.state("tasks")["total"] == 1
+
+
+def test_bridge_node_and_router_killed_at_random_moments_settle_every_task_once(chain_backend: str) -> None:
+    """A short run of `make bench ONLY=soak`."""
+    found = soak.faults(tasks=4, kills=1, backend=chain_backend, at_once=3)
+    assert found.pop("faults_s") > 0
+    assert [found.pop(f"faults_kills_{name}") for name in soak.KILLED] == [1, 1, 1]
+    assert set(found.values()) == {0}, found
 
 
 def test_a_chain_that_was_made_anew_is_taken_for_another(running: RunningSite) -> None:

@@ -65,6 +65,8 @@ def ledger(take: Take, kind: str, params: dict[str, Any], **task: Any) -> Ledger
         "settled": None,
         "execution_deadline": take.start_s + 3600,
         "verdict_deadline": take.end_s + 3600,
+        "execution_window_s": 7200,
+        "verdict_window_s": 3600,
         "nonce": BINDING.nonce,
         "proof_sha256": None,
         "proof_uri": None,

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from decimal import Decimal
+from itertools import groupby
 from pathlib import Path
 from random import Random
 
 import pytest
 
-from rodeo.chain import Policy, Review, Role, ServiceState, TaskState, Terms, to_wei
+from rodeo.chain import Log, Policy, Review, Role, ServiceState, TaskState, Terms, to_wei
 from rodeo.chain.permit import sign_permit
+from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
 from tests.support.rebuild import ZERO_ADDRESS, rebuild
 
@@ -158,15 +160,28 @@ def life(tmp_path: Path) -> Iterator[Life]:
         yield Life(organization, clock, Random(7))
 
 
+def indexed(life: Life, logs: list[Log], time_s: Callable[[int], int]) -> Index:
+    """The bridge's index of the same logs, as the follower hands it one block after the other."""
+    site, deployment = life.organization.site, life.organization.client.deployment
+    url = sqlite_url(site.data_dir / "index.sqlite")
+    index = Index(url, deployment.chain_id, deployment.genesis_hash, deployment.contracts)
+    for block, found in groupby(logs, lambda log: log.block):
+        timed = [TimedLog(log, time_s(block)) for log in found]
+        index.apply(timed, Position(block, timed[0].log.block_hash, time_s(block)))
+    return index
+
+
 def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     life.prepare()
     for _ in range(STEPS):
         life.step()
     client, w3 = life.organization.client, life.organization.client.w3
-    state = rebuild(
-        client.logs(client.deployment.block, w3.eth.block_number),
-        lambda block: w3.eth.get_block(block)["timestamp"],
-    )
+    logs = client.logs(client.deployment.block, w3.eth.block_number)
+
+    def time_s(block: int) -> int:
+        return w3.eth.get_block(block)["timestamp"]
+
+    state = rebuild(logs, time_s)
 
     assert len(state.tasks) == client.task_count()
     for task_id, task in state.tasks.items():
@@ -175,6 +190,13 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     assert {i: replace(service, place=0) for i, service in services.items()} == state.services
     places = {service.place: i for i, service in services.items() if service.place}
     assert [places[place] for place in sorted(places)] == state.waiting
+
+    index = indexed(life, logs, time_s)
+    for i, service in services.items():
+        row = index.service(i)
+        assert row is not None
+        assert (row["place"], row["state"]) == (service.place, service.state.name.lower()), i
+    index.close()
 
     for address, device in state.devices.items():
         assert client.device(address) == device

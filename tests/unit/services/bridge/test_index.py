@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rodeo.chain import Cause, Event, Log, ServiceState, events
+from services.bridge.database import migrate, open_database
 from services.bridge.errors import IndexUnusable
-from services.bridge.index import Index, Page, Position, TimedLog, sqlite_url
+from services.bridge.index import NOWHERE, Index, Page, Position, TimedLog, sqlite_url
 from services.bridge.projection import ZERO_ADDRESS, parse_task_text
 
 GENESIS = "0x" + "01" * 32
@@ -89,6 +91,23 @@ def test_the_index_of_another_chain_or_deployment_is_emptied(
     emptied = open_index(tmp_path, **other)
     assert emptied.position.block == -1
     assert emptied.task(1) is None and emptied.last_seq() == 0
+
+
+def test_an_index_of_the_first_schema_is_read_from_the_chain_again(tmp_path: Path) -> None:
+    url = sqlite_url(tmp_path / "index.sqlite")
+    engine = open_database(url)
+    migrate(engine, "index", "0001")
+    with engine.begin() as connection:
+        connection.exec_driver_sql(
+            "insert into cursor values (1, 2, 31337, ?, ?, 7, '0x07', 1000, 4)",
+            (GENESIS, json.dumps(CONTRACTS)),
+        )
+        connection.exec_driver_sql("insert into kinds values ('waste_disposal', 1, 'oracle', 0)")
+    engine.dispose()
+    chain = Chain(open_index(tmp_path))
+    assert (chain.index.position, chain.index.kinds()) == (NOWHERE, [])
+    chain.block(registered(), offered())
+    assert (task(chain)["execution_window_s"], task(chain)["verdict_window_s"]) == (3600, 600)
 
 
 def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
@@ -198,6 +217,51 @@ def test_only_active_services_are_on_offer(chain: Chain) -> None:
     chain.block(events.ServiceUpdated(2, 80 * IEC, ServiceState.PAUSED))
     assert chain.index.active_prices("waste_disposal") == [100 * IEC]
     assert chain.index.active_prices("battery_charging") == []
+
+
+def places(chain: Chain) -> list[int]:
+    return [row["place"] for row in chain.index.services({}, Page(10))[0]]
+
+
+def test_a_service_has_its_place_in_the_line_while_it_waits(chain: Chain) -> None:
+    other = events.ServiceRegistered(2, CREATOR, "waste_disposal", 90 * IEC, "")
+    chain.block(offered(), other)
+    assert places(chain) == [1, 2]
+    chain.block(events.ServiceUpdated(1, 100 * IEC, ServiceState.ACTIVE))
+    assert places(chain) == [3, 2]
+    chain.block(registered(), assigned(), proved(), judged(True))
+    assert places(chain) == [0, 2]
+    chain.block(events.TaskSettled(1, ROBOT, 100 * IEC, 0))
+    assert places(chain) == [4, 2]
+    chain.block(events.ServiceSuspended(2), events.ServiceUpdated(1, 100 * IEC, ServiceState.PAUSED))
+    assert places(chain) == [0, 0]
+
+
+def test_a_service_that_gets_its_next_task_at_once_never_waited(chain: Chain) -> None:
+    again = events.TaskAssigned(2, 1, ROBOT, 1, 100 * IEC, b"\x07" * 32, 5_000)
+    chain.block(registered(), registered(2), offered(), assigned())
+    chain.block(judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 0), again)
+    assert places(chain) == [0]
+    chain.block(events.TaskFailed(2, 120 * IEC, 3, Cause.REJECTED))
+    assert places(chain) == [1]
+
+
+def test_a_transaction_that_does_several_things_gives_the_places_in_between(chain: Chain) -> None:
+    chain.block(offered(), registered(), assigned(), events.TaskRequeued(1, 1, Cause.EXECUTION_EXPIRED))
+    assert places(chain) == [2]
+
+
+def test_the_terms_suspend_a_service_before_it_could_wait(chain: Chain) -> None:
+    chain.block(offered(), registered(), assigned())
+    chain.block(events.TaskFailed(1, 120 * IEC, 3, Cause.REJECTED), events.ServiceSuspended(1))
+    assert places(chain) == [0]
+
+
+def test_what_the_token_refused_is_owed_until_it_is_collected(chain: Chain) -> None:
+    chain.block(events.PaymentDeferred(ROBOT, 7), events.PaymentDeferred(ROBOT, 2))
+    assert (chain.index.owed(), chain.index.balance(ROBOT)) == ({ROBOT: 9}, 0)
+    chain.block(events.PaymentCollected(ROBOT, 9), events.Transfer(CREATOR, ROBOT, 9))
+    assert (chain.index.owed(), chain.index.balance(ROBOT)) == ({}, 9)
 
 
 def test_kinds_can_be_allowed_and_disallowed(chain: Chain) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -277,6 +278,22 @@ def test_a_stuck_transaction_is_sent_again_with_a_higher_fee(robot: Robot) -> No
     robot.chain.node.fault = None
     assert robot.outcome(future)["tx_hash"] in robot.journal.find("panther1", "stuck").hashes  # type: ignore[union-attr]
     assert robot.paid() == before + 5
+
+
+def test_each_line_about_a_transaction_names_its_task(robot: Robot, caplog: pytest.LogCaptureFixture) -> None:
+    caplog.set_level("INFO", outbox_module.__name__)
+    robot.restart(stuck_s=0.1)
+    robot.chain.node.fault = lose
+    future = robot.outbox.submit(replace(robot.order(), task_id=7))
+    robot.until(lambda: robot.journal.unfinished() and robot.journal.unfinished()[0].replaced)
+    robot.chain.node.fault = None
+    reply = robot.outcome(future)
+    robot.outbox.undone(reply["block"] - 1)
+    robot.outbox._reopen_undone()
+    robot.until(lambda: robot.waiting() == 0)
+    lines = {record.getMessage().partition(";")[0]: record for record in caplog.records}
+    assert {"panther1: transfer is stuck", "panther1: transfer was undone"} <= set(lines)
+    assert all(vars(record)["task"] == 7 for record in lines.values()), lines
 
 
 def test_the_first_of_two_prices_may_be_the_one_that_is_mined(robot: Robot) -> None:

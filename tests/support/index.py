@@ -1,0 +1,101 @@
+"""The bridge's index held against the contracts: every field that a view of theirs and an answer share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection
+from dataclasses import asdict
+from decimal import Decimal
+from enum import Enum
+from typing import Any
+
+from rodeo.chain import ChainClient, Policy, Role, from_wei
+from rodeo.messages import Task
+
+_PAGE = 500
+
+
+def index_differences(state: Callable[..., dict[str, Any]], client: ChainClient) -> list[str]:
+    """What they do not agree on, a line each; `state(what, **parameters)` asks the index."""
+    found = _Differences()
+    services = {one["id"]: one for one in _pages(state, "services")}
+    found.check("services", sorted(services), list(range(1, client.service_count() + 1)))
+    for service_id, service in services.items():
+        found.check_record(f"service {service_id}", service, client.service(service_id))
+    tasks = {task["id"]: task for task in _pages(state, "tasks")}
+    found.check("tasks", sorted(tasks), list(range(1, client.task_count() + 1)))
+    for task_id, indexed in tasks.items():
+        Task.model_validate(indexed)
+        what, kept = f"task {task_id}", client.task(task_id)
+        # The contracts keep the deadline that runs, and of the proof only one that waits.
+        found.check_record(what, indexed, kept, without={"deadline", "proof_hash", "price"})
+        running = {"assigned": "execution_deadline", "submitted": "verdict_deadline"}.get(indexed["state"])
+        found.check(f"{what}: deadline", indexed[running] if running else 0, kept.deadline)
+        waiting = indexed["proof_sha256"] if indexed["state"] == "submitted" else "0x" + "00" * 32
+        found.check(f"{what}: proof", waiting, "0x" + kept.proof_hash.hex())
+        found.check(f"{what}: price", Decimal(indexed["price_iec"] or 0), from_wei(kept.price))
+        provider = services[kept.service_id]["provider"] if kept.service_id else None
+        found.check(f"{what}: executor", indexed["executor"], provider)
+    _compare_money_and_rules(found, state, client)
+    return found
+
+
+def _compare_money_and_rules(
+    found: _Differences, state: Callable[..., dict[str, Any]], client: ChainClient
+) -> None:
+    wallets = state("wallets")
+    found.check("supply", Decimal(wallets["supply_iec"]), from_wei(client.total_supply()))
+    for entry in wallets["wallets"]:
+        found.check_iec(f"{entry['name']}: balance", entry["balance_iec"], client.balance(entry["address"]))
+        found.check_iec(f"{entry['name']}: owed", entry["owed_iec"], client.owed(entry["address"]))
+    for device in state("devices")["devices"]:
+        what, kept = f"device {device['address']}", client.device(device["address"])
+        found.check_record(what, device, kept, without={"registered_at", "revoked_at"})
+        found.check(f"{what}: registered", device["registered"], kept.registered_at)
+        found.check(f"{what}: revoked", device["revoked"] or 0, kept.revoked_at)
+    rules = state("organization")
+    policies = {client.deployment.contracts[one]: one.name.lower() for one in Policy}
+    found.check("policy", rules["policy"], policies[client.policy()])
+    found.check("members only", rules["members_only"], client.members_only())
+    found.check_record("terms", rules["terms"], client.terms())
+    for kind in rules["kinds"]:
+        found.check_record(f"kind {kind['kind']}", kind, client.kind(kind["kind"]))
+    holders = {one["address"] for held in rules["roles"].values() for one in held}
+    for role in Role:
+        held = {one["address"] for one in rules["roles"].get(role, [])}
+        found.check(f"{role}", held, {address for address in holders if client.has_role(role, address)})
+    for person in state("participants")["participants"]:
+        member = client.has_role(Role.MEMBER, person["address"])
+        found.check(f"{person['name']}: member", person["member"], member)
+        found.check_iec(person["name"], person["balance_iec"], client.balance(person["address"]))
+
+
+class _Differences(list[str]):
+    def check(self, what: str, indexed: Any, kept: Any) -> None:
+        if indexed != kept:
+            self.append(f"{what}: {indexed!r} in the index, {kept!r} in the contracts")
+
+    def check_iec(self, what: str, indexed: str, kept_wei: int) -> None:
+        self.check(what, indexed, f"{from_wei(kept_wei):f}")
+
+    def check_record(
+        self, what: str, indexed: dict[str, Any], kept: Any, without: Collection[str] = ()
+    ) -> None:
+        """Each field of a contract's record, as the index names and writes it."""
+        for name, value in asdict(kept).items():
+            if name in without:
+                continue
+            if f"{name}_iec" in indexed:
+                self.check_iec(f"{what}: {name}", indexed[f"{name}_iec"], value)
+            elif f"{name}_s" in indexed:
+                self.check(f"{what}: {name}", indexed[f"{name}_s"], value)
+            elif isinstance(value, Enum):
+                self.check(f"{what}: {name}", indexed[name], value.name.lower())
+            else:
+                self.check(f"{what}: {name}", indexed[name] or 0, value)
+
+
+def _pages(state: Callable[..., dict[str, Any]], what: str) -> list[dict[str, Any]]:
+    rows: list[dict[str, Any]] = []
+    while page := state(what, limit=_PAGE, offset=len(rows))[what]:
+        rows += page
+    return rows
