@@ -137,7 +137,7 @@ def faults(
     victims = list(KILLED) * kills
     chance.shuffle(victims)
     # Never after so many answers that those in flight could be the last.
-    moments = sorted(chance.choices(range(1, _COMMANDS * tasks - at_once), k=len(victims)))
+    moments = sorted(chance.sample(range(1, _COMMANDS * tasks - at_once), len(victims)))
     killed: Counter[str] = Counter()
     with _Site(backend, at_once=at_once, moments=deque(moments), limit_s=limit_s) as site:
         for number in range(at_once):

@@ -15,6 +15,10 @@ DESCENDER = bytes.fromhex("5f5f5f5f5f305af100")
 """Calls itself with all gas that is left, as deep as the rules allow."""
 
 
+THRIFTY = bytes.fromhex("620186a05a10600a57005b5f5ffd")
+"""Reverts where fewer than 100,000 gas are left, and uses next to none."""
+
+
 def creation(runtime: bytes) -> bytes:
     """Init code that installs `runtime`: PUSH1 length, DUP1, PUSH1 11, PUSH1 0, CODECOPY, PUSH1 0, RETURN."""
     return bytes([0x60, len(runtime), 0x80, 0x60, 11, 0x60, 0, 0x39, 0x60, 0, 0xF3]) + runtime

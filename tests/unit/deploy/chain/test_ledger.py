@@ -18,7 +18,7 @@ from deploy.chain.errors import (
     WrongGenesis,
 )
 from tests.support.chain import GENESIS_S, EmbeddedChain
-from tests.support.evm import BURNER, error_string
+from tests.support.evm import BURNER, THRIFTY, error_string
 
 SINK = "0x" + "11" * 20
 DEV_KEY = "0xac0974bec39a17e36ba4a6b4d238ff944bacb478cbed5efcae784d7bf4f2ff80"
@@ -227,3 +227,10 @@ def test_an_estimate_is_enough_and_close(chain: EmbeddedChain, logger: str) -> N
     receipt = chain.send(to=logger, data=data, gas=hex(estimate))
     assert receipt["status"] == "0x1"
     assert estimate <= int(receipt["gasUsed"], 16) * 1.2
+
+
+def test_an_estimate_is_enough_for_code_that_asks_for_more_gas_than_it_uses(chain: EmbeddedChain) -> None:
+    thrifty = chain.create(THRIFTY)
+    estimate = int(chain("eth_estimateGas", {"to": thrifty, "data": "0x01"}), 16)
+    assert chain.send(to=thrifty, data="0x01", gas=hex(estimate))["status"] == "0x1"
+    assert int(chain.send(to=thrifty, data="0x01", gas=hex(estimate * 9 // 10))["status"], 16) == 0
