@@ -23,9 +23,8 @@ from typing import Self
 from deploy.processes import Process, processes_of
 from rodeo.config import Site
 from rodeo.errors import RodeoError
-from rodeo.service import PARENT_VARIABLE, lock_holder, lock_instance
+from rodeo.instance import PARENT_VARIABLE, lock_holder, lock_instance
 from rodeo.tls import is_closed
-from rodeo.wallets import ensure_wallets
 
 log = logging.getLogger(__name__)
 
@@ -196,6 +195,9 @@ class Launcher:
 def make_keys(site: Site) -> None:
     """Make what is missing: wallets of a local chain, certificates of a closed bus."""
     if site.chain.backend != "external":
+        # Imported here: the curves behind wallets take half a second, and most commands need none.
+        from rodeo.wallets import ensure_wallets
+
         ensure_wallets(site)
     if is_closed(site):
         # Imported here: an open bus needs no cryptography.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import ctypes
 import faulthandler
-import fcntl
 import logging
 import os
 import signal
@@ -14,30 +13,30 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import zenoh
-from eth_account.signers.local import LocalAccount
 
-from rodeo import logs, wallets
+from rodeo import logs
 from rodeo.bus import Bus, Request
 from rodeo.clock import Clock, SimClock, WallClock
 from rodeo.config import Site
 from rodeo.errors import (
-    AlreadyRunning,
     BusUnavailable,
     ClockUnavailable,
     Interrupted,
     KeystoreMissing,
     RodeoError,
 )
+from rodeo.instance import HEARTBEAT_S, PARENT_VARIABLE, lock_instance
 from rodeo.messages import Status
 from rodeo.metrics import BUS_CONNECTED, NOT_READY, READY, MetricsServer
 from rodeo.tls import identity
 
-log = logging.getLogger(__name__)
+if TYPE_CHECKING:
+    from eth_account.signers.local import LocalAccount
 
-HEARTBEAT_S = 1.0
+log = logging.getLogger(__name__)
 
 
 class Service:
@@ -120,6 +119,9 @@ class Service:
 
         Raises WalletError when it cannot be opened and Interrupted when stopped before.
         """
+        # Imported here: the curves behind wallets take half a second, and not every process signs.
+        from rodeo import wallets
+
         while not self.stop.is_set():
             try:
                 return wallets.load(self.site, name)
@@ -189,43 +191,6 @@ class Service:
             self.bus.put_json(key, self.status())
 
 
-def lock_instance(data_dir: Path) -> int:
-    """Hold `data_dir` for this process alone; the kernel lets go of it however the process ends.
-
-    Returns the descriptor that holds the lock. Raises AlreadyRunning.
-    """
-    data_dir.mkdir(parents=True, exist_ok=True)
-    path = data_dir / "lock"
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        pid = os.read(descriptor, 32).decode().strip()
-        os.close(descriptor)
-        raise AlreadyRunning(
-            f"{data_dir.name} is already running on this site as process {pid}", data_dir=str(data_dir)
-        ) from error
-    os.ftruncate(descriptor, 0)
-    os.write(descriptor, str(os.getpid()).encode())
-    return descriptor
-
-
-def lock_holder(data_dir: Path) -> int | None:
-    """The process that holds `data_dir`, or None."""
-    try:
-        descriptor = os.open(data_dir / "lock", os.O_RDONLY)
-    except FileNotFoundError:
-        return None
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return int(os.read(descriptor, 32) or 0) or None
-    else:
-        return None
-    finally:
-        os.close(descriptor)
-
-
 def main(name: str, run: Callable[[Site, threading.Event], None], description: str) -> int:
     """The body of every `__main__.py`: arguments -> site -> `run(site, stop)`; returns the exit status."""
     parser = argparse.ArgumentParser(prog=name, description=description)
@@ -233,9 +198,6 @@ def main(name: str, run: Callable[[Site, threading.Event], None], description: s
     arguments = parser.parse_args()
     return supervise(name, lambda stop: run(Site.load(arguments.site), stop))
 
-
-PARENT_VARIABLE = "RODEO_PARENT"
-"""Set by a launcher to its own process id: the process then ends when that one does, however it ends."""
 
 _PR_SET_PDEATHSIG = 1
 """prctl(2) option: the signal that the kernel sends when the parent dies."""

@@ -19,7 +19,7 @@ from typing import Any
 from deploy.chain.errors import AnvilFailed
 from deploy.chain.server import host_and_port, listen
 from rodeo.errors import AlreadyRunning
-from rodeo.service import lock_instance
+from rodeo.instance import lock_instance
 
 log = logging.getLogger(__name__)
 

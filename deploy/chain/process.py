@@ -18,7 +18,8 @@ from deploy.chain.store import Store
 from rodeo.clock import Clock, WallClock
 from rodeo.config import Site
 from rodeo.errors import ClockUnavailable
-from rodeo.service import HEARTBEAT_S, Service, lock_instance
+from rodeo.instance import HEARTBEAT_S, lock_instance
+from rodeo.service import Service
 
 log = logging.getLogger(__name__)
 

@@ -26,8 +26,8 @@ from rodeo.bus import Bus, validate
 from rodeo.cli.common import DEFAULT_SITE, JsonOption, SiteOption, console, print_json, reports_errors
 from rodeo.config import Site
 from rodeo.errors import BusUnavailable, RodeoError
+from rodeo.instance import HEARTBEAT_S, lock_holder
 from rodeo.messages import Status
-from rodeo.service import HEARTBEAT_S, lock_holder
 from rodeo.tls import OPERATOR, identity
 
 LOST_S = 3 * HEARTBEAT_S

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import threading
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rodeo import wallets
 from rodeo.bus import Bus
 from rodeo.cli.common import DEFAULT_SITE, SiteOption, connected, console, reports_errors
 from rodeo.clock import Clock, SimClock, WallClock
 from rodeo.config import Site
-from rodeo.dao import Participant
 from rodeo.errors import ClockUnavailable, InvalidRequest
-from rodeo.evidence import statement
-from rodeo.evidence.statement import Executor
+
+if TYPE_CHECKING:
+    from rodeo.evidence.statement import Executor
 
 AsOption = Annotated[
     str | None, typer.Option("--as", help="The participant; the site's only other one by default.")
@@ -76,6 +75,9 @@ def judge(
     participant: Annotated[str, typer.Option("--as", help="The auditor.")] = "organization",
 ) -> None:
     """Judge a submitted proof as an auditor, for kinds of task that the oracle does not decide."""
+    from rodeo.dao import Participant  # takes its time to import, as in _executor
+    from rodeo.evidence import statement
+
     with connected(site) as (loaded, bus):
         statement.judge(loaded, Participant(bus, loaded.org, participant), task_id, accepted, reason)
     console.print(f"task {task_id} {'accepted' if accepted else 'rejected'}")
@@ -91,6 +93,11 @@ def _name(site: Site, participant: str | None) -> str:
 
 
 def _executor(site: Site, bus: Bus, participant: str | None) -> Executor:
+    # Signing and sealing take their time to import; the other commands should not wait for them.
+    from rodeo import wallets
+    from rodeo.dao import Participant
+    from rodeo.evidence.statement import Executor
+
     name = _name(site, participant)
     account = wallets.load(site, name)
     return Executor(site, Participant(bus, site.org, name), account, _clock(site, bus))

@@ -22,10 +22,10 @@ from rodeo import topics
 from rodeo.bus import Bus, DaoEvents, validate
 from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError, RodeoError
+from rodeo.instance import HEARTBEAT_S
 from rodeo.messages import DaoEvent, Status, Task
 from rodeo.ros2 import types, wire
 from rodeo.ros2.errors import MalformedMessage
-from rodeo.service import HEARTBEAT_S
 from services.console.reads import Reads
 from services.console.scene import ARM_JOINTS, arm_points, yaw_of
 

@@ -17,8 +17,8 @@ from web3.types import Wei
 
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, RemoteError
+from rodeo.instance import PARENT_VARIABLE
 from rodeo.messages import RegisterService, RegisterTask, Transfer
-from rodeo.service import PARENT_VARIABLE
 from tests.support.dao import PARAMS, Dao
 from tests.support.site import RunningSite, readyz, write_site
 

@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 from deploy.processes import PROCESSES
 from rodeo.cli import app
 from rodeo.config import Site
-from rodeo.service import lock_holder
+from rodeo.instance import lock_holder
 from tests.support.site import RunningSite, write_site
 
 RODEO = (sys.executable, "-m", "rodeo")

@@ -15,11 +15,11 @@ from typing import Any
 import pytest
 
 from rodeo.bus import DaoEvents
+from rodeo.instance import PARENT_VARIABLE
 from rodeo.lab.items import shape_of
 from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import robot_model
 from rodeo.messages import DaoEvent
-from rodeo.service import PARENT_VARIABLE
 from tests.support.site import RunningSite, write_site
 
 WAIT_S = 170.0

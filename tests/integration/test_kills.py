@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rodeo.config import Site
-from rodeo.service import lock_holder
+from rodeo.instance import lock_holder
 from tests.integration.test_demo import LIMIT_S, start_demo
 from tests.support.site import WAIT_S
 
@@ -23,27 +23,27 @@ ASSIGNED, PROOF, CHARGING = "assigned to panther1", "proof submitted", "assigned
 @pytest.mark.parametrize(
     "kills",
     [
-        [("robot_sim", ASSIGNED), ("oracle", PROOF), ("charger", CHARGING)],
-        [("router", ASSIGNED), ("bridge", PROOF), ("robot_agent", CHARGING)],
-        [("itrash", ASSIGNED), ("chain", PROOF)],
+        {ASSIGNED: ["robot_sim", "itrash"], PROOF: ["oracle"], CHARGING: ["charger"]},
+        {ASSIGNED: ["router"], PROOF: ["bridge", "chain"], CHARGING: ["robot_agent"]},
     ],
-    ids=lambda kills: "-".join(name for name, _ in kills),
+    ids=["body and judges", "bus, chain and mind"],
 )
 def test_the_tasks_finish_although_processes_are_killed(
-    tmp_path: Path, chain_backend: str, kills: list[tuple[str, str]]
+    tmp_path: Path, chain_backend: str, kills: dict[str, list[str]]
 ) -> None:
     out = tmp_path / "demo"
     demo = start_demo(out, chain_backend)
     assert demo.stdout is not None
     lines = []
-    waiting = list(kills)
+    waiting = dict(kills)
     for line in demo.stdout:
         lines.append(line)
-        if waiting and waiting[0][1] in line:
-            # In the middle of what follows, not at its very start.
-            threading.Timer(2.0, _kill, (out, waiting.pop(0)[0])).start()
+        for text in [text for text in waiting if text in line]:
+            for number, name in enumerate(waiting.pop(text), 1):
+                # In the middle of what follows, not at its very start.
+                threading.Timer(2.0 * number, _kill, (out, name)).start()
     assert demo.wait(timeout=WAIT_S) == 0, "".join(lines)
-    assert waiting == []
+    assert waiting == {}
     tasks = json.loads((out / "summary.json").read_text())["tasks"]
     assert [task["state"] for task in tasks] == ["settled", "settled"]
 

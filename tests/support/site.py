@@ -20,8 +20,8 @@ from deploy.processes import processes_of
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.errors import BusError
+from rodeo.instance import PARENT_VARIABLE
 from rodeo.messages import Status
-from rodeo.service import PARENT_VARIABLE
 from rodeo.tls import OPERATOR, identity
 from rodeo.wallets import ensure_wallets
 
