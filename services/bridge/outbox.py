@@ -60,7 +60,10 @@ _MARKET_S = 2.0
 """Wall time for which the fees that the chain asked for are taken to hold."""
 
 _ATTEMPTS = 3
-"""Times that a transaction is made anew because its nonce went to one from elsewhere."""
+"""Times that a transaction is made: its nonce may go to one from elsewhere, or the chain ask for more."""
+
+_TOO_CHEAP = ("base fee", "underpriced")
+"""What refusals of a fee say, of geth and of those that word theirs alike."""
 
 _DAY_S = 24 * 3600
 
@@ -446,10 +449,9 @@ class Outbox:
         is_last = entry.nonce == self._after(wallet) - 1
         if any(isinstance(one, dict) for one in known) or not is_last or entry.replaced:
             return
-        self._journal.forget(entry)
-        self._release(job)
-        wallet.next_nonce = None
-        self._fail(job, error)
+        self._market = None  # it may ask for more than a moment ago
+        if not (any(word in reason for word in _TOO_CHEAP) and self._make_anew(job)):
+            self._forget(job, error)
 
     # outcomes
 
@@ -548,24 +550,34 @@ class Outbox:
             self._send(again)
 
     def _nonce_went_elsewhere(self, job: _Job) -> None:
-        entry, wallet = _entry_of(job), self._wallets[_entry_of(job).wallet]
+        entry = _entry_of(job)
+        log.warning("%s: nonce of %s went elsewhere", entry.wallet, entry.command, extra=_extra(job))
+        if not self._make_anew(job):
+            lost = TransactionDropped("its nonce went to another transaction", tx_hash=entry.tx_hash)
+            self._forget(job, lost)
+
+    def _make_anew(self, job: _Job) -> bool:
+        """Sign it again, with another nonce and fee, before all that waits; False where that is no use."""
+        wallet = self._wallets[_entry_of(job).wallet]
+        if wallet.account is None or job.attempt == _ATTEMPTS:
+            return False
         self._release(job)
         wallet.next_nonce = None
-        if wallet.account is None or job.attempt == _ATTEMPTS:
-            self._journal.forget(entry)
-            self._fail(
-                job, TransactionDropped("its nonce went to another transaction", tx_hash=entry.tx_hash)
-            )
-            return
-        log.warning(
-            "%s: nonce of %s went elsewhere; making it anew", wallet.name, entry.command, extra=_extra(job)
-        )
         job.attempt += 1
         job.sent_s = 0.0
         with self._lock:
             self._remember(job)
             wallet.queue.appendleft(job)
         self._wake.set()
+        return True
+
+    def _forget(self, job: _Job, error: RodeoError) -> None:
+        """It can never be mined, and whoever waits is told."""
+        entry = _entry_of(job)
+        self._journal.forget(entry)
+        self._release(job)
+        self._wallets[entry.wallet].next_nonce = None
+        self._fail(job, error)
 
     def _raise_fee(self, job: _Job) -> None:
         entry, wallet = _entry_of(job), self._wallets[_entry_of(job).wallet]

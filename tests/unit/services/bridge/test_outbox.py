@@ -184,6 +184,24 @@ def test_an_error_instead_of_taking_it_is_told_and_forgotten(robot: Robot) -> No
     assert robot.paid() == before + 5
 
 
+def test_a_fee_that_is_too_low_by_the_time_it_is_sent_is_decided_anew(robot: Robot) -> None:
+    before = robot.paid()
+    refused: list[str] = []
+
+    def ask_for_more_once(method: str, params: Sequence[Any], answer: Answer) -> Any:
+        if method == SEND and len(refused) < 2:
+            refused.append(params[0])
+            raise TransactionRejected("max fee per gas less than block base fee")
+        return answer(method, params)
+
+    robot.chain.node.fault = ask_for_more_once
+    both = [robot.outbox.submit(robot.order(amount, f"{amount}")) for amount in (5, 6)]
+    blocks = [robot.outcome(future)["block"] for future in both]
+    assert len(refused) == 2 and blocks == sorted(blocks)
+    assert robot.paid() == before + 11
+    assert robot.waiting() == 0
+
+
 def test_a_transaction_that_the_node_forgets_is_sent_again(robot: Robot) -> None:
     before = robot.paid()
     sent = 0
