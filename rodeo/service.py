@@ -161,7 +161,7 @@ class Service:
         with self._lock:
             reason = self._reason
             if self._ready and self._ready_until_s is not None and time.monotonic() > self._ready_until_s:
-                reason = "it hangs: whatever it waits for has not come"
+                reason = "it hangs: by now it should have said that it still works"
             if not connected:
                 reason = f"no router at {self.site.bus.router}"
             ready = self._ready and not reason

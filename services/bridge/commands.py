@@ -163,7 +163,7 @@ class Wallet:
 
     def _parse(self, name: str, data: dict[str, Any]) -> tuple[Command, Build]:
         if name not in _COMMANDS:
-            raise UnknownCommand("no such command", command=name, known=sorted(_COMMANDS))
+            raise UnknownCommand("no such command", command=name, known=sorted(KNOWN))
         model, build = _COMMANDS[name]
         return validate(model, data), build
 

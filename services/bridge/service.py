@@ -396,7 +396,9 @@ class _Asked:
         COMMANDS.labels(self.command, outcome).observe(time.perf_counter() - self.since_s)
         if error is not None:
             FAILURES.labels(outcome).inc()
-            log.info("%s: no %s: %s", self.participant, self.command, error, extra={"task": self.task_id})
+            log.info(
+                "%s: %s was refused: %s", self.participant, self.command, error, extra={"task": self.task_id}
+            )
 
 
 def _expire(wallet: Wallet, task_id: int) -> None:
