@@ -24,12 +24,15 @@ RETRIED_S = 150.0
 
 @pytest.fixture(scope="module")
 def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
-    """One organization for the tests that leave it as they found it: no open task, one idle cleaner."""
+    """One organization for the tests that leave it as they found it: a settled task, one idle cleaner."""
     running = RunningSite(write_site(tmp_path_factory.mktemp("dao"), chain_backend))
     organization = Dao(running)
     try:
         organization.start()
         organization.command("panther1", "register_service", kind=CLEANING, price_iec="100")
+        first = organization.post()
+        organization.prove(first)
+        organization.judge(first, accepted=True)
         yield organization
     finally:
         organization.stop()
