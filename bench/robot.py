@@ -153,7 +153,7 @@ def _running(extra: str) -> Iterator[tuple[Site, Bus, SimClock, int]]:
 def _speed(site: Site, bus: Bus, clock: SimClock, pid: int) -> dict[str, float]:
     node = Node(bus.session, "bench", "", site.bus.domain_id, clock)
     received = itertools.count()
-    lock = threading.Lock()
+    lock, over = threading.Lock(), threading.Event()
     with tempfile.TemporaryDirectory(prefix="rodeo-bench-") as folder:
         recorder = Recorder(Path(folder, "proof.mcap"), _BINDING, Account.create(), clock)
 
@@ -162,9 +162,11 @@ def _speed(site: Site, bus: Bus, clock: SimClock, pid: int) -> dict[str, float]:
                 next(received)
                 if topic.recorded:
                     with lock:
-                        recorder.write_ros(
-                            name, topic.type, info.cdr, clock.now_ns(), info.source_time_ns, info.sequence
-                        )
+                        # A message may still be on its way through a node that is closed.
+                        if not over.is_set():
+                            recorder.write_ros(
+                                name, topic.type, info.cdr, clock.now_ns(), info.source_time_ns, info.sequence
+                            )
 
             return on_message
 
@@ -192,6 +194,8 @@ def _speed(site: Site, bus: Bus, clock: SimClock, pid: int) -> dict[str, float]:
             "sim_core_percent": 100 * (_cpu_s(pid) - cpu_s) / spent_s,
         }
         node.close()
+        with lock:
+            over.set()
         recorder.close()
     return figures
 
