@@ -13,7 +13,7 @@ from rodeo.lab.world import ARM_JOINTS, CAMERA_SITE, FINGER_JOINTS
 from rodeo.ros2 import DEFAULT, LATCHED, MessageInfo, Node, Publisher, types
 from services.robot_sim import messages
 from services.robot_sim.camera import BinCamera, WristCamera
-from services.robot_sim.entities import UnknownEntity
+from services.robot_sim.entities import EntityState, UnknownEntity
 from services.robot_sim.frames import RobotFrames, odom_in_map
 from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
@@ -104,20 +104,31 @@ class LabPlane:
         return types.new("std_srvs/srv/SetBool_Response", success=True)
 
     def _set_entity_state(self, request: Any) -> Any:
-        frame, pose = request.state.header.frame_id, request.state.pose
-        position_m = np.array([pose.position.x, pose.position.y, pose.position.z])
-        turn = pose.orientation
-        quat_wxyz = np.array([turn.w, turn.x, turn.y, turn.z])
-        norm = float(np.linalg.norm(quat_wxyz))
+        frame = request.state.header.frame_id
         if frame not in ("", "map", "world"):
             return _entity_result(_OPERATION_FAILED, f"poses are in the frame map, not {frame!r}")
-        if not (np.isfinite(position_m).all() and math.isfinite(norm) and norm > 0):
-            return _entity_result(_OPERATION_FAILED, "not a pose")
+        state = _entity_state(request.state)
+        if state is None:
+            return _entity_result(_OPERATION_FAILED, "not a pose or not a speed")
         try:
-            self._loop.call(lambda: self._simulation.place(request.entity, position_m, quat_wxyz / norm))
+            self._loop.call(lambda: self._simulation.place(request.entity, state))
         except UnknownEntity as error:
             return _entity_result(_NOT_FOUND, str(error))
         return _entity_result(_OK)
+
+
+def _entity_state(state: Any) -> EntityState | None:
+    """From a simulation_interfaces/EntityState; None for what is none."""
+    at, turn, twist, stamp = state.pose.position, state.pose.orientation, state.twist, state.header.stamp
+    quat_wxyz = np.array([turn.w, turn.x, turn.y, turn.z])
+    norm = float(np.linalg.norm(quat_wxyz))
+    position_m, linear_m_s, angular_rad_s = vectors = np.array([
+        [vector.x, vector.y, vector.z] for vector in (at, twist.linear, twist.angular)
+    ])  # fmt: skip
+    if not (np.isfinite(vectors).all() and math.isfinite(norm) and norm > 0):
+        return None
+    time_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+    return EntityState(position_m, quat_wxyz / norm, linear_m_s, angular_rad_s, time_ns)
 
 
 _OK, _NOT_FOUND, _OPERATION_FAILED = 1, 2, 4

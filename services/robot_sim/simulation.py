@@ -22,7 +22,7 @@ from rodeo.lab.world import (
 )
 from services.robot_sim.arm import ArmDriver, GripperDriver
 from services.robot_sim.battery import Battery, Supply
-from services.robot_sim.entities import Entities
+from services.robot_sim.entities import Entities, EntityState
 from services.robot_sim.frames import Transform, lab_frames
 from services.robot_sim.navigation import BaseDriver
 from services.robot_sim.odometry import Odometry
@@ -173,6 +173,7 @@ class Simulation:
             if look:
                 robot.watch(self.map)
             robot.step(now_s)
+        self.entities.advance(self.model, self.data, self.time_ns + PERIOD_NS)
         mujoco.mj_step(self.model, self.data, nstep=CONTROL_STEPS)
         self.time_ns += PERIOD_NS
         for robot in self.robots.values():
@@ -224,12 +225,9 @@ class Simulation:
     def lab_frames(self) -> list[Transform]:
         return lab_frames(self.model, [self.site.bin.name, self.site.dock.name])
 
-    def place(self, entity: str, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
-        """Put an item, an obstacle or a robot that is not simulated somewhere, at rest.
-
-        Raises UnknownEntity.
-        """
-        self.entities.place(self.model, self.data, entity, position_m, quat_wxyz)
+    def place(self, entity: str, state: EntityState) -> None:
+        """Put an item, an obstacle or a robot that is not simulated somewhere. Raises UnknownEntity."""
+        self.entities.place(self.model, self.data, entity, state, self.time_ns)
 
     def items_on_floor(self) -> list[tuple[float, float]]:
         """Where items lie that a base has to drive around."""

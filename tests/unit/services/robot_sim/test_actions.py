@@ -17,6 +17,7 @@ from rodeo.config import ClockConfig, Site
 from rodeo.ros2 import LATCHED, ActionClient, Node, types
 from rodeo.ros2.errors import GoalAborted
 from services.robot_sim.actions import Actions
+from services.robot_sim.entities import EntityState
 from services.robot_sim.loop import Loop
 from services.robot_sim.simulation import SimRobot, Simulation
 from services.robot_sim.state import StateFile
@@ -60,7 +61,7 @@ class Bench:
         pass
 
     def place(self, name: str, x_m: float, y_m: float) -> None:
-        self._loop.call(lambda: self.simulation.place(name, np.array([x_m, y_m, 0.0]), UPRIGHT))
+        self._loop.call(lambda: self.simulation.place(name, EntityState(np.array([x_m, y_m, 0.0]), UPRIGHT)))
 
     def drive(self, x_m: float, y_m: float, feedback: Callable[[Any], None] | None = None) -> Any:
         pose = types.new("geometry_msgs/msg/PoseStamped")
@@ -102,7 +103,7 @@ def test_a_route_that_is_blocked_on_the_way_is_planned_anew_and_published(bench:
         nonlocal closest_m
         pose = bench.robot.body.pose
         if pose.x_m > 1.7 and math.isinf(closest_m):
-            bench.simulation.place("obstacle1", np.array([2.9, 0.75, 0.0]), UPRIGHT)
+            bench.simulation.place("obstacle1", EntityState(np.array([2.9, 0.75, 0.0]), UPRIGHT))
             closest_m = math.dist((pose.x_m, pose.y_m), (2.9, 0.75))
         elif not math.isinf(closest_m):
             closest_m = min(closest_m, math.dist((pose.x_m, pose.y_m), (2.9, 0.75)))
@@ -125,7 +126,7 @@ def test_a_robot_waits_for_a_way_that_becomes_free_again(bench: Bench) -> None:
 
     def leave() -> None:
         if bench.simulation.time_s > leaves_s:
-            bench.simulation.place("obstacle2", np.array([0.0, 0.0, -10.0]), UPRIGHT)
+            bench.simulation.place("obstacle2", EntityState(np.array([0.0, 0.0, -10.0]), UPRIGHT))
 
     bench.each_period = leave
     assert bench.drive(4.6, 1.3).result(WALL_LIMIT_S).error_code == 0

@@ -11,6 +11,7 @@ from rodeo.lab.config import BatteryConfig, RobotConfig
 from rodeo.lab.layout import BinLayout, dock_parking
 from services.robot_sim.arm import Grip
 from services.robot_sim.camera import RENDERINGS, StoredCamera
+from services.robot_sim.entities import EntityState
 from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS, SimRobot, Simulation
 from services.robot_sim.snapshot import Snapshot
 from tests.support.site import LAB
@@ -87,7 +88,7 @@ def test_the_same_site_has_the_same_fingerprint_and_another_has_not() -> None:
 
 def test_an_obstacle_that_is_put_into_the_lab_is_solid_also_after_a_restart() -> None:
     first, second = Simulation(Site.load(LAB), START_NS), Simulation(Site.load(LAB), START_NS)
-    first.place("obstacle1", np.array([2.2, 1.3, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]))
+    first.place("obstacle1", EntityState(np.array([2.2, 1.3, 0.0]), np.array([1.0, 0.0, 0.0, 0.0])))
     second.restore(first.time_ns, first.row())
     assert second.fingerprint == first.fingerprint
     for simulation in (first, second):

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from rodeo.config import Site
-from rodeo.lab.config import Pose2
-from services.robot_sim.entities import UnknownEntity
+from rodeo.lab.config import Pose2, RobotConfig
+from services.robot_sim.entities import EntityState, UnknownEntity
 from services.robot_sim.navigation import Drive
 from services.robot_sim.planner import Map, plan
 from services.robot_sim.simulation import SimRobot, Simulation
+from services.robot_sim.snapshot import Snapshot
 from services.robot_sim.surroundings import blocked
 from tests.support.site import LAB
 
@@ -35,7 +36,7 @@ def test_nothing_is_unknown_in_a_lab_as_it_is_mapped(simulation: Simulation, rob
 
 
 def test_an_obstacle_is_seen_where_it_stands(simulation: Simulation, robot: SimRobot) -> None:
-    simulation.place("obstacle1", np.array([2.6, 1.6, 0.0]), UPRIGHT)
+    simulation.place("obstacle1", EntityState(np.array([2.6, 1.6, 0.0]), UPRIGHT))
     points = robot.unmapped(simulation.map)
     assert len(points) > 5
     assert np.linalg.norm(points - (2.6, 1.6), axis=1).max() < 0.4
@@ -49,7 +50,7 @@ def test_a_drive_stops_before_an_obstacle_and_another_route_leads_around_it(
     robot.base.follow(drive)
     while robot.body.pose.x_m < 1.6:
         simulation.step()
-    simulation.place("obstacle1", np.array([2.9, 0.75, 0.0]), UPRIGHT)
+    simulation.place("obstacle1", EntityState(np.array([2.9, 0.75, 0.0]), UPRIGHT))
     for _ in range(20):
         simulation.step()
     assert drive.was_blocked and not drive.error
@@ -80,7 +81,7 @@ def test_what_stands_beside_the_way_does_not_block_it() -> None:
 def test_an_item_that_is_put_somewhere_falls_to_the_floor_there(simulation: Simulation) -> None:
     for _ in range(100):
         simulation.step()
-    simulation.place("item1", np.array([3.0, 1.0, 0.5]), UPRIGHT)
+    simulation.place("item1", EntityState(np.array([3.0, 1.0, 0.5]), UPRIGHT))
     for _ in range(60):
         simulation.step()
     position_m, _ = simulation.item_pose("item1")
@@ -88,7 +89,43 @@ def test_an_item_that_is_put_somewhere_falls_to_the_floor_there(simulation: Simu
     assert 0.0 < position_m[2] < 0.1
 
 
+def test_what_is_not_simulated_goes_on_as_it_was_said_to_move() -> None:
+    """Motion capture sees a robot drive that says only now and then, and late, where it was."""
+    arthur = RobotConfig(name="arthur", body="ros2", pose=Pose2(x_m=3.0, y_m=1.5))
+    simulation = Simulation(Site.load(LAB).model_copy(update={"robots": [arthur]}), 10**18)
+    seen = Snapshot(simulation)
+
+    def x_m() -> float:
+        seen.take()
+        return float(dict(seen.captured_poses())["arthur"][0])
+
+    speed_m_s, start_ns, way_m = np.array([0.5, 0.0, 0.0]), simulation.time_ns, []
+    for period in range(20):
+        if period % 3 == 0:
+            late_s = 0.02 * (period % 2 + 1)
+            then_s = (simulation.time_ns - start_ns) * 1e-9 - late_s
+            place_m = np.array([3.0 + 0.5 * then_s, 1.5, 0.0])
+            time_ns = start_ns + round(then_s * 1e9)
+            simulation.place("arthur", EntityState(place_m, UPRIGHT, speed_m_s, time_ns=time_ns))
+        simulation.step()
+        way_m.append(x_m())
+    assert np.diff(way_m) == pytest.approx(0.01, abs=1e-9)
+    for _ in range(30):
+        simulation.step()
+    rested_m = x_m()
+    simulation.step()
+    assert x_m() == rested_m, "of a robot that is silent nobody knows that it drives on"
+
+
+def test_a_time_of_another_clock_counts_as_now(simulation: Simulation) -> None:
+    lifted = EntityState(np.array([3.0, 1.0, 0.5]), UPRIGHT, np.array([0.0, 0.0, 1.0]), time_ns=5)
+    simulation.place("item1", lifted)
+    assert simulation.item_pose("item1")[0] == pytest.approx((3.0, 1.0, 0.5))
+    simulation.step()
+    assert simulation.item_pose("item1")[0][2] > 0.51, "it flies on upwards"
+
+
 def test_only_what_can_be_moved_can_be_put_somewhere(simulation: Simulation) -> None:
     for name in ("panther1", "desk1", "nonsense"):
         with pytest.raises(UnknownEntity):
-            simulation.place(name, np.zeros(3), UPRIGHT)
+            simulation.place(name, EntityState(np.zeros(3), UPRIGHT))
