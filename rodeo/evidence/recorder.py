@@ -12,11 +12,13 @@ import os
 import queue
 import struct
 import threading
+from array import array
 from dataclasses import dataclass
 from hashlib import file_digest
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from eth_account.signers.local import LocalAccount
 from mcap.writer import Writer
 
@@ -88,6 +90,15 @@ class Tally:
         self.published += step if self.seen and step > 0 else 1
         self.seen += 1
         self._last = sequence
+
+    @classmethod
+    def of(cls, sequences: array[int]) -> Tally:
+        """The same of all of them (uint32) at once."""
+        tally = cls()
+        tally.seen = len(sequences)
+        steps = np.diff(np.frombuffer(sequences, np.uint32).astype(np.int64))
+        tally.published = int(np.maximum(steps, 1).sum()) + bool(tally.seen)
+        return tally
 
     def counts(self) -> dict[str, int]:
         return {"seen": self.seen, "published": self.published}

@@ -28,11 +28,11 @@ from rodeo.evidence.errors import (
 )
 from rodeo.evidence.upload import blocks, upload
 
-_NAME = re.compile(r"^(?P<sha256>[0-9a-f]{64})\.(?P<suffix>mcap|json)$")
+_NAME = re.compile(r"^(?P<sha256>[0-9a-f]{64})\.(?P<suffix>mcap|bag|json)$")
 
 
 class Store:
-    """The site's store for proofs (.mcap) and reports (.json).
+    """The site's store for proofs (.mcap, or .bag where bags are accepted) and reports (.json).
 
     Writes go to `site.store.url`; reads come from there and from `site.store.allowed`.
     """

@@ -1,7 +1,8 @@
 """ROS bags as evidence without a seal: what nobody signed while it was recorded.
 
-ROS 1 `.bag` files and ROS 2 bags (folders) become a `Proof` without binding and signer. What a recording
-of ours holds on a JSON channel is in a bag a std_msgs/String on `/rodeo/event` or `/rodeo/attestation`.
+ROS 1 `.bag` files and ROS 2 bags (folders, or a single `.mcap` or `.db3` of one) become a `Proof` without
+binding and signer. What a recording of ours holds on a JSON channel is in a bag a std_msgs/String on
+`/rodeo/event` or `/rodeo/attestation`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from collections.abc import Callable
 from hashlib import sha256
 from pathlib import Path
 
+from mcap.reader import make_reader
 from rosbags.convert.converter import is_same_wireformat, migrate_bytes
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys.store import Typestore
@@ -19,6 +21,7 @@ from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import CorruptProof, ProofNotFound, ProofTooLarge
 from rodeo.evidence.proof import Proof, TopicMessages
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.evidence.seal import SEAL_TOPIC
 from rodeo.ros2.types import STORE
 
 _JSON = {"/" + channel: channel for channel in (EVENT_CHANNEL, ATTESTATION_CHANNEL)}
@@ -28,7 +31,18 @@ _Convert = Callable[[bytes], bytes]
 
 def is_bag(path: Path) -> bool:
     """Whether `path` looks like a ROS bag rather than like a recording of ours."""
-    return path.is_dir() or path.suffix == ".bag"
+    return path.is_dir() or path.suffix in (".bag", ".db3")
+
+
+def is_never_sealed(path: Path) -> bool:
+    """Whether an MCAP file that is no proof is a recording by another tool rather than a spoilt proof."""
+    try:
+        with path.open("rb") as file:
+            summary = make_reader(file).get_summary()
+    except Exception:  # noqa: BLE001 - the reader raises a dozen unrelated types for what is malformed
+        return False
+    topics = [channel.topic for channel in summary.channels.values()] if summary else []
+    return bool(topics) and SEAL_TOPIC not in topics
 
 
 def open_bag(path: Path, limits: Limits | None = None) -> Proof:

@@ -396,10 +396,15 @@ def _add_item(spec: mujoco.MjSpec, item: ItemConfig) -> None:
         )
 
 
-def _add_robot(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
+def robot_spec(robot: RobotConfig) -> mujoco.MjSpec:
+    """The robot as the lab has it, its base fixed at the origin, names without prefix, open to changes."""
     # A URDF has no actuators and no contact parameters.
     mjcf = robot.kinematics if robot.kinematics and robot.kinematics.suffix == ".xml" else ROBOT_XML
-    child = mujoco.MjSpec.from_file(str(mjcf))
+    return mujoco.MjSpec.from_file(str(mjcf))
+
+
+def _add_robot(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
+    child = robot_spec(robot)
     frame = spec.worldbody.add_frame(pos=[robot.pose.x_m, robot.pose.y_m, 0], quat=_turn(robot.pose.yaw_rad))
     child.body("base_link").add_freejoint(name="base")
     tyres = [geom for geom in child.geoms if geom.contype == ROLLING]

@@ -31,8 +31,8 @@ log = logging.getLogger(__name__)
 
 RETRY_S = 1.0
 """Wall time between attempts to reach the bridge or the store."""
-SIDE_BY_SIDE = max(1, (os.cpu_count() or 1) - 1)
-"""Proofs verified at the same time; one core stays for everybody else."""
+SIDE_BY_SIDE = max(2, (os.cpu_count() or 1) - 1)
+"""Proofs verified at the same time; one core stays for everybody else, but none waits for one that hangs."""
 _PASSING = frozenset({"bridge_not_ready", "chain_unavailable", "transaction_timeout", "rpc_failed"})
 """What the bridge answers while it cannot; everything else is its last word."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -19,9 +20,11 @@ from rodeo.evidence.series import Array, Table
 from rodeo.lab.config import ItemConfig, RobotConfig
 from rodeo.messages import Task
 from rodeo.metering import MeterStatement
+from rodeo.mocap import payload_digest
 from services.oracle.witness import signed
 
 if TYPE_CHECKING:
+    from services.oracle.kinematics import Kinematics
     from services.oracle.replay import Replay, Vote
 
 
@@ -216,13 +219,42 @@ class Case:
         signers = self.signers(role)
         statements = []
         for index, one in enumerate(self._attestations):
-            if all(key in one.payload for key in keys) and (signers is None or one.signer.lower() in signers):
-                if index not in self._genuine:
-                    self._genuine[index] = _genuine(one)
-                if self._genuine[index]:
-                    log_ns = self.proof.topics[ATTESTATION_CHANNEL].log_ns[index]
-                    statements.append(Statement(one.payload, log_ns * 1e-9))
+            known = signers is None or one.signer.lower() in signers
+            if known and all(key in one.payload for key in keys) and self._is_genuine(index):
+                log_ns = self.proof.topics[ATTESTATION_CHANNEL].log_ns[index]
+                statements.append(Statement(one.payload, log_ns * 1e-9))
         return statements
+
+    def _is_genuine(self, index: int) -> bool:
+        """Whether its signer signed it: it, or a later statement that names its digest as the one before."""
+        chain = [index]
+        while (last := chain[-1]) not in self._genuine:
+            later = self._following(last)
+            if later is None:
+                self._genuine[last] = _genuine(self._attestations[last])
+            else:
+                chain.append(later)
+        for one, later in pairwise(reversed(chain)):
+            self._genuine[later] = self._genuine[one] or _genuine(self._attestations[later])
+        return self._genuine[index]
+
+    def _following(self, index: int) -> int | None:
+        """The later statement of the same signer that names this one's digest."""
+        one = self._attestations[index]
+        try:
+            later = self._naming.get((one.signer, payload_digest(one.payload)), 0)
+        except BadAttestation:
+            return None
+        return later if later > index else None
+
+    @cached_property
+    def _naming(self) -> dict[tuple[str, str], int]:
+        """Signer and digest of the statement before -> the statement that names it."""
+        return {
+            (one.signer, str(one.payload["previous"])): index
+            for index, one in enumerate(self._attestations)
+            if one.payload.get("previous") is not None
+        }
 
     @cached_property
     def meter_statements(self) -> list[MeterStatement]:
@@ -251,6 +283,13 @@ class Case:
                 else np.ones(len(poses), bool)  # a bag is believed in everything or in nothing
             )
         return self._witnessed[body]
+
+    @cached_property
+    def kinematics(self) -> Kinematics:
+        """Where the recorded links were; raises CaseError when base and joints do not tell."""
+        from services.oracle.kinematics import Kinematics
+
+        return Kinematics(self)
 
     @cached_property
     def replay(self) -> Replay:
@@ -286,8 +325,13 @@ def _poses(table: Table) -> tuple[Array, Array]:
 
 def _pose(table: Table) -> Pose:
     position_m, quaternion = _poses(table)
+    return Pose(increasing(table), position_m, continuous(quaternion))
+
+
+def continuous(quaternion: Array) -> Array:
+    """(n, 4) the same rotations, each quaternion closer to the one before than to its opposite."""
     flips = np.cumprod(np.where((quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0, -1.0, 1.0))
-    return Pose(increasing(table), position_m, quaternion * np.concatenate([[1.0], flips])[:, None])
+    return np.asarray(quaternion * np.concatenate([[1.0], flips])[:, None])
 
 
 def increasing(table: Table) -> Array:

@@ -8,7 +8,17 @@ from pathlib import Path
 from rodeo.config import Site
 from rodeo.dao import CLEANING
 from rodeo.errors import RodeoError
-from rodeo.evidence import EvidenceError, Limits, Store, is_bag, open_bag, open_proof
+from rodeo.evidence import (
+    EvidenceError,
+    Limits,
+    Proof,
+    Store,
+    is_bag,
+    is_never_sealed,
+    open_bag,
+    open_proof,
+)
+from rodeo.evidence.errors import CorruptProof, SealError
 from services.oracle.case import Case, CaseError, Ledger
 from services.oracle.checks import CHECKS, STATEMENT, CheckFunction
 from services.oracle.report import Check, Finding, Report, skipped
@@ -23,8 +33,7 @@ def verify_file(path: Path, site: Site, ledger: Ledger | None = None) -> Report:
     """
     checks: list[Check] = []
     try:
-        limits = Limits(file_bytes=site.store.max_bytes)
-        proof = open_bag(path, limits) if is_bag(path) else open_proof(path, limits)
+        proof = _open(path, Limits(file_bytes=site.store.max_bytes))
     except EvidenceError as error:
         return _report([_failed("readable_and_sealed", error)], ledger)
     by = f"under {proof.seals} seals by {proof.signer}" if proof.sealed else "of a bag"
@@ -52,6 +61,17 @@ def verify_submission(site: Site, ledger: Ledger, folder: Path) -> Report:
     report = verify_file(path, site, ledger)
     fetched = Check(name="fetched", passed=True, measured=task.proof_sha256, source=task.proof_uri or "")
     return report.model_copy(update={"checks": [fetched, *report.checks]})
+
+
+def _open(path: Path, limits: Limits) -> Proof:
+    if is_bag(path):
+        return open_bag(path, limits)
+    try:
+        return open_proof(path, limits)
+    except (SealError, CorruptProof):
+        if is_never_sealed(path):
+            return open_bag(path, limits)
+        raise
 
 
 def _run(function: CheckFunction, case: Case) -> Check:

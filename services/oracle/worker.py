@@ -6,6 +6,7 @@ none. Nothing is shared, so a crash, a hang or a full memory costs one proof its
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import os
 import resource
@@ -107,6 +108,7 @@ def _context() -> ForkServerContext:
 def _child(site: Site, ledger: Ledger, folder: Path, path: Path, memory_bytes: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
     die_with(os.getppid(), signal.SIGKILL)  # the fork server, which ends with the oracle
+    gc.disable()  # it ends soon, and looking for garbage among all those messages takes a tenth of its time
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     # Imported here: the oracle itself has no use for MuJoCo.
     from services.oracle.verify import verify_submission

@@ -10,8 +10,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import zstandard
 from mcap.writer import MCAP0_MAGIC, Writer
+from rosbags.rosbag2 import StoragePlugin
 
 from rodeo.evidence import Recorder
+from rodeo.metering import MeterSample
 from tests.forgeries.workshop import (
     ARM_STATE,
     FINGERS,
@@ -34,16 +36,27 @@ from tests.forgeries.workshop import (
     at_pace,
     commanded,
     displaced,
+    middle_pose,
     middle_s,
     numbered,
     opened,
+    remetered,
     restated,
     timed,
+    turned,
     with_fields,
     with_joints,
 )
 from tests.support.assignments import BIN, BINDING, METER, MOCAP, ROBOT
-from tests.support.recordings import Sample, Take, TakeClock, film_cleaning, signed_poses, without_mocap
+from tests.support.recordings import (
+    Sample,
+    Take,
+    TakeClock,
+    film_cleaning,
+    signed_poses,
+    without_mocap,
+    write_bag,
+)
 
 Make = Callable[[Workshop], Submission]
 
@@ -351,6 +364,23 @@ def sealed_afterwards(shop: Workshop) -> Submission:
         recorder.SEAL_PERIOD_NS = period_ns
 
 
+@forgery("sealed", "a bag")
+def a_bag_for_pay(shop: Workshop) -> Submission:
+    """The same messages in a bag that nobody sealed."""
+    bag = write_bag(shop.cleaning, shop.folder / "bag", StoragePlugin.MCAP)
+    return Submission(shop.cleaning_ledger(), bag / "bag.mcap")
+
+
+@forgery("not_given_up", "the item is stuck")
+def given_up_and_submitted(shop: Workshop) -> Submission:
+    """The robot noted itself that it failed."""
+    noted = Sample("rodeo/event", "", _GIVEN_UP, shop.cleaning.samples[-1].time_ns)
+    return shop.cleaned(Take([*shop.cleaning.samples, noted]))
+
+
+_GIVEN_UP = {"event": "execution_failed", "message": "the item is stuck"}
+
+
 # -- time and completeness, sealed with the executor's own key -------------------------------------------
 
 
@@ -486,6 +516,24 @@ def statements_left_out(shop: Workshop) -> Submission:
     return shop.cleaned(shop.cleaning.edited(SIGNED, drop))
 
 
+@forgery("item_outside_bin")
+def already_in_the_bin(shop: Workshop) -> Submission:
+    """Work that somebody had done before."""
+    lies = shop.unsigned.of(ITEM_POSE)[-1].message.pose
+    return shop.colluding(shop.unsigned.edited(ITEM_POSE, lambda s: with_fields(s, pose=lies)))
+
+
+@forgery("motion_capture")
+def carried_by_somebody_else(shop: Workshop) -> Submission:
+    """A robot that carries something, and the task's item on another way to the bin."""
+    begin_s, end_s = middle_s(shop.unsigned, 0.5), middle_s(shop.unsigned, 0.6)
+
+    def beside(sample: Sample) -> Sample:
+        return displaced(sample, x=0.2) if begin_s < sample.time_ns * 1e-9 < end_s else sample
+
+    return shop.colluding(shop.unsigned.edited(ITEM_POSE, beside))
+
+
 @forgery("replayed", "never leaves the floor")
 def motion_without_an_item(shop: Workshop) -> Submission:
     """All motions of a cleaning, beside an item that stays where it is."""
@@ -516,6 +564,18 @@ def instant_start(shop: Workshop) -> Submission:
     return shop.colluding(shop.unsigned.edited(ROBOT_POSE, dash).edited(ODOM, dash))
 
 
+@forgery("turning_speed")
+def spinning(shop: Workshop) -> Submission:
+    """A base that turns faster than its wheels could, for the motion capture, too."""
+    begin_s = middle_s(shop.unsigned)
+
+    def spin(sample: Sample) -> Sample:
+        passed_s = sample.time_ns * 1e-9 - begin_s
+        return turned(sample, yaw_rad=min(max(4.0 * passed_s, 0.0), 1.0))
+
+    return shop.colluding(shop.unsigned.edited(ROBOT_POSE, spin))
+
+
 @forgery("odometry")
 def odometry_that_contradicts_motion_capture(shop: Workshop) -> Submission:
     """Wheels that never turned."""
@@ -530,6 +590,27 @@ def through_the_wall(shop: Workshop) -> Submission:
     """A path on the other side of the wall, for the motion capture, too."""
     take = shop.unsigned.edited(ROBOT_POSE, lambda s: displaced(s, x=1.6))
     return shop.colluding(take)
+
+
+@forgery("stays_in_room", "crate")
+def through_the_furniture(shop: Workshop) -> Submission:
+    """The base drives where something stands."""
+    at = middle_pose(shop.unsigned.of(ROBOT_POSE))
+    return shop.furnished(at.x, at.y, (0.3, 0.3, 0.3))
+
+
+@forgery("stays_clear", "crate")
+def arm_through_the_furniture(shop: Workshop) -> Submission:
+    """The base keeps away from it, but the arm reaches through."""
+    lies = shop.unsigned.of(ITEM_POSE)[0].message.pose.position
+    return shop.furnished(lies.x, lies.y, (0.1, 0.1, 0.5))
+
+
+@forgery("joint_range")
+def joints_that_are_no_numbers(shop: Workshop) -> Submission:
+    """Positions that no comparison holds for."""
+    nowhere = np.full(12, np.nan)
+    return shop.cleaned(shop.cleaning.edited(JOINT_STATES, lambda s: with_joints(s, position=nowhere)))
 
 
 @forgery("joint_range")
@@ -772,6 +853,57 @@ def readings_beside_the_bus(shop: Workshop) -> Submission:
     return shop.charged(shop.charge.edited(OUTPUT, lambda s: with_fields(s, current=s.message.current * 1.2)))
 
 
+@forgery("readings", "signed reading")
+def power_that_is_not_volts_times_amperes(shop: Workshop) -> Submission:
+    """A meter that signs, and counts, a third more than its own volts times its own amperes."""
+    more = remetered(shop.charge, METER, lambda r: r.model_copy(update={"power_w": r.power_w * 1.33}))
+    return shop.charged(more)
+
+
+@forgery("register")
+def a_register_that_runs_ahead(shop: Workshop) -> Submission:
+    """Honest readings, and a register that adds up to a fifth more."""
+    return shop.charged(remetered(shop.charge, METER, register=1.2))
+
+
+@forgery("power")
+def more_than_the_dock_can_give(shop: Workshop) -> Submission:
+    """Five times the amperes, on the bus and in the meter's statements."""
+    take = shop.charge.edited(OUTPUT, lambda s: with_fields(s, current=s.message.current * 5))
+
+    def more(reading: MeterSample) -> MeterSample:
+        changes = {"current_a": reading.current_a * 5, "power_w": reading.power_w * 5}
+        return reading.model_copy(update=changes)
+
+    return shop.charged(remetered(take, METER, more))
+
+
+@forgery("charging_topics", GAUGE)
+def a_battery_that_says_nothing(shop: Workshop) -> Submission:
+    """No word of the battery that was charged."""
+    return shop.charged(shop.charge.without(GAUGE))
+
+
+@forgery("charging_topics", "fastest")
+def a_sped_up_charge(shop: Workshop) -> Submission:
+    """An hour's energy in half an hour."""
+    return shop.charged(at_pace(shop.charge, 2.0))
+
+
+@forgery("charging_gaps")
+def a_charge_with_a_hole(shop: Workshop) -> Submission:
+    """A fifth of the dock's readings left out at a stretch; the numbers show no gap."""
+    begin_s, end_s = middle_s(shop.charge, 0.3), middle_s(shop.charge, 0.5)
+    take = shop.charge.edited(OUTPUT, lambda s: None if begin_s < s.time_ns * 1e-9 < end_s else s)
+    return shop.charged(numbered(take, OUTPUT))
+
+
+@forgery("charging_missed")
+def readings_left_out(shop: Workshop) -> Submission:
+    """Every fifth reading of the battery left out."""
+    return shop.charged(shop.charge.edited(GAUGE, lambda s: None if s.sequence % 5 == 3 else s))
+
+
 @forgery("readings_signed")
 def readings_that_nobody_signed(shop: Workshop) -> Submission:
     """The meter was switched off for the second half."""
@@ -816,3 +948,25 @@ def overpriced_energy(shop: Workshop) -> Submission:
 
 
 _CHARGE = {"robot": "panther1", "dock": "dock1", "soc_from": 0.9, "soc_target": 0.95}
+
+
+def listed() -> str:
+    """docs/forgeries.md"""
+    rows = []
+    for name, one in CATALOGUE.items():
+        what = " ".join((one.make.__doc__ or "").split())
+        says = f": {one.says}" if one.says else ""
+        rows.append(f"| {name.replace('_', ' ')} | {what} | `{one.check}`{says} |")
+    return "\n".join([_HEAD.format(count=len(CATALOGUE)), *rows, ""])
+
+
+_HEAD = """\
+# What was forged, and what refused it
+
+{count} forgeries, made from honest recordings by `tests/forgeries`, most of them sealed with the
+executor's own key; "for the motion capture, too" is a lab whose motion capture helps the forger. Each is
+refused by the check named, with these words in the reason. `make bench ONLY=forgeries` counts, and films 200
+honest runs.
+
+| forgery | what it is | check |
+|---|---|---|"""

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from rodeo.config import Site
-from tests.forgeries import CATALOGUE, Submission, Workshop
+from tests.forgeries import CATALOGUE, Submission, Workshop, listed
 from tests.support.site import LAB
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "forgeries.md"
 
 
 @pytest.fixture(scope="module")
@@ -34,3 +38,7 @@ def test_what_the_forgeries_are_made_of_is_honest(workshop: Workshop) -> None:
 def test_there_are_enough_of_them() -> None:
     assert len(CATALOGUE) >= 25
     assert all(forgery.make.__doc__ for forgery in CATALOGUE.values())
+
+
+def test_they_are_listed_in_the_documentation() -> None:
+    assert DOCUMENT.read_text() == listed(), "python -m tests.forgeries > docs/forgeries.md"

@@ -14,10 +14,13 @@ from eth_account import Account
 from eth_account.signers.local import LocalAccount
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from scipy.spatial.transform import Rotation
 
 from rodeo.config import Site
 from rodeo.evidence import Binding, Store, attest
 from rodeo.lab.body import JOINTS
+from rodeo.lab.config import FurnitureConfig, Pose2
+from rodeo.metering import MeterSample, MeterStatement, energy_wh
 from rodeo.ros2.types import new
 from services.oracle.case import Ledger
 from services.oracle.report import Report
@@ -105,6 +108,13 @@ class Workshop:
         lab = self.site.lab.model_copy(update={"mocap": False})
         site = self.site.model_copy(update={"lab": lab})
         return Submission(self.cleaning_ledger(), self.sealed(take), site=site)
+
+    def furnished(self, x_m: float, y_m: float, size_m: tuple[float, float, float]) -> Submission:
+        """The honest proof, said to be of a lab in which a crate stands there."""
+        crate = FurnitureConfig(name="crate", kind="crate", pose=Pose2(x_m=x_m, y_m=y_m), size_m=size_m)
+        lab = self.site.lab.model_copy(update={"furniture": (*self.site.lab.furniture, crate)})
+        site = self.site.model_copy(update={"lab": lab})
+        return Submission(self.cleaning_ledger(), self.honest_file(), site=site)
 
     def charged(self, take: Take, *, device: LocalAccount = METER, **task: Any) -> Submission:
         """`take` as proof of the charging task, sealed with the meter's key."""
@@ -212,6 +222,18 @@ def displaced(sample: Sample, x: float = 0.0, y: float = 0.0) -> Sample:
     return with_fields(sample, pose=pose)
 
 
+def turned(sample: Sample, yaw_rad: float) -> Sample:
+    """A pose sample, turned about the vertical."""
+    at = sample.message.pose.orientation
+    x, y, z, w = (Rotation.from_euler("z", yaw_rad) * Rotation.from_quat((at.x, at.y, at.z, at.w))).as_quat()
+    return with_fields(sample, pose=replace(sample.message.pose, orientation=replace(at, x=x, y=y, z=z, w=w)))
+
+
+def middle_pose(samples: list[Sample]) -> Any:
+    """Position of the pose in the middle."""
+    return samples[len(samples) // 2].message.pose.position
+
+
 def timed(sample: Sample, time_ns: int, *, stamps: bool = True) -> Sample:
     """The same message at another time."""
     if not sample.ros_type or not stamps:
@@ -236,6 +258,30 @@ def restated(take: Take, account: LocalAccount, having: str, **changes: Any) -> 
         if having not in payload:
             return sample
         return replace(sample, message=attest(payload | changes, account).model_dump())
+
+    return take.edited(SIGNED, sign)
+
+
+def remetered(
+    take: Take,
+    account: LocalAccount,
+    edit: Callable[[MeterSample], MeterSample] = lambda reading: reading,
+    register: float = 1.0,
+) -> Take:
+    """The meter's statements, chained and signed anew by `account`, with readings as `edit` returns them and
+    a register that counts `register` times as much."""
+    readings: list[MeterSample] = []
+    last: list[MeterStatement] = []
+
+    def sign(sample: Sample) -> Sample:
+        old = MeterStatement.model_validate(sample.message["payload"])
+        new = [edit(reading) for reading in old.samples]
+        readings.extend(new)
+        fields = old.model_dump() | new[-1].model_dump()
+        fields |= {"earlier": new[:-1], "energy_wh": register * energy_wh(readings)}
+        fields["previous"] = last[-1].digest() if last else None
+        last.append(MeterStatement.model_validate(fields))
+        return replace(sample, message=attest(last[-1].model_dump(), account).model_dump())
 
     return take.edited(SIGNED, sign)
 

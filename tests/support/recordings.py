@@ -16,7 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 from eth_account.signers.local import LocalAccount
-from rosbags.rosbag2 import Writer
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from rodeo.config import Site
 from rodeo.evidence import Binding, Recorder, SealedProof, attest
@@ -124,11 +124,11 @@ def seal(take: Take, path: Path, binding: Binding, account: LocalAccount) -> Sea
     return recorder.close()
 
 
-def write_bag(take: Take, path: Path) -> Path:
+def write_bag(take: Take, path: Path, storage: StoragePlugin = StoragePlugin.SQLITE3) -> Path:
     """`take` as a ROS 2 bag of another tool: nothing is sealed, JSON goes as text."""
     text = "std_msgs/msg/String"
     store = STORE
-    with Writer(path, version=9) as writer:
+    with Writer(path, version=9, storage_plugin=storage) as writer:
         connections: dict[str, Any] = {}
         for sample in take.samples:
             topic, kind = "/" + sample.topic, sample.ros_type or text

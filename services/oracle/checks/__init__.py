@@ -47,6 +47,7 @@ CHECKS: dict[str, tuple[Stage, ...]] = {
         (completeness.poses_signed,),
         (base.base_speed, base.base_acceleration, base.turning_speed, base.odometry, base.stays_in_room),
         (arm.joint_range, arm.joint_speed, arm.gripper_force, arm.arm_commanded, arm.gripper_commanded),
+        (arm.stays_clear,),
         (carry.replayed,),
         (carry.item_place, carry.grasp),
         (carry.transport,),

@@ -1,4 +1,4 @@
-"""Did arm and gripper stay within what a ViperX 300 S can do?"""
+"""Did arm and gripper stay within what a ViperX 300 S can do, and out of what is solid?"""
 
 from functools import cache
 
@@ -20,6 +20,9 @@ USUALLY_WITHIN_RAD = 0.05
 """The median: servos lag while they move and sag under the arm's weight, but mostly they hold still."""
 AGAINST_LIMIT_M = 0.005
 """What fingers, of a millimetre of play, may give way under what they hold."""
+
+SOLID_LIMIT_M = 0.02
+"""How deep a link may reach into what stands in the lab: things touch, poses have errors."""
 
 
 @cache
@@ -57,6 +60,18 @@ def joint_speed(case: Case) -> Finding:
         "rad/s",
         source="Interbotix vx300s description",
         detail=f"fastest joint: {ARM_JOINTS[worst]}",
+    )
+
+
+def stays_clear(case: Case) -> Finding:
+    """How deep any link of the robot ever was in furniture, bin, dock, walls or floor."""
+    touch = case.kinematics.deepest()
+    return at_most(
+        touch.depth_m,
+        SOLID_LIMIT_M,
+        "m",
+        source="the site's solid things and the robot's links",
+        detail=f"{touch.link} into {touch.into}",
     )
 
 

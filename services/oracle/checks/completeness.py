@@ -124,13 +124,11 @@ def tallied(case: Case) -> Finding:
     counts = next((e.get("topics") for e in reversed(case.events) if e.get("event") == CLOSED), None)
     if not isinstance(counts, dict):
         raise CaseError("the recording does not end with its counts")
-    found = {}
-    for topic, column in case.proof.topics.items():
-        if column.ros_type:
-            tally = Tally()
-            for sequence in column.sequence:
-                tally.add(sequence)
-            found[topic] = tally.counts()
+    found = {
+        topic: Tally.of(column.sequence).counts()
+        for topic, column in case.proof.topics.items()
+        if column.ros_type
+    }
     wrong = [topic for topic in found.keys() | counts.keys() if found.get(topic) != counts.get(topic)]
     return equal(
         len(wrong),

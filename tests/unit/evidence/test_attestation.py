@@ -1,11 +1,36 @@
 from __future__ import annotations
 
+from typing import Any
+
 import pytest
+import rfc8785
 from eth_account import Account
 from eth_account.messages import encode_defunct
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from rodeo.evidence import Attestation, attest, verify_attestation
+from rodeo.evidence.attestation import canonical_json
 from rodeo.evidence.errors import BadAttestation
+
+_VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text() | st.text('az09 _"\\\x7f\x1f'),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=3), inner, max_size=4),
+    max_leaves=12,
+)
+
+
+@settings(max_examples=300, deadline=None)
+@given(st.dictionaries(st.text(max_size=4), _VALUES, max_size=5))
+@example({"soc": 42.0, "zero": -0.0, "small": 1e-5, "large": 1e16, "exact": 2.0**53, "v": [0.0001, 5e-324]})
+def test_the_canonical_form_is_that_of_rfc_8785(payload: dict[str, Any]) -> None:
+    try:
+        expected = rfc8785.dumps(payload)
+    except rfc8785.CanonicalizationError:
+        with pytest.raises(BadAttestation):
+            canonical_json(payload)
+    else:
+        assert canonical_json(payload) == expected
 
 
 def test_the_signer_of_a_statement_is_recovered() -> None:

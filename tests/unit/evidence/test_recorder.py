@@ -5,6 +5,7 @@ import signal
 import subprocess
 import sys
 import threading
+from array import array
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from rodeo.evidence import Binding, Recorder, open_proof
 from rodeo.evidence.errors import BrokenSeal, RecorderFailed, RecordingExists, RecordingSealed, UnsealedProof
+from rodeo.evidence.recorder import Tally
 from tests.unit.evidence.conftest import START_NS, TICK_NS, HandClock, drive, joint_state, odometry
 
 
@@ -112,6 +114,14 @@ def test_it_ends_with_what_was_seen_of_what_was_published(
     counts = {"seen": 21, "published": 26}
     topics = {"/panther1/odom": counts, "/panther1/joint_states": counts}
     assert last == {"event": "recording_closed", "topics": topics}
+
+
+@pytest.mark.parametrize("sequences", [[], [5], [7, 8, 9, 12], [3, 4, 1, 2, 2, 2**32 - 1, 0, 1]])
+def test_counting_at_once_is_counting_one_by_one(sequences: list[int]) -> None:
+    tally = Tally()
+    for sequence in sequences:
+        tally.add(sequence)
+    assert Tally.of(array("I", sequences)).counts() == tally.counts()
 
 
 def test_a_recording_is_never_overwritten(

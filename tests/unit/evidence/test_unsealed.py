@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_typestore
 
-from rodeo.evidence import Limits, is_bag, open_bag
+from rodeo.evidence import Limits, is_bag, is_never_sealed, open_bag
 from rodeo.evidence.errors import CorruptProof, ProofNotFound, ProofTooLarge
 
 ODOMETRY, JOINTS, STRING = "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState", "std_msgs/msg/String"
@@ -62,15 +63,21 @@ def ros2_bag(path: Path, storage: StoragePlugin) -> Path:
     return path
 
 
-@pytest.fixture(params=["ros1", "sqlite3", "mcap"])
+@pytest.fixture(params=["ros1", "sqlite3", "mcap", "a single db3", "a single mcap"])
 def bag(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     if request.param == "ros1":
         return ros1_bag(tmp_path / "run.bag")
-    return ros2_bag(tmp_path / "run", StoragePlugin[request.param.upper()])
+    storage = "mcap" if "mcap" in request.param else "sqlite3"
+    folder = ros2_bag(tmp_path / "run", StoragePlugin[storage.upper()])
+    return (
+        next(folder.glob("*.db3" if storage == "sqlite3" else "*.mcap"))
+        if "single" in request.param
+        else folder
+    )
 
 
 def test_a_bag_is_read_like_a_recording(bag: Path) -> None:
-    assert is_bag(bag)
+    assert is_bag(bag) or is_never_sealed(bag)
     proof = open_bag(bag)
     assert (proof.binding, proof.signer, proof.sealed) == (None, None, False)
     table = proof.table("/panther1/joint_states", JOINTS)
@@ -83,6 +90,14 @@ def test_the_limits_of_proofs_hold_for_bags(bag: Path) -> None:
     for limits in (Limits(file_bytes=100), Limits(messages=3), Limits(channels=1)):
         with pytest.raises(ProofTooLarge):
             open_bag(bag, limits)
+
+
+def test_a_spoilt_proof_is_no_bag(recorded: Callable[..., Path], tmp_path: Path) -> None:
+    proof = recorded(50)
+    assert not is_bag(proof) and not is_never_sealed(proof)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(proof.read_bytes()[:5000])
+    assert not is_never_sealed(cut)
 
 
 def test_what_is_no_bag_is_told(tmp_path: Path) -> None:

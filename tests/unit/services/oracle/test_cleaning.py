@@ -299,6 +299,16 @@ def test_a_path_through_the_furniture_is_refused(cleaning: Take, judge: Judge) -
     assert "desk2" in report.reason
 
 
+def test_a_long_stand_with_the_item_in_the_hand_costs_no_steps_and_changes_nothing(
+    site: Site, judge: Judge
+) -> None:
+    stands = film_cleaning(site, "item1", BIN, linger_s=20.0)
+    report = judge(stands, cleaning_ledger(stands))
+    assert report.accepted, report.reason
+    slip = next(check for check in report.checks if check.name == "transport")
+    assert slip.measured < 0.002
+
+
 def test_joints_beyond_their_range_are_refused(cleaning: Take, judge: Judge) -> None:
     take = cleaning.edited(
         JOINT_STATES, lambda s: with_joints(s, position=s.message.position + np.eye(12)[1] * 1.0)

@@ -7,7 +7,7 @@ import pytest
 
 from rodeo.evidence.series import Array
 from services.oracle.case import CaseError, Pose
-from services.oracle.replay import find_phases
+from services.oracle.phases import find_phases
 
 PERIOD_S = 0.02
 OPEN_M, CLOSED_M = 0.057, 0.03

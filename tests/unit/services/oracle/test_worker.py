@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import socket
 import threading
 from pathlib import Path
 
 from rodeo.config import Site
 from rodeo.evidence import Store
+from services.oracle.app import SIDE_BY_SIDE
 from services.oracle.report import Report
 from services.oracle.worker import MEMORY_BYTES, verify_apart
 from tests.support.assignments import BINDING, MOCAP, ROBOT, cleaning_ledger
@@ -64,6 +66,27 @@ def test_a_verification_that_hangs_is_ended_with_a_verdict(
     report = submitted(site, cleaning, tmp_path, time_limit_s=0.05)
     assert not report.accepted
     assert "took longer than 0.05 s" in report.reason
+
+
+def test_one_that_hangs_keeps_no_other_waiting(site: Site, cleaning: Take, tmp_path: Path) -> None:
+    assert SIDE_BY_SIDE >= 2
+    stop, verdicts = threading.Event(), list[Report | None]()
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        url = f"http://127.0.0.1:{silent.getsockname()[1]}"
+        slow = site.model_copy(update={"store": site.store.model_copy(update={"allowed": [url]})})
+        chain = cleaning_ledger(cleaning, proof_uri=f"{url}/{'ab' * 32}.mcap", proof_sha256="0x" + "ab" * 32)
+        hanging = threading.Thread(
+            target=lambda: verdicts.append(verify_apart(slow, chain, tmp_path / "hanging", 600.0, stop))
+        )
+        hanging.start()
+        silent.settimeout(60.0)
+        connection, _ = silent.accept()
+        with connection:
+            assert submitted(site, cleaning, tmp_path).accepted
+            assert verdicts == []
+            stop.set()
+            hanging.join()
+    assert verdicts == [None]
 
 
 def test_a_verification_that_dies_is_a_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:
