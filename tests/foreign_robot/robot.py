@@ -130,8 +130,6 @@ class Robot:
         self._joints = self._joint_positions()
         self._in_hand: tuple[np.ndarray, np.ndarray] | None = None
         self._item: tuple[np.ndarray, np.ndarray] | None = None
-        self._told: tuple[float, np.ndarray] | None = None
-        """When and where the lab was last told that the item is in the hand."""
         self.stopped = False
         self._time_s: float | None = None
         self._pace, self._moved_s = 1.0, 0.0
@@ -397,43 +395,21 @@ class Robot:
         return grasp + rotation @ self._in_hand[0], quat
 
     def _tell_the_lab(self) -> None:
-        base, half = self.base, self.base.yaw_rad / 2
-        standing = np.array([base.x_m, base.y_m, 0.0])
-        speed = base.speed_m_s * self._pace
-        ahead = np.array([math.cos(base.yaw_rad), math.sin(base.yaw_rad), 0.0]) * speed
-        turning = np.array([0.0, 0.0, base.turn_rad_s * self._pace])
-        upright = np.array([math.cos(half), 0.0, 0.0, math.sin(half)])
-        self._set_entity(self._body_name, standing, upright, ahead, turning)
-        if self._in_hand is None or self._time_s is None:
-            self._told = None
-            return
-        position_m, quat_wxyz = self._carried()
-        then_s, there_m = self._told or (self._time_s, position_m)
-        speed_m_s = (position_m - there_m) / max(self._time_s - then_s, STEP_S)
-        self._told = self._time_s, position_m
-        self._set_entity(self._item_name, position_m, quat_wxyz, speed_m_s, turning)
+        half = self.base.yaw_rad / 2
+        standing = np.array([self.base.x_m, self.base.y_m, 0.0])
+        self._set_entity(self._body_name, standing, np.array([math.cos(half), 0.0, 0.0, math.sin(half)]))
+        if self._in_hand is not None and self._item is not None:
+            self._set_entity(self._item_name, *self._carried())
 
-    def _set_entity(
-        self,
-        name: str,
-        position_m: np.ndarray,
-        quat_wxyz: np.ndarray,
-        linear_m_s: np.ndarray,
-        angular_rad_s: np.ndarray,
-    ) -> None:
-        """Where something is and how it moves: on a busy machine the lab hears of it late, now and then."""
+    def _set_entity(self, name: str, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
         new = self._network.new
-        none = new("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
-        linear, angular = (
-            new("geometry_msgs/msg/Vector3", **dict(zip("xyz", map(float, vector), strict=True)))
-            for vector in (linear_m_s, angular_rad_s)
-        )
+        vector = new("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
         state = new(
             "simulation_interfaces/msg/EntityState",
-            header=self._header(self._time_s or 0.0, "map"),
+            header=self._header(0.0, "map"),
             pose=self._pose(position_m, quat_wxyz),
-            twist=new("geometry_msgs/msg/Twist", linear=linear, angular=angular),
-            acceleration=new("geometry_msgs/msg/Accel", linear=none, angular=none),
+            twist=new("geometry_msgs/msg/Twist", linear=vector, angular=vector),
+            acceleration=new("geometry_msgs/msg/Accel", linear=vector, angular=vector),
         )
         # Not before the lab has seen this does the robot move on: to its sensors it never jumps.
         self._entity.call(entity=name, state=state)
