@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 from array import array
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
@@ -49,6 +50,15 @@ def test_rosbags_reads_and_decodes_it(recorded: Callable[..., Path]) -> None:
     assert [message.pose.pose.position.x for message in messages] == pytest.approx(
         [0.01 * index for index in range(20)]
     )
+
+
+def test_rosbags_reads_every_topic(recorded: Callable[..., Path]) -> None:
+    path = recorded(20)
+    with Reader(path) as reader:
+        found = Counter((connection.topic, data) for connection, _, data in reader.messages())
+    with path.open("rb") as file:
+        expected = Counter((c.topic, message.data) for _, c, message in make_reader(file).iter_messages())
+    assert found == expected
 
 
 def test_a_seal_covers_at_most_a_second(recorded: Callable[..., Path]) -> None:
