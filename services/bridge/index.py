@@ -39,6 +39,9 @@ from services.bridge.rows import Rows, roll_back
 UNDONE = "EventUndone"
 """Name of the event that says that an earlier one is not on the chain any more."""
 
+LIVE = ("open", "assigned", "submitted")
+"""States in which a task holds its reward in escrow."""
+
 KEPT_BLOCKS = 256
 """How deep a reorganization can be without the index being read anew; several times what chains allow."""
 
@@ -264,6 +267,12 @@ class Index:
 
     def task(self, task_id: int) -> Row | None:
         return self._first(select(schema.tasks).where(schema.tasks.c.id == task_id))
+
+    def in_escrow(self, creator: str) -> int:
+        """Wei of IECoin that the tasks of `creator` hold."""
+        tasks = schema.tasks.c
+        held = select(tasks.reward).where(tasks.creator == creator, tasks.state.in_(LIVE))
+        return sum(row["reward"] for row in self._rows(held))
 
     def overdue(self, now_s: float) -> list[int]:
         """Ids of the tasks whose running window ended before `now_s`."""

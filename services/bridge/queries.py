@@ -216,14 +216,11 @@ class Queries:
 
     def _wallet(self, request: Request) -> Json:
         address = self._names.address(validate(Account, request.parameters).account)
-        live, _ = self._index.tasks(
-            {"creator": address}, Page(MAX_PAGE), states=("open", "assigned", "submitted")
-        )
         return {
             "name": self._names.name(address),
             "address": address,
             "balance_iec": iec(self._index.balance(address)),
-            "in_escrow_iec": iec(sum(task["reward"] for task in live)),
+            "in_escrow_iec": iec(self._index.in_escrow(address)),
         }
 
     def _transfers(self, request: Request) -> Json:

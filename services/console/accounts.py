@@ -193,17 +193,21 @@ class Accounts:
             )
         return self._hasher.hash(passphrase)
 
-    # -- sessions --------------------------------------------------------------------------------------
-
-    def log_in(self, name: str, passphrase: str) -> str:
-        """Open a session; what goes into the cookie. Takes about 50 ms on purpose. Raises LoginRefused."""
+    def is_passphrase(self, name: str, passphrase: str) -> bool:
+        """Whether this opens the account, which must not be disabled. Takes about 50 ms on purpose."""
         rows = self._rows(select(_users).where(_users.c.name == name))
         hashed = rows[0]["passphrase"] if rows else self._nobody
         try:
             self._hasher.verify(hashed, passphrase[: MAX_PASSPHRASE + 1])
-        except (VerificationError, InvalidHashError) as error:
-            raise LoginRefused("the name or the passphrase is wrong") from error
-        if not rows or rows[0]["disabled"]:
+        except (VerificationError, InvalidHashError):
+            return False
+        return bool(rows) and not rows[0]["disabled"]
+
+    # -- sessions --------------------------------------------------------------------------------------
+
+    def log_in(self, name: str, passphrase: str) -> str:
+        """Open a session; what goes into the cookie. Raises LoginRefused."""
+        if not self.is_passphrase(name, passphrase):
             raise LoginRefused("the name or the passphrase is wrong")
         token, now_s = secrets.token_urlsafe(32), time.time()
         with self._engine.begin() as connection:

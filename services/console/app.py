@@ -8,7 +8,7 @@ import re
 import socket
 import threading
 from collections.abc import Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +30,7 @@ from services.console.actions import Actions
 from services.console.guard import Guard, origins_of
 from services.console.live import Live
 from services.console.pages import accounts as accounts_page
-from services.console.pages import operator, overview, services, task, tasks, treasury, work
+from services.console.pages import missing, operator, overview, services, task, tasks, treasury, work
 from services.console.pages.frame import Console
 from services.console.reads import Reads
 
@@ -50,7 +50,7 @@ def build(console: Console, origins: set[str], lifespan: Callable[[FastAPI], Any
     api.include_router(files.router(console))
     api.mount("/api", rest.make_api(console))
     api.mount("/static", StaticFiles(directory=STATIC))
-    for module in (overview, tasks, task, services, treasury, work, operator, accounts_page):
+    for module in (overview, tasks, task, services, treasury, work, operator, accounts_page, missing):
         module.register(console)
     nicegui_app.colors(
         primary="#0f6d5f", positive="#1a7f4b", negative="#b3261e", warning="#8a5a00", info="#1f5fa8"
@@ -113,13 +113,11 @@ async def serve(service: Service) -> None:
 
     @asynccontextmanager
     async def lifespan(_api: FastAPI) -> Any:
-        live.start()
         url = config.origin or f"http://{config.host}:{port}"
         service.activity(f"serving {url}", http=url)
         service.ready()
         log.info("on %s", url)
         yield
-        await live.close()
 
     application = build(console, origins_of(config, port), lifespan)
     server = uvicorn.Server(
@@ -135,13 +133,18 @@ async def serve(service: Service) -> None:
             timeout_graceful_shutdown=1,
         )
     )
+    following = asyncio.create_task(live.run())
     running = asyncio.create_task(server.serve(sockets=[listener]))
     stopped = asyncio.create_task(asyncio.to_thread(service.stop.wait))
-    await asyncio.wait({running, stopped}, return_when=asyncio.FIRST_COMPLETED)
+    await asyncio.wait({following, running, stopped}, return_when=asyncio.FIRST_COMPLETED)
     server.should_exit = True
     service.stop.set()
     await running
+    following.cancel()
     accounts.close()
+    # Pages that do not follow any more would look as if nothing happened: rather end, and be started again.
+    with suppress(asyncio.CancelledError):
+        await following
 
 
 def run(site: Site, stop: threading.Event) -> None:

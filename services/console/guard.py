@@ -126,8 +126,9 @@ class Guard:
             respond = _problem(403, "foreign_origin", "this request does not come from a page of the console")
         elif session is None and not _is_public(path):
             wants_page = method == "GET" and "text/html" in headers.get("accept", "")
+            asked = f"{path}?{scope['query_string'].decode('latin-1')}".removesuffix("?")
             respond = (
-                RedirectResponse(f"/login?next={quote(path)}", 303)
+                RedirectResponse(f"/login?next={quote(asked)}", 303)
                 if wants_page
                 else _problem(401, "not_logged_in", "log in first")
             )

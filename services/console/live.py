@@ -107,7 +107,7 @@ class Summary:
 
 
 class Live:
-    """Lives on the event loop; `start` there. Listeners are called there, without arguments."""
+    """Lives on the event loop; `run` there. Listeners are called there, without arguments."""
 
     def __init__(self, bus: Bus, site: Site, reads: Reads) -> None:
         self._bus = bus
@@ -117,30 +117,26 @@ class Live:
         self._newest: dict[str, Newest] = {}
         self._statuses: dict[str, tuple[Status, float]] = {}
         self._changed = asyncio.Event()
-        self._tasks: list[asyncio.Task[None]] = []
         self.processes: list[ProcessState] = []
         self.summary = Summary()
         self.events: deque[DaoEvent] = deque(maxlen=_EVENTS_KEPT)
         self.map: Json = {"robots": {}, "items": {}}
 
-    def start(self) -> None:
+    async def run(self) -> None:
+        """Until it is cancelled."""
         self._loop = asyncio.get_running_loop()
         self._tell_processes()
-        self._subscriber = self._bus.subscribe_json(f"rodeo/{self._site.org}/status/*", self._on_status)
-        self._dao = DaoEvents(self._bus, self._site.org, self._on_event)
-        self._tasks = [
-            asyncio.create_task(self._draw_maps()),
-            asyncio.create_task(self._follow_organization()),
-            asyncio.create_task(self._watch_heartbeats()),
-        ]
-
-    async def close(self) -> None:
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-        self._unsubscribe()
-        self._subscriber.undeclare()
-        await asyncio.to_thread(self._dao.close)
+        subscriber = self._bus.subscribe_json(f"rodeo/{self._site.org}/status/*", self._on_status)
+        dao = DaoEvents(self._bus, self._site.org, self._on_event)
+        try:
+            async with asyncio.TaskGroup() as group:
+                group.create_task(self._draw_maps())
+                group.create_task(self._follow_organization())
+                group.create_task(self._watch_heartbeats())
+        finally:
+            self._unsubscribe()
+            subscriber.undeclare()
+            await asyncio.to_thread(dao.close)
 
     def listen(self, what: str, listener: Listener) -> Callable[[], None]:
         """Call `listener` when `what` (map, processes, organization) changed; returns how to end that."""

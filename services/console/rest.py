@@ -28,7 +28,7 @@ from rodeo.errors import (
 from rodeo.evidence import EvidenceError
 from rodeo.messages import Kind, Task, TaskState
 from services.console.accounts import User
-from services.console.actions import ACTIONS, Action
+from services.console.actions import ACTIONS, ORGANIZATION, Action
 from services.console.attempts import Attempt
 from services.console.attempts import attempts as attempts_of
 from services.console.errors import Forbidden, NotLoggedIn
@@ -135,11 +135,12 @@ def _questions(api: FastAPI, console: Console, caller: Any) -> None:
         _user: caller,
         state: TaskState | None = None,
         kind: Kind | None = None,
+        text: Annotated[str | None, Query(max_length=200, description="In its note or parameters")] = None,
         limit: Annotated[int, Field(ge=1, le=500)] = 50,
         offset: Annotated[int, Field(ge=0, lt=2**63)] = 0,
     ) -> TaskPage:
         """One page of tasks, newest first."""
-        found, total = reads.tasks(limit, offset, state=state, kind=kind)
+        found, total = reads.tasks(limit, offset, state=state, kind=kind, text=text)
         return TaskPage(tasks=found, total=total)
 
     @api.get("/tasks/{task_id}")
@@ -176,7 +177,21 @@ def _questions(api: FastAPI, console: Console, caller: Any) -> None:
         """What stands in the lab (`lab`) and where robots and items were last seen (`now`; m, rad)."""
         return {"lab": console.lab, "now": console.live.map}
 
+    @api.get("/transfers")
+    def transfers(
+        _user: caller,
+        account: Annotated[
+            str, Query(max_length=64, description="A participant or an address")
+        ] = ORGANIZATION,
+        limit: Annotated[int, Field(ge=1, le=500)] = 50,
+        offset: Annotated[int, Field(ge=0, lt=2**63)] = 0,
+    ) -> Json:
+        """One page of an account's transfers with the reason of each, newest first."""
+        return reads.state("transfers", account=account, limit=limit, offset=offset)
+
     for name, summary in {
+        "organization": "Its rules: kinds of work, who is chosen, bonds and penalties.",
+        "participants": "Everybody who ever took part, with roles, balance and record.",
         "services": "Services on offer and their records.",
         "wallets": "Balances of the site's participants.",
         "devices": "Keys that may sign evidence.",

@@ -71,6 +71,7 @@ _FIELD_ADVICE = {
     "name": "letters, digits, dots, dashes and _ only, at most 64",
     "participant": "enter the name of a participant of this site",
     "passphrase": "use 12 to 256 characters",
+    "current": "enter the passphrase you log in with",
     "label": "say in 1 to 64 characters what it is for",
     "note": "say in at most 4,000 characters what you did",
     "reason": "say why in at most 500 characters",

@@ -146,7 +146,7 @@ class Agent:
         )
         self._chance = random.Random()
         self._wake = threading.Event()
-        self._activity = "starting"
+        self._doing: dict[str, Any] = {"activity": "starting"}
         self._attempt: tuple[int, int] | None = None
         self._expected_s = 0.0
         self._recording: Recording | None = None
@@ -197,9 +197,9 @@ class Agent:
         attempt = self._attempt
         return {
             "robot": self._robot.name,
-            "activity": self._activity,
             "task_id": attempt and attempt[0],
             "attempt": attempt and attempt[1],
+            **self._doing,
             **self._body.vitals(),
             **self._upkeep.state(),
         }
@@ -284,12 +284,12 @@ class Agent:
         self._report(activity)
         self._stop.wait(wall_s)
 
-    def _report(self, text: str, progress: float | None = None) -> None:
-        self._activity = text
-        details = {**self._body.vitals(), **self._upkeep.state()}
+    def _report(self, text: str, progress: float | None = None, left_s: float | None = None) -> None:
         if self._attempt is not None and progress is not None:
-            details["eta_s"] = round(self._expected_s * (1 - progress))
-        self._service.activity(text, progress, **details)
+            left_s = self._expected_s * (1 - progress)
+        eta = {} if left_s is None else {"eta_s": round(left_s)}
+        self._doing = {"activity": text, "progress": progress, **eta}
+        self._service.activity(text, progress, **eta, **self._body.vitals(), **self._upkeep.state())
 
     def _open_service(self, wanted: bool) -> None:
         """Offer cleaning, or pause the offer; done again, it also mends what a killed process left behind.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
+from typing import Protocol
 
 from rodeo.clock import Clock
 from rodeo.config import Site
@@ -24,6 +25,20 @@ log = logging.getLogger(__name__)
 _DOCKINGS = 4
 _LOOK_WALL_S = 1.0
 """Wall time between two looks at task and battery."""
+
+
+class Tell(Protocol):
+    def __call__(self, text: str, progress: float, left_s: float | None = None) -> None:
+        """What is being done, how much of it is (0..1), and the site time that it still takes."""
+
+
+def left_s(begun: tuple[float, float], now: tuple[float, float], target: float) -> float | None:
+    """Site time (s) to a state of charge of `target` at the pace since `begun`; None while there is none.
+
+    `begun` and `now` are (site time, state of charge).
+    """
+    gained = now[1] - begun[1]
+    return max(0.0, target - now[1]) * (now[0] - begun[0]) / gained if gained > 0 else None
 
 
 class Charging:
@@ -67,7 +82,7 @@ class Charging:
         )
         return self._dao.post(request, self._clock.now_s(), self._site.agent.daily_spending_cap_iec)
 
-    def take(self, task: Task, wake: threading.Event, checkpoint: Checkpoint, report: Report) -> None:
+    def take(self, task: Task, wake: threading.Event, checkpoint: Checkpoint, report: Tell) -> None:
         """Drive to the dock and stay until the charger is done with `task`, then leave.
 
         Raises MotionFailed when the dock cannot be reached.
@@ -76,10 +91,13 @@ class Charging:
         self._dock(checkpoint)
         soc_from = float(task.params["soc_from"])
         soc_target = float(task.params["soc_target"])
+        begun: tuple[float, float] | None = None
         while True:
             battery = self._body.battery(checkpoint)
+            now = self._clock.now_s(), battery.soc
+            begun = begun or now
             done = (battery.soc - soc_from) / max(soc_target - soc_from, 1e-6)
-            report(f"charging, {battery.soc:.0%}", min(max(done, 0.0), 1.0))
+            report(f"charging, {battery.soc:.0%}", min(max(done, 0.0), 1.0), left_s(begun, now, soc_target))
             current = self._dao.task(task.id)
             if current.state not in ("open", "assigned"):
                 break

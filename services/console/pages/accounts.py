@@ -55,6 +55,9 @@ class AccountsPage:
                 self._tokens = Section(self._draw_tokens).waiting()
             with ui.element("div").classes("stack span-5"), card("Your passphrase"):
                 Text("p", "A new passphrase ends all your sessions, this one too.", "soft")
+                self._current = ui.input("Current passphrase", password=True).props(
+                    "outlined dense autocomplete=current-password"
+                )
                 self._new = ui.input("New passphrase", password=True).props(
                     "outlined dense autocomplete=new-password"
                 )
@@ -164,7 +167,8 @@ class AccountsPage:
     def _token_end(self, token: Json) -> None:
         request = {"token_id": token["id"]}
         revoke = partial(self._act, "revoke_token", request, "The token is worthless now")
-        ui.button("Revoke", on_click=revoke).props("flat dense color=negative")
+        button = ui.button("Revoke", on_click=revoke).props("flat dense color=negative")
+        button.props["aria-label"] = f"Revoke {token['label']}"
 
     async def _issue(self) -> None:
         async def issue(answer: dict[str, str]) -> bool:
@@ -181,7 +185,11 @@ class AccountsPage:
         await ask_form("New token", {"label": Field("What is it for?")}, "Make it", issue)
 
     async def _set_passphrase(self) -> None:
-        request = {"name": self._name, "passphrase": self._new.value or ""}
+        request = {
+            "name": self._name,
+            "passphrase": self._new.value or "",
+            "current": self._current.value or "",
+        }
         if await act(self._console, "set_passphrase", request) is not None:
             ui.navigate.to("/login")
 

@@ -219,7 +219,7 @@ class ServicesPage:
             return
         table(
             "Device keys",
-            [("Key", ""), ("Role", ""), ("Owner", ""), ("Since", "plain wide-only"), ("", "number")],
+            [("Key", ""), ("Role", ""), ("Owner", ""), ("Since", "wide-only"), ("", "number")],
             [
                 (
                     partial(hash_text, one["address"]),

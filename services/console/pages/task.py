@@ -92,10 +92,10 @@ class TaskPage:
                     self._agreement = Section(_draw_agreement).waiting()
                 with card("Proof"):
                     self._proof = Section(self._draw_proof).waiting()
-                with card("Transactions"):
-                    self._transactions = Section(_draw_transactions).waiting()
         with card("Oracle's report"):
             self._report = Section(_draw_report).waiting()
+        with card("Transactions"):
+            self._transactions = Section(_draw_transactions).waiting()
         follow(console, "map", self._show_map)
         self._refresh = follow_async(console, "organization", self._load)
 

@@ -36,6 +36,10 @@ from services.console.words import explain, iec, kind, moment, party, span
 Json = dict[str, Any]
 
 PAGE_ROWS = 25
+MAX_PAGES = 10**6
+MAX_SEARCH = 200
+"""Characters, as many as the bridge takes."""
+_MAX_DIGITS = 18
 _STATES = ("open", "assigned", "submitted", "settled", "failed", "cancelled")
 _ANY = ""
 
@@ -44,7 +48,8 @@ def register(console: Console) -> None:
     @ui.page("/tasks")
     def tasks(page: int = 1, state: str = _ANY, kind_: str = _ANY, text: str = "") -> None:
         with frame(console, "Tasks", "/tasks", heading=False):
-            _list(console, max(1, page), state if state in _STATES else _ANY, kind_, text)
+            page = min(max(1, page), MAX_PAGES)
+            _list(console, page, state if state in _STATES else _ANY, kind_, text[:MAX_SEARCH])
 
     @ui.page("/tasks/new")
     def new(like: int | None = None) -> None:
@@ -85,7 +90,9 @@ def _list(console: Console, page: int, state: str, kind_: str, text: str) -> Non
         kind_select = ui.select(kinds, value=kind_, label="Kind", on_change=lambda e: choose(kind=e.value))
         kind_select.props("outlined dense")
         search = ui.input("Number or words", value=text, on_change=lambda e: choose(text=e.value or ""))
-        search.props("outlined dense clearable debounce=300").style("flex: 1; max-width: 320px")
+        search.props(f"outlined dense clearable debounce=300 maxlength={MAX_SEARCH}").style(
+            "flex: 1; max-width: 320px"
+        )
     problem = problem_section()
     with ui.element("section").classes("card").props('aria-label="Tasks"'):
         rows = Section(_draw_rows).waiting()
@@ -94,6 +101,10 @@ def _list(console: Console, page: int, state: str, kind_: str, text: str) -> Non
     async def load() -> None:
         try:
             found, total = await ask(_find, console, wanted)
+            last = max(1, -(-total // PAGE_ROWS))
+            if wanted["page"] > last:
+                wanted["page"] = last
+                found, total = await ask(_find, console, wanted)
             allowed = (await ask(console.reads.state, "chain"))["kinds"]
         except RodeoError as error:
             problem.show(stale(error))
@@ -108,7 +119,7 @@ def _list(console: Console, page: int, state: str, kind_: str, text: str) -> Non
 
 def _find(console: Console, wanted: Json) -> tuple[list[Task], int]:
     text = wanted["text"].strip().removeprefix("#")
-    if text.isdecimal():
+    if text.isdecimal() and len(text) <= _MAX_DIGITS:
         try:
             return [console.reads.task(int(text))], 1
         except RodeoError as error:

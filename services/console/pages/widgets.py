@@ -164,17 +164,21 @@ def on_page(handler: Callable[P, Awaitable[T]]) -> Callable[P, Awaitable[T]]:
     return run
 
 
-def put_away(dialog: ui.dialog) -> None:
-    """Unless it went with its page."""
-    if not dialog.is_deleted:
-        dialog.delete()
+@contextmanager
+def modal(title: str, classes: str = "") -> Iterator[ui.dialog]:
+    """A dialog to be awaited. It goes when it has closed and not before: closing it, the browser gives the
+    focus back to what opened it.
+    """
+    with ui.dialog() as dialog, ui.card().classes(classes):
+        heading = Text("h2", title)
+        dialog.props(f'aria-labelledby="{heading.html_id}"')
+        yield dialog
+    dialog.on("hide", dialog.delete)
 
 
 async def confirm(title: str, lines: Sequence[tuple[str, str]], action: str, danger: bool = False) -> bool:
     """Ask before money moves or something stops; `lines` say what will happen."""
-    with ui.dialog() as dialog, ui.card():
-        heading = Text("h2", title)
-        dialog.props(f'aria-labelledby="{heading.html_id}"')
+    with modal(title) as dialog:
         with facts():
             for name, value in lines:
                 fact(name, value, "wrap")
@@ -184,9 +188,7 @@ async def confirm(title: str, lines: Sequence[tuple[str, str]], action: str, dan
                 action, on_click=lambda: dialog.submit(True), color="negative" if danger else "primary"
             )
             button.props("unelevated autofocus")
-    answer = await dialog
-    put_away(dialog)
-    return bool(answer)
+    return bool(await dialog)
 
 
 @dataclass(frozen=True)
@@ -228,9 +230,8 @@ async def ask_form(
         finally:
             button.props(remove="loading")
 
-    with ui.dialog().props("no-backdrop-dismiss") as dialog, ui.card():
-        heading = Text("h2", title)
-        dialog.props(f'aria-labelledby="{heading.html_id}"')
+    with modal(title) as dialog:
+        dialog.props("no-backdrop-dismiss")
         with ui.element("div").classes("form").style("width: 100%"):
             for name, field in fields.items():
                 entries[name] = field.draw().props("outlined dense").classes("whole")
@@ -239,7 +240,6 @@ async def ask_form(
             ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
             button = ui.button(action, on_click=attempt).props("unelevated")
     await dialog
-    put_away(dialog)
 
 
 def _entered(entry: Any) -> str:

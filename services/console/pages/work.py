@@ -31,9 +31,9 @@ from services.console.pages.widgets import (
     card,
     confirm,
     empty,
+    modal,
     notice,
     on_page,
-    put_away,
     tile,
 )
 from services.console.roles import Role
@@ -157,9 +157,8 @@ class ExecutorDesk:
             if await act(self._console, "submit_work", request, f"Task {task.id} is handed in") is not None:
                 dialog.submit(True)
 
-        with ui.dialog().props("no-backdrop-dismiss") as dialog, ui.card():
-            heading = Text("h2", f"Hand in task {task.id}")
-            dialog.props(f'aria-labelledby="{heading.html_id}"')
+        with modal(f"Hand in task {task.id}") as dialog:
+            dialog.props("no-backdrop-dismiss")
             note = ui.textarea("What did you do?").props("outlined dense autofocus maxlength=4000")
             note.style("width: 100%")
             upload = ui.upload(
@@ -179,7 +178,6 @@ class ExecutorDesk:
                 ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
                 ui.button("Review", on_click=review).props("unelevated")
         await dialog
-        put_away(dialog)
 
 
 def _draw_ended(tasks: list[Task]) -> None:
@@ -212,13 +210,20 @@ class AuditorDesk:
         reads = self._console.reads
         try:
             kinds = (await ask(reads.state, "organization"))["kinds"]
-            tasks, _ = await ask(reads.tasks, 100, state="submitted", order="oldest")
+            waiting = [
+                task
+                for one in kinds
+                if one["review"] == "auditor"
+                for task in (
+                    await ask(reads.tasks, SHOWN, state="submitted", kind=one["kind"], order="oldest")
+                )[0]
+            ]
         except RodeoError as error:
             self._problem.show(stale(error))
             return
         self._problem.show("")
-        ours = {one["kind"] for one in kinds if one["review"] == "auditor"}
-        self._waiting.show([task for task in tasks if task.kind in ours][:SHOWN])
+        waiting.sort(key=lambda task: task.id)
+        self._waiting.show(waiting[:SHOWN])
 
     def _draw(self, tasks: list[Task]) -> None:
         if not tasks:
@@ -266,9 +271,8 @@ class AuditorDesk:
             if await act(self._console, "judge", request, f"Task {task.id} is judged") is not None:
                 dialog.submit(True)
 
-        with ui.dialog().props("no-backdrop-dismiss") as dialog, ui.card().style("width: 640px"):
-            heading = Text("h2", f"Judge task {task.id}")
-            dialog.props(f'aria-labelledby="{heading.html_id}"')
+        with modal(f"Judge task {task.id}", "broad") as dialog:
+            dialog.props("no-backdrop-dismiss")
             Text("p", task.description or kind(task.kind), "wrap")
             if statement is None:
                 notice("The proof holds no statement that could be shown; the task's page has the recording.")
@@ -285,4 +289,3 @@ class AuditorDesk:
                 ui.button("Reject", on_click=partial(answer, False), color="negative").props("outline")
                 ui.button("Approve", on_click=partial(answer, True)).props("unelevated")
         await dialog
-        put_away(dialog)

@@ -131,6 +131,14 @@ def test_amounts_in_events_are_iec_and_names_are_text(chain: Chain) -> None:
     assert second.args["nonce"] == "0x" + "07" * 32 and second.task_id == 1
 
 
+def test_what_is_in_escrow_is_the_sum_of_all_tasks_however_many(chain: Chain) -> None:
+    chain.block(*(registered(task_id) for task_id in range(1, 602)), offered())
+    assert chain.index.in_escrow(CREATOR) == 601 * 120 * IEC
+    chain.block(events.TaskCancelled(2, 120 * IEC))
+    assert chain.index.in_escrow(CREATOR) == 600 * 120 * IEC
+    assert chain.index.in_escrow(ROBOT) == 0
+
+
 def test_a_task_through_its_life(chain: Chain) -> None:
     chain.block(registered(), time_s=1_000)
     assert (task(chain)["state"], task(chain)["attempt"], task(chain)["executor"]) == ("open", 0, None)

@@ -1,0 +1,446 @@
+"""The console without robots: who may do what, the organization's own affairs, what goes away under an open
+page, and programs that send anything.
+
+Router, chain, bridge and console are real; requests are made from the interface's own OpenAPI document, and
+what fits it reaches the contracts.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+import secrets
+import time
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import httpx
+import pytest
+import schemathesis
+from eth_account import Account
+from hypothesis import HealthCheck, settings
+from playwright.sync_api import Locator, Page, expect
+from schemathesis.checks import not_a_server_error
+from schemathesis.specs.openapi.checks import negative_data_rejection, positive_data_acceptance
+from websockets.exceptions import ConnectionClosed, InvalidStatus
+from websockets.sync.client import connect
+from websockets.typing import Origin
+
+from rodeo import wallets
+from rodeo.errors import BusError
+from services.console.rest import make_api
+from services.console.roles import Role
+from tests.support.browser import chromium, log_in
+from tests.support.console import PASSPHRASE, Desk, click_map, open_page
+from tests.support.dao import Dao
+from tests.support.site import WAIT_S, RunningSite, write_site
+
+SITE = """[[participants]]
+name = "eva"
+"""
+PHOTO = Path(__file__).parents[1] / "unit" / "services" / "itrash" / "renderings" / "paper_1.jpg"
+
+
+PAGES = ("/", "/tasks", "/tasks/new", "/tasks/1", "/services", "/treasury", "/work", "/operator", "/accounts")
+
+
+class Office(Desk):
+    """The desk, and the organization behind it."""
+
+    dao: Dao
+
+    def cancel(self, task_id: int) -> None:
+        """As soon as the bridge can be asked: it is ready before everybody knows where it is again."""
+        deadline_s = time.monotonic() + WAIT_S
+        while True:
+            with suppress(BusError):
+                # The same request twice is carried out once.
+                self.dao.command(
+                    "organization", "cancel_task", task_id=task_id, request_id=f"cancel-{task_id}"
+                )
+                return
+            assert time.monotonic() < deadline_s, self.running.log("bridge")
+
+
+@pytest.fixture(scope="module")
+def desk(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Office]:
+    running = RunningSite(write_site(tmp_path_factory.mktemp("office"), chain_backend, SITE))
+    dao = Dao(running)
+    try:
+        dao.start()
+        running.start("console")
+        dao.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
+        with chromium() as browser:
+            desk = Office(running, browser)
+            desk.dao = dao
+            desk.accounts.add_user("fuzzer", PASSPHRASE, list(Role), "organization")
+            yield desk
+    finally:
+        dao.stop()
+        running.stop()
+
+
+def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_approves(desk: Office) -> None:
+    with desk.client("ada") as ada, desk.client("eva") as eva:
+        for client, action, request in (
+            (ada, "allow-kind", {"kind": "wheel_cleaning", "review": "auditor"}),
+            (eva, "register-service", {"kind": "wheel_cleaning", "price_iec": "5", "participant": "eva"}),
+            (
+                ada,
+                "post-task",
+                {"kind": "wheel_cleaning", "reward_iec": "6", "description": "Clean my wheels"},
+            ),
+        ):
+            reply = client.post(f"/actions/{action}", json=request)
+            assert reply.status_code == 200, reply.text
+        task_id = reply.json()["task_id"]
+        forbidden = eva.post("/actions/register-service", json={"kind": "wheel_cleaning", "price_iec": "1"})
+        assert (forbidden.status_code, forbidden.json()["code"]) == (403, "forbidden")
+
+    paid_iec = desk.dao.balances()["eva"] + 5
+    person = desk.page("eva")
+    open_page(person, "/work")
+    person.get_by_role("button", name=f"Accept task {task_id}").click()
+    expect(person.get_by_text(f"Task {task_id} is yours to do")).to_be_visible()
+    person.get_by_role("button", name=f"Hand in task {task_id}").click()
+    person.get_by_label("What did you do?").fill("Washed all four wheels")
+    person.locator("input[type=file]").set_input_files(PHOTO)
+    expect(person.get_by_text("1 photo added")).to_be_visible()
+    person.get_by_role("button", name="Review").click()
+    person.get_by_role("button", name="Seal and hand in").click()
+    handed_in = person.get_by_role("region", name="Handed in")
+    expect(handed_in.get_by_text("waiting for the verdict")).to_be_visible()
+
+    auditor = desk.page("ada")
+    open_page(auditor, "/work")
+    auditor.get_by_role("button", name=f"Judge task {task_id}").click()
+    expect(auditor.get_by_text("“Washed all four wheels”")).to_be_visible()
+    expect(auditor.get_by_role("img", name="Photo 1 of the work")).to_be_visible()
+    auditor.get_by_label("Why?").fill("They shine")
+    auditor.get_by_role("button", name="Approve").click()
+    auditor.get_by_role("dialog", name="Approve this work?").get_by_role("button", name="Approve").click()
+
+    expect(handed_in.get_by_text("paid 5 IEC")).to_be_visible()
+    expect(person.locator(".tile .value").first).to_have_text(f"{paid_iec:g} IEC")
+    person.close()
+    auditor.close()
+
+
+def test_nobody_gets_in_without_the_passphrase_and_a_browser_that_tries_is_slowed_down(desk: Office) -> None:
+    page = desk.page(None)
+    assert page.url == f"{desk.origin}/login?next=/"
+    log_in(page, "ada", "wrong passphrase")
+    expect(page.get_by_role("alert")).to_have_text("The name or the passphrase is wrong. Try again.")
+    with httpx.Client(base_url=desk.origin, headers={"Origin": desk.origin}, timeout=60) as client:
+        tries = [
+            client.post("/login", data={"name": "eve", "passphrase": f"guess number {n}"}).status_code
+            for n in range(7)
+        ]
+    assert tries == [401] * 5 + [429] * 2
+    log_in(page, "ada", PASSPHRASE)
+    expect(page.get_by_role("heading", name="Overview")).to_be_visible()
+    page.close()
+
+
+def test_who_has_no_role_may_look_and_is_refused_whatever_they_try(desk: Office) -> None:
+    page = desk.page("reader")
+    expect(page.get_by_role("link", name="Post a task")).to_have_count(0)
+    page.goto("/tasks/new")
+    expect(page.get_by_text("needs the role operator")).to_be_visible()
+    expect(page.get_by_role("button", name="Review and post")).to_have_count(0)
+    page.close()
+    task: dict[str, Any] = {"kind": "waste_disposal", "reward_iec": "1", "params": {}}
+    with desk.client("reader") as client:
+        assert client.get("/tasks").status_code == 200
+        refused = client.post("/actions/post-task", json=task)
+        assert (refused.status_code, refused.json()["code"]) == (403, "forbidden")
+    with desk.client(None) as client:
+        assert client.get("/tasks").status_code == 401
+
+
+def test_taking_a_role_takes_it_from_a_page_that_is_open_too(desk: Office) -> None:
+    operator = desk.somebody(Role.OPERATOR)
+    page = desk.page(operator)
+    open_page(page, "/tasks/new")
+    click_map(page, 2.0, 1.0)
+    expect(page.get_by_label("East, x (m)")).to_have_value(re.compile(r"2\.0|1\.9"))
+    desk.accounts.change_user(operator, [], None)
+    page.get_by_role("button", name="Review and post").click()
+    page.get_by_role("button", name="Pay 100 IEC into escrow").click()
+    expect(page.get_by_text("This needs the role operator")).to_be_visible()
+    page.close()
+
+
+def test_a_session_that_was_ended_elsewhere_ends_at_the_next_click(desk: Office) -> None:
+    operator = desk.somebody(Role.OPERATOR)
+    page = desk.page(operator)
+    open_page(page, "/tasks/new")
+    desk.accounts.set_passphrase(operator, "another passphrase")
+    page.get_by_role("button", name="Review and post").click()
+    expect(page.get_by_role("button", name="Log in")).to_be_visible()
+    page.close()
+
+
+def test_other_sites_can_neither_post_nor_listen_with_somebodys_cookie(desk: Office) -> None:
+    with httpx.Client(base_url=desk.origin, timeout=60) as client:
+        form = {"name": "ada", "passphrase": PASSPHRASE}
+        assert client.post("/login", data=form).status_code == 403
+        assert client.post("/login", data=form, headers={"Origin": "http://evil.example"}).status_code == 403
+        entered = client.post("/login", data=form, headers={"Origin": desk.origin})
+        assert entered.status_code == 303
+        flags = entered.headers["set-cookie"].lower()
+        assert "httponly" in flags and "samesite=strict" in flags
+        assert client.get("/", headers={"Host": "evil.example"}).status_code == 421
+        page = client.get("/", headers={"Accept": "text/html"})
+        client_id = re.search(r"""client_id['"]:\s*['"]([0-9a-f-]{36})""", page.text)
+        assert client_id is not None
+        policy = page.headers["content-security-policy"]
+        assert "script-src 'self' 'nonce-" in policy and "default-src 'none'" in policy
+        cookie = {"Cookie": f"rodeo_session={client.cookies['rodeo_session']}"}
+    url = f"{desk.origin.replace('http', 'ws')}/_nicegui_ws/socket.io/"
+    url += f"?EIO=4&transport=websocket&client_id={client_id[1]}"
+    with pytest.raises(InvalidStatus) as refused:
+        connect(url, origin=Origin("http://evil.example"), additional_headers=cookie)
+    assert refused.value.response.status_code == 403
+    with connect(url, origin=Origin(desk.origin)) as stranger:
+        assert str(stranger.recv(60)).startswith("0")
+        stranger.send("40")
+        assert stranger.recv(60) == '44{"message":"Implicit handshake failed"}'
+        with pytest.raises(ConnectionClosed):
+            stranger.recv(60)
+
+
+def row(page: Page, table: str, text: str) -> Locator:
+    """The first line of the table that says so."""
+    return page.get_by_role("table", name=table).get_by_role("row").filter(has_text=text).first
+
+
+def choose(page: Page, label: str, option: str) -> None:
+    page.get_by_role("combobox", name=label).click()
+    page.get_by_role("option", name=option).click()
+
+
+def answer(page: Page, button: str) -> None:
+    """Press this in the dialog that is open, and see it go."""
+    page.get_by_role("dialog").get_by_role("button", name=button).click()
+    expect(page.get_by_role("dialog")).to_have_count(0)
+
+
+def test_a_service_is_offered_priced_paused_resumed_and_retired(desk: Office) -> None:
+    page = desk.page("ada")
+    open_page(page, "/services")
+    page.get_by_role("button", name="Offer a service").click()
+    page.get_by_label("Price (IEC)").fill("much")
+    page.get_by_role("button", name="Offer it").click()
+    expect(page.get_by_text("price: enter an amount of IEC, for example 12.5")).to_be_visible()
+    page.get_by_label("Price (IEC)").fill("42")
+    page.get_by_label("For people").fill("by hand")
+    answer(page, "Offer it")
+    offered = row(page, "Services on offer", "by hand")
+    expect(offered.locator(".badge")).to_have_text("active")
+    expect(offered).to_contain_text("42 IEC")
+
+    def change(what: str) -> None:
+        offered.get_by_role("button", name="Change service").click()
+        page.get_by_role("menu").get_by_text(what).click()
+
+    change("Change the price")
+    page.get_by_label("Price (IEC)").fill("43.5")
+    answer(page, "Set the price")
+    expect(offered).to_contain_text("43.5 IEC")
+    for what, state in (("Pause", "paused"), ("Resume", "active"), ("Suspend", "suspended")):
+        change(what)
+        if what == "Suspend":
+            answer(page, "Suspend it")
+        expect(offered.locator(".badge")).to_have_text(state)
+    change("Reinstate")
+    expect(offered.locator(".badge")).not_to_have_text("suspended")
+    change("Retire for good")
+    answer(page, "Retire it")
+    expect(offered.locator(".badge")).to_have_text("retired")
+    expect(offered.get_by_role("button")).to_have_count(0)
+    page.close()
+
+
+def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) -> None:
+    page = desk.page("ada")
+    open_page(page, "/services")
+    eva = row(page, "Participants", "eva")
+    for what, is_member in (("Admit somebody", True), ("Dismiss somebody", False)):
+        page.get_by_role("button", name="Membership").click()
+        choose(page, "What", what)
+        page.get_by_label("Who, to admit or dismiss").fill("eva")
+        answer(page, "Do it")
+        shown = expect(eva.get_by_text("member"))
+        shown.to_be_visible() if is_member else shown.to_have_count(0)
+
+    key = Account.create().address
+    page.get_by_role("button", name="Register a key").click()
+    page.get_by_label("Address of the key").fill(key)
+    page.get_by_label("Owner").fill("nobody")
+    page.get_by_role("button", name="Register it").click()
+    expect(page.get_by_text("Participants are listed under Services")).to_be_visible()
+    page.get_by_label("Owner").fill("eva")
+    answer(page, "Register it")
+    device = row(page, "Device keys", key[:10])
+    device.get_by_role("button", name="Revoke").click()
+    answer(page, "Revoke it")
+    expect(device.locator(".badge")).to_have_text("revoked")
+    page.close()
+
+
+def test_money_goes_into_the_treasury_and_out_of_it_and_the_chart_and_the_file_tell_why(desk: Office) -> None:
+    page = desk.page("ada")
+    open_page(page, "/treasury")
+    transfers = page.get_by_role("table", name="Transfers, newest first")
+    for button, amount, to in (("Deposit", "12", None), ("Withdraw", "7.5", "eva")):
+        page.get_by_role("button", name=button, exact=True).click()
+        page.get_by_label("Amount (IEC)").fill(amount)
+        if to is not None:
+            page.get_by_label("To: a participant").fill(to)
+        page.get_by_role("button", name=f"Review the {button.lower()}").click()
+        page.get_by_role("button", name=re.compile(f"^(Deposit|Pay) {amount} IEC")).click()
+        expect(page.get_by_role("dialog")).to_have_count(0)
+        expect(transfers.get_by_role("row").nth(1)).to_contain_text(amount)
+    expect(page.get_by_text("EUR/kWh").first).to_be_visible()
+    with page.expect_download() as download:
+        page.get_by_role("link", name="CSV").click()
+    newest, before, *_ = csv.DictReader(download.value.path().read_text().splitlines())
+    assert (newest["change_iec"], newest["to"], newest["why"]) == (
+        "-7.5",
+        "eva",
+        "Withdrawal from the treasury",
+    )
+    assert (before["change_iec"], before["why"]) == ("12", "Deposit into the treasury")
+    series = page.evaluate(
+        """() => { const id = document.querySelector('[aria-label^="Balance over"]').id.slice(1);
+        const { series } = getElement(Number(id)).chart.getOption();
+        return Object.fromEntries(series.map((one) => [one.name, one.data])); }"""
+    )
+    assert series["Received"][-1]["name"] == "Deposit into the treasury: +12 IEC"
+    assert series["Paid"][-1]["name"] == "Withdrawal from the treasury: -7.5 IEC"
+    assert all(price in (0.24, 0.34) for _, price in series["Electricity"])
+    page.close()
+
+
+def test_a_token_is_shown_once_and_works_until_it_is_revoked(desk: Office) -> None:
+    page = desk.page(desk.somebody())
+    open_page(page, "/accounts")
+    page.get_by_role("button", name="New token").click()
+    page.get_by_label("What is it for?").fill("a program")
+    page.get_by_role("button", name="Make it").click()
+    token = page.get_by_text(re.compile("^rodeo_")).inner_text()
+    page.get_by_role("button", name="I have it").click()
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    open_page(page, "/accounts")
+    assert token not in page.content()
+
+    def asked() -> int:
+        header = {"Authorization": f"Bearer {token}"}
+        return httpx.get(f"{desk.origin}/api/tasks", headers=header, timeout=WAIT_S).status_code
+
+    assert asked() == 200
+    page.get_by_role("button", name="Revoke a program").click()
+    expect(page.get_by_text("You have no tokens.")).to_be_visible()
+    assert asked() == 401
+    page.close()
+
+
+def test_an_administrator_makes_an_account_which_its_owner_makes_their_own(desk: Office) -> None:
+    name = f"dan-{secrets.token_hex(4)}"
+    page = desk.page("ada")
+    open_page(page, "/accounts")
+    page.get_by_role("button", name="New account").click()
+    page.get_by_label("Name").fill(name)
+    page.get_by_label("First passphrase").fill("first passphrase")
+    choose(page, "Roles", "auditor")
+    page.keyboard.press("Escape")
+    answer(page, "Make it")
+    expect(row(page, "Accounts", name)).to_contain_text("auditor")
+
+    own = desk.browser.new_page(base_url=desk.origin)
+    own.goto("/accounts")
+    log_in(own, name, "first passphrase")
+    own.get_by_label("New passphrase").fill("second passphrase")
+    own.get_by_label("Current passphrase").fill("not the first one")
+    own.get_by_role("button", name="Set it").click()
+    expect(own.get_by_text("The current passphrase is wrong")).to_be_visible()
+    own.get_by_label("Current passphrase").fill("first passphrase")
+    own.get_by_role("button", name="Set it").click()
+    log_in(own, name, "second passphrase")
+    expect(own.get_by_role("heading", name="Overview")).to_be_visible()
+
+    row(page, "Accounts", name).get_by_role("button", name=f"Change {name}").click()
+    page.get_by_role("menu").get_by_text("Disable").click()
+    answer(page, "Disable it")
+    own.get_by_role("button", name="Light or dark").click()
+    expect(own.get_by_role("button", name="Log in")).to_be_visible()
+    own.close()
+    page.close()
+
+
+def test_no_page_holds_a_secret_and_an_address_without_a_page_says_so(desk: Office) -> None:
+    site = desk.running.site
+    names = [*wallets.wallet_names(site), *wallets.device_names(site)]
+    keys = [wallets.load(site, name).key.hex().removeprefix("0x") for name in names]
+    page = desk.page("ada")
+    (cookie,) = page.context.cookies()
+    for path in PAGES:
+        open_page(page, path)
+        shown = page.content().lower()
+        found = [text for text in (*keys, PASSPHRASE, "argon2", cookie["value"].lower()) if text in shown]
+        assert found == [], path
+    for path in ("/nothing", "/tasks/nothing"):
+        page.goto(path)
+        expect(page.get_by_text("There is nothing at this address")).to_be_visible()
+    page.close()
+
+
+@pytest.mark.parametrize("process", ["bridge", "router", "console"])
+def test_an_open_page_says_that_it_is_not_current_and_recovers_by_itself(desk: Office, process: str) -> None:
+    task_id = desk.dao.post("1", allow_wait=True)
+    page = desk.page("ada")
+    open_page(page, f"/tasks/{task_id}")
+    state = page.locator(".page-head .badge")
+    expect(state).to_have_text("open")
+    told = page.get_by_text("Connection lost" if process == "console" else "This page is not current")
+    desk.running.kill(process)
+    expect(told.first).to_be_visible()
+
+    desk.running.start(process, ready=False)
+    desk.running.wait_for_status("bridge", lambda status: status.ready)
+    desk.cancel(task_id)
+    expect(state).to_have_text("cancelled")
+    expect(told).to_be_hidden()
+    page.close()
+
+
+# Made here, and not asked of the process, so that each of its operations is a test of its own.
+DOCUMENT = make_api(SimpleNamespace(reads=None)).openapi()
+SCHEMA = schemathesis.openapi.from_dict(DOCUMENT)
+# One case for each limit of each field is a thousand requests; chance finds its way with fewer.
+SCHEMA.config.phases.coverage.enabled = False
+
+
+def test_the_process_describes_itself_with_this_document(desk: Office) -> None:
+    assert httpx.get(f"{desk.origin}/api/openapi.json", timeout=WAIT_S).json()["paths"] == DOCUMENT["paths"]
+
+
+@SCHEMA.parametrize()
+@settings(max_examples=3, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+def test_whatever_the_document_allows_or_forbids_gets_a_documented_answer(
+    case: schemathesis.Case, desk: Office
+) -> None:
+    # What fits may be refused by the organization, a 0 is as good as false, and 503 and 504 are promised
+    # where the bridge is away or too slow.
+    answer = case.call_and_validate(
+        base_url=f"{desk.origin}/api",
+        # With a token of its own: one of the requests is to revoke some.
+        headers={"Authorization": f"Bearer {desk.accounts.issue_token('fuzzer', 'fuzz')}"},
+        timeout=2 * WAIT_S,
+        excluded_checks=[positive_data_acceptance, negative_data_rejection, not_a_server_error],
+    )
+    assert answer.status_code not in (500, 501, 502), answer.text
