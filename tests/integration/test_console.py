@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
@@ -11,6 +12,7 @@ from playwright.sync_api import expect
 from tests.support.accessibility import everything_is_named, nothing_is_faint
 from tests.support.browser import chromium, watch
 from tests.support.console import WAIT_MS, Desk, click_map, open_page
+from tests.support.dao import Dao
 from tests.support.site import RunningSite, write_site
 
 SITE = """clock.speed = 20
@@ -19,6 +21,7 @@ agent.explore_when_idle = false
 [[participants]]
 name = "eva"
 """
+PHOTO = Path(__file__).parents[1] / "unit" / "services" / "itrash" / "renderings" / "paper_1.jpg"
 
 
 @pytest.fixture(scope="module")
@@ -81,6 +84,52 @@ def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_repla
     expect(said.get_by_text("Bin: it fell into yellow")).to_be_visible()
     assert faults == []
     page.close()
+
+
+def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_approves(desk: Desk) -> None:
+    with desk.client("ada") as ada, desk.client("eva") as eva:
+        for client, action, request in (
+            (ada, "allow-kind", {"kind": "wheel_cleaning", "review": "auditor"}),
+            (eva, "register-service", {"kind": "wheel_cleaning", "price_iec": "5", "participant": "eva"}),
+            (
+                ada,
+                "post-task",
+                {"kind": "wheel_cleaning", "reward_iec": "6", "description": "Clean my wheels"},
+            ),
+        ):
+            reply = client.post(f"/actions/{action}", json=request)
+            assert reply.status_code == 200, reply.text
+        task_id = reply.json()["task_id"]
+        forbidden = eva.post("/actions/register-service", json={"kind": "wheel_cleaning", "price_iec": "1"})
+        assert (forbidden.status_code, forbidden.json()["code"]) == (403, "forbidden")
+
+    paid_iec = Dao(desk.running).balances()["eva"] + 5
+    person = desk.page("eva")
+    open_page(person, "/work")
+    person.get_by_role("button", name=f"Accept task {task_id}").click()
+    expect(person.get_by_text(f"Task {task_id} is yours to do")).to_be_visible()
+    person.get_by_role("button", name=f"Hand in task {task_id}").click()
+    person.get_by_label("What did you do?").fill("Washed all four wheels")
+    person.locator("input[type=file]").set_input_files(PHOTO)
+    expect(person.get_by_text("1 photo added")).to_be_visible()
+    person.get_by_role("button", name="Review").click()
+    person.get_by_role("button", name="Seal and hand in").click()
+    handed_in = person.get_by_role("region", name="Handed in")
+    expect(handed_in.get_by_text("waiting for the verdict")).to_be_visible()
+
+    auditor = desk.page("ada")
+    open_page(auditor, "/work")
+    auditor.get_by_role("button", name=f"Judge task {task_id}").click()
+    expect(auditor.get_by_text("“Washed all four wheels”")).to_be_visible()
+    expect(auditor.get_by_role("img", name="Photo 1 of the work")).to_be_visible()
+    auditor.get_by_label("Why?").fill("They shine")
+    auditor.get_by_role("button", name="Approve").click()
+    auditor.get_by_role("dialog", name="Approve this work?").get_by_role("button", name="Approve").click()
+
+    expect(handed_in.get_by_text("paid 5 IEC")).to_be_visible()
+    expect(person.locator(".tile .value").first).to_have_text(f"{paid_iec:g} IEC")
+    person.close()
+    auditor.close()
 
 
 def test_every_control_has_a_name_and_every_text_can_be_read_in_light_and_dark(desk: Desk) -> None:

@@ -13,7 +13,6 @@ import secrets
 import time
 from collections.abc import Iterator
 from contextlib import suppress
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -41,7 +40,6 @@ from tests.support.site import WAIT_S, RunningSite, write_site
 SITE = """[[participants]]
 name = "eva"
 """
-PHOTO = Path(__file__).parents[1] / "unit" / "services" / "itrash" / "renderings" / "paper_1.jpg"
 
 
 PAGES = ("/", "/tasks", "/tasks/new", "/tasks/1", "/services", "/treasury", "/work", "/operator", "/accounts")
@@ -81,52 +79,6 @@ def desk(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterat
     finally:
         dao.stop()
         running.stop()
-
-
-def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_approves(desk: Office) -> None:
-    with desk.client("ada") as ada, desk.client("eva") as eva:
-        for client, action, request in (
-            (ada, "allow-kind", {"kind": "wheel_cleaning", "review": "auditor"}),
-            (eva, "register-service", {"kind": "wheel_cleaning", "price_iec": "5", "participant": "eva"}),
-            (
-                ada,
-                "post-task",
-                {"kind": "wheel_cleaning", "reward_iec": "6", "description": "Clean my wheels"},
-            ),
-        ):
-            reply = client.post(f"/actions/{action}", json=request)
-            assert reply.status_code == 200, reply.text
-        task_id = reply.json()["task_id"]
-        forbidden = eva.post("/actions/register-service", json={"kind": "wheel_cleaning", "price_iec": "1"})
-        assert (forbidden.status_code, forbidden.json()["code"]) == (403, "forbidden")
-
-    paid_iec = desk.dao.balances()["eva"] + 5
-    person = desk.page("eva")
-    open_page(person, "/work")
-    person.get_by_role("button", name=f"Accept task {task_id}").click()
-    expect(person.get_by_text(f"Task {task_id} is yours to do")).to_be_visible()
-    person.get_by_role("button", name=f"Hand in task {task_id}").click()
-    person.get_by_label("What did you do?").fill("Washed all four wheels")
-    person.locator("input[type=file]").set_input_files(PHOTO)
-    expect(person.get_by_text("1 photo added")).to_be_visible()
-    person.get_by_role("button", name="Review").click()
-    person.get_by_role("button", name="Seal and hand in").click()
-    handed_in = person.get_by_role("region", name="Handed in")
-    expect(handed_in.get_by_text("waiting for the verdict")).to_be_visible()
-
-    auditor = desk.page("ada")
-    open_page(auditor, "/work")
-    auditor.get_by_role("button", name=f"Judge task {task_id}").click()
-    expect(auditor.get_by_text("“Washed all four wheels”")).to_be_visible()
-    expect(auditor.get_by_role("img", name="Photo 1 of the work")).to_be_visible()
-    auditor.get_by_label("Why?").fill("They shine")
-    auditor.get_by_role("button", name="Approve").click()
-    auditor.get_by_role("dialog", name="Approve this work?").get_by_role("button", name="Approve").click()
-
-    expect(handed_in.get_by_text("paid 5 IEC")).to_be_visible()
-    expect(person.locator(".tile .value").first).to_have_text(f"{paid_iec:g} IEC")
-    person.close()
-    auditor.close()
 
 
 def test_nobody_gets_in_without_the_passphrase_and_a_browser_that_tries_is_slowed_down(desk: Office) -> None:
