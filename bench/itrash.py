@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import subprocess
 import sys
 import time
@@ -14,6 +13,7 @@ import cv2
 import httpx
 import numpy as np
 
+from bench.memory import peak_mb
 from rodeo.lab.config import BinConfig, Pose2
 from rodeo.lab.render import RendererUnavailable
 from services.itrash import evaluation, metrics, renderings
@@ -105,7 +105,7 @@ def classify_once() -> None:
     """Classify the frame and print this process's peak memory in MB."""
     cv2.setNumThreads(1)
     Classifier()(decode_image(FRAME.read_bytes()))
-    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3)
+    print(peak_mb())
 
 
 class _LoneBin:

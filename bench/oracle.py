@@ -21,6 +21,7 @@ from pathlib import Path
 
 from eth_account.signers.local import LocalAccount
 
+from bench.memory import peak_mb
 from rodeo.config import Site
 from rodeo.evidence import Binding, Store
 from services.oracle.case import Ledger
@@ -110,14 +111,12 @@ def _cost(site: Site, ledger: Ledger) -> tuple[float, float]:
 
 
 def _measure(site: Site, ledger: Ledger, sender: Connection) -> None:
-    spent_s, peak_mb = [], 0.0
+    spent_s, peak = [], 0.0
     for number in range(REPEATS):
         with tempfile.TemporaryDirectory() as folder:
             started_s = time.process_time()
             verify_submission(site, ledger, Path(folder))
             spent_s.append(time.process_time() - started_s)
         if number == 0:
-            # Not getrusage: its largest size is also that of the process from which this one was started.
-            status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines())
-            peak_mb = int(status["VmHWM"].split()[0]) / 1024
-    sender.send((statistics.median(spent_s), peak_mb))
+            peak = peak_mb()
+    sender.send((statistics.median(spent_s), peak))
