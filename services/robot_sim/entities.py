@@ -1,7 +1,8 @@
 """What can be put somewhere in a simulated lab: items, obstacles, robots that are not simulated."""
 
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
@@ -15,8 +16,11 @@ OBSTACLE_SIZE_M = (0.35, 0.35, 0.5)
 _OUTSIDE_M = (0.0, 0.0, -10.0)
 
 
-_COAST_NS = 200_000_000
-"""For so long something goes on moving of which nothing new is heard; then it stands still."""
+_DELAY_NS = 60_000_000
+"""What is told with its time is shown so much later, between what was told for before and for after: whoever
+tells it is late now and then, and what has not been told yet would have to be guessed."""
+_SILENT_NS = 1_000_000_000
+"""Of what nothing was told for so long nothing more is expected; an item is then let go."""
 
 
 class UnknownEntity(RodeoError):
@@ -32,21 +36,22 @@ class EntityState:
     quat_wxyz: np.ndarray
     """(4,) normed"""
     linear_m_s: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """(3,)"""
+    """(3,), of an item that is let go like that"""
     angular_rad_s: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    """(3,)"""
+    """(3,), likewise"""
     time_ns: int = 0
     """When that was so; what is not about now is of another clock than the lab's, and counts as now."""
 
-    def at(self, time_ns: int) -> tuple[np.ndarray, np.ndarray]:
-        """Position (3,) and quaternion (4,) if it goes on like that, though not for longer than _COAST_NS."""
-        passed_s = min(max(time_ns - self.time_ns, -_COAST_NS), _COAST_NS) * 1e-9
-        turn, quat = np.empty(4), np.empty(4)
-        angle_rad = float(np.linalg.norm(self.angular_rad_s))
-        axis = self.angular_rad_s / angle_rad if angle_rad else np.array([0.0, 0.0, 1.0])
-        mujoco.mju_axisAngle2Quat(turn, axis, angle_rad * passed_s)
-        mujoco.mju_mulQuat(quat, turn, self.quat_wxyz)
-        return self.position_m + self.linear_m_s * passed_s, quat
+
+def between(before: EntityState, after: EntityState, time_ns: int) -> EntityState:
+    """On the straight way from one to the other; the nearer of both outside of it."""
+    span_ns = after.time_ns - before.time_ns
+    share = min(max((time_ns - before.time_ns) / span_ns, 0.0), 1.0) if span_ns else 0.0
+    turn, quat = np.empty(3), before.quat_wxyz.copy()
+    mujoco.mju_subQuat(turn, after.quat_wxyz, before.quat_wxyz)
+    mujoco.mju_quatIntegrate(quat, turn, share)
+    way_m = after.position_m - before.position_m
+    return EntityState(before.position_m + share * way_m, quat)
 
 
 class Entities:
@@ -57,8 +62,8 @@ class Entities:
     def __init__(self, spec: mujoco.MjSpec, items: Sequence[str], robots: Sequence[str]) -> None:
         self._items = tuple(items)
         self._placed = (*OBSTACLES, *robots)
-        self._states: dict[str, EntityState] = {}
-        """Of what may still move."""
+        self._told: dict[str, deque[EntityState]] = {}
+        """Of what moves as it is told: the state shown last and those to come."""
         for name in self._placed:
             spec.worldbody.add_body(name=name, mocap=True, pos=list(_OUTSIDE_M))
         for name in OBSTACLES:
@@ -85,32 +90,37 @@ class Entities:
     def place(
         self, model: mujoco.MjModel, data: mujoco.MjData, name: str, state: EntityState, now_ns: int
     ) -> None:
-        """Put `name` where `state` has it by now, moving on like that. Raises UnknownEntity."""
-        if abs(now_ns - state.time_ns) > _COAST_NS:
-            state = replace(state, time_ns=now_ns)
-        position_m, quat_wxyz = state.at(now_ns)
-        if name in self._items:
-            joint = data.joint(name)
-            joint.qpos[:3], joint.qpos[3:] = position_m, quat_wxyz
-            joint.qvel[:3] = state.linear_m_s
-            back = quat_wxyz * (1, -1, -1, -1)
-            mujoco.mju_rotVecQuat(joint.qvel[3:], state.angular_rad_s, back)
-            mujoco.mj_kinematics(model, data)
-        elif name in self._placed:
-            self._states[name] = state
-            self._show(model, data, name, now_ns)
-            mujoco.mj_kinematics(model, data)
-            self.settle(model, data)
-        else:
+        """Put `name` there; with a time of about now, when that is due. Raises UnknownEntity."""
+        if name not in self.names:
             raise UnknownEntity("no such entity", name=name, entities=self.names)
+        if abs(now_ns - state.time_ns) > _SILENT_NS:
+            self._told.pop(name, None)
+            self._put(model, data, name, state)
+        elif name not in self._told:
+            self._told[name] = deque([state])
+            self._put(model, data, name, state)
+        elif state.time_ns > self._told[name][-1].time_ns:
+            self._told[name].append(state)
+        self.settle(model, data)
 
     def advance(self, model: mujoco.MjModel, data: mujoco.MjData, time_ns: int) -> None:
-        """Move on what is not simulated and was said to move."""
-        for name, state in list(self._states.items()):
-            self._show(model, data, name, time_ns)
-            if time_ns - state.time_ns > _COAST_NS:
-                del self._states[name]
+        """Show what is told to move where it was a moment ago."""
+        shown_ns = time_ns - _DELAY_NS
+        for name, told in list(self._told.items()):
+            while len(told) > 1 and told[1].time_ns <= shown_ns:
+                told.popleft()
+            self._put(model, data, name, between(told[0], told[min(1, len(told) - 1)], shown_ns))
+            if shown_ns - told[-1].time_ns > _SILENT_NS:
+                del self._told[name]
 
-    def _show(self, model: mujoco.MjModel, data: mujoco.MjData, name: str, time_ns: int) -> None:
-        mocap = model.body(name).mocapid[0]
-        data.mocap_pos[mocap], data.mocap_quat[mocap] = self._states[name].at(time_ns)
+    def _put(self, model: mujoco.MjModel, data: mujoco.MjData, name: str, state: EntityState) -> None:
+        if name in self._items:
+            joint = data.joint(name)
+            joint.qpos[:3], joint.qpos[3:] = state.position_m, state.quat_wxyz
+            joint.qvel[:3] = state.linear_m_s
+            back = state.quat_wxyz * (1, -1, -1, -1)
+            mujoco.mju_rotVecQuat(joint.qvel[3:], state.angular_rad_s, back)
+        else:
+            mocap = model.body(name).mocapid[0]
+            data.mocap_pos[mocap], data.mocap_quat[mocap] = state.position_m, state.quat_wxyz
+        mujoco.mj_kinematics(model, data)

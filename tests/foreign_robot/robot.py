@@ -130,6 +130,10 @@ class Robot:
         self._joints = self._joint_positions()
         self._in_hand: tuple[np.ndarray, np.ndarray] | None = None
         self._item: tuple[np.ndarray, np.ndarray] | None = None
+        self._let_go: tuple[np.ndarray, np.ndarray] | None = None
+        """Where the hand has just opened."""
+        self._told: tuple[float, float, float] | None = None
+        """Where the lab was last told that the base is."""
         self.stopped = False
         self._time_s: float | None = None
         self._pace, self._moved_s = 1.0, 0.0
@@ -338,6 +342,8 @@ class Robot:
         if blocked and stops_m > CLOSED_M and self._in_hand is None:
             self._take()
         if wanted > self.gripper_m + 1e-4 or (there and not blocked):
+            if self._in_hand is not None:
+                self._let_go = self._carried()
             self._holding, self._in_hand = False, None
         if there or goal.cancel:
             stalled = goal.request.command.position < target - 1e-3
@@ -395,18 +401,24 @@ class Robot:
         return grasp + rotation @ self._in_hand[0], quat
 
     def _tell_the_lab(self) -> None:
-        half = self.base.yaw_rad / 2
-        standing = np.array([self.base.x_m, self.base.y_m, 0.0])
-        self._set_entity(self._body_name, standing, np.array([math.cos(half), 0.0, 0.0, math.sin(half)]))
-        if self._in_hand is not None and self._item is not None:
-            self._set_entity(self._item_name, *self._carried())
+        base, half, now_s = self.base, self.base.yaw_rad / 2, self._time_s or 0.0
+        pose = base.x_m, base.y_m, base.yaw_rad
+        if pose != self._told:
+            self._told = pose
+            upright = np.array([math.cos(half), 0.0, 0.0, math.sin(half)])
+            self._set_entity(self._body_name, np.array([base.x_m, base.y_m, 0.0]), upright, now_s)
+        if self._let_go is not None:
+            self._set_entity(self._item_name, *self._let_go, 0.0)
+            self._let_go = None
+        elif self._in_hand is not None:
+            self._set_entity(self._item_name, *self._carried(), now_s)
 
-    def _set_entity(self, name: str, position_m: np.ndarray, quat_wxyz: np.ndarray) -> None:
+    def _set_entity(self, name: str, position_m: np.ndarray, quat_wxyz: np.ndarray, time_s: float) -> None:
         new = self._network.new
         vector = new("geometry_msgs/msg/Vector3", x=0.0, y=0.0, z=0.0)
         state = new(
             "simulation_interfaces/msg/EntityState",
-            header=self._header(0.0, "map"),
+            header=self._header(time_s, "map"),
             pose=self._pose(position_m, quat_wxyz),
             twist=new("geometry_msgs/msg/Twist", linear=vector, angular=vector),
             acceleration=new("geometry_msgs/msg/Accel", linear=vector, angular=vector),

@@ -121,7 +121,7 @@ def test_the_agent_does_a_task_with_a_robot_of_another_make(running: RunningSite
 
     def on_event(event: DaoEvent) -> None:
         events.append(event)
-        if event.name in ("ProofSubmitted", "TaskRequeued", "TaskFailed"):
+        if event.name in ("TaskSettled", "TaskRequeued", "TaskFailed"):
             ended.set()
 
     dao = DaoEvents(running.bus, running.site.org, on_event)
@@ -133,4 +133,5 @@ def test_the_agent_does_a_task_with_a_robot_of_another_make(running: RunningSite
     dao.close()
     foreign = (running.site.data_dir / "foreign.log").read_text()[-2000:]
     names = [event.name for event in events]
-    assert came and "ProofSubmitted" in names, f"{names}\n{running.log('robot_agent')}\n{foreign}"
+    why = f"{names}\n{running.log('robot_agent')}\n{running.log('oracle')}\n{foreign}"
+    assert came and "TaskSettled" in names, why
