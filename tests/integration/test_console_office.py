@@ -42,7 +42,7 @@ name = "eva"
 """
 
 
-PAGES = ("/", "/tasks", "/tasks/new", "/tasks/1", "/services", "/treasury", "/work", "/operator", "/accounts")
+PAGES = ("/", "/tasks", "/tasks/new", "/services", "/treasury", "/work", "/operator", "/accounts")
 
 
 class Office(Desk):
@@ -338,9 +338,10 @@ def test_no_page_holds_a_secret_and_an_address_without_a_page_says_so(desk: Offi
     site = desk.running.site
     names = [*wallets.wallet_names(site), *wallets.device_names(site)]
     keys = [wallets.load(site, name).key.hex().removeprefix("0x") for name in names]
+    task_id = desk.dao.post("1", allow_wait=True)
     page = desk.page("ada")
     (cookie,) = page.context.cookies()
-    for path in PAGES:
+    for path in (*PAGES, f"/tasks/{task_id}"):
         open_page(page, path)
         shown = page.content().lower()
         found = [text for text in (*keys, PASSPHRASE, "argon2", cookie["value"].lower()) if text in shown]
@@ -348,6 +349,7 @@ def test_no_page_holds_a_secret_and_an_address_without_a_page_says_so(desk: Offi
     for path in ("/nothing", "/tasks/nothing"):
         page.goto(path)
         expect(page.get_by_text("There is nothing at this address")).to_be_visible()
+    desk.cancel(task_id)
     page.close()
 
 
