@@ -25,6 +25,8 @@ def task(state: str) -> Task:
         "params": {},
         "description": "",
         "registered": 0.0,
+        "execution_window_s": 7200,
+        "verdict_window_s": 3600,
     }
     return Task.model_validate(unknown | known)
 
