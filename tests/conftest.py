@@ -27,6 +27,13 @@ def pytest_configure() -> None:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """schemathesis gives the tests of all operations one id, and of those pytest-xdist would run only one."""
+    for item in items:
+        if label := getattr(item, "operation_label", None):
+            item._id = item.id.with_params(label)
+
+
 @pytest.fixture(scope="session")
 def chain_backend(request: pytest.FixtureRequest) -> str:
     return str(request.config.getoption("--chain"))
