@@ -34,6 +34,8 @@ ServiceState = Literal["active", "paused", "retired", "suspended"]
 RoleName = Literal["administrator", "operator", "treasurer", "oracle", "auditor", "member"]
 
 TaskState = Literal["open", "assigned", "submitted", "settled", "cancelled", "failed"]
+LIVE_STATES: tuple[TaskState, ...] = ("open", "assigned", "submitted")
+"""States in which a task holds its reward in escrow."""
 
 
 class Message(BaseModel):

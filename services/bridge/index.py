@@ -28,7 +28,7 @@ from sqlalchemy import (
 from sqlalchemy.exc import DBAPIError
 
 from rodeo.chain import Log
-from rodeo.messages import DaoEvent
+from rodeo.messages import LIVE_STATES, DaoEvent
 from services.bridge import schema
 from services.bridge.amounts import event_args
 from services.bridge.database import Checkpointer, migrate, open_database, upsert
@@ -38,9 +38,6 @@ from services.bridge.rows import Rows, roll_back
 
 UNDONE = "EventUndone"
 """Name of the event that says that an earlier one is not on the chain any more."""
-
-LIVE = ("open", "assigned", "submitted")
-"""States in which a task holds its reward in escrow."""
 
 KEPT_BLOCKS = 256
 """How deep a reorganization can be without the index being read anew; several times what chains allow."""
@@ -271,7 +268,7 @@ class Index:
     def in_escrow(self, creator: str) -> int:
         """Wei of IECoin that the tasks of `creator` hold."""
         tasks = schema.tasks.c
-        held = select(tasks.reward).where(tasks.creator == creator, tasks.state.in_(LIVE))
+        held = select(tasks.reward).where(tasks.creator == creator, tasks.state.in_(LIVE_STATES))
         return sum(row["reward"] for row in self._rows(held))
 
     def overdue(self, now_s: float) -> list[int]:

@@ -5,11 +5,9 @@ from __future__ import annotations
 from decimal import Decimal
 
 from rodeo.dao import Participant
-from rodeo.messages import RegisterTask, Task, UpdateService
+from rodeo.messages import LIVE_STATES, RegisterTask, Task, UpdateService
 from services.robot_agent.errors import CapReached
 
-LIVE_STATES = ("open", "assigned", "submitted")
-"""States of a task that is not over."""
 _REFUNDED = ("cancelled", "failed")
 DAY_S = 24 * 3600.0
 

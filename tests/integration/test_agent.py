@@ -9,11 +9,14 @@ from typing import Any
 
 import pytest
 
+from rodeo import topics
 from rodeo.bus import DaoEvents
 from rodeo.evidence import Store, open_proof
+from rodeo.lab.world import begin, build_world
 from rodeo.messages import DaoEvent, Status
-from rodeo.ros2 import Node
+from rodeo.ros2 import Node, types
 from services.robot_agent.body import Body
+from tests.support.site import WAIT_S as CALL_S
 from tests.support.site import RunningSite, write_site
 
 WAIT_S = 170.0
@@ -68,6 +71,21 @@ class Organization:
         key = f"rodeo/{self.running.site.org}/wallet/organization/register_task"
         return int(self.running.bus.query(key, request, timeout_s=30.0)["task_id"])
 
+    def lay(self, item_id: str) -> None:
+        """Put the item where the site has it, wherever an earlier attempt at the same test has left it."""
+        model = build_world(self.running.site)
+        lying = begin(model, self.running.site).body(item_id)
+        state = types.new("simulation_interfaces/msg/EntityState")
+        at, turn = state.pose.position, state.pose.orientation
+        at.x, at.y, at.z = map(float, lying.xpos)
+        turn.w, turn.x, turn.y, turn.z = map(float, lying.xquat)
+        node = Node(self.running.bus.session, "test", "", self.running.site.bus.domain_id, _NoClock())
+        client = node.client(topics.SET_ENTITY_STATE.name(), topics.SET_ENTITY_STATE.type)
+        assert client.wait_for_server(CALL_S)
+        request = types.new(f"{topics.SET_ENTITY_STATE.type}_Request", entity=item_id, state=state)
+        assert client.call(request, CALL_S).result.result == 1
+        node.close()
+
     def cancel(self, task_id: int) -> None:
         key = f"rodeo/{self.running.site.org}/wallet/organization/cancel_task"
         self.running.bus.query(key, {"task_id": task_id}, timeout_s=30.0)
@@ -113,6 +131,8 @@ def test_an_idle_robot_explores(organization: Organization) -> None:
 def test_a_robot_killed_with_the_item_in_its_gripper_starts_again_and_is_paid(
     organization: Organization,
 ) -> None:
+    organization.lay("item1")
+    organization.activities.clear()
     task_id = organization.post("item1")
     organization.wait_for_activity("carrying item1")
     organization.running.kill("robot_agent")
@@ -126,6 +146,7 @@ def test_a_robot_killed_with_the_item_in_its_gripper_starts_again_and_is_paid(
 def test_the_proof_holds_every_recorded_topic_the_events_and_the_bins_word(
     organization: Organization,
 ) -> None:
+    organization.lay("item3")
     task_id = organization.post("item3")
     organization.wait_for_event("TaskSettled", task_id)
     task = organization.task(task_id)
@@ -143,7 +164,8 @@ def test_the_proof_holds_every_recorded_topic_the_events_and_the_bins_word(
     names = [event.get("name") for event in proof.events()]
     assert names[:2] == ["TaskRegistered", "TaskAssigned"]
     statements = [attestation.payload for attestation in proof.attestations()]
-    shown, fallen = [statement for statement in statements if "bin" in statement]
+    # A bin that did not know the item at first, or was not heard in time, was shown it once more.
+    *_, shown, fallen = [statement for statement in statements if "bin" in statement]
     assert "class" in shown and "weight_n" in fallen
     assert fallen["classification_seq"] == shown["seq"]
     captured = {statement["body"] for statement in statements if "body" in statement}
@@ -158,6 +180,7 @@ def test_an_item_that_is_not_there_fails_honestly_and_the_robot_goes_on(organiza
     assert "item" in task["reason"]
     assert event.args["refund_iec"] == "100"
 
+    organization.lay("item2")
     following = organization.post("item2")
     organization.wait_for_event("TaskSettled", following)
 

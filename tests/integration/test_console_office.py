@@ -349,6 +349,10 @@ def test_no_page_holds_a_secret_and_an_address_without_a_page_says_so(desk: Offi
     for path in ("/nothing", "/tasks/nothing"):
         page.goto(path)
         expect(page.get_by_text("There is nothing at this address")).to_be_visible()
+    page.goto("/tasks/999999")
+    expect(page.get_by_text("There is no task 999999")).to_be_visible()
+    expect(page.get_by_role("heading", level=1, name="Task 999999")).to_be_visible()
+    expect(page.get_by_text("Loading …").first).to_be_hidden()
     desk.cancel(task_id)
     page.close()
 

@@ -121,6 +121,7 @@ def test_a_pause_holds_across_a_restart_and_the_service_is_paused_on_chain(
     organization.running.start("robot_agent")
     assert order(organization, "state")["paused"] is True
     assert service_state(organization) == "paused"
+    organization.lay("item1")
     task_id = organization.post("item1", allow_wait=True)
     assert organization.task(task_id)["state"] == "open"
     assert order(organization, "resume")["paused"] is False
@@ -133,6 +134,7 @@ def test_a_stopped_robot_stands_still_in_the_middle_of_its_work_and_goes_on_when
 ) -> None:
     running = organization.running
     body = Body(Node(running.bus.session, "test", "", 0, _NoClock()), running.site, running.site.robots[0])
+    organization.lay("item3")
     task_id = organization.post("item3")
     wait_until("the robot to work", lambda: order(organization, "state")["task_id"] == task_id)
     assert order(organization, "stop")["stopped"] is True

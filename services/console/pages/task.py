@@ -12,7 +12,7 @@ from nicegui import ui
 
 from rodeo.errors import RodeoError
 from rodeo.evidence import open_proof
-from rodeo.messages import Task
+from rodeo.messages import LIVE_STATES, Task
 from services.console.attempts import Attempt, attempts, ended_s
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
@@ -24,6 +24,7 @@ from services.console.pages.frame import (
     follow,
     follow_async,
     frame,
+    page_head,
     problem_section,
     stale,
     user,
@@ -49,8 +50,6 @@ from services.console.words import explain, iec, kind, moment, number, parameter
 
 Json = dict[str, Any]
 
-LIVE = ("open", "assigned", "submitted")
-"""States in which a task holds its reward in escrow."""
 _TOKEN_EVENTS = ("Transfer", "Approval")
 """Every transaction of a task has some; the treasury explains them."""
 
@@ -74,28 +73,30 @@ class TaskPage:
         back_link("Tasks", "/tasks")
         self._head = Section(self._draw_head).live()
         self._problem = problem_section()
-        with card("Progress"):
-            self._progress = Section(_draw_progress).waiting()
-        with card("Attempts"):
-            self._tries = Section(self._draw_attempts).waiting()
-        with ui.element("div").classes("grid"):
-            with ui.element("div").classes("stack span-7"), card("Where") as head:
-                self._map = LabMap(console.lab, "Map of the lab: where the task is")
-                with head:
-                    self._replay = ui.button(
-                        "Replay the recording", icon="replay", on_click=self._load_replay
-                    )
-                    self._replay.props("flat dense")
-                    self._replay.visible = False
-            with ui.element("div").classes("stack span-5"):
-                with card("Agreement"):
-                    self._agreement = Section(_draw_agreement).waiting()
-                with card("Proof"):
-                    self._proof = Section(self._draw_proof).waiting()
-        with card("Oracle's report"):
-            self._report = Section(_draw_report).waiting()
-        with card("Transactions"):
-            self._transactions = Section(_draw_transactions).waiting()
+        self._parts = ui.element("div").classes("stack")
+        with self._parts:
+            with card("Progress"):
+                self._progress = Section(_draw_progress).waiting()
+            with card("Attempts"):
+                self._tries = Section(self._draw_attempts).waiting()
+            with ui.element("div").classes("grid"):
+                with ui.element("div").classes("stack span-7"), card("Where") as head:
+                    self._map = LabMap(console.lab, "Map of the lab: where the task is")
+                    with head:
+                        self._replay = ui.button(
+                            "Replay the recording", icon="replay", on_click=self._load_replay
+                        )
+                        self._replay.props("flat dense")
+                        self._replay.visible = False
+                with ui.element("div").classes("stack span-5"):
+                    with card("Agreement"):
+                        self._agreement = Section(_draw_agreement).waiting()
+                    with card("Proof"):
+                        self._proof = Section(self._draw_proof).waiting()
+            with card("Oracle's report"):
+                self._report = Section(_draw_report).waiting()
+            with card("Transactions"):
+                self._transactions = Section(_draw_transactions).waiting()
         follow(console, "map", self._show_map)
         self._refresh = follow_async(console, "organization", self._load)
 
@@ -110,14 +111,19 @@ class TaskPage:
             task = await ask(reads.task, self._task_id)
             events = await ask(reads.history, self._task_id)
         except RodeoError as error:
-            unknown = error.code == "unknown_task"
-            self._problem.show(f"There is no task {self._task_id}." if unknown else stale(error))
+            if error.code != "unknown_task":
+                self._problem.show(stale(error))
+                return
+            self._head.show(None)
+            self._parts.visible = False
+            self._problem.show(f"There is no task {self._task_id}. Look for its number under Tasks.")
             return
         self._problem.show("")
+        self._parts.visible = True
         self._attempts = attempts(events)
         proven = [one for one in self._attempts if one.proof_sha256 is not None]
         shown = next((one for one in reversed(proven) if self._chosen in (None, one.number)), None)
-        self._live = task.state in LIVE
+        self._live = task.state in LIVE_STATES
         self._head.show(task)
         self._progress.show(task, ended_s(events))
         names = {one["address"]: one["name"] for one in self._console.live.summary.wallets}
@@ -216,7 +222,11 @@ class TaskPage:
             'aria-label="Download the proof"'
         ).style("align-self: start")
 
-    def _draw_head(self, task: Task) -> None:
+    def _draw_head(self, task: Task | None) -> None:
+        """None when there is no such task."""
+        if task is None:
+            page_head(f"Task {self._task_id}")
+            return
         with ui.element("div").classes("page-head"):
             Text("h1", f"Task {task.id} · {kind(task.kind)}")
             badge(task.state)
@@ -316,7 +326,7 @@ def _draw_progress(task: Task, ended: float | None) -> None:
         Text(
             "p",
             f"Attempt {task.attempt} of {task.max_attempts}"
-            + (_deadline(task) if task.state in LIVE else ""),
+            + (_deadline(task) if task.state in LIVE_STATES else ""),
             "soft",
         )
 
@@ -330,7 +340,7 @@ def _deadline(task: Task) -> str:
 
 
 def _draw_agreement(task: Task) -> None:
-    live = task.state in LIVE
+    live = task.state in LIVE_STATES
     with facts():
         fact("Creator", party(task.creator_name, task.creator))
         fact("Executor", party(task.executor_name, task.executor) if task.executor else "nobody yet")

@@ -34,7 +34,7 @@ class WallClock:
         return time.time()
 
     def wait_until(self, time_s: float, stop: threading.Event | None = None) -> bool:
-        raise NotImplementedError
+        raise NotImplementedError("nothing here waits for a time of day")
 
 
 @pytest.fixture(scope="module")
