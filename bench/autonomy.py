@@ -45,7 +45,7 @@ from tests.support.site import free_port
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 
 ITEMS_PER_WORLD = 4
-LATENCY_TASKS = 5
+LATENCY_TASKS = 10
 _NAMED_OFF_M = 0.25
 _FREE_M = 0.62
 """Around each item: the robot has to stand and turn somewhere near it."""

@@ -318,8 +318,18 @@ class Agent:
         else:
             self._upkeep.ask_for_care()
             self._go_home()
+            self._fold()
             self._report("idle")
         self._wait_for_news()
+
+    def _fold(self) -> None:
+        """So that the next task can begin with driving."""
+        try:
+            self._cleaning.stow(self._undistracted)
+        except Distracted:
+            return
+        except (MotionFailed, Unreachable) as error:
+            log.info("the arm stays as it is: %s", error)
 
     def _go_home(self) -> None:
         """Where there are other robots, wait at the place that the site file gives this one."""

@@ -40,6 +40,8 @@ Checkpoint = Callable[[], None]
 _SLICE_S = 0.1
 _SILENT_AFTER_S = 10.0
 """Wall time without a message until the body counts as silent."""
+_FRESH_S = 0.1
+"""Wall time for which a message tells how things are now, unless a motion ended since it came."""
 _GOAL_TIME_TOLERANCE_S = 3
 
 
@@ -92,11 +94,21 @@ class Latest:
             cdr, arrived_s = self._cdr, self._arrived_s
         return self._decoded(cdr) if time.monotonic() - arrived_s < _SILENT_AFTER_S else None
 
-    def next(self, checkpoint: Checkpoint) -> Any:
-        """The first message that arrives from now on. Raises BodySilent.
+    def since(self, moved_s: float, checkpoint: Checkpoint) -> Any:
+        """The newest message if it is fresh and came after `moved_s`, else the next. Raises BodySilent.
 
         What is asked after a motion has ended must not be answered with what was sent before.
         """
+        with self._changed:
+            cdr, arrived_s = self._cdr, self._arrived_s
+        if arrived_s > moved_s and time.monotonic() - arrived_s < _FRESH_S:
+            message = self._decoded(cdr)
+            if message is not None:
+                return message
+        return self.next(checkpoint)
+
+    def next(self, checkpoint: Checkpoint) -> Any:
+        """The first message that arrives from now on. Raises BodySilent."""
         deadline_s = time.monotonic() + _SILENT_AFTER_S
         seen = self._count
         while time.monotonic() < deadline_s:
@@ -137,18 +149,19 @@ class Body:
             ActionClient(node, action.name(**names), action.type)
             for action in (topics.NAVIGATE_TO_POSE, topics.FOLLOW_JOINT_TRAJECTORY, topics.GRIPPER_CMD)
         )
-
+        self._moved_s = -math.inf
+        """Wall time at which the last motion ended."""
         self._stop_client = node.client(topics.EMERGENCY_STOP.name(**names), topics.EMERGENCY_STOP.type)
 
     # -- perception ------------------------------------------------------------------------------------
 
     def base_pose(self, checkpoint: Checkpoint) -> Pose2:
         """Where the base stands now. Raises BodySilent."""
-        return _on_plane(self._pose.next(checkpoint).pose)
+        return _on_plane(self._pose.since(self._moved_s, checkpoint).pose)
 
     def joints(self, checkpoint: Checkpoint) -> Joints:
         """Raises BodySilent."""
-        return _joints(self._joint_states.next(checkpoint))
+        return _joints(self._joint_states.since(self._moved_s, checkpoint))
 
     def recent_gripper_m(self) -> float | None:
         """Half the gap between the fingers a moment ago, None when nobody says so."""
@@ -233,6 +246,8 @@ class Body:
                 raise MotionFailed(error.message, action=client.name, result=_plain(error.result)) from error
             except GoalRejected as error:
                 raise MotionFailed(error.message, action=client.name) from error
+            finally:
+                self._moved_s = time.monotonic()
 
 
 def _joints(message: Any) -> Joints:

@@ -19,7 +19,7 @@ from rodeo.config import Site
 from rodeo.lab.config import ItemConfig, Pose2
 from rodeo.lab.items import NotGraspable, top_grasps
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, ahead, wrap
-from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M
+from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M, STOWED_RAD
 from services.robot_agent.arm import (
     ASIDE_RAD,
     CRUISE_RAD_S,
@@ -465,8 +465,9 @@ class Cleaning:
     # -- arm motions -----------------------------------------------------------------------------------
 
     def stow(self, checkpoint: Checkpoint) -> None:
-        """Fold the arm for driving, unless it is."""
-        if np.abs(self._body.joints(checkpoint).arm_rad - READY_RAD).max() <= _THERE_RAD:
+        """Fold the arm for driving, unless it is, as after a task or as when new."""
+        arm_rad = self._body.joints(checkpoint).arm_rad
+        if any(np.abs(arm_rad - folded).max() <= _THERE_RAD for folded in (READY_RAD, STOWED_RAD)):
             return
         self._body.follow(lambda now: self._arm.trajectory([now, READY_RAD]), checkpoint)
 

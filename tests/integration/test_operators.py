@@ -140,7 +140,9 @@ def test_a_stopped_robot_stands_still_in_the_middle_of_its_work_and_goes_on_when
     assert order(organization, "stop")["stopped"] is True
     wait_until("it to say so", lambda: "stopped" in order(organization, "state")["activity"])
     first = body.base_pose(_go_on), body.joints(_go_on).arm_rad
+    pause = threading.Event()
     for _ in range(50):
+        pause.wait(0.02)
         here = body.base_pose(_go_on), body.joints(_go_on).arm_rad
     assert math.dist((first[0].x_m, first[0].y_m), (here[0].x_m, here[0].y_m)) < 0.02
     assert np.abs(first[1] - here[1]).max() < 0.02

@@ -144,6 +144,30 @@ def test_the_body_is_told_to_stop_when_the_agent_has_to(make_node: Any, body: Bo
     assert told.wait(WAIT_S)
 
 
+def test_what_was_said_before_a_motion_ended_does_not_tell_where_the_body_is_after_it(
+    make_node: Any, body: Body
+) -> None:
+    sim = make_node("sim")
+    ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed)
+    publisher = sim.publisher("mocap/panther1/pose", "geometry_msgs/msg/PoseStamped")
+    poses = {x_m: types.new("geometry_msgs/msg/PoseStamped") for x_m in (1.0, 2.0)}
+    for x_m, pose in poses.items():
+        pose.pose.position.x, pose.pose.orientation.w = x_m, 1.0
+
+    def heard_while_saying(x_m: float) -> float:
+        heard: list[Pose2] = []
+        listening = threading.Thread(target=lambda: heard.append(body.base_pose(go_on)))
+        listening.start()
+        while listening.is_alive():
+            publisher.publish(poses[x_m])
+            listening.join(0.02)
+        return heard[0].x_m
+
+    assert heard_while_saying(1.0) == 1.0
+    body.navigate(GOAL, go_on)
+    assert heard_while_saying(2.0) == 2.0
+
+
 def test_the_arm_is_planned_from_where_it_is(make_node: Any, body: Body) -> None:
     got: list[Any] = []
 
