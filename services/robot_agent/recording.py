@@ -92,20 +92,25 @@ class Recording:
         bus: Bus,
         holes_allowed: bool = False,
     ) -> None:
-        """Start, or go on where a killed process left off. Raises RecordingSealed when it is finished."""
-        resume = path.exists()
-        self._recorder = (Recorder.resume if resume else Recorder)(path, binding, device, clock)
+        """Start, or go on where a killed process left off. Raises RecordingSealed when it is finished.
+
+        The file begins when body and motion capture are heard: on a busy machine that takes a fast
+        simulation seconds, which would be a hole.
+        """
+        self._recorder: Recorder
         self._clock = clock
         self._node = node
         self._failure: EvidenceError | None = None
-        self._over = False
+        self._open = False
         self._holes_allowed = holes_allowed
         self._hole_ns = 0
         self._last_odom_ns: int | None = None
         self._lock = threading.Lock()
-        self._written_ns: dict[str, int] = {}
+        self._heard_ns: dict[str, int] = {}
+        """Header stamp of the newest message of each topic with a rate."""
         self._progress = threading.Condition(self._lock)
-        for topic, name in recorded_topics(site, robot, items):
+        recorded = list(recorded_topics(site, robot, items))
+        for topic, name in recorded:
             node.raw_subscription(name, topic.type, self._writer(topic, name))
         node.raw_subscription(
             topics.ODOM.name(ns=site.robot(robot).namespace), topics.ODOM.type, self._watch_for_holes
@@ -114,6 +119,21 @@ class Recording:
             bus.subscribe_json(topics.MOCAP_ATTESTATION.name(org=site.org, body=body), self._on_witness)
             for body in (robot, *items)
         ]
+        # At 50 Hz each; the others are not waited for, or the first motion would be late.
+        place = topics.MOCAP_POSE if site.lab.mocap else topics.POSE
+        wanted = {name for topic, name in recorded if topic in (topics.ODOM, topics.JOINT_STATES, place)}
+        with self._progress:
+            if not self._progress.wait_for(lambda: wanted <= self._heard_ns.keys(), _SILENT_WALL_S):
+                silent = ", ".join(sorted(wanted - self._heard_ns.keys()))
+                log.warning("the recording begins without %s", silent)
+        try:
+            resume = path.exists()
+            self._recorder = (Recorder.resume if resume else Recorder)(path, binding, device, clock)
+        except EvidenceError:
+            self._hush()
+            raise
+        with self._lock:
+            self._open = True
 
     def _writer(self, topic: Topic, name: str) -> Any:
         def write(info: MessageInfo) -> None:
@@ -125,7 +145,7 @@ class Recording:
             if topic.rate_hz is None:
                 return
             with self._progress:
-                self._written_ns[name] = types.stamp_ns(info.cdr)
+                self._heard_ns[name] = types.stamp_ns(info.cdr)
                 self._progress.notify_all()
 
         return write
@@ -158,7 +178,7 @@ class Recording:
     def _guard(self, write: Any) -> None:
         """Writers run in the bus's threads: a failure is kept for `check`, which the agent calls."""
         with self._lock:
-            if self._failure is not None or self._over:
+            if self._failure is not None or not self._open:
                 return
             try:
                 write()
@@ -182,7 +202,7 @@ class Recording:
         now_ns = self._clock.now_ns()
 
         def written() -> bool:
-            return self._failure is not None or all(t >= now_ns for t in self._written_ns.values())
+            return self._failure is not None or all(t >= now_ns for t in self._heard_ns.values())
 
         with self._progress:
             if not self._progress.wait_for(written, _SILENT_WALL_S):
@@ -191,8 +211,11 @@ class Recording:
     def suspend(self) -> None:
         """Put everything on disk and let go of the file, to be sealed or gone on with."""
         with self._lock:
-            self._over = True  # what still arrives while the subscriptions go belongs to no task
+            self._open = False  # what still arrives while the subscriptions go belongs to no task
+        self._hush()
+        self._recorder.suspend()
+
+    def _hush(self) -> None:
         for witness in self._witnesses:
             witness.undeclare()
         self._node.close()
-        self._recorder.suspend()

@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import threading
+import time
+from pathlib import Path
+
+import zenoh
+
 from rodeo import topics
+from rodeo.bus import Bus, zenoh_config
+from rodeo.clock import WallClock
 from rodeo.config import Site
+from rodeo.ros2 import Node, types
 from rodeo.topics import Form, Plane
-from services.robot_agent.recording import recorded_topics
-from tests.support.site import LAB
+from services.robot_agent.recording import Recording, recorded_topics
+from tests.support.assignments import BINDING, ROBOT
+from tests.support.site import LAB, WAIT_S, free_port
 
 SITE = Site.load(LAB)
 
@@ -30,3 +40,37 @@ def test_the_motion_capture_of_other_items_is_left_out() -> None:
 def test_a_task_without_an_item_of_this_site_still_records_the_robot() -> None:
     recorded = {name: topic.type for topic, name in recorded_topics(SITE, "panther1", [])}
     assert [name for name in recorded if name.startswith("mocap/")] == ["mocap/panther1/pose"]
+
+
+def test_a_recording_begins_when_body_and_motion_capture_are_heard(tmp_path: Path) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router = zenoh.open(zenoh_config("router", listen=[endpoint]))
+    path, begun = tmp_path / "recording.mcap", threading.Event()
+    with Bus.open(endpoint, timeout_s=WAIT_S) as bus, Bus.open(endpoint, timeout_s=WAIT_S) as other:
+        clock = WallClock()
+        lab = Node(other.session, "lab", "", 0, clock)
+        said = [
+            (lab.publisher(name, topic.type), types.new(topic.type))
+            for topic, name in recorded_topics(SITE, "panther1", ["item1"])
+            if topic in (topics.ODOM, topics.JOINT_STATES, topics.MOCAP_POSE)
+        ]
+
+        def record() -> None:
+            node = Node(bus.session, "recorder", "", 0, clock)
+            recording = Recording(path, BINDING, ROBOT, clock, node, SITE, "panther1", ["item1"], bus)
+            begun.set()
+            recording.suspend()
+
+        recorder = threading.Thread(target=record)
+        recorder.start()
+        pause, deadline_s = threading.Event(), time.monotonic() + WAIT_S
+        while not all(publisher.matched for publisher, _ in said) and time.monotonic() < deadline_s:
+            pause.wait(0.01)
+        assert not path.exists()
+        while not begun.is_set() and time.monotonic() < deadline_s:
+            for publisher, message in said:
+                publisher.publish(message)
+            pause.wait(0.01)
+        recorder.join(WAIT_S)
+        assert begun.is_set() and path.exists()
+    router.close()
