@@ -32,8 +32,9 @@ from rodeo import wallets
 from rodeo.errors import BusError
 from services.console.rest import make_api
 from services.console.roles import Role
+from tests.support.accessibility import tab_to
 from tests.support.browser import chromium, log_in
-from tests.support.console import PASSPHRASE, Desk, click_map, open_page
+from tests.support.console import PASSPHRASE, Desk, click_map, open_page, there
 from tests.support.dao import Dao
 from tests.support.site import WAIT_S, RunningSite, write_site
 
@@ -94,6 +95,92 @@ def test_nobody_gets_in_without_the_passphrase_and_a_browser_that_tries_is_slowe
     assert tries == [401] * 5 + [429] * 2
     log_in(page, "ada", PASSPHRASE)
     expect(page.get_by_role("heading", name="Overview")).to_be_visible()
+    page.close()
+
+
+def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(desk: Office) -> None:
+    page = desk.page(None)
+    press = page.keyboard.press
+    expect(page.get_by_label("Name")).to_be_focused()
+    page.keyboard.type("ada")
+    press("Tab")
+    page.keyboard.type(PASSPHRASE)
+    press("Enter")
+    there(page, "Overview")
+    tab_to(page, page.get_by_role("link", name="Skip to main content"))
+    press("Enter")
+    tab_to(page, page.get_by_role("link", name="Post a task"))
+    press("Enter")
+    there(page, "Post a task")
+    expect(page.get_by_label("East, x (m)")).not_to_have_value("")
+    for field, text in (("East, x (m)", "2"), ("North, y (m)", "1"), ("Reward (IEC)", "1")):
+        tab_to(page, page.get_by_label(field))
+        press("Control+A")
+        page.keyboard.type(text)
+    tab_to(page, page.get_by_role("checkbox", name="Let it wait if every service costs more"))
+    press("Space")
+    for hint in ("The cheapest service", "stands there"):
+        expect(page.get_by_text(hint)).to_have_count(0)
+
+    review = page.get_by_role("button", name="Review and post")
+    pay = page.get_by_role("button", name="Pay 1 IEC into escrow")
+    tab_to(page, review)
+    press("Enter")
+    expect(pay).to_be_focused()
+    # Until it has opened, Quasar lets Tab lead anywhere, and then brings the focus back.
+    expect(page.locator(".q-dialog__inner--animating")).to_have_count(0)
+    for _ in range(5):  # Tab leads to the browser's own controls and into the dialog, not behind it
+        press("Tab")
+        assert page.evaluate("document.activeElement.matches('body, [role=dialog] *')")
+    press("Escape")
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    expect(review).to_be_focused()
+    press("Enter")
+    expect(pay).to_be_focused()
+    press("Enter")
+    there(page, re.compile("^Task "))
+    state = page.locator(".page-head .badge")
+    expect(state).to_have_text("open")
+
+    tab_to(page, page.get_by_role("button", name="Cancel"))
+    press("Enter")
+    expect(page.get_by_role("button", name="Cancel the task")).to_be_focused()
+    press("Enter")
+    expect(state).to_have_text("cancelled")
+    tab_to(page, page.get_by_role("link", name="Post again"))
+    press("Enter")
+    there(page, "Post a task")
+    expect(page.get_by_label("Reward (IEC)")).to_have_value("1")
+    expect(page.get_by_label("North, y (m)")).to_have_value(re.compile(r"1(\.0+)?"))
+
+    tab_to(page, page.get_by_role("link", name="Tasks", exact=True))
+    press("Enter")
+    there(page, "Tasks")
+    tab_to(page, page.get_by_role("combobox", name="State"))
+    press("ArrowDown")
+    expect(page.get_by_role("option", name="cancelled")).to_be_visible()
+    page.keyboard.type("c")
+    press("Enter")
+    expect(page.locator("tbody .badge").first).to_have_text("cancelled")
+    expect(page.locator("tbody .badge", has_text="open")).to_have_count(0)
+    tab_to(page, page.locator("tbody a").first)
+    press("Enter")
+    expect(state).to_have_text("cancelled")
+    page.close()
+
+
+def test_the_focus_stays_on_a_button_that_is_drawn_again(desk: Office) -> None:
+    offer = {"kind": "waste_disposal", "price_iec": "1000", "description": "dear"}
+    service_id = desk.dao.command("panther1", "register_service", **offer)["service_id"]
+    page = desk.page("ada")
+    open_page(page, "/services")
+    offered = row(page, "Services on offer", "dear")
+    change = offered.get_by_role("button", name="Change service")
+    tab_to(page, change)
+    for price_iec in ("1001", "1002"):
+        desk.dao.command("panther1", "update_service", service_id=service_id, price_iec=price_iec)
+        expect(offered).to_contain_text(f"{price_iec[0]},{price_iec[1:]} IEC")
+        expect(change).to_be_focused()
     page.close()
 
 

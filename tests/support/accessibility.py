@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from playwright.sync_api import Page
+from playwright.sync_api import Locator, Page
 
 from tests.support.site import WAIT_S
 
@@ -17,6 +17,17 @@ MIN_CONTRAST = 4.5
 """WCAG 2.2, 1.4.3 (AA) for text of this size."""
 
 _FAINT = (Path(__file__).parent / "faint.js").read_text()
+_MAX_TABS = 100
+_UNSEEN_FOCUS = """() => {
+  const element = document.activeElement;
+  if (!element || element === document.body) return "";  // the browser's own controls
+  const field = element.closest(".q-field");
+  const lit = field ? field.matches(".q-field--highlighted, .q-field--focused") : false;
+  const ring = lit || getComputedStyle(element).outlineStyle !== "none";
+  const box = (field ?? element).getBoundingClientRect();
+  const inSight = box.bottom > 0 && box.top < innerHeight && box.right > 0 && box.left < innerWidth;
+  return ring && inSight ? "" : element.outerHTML.slice(0, 200);
+}"""
 
 
 def _nodes(page: Page) -> list[dict[str, Any]]:
@@ -53,3 +64,15 @@ def _until_none(page: Page, find: Callable[[], list[str]]) -> None:
     while found := find():
         assert time.monotonic() < deadline_s, f"{page.url}: {found}"
         page.wait_for_timeout(100)
+
+
+def tab_to(page: Page, control: Locator) -> None:
+    """Press Tab until the control has the focus, which can be seen wherever it is on the way."""
+    control.wait_for(state="attached")
+    for _ in range(_MAX_TABS):
+        page.keyboard.press("Tab")
+        hidden = page.evaluate(_UNSEEN_FOCUS)
+        assert not hidden, f"{page.url}: nobody sees that this has the focus: {hidden}"
+        if control.evaluate("(element) => element === document.activeElement"):
+            return
+    raise AssertionError(f"no Tab leads to {control}")

@@ -123,11 +123,15 @@ def progress_bar(value: float, label: str) -> None:
         ui.element("div").style(f"width: {percent}%")
 
 
+class _Redrawn(ui.element, component="section.js"):
+    """Keeps the keyboard's focus when its content is replaced."""
+
+
 class Section:
     """A part of a page that is drawn again when what it shows has changed, and only then."""
 
-    def __init__(self, draw: Callable[..., None], tag: str = "div", classes: str = "") -> None:
-        self._element = ui.element(tag).classes(f"section {classes}")
+    def __init__(self, draw: Callable[..., None]) -> None:
+        self._element = _Redrawn().classes("section")
         self._draw = draw
         self._shown: Any = None
 
