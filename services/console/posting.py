@@ -33,7 +33,7 @@ def _cleaning(site: Site, request: RegisterTask) -> dict[str, str]:
     wrong = {}
     known = [item.id for item in site.items]
     if request.params.get("item_id") not in known:
-        wrong["params.item_id"] = f"choose an item of this site: {', '.join(known)}"
+        wrong["params.item_id"] = _choose("item", known)
     x_m, y_m = request.params.get("x_m"), request.params.get("y_m")
     if not (_is_number(x_m) and _is_number(y_m)):
         wrong["params.x_m"] = "choose the place on the map"
@@ -64,13 +64,17 @@ def _charging(site: Site, request: RegisterTask) -> dict[str, str]:
     wrong = {}
     robots = [robot.name for robot in site.robots]
     if request.params.get("robot") not in robots:
-        wrong["params.robot"] = f"choose a robot of this site: {', '.join(robots)}"
+        wrong["params.robot"] = _choose("robot", robots)
     if request.params.get("dock") != site.dock.name:
         wrong["params.dock"] = f"the dock of this site is {site.dock.name}"
     soc_from, soc_target = request.params.get("soc_from"), request.params.get("soc_target")
     if not (_is_number(soc_from) and _is_number(soc_target)) or not 0 <= soc_from < soc_target <= 1:  # type: ignore[operator]
         wrong["params.soc_target"] = "charge to more than what is left, and to at most 100 %"
     return wrong
+
+
+def _choose(what: str, known: list[str]) -> str:
+    return f"choose one of this site: {', '.join(known)}" if known else f"this site has no {what}"
 
 
 def _is_number(value: object) -> bool:

@@ -102,6 +102,11 @@ def iec(amount: Decimal | str | float | None) -> str:
     return "–" if amount is None else f"{number(Decimal(str(amount)))} IEC"
 
 
+def exact(amount: Decimal) -> str:
+    """1,234.5678 IEC: with every digit, where somebody agrees to it."""
+    return f"{number(amount, 18)} IEC"
+
+
 def number(value: Decimal, digits: int = 2) -> str:
     """With thousands separated and no zeros at the end."""
     text = f"{value:,.{digits}f}"

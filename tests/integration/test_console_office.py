@@ -113,7 +113,12 @@ def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(des
     press("Enter")
     there(page, "Post a task")
     expect(page.get_by_label("East, x (m)")).not_to_have_value("")
-    for field, text in (("East, x (m)", "2"), ("North, y (m)", "1"), ("Reward (IEC)", "1")):
+    for field, text in (
+        ("East, x (m)", "2"),
+        ("North, y (m)", "1"),
+        ("Reward (IEC)", "0.125"),
+        ("Time to do it (min)", "7"),
+    ):
         tab_to(page, page.get_by_label(field))
         press("Control+A")
         page.keyboard.type(text)
@@ -123,7 +128,7 @@ def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(des
         expect(page.get_by_text(hint)).to_have_count(0)
 
     review = page.get_by_role("button", name="Review and post")
-    pay = page.get_by_role("button", name="Pay 1 IEC into escrow")
+    pay = page.get_by_role("button", name="Pay 0.125 IEC into escrow")
     tab_to(page, review)
     press("Enter")
     expect(pay).to_be_focused()
@@ -150,7 +155,8 @@ def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(des
     tab_to(page, page.get_by_role("link", name="Post again"))
     press("Enter")
     there(page, "Post a task")
-    expect(page.get_by_label("Reward (IEC)")).to_have_value("1")
+    expect(page.get_by_label("Reward (IEC)")).to_have_value("0.125")
+    expect(page.get_by_label("Time to do it (min)")).to_have_value(re.compile(r"7(\.0+)?"))
     expect(page.get_by_label("North, y (m)")).to_have_value(re.compile(r"1(\.0+)?"))
 
     tab_to(page, page.get_by_role("link", name="Tasks", exact=True))

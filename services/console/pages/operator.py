@@ -20,7 +20,17 @@ from services.console.pages.frame import (
     problem_section,
     user,
 )
-from services.console.pages.widgets import Section, badge, card, confirm, fact, facts, notice, progress_bar
+from services.console.pages.widgets import (
+    Section,
+    badge,
+    card,
+    confirm,
+    empty,
+    fact,
+    facts,
+    notice,
+    progress_bar,
+)
 from services.console.roles import Role
 from services.console.words import explain, share, span
 
@@ -56,6 +66,8 @@ def register(console: Console) -> None:
                     lab_map = LabMap(console.lab, "Map of the lab with robots and items")
                     follow(console, "map", lambda: lab_map.show(console.live.map))
                 with ui.element("div").classes("stack span-5"):
+                    if not console.site.robots:
+                        empty("This site has no robots.")
                     for robot in console.site.robots:
                         RobotCard(console, robot.name)
 

@@ -31,7 +31,7 @@ from services.console.pages.frame import (
 from services.console.pages.widgets import Link, Section, Text, badge, card, confirm, empty, notice, table
 from services.console.posting import problems
 from services.console.roles import Role
-from services.console.words import explain, iec, kind, moment, party, span
+from services.console.words import exact, explain, iec, kind, moment, party, span
 
 Json = dict[str, Any]
 
@@ -199,9 +199,8 @@ class PostForm:
                     self.kind.on_value_change(self._changed)
                     self.item = ui.select(items, value=next(iter(items), None), label="Item")
                     self.item.on_value_change(self._item_chosen)
-                    self.robot = ui.select(
-                        [one.name for one in site.robots], value=site.robots[0].name, label="Robot"
-                    )
+                    robots = [one.name for one in site.robots]
+                    self.robot = ui.select(robots, value=next(iter(robots), None), label="Robot")
                     self.x = ui.number("East, x (m)", step=0.05, format="%.2f", on_change=self._typed)
                     self.y = ui.number("North, y (m)", step=0.05, format="%.2f", on_change=self._typed)
                     self.soc_from = ui.number(
@@ -263,7 +262,8 @@ class PostForm:
             if isinstance(params.get(name), int | float):
                 field.value = round(100 * params[name])
         self.params.value = json.dumps(params)
-        self.reward.value = iec(task.reward_iec).removesuffix(" IEC").replace(",", "")
+        self.reward.value = exact(task.reward_iec).removesuffix(" IEC").replace(",", "")
+        self.window.value = task.execution_window_s / 60
         self.attempts.value = task.max_attempts
         self.description.value = task.description
         self._changed()
@@ -377,7 +377,8 @@ class PostForm:
             ui.notify("Mend what the form says first", type="warning")
             return
         request = self._request()
-        lines = [("Kind", kind(request.kind)), ("Reward", iec(request.reward_iec))]
+        reward = exact(request.reward_iec)
+        lines = [("Kind", kind(request.kind)), ("Reward", reward)]
         if request.kind == CLEANING:
             lines.append(
                 ("Item", f"{self.item.value} at {self.x.value:.2f} m east, {self.y.value:.2f} m north")
@@ -387,7 +388,7 @@ class PostForm:
         balance = self._balance()
         if balance is not None:
             lines.append(("Organization after", iec(balance - request.reward_iec)))
-        if not await confirm("Post this task?", lines, f"Pay {iec(request.reward_iec)} into escrow"):
+        if not await confirm("Post this task?", lines, f"Pay {reward} into escrow"):
             return
         self.post.disable()
         try:

@@ -36,7 +36,7 @@ from services.console.pages.widgets import (
     tile,
 )
 from services.console.roles import Role
-from services.console.words import count, iec, kind, moment, party, short
+from services.console.words import count, exact, iec, kind, moment, party, short
 
 Json = dict[str, Any]
 
@@ -174,8 +174,8 @@ class TreasuryPage:
         async def pay(answer: dict[str, str]) -> bool:
             if (amount := _amount(answer["amount_iec"])) is None:
                 return False
-            lines = [("Amount", iec(amount)), ("From", "the own account of the organization's key")]
-            return await confirm("Deposit?", lines, f"Deposit {iec(amount)}") and await self._act(
+            lines = [("Amount", exact(amount)), ("From", "the own account of the organization's key")]
+            return await confirm("Deposit?", lines, f"Deposit {exact(amount)}") and await self._act(
                 "deposit", {"amount_iec": str(amount)}, f"{iec(amount)} deposited"
             )
 
@@ -187,7 +187,7 @@ class TreasuryPage:
         async def pay(answer: dict[str, str]) -> bool:
             if (amount := _amount(answer["amount_iec"])) is None:
                 return False
-            lines = [("Amount", iec(amount)), ("To", answer["to"])]
+            lines = [("Amount", exact(amount)), ("To", answer["to"])]
             wallets = self._console.live.summary.wallets
             balance = next(
                 (Decimal(one["balance_iec"]) for one in wallets if one["name"] == ORGANIZATION), None
@@ -195,7 +195,7 @@ class TreasuryPage:
             if balance is not None:
                 lines.append(("Treasury after", iec(balance - amount)))
             done = f"{iec(amount)} paid to {short(answer['to'])}"
-            return await confirm("Withdraw?", lines, f"Pay {iec(amount)}") and await self._act(
+            return await confirm("Withdraw?", lines, f"Pay {exact(amount)}") and await self._act(
                 "withdraw", {"amount_iec": str(amount), "to": answer["to"]}, done
             )
 

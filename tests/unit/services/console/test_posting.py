@@ -62,3 +62,9 @@ def test_what_cannot_be_done_here_is_named_by_its_field(
 
 def test_who_stands_in_the_way_is_named(site: Site) -> None:
     assert problems(site, cleaning(params={"x_m": 3.2, "y_m": 2.9})) == {"params.x_m": "desk2 stands there"}
+
+
+def test_a_site_without_robots_and_items_says_so(site: Site) -> None:
+    bare = site.model_copy(update={"robots": [], "items": []})
+    assert problems(bare, cleaning())["params.item_id"] == "this site has no item"
+    assert problems(bare, charging())["params.robot"] == "this site has no robot"
