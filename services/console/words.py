@@ -98,8 +98,11 @@ def explain(error: RodeoError) -> str:
 
 
 def iec(amount: Decimal | str | float | None) -> str:
-    """1,234.5 IEC"""
-    return "–" if amount is None else f"{number(Decimal(str(amount)))} IEC"
+    """1,234.5 IEC; less than a hundredth with every digit, so that it never reads as nothing."""
+    if amount is None:
+        return "–"
+    value = Decimal(str(amount))
+    return exact(value) if 0 < abs(value) < Decimal("0.01") else f"{number(value)} IEC"
 
 
 def exact(amount: Decimal) -> str:
