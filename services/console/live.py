@@ -113,10 +113,16 @@ class Live:
         self._bus = bus
         self._site = site
         self._reads = reads
-        self._listeners: dict[str, list[Listener]] = {"map": [], "processes": [], "organization": []}
+        self._listeners: dict[str, list[Listener]] = {
+            "map": [],
+            "processes": [],
+            "organization": [],
+            "events": [],
+        }
         self._newest: dict[str, Newest] = {}
         self._statuses: dict[str, tuple[Status, float]] = {}
         self._changed = asyncio.Event()
+        self._events_due = False
         self.processes: list[ProcessState] = []
         self.summary = Summary()
         self.events: deque[DaoEvent] = deque(maxlen=_EVENTS_KEPT)
@@ -139,7 +145,11 @@ class Live:
             await asyncio.to_thread(dao.close)
 
     def listen(self, what: str, listener: Listener) -> Callable[[], None]:
-        """Call `listener` when `what` (map, processes, organization) changed; returns how to end that."""
+        """Call `listener` when `what` (map, processes, organization) changed; returns how to end that.
+
+        `events` is told as soon as something happened on chain, for pages that ask for themselves what they
+        show; `organization` when the summary holds it, too.
+        """
         self._listeners[what].append(listener)
         return lambda: self._listeners[what].remove(listener)
 
@@ -205,9 +215,17 @@ class Live:
     def _take_event(self, event: DaoEvent) -> None:
         self.events.append(event)
         self._changed.set()
+        if not self._events_due:
+            self._events_due = True
+            self._loop.call_later(_SETTLE_S, self._tell_events)
+
+    def _tell_events(self) -> None:
+        self._events_due = False
+        self._tell("events")
 
     async def _follow_organization(self) -> None:
         while True:
+            problem = self.summary.problem
             try:
                 self.summary = await asyncio.to_thread(self._summarize)
             except (BusError, RemoteError) as error:
@@ -216,6 +234,9 @@ class Live:
             except RodeoError as error:
                 self.summary.problem = f"The bridge's answer cannot be read: {error.message}"
             self._tell("organization")
+            if self.summary.problem != problem:
+                # The pages cannot tell by themselves that the bridge answers again.
+                self._tell("events")
             wait_s = _RETRY_S if self.summary.problem else None
             try:
                 await asyncio.wait_for(self._changed.wait(), wait_s)

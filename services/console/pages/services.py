@@ -76,7 +76,7 @@ class ServicesPage:
                 self._devices = Section(self._draw_devices).waiting()
             with ui.element("div").classes("stack span-5"), card("Rules"):
                 self._rules = Section(self._draw_rules).waiting()
-        self._refresh = follow_async(console, "organization", self._load)
+        self._refresh = follow_async(console, "events", self._load)
 
     async def _load(self) -> None:
         state = self._console.reads.state

@@ -98,7 +98,7 @@ class TaskPage:
             with card("Transactions"):
                 self._transactions = Section(_draw_transactions).waiting()
         follow(console, "map", self._show_map)
-        self._refresh = follow_async(console, "organization", self._load)
+        self._refresh = follow_async(console, "events", self._load)
 
     def _show_map(self) -> None:
         """Robots are of interest while somebody works on the task."""

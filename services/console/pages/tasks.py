@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import uuid
 from decimal import Decimal, InvalidOperation
@@ -100,21 +101,22 @@ def _list(console: Console, page: int, state: str, kind_: str, text: str) -> Non
 
     async def load() -> None:
         try:
-            found, total = await ask(_find, console, wanted)
+            (found, total), chain = await asyncio.gather(
+                ask(_find, console, wanted), ask(console.reads.state, "chain")
+            )
             last = max(1, -(-total // PAGE_ROWS))
             if wanted["page"] > last:
                 wanted["page"] = last
                 found, total = await ask(_find, console, wanted)
-            allowed = (await ask(console.reads.state, "chain"))["kinds"]
         except RodeoError as error:
             problem.show(stale(error))
             return
         problem.show("")
-        kind_select.set_options({_ANY: "Any kind", **{name: kind(name) for name in allowed}})
+        kind_select.set_options({_ANY: "Any kind", **{name: kind(name) for name in chain["kinds"]}})
         rows.show(found, bool(wanted["state"] or wanted["kind"] or wanted["text"]))
         pager.show(total, wanted["page"])
 
-    refresh = follow_async(console, "organization", load)
+    refresh = follow_async(console, "events", load)
 
 
 def _find(console: Console, wanted: Json) -> tuple[list[Task], int]:

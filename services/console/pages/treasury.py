@@ -85,7 +85,7 @@ class TreasuryPage:
                 self._rows = Section(self._draw_rows).waiting()
             with ui.element("div").classes("stack span-5"), card("Tariffs"):
                 _draw_tariffs(console)
-        self._refresh = follow_async(console, "organization", self._load)
+        self._refresh = follow_async(console, "events", self._load)
 
     def _choose(self, event: Any) -> None:
         self._account, self._page = str(event.value), 1

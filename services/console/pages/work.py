@@ -79,7 +79,7 @@ class ExecutorDesk:
                 self._assigned = Section(self._draw_assigned).waiting().live()
             with ui.element("div").classes("stack span-5"), card("Handed in"):
                 self._ended = Section(_draw_ended).waiting().live()
-        self._refresh = follow_async(console, "organization", self._load)
+        self._refresh = follow_async(console, "events", self._load)
 
     async def _load(self) -> None:
         reads = self._console.reads
@@ -204,7 +204,7 @@ class AuditorDesk:
         self._problem = problem_section()
         with card("To judge"):
             self._waiting = Section(self._draw).waiting().live()
-        self._refresh = follow_async(console, "organization", self._load)
+        self._refresh = follow_async(console, "events", self._load)
 
     async def _load(self) -> None:
         reads = self._console.reads
