@@ -172,7 +172,8 @@ def follow_async(console: Console, what: str, update: Callable[[], Awaitable[Non
     def changed() -> None:
         if state["running"]:
             state["again"] = True
-        elif not client.is_deleted:
+        elif client.has_socket_connection:
+            # A page that was left is kept for a while in case it comes back; meanwhile it asks for nothing.
             background_tasks.create(work())
 
     client.on_delete(console.live.listen(what, changed))
