@@ -150,7 +150,7 @@ class CameraConfig(_Table):
     source: Literal["bus", "video", "folder"] = "bus"
     address: str = ""
     """`video`: what OpenCV opens, a device number or path ("0", "/dev/video0") or a stream ("rtsp://...");
-    `folder`: its path; the bus needs none."""
+    `folder`: its path, which starts at the site file that says it; the bus needs none."""
 
     @model_validator(mode="after")
     def _has_an_address(self) -> CameraConfig:
@@ -311,6 +311,9 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     for robot in tables.get("robots", []):
         if isinstance(robot, dict) and isinstance(kinematics := robot.get("kinematics"), str):
             robot["kinematics"] = str((path.parent / kinematics).resolve())
+    match tables.get("itrash"):
+        case {"camera": {"source": "folder", "address": str(folder)} as camera}:
+            camera["address"] = str((path.parent / folder).resolve())
     base = tables.pop("extends", None)
     return tables if base is None else _merge(_read(path.parent / base, (*seen, path)), tables)
 

@@ -55,9 +55,12 @@ class Itrash:
         self._path = service.data_dir / "journal.json"
         self._journal = Journal.load(self._path)
         self._bin = Bin(site.bin, self._journal.memory)
+        unsigned = list(self._journal.memory.unsigned)
         self._lock = threading.Lock()
         """Guards the state machine and the journal."""
         self._actions: queue.SimpleQueue[Action | None] = queue.SimpleQueue()
+        for record in unsigned:  # decided before the process ended
+            self._actions.put(Attest(record))
         self._heard_s: dict[str, float] = {}
         """Wall (monotonic) time of each sensor's last reading."""
         node = Node(service.bus.session, site.bin.name, "", site.bus.domain_id, service.clock)
@@ -88,7 +91,7 @@ class Itrash:
     def _load_callback(self, compartment: str, sensor: str) -> Callable[[Any, MessageInfo], None]:
         def on_load(message: Any, _info: MessageInfo) -> None:
             force_n = float(message.wrench.force.z)
-            if not math.isnan(force_n):
+            if math.isfinite(force_n):  # a broken cell weighs nothing
                 self._feed(sensor, lambda: self._bin.load(compartment, force_n, stamp_s(message)))
 
         return on_load
@@ -154,6 +157,7 @@ class Itrash:
         with self._lock:
             # On disk before it is on the bus: who missed it can ask, whatever happens in between.
             self._journal.add(kind, attestation)
+            self._bin.memory.unsigned.remove(action.record)
             self._journal.save(self._path)
         topic = topics.CLASSIFICATION if kind == "classification" else topics.DISPOSAL
         self._service.bus.put_json(topic.name(org=self._service.site.org, bin=self._config.name), attestation)

@@ -50,6 +50,8 @@ class BinLimits:
     again_gone_s: float = 1.0
     """While a drop is awaited, an item is looked at again only after the view was clear for so long: the
     gripper passes the sensor on its way to the compartment."""
+    another_gone_s: float = 60.0
+    """What comes after the view was clear for so long is another item, whatever is still awaited."""
     looks: int = 3
     """Photos taken of an item before it is called unknown."""
     retry_s: float = 1.0
@@ -108,7 +110,7 @@ class TakePhoto:
 
 @dataclass(frozen=True)
 class Attest:
-    """Sign, keep and publish the record."""
+    """Sign, keep and publish the record, and take it out of `Memory.unsigned`."""
 
     record: ClassificationRecord | DisposalRecord
 
@@ -126,6 +128,8 @@ class Memory(BaseModel):
     disposal_seq: int = 0
     pending: ClassificationRecord | None = None
     """The classification whose drop is awaited."""
+    unsigned: list[ClassificationRecord | DisposalRecord] = []
+    """Decided and not yet attested, oldest first."""
     cells: dict[str, Cell] = {}
 
 
@@ -154,6 +158,8 @@ class Bin:
         """(time, distance) since something is present."""
         self._absent_since_s: float | None = None
         self._look = 0
+        self._another = False
+        """Whether what is looked at cannot be what the pending classification is about."""
         self._retry_at_s = 0.0
         if memory.state in (State.ITEM_SEEN, State.CLASSIFYING):
             # Nothing was said about that item yet; it is seen again if it is still there.
@@ -189,8 +195,12 @@ class Bin:
             if self._absent_since_s is None:
                 self._absent_since_s = time_s
 
-        state = self.memory.state
-        if state is State.AWAITING_DROP and time_s - self.memory.since_s > self._limits.drop_timeout_s:
+        state, pending = self.memory.state, self.memory.pending
+        if (
+            state is State.AWAITING_DROP
+            and pending is not None
+            and time_s - pending.time_s > self._limits.drop_timeout_s
+        ):
             self.memory.pending = None
             self._enter(State.TIMED_OUT, time_s)
         elif state in (State.CONFIRMED, State.WRONG_COMPARTMENT, State.TIMED_OUT, State.FULL):
@@ -204,6 +214,7 @@ class Bin:
             state is State.IDLE or (state is State.AWAITING_DROP and absent_s >= self._limits.again_gone_s)
         ):
             self._see_item(time_s)
+            self._another = absent_s >= self._limits.another_gone_s
         if self.memory.state is State.ITEM_SEEN and self._still(time_s) and time_s >= self._retry_at_s:
             self._enter(State.CLASSIFYING, time_s)
             return [TakePhoto(after_s=time_s)]
@@ -219,7 +230,8 @@ class Bin:
             self._retry_at_s = time_s + self._limits.still_s
             self._enter(State.ITEM_SEEN, time_s)
             return []
-        if unknown and self.memory.pending is not None and self.memory.pending.item_class != UNKNOWN:
+        pending = self.memory.pending
+        if unknown and pending is not None and pending.item_class != UNKNOWN and not self._another:
             # A worse view does not take back what a better one showed.
             self._enter(State.AWAITING_DROP, time_s)
             return []
@@ -237,7 +249,7 @@ class Bin:
         )
         self.memory.pending = None if record.full else record
         self._enter(State.FULL if record.full else State.AWAITING_DROP, time_s)
-        return [Attest(record)]
+        return [self._say(record)]
 
     def photo_failed(self, time_s: float) -> list[Action]:
         """The camera gave no usable photo; the item is looked at again after a pause."""
@@ -265,7 +277,7 @@ class Bin:
             return []
         for name in grown:
             self._cells[name].account()
-        return [Attest(self._disposal(compartment, step))]
+        return [self._say(self._disposal(compartment, step))]
 
     # -- inside ----------------------------------------------------------------------------------------
 
@@ -287,6 +299,10 @@ class Bin:
         if pending is not None:
             self._enter(State.CONFIRMED if record.correct else State.WRONG_COMPARTMENT, step.time_s)
         return record
+
+    def _say(self, record: ClassificationRecord | DisposalRecord) -> Attest:
+        self.memory.unsigned.append(record)
+        return Attest(record)
 
     def _enter(self, state: State, time_s: float) -> None:
         self.memory.state = state

@@ -7,6 +7,7 @@ then `capture` raises CameraError and `problem` says what is wrong.
 from __future__ import annotations
 
 import logging
+import re
 import threading
 import time
 from pathlib import Path
@@ -71,17 +72,26 @@ class BusCamera:
     def __init__(self, node: Node, bin_name: str, timeout_s: float = 10.0) -> None:
         self._timeout_s = timeout_s
         self._frame: tuple[float, bytes] | None = None
+        self._problem: str | None = None
         self._arrived = threading.Condition()
         self._trigger = node.client(topics.BIN_CAPTURE.name(bin=bin_name), topics.BIN_CAPTURE.type)
         node.subscription(topics.BIN_IMAGE.name(bin=bin_name), topics.BIN_IMAGE.type, self._on_frame)
 
     def _on_frame(self, message: Any, _info: MessageInfo) -> None:
         with self._arrived:
-            self._frame = stamp_s(message), message.data.tobytes()
+            self._frame, self._problem = (stamp_s(message), message.data.tobytes()), None
             self._arrived.notify_all()
 
     def capture(self, after_s: float) -> tuple[float, bytes]:
         """Waits `timeout_s` wall seconds. Errors of the service call come as they are."""
+        try:
+            return self._capture(after_s)
+        except RodeoError as error:
+            with self._arrived:
+                self._problem = str(error)
+            raise
+
+    def _capture(self, after_s: float) -> tuple[float, bytes]:
         deadline_s = time.monotonic() + self._timeout_s
         answer = self._trigger.call(new("std_srvs/srv/Trigger_Request"), timeout_s=self._timeout_s)
         if not answer.success:
@@ -97,7 +107,8 @@ class BusCamera:
             return None if self._frame is None else self._frame[1]
 
     def problem(self) -> str | None:
-        return None
+        with self._arrived:
+            return self._problem
 
     def close(self) -> None:
         """The node that carries it is closed by its owner."""
@@ -111,6 +122,8 @@ class VideoCamera:
 
     def __init__(self, address: str, clock: Clock, timeout_s: float = 10.0) -> None:
         self._address = address
+        self._shown = re.sub(r"//[^/@]*@", "//", address)
+        """The address without the name and password that a stream's may carry."""
         self._clock = clock
         self._timeout_s = timeout_s
         self._frame: tuple[float, np.ndarray] | None = None
@@ -134,8 +147,8 @@ class VideoCamera:
             if not self._stop.is_set():
                 with self._changed:
                     if self._problem is None:
-                        log.warning("the camera %s went away", self._address)
-                    self._frame, self._problem = None, f"no frames from {self._address}"
+                        log.warning("the camera %s went away", self._shown)
+                    self._frame, self._problem = None, f"no frames from {self._shown}"
                 self._stop.wait(_REOPEN_S)
 
     def _open(self) -> cv2.VideoCapture:
@@ -152,7 +165,7 @@ class VideoCamera:
         with self._changed:
             while self._frame is None or self._frame[0] < after_s:
                 if not self._changed.wait(max(deadline_s - time.monotonic(), 0.0)):
-                    raise CameraError("the camera sent no frame", address=self._address, reason=self._problem)
+                    raise CameraError("the camera sent no frame", address=self._shown, reason=self._problem)
             time_s, image = self._frame
         return time_s, _jpeg(image)
 

@@ -1,4 +1,4 @@
-"""What is in the photo: EfficientNet-Lite by OpenCV's DNN module, on one thread, offline.
+"""What is in the photo: EfficientNet-Lite by OpenCV's DNN module, offline.
 
 The preprocessing, the classes and the thresholds are data beside the weights (`model/preprocessing.json`,
 written by `services.itrash.train`), so that weights and their preprocessing cannot drift apart.

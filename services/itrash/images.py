@@ -19,6 +19,7 @@ import numpy as np
 
 from rodeo.errors import RequestError
 
+_JPEG = b"\xff\xd8"
 _JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Start-of-frame markers (ITU-T T.81, table B.1); C4, C8 and CC are tables, not frames."""
 _JPEG_BARE_MARKERS = frozenset((0x01, *range(0xD0, 0xD9)))
@@ -30,7 +31,7 @@ class ImageError(RequestError):
 
 
 class ImageTooLarge(ImageError):
-    """More bytes or pixels than allowed; nothing was decoded."""
+    """More bytes, pixels or scans than allowed; nothing was decoded."""
 
 
 class UnsupportedImage(ImageError):
@@ -47,6 +48,8 @@ class ImageLimits:
 
     max_bytes: int = 8 * 1024 * 1024
     max_pixels: int = 16_000_000
+    max_scans: int = 100
+    """Passes over the pixels of a progressive JPEG: encoders make about ten, each costs the decoder time."""
 
 
 IMAGE_LIMITS = ImageLimits()
@@ -69,6 +72,9 @@ def decode_image(data: bytes, limits: ImageLimits = IMAGE_LIMITS) -> np.ndarray:
             height_px=height_px,
             max_pixels=limits.max_pixels,
         )
+    # In a JPEG's coded data no 0xDA follows a 0xFF (ITU-T T.81, B.1.1.5): each pair begins a scan.
+    if data.startswith(_JPEG) and (scans := data.count(b"\xff\xda")) > limits.max_scans:
+        raise ImageTooLarge("the photo has too many scans", scans=scans, max_scans=limits.max_scans)
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error as error:
@@ -80,7 +86,7 @@ def decode_image(data: bytes, limits: ImageLimits = IMAGE_LIMITS) -> np.ndarray:
 
 def media_type(data: bytes) -> str:
     """The MIME type by the first bytes; what is none of the three is just bytes."""
-    if data.startswith(b"\xff\xd8"):
+    if data.startswith(_JPEG):
         return "image/jpeg"
     if data.startswith(b"\x89PNG\r\n\x1a\n"):
         return "image/png"
@@ -90,7 +96,7 @@ def media_type(data: bytes) -> str:
 def image_size(data: bytes) -> tuple[int, int]:
     """(width, height) in pixels as the header tells, without decoding. Raises UnsupportedImage, BrokenImage,
     and struct.error or IndexError where the header is cut."""
-    if data.startswith(b"\xff\xd8"):
+    if data.startswith(_JPEG):
         return _jpeg_size(data)
     if data.startswith(b"\x89PNG\r\n\x1a\n"):
         if data[12:16] != b"IHDR":

@@ -2,23 +2,17 @@
 // Everything from the bin is shown as text, never as markup.
 
 const byId = (id) => document.getElementById(id);
-let shownSeq = null;
 
 const percent = (share) => `${Math.round(share * 100)} %`;
 
 function showVerdict(attestation) {
   if (attestation === null) return;
   const said = attestation.payload;
-  const best = Math.max(...Object.values(said.probabilities));
+  const likely = Object.entries(said.probabilities).sort((one, other) => other[1] - one[1]).slice(0, 2);
   byId("verdict").textContent = said.full
     ? `${said.class}: ${said.compartment} is full`
     : `${said.class} → ${said.compartment}`;
-  byId("detail").textContent = said.class === "unknown" ? "not sure what it is" : `${percent(best)} sure`;
-  if (said.seq !== shownSeq) {
-    shownSeq = said.seq;
-    byId("camera").src = `image?seq=${said.seq}`;
-    byId("camera").hidden = false;
-  }
+  byId("detail").textContent = likely.map(([name, share]) => `${name} ${percent(share)}`).join(", ");
 }
 
 function showDisposal(attestation) {
@@ -41,6 +35,14 @@ function showFill(fill) {
   }));
 }
 
+function showHealth(health) {
+  byId("health").textContent = health.status === undefined ? `silent: ${health.details.sensors.join(", ")}` : "";
+}
+
+const camera = byId("camera");
+camera.addEventListener("load", () => { camera.hidden = false; });
+camera.addEventListener("error", () => { camera.hidden = true; });  // no picture yet, or none any more
+
 async function refresh() {
   try {
     const state = await (await fetch("state")).json();
@@ -48,6 +50,8 @@ async function refresh() {
     showVerdict(state.classification);
     showDisposal(state.disposal);
     showFill(state.fill);
+    showHealth(await (await fetch("health")).json());
+    camera.src = `image?at=${Date.now()}`;
   } catch (error) {
     byId("state").textContent = `the bin does not answer: ${error.message}`;
   }
@@ -57,11 +61,16 @@ async function refresh() {
 byId("try").addEventListener("change", async (event) => {
   const [file] = event.target.files;
   if (!file) return;
-  const answer = await fetch("classify", { method: "POST", body: file });
-  const said = await answer.json();
-  byId("answer").textContent = answer.ok
-    ? `${said.class} → ${said.compartment}, ${percent(said.confidence)}, ${said.milliseconds} ms`
-    : said.message;
+  byId("answer").textContent = "looking …";
+  try {
+    const answer = await fetch("classify", { method: "POST", body: file });
+    const said = await answer.json();
+    byId("answer").textContent = answer.ok
+      ? `${said.class} → ${said.compartment}, ${percent(said.confidence)}, ${said.milliseconds} ms`
+      : said.message;
+  } catch (error) {
+    byId("answer").textContent = `no answer to ${file.name}: ${error.message}`;
+  }
 });
 
 refresh();

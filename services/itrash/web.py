@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import logging
 import socket
 import threading
 import time
@@ -12,9 +13,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Annotated, Any, Protocol, Self
 
+import anyio
 import uvicorn
 from fastapi import FastAPI, Request, Response
-from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.datastructures import UploadFile
@@ -33,7 +34,11 @@ from services.itrash.images import (
     media_type,
 )
 
+log = logging.getLogger(__name__)
+
 _MULTIPART_OVERHEAD_BYTES = 64 * 1024
+_DECODED_AT_ONCE = 2
+"""Photos in memory as pixels: one at the network, one on its way. More would wait there, 48 MB each."""
 _MAX_CONNECTIONS = 64
 _KEEP_ALIVE_S = 5
 _HERE = Path(__file__).parent
@@ -107,6 +112,7 @@ _PROBLEMS: dict[int | str, dict[str, Any]] = {
 def make_api(bin_: BinView, limits: ImageLimits = IMAGE_LIMITS) -> FastAPI:
     """The application. It holds no state of its own."""
     api = FastAPI(title="iTrash", summary="Photo in, waste class and compartment out.", version="1")
+    decoding = anyio.CapacityLimiter(_DECODED_AT_ONCE)
     api.add_middleware(LimitBody, max_bytes=limits.max_bytes + _MULTIPART_OVERHEAD_BYTES)
 
     @api.exception_handler(ImageError)
@@ -118,6 +124,12 @@ def make_api(bin_: BinView, limits: ImageLimits = IMAGE_LIMITS) -> FastAPI:
         problem = Problem(code=snake_case(HTTPStatus(error.status_code).phrase.title().replace(" ", "")),
                           message=str(error.detail))  # fmt: skip
         return JSONResponse(problem.model_dump(), error.status_code, headers=error.headers)
+
+    @api.exception_handler(Exception)
+    async def own_up(request: Request, error: Exception) -> JSONResponse:
+        log.error("no answer to %s %s", request.method, request.url.path, exc_info=error)
+        problem = Problem(code="internal_error", message="the bin failed; its log says why")
+        return JSONResponse(problem.model_dump(), 500)
 
     def classify_bytes(data: bytes) -> Verdict:
         started_s = time.perf_counter()
@@ -134,7 +146,7 @@ def make_api(bin_: BinView, limits: ImageLimits = IMAGE_LIMITS) -> FastAPI:
     @api.post("/classify", responses=_PROBLEMS, openapi_extra=_PHOTO_BODY)
     async def classify(request: Request) -> Verdict:
         """Classify one photo. Nothing is stored."""
-        return await run_in_threadpool(classify_bytes, await _photo_of(request))
+        return await anyio.to_thread.run_sync(classify_bytes, await _photo_of(request), limiter=decoding)
 
     @api.get("/classification", responses={204: {"description": "Nothing was classified yet"}})
     def classification() -> Response:
@@ -186,12 +198,15 @@ def _sends(path: Path, media_type: str) -> Callable[[], Response]:
 
 async def _photo_of(request: Request) -> bytes:
     """The photo in the body. Raises MissingPhoto; starlette's HTTPException 400 for a broken form."""
-    if not request.headers.get("content-type", "").startswith("multipart/form-data"):
+    if not request.headers.get("content-type", "").lower().startswith("multipart/form-data"):
         data = await request.body()
     else:
-        async with request.form(max_files=1, max_fields=8) as form:
-            files = [value for value in form.values() if isinstance(value, UploadFile)]
-            data = await files[0].read() if files else b""
+        try:
+            async with request.form(max_files=1, max_fields=8) as form:
+                files = [value for value in form.values() if isinstance(value, UploadFile)]
+                data = await files[0].read() if files else b""
+        except UnicodeError as error:  # starlette looks for codecs by the name that the header gives
+            raise HTTPException(400, f"the form's charset: {error}") from error
     if not data:
         raise MissingPhoto("the request carries no photo: send it as the body or as a form's file")
     return data

@@ -407,8 +407,8 @@ class Cleaning:
     def _show(self, held: Held, item: ItemConfig, checkpoint: Checkpoint) -> dict[str, Any]:
         """Hold the item where the camera looks until the bin says what it is.
 
-        What the bin does not know is turned and shown again before its word counts. Raises NoAnswer, and
-        TaskFailed when the compartment takes no more.
+        What the bin does not know is turned and shown again before its word counts, also that its
+        compartment is full. Raises NoAnswer, and TaskFailed when the compartment takes no more.
         """
         closing = _ACROSS_RAD
         for attempt in range(1, _SHOWS + 1):
@@ -422,9 +422,9 @@ class Cleaning:
                     raise
                 log.warning("the bin said nothing; showing %s again", item.id)
             else:
-                if said.get("full"):
-                    raise TaskFailed("the compartment is full", compartment=said["compartment"])
                 if said.get("class") != "unknown" or attempt == _SHOWS:
+                    if said.get("full"):
+                        raise TaskFailed("the compartment is full", compartment=said["compartment"])
                     return said
                 closing = _ACROSS_RAD + _OTHER_VIEWS_RAD[attempt - 1]
                 log.info("the bin does not know %s; showing another side", item.id)

@@ -52,20 +52,25 @@ def _expand(topic: Topic, names: dict[str, list[str]]) -> list[str]:
     ]
 
 
-def tells_of_disposal(path: Path) -> bool:
-    """Whether the bin's word that something fell is in the recording at `path`, which may be cut off."""
-    return any("expected_compartment" in one["payload"] for one in _json(path, "rodeo/attestation"))
-
-
 def tells_of_release(path: Path) -> bool:
-    """Whether the fingers were opened over the bin."""
+    """Whether the fingers were opened over the bin, by the recording at `path`, which may be cut off."""
     return any(one.get("event") == "releasing" for one in _json(path, "rodeo/event"))
 
 
-def _json(path: Path, channel: str) -> Iterator[dict[str, Any]]:
+def tells_of_disposal(path: Path) -> bool:
+    """Whether the bin's word that something fell follows the release: what fell before was not this item."""
+    released = False
+    for one in _json(path, "rodeo/event", "rodeo/attestation"):
+        released = released or one.get("event") == "releasing"
+        if released and "expected_compartment" in one.get("payload", {}):
+            return True
+    return False
+
+
+def _json(path: Path, *channels: str) -> Iterator[dict[str, Any]]:
     try:
         for topic, _, message in SealedReader(path):
-            if topic == channel:
+            if topic in channels:
                 yield json.loads(message.data)
     except ContainerError as error:
         log.info("read up to where the recording is cut off: %s", error)

@@ -90,6 +90,12 @@ def test_an_unknown_robot_is_an_error_that_names_those_there_are() -> None:
     assert caught.value.details == {"robot": "nobody", "robots": ["panther1"]}
 
 
+def test_a_camera_folder_is_beside_the_file_that_says_it(tmp_path: Path) -> None:
+    site = tmp_path / "site.toml"
+    site.write_text(f'extends = "{LAB}"\n[itrash.camera]\nsource = "folder"\naddress = "pictures"\n')
+    assert Site.load(site).itrash.camera.address == str(tmp_path / "pictures")
+
+
 def test_the_data_directory_is_beside_the_file_that_says_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -246,6 +246,34 @@ def test_an_empty_gripper_in_view_does_not_take_a_classification_back() -> None:
     assert len(bench.attested) == 1
 
 
+def test_an_unknown_item_long_after_a_classified_one_is_another_and_is_said_to_be_unknown() -> None:
+    bench = shown("plastic")
+    bench.run(70.0)
+    bench.labels = [UNKNOWN] * 3
+    bench.run(3.0, SHOWN_M)
+    assert [record.payload().get("class") for record in bench.attested] == ["plastic", UNKNOWN]
+
+
+def test_looking_again_and_again_does_not_put_the_time_out_off() -> None:
+    bench = shown("plastic")
+    for _ in range(10):
+        bench.run(14.0)
+        bench.labels = [UNKNOWN] * 3
+        bench.run(3.0, SHOWN_M)
+    assert bench.bin.memory.pending is not None
+    bench.run(20.0)
+    assert bench.bin.memory.pending is None
+
+
+def test_what_was_decided_is_remembered_until_it_is_signed() -> None:
+    bench = shown("plastic")
+    bench.drop("yellow")
+    bench.run(1.5)
+    remembered = Memory.model_validate_json(bench.bin.memory.model_dump_json()).unsigned
+    assert remembered == bench.attested
+    assert [type(record) for record in remembered] == [ClassificationRecord, DisposalRecord]
+
+
 def test_an_arm_that_swings_through_the_view_is_not_a_new_item() -> None:
     bench = shown("plastic")
     bench.run(0.5)

@@ -94,6 +94,17 @@ def test_a_camera_that_is_not_there_says_so(tmp_path: Path) -> None:
         camera.close()
 
 
+def test_the_password_of_a_stream_is_not_told() -> None:
+    camera = VideoCamera("rtsp://bin:secret@127.0.0.1:9/stream", StillClock(), timeout_s=0.1)
+    try:
+        with pytest.raises(CameraError) as failed:
+            camera.capture(0.0)
+        assert "rtsp://127.0.0.1:9/stream" in str(failed.value)
+        assert "secret" not in str(failed.value)
+    finally:
+        camera.close()
+
+
 def test_a_folder_gives_its_pictures_in_turn_and_survives_being_unmounted(tmp_path: Path) -> None:
     folder = tmp_path / "pictures"
     camera = FolderCamera(folder, StillClock())

@@ -46,6 +46,14 @@ def test_a_lossless_webp_and_a_progressive_jpeg_decode() -> None:
     assert decode_image(encoded(".jpg", PHOTO, cv2.IMWRITE_JPEG_PROGRESSIVE, 1)).shape == PHOTO.shape
 
 
+def test_a_jpeg_of_countless_scans_is_refused_before_it_is_decoded() -> None:
+    data = encoded(".jpg", PHOTO, cv2.IMWRITE_JPEG_PROGRESSIVE, 1)
+    scan = data[data.rindex(b"\xff\xda") : -2]
+    with pytest.raises(ImageTooLarge) as refused:
+        decode_image(data[:-2] + scan * 1000 + data[-2:])
+    assert refused.value.details["scans"] > 1000
+
+
 def test_grey_and_transparent_photos_become_colour() -> None:
     assert decode_image(encoded(".png", PHOTO[:, :, 0])).shape == PHOTO.shape
     assert decode_image(encoded(".png", np.dstack([PHOTO, PHOTO[:, :, :1]]))).shape == PHOTO.shape

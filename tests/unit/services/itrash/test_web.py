@@ -109,6 +109,31 @@ def test_what_is_no_photo_is_refused_with_a_reason(
     assert client.post("/classify", content=CAN).status_code == 200
 
 
+FORM = b'--x\r\nContent-Disposition: form-data; name="file"; filename="a"\r\n\r\n' + CAN + b"\r\n--x--\r\n"
+
+
+@pytest.mark.parametrize(
+    ("kind", "status"),
+    [
+        ("Multipart/Form-Data; boundary=x", 200),
+        ("multipart/form-data; boundary=x; charset=undefined", 400),
+    ],
+)
+def test_a_form_is_read_as_its_type_says(client: TestClient, kind: str, status: int) -> None:
+    assert client.post("/classify", content=FORM, headers={"content-type": kind}).status_code == status
+
+
+def test_the_bins_own_failure_is_a_problem_too(
+    client: TestClient, quiet_bin: QuietBin, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken() -> dict[str, Any]:
+        raise RuntimeError("a defect")
+
+    monkeypatch.setattr(quiet_bin, "state", broken)
+    answer = client.get("/state")
+    assert (answer.status_code, answer.json()["code"]) == (500, "internal_error")
+
+
 def test_a_small_file_of_too_many_pixels_is_refused(client: TestClient) -> None:
     bomb = cv2.imencode(".png", np.zeros((2000, 2000), np.uint8))[1].tobytes()
     answer = client.post("/classify", content=bomb)

@@ -239,14 +239,14 @@ def _world(site_json: str) -> mujoco.MjModel:
 
 class AnsweringBin:
     """A bin that classifies at once. `silent`: number of times it says nothing; `unsure`: that it knows
-    nothing."""
+    nothing; `full`: the compartments that take no more."""
 
     def __init__(self, clock: ManualClock, compartment: str) -> None:
         self._clock = clock
         self._compartment = compartment
         self.silent = 0
         self.unsure = 0
-        self.full = False
+        self.full: set[str] = set()
         self.shown = 0
         self.asked = 0
         self.disposals = True
@@ -271,6 +271,6 @@ class AnsweringBin:
             self.shown += 1
             if self.shown <= self.unsure:
                 statement |= {"class": "unknown", "compartment": "grey"}
-            statement["full"] = self.full
+            statement["full"] = statement["compartment"] in self.full
         assert wanted(statement)
         return statement

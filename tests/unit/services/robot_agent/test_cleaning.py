@@ -155,11 +155,17 @@ def test_what_the_bin_does_not_know_is_shown_from_other_sides_before_grey_is_cho
 
 
 def test_nothing_is_dropped_into_a_full_compartment(scene: Scene) -> None:
-    scene.bin.full = True
+    scene.bin.full = {"yellow"}
     with pytest.raises(TaskFailed) as caught:
         scene.dispose()
     assert caught.value.details["compartment"] == "yellow"
     assert scene.body.dropped_in is None
+
+
+def test_another_view_is_shown_although_the_compartment_for_the_unknown_is_full(scene: Scene) -> None:
+    scene.bin.unsure, scene.bin.full = 1, {"grey"}
+    scene.dispose()
+    assert (scene.bin.shown, scene.body.dropped_in) == (2, "yellow")
 
 
 def test_a_bin_that_never_answers_fails_the_task_with_the_item_still_held(scene: Scene) -> None:

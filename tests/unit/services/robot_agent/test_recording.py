@@ -12,9 +12,10 @@ from rodeo import topics
 from rodeo.bus import Bus, zenoh_config
 from rodeo.clock import WallClock
 from rodeo.config import Site
+from rodeo.evidence import Recorder
 from rodeo.ros2 import Node, types
 from rodeo.topics import Form, Plane
-from services.robot_agent.recording import Recording, recorded_topics
+from services.robot_agent.recording import Recording, recorded_topics, tells_of_disposal, tells_of_release
 from tests.support.assignments import BINDING, ROBOT
 from tests.support.site import LAB, WAIT_S, free_port
 
@@ -40,6 +41,25 @@ def test_the_motion_capture_of_other_items_is_left_out() -> None:
 def test_a_task_without_an_item_of_this_site_still_records_the_robot() -> None:
     recorded = {name: topic.type for topic, name in recorded_topics(SITE, "panther1", [])}
     assert [name for name in recorded if name.startswith("mocap/")] == ["mocap/panther1/pose"]
+
+
+def test_only_what_fell_after_the_release_is_this_items_drop(tmp_path: Path) -> None:
+    path = tmp_path / "recording.mcap"
+    fell = {"payload": {"seq": 1, "expected_compartment": None}}
+    recorder = Recorder(path, BINDING, ROBOT, WallClock())
+    recorder.write_json("rodeo/attestation", fell)
+    recorder.suspend()
+    assert (tells_of_release(path), tells_of_disposal(path)) == (False, False)
+
+    recorder = Recorder.resume(path, BINDING, ROBOT, WallClock())
+    recorder.write_json("rodeo/event", {"event": "releasing", "item": "item1"})
+    recorder.suspend()
+    assert (tells_of_release(path), tells_of_disposal(path)) == (True, False)
+
+    recorder = Recorder.resume(path, BINDING, ROBOT, WallClock())
+    recorder.write_json("rodeo/attestation", fell)
+    recorder.suspend()
+    assert tells_of_disposal(path)
 
 
 def test_a_recording_begins_when_body_and_motion_capture_are_heard(tmp_path: Path) -> None:
