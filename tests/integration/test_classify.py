@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 from rodeo.cli import app
@@ -26,6 +27,16 @@ def test_each_photo_gets_one_line_with_its_class_compartment_and_time() -> None:
     assert "metal_1.jpg: metal -> yellow" in first
     assert "paper_1.jpg: paper -> blue" in second
     assert first.endswith(" ms")
+
+
+def test_no_site_is_needed_unless_one_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    photo = str((PICTURES / "glass_1.jpg").absolute())
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("RODEO_SITE", raising=False)
+    answer = CliRunner().invoke(app, ["classify", photo])
+    assert (answer.exit_code, ": glass -> green" in answer.stdout) == (0, True)
+    refused = CliRunner().invoke(app, ["classify", "--site", "none.toml", photo])
+    assert (refused.exit_code, "config_error" in refused.stderr) == (1, True)
 
 
 def test_json_holds_everything_and_unknown_is_not_guessed() -> None:
