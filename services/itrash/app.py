@@ -55,11 +55,10 @@ class Itrash:
         self._path = service.data_dir / "journal.json"
         self._journal = Journal.load(self._path)
         self._bin = Bin(site.bin, self._journal.memory)
-        unsigned = list(self._journal.memory.unsigned)
         self._lock = threading.Lock()
         """Guards the state machine and the journal."""
         self._actions: queue.SimpleQueue[Action | None] = queue.SimpleQueue()
-        for record in unsigned:  # decided before the process ended
+        for record in self._journal.memory.unsigned:  # decided before the process ended
             self._actions.put(Attest(record))
         self._heard_s: dict[str, float] = {}
         """Wall (monotonic) time of each sensor's last reading."""

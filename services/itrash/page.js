@@ -54,6 +54,7 @@ async function refresh() {
     camera.src = `image?at=${Date.now()}`;
   } catch (error) {
     byId("state").textContent = `the bin does not answer: ${error.message}`;
+    camera.hidden = true;  // what it showed last is not what is there now
   }
   setTimeout(refresh, 1000);
 }

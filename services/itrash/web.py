@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import logging
 import socket
 import threading
 import time
@@ -33,8 +32,6 @@ from services.itrash.images import (
     decode_image,
     media_type,
 )
-
-log = logging.getLogger(__name__)
 
 _MULTIPART_OVERHEAD_BYTES = 64 * 1024
 _DECODED_AT_ONCE = 2
@@ -103,7 +100,7 @@ _PHOTO_BODY = {
 
 _PROBLEMS: dict[int | str, dict[str, Any]] = {
     400: {"model": Problem, "description": "No photo in the request"},
-    413: {"model": Problem, "description": "Too many bytes or pixels"},
+    413: {"model": Problem, "description": "Too many bytes, pixels or scans"},
     415: {"model": Problem, "description": "Neither JPEG, PNG nor WebP"},
     422: {"model": Problem, "description": "The photo is broken"},
 }
@@ -126,8 +123,8 @@ def make_api(bin_: BinView, limits: ImageLimits = IMAGE_LIMITS) -> FastAPI:
         return JSONResponse(problem.model_dump(), error.status_code, headers=error.headers)
 
     @api.exception_handler(Exception)
-    async def own_up(request: Request, error: Exception) -> JSONResponse:
-        log.error("no answer to %s %s", request.method, request.url.path, exc_info=error)
+    async def own_up(_request: Request, _error: Exception) -> JSONResponse:
+        # Starlette raises the error again behind this answer, and uvicorn logs it with its traceback.
         problem = Problem(code="internal_error", message="the bin failed; its log says why")
         return JSONResponse(problem.model_dump(), 500)
 

@@ -17,6 +17,8 @@ from rodeo import topics, wallets
 from rodeo.evidence import Attestation, verify_attestation
 from rodeo.ros2 import Node
 from rodeo.ros2.types import new
+from services.itrash.behaviour import DisposalRecord, Memory
+from services.itrash.journal import Journal
 from tests.support.site import WAIT_S, RunningSite
 
 RENDERINGS = Path(__file__).parents[1] / "unit" / "services" / "itrash" / "renderings"
@@ -172,6 +174,30 @@ def test_a_drop_while_the_bin_was_killed_is_confirmed_after_its_restart(
     state = site.bus.query(topics.BIN_STATE.name(org=site.site.org, bin=site.site.bin.name))
     assert state["classification"]["payload"] == classified
     assert state["disposal"]["payload"] == disposed
+
+
+def test_what_was_decided_and_not_signed_is_said_once_after_a_restart(
+    site: RunningSite, hardware: Hardware
+) -> None:
+    fell = DisposalRecord(
+        bin=site.site.bin.name,
+        seq=7,
+        classification_seq=None,
+        compartment="blue",
+        expected_compartment=None,
+        weight_n=0.4,
+        after_s=1.0,
+        time_s=2.0,
+        correct=False,
+    )
+    path = site.site.data_dir / "itrash" / "journal.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    Journal(memory=Memory(disposal_seq=7, unsigned=[fell])).save(path)
+    listener = Listener(site)
+    site.start("itrash")
+    assert listener.disposals.get(timeout=WAIT_S) == fell.payload()
+    kept = Journal.load(path)
+    assert (kept.memory.unsigned, len(kept.entries)) == ([], 1)
 
 
 def test_a_frame_without_an_item_is_called_unknown_after_a_second_and_third_look(
