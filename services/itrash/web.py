@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import hashlib
 import socket
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from http import HTTPStatus
 from pathlib import Path
 from types import TracebackType
@@ -20,6 +22,7 @@ from pydantic import BaseModel, Field
 from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rodeo.errors import PortUnavailable, snake_case
 from services.itrash.classifier import Classification, Classifier
@@ -38,6 +41,8 @@ _DECODED_AT_ONCE = 2
 """Photos in memory as pixels: one at the network, one on its way. More would wait there, 48 MB each."""
 _MAX_CONNECTIONS = 64
 _KEEP_ALIVE_S = 5
+_REQUEST_S = 30.0
+"""For a whole request; a large photo over a slow link takes less."""
 _HERE = Path(__file__).parent
 _PAGE = (
     ("/", "page.html", "text/html"),
@@ -242,17 +247,53 @@ class LimitBody:
         await self._app(scope, limited, send)
 
 
+class ImpatientProtocol(H11Protocol):
+    """Closes a connection that does not finish its request in time; uvicorn would wait for ever, and as many
+    silent ones as there may be connections would keep everybody else out."""
+
+    def __init__(self, *arguments: Any, request_s: float, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        self._request_s = request_s
+        self._deadline: asyncio.TimerHandle | None = None
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        super().connection_made(transport)
+        self._await_request()
+
+    def on_response_complete(self) -> None:
+        super().on_response_complete()
+        self._await_request()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        super().connection_lost(exc)
+        self._cancel_deadline()
+
+    def _await_request(self) -> None:
+        self._cancel_deadline()
+        self._deadline = self.loop.call_later(self._request_s, self._close_unless_requested)
+
+    def _cancel_deadline(self) -> None:
+        if self._deadline is not None:
+            self._deadline.cancel()
+
+    def _close_unless_requested(self) -> None:
+        answering = self.cycle is not None and not self.cycle.response_complete
+        if not answering or self.cycle.more_body:
+            self.transport.close()
+
+
 class HttpServer:
     """Serves an application from a thread of its own while the context is open."""
 
-    def __init__(self, api: FastAPI, host: str, port: int) -> None:
-        """`port` 0 takes a free one. Raises PortUnavailable."""
+    def __init__(self, api: FastAPI, host: str, port: int, request_s: float = _REQUEST_S) -> None:
+        """`port` 0 takes a free one; requests must be complete within `request_s`. Raises PortUnavailable."""
         try:
             self._socket = socket.create_server((host, port))
         except OSError as error:
             raise PortUnavailable(f"cannot listen: {error}", host=host, port=port) from error
         config = uvicorn.Config(
             api,
+            http=partial(ImpatientProtocol, request_s=request_s),  # type: ignore[arg-type]
             log_config=None,
             access_log=False,
             lifespan="off",

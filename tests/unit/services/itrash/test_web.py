@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -207,3 +209,28 @@ def test_a_server_on_port_zero_tells_where_it_listens_and_refuses_a_taken_port(q
         with pytest.raises(PortUnavailable) as taken:
             HttpServer(make_api(quiet_bin), "127.0.0.1", int(server.url.rsplit(":", 1)[1]))
         assert taken.value.details["host"] == "127.0.0.1"
+
+
+@pytest.mark.parametrize(
+    "beginning",
+    [
+        pytest.param(b"", id="silent"),
+        pytest.param(b"GET /state HTTP/1.1\r\nhost: bin\r\n", id="half-a-head"),
+        pytest.param(b"POST /classify HTTP/1.1\r\nhost: bin\r\ncontent-length: 9\r\n\r\n", id="no-body"),
+        pytest.param(b"GET /openapi.json HTTP/1.1\r\nhost: bin\r\n\r\nGET /sta", id="half-a-second-one"),
+    ],
+)
+def test_connections_that_do_not_finish_their_request_keep_nobody_out_for_long(
+    quiet_bin: QuietBin, beginning: bytes
+) -> None:
+    with HttpServer(make_api(quiet_bin), "127.0.0.1", 0, request_s=2.0) as server, ExitStack() as idlers:
+        address = ("127.0.0.1", int(server.url.rsplit(":", 1)[1]))
+        sockets = [idlers.enter_context(socket.create_connection(address)) for _ in range(64)]
+        for idler in sockets:
+            idler.settimeout(20)
+            idler.sendall(beginning)
+        assert httpx.get(f"{server.url}/state").status_code == 503
+        for idler in sockets:
+            while idler.recv(65536):  # until the server closes it
+                pass
+        assert httpx.get(f"{server.url}/state").status_code == 200
