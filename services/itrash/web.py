@@ -39,7 +39,7 @@ from services.itrash.images import (
 _MULTIPART_OVERHEAD_BYTES = 64 * 1024
 _DECODED_AT_ONCE = 2
 """Photos in memory as pixels: one at the network, one on its way. More would wait there, 48 MB each."""
-_MAX_CONNECTIONS = 64
+MAX_CONNECTIONS = 64
 _KEEP_ALIVE_S = 5
 _REQUEST_S = 30.0
 """For a whole request; a large photo over a slow link takes less."""
@@ -297,7 +297,7 @@ class HttpServer:
             log_config=None,
             access_log=False,
             lifespan="off",
-            limit_concurrency=_MAX_CONNECTIONS,
+            limit_concurrency=MAX_CONNECTIONS,
             timeout_keep_alive=_KEEP_ALIVE_S,
         )
         self._server = uvicorn.Server(config)

@@ -18,7 +18,7 @@ from rodeo.lab.config import BinConfig, Pose2
 from services.itrash.behaviour import compartment_of
 from services.itrash.classifier import Classifier
 from services.itrash.images import ImageLimits
-from services.itrash.web import HttpServer, PortUnavailable, make_api
+from services.itrash.web import MAX_CONNECTIONS, HttpServer, PortUnavailable, make_api
 
 CAN = (Path(__file__).parent / "renderings" / "metal_1.jpg").read_bytes()
 LIMITS = ImageLimits(max_bytes=200_000, max_pixels=1_000_000)
@@ -225,7 +225,7 @@ def test_connections_that_do_not_finish_their_request_keep_nobody_out_for_long(
 ) -> None:
     with HttpServer(make_api(quiet_bin), "127.0.0.1", 0, request_s=2.0) as server, ExitStack() as idlers:
         address = ("127.0.0.1", int(server.url.rsplit(":", 1)[1]))
-        sockets = [idlers.enter_context(socket.create_connection(address)) for _ in range(64)]
+        sockets = [idlers.enter_context(socket.create_connection(address)) for _ in range(MAX_CONNECTIONS - 1)]
         for idler in sockets:
             idler.settimeout(20)
             idler.sendall(beginning)
