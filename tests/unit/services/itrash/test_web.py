@@ -225,9 +225,9 @@ def test_connections_that_do_not_finish_their_request_keep_nobody_out_for_long(
 ) -> None:
     with HttpServer(make_api(quiet_bin), "127.0.0.1", 0, request_s=2.0) as server, ExitStack() as idlers:
         address = ("127.0.0.1", int(server.url.rsplit(":", 1)[1]))
-        sockets = [idlers.enter_context(socket.create_connection(address)) for _ in range(MAX_CONNECTIONS - 1)]
+        sockets = [socket.create_connection(address, timeout=20) for _ in range(MAX_CONNECTIONS - 1)]
         for idler in sockets:
-            idler.settimeout(20)
+            idlers.enter_context(idler)
             idler.sendall(beginning)
         assert httpx.get(f"{server.url}/state").status_code == 503
         for idler in sockets:
