@@ -21,6 +21,7 @@ from rodeo.clock import Clock
 from rodeo.config import CameraConfig
 from rodeo.errors import RodeoError
 from rodeo.ros2 import MessageInfo, Node
+from rodeo.ros2.errors import ServiceUnavailable
 from rodeo.ros2.types import new
 from services.itrash.images import IMAGE_LIMITS
 
@@ -73,6 +74,7 @@ class BusCamera:
         self._timeout_s = timeout_s
         self._frame: tuple[float, bytes] | None = None
         self._problem: str | None = None
+        self._away = False
         self._arrived = threading.Condition()
         self._trigger = node.client(topics.BIN_CAPTURE.name(bin=bin_name), topics.BIN_CAPTURE.type)
         node.subscription(topics.BIN_IMAGE.name(bin=bin_name), topics.BIN_IMAGE.type, self._on_frame)
@@ -88,7 +90,7 @@ class BusCamera:
             return self._capture(after_s)
         except RodeoError as error:
             with self._arrived:
-                self._problem = str(error)
+                self._problem, self._away = str(error), isinstance(error, ServiceUnavailable)
             raise
 
     def _capture(self, after_s: float) -> tuple[float, bytes]:
@@ -107,7 +109,13 @@ class BusCamera:
             return None if self._frame is None else self._frame[1]
 
     def problem(self) -> str | None:
+        """The last capture's failure. A frame ends it; as frames come only when something is shown, so does
+        a camera that was away and came back."""
+        there = self._trigger.wait_for_server(0.0)
         with self._arrived:
+            if self._problem is not None and there and self._away:
+                self._problem = None
+            self._away = not there
             return self._problem
 
     def close(self) -> None:
@@ -137,8 +145,8 @@ class VideoCamera:
         while not self._stop.is_set():
             capture = self._open()
             while not self._stop.is_set():
-                ok, image = capture.read() if capture.isOpened() else (False, None)
-                if not ok or image is None:
+                image = self._picture(capture)
+                if image is None:
                     break
                 with self._changed:
                     self._frame, self._problem = (self._clock.now_s(), image), None
@@ -159,6 +167,15 @@ class VideoCamera:
                       cv2.CAP_PROP_READ_TIMEOUT_MSEC, _STREAM_TIMEOUT_MS]  # fmt: skip
             return cv2.VideoCapture(self._address, cv2.CAP_FFMPEG, limits)
         return cv2.VideoCapture(self._address)
+
+    def _picture(self, capture: cv2.VideoCapture) -> np.ndarray | None:
+        """None when there is none: away, at its end, or not to be decoded."""
+        try:
+            ok, image = capture.read() if capture.isOpened() else (False, None)
+        except cv2.error as error:
+            log.warning("the camera %s: %s", self._shown, error.err)
+            return None
+        return image if ok else None
 
     def capture(self, after_s: float) -> tuple[float, bytes]:
         deadline_s = time.monotonic() + self._timeout_s

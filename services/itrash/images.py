@@ -24,6 +24,9 @@ _JPEG_FRAME_MARKERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 """Start-of-frame markers (ITU-T T.81, table B.1); C4, C8 and CC are tables, not frames."""
 _JPEG_BARE_MARKERS = frozenset((0x01, *range(0xD0, 0xD9)))
 """Markers without a length field (same table)."""
+_JPEG_SEGMENT_MARKERS = frozenset((0xC4, 0xCC, 0xDB, 0xDC, 0xDD, *range(0xE0, 0xF0), 0xFE))
+"""Tables, applications' data and comments (same table), those that libjpeg knows. It skips 00 and refuses the
+others: who took them for segments would read on in another place, and there another size."""
 
 
 class ImageError(RequestError):
@@ -125,6 +128,8 @@ def _jpeg_size(data: bytes) -> tuple[int, int]:
             return width_px, height_px
         if marker in (0xD9, 0xDA):  # end of image, start of scan
             raise BrokenImage("the JPEG has no frame before its data", at=at)
+        if marker not in _JPEG_SEGMENT_MARKERS:
+            raise BrokenImage("a JPEG marker is unknown", marker=f"{marker:02x}", at=at)
         (length,) = struct.unpack_from(">H", data, at)
         if length < 2:
             raise BrokenImage("a JPEG segment is shorter than its own length field", at=at)

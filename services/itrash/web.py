@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import codecs
 import hashlib
 import socket
 import threading
@@ -19,6 +20,7 @@ import uvicorn
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
+from python_multipart.multipart import parse_options_header
 from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -37,12 +39,14 @@ from services.itrash.images import (
 )
 
 _MULTIPART_OVERHEAD_BYTES = 64 * 1024
+_CHARSETS = ("utf-8", "ascii", "iso8859-1")
+"""Of a form's texts, by Python's names."""
 _DECODED_AT_ONCE = 2
 """Photos in memory as pixels: one at the network, one on its way. More would wait there, 48 MB each."""
 MAX_CONNECTIONS = 64
 _KEEP_ALIVE_S = 5
 _REQUEST_S = 30.0
-"""For a whole request; a large photo over a slow link takes less."""
+"""For a request and its answer; a large photo over a slow link takes less."""
 _HERE = Path(__file__).parent
 _PAGE = (
     ("/", "page.html", "text/html"),
@@ -203,15 +207,26 @@ async def _photo_of(request: Request) -> bytes:
     if not request.headers.get("content-type", "").lower().startswith("multipart/form-data"):
         data = await request.body()
     else:
-        try:
-            async with request.form(max_files=1, max_fields=8) as form:
-                files = [value for value in form.values() if isinstance(value, UploadFile)]
-                data = await files[0].read() if files else b""
-        except UnicodeError as error:  # starlette looks for codecs by the name that the header gives
-            raise HTTPException(400, f"the form's charset: {error}") from error
+        _refuse_odd_charset(request.headers["content-type"])
+        async with request.form(max_files=1, max_fields=8, max_part_size=_MULTIPART_OVERHEAD_BYTES) as form:
+            files = [value for value in form.values() if isinstance(value, UploadFile)]
+            data = await files[0].read() if files else b""
     if not data:
         raise MissingPhoto("the request carries no photo: send it as the body or as a form's file")
     return data
+
+
+def _refuse_odd_charset(content_type: str) -> None:
+    """Starlette decodes a form's texts by any codec of Python's that the header names, and some take minutes
+    for a megabyte, in which nobody is served. Raises HTTPException 400."""
+    _, options = parse_options_header(content_type)
+    name = options.get(b"charset", b"utf-8").decode("latin-1")
+    try:
+        known = codecs.lookup(name).name in _CHARSETS
+    except LookupError:
+        known = False
+    if not known:
+        raise HTTPException(400, f"the form's charset is {name!r}; it may be one of {', '.join(_CHARSETS)}")
 
 
 def _status_of(error: ImageError) -> int:
@@ -248,8 +263,8 @@ class LimitBody:
 
 
 class ImpatientProtocol(H11Protocol):
-    """Closes a connection that does not finish its request in time; uvicorn would wait for ever, and as many
-    silent ones as there may be connections would keep everybody else out."""
+    """Cuts a connection that did not send its request and read the answer in time. Uvicorn would wait for
+    ever, and as many of them as there may be would keep everybody else out."""
 
     def __init__(self, *arguments: Any, request_s: float, **named: Any) -> None:
         super().__init__(*arguments, **named)
@@ -258,35 +273,30 @@ class ImpatientProtocol(H11Protocol):
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
-        self._await_request()
+        self._set_deadline()
 
     def on_response_complete(self) -> None:
         super().on_response_complete()
-        self._await_request()
+        self._set_deadline()
 
     def connection_lost(self, exc: Exception | None) -> None:
         super().connection_lost(exc)
         self._cancel_deadline()
 
-    def _await_request(self) -> None:
+    def _set_deadline(self) -> None:
         self._cancel_deadline()
-        self._deadline = self.loop.call_later(self._request_s, self._close_unless_requested)
+        self._deadline = self.loop.call_later(self._request_s, self.transport.abort)
 
     def _cancel_deadline(self) -> None:
         if self._deadline is not None:
             self._deadline.cancel()
-
-    def _close_unless_requested(self) -> None:
-        answering = self.cycle is not None and not self.cycle.response_complete
-        if not answering or self.cycle.more_body:
-            self.transport.close()
 
 
 class HttpServer:
     """Serves an application from a thread of its own while the context is open."""
 
     def __init__(self, api: FastAPI, host: str, port: int, request_s: float = _REQUEST_S) -> None:
-        """`port` 0 takes a free one; requests must be complete within `request_s`. Raises PortUnavailable."""
+        """`port` 0 takes a free one; slower requests than `request_s` are cut off. Raises PortUnavailable."""
         try:
             self._socket = socket.create_server((host, port))
         except OSError as error:

@@ -11,9 +11,15 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from rodeo import topics
 from rodeo.config import CameraConfig
-from services.itrash.camera import CameraError, FolderCamera, VideoCamera
+from rodeo.ros2 import Node
+from rodeo.ros2.errors import ServiceUnavailable
+from rodeo.ros2.types import new
+from services.itrash.camera import BusCamera, CameraError, FolderCamera, VideoCamera
 from services.itrash.images import decode_image
+from tests.support.nodes import make_node as make_node
+from tests.support.nodes import router_port as router_port
 
 DEADLINE_S = 60.0
 
@@ -103,6 +109,53 @@ def test_the_password_of_a_stream_is_not_told() -> None:
         assert "secret" not in str(failed.value)
     finally:
         camera.close()
+
+
+def test_a_camera_on_the_bus_that_was_away_is_well_again_once_it_is_back(
+    make_node: Callable[[str], Node],
+) -> None:
+    camera = BusCamera(make_node("bin"), "itrash")
+    assert camera.problem() is None
+    with pytest.raises(ServiceUnavailable):
+        camera.capture(0.0)
+    assert camera.problem() is not None
+    _serve_camera(make_node("sim"), success=True)
+    wait_until(lambda: camera.problem() is None)
+
+
+def test_a_camera_on_the_bus_that_sends_nothing_is_not_well_for_being_there(
+    make_node: Callable[[str], Node],
+) -> None:
+    sim = make_node("sim")
+    _serve_camera(sim, success=False)
+    camera = BusCamera(make_node("bin"), "itrash")
+    wait_until(lambda: _refused(camera))
+    assert "refused" in str(camera.problem())
+    image = sim.publisher(topics.BIN_IMAGE.name(bin="itrash"), topics.BIN_IMAGE.type)
+    frame = new(topics.BIN_IMAGE.type, data=np.frombuffer(b"a frame", np.uint8))
+
+    def well() -> bool:
+        image.publish(frame, 0)
+        return camera.problem() is None
+
+    wait_until(well)
+    assert camera.latest() == b"a frame"
+
+
+def _serve_camera(node: Node, success: bool) -> None:
+    response = new("std_srvs/srv/Trigger_Response", success=success, message="out of film")
+    node.service(topics.BIN_CAPTURE.name(bin="itrash"), topics.BIN_CAPTURE.type, lambda _request: response)
+
+
+def _refused(camera: BusCamera) -> bool:
+    """False while the service is not known yet."""
+    try:
+        camera.capture(0.0)
+    except ServiceUnavailable:
+        return False
+    except CameraError as error:
+        return "refused" in str(error)
+    return False
 
 
 def test_a_folder_gives_its_pictures_in_turn_and_survives_being_unmounted(tmp_path: Path) -> None:

@@ -54,6 +54,16 @@ def test_a_jpeg_of_countless_scans_is_refused_before_it_is_decoded() -> None:
     assert refused.value.details["scans"] > 1000
 
 
+@pytest.mark.parametrize("marker", [0x00, 0x02, 0xBF, 0xC8, 0xF0, 0xFD])
+def test_a_jpeg_cannot_tell_the_decoder_another_size_than_us(marker: int) -> None:
+    """For who takes the marker for a segment's, what follows it tells of a small frame."""
+    frame = b"\xff\xc0" + struct.pack(">HBHHB", 11, 8, 8, 8, 1) + b"\x01\x11\x00"
+    hidden = bytes([0xFF, marker]) + b"\x00\x06" + b"\xff\xfe" + struct.pack(">H", 2 + len(frame)) + frame
+    data = b"\xff\xd8" + hidden + encoded(".jpg")[2:]
+    with pytest.raises(BrokenImage):
+        decode_image(data, ImageLimits(max_pixels=100))
+
+
 def test_grey_and_transparent_photos_become_colour() -> None:
     assert decode_image(encoded(".png", PHOTO[:, :, 0])).shape == PHOTO.shape
     assert decode_image(encoded(".png", np.dstack([PHOTO, PHOTO[:, :, :1]]))).shape == PHOTO.shape

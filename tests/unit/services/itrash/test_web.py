@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import time
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -118,11 +119,21 @@ FORM = b'--x\r\nContent-Disposition: form-data; name="file"; filename="a"\r\n\r\
     ("kind", "status"),
     [
         ("Multipart/Form-Data; boundary=x", 200),
+        ("multipart/form-data; boundary=x; charset=Latin-1", 200),
         ("multipart/form-data; boundary=x; charset=undefined", 400),
+        ("multipart/form-data; boundary=x; charset=punycode", 400),
+        ("multipart/form-data; boundary=x; charset=rot13", 400),
+        ("multipart/form-data; boundary=x; charset=none-such", 400),
     ],
 )
 def test_a_form_is_read_as_its_type_says(client: TestClient, kind: str, status: int) -> None:
     assert client.post("/classify", content=FORM, headers={"content-type": kind}).status_code == status
+
+
+def test_a_long_text_in_a_form_is_refused(client: TestClient) -> None:
+    text = b'--x\r\nContent-Disposition: form-data; name="a"\r\n\r\n' + bytes(100_000) + b"\r\n--x--\r\n"
+    headers = {"content-type": "multipart/form-data; boundary=x"}
+    assert client.post("/classify", content=text, headers=headers).status_code == 400
 
 
 def test_the_bins_own_failure_is_a_problem_too(
@@ -212,25 +223,30 @@ def test_a_server_on_port_zero_tells_where_it_listens_and_refuses_a_taken_port(q
 
 
 @pytest.mark.parametrize(
-    "beginning",
+    "sent",
     [
-        pytest.param(b"", id="silent"),
-        pytest.param(b"GET /state HTTP/1.1\r\nhost: bin\r\n", id="half-a-head"),
-        pytest.param(b"POST /classify HTTP/1.1\r\nhost: bin\r\ncontent-length: 9\r\n\r\n", id="no-body"),
-        pytest.param(b"GET /openapi.json HTTP/1.1\r\nhost: bin\r\n\r\nGET /sta", id="half-a-second-one"),
+        pytest.param([b""], id="silent"),
+        pytest.param([b"GET /state HTTP/1.1\r\nhost: bin\r\n"], id="half-a-head"),
+        pytest.param([b"POST /classify HTTP/1.1\r\nhost: bin\r\ncontent-length: 9\r\n\r\n"], id="no-body"),
+        pytest.param([b"GET /state HTTP/1.1\r\nhost: bin\r\n\r\n", b"GET /sta"], id="half-a-second-one"),
+        pytest.param([b"GET /image HTTP/1.1\r\nhost: bin\r\n\r\n"], id="unread-answer"),
     ],
 )
-def test_connections_that_do_not_finish_their_request_keep_nobody_out_for_long(
-    quiet_bin: QuietBin, beginning: bytes
-) -> None:
-    with HttpServer(make_api(quiet_bin), "127.0.0.1", 0, request_s=2.0) as server, ExitStack() as idlers:
+def test_connections_that_do_not_get_on_keep_nobody_out_for_long(sent: list[bytes]) -> None:
+    bin_ = QuietBin()
+    bin_.picture = b"\xff\xd8" + bytes(3_000_000)  # more than waits in the sockets' buffers
+    with HttpServer(make_api(bin_), "127.0.0.1", 0, request_s=3.0) as server, ExitStack() as idlers:
         address = ("127.0.0.1", int(server.url.rsplit(":", 1)[1]))
-        sockets = [socket.create_connection(address, timeout=20) for _ in range(MAX_CONNECTIONS - 1)]
-        for idler in sockets:
-            idlers.enter_context(idler)
-            idler.sendall(beginning)
-        assert httpx.get(f"{server.url}/state").status_code == 503
-        for idler in sockets:
-            while idler.recv(65536):  # until the server closes it
-                pass
-        assert httpx.get(f"{server.url}/state").status_code == 200
+        for _ in range(MAX_CONNECTIONS - 1):
+            idler = idlers.enter_context(socket.socket())
+            idler.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+            idler.connect(address)
+            idler.sendall(sent[0])
+            for more in sent[1:]:
+                assert idler.recv(4096).startswith(b"HTTP/1.1 200")
+                idler.sendall(more)
+        started_s = time.monotonic()
+        statuses = [httpx.get(f"{server.url}/state").status_code]
+        while statuses[-1] == 503 and time.monotonic() < started_s + 20:
+            statuses.append(httpx.get(f"{server.url}/state").status_code)
+        assert (statuses[0], statuses[-1]) == (503, 200)
