@@ -2,14 +2,17 @@
 
     idle -> item_seen -> classifying -> awaiting_drop -> confirmed | wrong_compartment | timed_out -> idle
                                      -> full -> idle
+    confirmed | wrong_compartment -> item_seen, when the next item is held in view
 
 Its callers feed it and carry out the actions that it returns. Everything it must not forget is in `Memory`.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any
 
@@ -31,9 +34,10 @@ class State(StrEnum):
     """It fell where it belongs; waiting for the view to clear."""
     WRONG_COMPARTMENT = "wrong_compartment"
     TIMED_OUT = "timed_out"
-    """Nothing fell; a later drop counts as one that was never shown."""
+    """Nothing fell; a later drop counts as one that was never shown. Waiting for the view to clear."""
     FULL = "full"
-    """The compartment for what was shown takes no more; a drop now counts as one that was never shown."""
+    """The compartment for what was shown takes no more; a drop now counts as one that was never shown.
+    Waiting for the view to clear."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +51,9 @@ class BinLimits:
     """The view is clear once nothing was present for so long."""
     done_gone_s: float = 2.0
     """The same after a drop and counted from it: whoever dropped it has yet to draw back."""
+    held_s: float = 4.0
+    """What came to rest after a drop and has stayed so for so long is the next item: a robot that draws back
+    in steps pauses for less, and one that holds still over the bin came to rest before the drop settled."""
     again_gone_s: float = 1.0
     """While a drop is awaited, an item is looked at again only after the view was clear for so long: the
     gripper passes the sensor on its way to the compartment."""
@@ -57,6 +64,14 @@ class BinLimits:
     retry_s: float = 1.0
     """Pause after a photo that could not be taken."""
     drop_timeout_s: float = 180.0
+    deaf_s: float = 5.0
+    """Without a presence reading for so long the bin was as good as down: things fell unheard."""
+    weigh_s: float = 5.0
+    """How long load cells are waited for that have yet to say whether something fell. They need 1 s, and a
+    bin that starts hears them one after another: at 20 times real time this is a quarter of a second."""
+    shaken_s: float = 3.0
+    """A fall and what it shakes change the weights within so long; what may have taken longer happened while
+    nobody looked."""
 
 
 _LIMITS = BinLimits()
@@ -160,10 +175,17 @@ class Bin:
         self._look = 0
         self._another = False
         """Whether what is looked at cannot be what the pending classification is about."""
+        self._held_after: State | None = None
+        """What the drop was after which the thing that is looked at is held in view, if it is."""
+        self._still_since_s: float | None = None
+        """Since when what is present keeps its distance."""
         self._retry_at_s = 0.0
+        self._heard_s = -math.inf
+        self._hearing_since_s = -math.inf
+        """When the presence sensor was first heard since the start or since it was silent."""
         if memory.state in (State.ITEM_SEEN, State.CLASSIFYING):
-            # Nothing was said about that item yet; it is seen again if it is still there.
-            memory.state = State.AWAITING_DROP if memory.pending else State.IDLE
+            # Nothing was said about that item yet; it is looked at again if it is still there.
+            memory.state = State.ITEM_SEEN if memory.pending else State.IDLE
 
     @property
     def state(self) -> State:
@@ -185,6 +207,9 @@ class Bin:
 
     def presence(self, range_m: float, time_s: float) -> list[Action]:
         """A distance from the presence sensor, stamped; +inf when nothing reflects (REP 117)."""
+        if abs(time_s - self._heard_s) > self._limits.deaf_s:
+            self._hearing_since_s = time_s
+        self._heard_s = time_s
         present = range_m <= self._config.presence_range_m
         absent_s = 0.0 if self._absent_since_s is None else time_s - self._absent_since_s
         if present:
@@ -194,28 +219,39 @@ class Bin:
             self._ranges.clear()
             if self._absent_since_s is None:
                 self._absent_since_s = time_s
+        still = self._still(time_s)
+        if not still:
+            self._still_since_s = None
+        elif self._still_since_s is None:
+            self._still_since_s = time_s - self._limits.still_s
 
-        state, pending = self.memory.state, self.memory.pending
-        if (
-            state is State.AWAITING_DROP
-            and pending is not None
-            and time_s - pending.time_s > self._limits.drop_timeout_s
-        ):
+        state, since_s, limits = self.memory.state, self.memory.since_s, self._limits
+        if state is State.AWAITING_DROP and self._timed_out(time_s):
             self.memory.pending = None
             self._enter(State.TIMED_OUT, time_s)
-        elif state in (State.CONFIRMED, State.WRONG_COMPARTMENT, State.TIMED_OUT, State.FULL):
-            clear_s = min(absent_s, time_s - self.memory.since_s)
-            if not present and clear_s >= self._limits.done_gone_s:
+        elif state in (State.TIMED_OUT, State.FULL):
+            if absent_s >= limits.gone_s:
                 self._enter(State.IDLE, time_s)
+        elif state in (State.CONFIRMED, State.WRONG_COMPARTMENT):
+            if not present and min(absent_s, time_s - since_s) >= limits.done_gone_s:
+                self._enter(State.IDLE, time_s)
+            elif self._still_since_s is not None and since_s <= self._still_since_s <= time_s - limits.held_s:
+                self._see_item(time_s, held_after=state)
         elif state is State.ITEM_SEEN and not present:
-            if absent_s >= self._limits.gone_s:
+            if absent_s >= limits.gone_s:
                 self._enter(State.AWAITING_DROP if self.memory.pending else State.IDLE, time_s)
         elif present and (
-            state is State.IDLE or (state is State.AWAITING_DROP and absent_s >= self._limits.again_gone_s)
+            state is State.IDLE or (state is State.AWAITING_DROP and absent_s >= limits.again_gone_s)
         ):
             self._see_item(time_s)
-            self._another = absent_s >= self._limits.another_gone_s
-        if self.memory.state is State.ITEM_SEEN and self._still(time_s) and time_s >= self._retry_at_s:
+            self._another = absent_s >= limits.another_gone_s
+        if (
+            self.memory.state is State.ITEM_SEEN
+            and still
+            and time_s >= self._retry_at_s
+            # What fell before anybody looked belongs to the item before this one.
+            and self._weighed(self._hearing_since_s, time_s)
+        ):
             self._enter(State.CLASSIFYING, time_s)
             return [TakePhoto(after_s=time_s)]
         return []
@@ -229,6 +265,10 @@ class Bin:
         if unknown and self._look < self._limits.looks:
             self._retry_at_s = time_s + self._limits.still_s
             self._enter(State.ITEM_SEEN, time_s)
+            return []
+        if unknown and self._held_after is not None:
+            # A gripper that stopped on its way back is no item.
+            self._enter(self._held_after, time_s)
             return []
         pending = self.memory.pending
         if unknown and pending is not None and pending.item_class != UNKNOWN and not self._another:
@@ -262,27 +302,76 @@ class Bin:
         """A reading of a compartment's load cell in N, stamped.
 
         One item falls into one compartment: when several weights grew at once, the largest is the item and
-        the others are what its fall shook.
+        the others are what its fall shook. What fell while nobody looked may be several items.
         """
         cell = self._cells[compartment]
         step = cell.reading(force_n, time_s)
         if step is None or not step.ripe:
             return []
-        if step.delta_n < 0:  # somebody emptied it
+        if step.delta_n <= 0:  # somebody emptied it, lifted it out or put it back
             cell.account()
             return []
-        grown = {n: c.step for n, c in self._cells.items() if c.step is not None and c.step.delta_n > 0}
-        compartment, step = max(grown.items(), key=lambda one: one[1].delta_n)
-        if not step.ripe:
+        unseen = self._unseen(step)
+        grown = {n: s for n, s in self._grown(time_s).items() if self._unseen(s) == unseen}
+        if unseen:
+            # What was shown fell where it belongs if something did, else it is the one with the most weight.
+            # It is told last: who dropped it takes the bin's last word.
+            pending = self.memory.pending
+            expected = None if pending is None else pending.compartment
+            fell = sorted(grown, key=lambda name: (name == expected, grown[name].delta_n))
+            if not self._weighed(self._hearing_since_s, time_s, but=fell):
+                return []
+        else:
+            fell = [max(grown, key=lambda name: grown[name].delta_n)]
+        if not all(grown[name].ripe for name in fell):
             return []
         for name in grown:
             self._cells[name].account()
-        return [self._say(self._disposal(compartment, step))]
+        settled_s = max(grown[name].time_s for name in fell)
+        return [
+            self._say(self._disposal(name, replace(grown[name], time_s=settled_s), shown=name == fell[-1]))
+            for name in fell
+        ]
 
     # -- inside ----------------------------------------------------------------------------------------
 
-    def _disposal(self, compartment: str, step: Step) -> DisposalRecord:
-        pending, self.memory.pending = self.memory.pending, None
+    def _deadline_s(self, pending: ClassificationRecord) -> float:
+        """What fell later is not what was shown."""
+        return pending.time_s + self._limits.drop_timeout_s
+
+    def _timed_out(self, time_s: float) -> bool:
+        """Whether what was shown did not fall in time, which the load cells may say a while later."""
+        pending = self.memory.pending
+        if pending is None or time_s <= self._deadline_s(pending):
+            return False
+        # Twice as patient as a drop that waits for another cell's word: that must be told first.
+        return self._weighed(self._deadline_s(pending), time_s - self._limits.weigh_s)
+
+    def _weighed(self, until_s: float, time_s: float, but: Collection[str] = ()) -> bool:
+        """Whether all that fell up to `until_s` is accounted for, in the compartments other than `but`.
+
+        A cell that says nothing is not waited for for ever.
+        """
+        if time_s - max(until_s, self._hearing_since_s) > self._limits.weigh_s:
+            return True
+        return all(cell.memory.seen_s > until_s for name, cell in self._cells.items() if name not in but)
+
+    def _grown(self, time_s: float) -> dict[str, Step]:
+        """Where something came in; not where the load cell fell silent before that was sure."""
+        steps = {name: cell.step for name, cell in self._cells.items() if cell.step is not None}
+        patience_s = self._limits.weigh_s
+        return {
+            n: s for n, s in steps.items() if s.delta_n > 0 and (s.ripe or time_s - s.time_s <= patience_s)
+        }
+
+    def _unseen(self, step: Step) -> bool:
+        """Whether it may have happened while nobody looked."""
+        return step.time_s - step.after_s > self._limits.shaken_s
+
+    def _disposal(self, compartment: str, step: Step, shown: bool) -> DisposalRecord:
+        pending = self.memory.pending if shown else None
+        if pending is not None and step.after_s > self._deadline_s(pending):
+            pending = None
         expected = None if pending is None else pending.compartment
         self.memory.disposal_seq += 1
         record = DisposalRecord(
@@ -297,6 +386,7 @@ class Bin:
             correct=compartment == expected,
         )
         if pending is not None:
+            self.memory.pending = None
             self._enter(State.CONFIRMED if record.correct else State.WRONG_COMPARTMENT, step.time_s)
         return record
 
@@ -308,8 +398,9 @@ class Bin:
         self.memory.state = state
         self.memory.since_s = time_s
 
-    def _see_item(self, time_s: float) -> None:
+    def _see_item(self, time_s: float, held_after: State | None = None) -> None:
         self._look = 0
+        self._held_after = held_after
         self._retry_at_s = time_s
         self._enter(State.ITEM_SEEN, time_s)
 

@@ -19,6 +19,9 @@ class LoadLimits:
     """Smaller changes of a settled reading are drift."""
     stay_s: float = 0.5
     """What goes away again sooner than so long after it settled is no change: a touch, a push."""
+    out_n: float = 1.0
+    """A cell that carries less than minus this has lost its container, which was part of its zero: an empty
+    container weighs more, and a zero drifts by less."""
 
 
 LOAD_LIMITS = LoadLimits()
@@ -31,17 +34,21 @@ class Cell(BaseModel):
     """The last weight accounted for, N; None before the first settled reading."""
     seen_s: float = 0.0
     """When that weight was last on it, site time."""
+    held_n: float = 0.0
+    """What it held, N, when it was last lifted out."""
 
 
 @dataclass(frozen=True)
 class Step:
-    """The settled weight has differed by `delta_n` from the accounted one since `time_s` (site time).
+    """The settled weight has been `settled_n` instead of the accounted one since `time_s` (site time).
 
     It changed between `after_s`, when it was still the accounted one, and then: over a second or so, or all
     the time for which nobody looked.
     """
 
+    settled_n: float
     delta_n: float
+    """What came in, N; 0 or less when the container was emptied, lifted out or put back."""
     after_s: float
     time_s: float
     ripe: bool
@@ -73,24 +80,44 @@ class LoadCell:
             self._step = None
         self._window.append((time_s, force_n))
         settled_n = self._settled()
-        if settled_n is not None and self.memory.settled_n is None:
-            self.memory.settled_n = settled_n
-        delta_n = None if settled_n is None else settled_n - (self.memory.settled_n or 0.0)
-        if delta_n is None or abs(delta_n) < self._limits.step_n:
+        if settled_n is None:
             self._step = None
-            if delta_n is not None:
-                self.memory.seen_s = time_s
+            return None
+        accounted_n = settled_n if self.memory.settled_n is None else self.memory.settled_n
+        self.memory.settled_n = accounted_n
+        if abs(settled_n - accounted_n) < self._limits.step_n:
+            self._step = None
+            self.memory.seen_s = time_s
             return None
         since_s = self._step.time_s if self._step else time_s
-        self._step = Step(delta_n, self.memory.seen_s, since_s, ripe=time_s - since_s >= self._limits.stay_s)
+        self._step = Step(
+            settled_n,
+            self._came_n(settled_n, accounted_n),
+            self.memory.seen_s,
+            since_s,
+            ripe=time_s - since_s >= self._limits.stay_s,
+        )
         return self._step
 
     def account(self) -> None:
         """The weight that stands is the new reference."""
         if self._step is not None:
-            self.memory.settled_n = (self.memory.settled_n or 0.0) + self._step.delta_n
+            accounted_n = self.memory.settled_n or 0.0
+            if not self._out(accounted_n):
+                self.memory.held_n = accounted_n
+            self.memory.settled_n = self._step.settled_n
             self.memory.seen_s = self._step.time_s
             self._step = None
+
+    def _out(self, weight_n: float) -> bool:
+        return weight_n < -self._limits.out_n
+
+    def _came_n(self, settled_n: float, accounted_n: float) -> float:
+        if not self._out(accounted_n):
+            return settled_n - accounted_n
+        # A container that is put back brings what is left of what it held; only more than that came into it.
+        more_n = settled_n - self.memory.held_n
+        return more_n if more_n >= self._limits.step_n else min(more_n, 0.0)
 
     def _settled(self) -> float | None:
         """Mean of the last `settle_s` if they are complete and quiet; older readings are let go."""

@@ -47,7 +47,7 @@ from services.robot_agent.memory import Held, Memory
 from services.robot_agent.navigation import Floor, Point
 from services.robot_agent.orders import Order, Orders
 from services.robot_agent.perception import Sighting
-from services.robot_agent.recording import Recording, tells_of_disposal, tells_of_release
+from services.robot_agent.recording import Recording, tells_of_disposal, when_released
 from services.robot_agent.upkeep import Upkeep
 
 log = logging.getLogger(__name__)
@@ -428,13 +428,14 @@ class Agent:
         items = [item.id for item in self._site.items if item.id == wanted]
         if (held := self._feel()) is not None:
             self._tidy(held)
-        released = path.exists() and held is None and tells_of_release(path)
-        if path.exists():
-            if tells_of_disposal(path):
-                journal.advance(folder, Phase.EXECUTED)  # interrupted when everything was said
-                return
-            if not released:
-                _set_aside(path)
+        released_s = when_released(path) if path.exists() else None
+        if released_s is not None and tells_of_disposal(path, released_s):
+            journal.advance(folder, Phase.EXECUTED)  # interrupted when everything was said
+            return
+        if held is not None:
+            released_s = None
+        if path.exists() and released_s is None:
+            _set_aside(path)
         recording = Recording(
             path,
             self._dao.binding(task),
@@ -445,14 +446,13 @@ class Agent:
             self._robot.name,
             items,
             self._service.bus,
-            holes_allowed=released,
+            holes_allowed=released_s is not None,
         )
         self._start_recording(recording, task)
         try:
-            if released:
-                for attestation in self._bin.said_since(task.assigned or 0.0):
-                    recording.attestation(attestation)  # perhaps heard while nothing was recorded
-            journal.failure = self._execute(task, recording, released)
+            if released_s is not None and (drop := self._bin.said_after("disposal", released_s)) is not None:
+                recording.attestation(drop)  # perhaps heard while nothing was recorded
+            journal.failure = self._execute(task, recording, released_s)
             recording.catch_up()
         finally:
             self._stop_recording()
@@ -496,8 +496,11 @@ class Agent:
         with self._events_lock:
             self._recording = self._recorded_task = None
 
-    def _execute(self, task: Task, recording: Recording, released: bool) -> str | None:
-        """The physical work. A failure goes on record and is returned; the oracle says what it is worth."""
+    def _execute(self, task: Task, recording: Recording, released_s: float | None) -> str | None:
+        """The physical work, or what is left of it when the item was let go of at `released_s`.
+
+        A failure goes on record and is returned; the oracle says what it is worth.
+        """
         watch = AssignmentWatch(self._dao, self._dao_events, task)
 
         def checkpoint() -> None:
@@ -513,12 +516,10 @@ class Agent:
         duration_s: float | None = None
         self._upkeep.task_begins()
         try:
-            since_s = task.assigned or 0.0
-            if released:
-                self._cleaning.confirm(since_s, checkpoint, self._report, recording.note)
+            if released_s is not None:
+                self._cleaning.confirm(released_s, checkpoint, self._report, recording.note)
             else:
-                place = _place(task)
-                self._cleaning.dispose(item_id, place, since_s, checkpoint, self._report, recording.note)
+                self._cleaning.dispose(item_id, _place(task), checkpoint, self._report, recording.note)
             duration_s = self._clock.now_s() - started_s
         except (TaskFailed, Cancelled) as error:
             log.error("task %d failed: %s", task.id, error)

@@ -151,18 +151,16 @@ class Cleaning:
                 return item
         raise TaskFailed("no such item on this site", item=item_id)
 
-    def dispose(
-        self, item_id: str, place: Point, since_s: float, checkpoint: Checkpoint, report: Report, note: Note
-    ) -> None:
+    def dispose(self, item_id: str, place: Point, checkpoint: Checkpoint, report: Report, note: Note) -> None:
         """Bring the item, which lies within PLACE_LIMIT_M of `place`, into the bin.
 
-        The bin's statements before `since_s` (site time of the assignment) do not count. Raises TaskFailed
-        with the last cause when the limits on retries are used up, and when the item is not there.
+        Raises TaskFailed with the last cause when the limits on retries are used up, and when the item is
+        not there.
         """
         item = self.item(item_id)
         picks = deliveries = 0
-        released = False
-        while not released:
+        released_s: float | None = None
+        while released_s is None:
             held = self.feel(checkpoint)
             if held is not None and held.item_id != item.id:
                 raise TaskFailed("the gripper holds another item", item=item_id, held=held.item_id)
@@ -172,8 +170,7 @@ class Cleaning:
                     self._pick(item, self._where_to_look(item, place, picks), checkpoint, report)
                 else:
                     deliveries += 1
-                    self._deliver(item, held, checkpoint, report, note)
-                    released = True
+                    released_s = self._deliver(item, held, checkpoint, report, note)
             except NotFound as error:
                 raise TaskFailed(
                     f"{item_id} was not found near x {place[0]:.2f} y {place[1]:.2f}",
@@ -189,18 +186,18 @@ class Cleaning:
                     raise TaskFailed(f"gave up: {error.message}", item=item_id, cause=error.code) from error
                 self._recover(checkpoint)
         report("waiting for the bin to confirm", 0.9)
-        self._confirm(since_s, _BIN_ANSWER_WALL_S, checkpoint, note)
+        self._confirm(released_s, _BIN_ANSWER_WALL_S, checkpoint, note)
 
     def _where_to_look(self, item: ItemConfig, place: Point, picks: int) -> Point:
         """Where the task says; after a grasp that failed, where the item was last."""
         known = self._memory.place(item.id)
         return place if picks == 1 or known is None else known
 
-    def confirm(self, since_s: float, checkpoint: Checkpoint, report: Report, note: Note) -> None:
-        """Ask the bin about an item that was released before an interruption."""
+    def confirm(self, released_s: float, checkpoint: Checkpoint, report: Report, note: Note) -> None:
+        """Ask the bin about an item that was released at `released_s`, before an interruption."""
         report("waiting for the bin to confirm", 0.9)
         # What fell before this call was attested long ago, or never will be.
-        self._confirm(since_s, _BIN_RECALL_WALL_S, checkpoint, note)
+        self._confirm(released_s, _BIN_RECALL_WALL_S, checkpoint, note)
 
     def clear_the_bin(self, checkpoint: Checkpoint) -> None:
         """Make room for whoever uses the bin next, with the arm folded, wherever it was left."""
@@ -394,7 +391,8 @@ class Cleaning:
 
     def _deliver(
         self, item: ItemConfig, held: Held, checkpoint: Checkpoint, report: Report, note: Note
-    ) -> None:
+    ) -> float:
+        """Returns when it was let go of, site time."""
         holding = self._holding(checkpoint)
         report(f"carrying {item.id} to the bin", 0.45)
         self._aside(holding)
@@ -402,7 +400,7 @@ class Cleaning:
         report(f"showing {item.id} to the bin", 0.6)
         compartment = str(self._show(held, item, holding)["compartment"])
         report(f"dropping {item.id} into {compartment}", 0.7)
-        self._drop(held, compartment, checkpoint, note)
+        return self._drop(held, compartment, checkpoint, note)
 
     def _show(self, held: Held, item: ItemConfig, checkpoint: Checkpoint) -> dict[str, Any]:
         """Hold the item where the camera looks until the bin says what it is.
@@ -411,12 +409,14 @@ class Cleaning:
         compartment is full. Raises NoAnswer, and TaskFailed when the compartment takes no more.
         """
         closing = _ACROSS_RAD
+        after_s = 0.0
         for attempt in range(1, _SHOWS + 1):
-            last = self._bin.last_seq("classification")
+            # The clock of a fast simulation is heard late: the last answer may be ahead of it.
+            after_s = max(after_s, self._clock.now_s())
             x_m, y_m, z_m = in_base_frame(self._body.base_pose(checkpoint), self._layout.show_point)
             self._reach((x_m, y_m, z_m - held.centre_m), closing, checkpoint)
             try:
-                said = self._bin.wait_for("classification", _newer_than(last), checkpoint, _BIN_ANSWER_WALL_S)
+                said = self._bin.wait_for("classification", after_s, checkpoint, _BIN_ANSWER_WALL_S)
             except NoAnswer:
                 if attempt == _SHOWS:
                     raise
@@ -426,38 +426,42 @@ class Cleaning:
                     if said.get("full"):
                         raise TaskFailed("the compartment is full", compartment=said["compartment"])
                     return said
+                after_s = float(said["time_s"])
                 closing = _ACROSS_RAD + _OTHER_VIEWS_RAD[attempt - 1]
                 log.info("the bin does not know %s; showing another side", item.id)
             self._aside(checkpoint)
             self._pause(_LOOK_AWAY_S, checkpoint)
         raise AssertionError("unreachable")
 
-    def _drop(self, held: Held, compartment: str, checkpoint: Checkpoint, note: Note) -> None:
+    def _drop(self, held: Held, compartment: str, checkpoint: Checkpoint, note: Note) -> float:
+        """Returns when it was let go of, site time."""
         base = self._body.base_pose(checkpoint)
         x_m, y_m, rim_m = in_base_frame(base, self._layout.compartment(compartment))
         self._reach((x_m, y_m, rim_m + held.hang_m + _DROP_HIGH_M), _ACROSS_RAD, checkpoint)
         low: Point3 = (x_m, y_m, rim_m + held.hang_m + _DROP_LOW_M)
         self._straight(low, _ACROSS_RAD, _DESCENT_RAD_S, checkpoint)
-        last = self._bin.last_seq("disposal")
+        # The bin says when the weight had settled: later than this, also by a clock that is a little behind.
+        released_s = self._clock.now_s()
         note({"event": "releasing", "item": held.item_id})
         self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
         note({"event": "released", "item": held.item_id})  # sealed at once: from here on a hole is no loss
         self._memory.let_go(None)
         self._pause(_FALL_S, checkpoint)
-        self._hold_still(last, checkpoint)
+        self._hold_still(released_s, checkpoint)
         self._retreat(_raised(low, _RETREAT_M), checkpoint)
+        return released_s
 
-    def _hold_still(self, last: int, checkpoint: Checkpoint) -> None:
-        """Until the bin speaks of what fell after statement `last`; it may also stay silent."""
+    def _hold_still(self, released_s: float, checkpoint: Checkpoint) -> None:
+        """Until the bin speaks of what fell after `released_s`; it may also stay silent."""
         try:
-            self._bin.wait_for("disposal", _newer_than(last), checkpoint, _HOLD_WALL_S)
+            self._bin.wait_for("disposal", released_s, checkpoint, _HOLD_WALL_S)
         except NoAnswer as error:
             log.info("%s yet", error)
 
-    def _confirm(self, since_s: float, patience_s: float, checkpoint: Checkpoint, note: Note) -> None:
+    def _confirm(self, released_s: float, patience_s: float, checkpoint: Checkpoint, note: Note) -> None:
         """Wait for the bin's own word. Without it the recording stands as it is and the oracle decides."""
         try:
-            self._bin.wait_for("disposal", lambda d: float(d["time_s"]) >= since_s, checkpoint, patience_s)
+            self._bin.wait_for("disposal", released_s, checkpoint, patience_s)
         except NoAnswer as error:
             log.warning("%s; submitting without it", error)
             note({"event": "unconfirmed", **error.to_json()})
@@ -526,10 +530,6 @@ def _two_sides(poses: list[Pose2]) -> list[list[Pose2]]:
     first = poses[0]
     elsewhere = [p for p in poses if abs(wrap(p.yaw_rad - first.yaw_rad)) > math.pi / 3]
     return [poses, elsewhere] if elsewhere else [poses]
-
-
-def _newer_than(seq: int) -> Callable[[dict[str, Any]], bool]:
-    return lambda statement: int(statement["seq"]) > seq
 
 
 def _raised(point: Point3, by_m: float) -> Point3:

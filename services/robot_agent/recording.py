@@ -52,26 +52,25 @@ def _expand(topic: Topic, names: dict[str, list[str]]) -> list[str]:
     ]
 
 
-def tells_of_release(path: Path) -> bool:
-    """Whether the fingers were opened over the bin, by the recording at `path`, which may be cut off."""
-    return any(one.get("event") == "releasing" for one in _json(path, "rodeo/event"))
+def when_released(path: Path) -> float | None:
+    """Site time at which the fingers were last opened over the bin, by the recording at `path`, which may be
+    cut off."""
+    times_s = [time_s for time_s, one in _json(path, "rodeo/event") if one.get("event") == "releasing"]
+    return times_s[-1] if times_s else None
 
 
-def tells_of_disposal(path: Path) -> bool:
-    """Whether the bin's word that something fell follows the release: what fell before was not this item."""
-    released = False
-    for one in _json(path, "rodeo/event", "rodeo/attestation"):
-        released = released or one.get("event") == "releasing"
-        if released and "expected_compartment" in one.get("payload", {}):
-            return True
-    return False
+def tells_of_disposal(path: Path, after_s: float) -> bool:
+    """Whether the bin's word is there that something fell after `after_s` (site time)."""
+    drops = (one["payload"] for _, one in _json(path, "rodeo/attestation"))
+    return any("expected_compartment" in drop and float(drop["time_s"]) > after_s for drop in drops)
 
 
-def _json(path: Path, *channels: str) -> Iterator[dict[str, Any]]:
+def _json(path: Path, channel: str) -> Iterator[tuple[float, dict[str, Any]]]:
+    """What was recorded on the channel, and when (site time)."""
     try:
         for topic, _, message in SealedReader(path):
-            if topic in channels:
-                yield json.loads(message.data)
+            if topic == channel:
+                yield message.log_ns * 1e-9, json.loads(message.data)
     except ContainerError as error:
         log.info("read up to where the recording is cut off: %s", error)
 

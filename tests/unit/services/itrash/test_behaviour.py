@@ -37,6 +37,8 @@ class Bench:
         self.labels: list[str | None] = []
         """What the classifier will say, one after another; None for a camera that fails."""
         self.loads_n = dict.fromkeys(CONFIG.compartments, 0.0)
+        self.silent: set[str] = set()
+        """Compartments whose load cells say nothing."""
         self.attested: list[ClassificationRecord | DisposalRecord] = []
         self.photos = 0
 
@@ -46,6 +48,8 @@ class Bench:
             range_m += move_m
             self._do(self.bin.presence(range_m, self.time_s))
             for compartment, force_n in self.loads_n.items():
+                if compartment in self.silent:
+                    continue
                 self._do(self.bin.load(compartment, force_n, self.time_s))
 
     def drop(self, compartment: str, weight_n: float = 0.3) -> None:
@@ -361,6 +365,18 @@ def test_a_push_that_does_not_stay_is_no_drop() -> None:
     assert disposed.correct
 
 
+def test_a_push_that_does_not_stay_does_not_hide_a_drop() -> None:
+    bench = shown("plastic")
+    bench.drop("yellow")
+    bench.run(0.3)
+    bench.drop("green", 4.0)
+    bench.run(0.9)
+    bench.drop("green", -4.0)
+    bench.run(2.0)
+    (disposed,) = disposals(bench)
+    assert (disposed.compartment, disposed.correct) == ("yellow", True)
+
+
 def test_a_compartment_that_is_lifted_for_a_moment_is_not_emptied() -> None:
     bench = Bench()
     bench.loads_n["blue"] = 20.0
@@ -409,3 +425,314 @@ def test_a_photo_that_comes_after_the_drop_changes_nothing() -> None:
     bench = Bench()
     assert bench.bin.photo(verdict("paper"), SHA, 1.0) == []
     assert bench.bin.state is State.IDLE
+
+
+# -- what fell while nobody looked ---------------------------------------------------------------------
+
+
+def restarted(bench: Bench, down_s: float) -> Bench:
+    """The same bin after a restart: what it remembers and where its sensors are."""
+    again = Bench(Memory.model_validate_json(bench.bin.memory.model_dump_json()))
+    again.time_s, again.loads_n = bench.time_s + down_s, bench.loads_n
+    return again
+
+
+def test_a_drop_during_a_downtime_longer_than_the_time_out_belongs_to_what_was_shown() -> None:
+    bench = restarted(shown("plastic"), down_s=500.0)
+    bench.drop("yellow")
+    bench.run(3.0)
+    (disposed,) = disposals(bench)
+    assert (disposed.classification_seq, disposed.correct) == (1, True)
+
+
+def test_the_sensors_falling_silent_is_like_a_restart() -> None:
+    bench = shown("plastic")
+    bench.time_s += 500.0
+    bench.drop("yellow")
+    bench.run(3.0)
+    (disposed,) = disposals(bench)
+    assert (disposed.classification_seq, disposed.correct) == (1, True)
+
+
+def test_a_downtime_without_a_drop_ends_in_the_time_out() -> None:
+    bench = restarted(shown("plastic"), down_s=500.0)
+    bench.run(1.0)
+    assert bench.bin.memory.pending is None
+
+
+@pytest.mark.parametrize(("after_s", "seq"), [(179.5, 1), (180.5, None)])
+def test_a_drop_belongs_to_what_was_shown_if_it_fell_before_the_time_out(
+    after_s: float, seq: int | None
+) -> None:
+    bench = shown("plastic")
+    assert bench.bin.memory.pending is not None
+    bench.run(bench.bin.memory.pending.time_s + after_s - bench.time_s)
+    bench.drop("yellow")
+    bench.run(3.0)
+    (disposed,) = disposals(bench)
+    assert disposed.classification_seq == seq
+
+
+def test_a_drop_that_fell_after_the_time_out_is_not_what_was_shown_though_the_bin_still_waits() -> None:
+    bench = shown("plastic")
+    bench.silent = {"grey"}
+    bench.run(180.0)
+    bench.drop("yellow")
+    bench.run(2.0)
+    (disposed,) = disposals(bench)
+    assert disposed.classification_seq is None
+
+
+@pytest.mark.parametrize("down_s", [None, 500.0])
+def test_a_load_cell_that_says_nothing_does_not_put_the_time_out_off_for_ever(down_s: float | None) -> None:
+    bench = shown("plastic")
+    if down_s is None:
+        bench.run(170.0)
+    else:
+        bench = restarted(bench, down_s)
+    bench.silent = {"grey"}
+    bench.run(25.0)
+    assert bench.bin.memory.pending is None
+
+
+@pytest.mark.parametrize("down_s", [20.0, 500.0])
+def test_a_drop_during_a_downtime_is_told_though_another_load_cell_says_nothing(down_s: float) -> None:
+    bench = restarted(shown("plastic"), down_s)
+    bench.drop("blue")
+    bench.silent = {"yellow"}
+    bench.run(8.0)
+    (disposed,) = disposals(bench)
+    assert (disposed.classification_seq, disposed.correct) == (1, False)
+
+
+def test_each_of_two_drops_during_a_downtime_is_attested() -> None:
+    bench = restarted(shown("plastic"), down_s=20.0)
+    bench.drop("yellow", 0.3)
+    bench.drop("blue", 0.5)
+    bench.run(2.0)
+    assert [(d.compartment, d.weight_n, d.classification_seq, d.correct) for d in disposals(bench)] == [
+        ("blue", 0.5, None, False),
+        ("yellow", 0.3, 1, True),
+    ]
+    assert bench.bin.state is State.CONFIRMED
+    assert len({drop.time_s for drop in disposals(bench)}) == 1  # or the later word would be the older one
+
+
+def test_of_drops_during_a_downtime_the_matching_one_is_waited_for() -> None:
+    bench = restarted(shown("plastic"), down_s=20.0)
+    bench.drop("yellow", 0.3)
+    bench.drop("blue", 0.5)
+    bench.silent = {"yellow"}
+    bench.run(3.0)
+    bench.silent = set()
+    bench.run(3.0)
+    owners = [(d.compartment, d.classification_seq) for d in disposals(bench)]
+    assert owners == [("blue", None), ("yellow", 1)]
+
+
+def test_load_cells_that_were_silent_together_tell_each_drop_and_the_matching_one_last() -> None:
+    bench = shown("plastic")
+    bench.silent = set(CONFIG.compartments)
+    bench.run(20.0)
+    bench.drop("yellow", 0.3)
+    bench.drop("blue", 0.5)
+    bench.silent = set()
+    bench.run(2.0)
+    owners = [(d.compartment, d.classification_seq) for d in disposals(bench)]
+    assert owners == [("blue", None), ("yellow", 1)]
+
+
+@pytest.mark.parametrize("quiet_s", [0.0, 20.0])
+def test_a_load_cell_that_falls_silent_during_a_step_does_not_keep_the_others_from_telling(
+    quiet_s: float,
+) -> None:
+    bench = shown("plastic")
+    bench.drop("grey", 5.0)
+    bench.run(0.8)
+    bench.silent = {"grey"}
+    bench.run(6.0)
+    bench.silent = set(CONFIG.compartments)
+    bench.run(quiet_s)
+    bench.silent = {"grey"}
+    bench.drop("yellow")
+    bench.run(2.0)
+    (disposed,) = disposals(bench)
+    assert (disposed.compartment, disposed.correct) == ("yellow", True)
+
+
+def test_of_drops_during_a_downtime_that_do_not_match_the_largest_is_what_was_shown() -> None:
+    bench = restarted(shown("plastic"), down_s=20.0)
+    bench.drop("grey", 0.3)
+    bench.drop("blue", 0.5)
+    bench.run(2.0)
+    assert [(d.compartment, d.classification_seq) for d in disposals(bench)] == [("grey", None), ("blue", 1)]
+    assert bench.bin.state is State.WRONG_COMPARTMENT
+
+
+def test_a_drop_during_a_downtime_is_not_swallowed_by_one_that_is_seen() -> None:
+    bench = Bench()
+    bench.run(2.0)
+    bench.silent = {"blue"}
+    bench.run(20.0)
+    bench.drop("blue", 0.3)
+    bench.silent = set()
+    bench.drop("yellow", 0.5)
+    bench.run(3.0)
+    assert {(d.compartment, d.weight_n) for d in disposals(bench)} == {("blue", 0.3), ("yellow", 0.5)}
+
+
+def test_a_drop_during_a_downtime_is_told_before_what_is_in_view_is_looked_at() -> None:
+    bench = restarted(shown("plastic"), down_s=20.0)
+    bench.bin.memory.state = State.ITEM_SEEN
+    bench = restarted(bench, down_s=0.0)
+    bench.drop("yellow")
+    bench.labels = ["glass"]
+    bench.run(3.0, SHOWN_M)
+    (disposed,) = disposals(bench)
+    assert (disposed.classification_seq, disposed.correct) == (1, True)
+    assert bench.photos == 0
+
+
+# -- compartments that are lifted out ------------------------------------------------------------------
+
+
+def filled(weight_n: float = 20.0) -> Bench:
+    bench = Bench()
+    bench.loads_n["blue"] = weight_n
+    bench.run(2.0)
+    return bench
+
+
+@pytest.mark.parametrize("back_n", [0.0, 12.0, 20.0, 20.05])
+def test_a_compartment_that_is_lifted_out_and_put_back_is_no_drop(back_n: float) -> None:
+    bench = filled()
+    for force_n in (-6.0, -5.5, back_n):
+        bench.loads_n["blue"] = force_n
+        bench.run(5.0)
+    assert bench.attested == []
+    assert bench.bin.loads_n["blue"] == pytest.approx(back_n)
+    bench.drop("blue")
+    bench.run(2.0)
+    (disposed,) = disposals(bench)
+    assert disposed.weight_n == 0.3
+
+
+def test_what_is_put_back_with_more_than_it_held_counts_by_that() -> None:
+    bench = filled()
+    bench.loads_n["blue"] = -6.0
+    bench.run(5.0)
+    bench = restarted(bench, down_s=20.0)
+    bench.loads_n["blue"] = 21.5
+    bench.run(2.0)
+    (disposed,) = disposals(bench)
+    assert disposed.weight_n == 1.5
+
+
+def test_putting_an_emptied_compartment_back_does_not_confirm_what_was_shown() -> None:
+    bench = shown("plastic")
+    bench.loads_n["yellow"] = -6.0
+    bench.run(5.0)
+    bench.loads_n["yellow"] = 0.0
+    bench.run(2.0)
+    assert disposals(bench) == []
+    assert bench.bin.state is State.AWAITING_DROP
+
+
+# -- what is held in view ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("compartment", "view"), [("yellow", math.inf), ("grey", SHOWN_M)])
+def test_what_is_held_in_view_after_a_drop_is_looked_at(compartment: str, view: float) -> None:
+    bench = shown("plastic")
+    bench.drop(compartment)
+    bench.run(2.0, view)
+    bench.labels = ["glass"]
+    bench.run(3.5, SHOWN_M + 0.05)
+    assert bench.photos == 1
+    bench.run(1.5, SHOWN_M + 0.05)
+    assert bench.attested[-1].payload()["class"] == "glass"
+    assert bench.bin.state is State.AWAITING_DROP
+
+
+def test_a_gripper_that_holds_still_after_its_drop_is_not_looked_at() -> None:
+    bench = shown("plastic")
+    bench.drop("yellow")
+    bench.run(60.0, SHOWN_M)
+    assert (bench.photos, bench.bin.state) == (1, State.CONFIRMED)
+
+
+def test_what_is_unknown_and_stands_in_view_after_a_drop_is_looked_at_once_and_not_told() -> None:
+    bench = shown("plastic")
+    bench.drop("yellow")
+    bench.run(2.0)
+    bench.labels = [UNKNOWN] * 3
+    bench.run(60.0, SHOWN_M)
+    assert (bench.photos, bench.bin.state) == (4, State.CONFIRMED)
+    assert len(bench.attested) == 2
+
+    bench.run(3.0)
+    bench.labels = [UNKNOWN] * 3
+    bench.run(3.0, SHOWN_M)
+    assert bench.attested[-1].payload()["class"] == UNKNOWN
+
+
+def refused() -> Bench:
+    """A bin that has looked at an item of which it takes no more."""
+    bench = Bench()
+    bench.run(1.0)
+    bench.drop("yellow", CONFIG.full_at_n)
+    bench.run(2.0)
+    bench.labels = ["plastic"]
+    bench.run(2.0, SHOWN_M)
+    assert bench.bin.state is State.FULL
+    return bench
+
+
+def test_what_was_refused_and_stays_in_view_is_refused_once() -> None:
+    bench = refused()
+    for _ in range(10):
+        bench.run(5.0, SHOWN_M)
+        bench.run(5.0, SHOWN_M + 0.1)
+        bench.run(0.3)
+    assert (bench.photos, bench.bin.state) == (1, State.FULL)
+
+
+def test_what_comes_after_a_refused_item_is_looked_at() -> None:
+    bench = refused()
+    bench.run(0.7)
+    bench.labels = ["glass"]
+    bench.run(2.0, SHOWN_M)
+    assert bench.bin.state is State.AWAITING_DROP
+
+
+def test_what_comes_after_a_time_out_is_looked_at_and_what_is_still_there_is_not() -> None:
+    bench = shown("plastic")
+    bench.run(250.0, SHOWN_M)
+    assert (bench.photos, bench.bin.state) == (1, State.TIMED_OUT)
+    bench.run(0.7)
+    bench.labels = ["glass"]
+    bench.run(2.0, SHOWN_M)
+    assert bench.bin.state is State.AWAITING_DROP
+
+
+@pytest.mark.parametrize("state", [State.ITEM_SEEN, State.CLASSIFYING])
+def test_a_restart_while_looking_looks_again_also_with_a_drop_awaited(state: State) -> None:
+    bench = shown("plastic")
+    bench.bin.memory.state = state
+    bench = restarted(bench, down_s=5.0)
+    bench.labels = ["glass"]
+    bench.run(20.0, SHOWN_M)
+    assert (bench.photos, bench.bin.state) == (1, State.AWAITING_DROP)
+    assert bench.attested[-1].payload()["class"] == "glass"
+
+
+def test_a_restart_while_looking_at_what_is_gone_goes_on_waiting() -> None:
+    bench = shown("plastic")
+    bench.bin.memory.state = State.CLASSIFYING
+    bench = restarted(bench, down_s=5.0)
+    bench.run(2.0)
+    assert bench.bin.state is State.AWAITING_DROP
+    bench.drop("yellow")
+    bench.run(2.0)
+    (disposed,) = disposals(bench)
+    assert disposed.correct

@@ -81,6 +81,35 @@ def test_emptying_is_a_step_down_and_the_new_zero() -> None:
     assert up.delta_n == 0.5
 
 
+def test_a_container_that_is_lifted_out_brings_back_what_it_held() -> None:
+    cell = LoadCell(Cell())
+    feed(cell, 20.0, 0.0)
+    (lifted,) = feed(cell, -6.0, 2.0)
+    (back,) = feed(cell, 20.05, 4.0)
+    assert (lifted.delta_n, back.delta_n) == (-26.0, 0.0)
+    feed(cell, -6.0, 6.0)
+    (emptied,) = feed(cell, 0.0, 8.0)
+    assert emptied.delta_n < 0
+    (fell,) = feed(cell, 0.3, 10.0)
+    assert abs(fell.delta_n - 0.3) < 1e-9
+
+
+def test_only_what_a_container_holds_more_than_before_came_in_while_it_was_out() -> None:
+    cell = LoadCell(Cell())
+    feed(cell, 2.0, 0.0)
+    for index, force_n in enumerate((-6.0, -5.7)):  # something fell on the bare scale
+        (out,) = feed(cell, force_n, 2.0 + 2 * index)
+        assert out.delta_n < 0
+    (back,) = feed(cell, 2.3, 6.0)
+    assert abs(back.delta_n - 0.3) < 1e-9
+
+
+def test_a_zero_that_drifted_below_nothing_is_no_container_lifted_out() -> None:
+    cell = LoadCell(Cell(settled_n=-0.5))
+    (step,) = feed(cell, -0.2, 0.0)
+    assert abs(step.delta_n - 0.3) < 1e-9
+
+
 def test_what_fell_while_the_process_was_down_is_seen_afterwards() -> None:
     memory = Cell()
     feed(LoadCell(memory), 1.0, 0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 from pathlib import Path
 from typing import Any
@@ -11,14 +12,24 @@ import pytest
 from rodeo.config import Site
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M
+from services.robot_agent import bin as bin_module
+from services.robot_agent import cleaning as cleaning_module
 from services.robot_agent.arm import Arm
+from services.robot_agent.bin import SmartBin
 from services.robot_agent.cleaning import Cleaning
 from services.robot_agent.errors import Stopped, TaskFailed
 from services.robot_agent.memory import Memory
 from services.robot_agent.navigation import Floor
 from services.robot_agent.perception import Sighting
 from tests.support.site import LAB
-from tests.unit.services.robot_agent.fakes import AnsweringBin, KinematicBody, ManualClock, Pose3, RayCamera
+from tests.unit.services.robot_agent.fakes import (
+    AnsweringBin,
+    BinBus,
+    KinematicBody,
+    ManualClock,
+    Pose3,
+    RayCamera,
+)
 
 ITEMS = [item.id for item in Site.load(LAB).items]
 
@@ -28,7 +39,7 @@ def go_on() -> None:
 
 
 class Scene:
-    def __init__(self, folder: Path, compartment: str = "yellow") -> None:
+    def __init__(self, folder: Path, compartment: str = "yellow", bus: BinBus | None = None) -> None:
         self.site = Site.load(LAB)
         self.clock = ManualClock()
         self.body = KinematicBody(self.site, self.clock)
@@ -45,7 +56,7 @@ class Scene:
             self.camera,  # type: ignore[arg-type]
             Floor(self.site),
             self.memory,
-            self.bin,  # type: ignore[arg-type]
+            SmartBin(bus, self.site, lambda _: None) if bus else self.bin,  # type: ignore[arg-type]
             self.clock,
             threading.Event(),
             self.sightings.append,
@@ -66,7 +77,6 @@ class Scene:
         self.cleaning.dispose(
             item,
             (x_m + off_m, y_m),
-            self.clock.now_s(),
             checkpoint,
             lambda text, share: self.progress.append(share),
             self.notes.append,
@@ -302,3 +312,93 @@ def test_a_held_item_can_be_put_back_where_it_lay_and_taken_again(scene: Scene, 
     scene.bin.silent = 0
     scene.dispose(item)
     assert scene.body.dropped_in == "yellow"
+
+
+@pytest.fixture
+def on_a_bus(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Scene, BinBus]:
+    """With the robot's real bin on a bus."""
+    monkeypatch.setattr(bin_module, "_ASK_PERIOD_S", 0.0)
+    monkeypatch.setattr(cleaning_module, "_HOLD_WALL_S", 0.5)
+    monkeypatch.setattr(cleaning_module, "_BIN_ANSWER_WALL_S", 2.0)
+    bus = BinBus()
+    return Scene(tmp_path, bus=bus), bus
+
+
+def test_what_the_bin_said_of_another_item_is_no_answer_although_it_did_not_answer_before(
+    on_a_bus: tuple[Scene, BinBus],
+) -> None:
+    scene, bus = on_a_bus
+    bus.away = 1
+    bus.say("classification", 41, scene.clock.now_s(), compartment="blue")
+    asked = 0
+
+    def answer() -> None:
+        nonlocal asked
+        asked += 1
+        if scene.body.dropped_in:
+            bus.say("disposal", 8, scene.clock.now_s())
+        elif asked == 4:
+            bus.say("classification", 42, scene.clock.now_s())
+
+    bus.on_ask = answer
+    scene.dispose()
+    assert scene.body.dropped_in == "yellow"
+    assert scene.events == ["releasing", "released"]
+
+
+def test_an_answer_to_one_look_is_none_to_the_next_although_the_clock_is_heard_late(
+    on_a_bus: tuple[Scene, BinBus],
+) -> None:
+    scene, bus = on_a_bus
+    ahead_s, asked = 100.0, 0
+
+    def answer() -> None:
+        nonlocal asked
+        asked += 1
+        now_s = scene.clock.now_s() + ahead_s
+        if scene.body.dropped_in:
+            bus.say("disposal", 1, now_s)
+        elif asked == 1:
+            bus.say("classification", 1, now_s, **{"class": "unknown", "compartment": "grey"})
+        elif asked == 3:
+            bus.say("classification", 2, now_s)
+
+    bus.on_ask = answer
+    scene.dispose()
+    assert scene.body.dropped_in == "yellow"
+
+
+def test_a_drop_that_others_made_during_the_task_confirms_nothing(on_a_bus: tuple[Scene, BinBus]) -> None:
+    scene, bus = on_a_bus
+    number = itertools.count(1)
+
+    def answer() -> None:
+        if scene.body.dropped_in:
+            bus.away = 1
+            return
+        bus.say("classification", next(number), scene.clock.now_s())
+        bus.say("disposal", 7, 1_001.0)
+
+    bus.on_ask = answer
+    scene.dispose()
+    assert scene.events == ["releasing", "released", "unconfirmed"]
+
+
+def test_a_drop_by_others_that_is_told_only_after_the_release_is_waited_past(
+    on_a_bus: tuple[Scene, BinBus],
+) -> None:
+    scene, bus = on_a_bus
+    number = itertools.count(1)
+    told: list[float] = []
+
+    def answer() -> None:
+        if not scene.body.dropped_in:
+            bus.say("classification", next(number), scene.clock.now_s())
+        else:
+            told.append(1_001.0 if not told else scene.clock.now_s())
+            bus.say("disposal", len(told), told[-1])
+
+    bus.on_ask = answer
+    scene.dispose()
+    assert len(told) == 2
+    assert scene.events == ["releasing", "released"]

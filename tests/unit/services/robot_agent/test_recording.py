@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import zenoh
 
@@ -15,9 +16,10 @@ from rodeo.config import Site
 from rodeo.evidence import Recorder
 from rodeo.ros2 import Node, types
 from rodeo.topics import Form, Plane
-from services.robot_agent.recording import Recording, recorded_topics, tells_of_disposal, tells_of_release
+from services.robot_agent.recording import Recording, recorded_topics, tells_of_disposal, when_released
 from tests.support.assignments import BINDING, ROBOT
 from tests.support.site import LAB, WAIT_S, free_port
+from tests.unit.services.robot_agent.fakes import ManualClock
 
 SITE = Site.load(LAB)
 
@@ -43,23 +45,39 @@ def test_a_task_without_an_item_of_this_site_still_records_the_robot() -> None:
     assert [name for name in recorded if name.startswith("mocap/")] == ["mocap/panther1/pose"]
 
 
-def test_only_what_fell_after_the_release_is_this_items_drop(tmp_path: Path) -> None:
-    path = tmp_path / "recording.mcap"
-    fell = {"payload": {"seq": 1, "expected_compartment": None}}
-    recorder = Recorder(path, BINDING, ROBOT, WallClock())
-    recorder.write_json("rodeo/attestation", fell)
-    recorder.suspend()
-    assert (tells_of_release(path), tells_of_disposal(path)) == (False, False)
+START_S = 1.8e9
 
-    recorder = Recorder.resume(path, BINDING, ROBOT, WallClock())
-    recorder.write_json("rodeo/event", {"event": "releasing", "item": "item1"})
-    recorder.suspend()
-    assert (tells_of_release(path), tells_of_disposal(path)) == (True, False)
 
-    recorder = Recorder.resume(path, BINDING, ROBOT, WallClock())
-    recorder.write_json("rodeo/attestation", fell)
-    recorder.suspend()
-    assert tells_of_disposal(path)
+def fell(time_s: float) -> dict[str, Any]:
+    return {"payload": {"seq": 1, "expected_compartment": None, "time_s": time_s}}
+
+
+def test_a_release_is_as_late_as_it_was_last_noted(tmp_path: Path) -> None:
+    path, clock = tmp_path / "recording.mcap", ManualClock()
+    clock.time_s = START_S
+    with Recorder(path, BINDING, ROBOT, clock) as recorder:
+        recorder.write_json("rodeo/attestation", fell(START_S))
+    assert when_released(path) is None
+
+    for _ in range(2):  # the fingers did not open the first time
+        clock.time_s += 10
+        with Recorder.resume(path, BINDING, ROBOT, clock) as recorder:
+            recorder.write_json("rodeo/event", {"event": "releasing", "item": "item1"})
+    assert when_released(path) == START_S + 20
+
+
+def test_only_what_fell_after_the_release_is_this_items_drop_whenever_it_was_told(tmp_path: Path) -> None:
+    path, clock = tmp_path / "recording.mcap", ManualClock()
+    clock.time_s = START_S
+    with Recorder(path, BINDING, ROBOT, clock) as recorder:
+        recorder.write_json("rodeo/event", {"event": "releasing", "item": "item1"})
+        recorder.write_json("rodeo/attestation", fell(START_S - 10))
+        recorder.write_json("rodeo/attestation", {"payload": {"body": "item1", "time_s": START_S + 3}})
+    assert not tells_of_disposal(path, START_S)
+
+    with Recorder.resume(path, BINDING, ROBOT, clock) as recorder:
+        recorder.write_json("rodeo/attestation", fell(START_S + 2))
+    assert tells_of_disposal(path, START_S)
 
 
 def test_a_recording_begins_when_body_and_motion_capture_are_heard(tmp_path: Path) -> None:
