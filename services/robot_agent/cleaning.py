@@ -448,7 +448,12 @@ class Cleaning:
         self._memory.let_go(None)
         self._pause(_FALL_S, checkpoint)
         self._hold_still(released_s, checkpoint)
-        self._retreat(_raised(low, _RETREAT_M), checkpoint)
+        try:
+            self._retreat(_raised(low, _RETREAT_M), checkpoint)
+        except (MotionFailed, Unreachable) as error:  # the item is in the bin all the same
+            log.warning("the arm did not draw back from the bin: %s", error)
+            note({"event": "retry", "where": "bin", **error.to_json()})
+            self._recover(checkpoint)
         return released_s
 
     def _hold_still(self, released_s: float, checkpoint: Checkpoint) -> None:

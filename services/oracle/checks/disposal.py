@@ -22,9 +22,18 @@ def _classification(case: Case) -> dict[str, Any]:
     statements = _statements(case, "class", "compartment", "image_sha256", "time_s")
     if not statements:
         raise CaseError("no classification signed by the bin is in the recording", bin=case.site.bin.name)
-    drops = _statements(case, "classification_seq", "weight_n", "time_s")
-    wanted = drops[-1]["classification_seq"] if drops else None
+    drop = _drop(case)
+    wanted = drop["classification_seq"] if drop else None
     return next((s for s in statements if s.get("seq") == wanted), statements[-1])
+
+
+def _drop(case: Case) -> dict[str, Any] | None:
+    """The first that can be of the release, else the last: others may drop things while the recording ends."""
+    drops = _statements(case, "classification_seq", "compartment", "weight_n", "after_s", "time_s")
+    if not drops:
+        return None
+    earliest_s = case.replay.release_s - EARLY_SLACK_S
+    return next((drop for drop in drops if float(drop["time_s"]) >= earliest_s), drops[-1])
 
 
 def expected_compartment(case: Case) -> str:
@@ -51,10 +60,9 @@ def classified(case: Case) -> Finding:
 
 def dropped(case: Case) -> Finding:
     """The bin felt it fall into the compartment that it asked for, when the replay lets go of it."""
-    drops = _statements(case, "classification_seq", "compartment", "weight_n", "after_s", "time_s")
-    if not drops:
+    drop = _drop(case)
+    if drop is None:
         raise CaseError("no drop signed by the bin is in the recording", bin=case.site.bin.name)
-    drop = drops[-1]
     if drop["classification_seq"] != _classification(case).get("seq"):
         return equal(
             str(drop["classification_seq"]),

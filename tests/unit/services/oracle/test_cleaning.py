@@ -473,6 +473,23 @@ def test_a_drop_before_the_release_is_refused(cleaning: Take, judge: Judge) -> N
     assert failed(judge(take, cleaning_ledger(take))) == "dropped"
 
 
+def test_what_somebody_else_throws_in_while_the_recording_ends_is_not_the_robots(
+    cleaning: Take, judge: Judge
+) -> None:
+    samples = []
+    for sample in cleaning.samples:
+        samples.append(sample)
+        if sample.topic == "rodeo/attestation" and "weight_n" in (own := sample.message["payload"]):
+            next_seq = {"seq": own["seq"] + 2, "classification_seq": own["seq"] + 1}
+            later = {"after_s": own["after_s"] + 1.5, "time_s": own["time_s"] + 1.5}
+            theirs = own | next_seq | later | {"compartment": "blue"}
+            samples.append(replace(sample, message=attest(theirs, BIN).model_dump()))
+    assert len(samples) == len(cleaning.samples) + 1
+    take = Take(samples)
+    report = judge(take, cleaning_ledger(take))
+    assert report.accepted, report.reason
+
+
 def test_a_drop_of_another_item_is_refused(cleaning: Take, judge: Judge) -> None:
     take = re_attested(cleaning, BIN, "weight_n", classification_seq=2)
     assert failed(judge(take, cleaning_ledger(take))) == "dropped"

@@ -17,7 +17,7 @@ from services.robot_agent import cleaning as cleaning_module
 from services.robot_agent.arm import Arm
 from services.robot_agent.bin import SmartBin
 from services.robot_agent.cleaning import Cleaning
-from services.robot_agent.errors import Stopped, TaskFailed
+from services.robot_agent.errors import MotionFailed, Stopped, TaskFailed
 from services.robot_agent.memory import Memory
 from services.robot_agent.navigation import Floor
 from services.robot_agent.perception import Sighting
@@ -207,6 +207,22 @@ def test_the_arm_keeps_still_until_the_bin_has_spoken_of_the_drop(scene: Scene) 
     scene.dispose()
     assert heard_before_motion
     assert all(heard_before_motion)
+
+
+def test_an_arm_that_is_stopped_after_the_release_costs_neither_the_drop_nor_the_task(scene: Scene) -> None:
+    follow, stopped = scene.body.follow, [MotionFailed("the arm did not follow", action="arm")]
+
+    def stopped_once(plan: Any, checkpoint: Any) -> None:
+        if scene.body.dropped_in and stopped:
+            raise stopped.pop()
+        follow(plan, checkpoint)
+
+    scene.body.follow = stopped_once  # type: ignore[method-assign]
+    scene.dispose()
+    assert not stopped
+    assert scene.body.dropped_in == "yellow"
+    assert scene.events == ["releasing", "released", "retry"]
+    scene.cleaning.clear_the_bin(go_on)
 
 
 def test_an_item_that_is_not_there_fails_the_task_after_a_look_from_two_sides(scene: Scene) -> None:
