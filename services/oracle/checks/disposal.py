@@ -28,7 +28,7 @@ def _classification(case: Case) -> dict[str, Any]:
 
 
 def _drop(case: Case) -> dict[str, Any] | None:
-    """The first that can be of the release, else the last: others may use the bin while the recording ends."""
+    """The first that the release can explain, else the last: others may use the bin meanwhile."""
     drops = _statements(case, "classification_seq", "compartment", "weight_n", "after_s", "time_s")
     if not drops:
         return None
