@@ -23,8 +23,10 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
 
 from rodeo.errors import (
+    BusError,
     BusUnavailable,
     InvalidRequest,
+    MalformedAnswer,
     MalformedJson,
     NoResponder,
     QueryTimeout,
@@ -197,8 +199,8 @@ class Bus:
     ) -> dict[str, Any]:
         """Ask the one responder of `key`; `timeout_s` is wall time.
 
-        Raises RemoteError (the responder's own error), NoResponder, QueryTimeout, or InvalidRequest when
-        `key` is no key.
+        Raises RemoteError (the responder's own error), NoResponder, QueryTimeout, MalformedAnswer, or
+        InvalidRequest when `key` is no key.
         """
         selector = key
         if parameters:
@@ -210,13 +212,15 @@ class Bus:
             raise InvalidRequest("this is no key of the bus", key=selector) from refusal
         for reply in replies:
             if reply.ok is not None:
-                # Whom we ask may answer at length: a page of tasks with all that people wrote into them.
-                return decode_json(reply.ok.payload.to_bytes(), max_bytes=None)
+                return _answer(key, reply.ok.payload.to_bytes())
             data = reply.err.payload.to_bytes() if reply.err is not None else b""
             if data == b"Timeout":
                 raise QueryTimeout("no answer in time", key=key, timeout_s=timeout_s)
-            error = decode_json(data)
-            raise RemoteError(error.get("code", "unknown"), error.get("message", ""), error.get("details"))
+            error = _answer(key, data)
+            code, message, details = error.get("code"), error.get("message"), error.get("details")
+            if not (isinstance(code, str) and isinstance(message, str) and isinstance(details, dict | None)):
+                raise MalformedAnswer("the responder's error has no code and message", key=key, answer=error)
+            raise RemoteError(code, message, details)
         raise NoResponder("nobody serves this key", key=key)
 
     def serve(
@@ -349,7 +353,7 @@ class DaoEvents:
                     parameters={"after": self._seq, "limit": self._PAGE},
                     timeout_s=5.0,
                 )
-            except (NoResponder, QueryTimeout, RemoteError) as error:
+            except (BusError, RemoteError) as error:
                 # The bridge is away; the next round asks again, and status shows it.
                 log.debug("the index does not answer: %s", error)
                 return
@@ -393,6 +397,15 @@ class DaoEvents:
 def _parameters(text: str) -> dict[str, str]:
     pairs = (part.partition("=")[::2] for part in text.split(";") if part)
     return {name: unquote(value) for name, value in pairs}
+
+
+def _answer(key: str, payload: bytes) -> dict[str, Any]:
+    """What the responder of `key` answered. Raises MalformedAnswer."""
+    try:
+        # Whom we ask may answer at length: a page of tasks with all that people wrote into them.
+        return decode_json(payload, max_bytes=None)
+    except MalformedJson as error:
+        raise MalformedAnswer(f"the answer is no JSON object: {error.message}", key=key) from error
 
 
 def _escaped(value: Any) -> str:

@@ -8,7 +8,8 @@
     ├── BusError                the bus did not do what was asked
     │   ├── BusUnavailable
     │   ├── NoResponder
-    │   └── QueryTimeout
+    │   ├── QueryTimeout
+    │   └── MalformedAnswer
     ├── RemoteError             the responder answered with an error; its code is kept
     ├── PortUnavailable         an address of the site file cannot be listened on
     ├── ClockUnavailable        the site's clock has not been heard
@@ -85,11 +86,16 @@ class QueryTimeout(BusError):
     """Somebody may serve the key, but no answer came in time."""
 
 
+class MalformedAnswer(BusError):
+    """The responder answered with what is no JSON object."""
+
+
 class RemoteError(RodeoError):
     """The responder answered with an error, which arrives here with its own code and details."""
 
     def __init__(self, code: str, message: str, details: dict[str, Any] | None = None) -> None:
-        super().__init__(message, **(details or {}))
+        super().__init__(message)
+        self.details = details or {}  # any names, `message` among them
         self._code = code
 
     @property

@@ -19,6 +19,7 @@ from starlette.exceptions import HTTPException
 from rodeo.errors import (
     BusUnavailable,
     ConfigError,
+    MalformedAnswer,
     NoResponder,
     QueryTimeout,
     RequestError,
@@ -243,6 +244,8 @@ def status_of(error: RodeoError) -> int:
         return 503
     if isinstance(error, QueryTimeout):
         return 504
+    if isinstance(error, MalformedAnswer):
+        return 502
     if isinstance(error, ConfigError | EvidenceError):
         return 404
     # What the bridge or a contract refused: the request was understood, the organization says no.

@@ -110,7 +110,7 @@ class SmartBin:
     def _ask(self) -> None:
         try:
             state = self._bus.query(self._state_key, timeout_s=_ANSWER_WALL_S)
-        except BusError as error:
+        except (BusError, RemoteError) as error:
             log.info("the bin does not answer: %s", error)
             return
         for kind in _TELLING:

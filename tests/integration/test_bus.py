@@ -3,12 +3,21 @@
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
+import zenoh
 
 from rodeo.bus import Bus, Handler, Request
-from rodeo.errors import BusUnavailable, InvalidRequest, NoResponder, QueryTimeout, RemoteError
+from rodeo.errors import (
+    BusUnavailable,
+    InvalidRequest,
+    MalformedAnswer,
+    NoResponder,
+    QueryTimeout,
+    RemoteError,
+)
 from rodeo.messages import Transfer
 from tests.support.site import WAIT_S, RunningSite, free_port
 
@@ -22,15 +31,23 @@ def peer(running: RunningSite) -> Iterator[Bus]:
     bus.close()
 
 
-def serve(peer: Bus, asking: Bus, key: str, handler: Handler) -> None:
-    """Serve `key` and return once `asking` knows: a declaration takes its time through the router."""
+@contextmanager
+def made_known(asking: Bus, key: str) -> Iterator[None]:
+    """Leaves once `asking` knows that `key`, declared inside, is served: that takes its time through the
+    router."""
     known = threading.Event()
     querier = asking.session.declare_querier(key)
     listener = querier.declare_matching_listener(lambda status: known.set() if status.matching else None)
-    peer.serve(key, handler)
+    yield
     assert known.wait(WAIT_S)
     listener.undeclare()
     querier.undeclare()
+
+
+def serve(peer: Bus, asking: Bus, key: str, handler: Handler) -> None:
+    """Serve `key` and return once `asking` knows."""
+    with made_known(asking, key):
+        peer.serve(key, handler)
 
 
 def test_an_answer_comes_back(running: RunningSite, peer: Bus) -> None:
@@ -88,6 +105,42 @@ def test_nobody_serving_and_nobody_answering_are_different_errors(running: Runni
     with pytest.raises(QueryTimeout):
         running.bus.query("t/slow", timeout_s=0.3)
     hold.set()
+
+
+@pytest.mark.parametrize("answer", [b"\xff", b"[1]", b'{"code": NaN}'])
+@pytest.mark.parametrize("how", ["reply", "reply_err"])
+def test_an_answer_that_is_no_json_object_is_the_responders_error(
+    running: RunningSite, peer: Bus, how: str, answer: bytes
+) -> None:
+    def reply(query: zenoh.Query) -> None:
+        _ = query.reply("t/garbage", answer) if how == "reply" else query.reply_err(answer)
+
+    with made_known(running.bus, "t/garbage"):
+        queryable = peer.session.declare_queryable("t/garbage", reply)
+    with pytest.raises(MalformedAnswer) as caught:
+        running.bus.query("t/garbage")
+    assert caught.value.details["key"] == "t/garbage"
+    queryable.undeclare()
+
+
+def test_an_error_without_a_code_is_malformed(running: RunningSite, peer: Bus) -> None:
+    with made_known(running.bus, "t/garbage"):
+        queryable = peer.session.declare_queryable("t/garbage", lambda query: query.reply_err(b'{"code": 1}'))
+    with pytest.raises(MalformedAnswer):
+        running.bus.query("t/garbage")
+    queryable.undeclare()
+
+
+def test_an_error_may_have_any_names(running: RunningSite, peer: Bus) -> None:
+    def refuse(_request: Request) -> dict[str, Any]:
+        error = InvalidRequest("wrong")
+        error.details = {"message": "why", "self": 1}
+        raise error
+
+    serve(peer, running.bus, "t/refused", refuse)
+    with pytest.raises(RemoteError) as caught:
+        running.bus.query("t/refused")
+    assert caught.value.details == {"message": "why", "self": 1}
 
 
 def test_sessions_work_again_after_the_router_was_killed_and_started(running: RunningSite, peer: Bus) -> None:

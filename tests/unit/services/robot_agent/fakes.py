@@ -13,7 +13,7 @@ import numpy as np
 from eth_account import Account
 
 from rodeo.config import Site
-from rodeo.errors import NoResponder
+from rodeo.errors import NoResponder, RodeoError
 from rodeo.evidence import attest
 from rodeo.lab.config import ItemConfig, Pose2
 from rodeo.lab.items import rest_pose, shape_of
@@ -283,7 +283,8 @@ BIN = Account.create()
 class BinBus:
     """A bus with a bin on it that answers with what it said last, and a bridge that knows its device.
 
-    `away`: how many questions the bin leaves unanswered; `on_ask` is called before each.
+    `away`: how many questions the bin leaves unanswered; `on_ask` is called before each. What is in
+    `answers` is answered or raised first.
     """
 
     def __init__(self) -> None:
@@ -292,6 +293,7 @@ class BinBus:
         self.bridge = True
         self.away = 0
         self.on_ask: Callable[[], None] = lambda: None
+        self.answers: list[dict[str, Any] | RodeoError] = []
         self._said: dict[str, Any] = {}
 
     def say(self, kind: str, seq: int, time_s: float, **more: Any) -> None:
@@ -310,6 +312,11 @@ class BinBus:
         if self.away:
             self.away -= 1
             raise NoResponder("nobody serves this key", key=key)
+        if self.answers:
+            answer = self.answers.pop(0)
+            if isinstance(answer, RodeoError):
+                raise answer
+            return answer
         return dict(self._said)
 
 

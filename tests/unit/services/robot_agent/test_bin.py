@@ -9,6 +9,7 @@ import pytest
 from eth_account import Account
 
 from rodeo.config import Site
+from rodeo.errors import MalformedAnswer, RemoteError
 from services.robot_agent import bin as bin_module
 from services.robot_agent.bin import SmartBin
 from services.robot_agent.errors import NoAnswer
@@ -73,6 +74,21 @@ def test_what_was_said_about_something_else_before_is_no_answer(listener: Listen
     assert (caught.value.details["after_s"], caught.value.details["last_s"]) == (100.0, 100.0)
     listener.bus.say("classification", 42, 100.5)
     assert listener.wait_for("classification", 100.0) == 42
+
+
+@pytest.mark.parametrize(
+    "answer",
+    [
+        RemoteError("internal", "it broke"),
+        MalformedAnswer("the answer is no JSON object", key="k"),
+        {"disposal": 7},
+        {"disposal": {"payload": {}}},
+    ],
+)
+def test_a_bin_that_answers_with_nonsense_is_asked_again(listener: Listener, answer: Any) -> None:
+    listener.bus.say("disposal", 1, 100.0)
+    listener.bus.answers = [answer]
+    assert listener.wait_for("disposal", 99.0) == 1
 
 
 def test_what_somebody_else_signed_is_not_the_bins(listener: Listener) -> None:
