@@ -26,7 +26,7 @@ from services.itrash.card import CARD, Measured, write_card
 from services.itrash.classifier import MODEL_DIR, PREPROCESSING, WEIGHTS, Classifier, Preprocessing, to_input
 from services.itrash.dataset import CLASSES, Sample, load_photos
 from services.itrash.evaluation import bare_board
-from services.itrash.network import ARCHITECTURE, MEAN, SCALE, Network, export
+from services.itrash.network import ARCHITECTURE, KEPT_POOLS, MEAN, SCALE, Network, export
 
 log = logging.getLogger("itrash.train")
 
@@ -43,9 +43,9 @@ CORRUPTED_EVERY = 5
 class Recipe:
     """Everything that decides the outcome."""
 
-    seed: int = 7
-    stable_steps: int = 1500
-    cooldown_steps: int = 800
+    seed: int = 8
+    stable_steps: int = 1100
+    cooldown_steps: int = 500
     """The learning rate rises, stays, and falls to zero in the cooldown (warmup-stable-decay)."""
     warmup_steps: int = 50
     batch: int = 32
@@ -72,6 +72,9 @@ class Recipe:
     finish_rate: float = 1e-4
     finish_ema_decay: float = 0.99
     """At the end a few steps on pictures as large and as clean as most that the bin is shown."""
+    pretrained_share: float = 0.2
+    """In the end so much of each weight before the head is ImageNet's again: between what was learnt before
+    and after lie networks that know new photos better (Wortsman et al., 2022, arXiv:2109.01903)."""
     known_rejected: float = 0.02
     """Share of known photos that may be called unknown; sets the threshold."""
 
@@ -230,14 +233,24 @@ def train(photos: list[Sample], rendered: list[Sample], recipe: Recipe) -> Netwo
     often = Draws(photos, rendered, recipe, recipe.seed, CHANCES)
     network = Network(OUTPUTS, recipe.drop_connect)
     network = _last(fit(network, often, beginning(recipe), recipe, recipe.ema_decay))
-    return finished(network, photos, rendered, recipe).eval()
+    return finished(network, photos, rendered, recipe)
 
 
 def finished(network: Network, photos: list[Sample], rendered: list[Sample], recipe: Recipe) -> Network:
     """After the last steps."""
     torch.manual_seed(recipe.seed + 1)  # these steps can be repeated alone
     seldom = Draws(photos, rendered, recipe, recipe.seed + 1, SELDOM)
-    return _last(fit(network, seldom, finish(recipe), recipe, recipe.finish_ema_decay))
+    network = _last(fit(network, seldom, finish(recipe), recipe, recipe.finish_ema_decay))
+    return settled(network, photos, rendered, recipe)
+
+
+def settled(network: Network, photos: list[Sample], rendered: list[Sample], recipe: Recipe) -> Network:
+    """Moved back towards ImageNet, its head cut to what is worth its time; in evaluation mode."""
+    network.towards_pretrained(recipe.pretrained_share)
+    views = Draws(photos, rendered, recipe, recipe.seed + 2, SELDOM)
+    pictures = (torch.from_numpy(views.batch(recipe.input_px)[0]) for _ in range(8))
+    network.eval().keep_pools(KEPT_POOLS, pictures)
+    return network
 
 
 def _last(progress: Iterator[tuple[int, float, Network]]) -> Network:
