@@ -23,7 +23,6 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
 
 from rodeo.errors import (
-    BusError,
     BusUnavailable,
     InvalidRequest,
     MalformedAnswer,
@@ -353,7 +352,10 @@ class DaoEvents:
                     parameters={"after": self._seq, "limit": self._PAGE},
                     timeout_s=5.0,
                 )
-            except (BusError, RemoteError) as error:
+            except MalformedAnswer as error:
+                log.warning("the index does not answer with events: %s", error)
+                return
+            except (NoResponder, QueryTimeout, RemoteError) as error:
                 # The bridge is away; the next round asks again, and status shows it.
                 log.debug("the index does not answer: %s", error)
                 return

@@ -87,7 +87,7 @@ class QueryTimeout(BusError):
 
 
 class MalformedAnswer(BusError):
-    """The responder answered with what is no JSON object."""
+    """The responder answered with what is no JSON object, or with an error that has no code."""
 
 
 class RemoteError(RodeoError):
