@@ -16,11 +16,11 @@ import numpy as np
 from bench.memory import peak_mb
 from rodeo.lab.config import BinConfig, Pose2
 from rodeo.lab.render import RendererUnavailable
+from rodeo.vision.classification import MODEL_DIR, WEIGHTS
+from rodeo.vision.classifier import Classifier
 from services.itrash import evaluation, metrics, renderings
 from services.itrash.behaviour import compartment_of
-from services.itrash.classifier import MODEL_DIR, WEIGHTS, Classifier
 from services.itrash.dataset import Sample, load_photos
-from services.itrash.images import decode_image
 from services.itrash.web import HttpServer, make_api
 
 TRASHNET = Path("../shared/data/trashnet")
@@ -53,13 +53,16 @@ def run() -> dict[str, float]:
     except RendererUnavailable as error:
         print(f"itrash: {error}, so no itrash_render_accuracy")
     else:
-        rendered = metrics.logits_of(classifier, [sample for sample in samples if sample.label is not None])
+        items = [sample for sample in samples if sample.label is not None]
+        rendered = metrics.answers_to_samples(classifier, items)
         figures["itrash_render_accuracy"] = rendered.accuracy()
         known.append(rendered)
         nothing = [sample for sample in samples if sample.label is None]
     nothing += evaluation.nothing_samples(RENDERING_SEED, NOTHING, photos)
     preprocessing = classifier.preprocessing
-    figures["itrash_unknown_recall"] = metrics.logits_of(classifier, nothing).unknown_share(preprocessing)
+    figures["itrash_unknown_recall"] = metrics.answers_to_samples(classifier, nothing).unknown_share(
+        preprocessing
+    )
     if known:
         figures["itrash_known_rejected"] = max(one.unknown_share(preprocessing) for one in known)
     figures["itrash_ms_per_image"] = _milliseconds(classifier)
@@ -71,7 +74,8 @@ def run() -> dict[str, float]:
 def _photo_figures(
     classifier: Classifier, photos: list[Sample], figures: dict[str, float]
 ) -> metrics.Outputs:
-    outputs = metrics.logits_of(classifier, photos)
+    files = [(TRASHNET / "val" / photo.name).read_bytes() for photo in photos]
+    outputs = metrics.answers_to(classifier, files, [photo.label for photo in photos])
     figures["itrash_accuracy_val"] = outputs.accuracy()
     figures["itrash_bin_accuracy_val"] = outputs.compartment_accuracy()
     figures["itrash_grouped_accuracy_val"], _ = evaluation.grouped_accuracy(
@@ -89,7 +93,7 @@ def _milliseconds(classifier: Classifier) -> float:
     times_s = []
     for _ in range(REPEATS):
         started_s = time.perf_counter()
-        classifier(decode_image(jpeg))
+        classifier.classify(jpeg)
         times_s.append(time.perf_counter() - started_s)
     return sorted(times_s)[REPEATS // 2] * 1e3
 
@@ -104,7 +108,7 @@ def _memory_mb() -> float:
 def classify_once() -> None:
     """Classify the frame and print this process's peak memory in MB."""
     cv2.setNumThreads(1)
-    Classifier()(decode_image(FRAME.read_bytes()))
+    Classifier().classify(FRAME.read_bytes())
     print(peak_mb())
 
 

@@ -27,14 +27,14 @@ def classify(files: Photos, site: SiteOption = DEFAULT_SITE, as_json: JsonOption
     # OpenCV takes its time to import; the other commands should not wait for it.
     import numpy as np
 
+    from rodeo.vision.classifier import Classifier
     from services.itrash.behaviour import compartment_of
-    from services.itrash.classifier import Classifier
 
     config = BinConfig(pose=Pose2(x_m=0, y_m=0))
     if site != DEFAULT_SITE or site.exists():  # who names a site means it
         config = Site.load(site).bin
     classifier = Classifier()
-    classifier(np.zeros((8, 8, 3), np.uint8))  # the first picture takes longer, whichever it is
+    classifier.logits(np.zeros((8, 8, 3), np.uint8))  # the first picture takes longer, whichever it is
     answers, failed = [], False
     for path in files:
         try:
@@ -57,7 +57,7 @@ def classify(files: Photos, site: SiteOption = DEFAULT_SITE, as_json: JsonOption
 
 
 def _classify(classifier: Any, path: Path) -> dict[str, Any]:
-    from services.itrash.images import IMAGE_LIMITS, decode_image
+    from rodeo.vision.images import IMAGE_LIMITS
 
     try:
         with path.open("rb") as file:
@@ -65,7 +65,7 @@ def _classify(classifier: Any, path: Path) -> dict[str, Any]:
     except OSError as error:
         raise Unreadable("cannot read the photo", reason=error.strerror) from error
     started_s = time.perf_counter()
-    found = classifier(decode_image(data))
+    found = classifier.classify(data)
     milliseconds = (time.perf_counter() - started_s) * 1e3
     return {
         "file": str(path),

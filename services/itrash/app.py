@@ -22,6 +22,7 @@ from rodeo.errors import RodeoError
 from rodeo.evidence import attest
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.service import Service
+from rodeo.vision.classifier import Classifier
 from services.itrash.behaviour import (
     Action,
     Attest,
@@ -32,8 +33,6 @@ from services.itrash.behaviour import (
     compartment_of,
 )
 from services.itrash.camera import open_camera, stamp_s
-from services.itrash.classifier import Classifier
-from services.itrash.images import decode_image
 from services.itrash.journal import Journal, Kind
 from services.itrash.web import HttpServer, make_api
 
@@ -141,7 +140,7 @@ class Itrash:
         self._tell()
         try:
             time_s, data = self._camera.capture(request.after_s)
-            classification = self.classifier(decode_image(data))
+            classification = self.classifier.classify(data)
         except RodeoError as error:
             log.warning("no photo of the item: %s", error)
             failed_s = self._service.clock.now_s()

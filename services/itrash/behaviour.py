@@ -19,7 +19,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field
 
 from rodeo.lab.config import BinConfig, ItemClass
-from services.itrash.classifier import UNKNOWN, Classification
+from rodeo.vision.classification import UNKNOWN, Classification
 from services.itrash.load import LOAD_LIMITS, Cell, LoadCell, LoadLimits, Step
 
 

@@ -23,7 +23,7 @@ from rodeo.errors import RodeoError
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.ros2.errors import ServiceUnavailable
 from rodeo.ros2.types import new
-from services.itrash.images import IMAGE_LIMITS
+from rodeo.vision.images import IMAGE_LIMITS
 
 log = logging.getLogger(__name__)
 

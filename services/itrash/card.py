@@ -10,8 +10,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from rodeo.vision.classification import Preprocessing
 from services.itrash import metrics
-from services.itrash.classifier import Preprocessing
 from services.itrash.dataset import CLASSES, Sample
 from services.itrash.metrics import Outputs
 

@@ -8,12 +8,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from services.itrash.images import decode_image
+from rodeo.vision.classifier import shrink
+from rodeo.vision.images import decode_image
 
 CLASSES = ("cardboard", "glass", "metal", "paper", "plastic", "trash")
-
-CACHED_PX = 256
-"""Photos are kept in memory with this shorter side; the network sees no more."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +25,10 @@ class Sample:
 
 
 def load_photos(folder: Path) -> list[Sample]:
-    """Every photo under `folder/<class>/`, in a stable order. Raises FileNotFoundError, ImageError."""
+    """Every photo under `folder/<class>/`, in a stable order, as small as the bin makes it before its network
+    sees it. Raises FileNotFoundError, ImageError."""
     return [
-        Sample(_shrink(decode_image(path.read_bytes())), label, f"{label}/{path.name}")
+        Sample(shrink(decode_image(path.read_bytes())), label, f"{label}/{path.name}")
         for label in CLASSES
         for path in sorted((folder / label).iterdir())
     ]
@@ -39,8 +38,3 @@ def recompress(image_bgr: np.ndarray, quality: int) -> np.ndarray:
     """The picture as a camera with JPEG compression of `quality` (0..100) would send it."""
     _, jpeg = cv2.imencode(".jpg", image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
     return decode_image(jpeg.tobytes())
-
-
-def _shrink(image_bgr: np.ndarray) -> np.ndarray:
-    factor = CACHED_PX / min(image_bgr.shape[:2])
-    return cv2.resize(image_bgr, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)

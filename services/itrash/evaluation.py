@@ -8,11 +8,11 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from rodeo.vision.classifier import Classifier
 from services.itrash import scenery
-from services.itrash.classifier import Classifier
 from services.itrash.corruptions import CORRUPTIONS, SEVERITIES
 from services.itrash.dataset import Sample
-from services.itrash.metrics import Outputs, logits_of
+from services.itrash.metrics import Outputs, answers_to_samples
 
 SAME_OBJECT = 0.9
 """Correlation from which two photos are taken for the same object in the same place."""
@@ -48,7 +48,7 @@ def corrupted_accuracy(classifier: Classifier, photos: Sequence[Sample], every: 
                 Sample(corrupt(photo.image_bgr, severity, rng), photo.label)
                 for photo in photos[(number + severity) % every :: every]
             ]
-            right.append(logits_of(classifier, spoilt).right())
+            right.append(answers_to_samples(classifier, spoilt).right())
         found[name] = float(np.concatenate(right).mean())
     return found
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 
 from rodeo.lab.config import BinConfig
-from services.itrash.classifier import Classifier, Preprocessing
+from rodeo.vision.classification import Preprocessing
+from rodeo.vision.classifier import Classifier
 from services.itrash.dataset import CLASSES, Sample
 
 _COMPARTMENT_OF = {
@@ -59,11 +61,32 @@ class Outputs:
 
 
 def logits_of(classifier: Classifier, samples: Sequence[Sample]) -> Outputs:
-    """Run every sample through the classifier."""
+    """What the network itself says of every sample: what training calibrates."""
     return Outputs(
         np.stack([classifier.logits(sample.image_bgr) for sample in samples]),
         np.array([len(CLASSES) if s.label is None else CLASSES.index(s.label) for s in samples]),
     )
+
+
+def answers_to(classifier: Classifier, photos: Sequence[bytes], labels: Sequence[str | None]) -> Outputs:
+    """What the bin would answer to encoded photos; a label is None where there is no item.
+
+    The logits are those of the answers' probabilities: they differ from the network's by a constant per
+    photo, which no figure sees.
+    """
+    shares = []
+    for photo in photos:
+        answer = classifier.classify(photo)
+        classes = [answer.probabilities[name] * answer.item_probability for name in CLASSES]
+        shares.append([*classes, 1 - answer.item_probability])
+    logits = classifier.preprocessing.temperature * np.log(np.maximum(shares, np.finfo(float).tiny))
+    return Outputs(logits, np.array([len(CLASSES) if one is None else CLASSES.index(one) for one in labels]))
+
+
+def answers_to_samples(classifier: Classifier, samples: Sequence[Sample]) -> Outputs:
+    """The same for pictures that were drawn or changed here: encoded without loss."""
+    photos = [cv2.imencode(".png", sample.image_bgr)[1].tobytes() for sample in samples]
+    return answers_to(classifier, photos, [sample.label for sample in samples])
 
 
 def softmax(logits: np.ndarray) -> np.ndarray:

@@ -31,8 +31,8 @@ from rodeo.lab.items import PALM_CLEARANCE_M, SHAPES, Shape, shape_of
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.render import Camera, encode
 from rodeo.lab.world import ARM_JOINTS, GRIPPER_CLOSED_M, GRIPPER_OPEN_M, PAD_THICKNESS_M, build_world
+from rodeo.vision.images import decode_image
 from services.itrash.dataset import Sample
-from services.itrash.images import decode_image
 
 EMPTY_SHARE = 0.75
 """Frames without an item, as a share of those with one of a single class."""

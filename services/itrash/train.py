@@ -1,4 +1,5 @@
-"""Trains the bin's classifier on photos, renderings and pictures of nothing, and writes `model/`. CPU only.
+"""Trains the bin's classifier on photos, renderings and pictures of nothing, and writes
+`rodeo/vision/model/`. CPU only.
 
     python -m services.itrash.train --data ../shared/data/trashnet
 
@@ -20,10 +21,11 @@ import numpy as np
 import torch
 from torch import nn
 
+from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Preprocessing
+from rodeo.vision.classifier import Classifier, to_input
 from services.itrash import evaluation, metrics, renderings, scenery
 from services.itrash.augment import CHANCES, SELDOM, Chances, augment
 from services.itrash.card import CARD, Measured, write_card
-from services.itrash.classifier import MODEL_DIR, PREPROCESSING, WEIGHTS, Classifier, Preprocessing, to_input
 from services.itrash.dataset import CLASSES, Sample, load_photos
 from services.itrash.evaluation import bare_board
 from services.itrash.network import ARCHITECTURE, KEPT_POOLS, MEAN, SCALE, Network, export

@@ -27,14 +27,14 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rodeo.errors import PortUnavailable, snake_case
-from services.itrash.classifier import Classification, Classifier
-from services.itrash.images import (
+from rodeo.vision.classification import Classification
+from rodeo.vision.classifier import Classifier
+from rodeo.vision.images import (
     IMAGE_LIMITS,
     ImageError,
     ImageLimits,
     ImageTooLarge,
     UnsupportedImage,
-    decode_image,
     media_type,
 )
 
@@ -139,7 +139,7 @@ def make_api(bin_: BinView, limits: ImageLimits = IMAGE_LIMITS) -> FastAPI:
 
     def classify_bytes(data: bytes) -> Verdict:
         started_s = time.perf_counter()
-        found: Classification = bin_.classifier(decode_image(data, limits))
+        found: Classification = bin_.classifier.classify(data, limits)
         return Verdict(
             item_class=found.label,
             compartment=bin_.compartment_of(found.label),

@@ -7,6 +7,7 @@ import math
 import pytest
 
 from rodeo.lab.config import BinConfig, Pose2
+from rodeo.vision.classification import UNKNOWN, Classification
 from services.itrash.behaviour import (
     Action,
     Attest,
@@ -17,7 +18,6 @@ from services.itrash.behaviour import (
     State,
     TakePhoto,
 )
-from services.itrash.classifier import UNKNOWN, Classification
 
 CONFIG = BinConfig(pose=Pose2(x_m=0.0, y_m=0.0))
 SHOWN_M = 0.34

@@ -16,8 +16,8 @@ from rodeo.config import CameraConfig
 from rodeo.ros2 import Node
 from rodeo.ros2.errors import ServiceUnavailable
 from rodeo.ros2.types import new
+from rodeo.vision.images import decode_image
 from services.itrash.camera import BusCamera, CameraError, FolderCamera, VideoCamera
-from services.itrash.images import decode_image
 from tests.support.nodes import make_node as make_node
 from tests.support.nodes import router_port as router_port
 

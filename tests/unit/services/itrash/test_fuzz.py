@@ -13,7 +13,7 @@ from fastapi.testclient import TestClient
 from hypothesis import HealthCheck, settings
 from schemathesis.specs.openapi.checks import positive_data_acceptance
 
-from services.itrash.images import ImageLimits
+from rodeo.vision.images import ImageLimits
 from services.itrash.web import make_api
 from tests.unit.services.itrash.test_web import QuietBin
 

@@ -16,9 +16,9 @@ import pytest
 from fastapi.testclient import TestClient
 
 from rodeo.lab.config import BinConfig, Pose2
+from rodeo.vision.classifier import Classifier
+from rodeo.vision.images import ImageLimits
 from services.itrash.behaviour import compartment_of
-from services.itrash.classifier import Classifier
-from services.itrash.images import ImageLimits
 from services.itrash.web import MAX_CONNECTIONS, HttpServer, PortUnavailable, make_api
 
 CAN = (Path(__file__).parent / "renderings" / "metal_1.jpg").read_bytes()

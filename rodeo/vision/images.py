@@ -14,7 +14,6 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from rodeo.errors import RequestError
@@ -30,7 +29,7 @@ others: who took them for segments would read on in another place, and there ano
 
 
 class ImageError(RequestError):
-    """The bytes are not a photo this bin can look at."""
+    """The bytes are no picture that can be looked at."""
 
 
 class ImageTooLarge(ImageError):
@@ -78,6 +77,9 @@ def decode_image(data: bytes, limits: ImageLimits = IMAGE_LIMITS) -> np.ndarray:
     # In a JPEG's coded data no 0xDA follows a 0xFF (ITU-T T.81, B.1.1.5): each pair begins a scan.
     if data.startswith(_JPEG) and (scans := data.count(b"\xff\xda")) > limits.max_scans:
         raise ImageTooLarge("the photo has too many scans", scans=scans, max_scans=limits.max_scans)
+    # Imported here: who reads a header, or refuses by size, needs no OpenCV.
+    import cv2
+
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)
     except cv2.error as error:

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from services.itrash.images import (
+from rodeo.vision.images import (
     BrokenImage,
     ImageError,
     ImageLimits,

@@ -1,16 +1,17 @@
-"""What is in the photo: EfficientNet-Lite by OpenCV's DNN module, offline.
+"""What the bin says of a picture, and the data that decide it: weights, classes, preprocessing, thresholds.
 
-The preprocessing, the classes and the thresholds are data beside the weights (`model/preprocessing.json`,
-written by `services.itrash.train`), so that weights and their preprocessing cannot drift apart.
+Preprocessing, classes and thresholds are data beside the weights (`model/preprocessing.json`, written by
+`services.itrash.train`), so that weights and their preprocessing cannot drift apart. Their hashes stand in
+what the bin signs: who judges a picture later knows which network and which thresholds spoke.
 """
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass, replace
+from functools import cache
+from hashlib import sha256
 from pathlib import Path
 
-import cv2
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
@@ -51,18 +52,14 @@ class Classification:
     item_probability: float = 1.0
 
     @property
+    def best_class(self) -> str:
+        """The most probable class, however sure."""
+        return max(self.probabilities, key=self.probabilities.__getitem__)
+
+    @property
     def confidence(self) -> float:
         """How probable it is that this is an item of the best class, 0..1."""
         return max(self.probabilities.values()) * self.item_probability
-
-
-def to_input(image_bgr: np.ndarray, preprocessing: Preprocessing) -> np.ndarray:
-    """uint8 (h, w, 3) BGR -> float32 (1, 3, input_px, input_px) RGB, normalised."""
-    side = preprocessing.input_px
-    # INTER_AREA averages when it shrinks; the bilinear default would alias large photos.
-    square = cv2.resize(image_bgr, (side, side), interpolation=cv2.INTER_AREA)
-    mean = (preprocessing.mean,) * 3
-    return cv2.dnn.blobFromImage(square, preprocessing.scale, (side, side), mean, swapRB=True)
 
 
 def verdict(logits: np.ndarray, preprocessing: Preprocessing) -> Classification:
@@ -81,21 +78,18 @@ def verdict(logits: np.ndarray, preprocessing: Preprocessing) -> Classification:
     return found if found.confidence >= preprocessing.unknown_below else replace(found, label=UNKNOWN)
 
 
-class Classifier:
-    """The trained model. Safe to call from several threads; they take turns."""
+def load_preprocessing(model_dir: Path = MODEL_DIR) -> Preprocessing:
+    """The preprocessing beside the weights in `model_dir`."""
+    return Preprocessing.model_validate_json((model_dir / PREPROCESSING).read_bytes())
 
-    def __init__(self, model_dir: Path = MODEL_DIR) -> None:
-        self.preprocessing = Preprocessing.model_validate_json((model_dir / PREPROCESSING).read_text())
-        self._net = cv2.dnn.readNetFromONNX(str(model_dir / WEIGHTS))
-        self._one_at_a_time = threading.Lock()  # a cv2.dnn.Net keeps its buffers between calls
 
-    def logits(self, image_bgr: np.ndarray) -> np.ndarray:
-        """uint8 (h, w, 3) BGR -> float32 (classes + 1,)."""
-        blob = to_input(image_bgr, self.preprocessing)
-        with self._one_at_a_time:
-            self._net.setInput(blob)
-            return self._net.forward().reshape(-1).copy()
+@cache
+def model_sha256(model_dir: Path = MODEL_DIR) -> str:
+    """SHA-256 (0x) of the weights' file."""
+    return "0x" + sha256((model_dir / WEIGHTS).read_bytes()).hexdigest()
 
-    def __call__(self, image_bgr: np.ndarray) -> Classification:
-        """Classify one photo: uint8 (h, w, 3) BGR."""
-        return verdict(self.logits(image_bgr), self.preprocessing)
+
+@cache
+def thresholds_sha256(model_dir: Path = MODEL_DIR) -> str:
+    """SHA-256 (0x) of the file with classes, preprocessing, temperature and threshold."""
+    return "0x" + sha256((model_dir / PREPROCESSING).read_bytes()).hexdigest()

@@ -1,0 +1,126 @@
+"""The trained model on small pictures of the simulator's items."""
+
+from __future__ import annotations
+
+import hashlib
+import subprocess
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from rodeo.vision.classification import (
+    MODEL_DIR,
+    PREPROCESSING,
+    UNKNOWN,
+    WEIGHTS,
+    Preprocessing,
+    load_preprocessing,
+    model_sha256,
+    thresholds_sha256,
+    verdict,
+)
+from rodeo.vision.classifier import Classifier, shrink
+from rodeo.vision.images import BrokenImage, ImageLimits, ImageTooLarge, UnsupportedImage, decode_image
+
+RENDERINGS = sorted((Path(__file__).parents[1] / "services" / "itrash" / "renderings").glob("*.jpg"))
+SMALL = Preprocessing(
+    classes=["a", "b"], input_px=8, mean=127, scale=1 / 128, temperature=2.0, unknown_below=0.7
+)
+
+
+@pytest.fixture(scope="module")
+def classifier() -> Classifier:
+    return Classifier()
+
+
+@pytest.mark.parametrize("path", RENDERINGS, ids=lambda path: path.stem)
+def test_each_rendered_item_is_recognised(classifier: Classifier, path: Path) -> None:
+    found = classifier.classify(path.read_bytes())
+    assert found.label == path.stem.rpartition("_")[0]
+    assert sum(found.probabilities.values()) == pytest.approx(1.0)
+
+
+def test_there_is_a_rendering_of_every_class_and_of_none() -> None:
+    assert {path.stem.rpartition("_")[0] for path in RENDERINGS} == {
+        "cardboard", "glass", "metal", "paper", "plastic", "trash", UNKNOWN
+    }  # fmt: skip
+
+
+def test_any_size_of_photo_is_taken(classifier: Classifier) -> None:
+    image = decode_image(RENDERINGS[0].read_bytes())
+    for size in ((1, 1), (3, 2000), (1080, 1920)):
+        photo = cv2.imencode(".png", np.resize(image, (*size, 3)))[1].tobytes()
+        assert len(classifier.classify(photo).probabilities) == 6
+
+
+def test_the_model_fits_into_the_repository() -> None:
+    assert (MODEL_DIR / WEIGHTS).stat().st_size < 15_000_000
+
+
+def test_the_temperature_softens_and_the_threshold_decides() -> None:
+    unsure = verdict(np.array([1.0, 0.0, -50.0]), SMALL)
+    assert unsure.probabilities["a"] == pytest.approx(1 / (1 + np.exp(-0.5)))
+    assert unsure.label == UNKNOWN
+    assert verdict(np.array([4.0, 0.0, -50.0]), SMALL).label == "a"
+
+
+def test_what_is_none_of_the_classes_is_unknown_however_clear_the_best_of_them_is() -> None:
+    nothing = verdict(np.array([8.0, 0.0, 12.0]), SMALL)
+    assert nothing.label == UNKNOWN
+    assert nothing.probabilities["a"] > 0.9
+    assert nothing.item_probability < 0.2
+    assert nothing.confidence < SMALL.unknown_below
+
+
+def test_huge_logits_do_not_overflow() -> None:
+    assert verdict(np.array([1e4, -1e4, 0.0]), SMALL).probabilities == {"a": 1.0, "b": 0.0}
+    lost = verdict(np.array([-1e4, 0.0, 1e4]), SMALL)
+    assert (lost.label, lost.probabilities) == (UNKNOWN, {"a": 0.0, "b": 1.0})
+
+
+def test_what_is_no_picture_gets_an_error_that_says_why_and_no_answer(classifier: Classifier) -> None:
+    with pytest.raises(UnsupportedImage):
+        classifier.classify(b"")
+    with pytest.raises(BrokenImage):
+        classifier.classify(b"\xff\xd8\xff\xe0 no photo")
+    with pytest.raises(ImageTooLarge) as refused:
+        classifier.classify(RENDERINGS[0].read_bytes(), ImageLimits(max_pixels=100))
+    assert refused.value.details["max_pixels"] == 100
+
+
+def test_weights_and_thresholds_are_known_by_the_hashes_of_their_files(tmp_path: Path) -> None:
+    for name in (WEIGHTS, PREPROCESSING):
+        (tmp_path / name).write_bytes((MODEL_DIR / name).read_bytes())
+    assert (model_sha256(), thresholds_sha256()) == (model_sha256(tmp_path), thresholds_sha256(tmp_path))
+    assert model_sha256() == "0x" + hashlib.sha256((MODEL_DIR / WEIGHTS).read_bytes()).hexdigest()
+
+
+def test_another_threshold_has_another_hash_and_the_same_weights(tmp_path: Path) -> None:
+    (tmp_path / WEIGHTS).write_bytes((MODEL_DIR / WEIGHTS).read_bytes())
+    laxer = load_preprocessing().model_copy(update={"unknown_below": 0.1})
+    (tmp_path / PREPROCESSING).write_text(laxer.model_dump_json())
+    assert model_sha256(tmp_path) == model_sha256()
+    assert thresholds_sha256(tmp_path) != thresholds_sha256()
+
+
+def test_a_computer_without_opencv_can_name_the_hashes_and_read_a_pictures_header() -> None:
+    program = (
+        "import sys; sys.modules['cv2'] = None\n"
+        "from rodeo.vision.classification import model_sha256, thresholds_sha256\n"
+        "from rodeo.vision.images import image_size\n"
+        "print(model_sha256(), thresholds_sha256(), image_size(open(sys.argv[1], 'rb').read()))"
+    )
+    answer = subprocess.run(
+        [sys.executable, "-c", program, str(RENDERINGS[0])], check=True, capture_output=True, text=True
+    )
+    assert answer.stdout.split()[:2] == [model_sha256(), thresholds_sha256()]
+
+
+def test_a_large_photo_is_seen_as_training_saw_it(classifier: Classifier) -> None:
+    """Training keeps its photos shrunk; the bin gets them as large as the camera makes them."""
+    large = cv2.resize(decode_image(RENDERINGS[0].read_bytes()), (1024, 768), interpolation=cv2.INTER_CUBIC)
+    assert np.array_equal(classifier.logits(large), classifier.logits(shrink(large)))
+    assert shrink(large).shape == (256, 341, 3)
