@@ -213,15 +213,16 @@ def _missing_rules(
         review = Review[care.review.upper()]
         if client.kind(care.kind).review != review:
             yield administrator, calls.set_review(care.kind, review)
-    for name, device_role in wallets.device_names(site).items():
-        device = wallets.address(site, name)
+    for keystore, (device_role, name) in wallets.device_names(site).items():
+        device = wallets.address(site, keystore)
         if not _is_registered(client, device):
-            yield administrator, calls.register_device(device, device_role, _owner(site, client, name))
+            owner = _owner(site, client, device_role, name)
+            yield administrator, calls.register_device(device, device_role, owner, name)
     for robot in site.robots:
         wallet = wallets.address(site, robot.name)
         if client.allowance(wallet, client.task_manager) < _UNLIMITED // 2:
-            owner = wallets.load(site, robot.name)
-            yield owner, client.calls.approve(client.task_manager, _UNLIMITED)
+            spender = wallets.load(site, robot.name)
+            yield spender, client.calls.approve(client.task_manager, _UNLIMITED)
 
 
 def _is_registered(client: ChainClient, device: str) -> bool:
@@ -234,11 +235,9 @@ def _is_registered(client: ChainClient, device: str) -> bool:
     return True
 
 
-def _owner(site: Site, client: ChainClient, device_name: str) -> str:
+def _owner(site: Site, client: ChainClient, device_role: str, name: str) -> str:
     """A robot's device works for the robot, everything else for the organization."""
-    participant = device_name.removesuffix("-device")
-    robots = [robot.name for robot in site.robots]
-    return wallets.address(site, participant) if participant in robots else client.organization
+    return wallets.address(site, name) if device_role == "robot" else client.organization
 
 
 if __name__ == "__main__":

@@ -126,15 +126,25 @@ class MatchTask(Command):
 # -- the organization's own affairs: its contract refuses whoever lacks the role -------------------------
 
 
+DeviceName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,31}$")]
+"""Which device of a role it is on its site: fits a bytes32 as ASCII."""
+
+Revocation = Literal["superseded", "compromised"]
+"""Why a key was revoked: another took over, or somebody else may have signed with it."""
+
+
 class RegisterDevice(Command):
     device: Address
     """The key that signs evidence."""
     role: Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
     owner: Party
+    name: DeviceName
+    """Of the keys that are not revoked one at most has this role and name."""
 
 
 class RevokeDevice(Command):
     device: Address
+    reason: Revocation
 
 
 class Deposit(Command):

@@ -16,6 +16,7 @@ from collections.abc import Iterable
 from functools import cache
 from getpass import getpass
 from pathlib import Path
+from typing import NamedTuple
 
 from eth_account import Account
 from eth_account.signers.local import LocalAccount
@@ -33,6 +34,10 @@ _SCRYPT_N = 1 << 14
 """Work factor of the keystores made here: a quarter of a second would not protect a throw-away key more."""
 
 
+MOCAP_NAME = "mocap"
+"""The lab has one motion capture."""
+
+
 def wallet_names(site: Site) -> list[str]:
     """Participants whose wallet the site has: the organization's operator, the robots, the oracle, others."""
     others = [participant.name for participant in site.participants if participant.address is None]
@@ -48,10 +53,22 @@ def wallets_elsewhere(site: Site) -> dict[str, str]:
     }
 
 
-def device_names(site: Site) -> dict[str, str]:
-    """Device keys, which sign evidence and own nothing: name -> role on chain."""
-    robots = {f"{robot.name}-device": "robot" for robot in site.robots}
-    return {**robots, f"{site.bin.name}-device": "bin", "meter-device": "meter", "mocap-device": "mocap"}
+class SiteDevice(NamedTuple):
+    """What a device is, as the chain has it."""
+
+    role: str
+    name: str
+
+
+def device_names(site: Site) -> dict[str, SiteDevice]:
+    """Keystores of the devices, which sign evidence and own nothing -> role and name on chain."""
+    robots = {f"{robot.name}-device": SiteDevice("robot", robot.name) for robot in site.robots}
+    return {
+        **robots,
+        f"{site.bin.name}-device": SiteDevice("bin", site.bin.name),
+        "meter-device": SiteDevice("meter", site.dock.name),
+        "mocap-device": SiteDevice("mocap", MOCAP_NAME),
+    }
 
 
 def keystore_path(site: Site, name: str) -> Path:

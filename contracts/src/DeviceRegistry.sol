@@ -2,36 +2,52 @@
 pragma solidity ^0.8.28;
 
 import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
-import {Device, IDeviceRegistry} from "./interfaces/IDeviceRegistry.sol";
+import {Device, IDeviceRegistry, Revocation} from "./interfaces/IDeviceRegistry.sol";
 
 /// @dev Who may register is up to the contract that inherits this.
 abstract contract DeviceRegistry is IDeviceRegistry {
     using SafeCast for uint256;
 
     mapping(address device => Device) private _devices;
+    /// @inheritdoc IDeviceRegistry
+    mapping(bytes32 role => mapping(bytes32 name => address)) public deviceNamed;
 
     /// @inheritdoc IDeviceRegistry
     function device(address device_) external view returns (Device memory) {
         return _device(device_);
     }
 
-    function _registerDevice(address device_, bytes32 role, address owner) internal {
-        if (device_ == address(0) || role == 0 || owner == address(0)) {
-            revert InvalidDevice(device_, role, owner);
+    function _registerDevice(address device_, bytes32 role, address owner, bytes32 name) internal {
+        if (device_ == address(0) || role == 0 || owner == address(0) || name == 0) {
+            revert InvalidDevice(device_, role, owner, name);
         }
         if (_devices[device_].registeredAt != 0) revert DeviceAlreadyRegistered(device_);
-        _devices[device_] = Device(role, owner, block.timestamp.toUint48(), 0, msg.sender);
-        emit DeviceRegistered(device_, role, owner, msg.sender);
+        address holder = deviceNamed[role][name];
+        if (holder != address(0)) revert DeviceNameTaken(role, name, holder);
+        deviceNamed[role][name] = device_;
+        _devices[device_] = Device({
+            role: role,
+            name: name,
+            owner: owner,
+            registeredAt: block.timestamp.toUint48(),
+            revokedAt: 0,
+            registrar: msg.sender,
+            revocation: Revocation.None
+        });
+        emit DeviceRegistered(device_, role, owner, name, msg.sender);
     }
 
-    function _revokeDevice(address device_) internal {
+    function _revokeDevice(address device_, Revocation reason) internal {
+        if (reason == Revocation.None) revert RevocationWithoutReason(device_);
         Device storage d = _device(device_);
         if (d.revokedAt != 0) revert DeviceAlreadyRevoked(device_, d.revokedAt);
         d.revokedAt = block.timestamp.toUint48();
-        emit DeviceRevoked(device_);
+        d.revocation = reason;
+        delete deviceNamed[d.role][d.name];
+        emit DeviceRevoked(device_, reason);
     }
 
-    function _device(address device_) private view returns (Device storage d) {
+    function _device(address device_) internal view returns (Device storage d) {
         d = _devices[device_];
         if (d.registeredAt == 0) revert UnknownDevice(device_);
     }

@@ -7,7 +7,7 @@ import {
 import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol";
 import {DeviceRegistry} from "./DeviceRegistry.sol";
-import {IDeviceRegistry} from "./interfaces/IDeviceRegistry.sol";
+import {IDeviceRegistry, Revocation} from "./interfaces/IDeviceRegistry.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
 import {IOrganization, Kind, Review, Terms} from "./interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "./interfaces/IServiceManager.sol";
@@ -114,16 +114,16 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IDeviceRegistry
-    function registerDevice(address device_, bytes32 role, address owner_)
+    function registerDevice(address device_, bytes32 role, address owner_, bytes32 name)
         external
         onlyRole(DEFAULT_ADMIN_ROLE)
     {
-        _registerDevice(device_, role, owner_);
+        _registerDevice(device_, role, owner_, name);
     }
 
     /// @inheritdoc IDeviceRegistry
-    function revokeDevice(address device_) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        _revokeDevice(device_);
+    function revokeDevice(address device_, Revocation reason) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        _revokeDevice(device_, reason);
     }
 
     /// @inheritdoc IOrganization

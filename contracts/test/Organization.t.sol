@@ -2,7 +2,7 @@
 pragma solidity ^0.8.28;
 
 import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
-import {Device, IDeviceRegistry} from "../src/interfaces/IDeviceRegistry.sol";
+import {Device, IDeviceRegistry, Revocation} from "../src/interfaces/IDeviceRegistry.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {IOrganization, Review, Terms} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
@@ -142,9 +142,9 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         organization.reinstateService(1);
         vm.expectRevert(refusal);
-        organization.registerDevice(robot1, "robot", robot1);
+        organization.registerDevice(robot1, "robot", robot1, "panther1");
         vm.expectRevert(refusal);
-        organization.revokeDevice(robot1);
+        organization.revokeDevice(robot1, Revocation.Superseded);
     }
 
     function test_aKindThatIsNoLongerAllowedFinishesWhatRuns() public {
@@ -290,27 +290,29 @@ contract OrganizationTest is Fixture {
         address device = makeAddr("device");
         vm.startPrank(admin);
         vm.expectEmit(address(organization));
-        emit IDeviceRegistry.DeviceRegistered(device, "robot", robot1, admin);
-        organization.registerDevice(device, "robot", robot1);
+        emit IDeviceRegistry.DeviceRegistered(device, "robot", robot1, "panther1", admin);
+        organization.registerDevice(device, "robot", robot1, "panther1");
         vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.DeviceAlreadyRegistered.selector, device));
-        organization.registerDevice(device, "bin", robot2);
+        organization.registerDevice(device, "bin", robot2, "itrash");
 
         uint256 registeredAt = block.timestamp;
         vm.warp(registeredAt + 100);
         vm.expectEmit(address(organization));
-        emit IDeviceRegistry.DeviceRevoked(device);
-        organization.revokeDevice(device);
+        emit IDeviceRegistry.DeviceRevoked(device, Revocation.Compromised);
+        organization.revokeDevice(device, Revocation.Compromised);
         Device memory d = organization.device(device);
         assertEq(d.role, bytes32("robot"));
+        assertEq(d.name, bytes32("panther1"));
         assertEq(d.owner, robot1);
         assertEq(d.registrar, admin);
         assertEq(d.registeredAt, registeredAt);
         assertEq(d.revokedAt, registeredAt + 100);
+        assertEq(uint8(d.revocation), uint8(Revocation.Compromised));
 
         vm.expectRevert(
             abi.encodeWithSelector(IDeviceRegistry.DeviceAlreadyRevoked.selector, device, registeredAt + 100)
         );
-        organization.revokeDevice(device);
+        organization.revokeDevice(device, Revocation.Compromised);
     }
 
     function test_anUnknownDeviceIsAnError() public {
@@ -318,13 +320,53 @@ contract OrganizationTest is Fixture {
         organization.device(stranger);
     }
 
-    function test_aDeviceNeedsAnAddressARoleAndAnOwner() public {
+    function test_aDeviceNeedsAnAddressARoleAnOwnerAndAName() public {
+        _refused(address(0), "robot", robot1, "panther1");
+        _refused(robot1, 0, robot1, "panther1");
+        _refused(robot1, "robot", address(0), "panther1");
+        _refused(robot1, "robot", robot1, 0);
+    }
+
+    function _refused(address device, bytes32 role, address owner, bytes32 name) private {
+        vm.expectRevert(
+            abi.encodeWithSelector(IDeviceRegistry.InvalidDevice.selector, device, role, owner, name)
+        );
+        vm.prank(admin);
+        organization.registerDevice(device, role, owner, name);
+    }
+
+    function test_attack_aSecondKeyPosesAsTheBin() public {
+        address bin = makeAddr("bin");
         vm.startPrank(admin);
+        organization.registerDevice(bin, "bin", address(organization), "itrash");
+        assertEq(organization.deviceNamed("bin", "itrash"), bin);
         vm.expectRevert(
             abi.encodeWithSelector(
-                IDeviceRegistry.InvalidDevice.selector, robot1, bytes32("robot"), address(0)
+                IDeviceRegistry.DeviceNameTaken.selector, bytes32("bin"), bytes32("itrash"), bin
             )
         );
-        organization.registerDevice(robot1, "robot", address(0));
+        organization.registerDevice(stranger, "bin", stranger, "itrash");
+        // Another bin, and another device of that name, are others.
+        organization.registerDevice(robot1, "bin", address(organization), "itrash2");
+        organization.registerDevice(robot2, "meter", address(organization), "itrash");
+    }
+
+    function test_aNameIsFreeForTheNextKeyOnceTheOldOneIsRevoked() public {
+        address next = makeAddr("next");
+        vm.startPrank(admin);
+        organization.registerDevice(robot1, "bin", address(organization), "itrash");
+        organization.revokeDevice(robot1, Revocation.Superseded);
+        assertEq(organization.deviceNamed("bin", "itrash"), address(0));
+        organization.registerDevice(next, "bin", address(organization), "itrash");
+        assertEq(organization.deviceNamed("bin", "itrash"), next);
+        vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.DeviceAlreadyRegistered.selector, robot1));
+        organization.registerDevice(robot1, "bin", address(organization), "itrash2");
+    }
+
+    function test_nobodyRevokesAKeyWithoutSayingWhy() public {
+        vm.startPrank(admin);
+        organization.registerDevice(robot1, "bin", address(organization), "itrash");
+        vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.RevocationWithoutReason.selector, robot1));
+        organization.revokeDevice(robot1, Revocation.None);
     }
 }

@@ -12,7 +12,16 @@ from eth_utils.abi import function_abi_to_4byte_selector, get_abi_input_types
 
 from rodeo.chain import artifacts
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.types import Policy, Review, Role, ServiceState, TaskRequest, Terms, kind_to_bytes32
+from rodeo.chain.types import (
+    Policy,
+    Review,
+    Revocation,
+    Role,
+    ServiceState,
+    TaskRequest,
+    Terms,
+    kind_to_bytes32,
+)
 
 
 @dataclass(frozen=True)
@@ -211,11 +220,14 @@ class OrganizationCalls:
         address = self._deployment.address(policy) if policy in list(Policy) else policy
         return self._organization.call("setPolicy", address)
 
-    def register_device(self, device: str, role: str, owner: str) -> Call:
-        return self._organization.call("registerDevice", device, kind_to_bytes32(role), owner)
+    def register_device(self, device: str, role: str, owner: str, name: str) -> Call:
+        """`name` says which device of the role it is on its site, in 1 to 32 ASCII characters."""
+        return self._organization.call(
+            "registerDevice", device, kind_to_bytes32(role), owner, kind_to_bytes32(name)
+        )
 
-    def revoke_device(self, device: str) -> Call:
-        return self._organization.call("revokeDevice", device)
+    def revoke_device(self, device: str, reason: Revocation) -> Call:
+        return self._organization.call("revokeDevice", device, reason)
 
     def grant_role(self, role: Role, account: str) -> Call:
         return self._organization.call("grantRole", role.id, account)

@@ -93,6 +93,11 @@ class ChainClient:
         """Raises ContractReverted: UnknownDevice."""
         return self._view("Organization", "device", to_checksum_address(address))
 
+    def device_named(self, role: str, name: str) -> str | None:
+        """The key that has this name in this role now."""
+        found: str = self._view("Organization", "deviceNamed", kind_to_bytes32(role), kind_to_bytes32(name))
+        return None if int(found, 16) == 0 else found
+
     def is_kind_allowed(self, kind: str) -> bool:
         return self._view("Organization", "isKindAllowed", kind_to_bytes32(kind))
 

@@ -1,6 +1,6 @@
 """One record per contract event, with the ABI's parameter names in snake case, and where it was logged.
 
-Amounts are wei, times block time in seconds, kinds and device roles text, hashes and nonces 32 bytes.
+Amounts are wei, times block time in seconds, kinds, device roles and names text, hashes and nonces 32 bytes.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from eth_utils.abi import collapse_if_tuple, event_abi_to_log_topic
 from web3.types import LogReceipt
 
 from rodeo.chain import artifacts
-from rodeo.chain.types import Cause, Review, ServiceState, checksummed, to_json, value
+from rodeo.chain.types import Cause, Review, Revocation, ServiceState, checksummed, to_json, value
 from rodeo.errors import snake_case
 
 
@@ -184,12 +184,14 @@ class DeviceRegistered(Event):
     device: str
     role: str
     owner: str
+    device_name: str
     registrar: str
 
 
 @dataclass(frozen=True)
 class DeviceRevoked(Event):
     device: str
+    reason: Revocation
 
 
 @dataclass(frozen=True)

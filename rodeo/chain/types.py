@@ -53,6 +53,17 @@ class Cause(IntEnum):
     VERDICT_EXPIRED = 2
 
 
+class Revocation(IntEnum):
+    """Why a device key was revoked."""
+
+    NONE = 0
+    """It is not."""
+    SUPERSEDED = 1
+    """Another key took over; what it signed before stays good."""
+    COMPROMISED = 2
+    """Somebody else may have signed with it, also before."""
+
+
 class Role(StrEnum):
     """Roles of the Organization, named as in its source; OpenZeppelin's default admin administers it."""
 
@@ -162,14 +173,17 @@ class Service:
 
 @dataclass(frozen=True)
 class Device:
-    """A key that may sign evidence."""
+    """A key that may sign evidence. Of the keys that are not revoked one at most has its role and name."""
 
     role: str
+    name: str
+    """Which one it is on its site: panther1, itrash, dock1."""
     owner: str
     registered_at: int
     revoked_at: int
     """0 while its signatures count."""
     registrar: str
+    revocation: Revocation
 
 
 def to_wei(amount_iec: Decimal) -> int:
@@ -216,6 +230,7 @@ _ENUMS: Mapping[str, type[IntEnum]] = {
     "enum ServiceState": ServiceState,
     "enum Cause": Cause,
     "enum Review": Review,
+    "enum Revocation": Revocation,
 }
 
 _STRUCTS: Mapping[str, type] = {
@@ -226,14 +241,17 @@ _STRUCTS: Mapping[str, type] = {
     "struct Kind": KindRules,
 }
 
+_TEXTS = frozenset({"kind", "role", "name", "deviceName", "neededRole"})
+"""Parameters of 32 bytes that are text."""
+
 _ROLES = {role.id: role.value for role in Role}
 
 
 def value(parameter: Mapping[str, Any], raw: Any) -> Any:
     """`raw`, decoded by eth-abi for an ABI `parameter`, as the type that this module gives it.
 
-    Enums and structs become theirs, kinds and device roles text, access roles their names; other bytes stay
-    bytes.
+    Enums and structs become theirs, kinds, device roles and device names text, access roles their names. Other
+    bytes stay bytes.
     """
     internal_type = parameter.get("internalType", "")
     if internal_type in _ENUMS:
@@ -242,7 +260,7 @@ def value(parameter: Mapping[str, Any], raw: Any) -> Any:
         return _STRUCTS[internal_type](**values(parameter["components"], raw))
     if parameter["type"] == "address":
         return checksummed(raw)
-    if parameter["type"] == "bytes32" and parameter["name"] in ("kind", "role", "neededRole"):
+    if parameter["type"] == "bytes32" and parameter["name"] in _TEXTS:
         return _ROLES.get(bytes(raw)) or bytes32_to_kind(bytes(raw))
     return bytes(raw) if parameter["type"].startswith("bytes") else raw
 

@@ -208,10 +208,10 @@ def devices(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> Non
     if as_json:
         print_json(reply)
         return
-    table = Table("address", "role", "owner", "", box=None)
+    table = Table("address", "role", "name", "owner", "", box=None)
     for one in reply["devices"]:
-        gone = "" if one["revoked"] is None else "[red]revoked[/]"
-        table.add_row(one["address"], one["role"], one["owner_name"] or one["owner"], gone)
+        gone = "" if one["revoked"] is None else f"[red]revoked: {one['revoked_because']}[/]"
+        table.add_row(one["address"], one["role"], one["name"], one["owner_name"] or one["owner"], gone)
     console.print(table)
 
 
@@ -221,22 +221,29 @@ def register_device(
     address: Annotated[str, typer.Argument(help="Of the key that signs evidence.")],
     role: Annotated[str, typer.Option(help="What it is: robot, bin, meter, mocap.")],
     owner: Annotated[str, typer.Option(help="A participant's name or an address.")],
+    name: Annotated[str, typer.Option(help="Which one it is on its site, for example panther1 or dock1.")],
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:
-    """Let a key sign evidence."""
-    _send(site, participant, "register_device", device=address, role=role, owner=owner)
+    """Let a key sign evidence. Revoke the key that has this role and name first, if there is one."""
+    _send(site, participant, "register_device", device=address, role=role, owner=owner, name=name)
 
 
 @rules.command("revoke-device")
 @reports_errors
 def revoke_device(
     address: Annotated[str, typer.Argument(help="Of the key that signs evidence.")],
+    reason: Annotated[
+        str,
+        typer.Option(
+            help="superseded: another key takes over; compromised: somebody else may have signed with it."
+        ),
+    ],
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:
-    """Let what a key signs from now on count no more."""
-    _send(site, participant, "revoke_device", device=address)
+    """Reject everything that a key signs from now on; of what it signed before, the reason decides."""
+    _send(site, participant, "revoke_device", device=address, reason=reason)
 
 
 def _send(site: Path, participant: str, command: str, **fields: Any) -> None:

@@ -21,6 +21,7 @@ from rodeo.chain import (
     ParticipantCalls,
     Policy,
     Review,
+    Revocation,
     Role,
     ServiceState,
     TaskRequest,
@@ -351,10 +352,12 @@ class Wallet:
     def _register_device(self, command: RegisterDevice) -> list[Call]:
         owner = self.names.address(command.owner)
         device = self.names.address(command.device)
-        return [self.client.organization_calls.register_device(device, command.role, owner)]
+        calls = self.client.organization_calls
+        return [calls.register_device(device, command.role, owner, command.name)]
 
     def _revoke_device(self, command: RevokeDevice) -> list[Call]:
-        return [self.client.organization_calls.revoke_device(self.names.address(command.device))]
+        reason = Revocation[command.reason.upper()]
+        return [self.client.organization_calls.revoke_device(self.names.address(command.device), reason)]
 
     def _allow_kind(self, command: AllowKind) -> list[Call]:
         calls = self.client.organization_calls

@@ -169,12 +169,14 @@ class Projection:
                     schema.devices,
                     address=event.device,
                     role=event.role,
+                    name=event.device_name,
                     owner=event.owner,
                     registrar=event.registrar,
                     registered=time_s,
                 )
             case events.DeviceRevoked():
-                rows.change(schema.devices, event.device, revoked=time_s)
+                because = event.reason.name.lower()
+                rows.change(schema.devices, event.device, revoked=time_s, revoked_because=because)
             case events.KindAllowed():
                 self._change_kind(event.kind, allowed=event.allowed)
             case events.ReviewChanged():

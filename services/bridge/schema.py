@@ -21,7 +21,7 @@ from sqlalchemy import (
     TypeDecorator,
 )
 
-VERSION = 3
+VERSION = 4
 """Raised when what is written to the tables changes; an index of another version is rebuilt."""
 
 metadata = MetaData()
@@ -161,10 +161,12 @@ devices = Table(
     metadata,
     Column("address", String(42), primary_key=True),
     Column("role", Word, nullable=False),
+    Column("name", Word, nullable=False, doc="which one of its role it is on its site"),
     Column("owner", String(42), nullable=False),
     Column("registrar", String(42), nullable=False),
     Column("registered", Float, nullable=False),
     Column("revoked", Float),
+    Column("revoked_because", String(16), doc="superseded or compromised"),
 )
 
 kinds = Table(

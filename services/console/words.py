@@ -26,7 +26,8 @@ STATE_COLOURS = {
     "accepted": "good",
     "rejected": "bad",
     "expired": "bad",
-    "revoked": "bad",
+    "superseded": "",
+    "compromised": "bad",
     "at work": "info",
     "in verification": "brand",
 }

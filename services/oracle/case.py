@@ -38,8 +38,13 @@ class Device(BaseModel):
     """robot, bin, meter or mocap"""
     owner: str
     """Address of the participant that it works for."""
+    name: str
+    """Which device of its role it is on its site."""
+    registered: float | None = None
+    """When it was registered, s of block time."""
     revoked: float | None = None
     """When it was revoked, s of block time."""
+    revoked_because: Literal["superseded", "compromised"] | None = None
 
 
 class Ledger(BaseModel):

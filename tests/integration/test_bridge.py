@@ -377,23 +377,31 @@ def test_tasks_are_listed_by_filter_and_page(dao: Dao) -> None:
 
 def test_devices_are_known_with_their_roles_and_owners(dao: Dao) -> None:
     devices = dao.state("devices")["devices"]
-    assert {(device["role"], device["owner_name"]) for device in devices} == {
-        ("robot", "panther1"),
-        ("bin", "organization"),
-        ("meter", "organization"),
-        ("mocap", "organization"),
+    assert {(device["role"], device["name"], device["owner_name"]) for device in devices} == {
+        ("robot", "panther1", "panther1"),
+        ("bin", "itrash", "organization"),
+        ("meter", "dock1", "organization"),
+        ("mocap", "mocap", "organization"),
     }
     assert all(device["revoked"] is None for device in devices)
 
 
 def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None:
     device = "0x" + "12" * 20
-    dao.command("organization", "register_device", device=device, role="mocap", owner="panther1")
+    request = {"device": device, "role": "mocap", "owner": "panther1"}
+    with pytest.raises(RemoteError) as refused:
+        dao.command("organization", "register_device", **request, name="mocap")
+    assert refused.value.code == "device_name_taken"
+    dao.command("organization", "register_device", **request, name="mocap2")
     (known,) = [one for one in dao.state("devices")["devices"] if one["address"] == device]
-    assert (known["role"], known["owner_name"], known["revoked"]) == ("mocap", "panther1", None)
-    dao.command("organization", "revoke_device", device=device)
+    assert (known["role"], known["name"], known["owner_name"]) == ("mocap", "mocap2", "panther1")
+    assert (known["revoked"], known["revoked_because"]) == (None, None)
+    with pytest.raises(RemoteError) as refused:
+        dao.command("organization", "revoke_device", device=device)
+    assert refused.value.code == "invalid_request"
+    dao.command("organization", "revoke_device", device=device, reason="compromised")
     (known,) = [one for one in dao.state("devices")["devices"] if one["address"] == device]
-    assert known["revoked"] is not None
+    assert known["revoked"] is not None and known["revoked_because"] == "compromised"
     dao.command("organization", "allow_kind", kind="watering")
     watering = {"kind": "watering", "allowed": True, "review": "oracle", "min_window_s": 0}
     assert watering in dao.state("organization")["kinds"]
@@ -413,7 +421,7 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
     for command, fields in {
         "deposit": {"amount_iec": "1"},
         "withdraw": {"to": "panther1", "amount_iec": "1"},
-        "register_device": {"device": "0x" + "13" * 20, "role": "bin", "owner": "panther1"},
+        "register_device": {"device": "0x" + "13" * 20, "role": "bin", "owner": "panther1", "name": "b"},
         "allow_kind": {"kind": "watering"},
     }.items():
         with pytest.raises(RemoteError) as refused:

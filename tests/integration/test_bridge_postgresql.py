@@ -56,7 +56,7 @@ def history() -> list[list[Event]]:
         ],
         [
             events.RoleGranted("0x" + "99" * 32, CREATOR, CREATOR),
-            events.DeviceRegistered(ROBOT, "bin", CREATOR, CREATOR),
+            events.DeviceRegistered(ROBOT, "bin", CREATOR, "itrash", CREATOR),
         ],
     ]
 

@@ -263,7 +263,8 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     organization("grant", "auditor", "panther1")
     organization("withdraw", "5", "--to", "panther1")
     device = "0x" + "Ab" * 20
-    organization("register-device", device.lower(), "--role", "bin", "--owner", "organization")
+    about = ("--role", "bin", "--owner", "organization", "--name", "itrash2")
+    organization("register-device", device.lower(), *about)
     now = state()
     assert (now["policy"], now["members_only"]) == ("lowest_price", True)
     assert now["terms"] == {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2}
@@ -276,14 +277,14 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     assert "bond 50 IEC" in shown and "open to" in shown and "members" in shown
     assert "meter" in organization("devices")
     # Back to what the other tests find.
-    organization("revoke-device", device.lower())
+    organization("revoke-device", device.lower(), "--reason", "superseded")
     organization("revoke", "auditor", "panther1")
     organization("dismiss", "panther1")
     organization("members-only", "--off")
     organization("terms")
     organization("kind", "sweeping", "--disallow")
     organization("policy", "first_come")
-    assert "revoked" in organization("devices")
+    assert "superseded" in organization("devices")
     after = state()
     assert rules | {"allowed": False} in after["kinds"]
     assert all(after[name] == before[name] for name in ("policy", "members_only", "terms", "roles"))

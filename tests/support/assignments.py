@@ -33,10 +33,10 @@ CHARGE_BINDING = BINDING.model_copy(update={"executor": ORGANIZATION})
 
 def devices() -> list[Device]:
     return [
-        Device(address=ROBOT.address, role="robot", owner=EXECUTOR),
-        Device(address=BIN.address, role="bin", owner=ORGANIZATION),
-        Device(address=METER.address, role="meter", owner=ORGANIZATION),
-        Device(address=MOCAP.address, role="mocap", owner=ORGANIZATION),
+        Device(address=ROBOT.address, role="robot", owner=EXECUTOR, name="panther1"),
+        Device(address=BIN.address, role="bin", owner=ORGANIZATION, name="itrash"),
+        Device(address=METER.address, role="meter", owner=ORGANIZATION, name="dock1"),
+        Device(address=MOCAP.address, role="mocap", owner=ORGANIZATION, name="mocap"),
     ]
 
 

@@ -8,7 +8,7 @@ from decimal import Decimal
 from enum import Enum
 from typing import Any
 
-from rodeo.chain import ChainClient, Policy, Role, from_wei
+from rodeo.chain import ChainClient, Policy, Revocation, Role, from_wei
 from rodeo.messages import Task
 
 _PAGE = 500
@@ -49,9 +49,11 @@ def _compare_money_and_rules(
         found.check_iec(f"{entry['name']}: owed", entry["owed_iec"], client.owed(entry["address"]))
     for device in state("devices")["devices"]:
         what, kept = f"device {device['address']}", client.device(device["address"])
-        found.check_record(what, device, kept, without={"registered_at", "revoked_at"})
+        found.check_record(what, device, kept, without={"registered_at", "revoked_at", "revocation"})
         found.check(f"{what}: registered", device["registered"], kept.registered_at)
         found.check(f"{what}: revoked", device["revoked"] or 0, kept.revoked_at)
+        because = Revocation[(device["revoked_because"] or "none").upper()]
+        found.check(f"{what}: revoked because", because, kept.revocation)
     rules = state("organization")
     policies = {client.deployment.contracts[one]: one.name.lower() for one in Policy}
     found.check("policy", rules["policy"], policies[client.policy()])

@@ -14,6 +14,7 @@ from rodeo.chain import (
     KindRules,
     Log,
     Review,
+    Revocation,
     Service,
     ServiceState,
     Task,
@@ -139,9 +140,18 @@ class Rebuilt:
             case events.PaymentCollected():
                 self.owed[event.account] -= event.amount
             case events.DeviceRegistered():
-                self.devices[event.device] = Device(event.role, event.owner, time_s, 0, event.registrar)
+                self.devices[event.device] = Device(
+                    role=event.role,
+                    name=event.device_name,
+                    owner=event.owner,
+                    registered_at=time_s,
+                    revoked_at=0,
+                    registrar=event.registrar,
+                    revocation=Revocation.NONE,
+                )
             case events.DeviceRevoked():
-                self.devices[event.device] = replace(self.devices[event.device], revoked_at=time_s)
+                revoked = replace(self.devices[event.device], revoked_at=time_s, revocation=event.reason)
+                self.devices[event.device] = revoked
             case events.KindAllowed():
                 self._kind(event.kind, allowed=event.allowed)
             case events.ReviewChanged():

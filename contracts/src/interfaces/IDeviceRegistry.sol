@@ -1,38 +1,63 @@
 // SPDX-License-Identifier: MIT
 pragma solidity ^0.8.28;
 
+/// @notice Why a key was revoked. None while it is not: nobody revokes without saying why.
+/// Superseded: another key took over, and what this one signed before stays good. Compromised: somebody else may
+/// have signed with it, also before.
+enum Revocation {
+    None,
+    Superseded,
+    Compromised
+}
+
 /// @param role what the device is, ASCII: robot, bin, meter, mocap
+/// @param name which one it is on its site, ASCII: panther1, itrash, dock1
 /// @param owner the participant it works for
 /// @param registrar who registered it
 /// @param registeredAt block time, s
 /// @param revokedAt block time, s; 0 while its signatures count
+/// @param revocation why it was revoked
 struct Device {
     bytes32 role;
+    bytes32 name;
     address owner;
     uint48 registeredAt;
     uint48 revokedAt;
     address registrar;
+    Revocation revocation;
 }
 
 /// @title Which keys may sign evidence.
-/// @notice A key is registered once and revoked once: what it signed in between stays checkable.
+/// @notice A key is registered once and revoked once: what it signed in between stays checkable. Of the keys that
+/// are not revoked, one at most has a role and a name: the bin of that name is this key and no other.
 interface IDeviceRegistry {
     event DeviceRegistered(
-        address indexed device, bytes32 indexed role, address indexed owner, address registrar
+        address indexed device,
+        bytes32 indexed role,
+        address indexed owner,
+        bytes32 deviceName,
+        address registrar
     );
-    event DeviceRevoked(address indexed device);
+    event DeviceRevoked(address indexed device, Revocation reason);
 
     error DeviceAlreadyRegistered(address device);
     error UnknownDevice(address device);
     error DeviceAlreadyRevoked(address device, uint256 revokedAt);
-    error InvalidDevice(address device, bytes32 role, address owner);
+    error InvalidDevice(address device, bytes32 role, address owner, bytes32 name);
+    /// @param holder the key that has the name in this role; revoke it first
+    error DeviceNameTaken(bytes32 role, bytes32 name, address holder);
+    error RevocationWithoutReason(address device);
 
-    /// @notice Let `device_` sign as `role` for `owner`. Only the administrator.
-    function registerDevice(address device_, bytes32 role, address owner) external;
+    /// @notice Let `device_` sign as the `role` called `name`, for `owner`. Only the administrator.
+    function registerDevice(address device_, bytes32 role, address owner, bytes32 name) external;
 
-    /// @notice From now on the device's signatures do not count. Only the administrator.
-    function revokeDevice(address device_) external;
+    /// @notice From now on the device's signatures do not count; what becomes of earlier ones depends on
+    /// `reason`. Only the administrator.
+    function revokeDevice(address device_, Revocation reason) external;
 
     /// @notice The device's record. Reverts with UnknownDevice.
     function device(address device_) external view returns (Device memory);
+
+    /// @notice The key that has `name` in `role` now; 0 if none has.
+    function deviceNamed(bytes32 role, bytes32 name) external view returns (address);
 }

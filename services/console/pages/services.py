@@ -219,11 +219,19 @@ class ServicesPage:
             return
         table(
             "Device keys",
-            [("Key", ""), ("Role", ""), ("Owner", ""), ("Since", "wide-only"), ("", "number")],
+            [
+                ("Key", ""),
+                ("Role", ""),
+                ("Name", ""),
+                ("Owner", ""),
+                ("Since", "wide-only"),
+                ("", "number"),
+            ],
             [
                 (
                     partial(hash_text, one["address"]),
                     one["role"],
+                    one["name"],
                     party(one["owner_name"], one["owner"]),
                     moment(one["registered"]),
                     partial(self._device_end, one),
@@ -234,9 +242,9 @@ class ServicesPage:
 
     def _device_end(self, device: Json) -> None:
         if device["revoked"]:
-            badge("revoked")
+            badge(device["revoked_because"])
         elif user().has(Role.ADMINISTRATOR):
-            name = f"Revoke the {device['role']} key {short(device['address'])}"
+            name = f"Revoke the {device['role']} key of {device['name']} {short(device['address'])}"
             ui.button("Revoke", on_click=partial(self._revoke, device)).props(
                 f'flat dense color=negative aria-label="{name}"'
             )
@@ -245,13 +253,22 @@ class ServicesPage:
 
     @on_page
     async def _revoke(self, device: Json) -> None:
-        lines = [
-            ("Key", device["address"]),
-            ("Role", f"{device['role']} of {party(device['owner_name'], device['owner'])}"),
-            ("After that", "the oracle rejects what it signs; it cannot be registered again"),
-        ]
-        if await confirm("Revoke this key?", lines, "Revoke it", danger=True):
-            await self._act("revoke_device", {"device": device["address"]}, "The key is revoked")
+        await ask_form(
+            f"Revoke the key of {device['role']} {device['name']}",
+            {
+                "reason": Field(
+                    "Why",
+                    choices={
+                        "superseded": "Another key takes over: what it signed before stays good",
+                        "compromised": "Somebody else may have signed with it",
+                    },
+                )
+            },
+            "Revoke it for good",
+            lambda answer: self._act(
+                "revoke_device", {"device": device["address"], **answer}, "The key is revoked"
+            ),
+        )
 
     async def _register_device(self) -> None:
         await ask_form(
@@ -259,6 +276,7 @@ class ServicesPage:
             {
                 "device": Field("Address of the key (0x…)"),
                 "role": Field("Role", choices={name: name for name in ("robot", "bin", "meter", "mocap")}),
+                "name": Field("Name on its site"),
                 "owner": Field("Owner: a participant or an address"),
             },
             "Register it",

@@ -271,8 +271,10 @@ def _track(console: Console, attempt: Attempt) -> Json:
 
 def _seal_facts(seal: Seal, devices: list[Json]) -> dict[str, str]:
     signer = next((one for one in devices if one["address"] == seal.signer), None)
-    whose = "unknown" if signer is None else f"{signer['role']} of {signer['owner_name'] or signer['owner']}"
-    revoked = " (revoked)" if signer is not None and signer["revoked"] else ""
+    whose, revoked = "unknown", ""
+    if signer is not None:
+        whose = f"{signer['role']} {signer['name']} of {signer['owner_name'] or signer['owner']}"
+        revoked = f" (revoked: {signer['revoked_because']})" if signer["revoked"] else ""
     return {
         "Sealed by": seal.signer or "nobody",
         "Device": whose + revoked,

@@ -14,6 +14,7 @@ from rodeo.chain import (
     OrganizationCalls,
     Policy,
     Review,
+    Revocation,
     Role,
     ServiceState,
     TaskRequest,
@@ -55,6 +56,7 @@ SAMPLES: dict[str, Any] = {
     "members_only": True,
     "terms": Terms(2, 1, 3),
     "review": Review.AUDITOR,
+    "name": "panther1",
     "r": bytes(32),
     "s": bytes(32),
     "policy": Policy.LOWEST_PRICE,
@@ -109,6 +111,8 @@ def _methods(calls: object) -> list[str]:
 def _sample(parameter: str, annotation: str) -> Any:
     if annotation == "Role":
         return Role.ORACLE
+    if annotation == "Revocation":
+        return Revocation.SUPERSEDED
     if parameter in SAMPLES:
         return SAMPLES[parameter]
     return {"int": 1, "str": ADDRESS}[annotation]

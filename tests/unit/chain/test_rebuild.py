@@ -11,7 +11,7 @@ from random import Random
 
 import pytest
 
-from rodeo.chain import Log, Policy, Review, Role, ServiceState, TaskState, Terms, to_wei
+from rodeo.chain import Log, Policy, Review, Revocation, Role, ServiceState, TaskState, Terms, to_wei
 from rodeo.chain.permit import sign_permit
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
@@ -47,12 +47,12 @@ class Life:
             calls.admit(organization.robot.address),
             calls.admit(organization.operator.address),
             calls.set_members_only(True),
-            calls.register_device(DEVICE, "mocap", organization.robot.address),
+            calls.register_device(DEVICE, "mocap", organization.robot.address, "mocap2"),
             calls.allow_kind("painting", True),
             calls.allow_kind("painting", False),
         ):
             organization.send(organization.operator, call)
-        organization.send(organization.operator, calls.revoke_device(DEVICE))
+        organization.send(organization.operator, calls.revoke_device(DEVICE, Revocation.COMPROMISED))
         organization.send(organization.operator, calls.revoke_role(Role.AUDITOR, organization.oracle.address))
 
     def step(self) -> None:

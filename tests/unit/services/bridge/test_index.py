@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rodeo.chain import Cause, Event, Log, ServiceState, events
+from rodeo.chain import Cause, Event, Log, Revocation, ServiceState, events
 from services.bridge.database import migrate, open_database
 from services.bridge.errors import IndexUnusable
 from services.bridge.index import NOWHERE, Index, Page, Position, TimedLog, sqlite_url
@@ -278,10 +278,11 @@ def test_kinds_can_be_allowed_and_disallowed(chain: Chain) -> None:
 
 
 def test_a_device_is_kept_after_it_is_revoked(chain: Chain) -> None:
-    chain.block(events.DeviceRegistered(ROBOT, "robot", CREATOR, CREATOR), time_s=5)
-    chain.block(events.DeviceRevoked(ROBOT), time_s=9)
+    chain.block(events.DeviceRegistered(ROBOT, "robot", CREATOR, "panther1", CREATOR), time_s=5)
+    chain.block(events.DeviceRevoked(ROBOT, Revocation.SUPERSEDED), time_s=9)
     (device,) = chain.index.devices()
-    assert (device["role"], device["registered"], device["revoked"]) == ("robot", 5, 9)
+    assert (device["role"], device["name"]) == ("robot", "panther1")
+    assert (device["registered"], device["revoked"], device["revoked_because"]) == (5, 9, "superseded")
 
 
 def test_what_was_published_is_remembered(chain: Chain, tmp_path: Path) -> None:
