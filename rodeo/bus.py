@@ -175,9 +175,17 @@ class Bus:
         the subscription goes on.
         """
 
+        return self.subscribe_bytes(key, lambda heard, payload: callback(heard, decode_json(payload)))
+
+    def subscribe_bytes(self, key: str, callback: Callable[[str, bytes], None]) -> zenoh.Subscriber[None]:
+        """Call `callback(key, payload)` for everything published on `key`, in a thread of its own.
+
+        What the callback refuses with a RodeoError is logged and left out.
+        """
+
         def on_sample(sample: zenoh.Sample) -> None:
             try:
-                callback(str(sample.key_expr), decode_json(sample.payload.to_bytes()))
+                callback(str(sample.key_expr), sample.payload.to_bytes())
             except RodeoError as error:
                 log.warning("left out a message on %s: %s", sample.key_expr, error)
             except Exception:

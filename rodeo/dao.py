@@ -62,12 +62,14 @@ class Participant:
                 return dict(service)
         return None
 
-    def binding(self, task: Task) -> Binding:
-        """What ties a recording to this assignment."""
+    def binding(self, task: Task, device: str) -> Binding:
+        """What ties a recording by `device` to this assignment."""
         chain = self.state("chain")
         return Binding(
             chain_id=int(chain["chain_id"]),
             task_manager=chain["contracts"]["TaskManager"],
+            organization=chain["contracts"]["Organization"],
+            device=device,
             task_id=task.id,
             attempt=task.attempt,
             executor=task.executor or "",

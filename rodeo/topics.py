@@ -270,6 +270,27 @@ MOCAP_ATTESTATION = _dao(
     "which poses the motion capture published",
     1,
 )
+SEAL = _dao(
+    "rodeo/{org}/seal/{device}",
+    "Attestation",
+    Form.TOPIC,
+    "every process",
+    "each seal of a running recording, by the device that records",
+)
+WITNESS_STATEMENT = _dao(
+    "rodeo/{org}/witness/{device}/statement",
+    "Attestation",
+    Form.TOPIC,
+    "every process",
+    "what a device states, one link of its chain",
+)
+WITNESS_STATEMENTS = _dao(
+    "rodeo/{org}/witness/{device}/statements",
+    "per query",
+    Form.QUERY,
+    "every process",
+    "the same again, as they were signed: `?after=SEQ;limit=N`",
+)
 BIN_STATE = _dao("rodeo/{org}/itrash/{bin}/state", "BinState", Form.QUERY, "itrash", "its last attestations")
 ROBOT_ORDER = _dao(
     "rodeo/{org}/robot/{robot}/{order}",

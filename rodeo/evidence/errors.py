@@ -9,6 +9,8 @@ EvidenceError
 │   ├── UnsealedProof
 │   └── BrokenSeal
 ├── BadAttestation          the signature is not its signer's
+├── BadStatement            what was signed is no statement of a device
+├── BrokenJournal           a witness cannot go on with its chain
 ├── LayoutChanged           messages of one topic do not share one layout, or the topic has none
 ├── RecorderError
 │   ├── RecorderFailed      the recording cannot be written
@@ -60,6 +62,14 @@ class BrokenSeal(SealError):
 
 class BadAttestation(EvidenceError):
     """The statement is malformed or not signed by whom it names."""
+
+
+class BadStatement(EvidenceError):
+    """What a device signed does not fit the model of any statement."""
+
+
+class BrokenJournal(EvidenceError):
+    """The journal of a witness cannot be read or written: going on would sign one number twice."""
 
 
 class LayoutChanged(EvidenceError):

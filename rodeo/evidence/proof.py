@@ -57,6 +57,8 @@ class Proof:
     seals: int
     longest_unsealed_ns: int
     """Longest recorded time that one seal covers."""
+    seal_digests: tuple[str, ...]
+    """0x SHA-256 of each seal but the final one, by index; empty for a bag."""
     topics: dict[str, TopicMessages]
     order: array[int]
     """Index into `topics` (in order of appearance) of each message of the file."""
@@ -73,6 +75,11 @@ class Proof:
     @property
     def sealed(self) -> bool:
         return self.binding is not None
+
+    @property
+    def recording(self) -> str | None:
+        """What others call this recording: the digest of its opening seal."""
+        return self.seal_digests[0] if self.seal_digests else None
 
     @property
     def messages(self) -> int:
@@ -179,6 +186,7 @@ def open_proof(path: Path | str, limits: Limits | None = None) -> Proof:
         audit.signer,
         audit.count,
         audit.longest_unsealed_ns,
+        tuple("0x" + digest for digest in audit.digests),
         topics,
         order,
     )

@@ -13,6 +13,7 @@ import queue
 import struct
 import threading
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass
 from hashlib import file_digest
 from pathlib import Path
@@ -49,6 +50,9 @@ CLOSED = "recording_closed"
 _JSON_CHANNELS = frozenset({EVENT_CHANNEL, ATTESTATION_CHANNEL})
 _IDLE_SEAL_S = 1.0
 """Wall time after which messages are sealed although no further one came."""
+
+OnSeal = Callable[[bytes], None]
+"""Gets a seal message's bytes."""
 
 _LENGTH = struct.Struct("<Q")
 _TAIL = struct.Struct("<IQQ")
@@ -110,22 +114,30 @@ class Recorder:
     As a context manager it suspends on exit unless it was closed.
     """
 
-    def __init__(self, path: Path, binding: Binding, account: LocalAccount, clock: Clock) -> None:
-        """Start a new recording. Raises RecordingExists rather than overwrite."""
+    def __init__(
+        self, path: Path, binding: Binding, account: LocalAccount, clock: Clock, on_seal: OnSeal | None = None
+    ) -> None:
+        """Start a new recording. Raises RecordingExists rather than overwrite.
+
+        `on_seal` gets each seal but the final one as it is in the file, from the writing
+        thread, once it is there.
+        """
         if path.exists():
             raise RecordingExists("there is a recording already; resume it", path=str(path))
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._begin(path, path, binding, account, clock, restored=[])
+        self._begin(path, path, binding, account, clock, on_seal, restored=[])
 
     @classmethod
-    def resume(cls, path: Path, binding: Binding, account: LocalAccount, clock: Clock) -> Recorder:
+    def resume(
+        cls, path: Path, binding: Binding, account: LocalAccount, clock: Clock, on_seal: OnSeal | None = None
+    ) -> Recorder:
         """Continue a recording that was cut off, keeping every message up to its last valid chunk.
 
         The cut is recorded as an event {"event": "recording_resumed", "kept_messages", "last_log_ns"}.
         Raises RecordingSealed when it is finished, BrokenSeal when it belongs to another assignment or was
         changed, OSError when it cannot be read.
         """
-        recorder, restored = cls._reopen(path, binding, account, clock)
+        recorder, restored = cls._reopen(path, binding, account, clock, on_seal)
         recorder.write_json(
             EVENT_CHANNEL,
             {
@@ -139,18 +151,18 @@ class Recorder:
     @classmethod
     def finish(cls, path: Path, binding: Binding, account: LocalAccount, clock: Clock) -> SealedProof:
         """Seal a suspended or cut off recording as it is. Raises like `resume`."""
-        recorder, _ = cls._reopen(path, binding, account, clock)
+        recorder, _ = cls._reopen(path, binding, account, clock, None)
         return recorder.close()
 
     @classmethod
     def _reopen(
-        cls, path: Path, binding: Binding, account: LocalAccount, clock: Clock
+        cls, path: Path, binding: Binding, account: LocalAccount, clock: Clock, on_seal: OnSeal | None
     ) -> tuple[Recorder, list[_Entry]]:
         restored = _restore(path, binding, account)
         recorder = cls.__new__(cls)
         path.parent.mkdir(parents=True, exist_ok=True)
         # The old file stays in place until all of it is in the new one: being killed here loses nothing.
-        recorder._begin(path.with_suffix(".resuming"), path, binding, account, clock, restored)
+        recorder._begin(path.with_suffix(".resuming"), path, binding, account, clock, on_seal, restored)
         return recorder, restored
 
     def _begin(
@@ -160,6 +172,7 @@ class Recorder:
         binding: Binding,
         account: LocalAccount,
         clock: Clock,
+        on_seal: OnSeal | None,
         restored: list[_Entry],
     ) -> None:
         self.path = path
@@ -170,7 +183,7 @@ class Recorder:
         self._sealing = False
         self._failure: Exception | None = None
         self._sequences: dict[str, int] = {}
-        self._file = _SealedFile(write_path, SealChain(binding, account))
+        self._file = _SealedFile(write_path, SealChain(binding, account), on_seal)
         if restored:
             self._file.restore(restored)
         else:
@@ -178,6 +191,11 @@ class Recorder:
         os.replace(write_path, path)
         self._thread = threading.Thread(target=self._write_all, name=f"recorder {path.name}", daemon=True)
         self._thread.start()
+
+    @property
+    def recording(self) -> str:
+        """0x SHA-256 of the opening seal: what others call this recording."""
+        return self._file.recording
 
     def write_ros(
         self, topic: str, ros_type: str, cdr: bytes, log_time_ns: int, publish_time_ns: int, sequence: int = 0
@@ -262,9 +280,10 @@ class Recorder:
 class _SealedFile:
     """The MCAP file behind a recorder; one thread at a time."""
 
-    def __init__(self, path: Path, chain: SealChain) -> None:
+    def __init__(self, path: Path, chain: SealChain, on_seal: OnSeal | None) -> None:
         self.running = RunningHash()
         self._chain = chain
+        self._on_seal = on_seal
         self._stream = path.open("wb")
         self._writer = Writer(self._stream)
         self._writer.start(profile="ros2", library="rodeo")
@@ -273,6 +292,11 @@ class _SealedFile:
         self._tallies: dict[str, Tally] = {}
         self._last_log_ns = 0
         self._unsealed_since_ns: int | None = None
+
+    @property
+    def recording(self) -> str:
+        assert self._chain.recording is not None, "every file begins with the opening seal"
+        return "0x" + self._chain.recording
 
     def open_chain(self, now_ns: int) -> None:
         """The opening seal."""
@@ -325,6 +349,8 @@ class _SealedFile:
         self._write(_Entry(SEAL_TOPIC, "", self.running.messages, self._last_log_ns, self._last_log_ns, data))
         self._unsealed_since_ns = None
         self._flush()
+        if self._on_seal is not None:
+            self._on_seal(data)
 
     def _flush(self) -> None:
         self._writer.flush()

@@ -10,8 +10,8 @@ schema name, schema encoding and schema text, so that the same bytes under anoth
 Seals are messages on the channel `rodeo/seal`:
 
 - the opening seal (index 0) is the first message and carries the binding to task, attempt and nonce;
-- interim seals are attestations {index, messages, hash, previous, time_ns}: `hash` is the running hash of
-  the `messages` before it, `previous` the SHA-256 of the seal before it;
+- interim seals are attestations (`SealHead`): `hash` is the running hash of the `messages` before it,
+  `previous` the SHA-256 of the seal before it, `recording` the SHA-256 of the opening seal;
 - the final seal is the last message: EIP-712 typed data that a contract could check, too.
 """
 
@@ -20,7 +20,7 @@ from __future__ import annotations
 import hashlib
 import json
 import struct
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from eth_account.messages import encode_typed_data
 from eth_account.signers.local import LocalAccount
@@ -45,6 +45,9 @@ class Binding(BaseModel):
 
     chain_id: int = Field(ge=1, lt=2**53)
     task_manager: Address
+    organization: Address
+    device: str = Field(min_length=1, max_length=64)
+    """Name of the device that records."""
     task_id: int = Field(ge=0, lt=2**53)
     attempt: int = Field(ge=1, lt=2**32)
     executor: Address
@@ -53,6 +56,29 @@ class Binding(BaseModel):
 
 _PARTS_AT_ONCE = 300
 """A call of the hash costs more than the bytes of one message."""
+
+
+class SealHead(BaseModel):
+    """The payload of the opening seal and of every interim one, in the file and on the bus."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    type: Literal["recording.seal"] = "recording.seal"
+    version: Literal[1] = 1
+    chain_id: int
+    task_manager: Address
+    organization: Address
+    device: str
+    recording: str | None
+    """Hex SHA-256 of the opening seal; None in it."""
+    index: int = Field(ge=0)
+    messages: int = Field(ge=0)
+    hash: str
+    previous: str | None
+    time_ns: str
+    """Decimal: it is beyond 2**53, which JSON numbers cannot carry."""
+    binding: Binding | None = None
+    """In the opening seal."""
 
 
 class RunningHash:
@@ -98,25 +124,31 @@ def channel_digest(
 class SealChain:
     """Writes seals, each naming the one before, as the bytes of the next `rodeo/seal` message."""
 
-    def __init__(
-        self, binding: Binding, account: LocalAccount, *, index: int = 0, previous: str | None = None
-    ):
+    def __init__(self, binding: Binding, account: LocalAccount) -> None:
         self._binding = binding
         self._account = account
-        self._index = index
-        self._previous = previous
+        self._index = 0
+        self._previous: str | None = None
+        self.recording: str | None = None
+        """Hex SHA-256 of the opening seal, once there is one."""
 
     def next(self, running: RunningHash, time_ns: int) -> bytes:
         """The opening or an interim seal over everything in `running`."""
-        payload: dict[str, Any] = {
-            "index": self._index,
-            "messages": running.messages,
-            "hash": running.hexdigest(),
-            "previous": self._previous,
-            "time_ns": str(time_ns),  # beyond 2**53, which JSON numbers cannot carry
-        }
-        if self._index == 0:
-            payload["binding"] = self._binding.model_dump()
+        binding = self._binding
+        head = SealHead(
+            chain_id=binding.chain_id,
+            task_manager=binding.task_manager,
+            organization=binding.organization,
+            device=binding.device,
+            recording=self.recording,
+            index=self._index,
+            messages=running.messages,
+            hash=running.hexdigest(),
+            previous=self._previous,
+            time_ns=str(time_ns),
+            binding=binding if self._index == 0 else None,
+        )
+        payload = head.model_dump(exclude=None if self._index == 0 else {"binding"})
         data = attest(payload, self._account).model_dump_json().encode()
         self.adopt(data)
         return data
@@ -125,6 +157,7 @@ class SealChain:
         """Continue after the seal `data`, which is already in the file."""
         self._index += 1
         self._previous = hashlib.sha256(data).hexdigest()
+        self.recording = self.recording or self._previous
 
     def final(self, running: RunningHash) -> bytes:
         """The closing seal."""
@@ -188,6 +221,8 @@ class SealAudit:
         self.final = False
         self.count = 0
         self.longest_unsealed_ns = 0
+        self.digests: list[str] = []
+        """Hex SHA-256 of each seal but the final one, by index: what others list as this file's heads."""
         self._previous: str | None = None
         self._last: dict[str, Any] = {}
         self._closing: dict[str, Any] = {}
@@ -208,6 +243,8 @@ class SealAudit:
             raise BrokenSeal("a seal is malformed", index=self.count, cause=str(error)[:500]) from error
         self._last = fields
         self._previous = hashlib.sha256(data).hexdigest()
+        if not self.final:
+            self.digests.append(self._previous)
         self.longest_unsealed_ns = max(self.longest_unsealed_ns, unsealed_ns)
         self.count += 1
 
@@ -235,9 +272,16 @@ class SealAudit:
         self._require("messages", payload, running.messages)
         self._require("hash", payload, running.hexdigest())
         self._require("previous", payload, self._previous)
+        self._require("recording", payload, self.digests[0] if self.digests else None)
+        head = SealHead.model_validate(payload)
         if self.count == 0:
             self.signer = verify_attestation(Attestation.model_validate(fields))
-            self.binding = Binding.model_validate(payload.get("binding"))
+            self.binding = head.binding
+        binding = self.binding
+        if binding is None or (head.binding is not None) != (self.count == 0):
+            raise ValueError("the binding belongs into the opening seal")
+        for name in ("chain_id", "task_manager", "organization", "device"):
+            self._require(name, payload, getattr(binding, name))
         self._require("signer", fields, self.signer)
 
     def _see_final(self, fields: dict[str, Any], running: RunningHash) -> None:

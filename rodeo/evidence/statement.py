@@ -83,7 +83,9 @@ class Executor:
         task = self._assigned(task_id)
         path = self._path(task)
         if not path.exists():
-            with Recorder(path, self._dao.binding(task), self._account, self._clock) as recorder:
+            with Recorder(
+                path, self._dao.binding(task, self._dao.name), self._account, self._clock
+            ) as recorder:
                 recorder.write_json(EVENT_CHANNEL, {"event": "accepted", "executor": self._dao.name})
         return task
 
@@ -103,7 +105,9 @@ class Executor:
             raise BadPhoto("too many photos", photos=len(photos), limit=MAX_PHOTOS)
         formats = [photo_format(photo) for photo in photos]
         try:
-            recorder = Recorder.resume(path, self._dao.binding(task), self._account, self._clock)
+            recorder = Recorder.resume(
+                path, self._dao.binding(task, self._dao.name), self._account, self._clock
+            )
         except RecordingSealed:
             pass  # the process ended between sealing and submitting
         else:

@@ -61,7 +61,7 @@ def open_bag(path: Path, limits: Limits | None = None) -> Proof:
     digest = sha256()
     for file in files:
         digest.update(file.read_bytes())
-    return Proof(path, "0x" + digest.hexdigest(), size, None, None, 0, 0, topics, order)
+    return Proof(path, "0x" + digest.hexdigest(), size, None, None, 0, 0, (), topics, order)
 
 
 def _read(path: Path, limits: Limits) -> tuple[dict[str, TopicMessages], array[int]]:

@@ -171,7 +171,7 @@ class Charger:
     def _deliver(self, job: Job, path: Path) -> str | None:
         """Do the session; the SHA-256 of its sealed recording, None when asked to stop before its end."""
         bindings: list[Any] = []
-        self._persist(lambda: bindings.append(self._organization.binding(job.task)))
+        self._persist(lambda: bindings.append(self._organization.binding(job.task, self._site.dock.name)))
         if not bindings:
             return None
         limits, problem = self._limits(job.task)

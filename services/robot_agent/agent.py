@@ -438,7 +438,7 @@ class Agent:
             _set_aside(path)
         recording = Recording(
             path,
-            self._dao.binding(task),
+            self._dao.binding(task, self._robot.name),
             self._device,
             self._clock,
             self._make_node("recorder"),
@@ -464,7 +464,7 @@ class Agent:
         self._report("sealing the recording", 0.95)
         path = folder / "recording.mcap"
         try:
-            Recorder.finish(path, self._dao.binding(task), self._device, self._clock)
+            Recorder.finish(path, self._dao.binding(task, self._robot.name), self._device, self._clock)
         except RecordingSealed:
             log.info("the recording was sealed before the process was interrupted")
         journal.advance(folder, Phase.SEALED)

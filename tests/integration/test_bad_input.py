@@ -273,7 +273,7 @@ def test_a_recording_of_the_attempt_before_is_refused(dao: Dao, tmp_path: Path) 
     device = wallets.load(dao.site, "panther1-device")
     path = tmp_path / "first.mcap"
     take = Take([Sample("rodeo/attestation", "", {"n": n}, START_NS + n * 10**8) for n in range(20)])
-    seal(take, path, panther.binding(panther.task(task_id)), device)
+    seal(take, path, panther.binding(panther.task(task_id), "panther1"), device)
     dao.prove(task_id, digit="c")
     assert "proof_not_found" in verdict(dao, task_id, 1)
     uri, sha256 = Store(dao.site).put_bytes(path.read_bytes(), ".mcap")

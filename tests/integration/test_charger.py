@@ -132,7 +132,7 @@ class Organization:
         task = self.wait_for(task_id, "submitted")
         path = Store(self.running.site).fetch(str(task.proof_uri), str(task.proof_sha256))
         proof = open_proof(path)
-        assert proof.binding == self.robot.binding(task)
+        assert proof.binding == self.robot.binding(task, "dock1")
         assert proof.signer == wallets.address(self.running.site, "meter-device")
         verdict = PostVerdict(
             task_id=task.id,

@@ -77,7 +77,7 @@ class Executor:
     def record(self, task_id: int) -> Path:
         task = self.wallet.task(task_id)
         path = self.folder / f"{task_id}-{task.attempt}.mcap"
-        seal(signed_poses(self.take, self.mocap), path, self.wallet.binding(task), self.device)
+        seal(signed_poses(self.take, self.mocap), path, self.wallet.binding(task, "panther1"), self.device)
         self.dao.set_clock(self.take.end_s + 5)
         return path
 

@@ -23,12 +23,14 @@ ORGANIZATION = Account.create().address
 BINDING = Binding(
     chain_id=31337,
     task_manager="0x" + "12" * 20,
+    organization=ORGANIZATION,
+    device="panther1",
     task_id=7,
     attempt=1,
     executor=EXECUTOR,
     nonce="0x" + "cd" * 32,
 )
-CHARGE_BINDING = BINDING.model_copy(update={"executor": ORGANIZATION})
+CHARGE_BINDING = BINDING.model_copy(update={"executor": ORGANIZATION, "device": "dock1"})
 
 
 def devices() -> list[Device]:

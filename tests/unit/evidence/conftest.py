@@ -48,6 +48,8 @@ def binding() -> Binding:
     return Binding(
         chain_id=31337,
         task_manager="0x" + "12" * 20,
+        organization="0x" + "34" * 20,
+        device="panther1",
         task_id=7,
         attempt=1,
         executor="0x" + "ab" * 20,

@@ -31,6 +31,8 @@ PNG = b"\x89PNG\r\n\x1a\n" + bytes(50)
 BINDING = Binding(
     chain_id=1,
     task_manager="0x" + "11" * 20,
+    organization="0x" + "34" * 20,
+    device="alice",
     task_id=1,
     attempt=1,
     executor=ALICE.address,
@@ -59,7 +61,7 @@ class Dao:
     def task(self, task_id: int) -> Any:
         return self.assigned
 
-    def binding(self, _task: Any) -> Binding:
+    def binding(self, _task: Any, _device: str) -> Binding:
         return BINDING
 
     def submit_proof(self, task_id: int, attempt: int, sha256: str, uri: str) -> None:

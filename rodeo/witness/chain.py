@@ -1,0 +1,73 @@
+"""The one chain of statements that a device signs."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import Any, Literal
+
+from eth_account.signers.local import LocalAccount
+
+from rodeo.evidence.attestation import Attestation, attest
+from rodeo.witness.heads import HeadBook
+from rodeo.witness.journal import Journal
+from rodeo.witness.statement import Header, Scope
+
+Inputs = Literal["sensor", "closed_bus", "open_bus"]
+
+
+class WitnessChain:
+    """Signs statements for `device`, each naming the one before and the heads heard since. Thread-safe.
+
+    >>> chain.sign(Removal, now_s, compartment="blue", weight_n=0.4, after_s=t, settled_s=t + 1)
+    """
+
+    def __init__(
+        self,
+        device: str,
+        account: LocalAccount,
+        scope: Scope,
+        inputs: Inputs,
+        journal: Journal,
+        heads: HeadBook,
+    ) -> None:
+        self.device = device
+        self.heads = heads
+        self._account = account
+        self._scope = scope
+        self._inputs = inputs
+        self._journal = journal
+        self._lock = threading.RLock()
+
+    @property
+    def address(self) -> str:
+        return self._account.address
+
+    def sign(self, model: type[Header], time_s: float, **fields: Any) -> Attestation:
+        """The next statement, journaled and not yet published. Raises BrokenJournal, ValidationError."""
+        return self.sign_next(model, time_s, lambda _seq: fields)
+
+    def sign_next(
+        self, model: type[Header], time_s: float, fields: Callable[[int], dict[str, Any]]
+    ) -> Attestation:
+        """The same with fields that depend on the statement's `seq`."""
+        with self._lock:
+            seq = self._journal.seq + 1
+            statement = model(
+                **self._scope.model_dump(),
+                device=self.device,
+                seq=seq,
+                previous=self._journal.previous,
+                time_s=time_s,
+                heads=self.heads.take(),
+                inputs=self._inputs,
+                **fields(seq),
+            )
+            attestation = attest(statement.model_dump(mode="json"), self._account)
+            self._journal.add(attestation)
+            return attestation
+
+    def after(self, seq: int, limit: int) -> list[Attestation]:
+        """What was signed after number `seq`, as it was signed then; the oldest first."""
+        with self._lock:
+            return self._journal.after(seq, limit)

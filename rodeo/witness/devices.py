@@ -1,0 +1,69 @@
+"""Which devices the organization has registered, as the chain's index tells it."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from rodeo import topics
+from rodeo.bus import Bus
+from rodeo.errors import BusError, RemoteError
+
+log = logging.getLogger(__name__)
+
+_KNOWN_WALL_S = 60.0
+"""After this the bridge is asked again: devices are revoked."""
+_STRANGER_WALL_S = 1.0
+"""The same for an address that it did not name: it may be new, but anybody may publish."""
+_ANSWER_WALL_S = 2.0
+"""The bridge answers at once, or not at all."""
+
+
+class Device(BaseModel):
+    """A registered device key."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    address: str
+    role: str
+    """robot, bin, meter or mocap"""
+    name: str
+    """On its site."""
+    owner: str
+    """Address of the participant that it works for."""
+    revoked: float | None = None
+    """When it was revoked, s of block time."""
+
+
+class DeviceTable:
+    """Unrevoked devices by address; while the bridge is away, as they were. Thread-safe."""
+
+    def __init__(self, bus: Bus, org: str) -> None:
+        self._bus = bus
+        self._key = topics.STATE.name(org=org, what="devices")
+        self._devices: dict[str, Device] = {}
+        self._asked_s = -math.inf
+        self._lock = threading.Lock()
+
+    def find(self, address: str) -> Device | None:
+        """The device with this address; None for a stranger. Asks the bridge when what is known is old."""
+        with self._lock:
+            known = self._devices.get(address.lower())
+            now_s = time.monotonic()
+            if now_s - self._asked_s >= (_STRANGER_WALL_S if known is None else _KNOWN_WALL_S):
+                self._asked_s = now_s
+                self._ask()
+            return self._devices.get(address.lower())
+
+    def _ask(self) -> None:
+        try:
+            rows = self._bus.query(self._key, timeout_s=_ANSWER_WALL_S)["devices"]
+            devices = [Device.model_validate(row) for row in rows]
+        except (BusError, RemoteError, KeyError, TypeError, ValidationError) as error:
+            log.info("cannot ask which devices there are: %s", error)
+            return
+        self._devices = {one.address.lower(): one for one in devices if one.revoked is None}

@@ -1,0 +1,217 @@
+"""From the poses that motion capture sees to the fields of its `mocap.motion` statements, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rodeo.evidence.errors import BadStatement
+from rodeo.witness.poses import LARGEST_M, REST_M, REST_PERIOD_US, REST_RAD, pack, unpack
+from rodeo.witness.statement import Motion
+
+Array = np.ndarray[Any, Any]
+
+PERIOD_US = 1_000_000
+"""While a body moves a statement covers so much time."""
+LISTENING_PERIOD_US = 2_000_000
+"""The same while nothing moves and heads of others were heard."""
+
+_REST_DOT = float(np.cos(REST_RAD / 2))
+"""Of two unit quaternions that are `REST_RAD` apart."""
+
+
+LOST_US = 2_000_000
+"""A body that was not seen for so long was not seen throughout a statement. A simulated lab that skips idle
+time shows its bodies once a second."""
+STEP_US = 200_000
+"""Between two poses of a moving body: more shows nothing of the way."""
+
+
+class Sample(NamedTuple):
+    """One pose: position in m, unit quaternion w, x, y, z."""
+
+    time_us: int
+    position_m: tuple[float, float, float]
+    quaternion: tuple[float, float, float, float]
+
+
+class MotionFields(NamedTuple):
+    """What a `Motion` statement says beside its header."""
+
+    start_us: int
+    end_us: int
+    tracks: dict[str, str]
+    resting: dict[str, int]
+
+
+class _Body:
+    def __init__(self) -> None:
+        self.signed: Sample | None = None
+        """Its last signed pose."""
+        self.signed_in = 0
+        """`seq` of the statement that has it."""
+        self.moved = False
+        """Since then."""
+        self.lost = False
+        """Not seen for a while since the last statement."""
+        self.seen_us: int | None = None
+        self.samples: list[Sample] = []
+        """Since the last statement, from the last pose at rest on."""
+
+    def add(self, sample: Sample) -> None:
+        if self.seen_us is not None and sample.time_us - self.seen_us > LOST_US:
+            self.lost = True
+        self.seen_us = sample.time_us
+        if not self.moved and self.signed is not None and _rests(self.signed, sample):
+            self.samples = [sample]
+            return
+        self.moved = True
+        self.samples.append(sample)
+
+
+def _rests(signed: Sample, sample: Sample) -> bool:
+    (x, y, z), (a, b, c) = signed.position_m, sample.position_m
+    if (x - a) ** 2 + (y - b) ** 2 + (z - c) ** 2 > REST_M**2:
+        return False
+    dot = sum(p * q for p, q in zip(signed.quaternion, sample.quaternion, strict=True))
+    return abs(dot) >= _REST_DOT
+
+
+class MotionLog:
+    """Collects poses of `bodies` from `start_us` on. One thread at a time."""
+
+    def __init__(self, bodies: Iterable[str], start_us: int) -> None:
+        self._bodies = {name: _Body() for name in bodies}
+        self._start_us = start_us
+
+    def add(self, body: str, sample: Sample) -> None:
+        """A pose, later than the one before. One that is too far away to be signed counts as not seen."""
+        if max(map(abs, sample.position_m)) < LARGEST_M:
+            self._bodies[body].add(sample)
+
+    def due(self, now_us: int, heads: bool) -> bool:
+        """Whether a statement is due; `heads` tells whether heads of others were heard."""
+        lasted_us = now_us - self._start_us
+        if lasted_us >= REST_PERIOD_US:
+            return True
+        if any(body.moved for body in self._bodies.values()):
+            return lasted_us >= PERIOD_US
+        return heads and lasted_us >= LISTENING_PERIOD_US
+
+    def take(self, now_us: int, seq: int) -> MotionFields:
+        """What was seen since the last call, for the statement with this number."""
+        tracks: dict[str, str] = {}
+        resting: dict[str, int] = {}
+        for name, body in self._bodies.items():
+            if not body.samples or body.lost or now_us - body.samples[-1].time_us > LOST_US:
+                body.signed, body.moved, body.lost, body.samples = None, False, False, []
+                continue
+            newest = body.samples[-1]
+            if body.moved or body.signed is None or now_us - body.signed.time_us >= REST_PERIOD_US:
+                samples = body.samples
+                if body.signed is not None and samples[0].time_us > self._start_us:
+                    # It rested since, or that was a moment ago.
+                    samples = [body.signed._replace(time_us=self._start_us), *samples]
+                tracks[name] = pack(
+                    np.array([max(one.time_us - self._start_us, 0) for one in samples]),
+                    np.array([one.position_m for one in samples]),
+                    np.array([one.quaternion for one in samples]),
+                )
+                body.signed, body.signed_in = newest, seq
+            else:
+                resting[name] = body.signed_in
+            body.moved, body.samples = False, []
+        fields = MotionFields(self._start_us, now_us, tracks, resting)
+        self._start_us = now_us
+        return fields
+
+
+@dataclass(frozen=True)
+class Track:
+    """What motion capture signed of one body."""
+
+    time_us: Array
+    """(n,) int64, strictly increasing; where the body rested there is a pose at either end of the rest"""
+    position_m: Array
+    """(n, 3)"""
+    quaternion: Array
+    """(n, 4) w, x, y, z"""
+    statement: Array
+    """(n,) index of the statement that says so, into what was read"""
+    unseen_us: tuple[tuple[int, int], ...]
+    """Times after the first pose, up to the last statement, over which nothing is signed."""
+
+
+def track(statements: Sequence[Motion], body: str) -> Track | None:
+    """The signed motion of `body` in `statements`, which are in the order of `seq`; None if it is in none.
+
+    A statement may be missing: what rested before and rests after by the same pose rested in between.
+    Raises BadStatement when a track is malformed or its times do not fit its statement.
+    """
+    times: list[Array] = []
+    positions: list[Array] = []
+    quaternions: list[Array] = []
+    numbers: list[Array] = []
+    unseen: list[tuple[int, int]] = []
+    known_us: int | None = None
+    """Up to when the body's pose is known without a break."""
+    signed_in = 0
+    for index, statement in enumerate(statements):
+        if known_us is None:
+            known_us = statement.start_us
+        if (text := statement.tracks.get(body)) is not None:
+            offset_us, position_m, quaternion = unpack(text)
+            time_us = statement.start_us + offset_us
+            if (np.diff(time_us) <= 0).any() or time_us[-1] > statement.end_us:
+                raise BadStatement(
+                    "the times of a track do not fit its statement", seq=statement.seq, body=body
+                )
+            unseen += _holes(time_us, position_m)
+            if times and (not signed_in or statement.start_us > known_us):
+                unseen.append((known_us, int(time_us[0])))
+            signed_in = statement.seq
+        elif statement.resting.get(body) == signed_in and times:
+            time_us = np.array([statement.end_us])
+            position_m, quaternion = positions[-1][-1:], quaternions[-1][-1:]
+        else:
+            if times:
+                unseen.append((known_us, statement.end_us))
+            known_us = statement.end_us
+            signed_in = 0
+            continue
+        known_us = statement.end_us
+        fresh = time_us > (times[-1][-1] if times else -1)
+        if fresh.any():
+            times.append(time_us[fresh])
+            positions.append(position_m[fresh])
+            quaternions.append(quaternion[fresh])
+            numbers.append(np.full(int(fresh.sum()), index))
+    if not times:
+        return None
+    return Track(
+        np.concatenate(times),
+        np.concatenate(positions),
+        np.concatenate(quaternions),
+        np.concatenate(numbers),
+        _merged(unseen),
+    )
+
+
+def _holes(time_us: Array, position_m: Array) -> list[tuple[int, int]]:
+    """Steps of one track over which a body went somewhere unseen."""
+    far = np.linalg.norm(np.diff(position_m, axis=0), axis=1) > REST_M
+    steps = np.flatnonzero(far & (np.diff(time_us) > STEP_US))
+    return [(int(time_us[step]), int(time_us[step + 1])) for step in steps]
+
+
+def _merged(spans: list[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
+    merged: list[tuple[int, int]] = []
+    for start, end in spans:
+        if merged and start <= merged[-1][1]:
+            merged[-1] = merged[-1][0], max(end, merged[-1][1])
+        elif end > start:
+            merged.append((start, end))
+    return tuple(merged)

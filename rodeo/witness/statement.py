@@ -1,0 +1,182 @@
+"""What devices sign about what they saw: one model for each kind of statement, with one header for all.
+
+A witness signs one chain of statements. Each names the digest of the one before and lists the newest head of
+every other device that it heard since. So the chains of a site's devices hold each other in order, whatever
+their clocks say.
+"""
+
+from __future__ import annotations
+
+from hashlib import sha256
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+
+from rodeo.evidence.attestation import Attestation, canonical_json
+from rodeo.evidence.errors import BadStatement
+
+Digest = Annotated[str, Field(pattern=r"^0x[0-9a-f]{64}$")]
+Address = Annotated[str, Field(pattern=r"^0x[0-9a-fA-F]{40}$")]
+Name = Annotated[str, Field(min_length=1, max_length=64)]
+MAX_HEADS = 64
+"""In one statement: more devices than a site has."""
+
+
+class _Model(BaseModel):
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True, serialize_by_alias=True
+    )
+
+
+class Scope(_Model):
+    """For which organization on which chain a statement is made."""
+
+    chain_id: int
+    task_manager: Address
+    organization: Address
+
+
+class Head(_Model):
+    """The newest link of another device's chain, as its listener heard it."""
+
+    device: Name
+    address: Address
+    chain: Digest | None
+    """Digest of a recording's opening seal; None for the chain of a witness."""
+    index: int = Field(ge=0)
+    """Of the seal, or the statement's `seq`."""
+    digest: Digest
+    """Of the seal message's bytes, or of the statement's payload."""
+
+
+class Header(Scope):
+    """What every statement begins with."""
+
+    version: Literal[1] = 1
+    device: Name
+    seq: int = Field(ge=1, lt=2**53)
+    """Contiguous in the device's one chain."""
+    previous: Digest | None
+    """`payload_digest` of the statement before; None in the first."""
+    time_s: float
+    """Site time of signing."""
+    heads: tuple[Head, ...] = Field(default=(), max_length=MAX_HEADS)
+    inputs: Literal["sensor", "closed_bus", "open_bus"]
+    """Where the device's readings came from. What came over an open bus anybody may have said."""
+
+
+class Motion(Header):
+    """What motion capture saw of every body in (`start_us`, `end_us`].
+
+    A body that is in neither of `tracks` and `resting` was not seen throughout. Every body that is seen has a
+    signed pose at least every `rodeo.witness.poses.REST_PERIOD_US`.
+    """
+
+    type: Literal["mocap.motion"] = "mocap.motion"
+    start_us: int = Field(ge=0)
+    """Site time; the end of the statement before, unless the device was off in between."""
+    end_us: int = Field(ge=0)
+    tracks: dict[str, str]
+    """Body -> its poses (`rodeo.witness.poses`)."""
+    resting: dict[str, Annotated[int, Field(ge=1)]]
+    """Body -> `seq` of the statement with its last track: ever since, it stayed within
+    `rodeo.witness.poses.REST_M` and `REST_RAD` of the last pose there."""
+
+
+class Claimant(_Model):
+    """The robot that presented itself to the bin before it showed something."""
+
+    device: Name
+    address: Address
+    recording: Digest
+    """Digest of its recording's opening seal."""
+    task_id: int = Field(ge=1)
+    attempt: int = Field(ge=1)
+
+
+class Classification(Header):
+    """What the bin was shown."""
+
+    type: Literal["bin.classification"] = "bin.classification"
+    number: int = Field(ge=1)
+    """Counts the classifications of this bin; a drop names it."""
+    item_class: str = Field(alias="class", max_length=32)
+    probabilities: dict[str, float]
+    compartment: Name
+    full: bool
+    """Whether that compartment takes no more: nothing may be dropped."""
+    image_sha256: Digest
+    """Of the picture as the camera encoded it."""
+    model_sha256: Digest
+    thresholds_sha256: Digest
+    claimant: Claimant | None
+    shown_s: float
+    """Site time of the picture."""
+
+
+class Drop(Header):
+    """What fell into the bin between `after_s` and `settled_s`."""
+
+    type: Literal["bin.drop"] = "bin.drop"
+    number: int = Field(ge=1)
+    """Counts the drops of this bin."""
+    classification: int | None
+    """Number of the classification that it belongs to; None for what was never shown."""
+    compartment: Name
+    expected_compartment: Name | None
+    weight_n: float
+    after_s: float
+    settled_s: float
+    correct: bool
+    claimant: Claimant | None
+    """The one of the classification."""
+
+
+class Removal(Header):
+    """Weight that left a compartment between `after_s` and `settled_s`."""
+
+    type: Literal["bin.removal"] = "bin.removal"
+    compartment: Name
+    weight_n: float
+    """That left, positive."""
+    after_s: float
+    settled_s: float
+
+
+class Presentation(Header):
+    """A robot tells the bin for which recording it shows something next."""
+
+    type: Literal["robot.presentation"] = "robot.presentation"
+    bin: Name
+    recording: Digest
+    """Digest of the recording's opening seal."""
+    task_id: int = Field(ge=1)
+    attempt: int = Field(ge=1)
+
+
+Statement = Motion | Classification | Drop | Removal | Presentation
+_STATEMENT: TypeAdapter[Statement] = TypeAdapter(Annotated[Statement, Field(discriminator="type")])
+
+
+def parse(payload: dict[str, Any]) -> Statement:
+    """The statement in a payload. Raises BadStatement, which names each wrong field."""
+    try:
+        return _STATEMENT.validate_python(payload)
+    except ValidationError as error:
+        fields = {".".join(map(str, one["loc"])): one["msg"] for one in error.errors()[:8]}
+        raise BadStatement(
+            "the payload is no statement", type=str(payload.get("type"))[:64], **fields
+        ) from error
+
+
+def payload_digest(payload: dict[str, Any]) -> str:
+    """0x SHA-256 of the payload's canonical JSON: what the next statement names as `previous`.
+
+    Raises BadAttestation when the payload has no canonical form.
+    """
+    return "0x" + sha256(canonical_json(payload)).hexdigest()
+
+
+def digest(attestation: Attestation) -> str:
+    """`payload_digest` of what was attested."""
+    return payload_digest(attestation.payload)

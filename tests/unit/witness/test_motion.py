@@ -1,0 +1,120 @@
+"""What motion capture signs of moving and resting bodies, read back also where statements are missing."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rodeo.evidence.errors import BadStatement
+from rodeo.witness import Motion
+from rodeo.witness.motion import MotionLog, Sample, track
+
+START_US = 1_900_000_000_000_000
+STEP_US = 20_000
+HEADER: dict[str, Any] = {
+    "chain_id": 1,
+    "task_manager": "0x" + "12" * 20,
+    "organization": "0x" + "34" * 20,
+    "device": "mocap",
+    "previous": None,
+    "time_s": 0.0,
+    "inputs": "sensor",
+}
+
+
+def at(time_us: int, x_m: float, yaw_rad: float = 0.0) -> Sample:
+    return Sample(time_us, (x_m, 1.0, 0.1), (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)))
+
+
+def filmed(x_m, seconds: float, heads: bool = False, unseen=lambda _t: False) -> list[Motion]:  # type: ignore[no-untyped-def]
+    """Statements about `item1`, whose x is `x_m(t)`, and about `panther1`, which rests."""
+    log = MotionLog(["item1", "panther1"], START_US)
+    statements = []
+    for tick in range(1, round(seconds * 50) + 1):
+        now_us = START_US + tick * STEP_US
+        if not unseen(tick / 50):
+            log.add("item1", at(now_us, x_m(tick / 50)))
+        log.add("panther1", at(now_us, 3.0))
+        if log.due(now_us, heads):
+            seq = len(statements) + 1
+            statements.append(Motion(**HEADER, seq=seq, **log.take(now_us, seq)._asdict()))
+    return statements
+
+
+def moving(t: float) -> float:
+    return 0.3 * min(max(t - 4.0, 0.0), 6.0)
+
+
+def test_everything_at_rest_is_signed_once_in_ten_seconds() -> None:
+    statements = filmed(lambda _t: 0.5, 40.0)
+    assert len(statements) == 4, "one for the first poses, then one each ten seconds"
+    assert all(set(s.tracks) | set(s.resting) == {"item1", "panther1"} for s in statements)
+
+
+def test_a_moving_body_is_signed_every_second_at_every_pose() -> None:
+    statements = filmed(moving, 15.0)
+    seen = track(statements, "item1")
+    assert seen is not None
+    assert seen.unseen_us == ()
+    travel = (seen.time_us > START_US + 4_100_000) & (seen.time_us < START_US + 9_900_000)
+    assert np.diff(seen.time_us[travel]).max() == STEP_US
+    wanted = np.array([moving((t - START_US) / 1e6) for t in seen.time_us])
+    assert np.abs(seen.position_m[:, 0] - wanted).max() < 1.1e-3
+    spans = [(s.end_us - s.start_us) / 1e6 for s in statements if "item1" in s.tracks][1:-1]
+    assert max(spans[1:]) <= 1.02
+
+
+def test_a_body_that_creeps_is_never_said_to_rest() -> None:
+    seen = track(filmed(lambda t: 0.0005 * t, 30.0), "item1")
+    assert seen is not None
+    wanted = np.array([0.0005 * (t - START_US) / 1e6 for t in seen.time_us])
+    assert np.abs(seen.position_m[:, 0] - wanted).max() < 1.2e-3
+
+
+def test_who_turns_on_the_spot_moves() -> None:
+    log = MotionLog(["panther1"], START_US)
+    log.add("panther1", at(START_US + STEP_US, 1.0))
+    log.take(START_US + STEP_US, 1)
+    log.add("panther1", at(START_US + 2 * STEP_US, 1.0, yaw_rad=0.0015))
+    assert not log.due(START_US + 1_200_000, heads=False)
+    log.add("panther1", at(START_US + 3 * STEP_US, 1.0, yaw_rad=0.0045))
+    assert log.due(START_US + 1_200_000, heads=False)
+
+
+def test_heads_are_listed_within_two_seconds_while_nothing_moves() -> None:
+    statements = filmed(lambda _t: 0.5, 20.0, heads=True)
+    assert max(s.end_us - s.start_us for s in statements) <= 2_020_000
+
+
+def test_a_missing_statement_hides_what_moved_and_nothing_of_what_rested() -> None:
+    statements = filmed(moving, 15.0)
+    lost = next(i for i, s in enumerate(statements) if s.start_us > START_US + 6_000_000)
+    left = statements[:lost] + statements[lost + 1 :]
+    item, base = track(left, "item1"), track(left, "panther1")
+    assert item is not None and base is not None
+    assert len(item.unseen_us) == 1
+    (gap,) = item.unseen_us
+    assert gap[0] == statements[lost - 1].end_us
+    assert 0.9e6 <= gap[1] - gap[0] <= 1.1e6
+    assert base.unseen_us == ()
+
+
+def test_a_body_that_nobody_saw_is_not_at_rest() -> None:
+    statements = filmed(moving, 15.0, unseen=lambda t: 6.0 <= t < 9.0)
+    seen = track(statements, "item1")
+    assert seen is not None
+    assert sum(b - a for a, b in seen.unseen_us) >= 1.9e6
+
+
+def test_a_track_whose_times_go_back_is_refused() -> None:
+    statement = filmed(moving, 6.0)[-1]
+    other = statement.model_copy(update={"end_us": statement.start_us})
+    with pytest.raises(BadStatement):
+        track([other], "item1")
+
+
+def test_a_body_that_is_in_no_statement_has_no_track() -> None:
+    assert track(filmed(moving, 3.0), "item9") is None
