@@ -2,6 +2,7 @@
 
     everybody on the bus   may listen to everything and ask most things
     a process              may publish, serve and answer what the table says that it writes
+    a device               speaks through the process that has its key
     a wallet               is commanded by the process that works for it, and by operator and console
     a motion               is asked for by the process that `_CALLERS` names, and by operator and console
 
@@ -10,6 +11,7 @@ What the rules do not allow is denied.
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Iterator
 from typing import Any
@@ -19,6 +21,7 @@ from rodeo import topics
 from rodeo.config import Site, agent_process
 from rodeo.tls import OPERATOR
 from rodeo.topics import TOPICS, Form, Plane, Topic
+from rodeo.wallets import MOCAP_NAME
 
 _PEOPLE = (OPERATOR, "console")
 """Who speaks for people, and may ask for everything."""
@@ -110,11 +113,22 @@ def _job(process: str) -> str:
     return process.partition(".")[0]
 
 
+def _devices_of(site: Site, process: str) -> list[str]:
+    """Names of the devices whose keys the process has."""
+    if process == "*":
+        return ["*"]
+    devices = {"itrash": [site.bin.name], "charger": [site.dock.name], "robot_sim": [MOCAP_NAME]}
+    devices |= {agent_process(site, robot.name): [robot.name] for robot in site.robots}
+    return devices.get(process, [])
+
+
 def _keys(site: Site, topic: Topic, process: str = "*") -> Iterator[str]:
-    """Key expressions of `topic` on this site."""
+    """Key expressions of `topic` on this site, of those that `process` says something on."""
     names = _Names(org=site.org, bin=site.bin.name, dock=site.dock.name, process=process)
-    for namespace in {robot.namespace for robot in site.robots}:
-        key = topic.key.format_map(_Names(names, ns=namespace))
+    namespaces = {robot.namespace for robot in site.robots}
+    devices = _devices_of(site, process) if "{device}" in topic.key else ["*"]
+    for namespace, device in itertools.product(namespaces, devices):
+        key = topic.key.format_map(_Names(names, ns=namespace, device=device))
         if topic.plane is Plane.ROBOT:
             yield f"{site.bus.domain_id}/{key}/**"
         elif topic.form is Form.QUERY:

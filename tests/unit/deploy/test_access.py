@@ -7,7 +7,7 @@ from deploy.access import access_control, everybody
 from deploy.processes import PROCESSES
 from rodeo.config import Site
 from rodeo.lab.config import Pose2, RobotConfig
-from rodeo.topics import TOPICS
+from rodeo.topics import SEAL, TOPICS, WITNESS_STATEMENT, WITNESS_STATEMENTS, Topic
 from tests.support.site import LAB
 
 
@@ -42,3 +42,28 @@ def test_each_of_several_robots_minds_may_spend_from_its_own_wallet_only() -> No
         asked = rules[f"robot_agent.{name} asks"]
         assert [key for key in asked if "/wallet/" in key] == [f"rodeo/lab/wallet/{name}/**"]
         assert "0/panther1/cmd_vel/**" in rules[f"robot_agent.{name} writes"]
+
+
+@pytest.mark.parametrize("topic", [SEAL, WITNESS_STATEMENT, WITNESS_STATEMENTS], ids=lambda topic: topic.key)
+def test_a_device_speaks_through_the_process_that_has_its_key(
+    rules: dict[str, dict[str, list[str]]], topic: Topic
+) -> None:
+    site = Site.load(LAB)
+    speakers = {
+        device: [
+            name
+            for name in everybody(site)
+            if any(
+                zenoh.KeyExpr(topic.name(org=site.org, device=device)).intersects(zenoh.KeyExpr(key))
+                for key in rules[f"{name} writes"]["key_exprs"]
+            )
+        ]
+        for device in (site.bin.name, site.dock.name, "panther1", "mocap", "somebody")
+    }
+    assert speakers == {
+        site.bin.name: ["itrash"],
+        site.dock.name: ["charger"],
+        "panther1": ["robot_agent"],
+        "mocap": ["robot_sim"],
+        "somebody": [],
+    }
