@@ -196,7 +196,6 @@ def _site(tables: dict[str, Any], speed: float) -> Iterator[tuple[Site, Bus]]:
                 [
                     f"extends = {json.dumps(str(SITE))}",
                     f'data_dir = "{folder}/data"',
-                    f'bus.router = "tcp/127.0.0.1:{free_port()}"',
                     f'chain.url = "http://127.0.0.1:{free_port()}"',
                     "itrash.http_port = 0",
                     f"clock.speed = {speed}",

@@ -208,7 +208,6 @@ def write_site(folder: Path, backend: str, extra: str = "") -> Path:
     path.write_text(
         f"""extends = {json.dumps(str(SITE))}
 data_dir = {json.dumps(str(folder / "data"))}
-bus.router = "tcp/127.0.0.1:{_free_port()}"
 chain.url = "http://127.0.0.1:{_free_port()}"
 chain.backend = "{backend}"
 {extra}

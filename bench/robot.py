@@ -17,7 +17,6 @@ from __future__ import annotations
 import itertools
 import json
 import os
-import socket
 import tempfile
 import threading
 import time
@@ -278,14 +277,10 @@ pose = {{ x_m = {1.5 + 2.0 * number}, y_m = 2.0 }}"""
 
 
 def _write_site(folder: Path, extra: str) -> Path:
-    with socket.socket() as listener:
-        listener.bind(("127.0.0.1", 0))
-        port = listener.getsockname()[1]
     path = folder / "site.toml"
     path.write_text(
         f"""extends = {json.dumps(str(SITE))}
 data_dir = {json.dumps(str(folder / "data"))}
-bus.router = "tcp/127.0.0.1:{port}"
 {extra}
 """
     )

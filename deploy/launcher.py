@@ -24,7 +24,7 @@ from deploy.processes import Process, processes_of
 from rodeo.config import Site
 from rodeo.errors import RodeoError
 from rodeo.instance import PARENT_VARIABLE, lock_holder, lock_instance
-from rodeo.tls import is_closed
+from rodeo.tls import wants_certificates
 
 log = logging.getLogger(__name__)
 
@@ -193,14 +193,14 @@ class Launcher:
 
 
 def make_keys(site: Site) -> None:
-    """Make what is missing: wallets of a local chain, certificates of a closed bus."""
+    """Make what is missing: wallets of a local chain, certificates of a bus that asks for them."""
     if site.chain.backend != "external":
         # Imported here: the curves behind wallets take half a second, and most commands need none.
         from rodeo.wallets import ensure_wallets
 
         ensure_wallets(site)
-    if is_closed(site):
-        # Imported here: an open bus needs no cryptography.
+    if wants_certificates(site):
+        # Imported here: a bus without certificates needs no cryptography.
         from deploy.certificates import ensure_certificates
 
         ensure_certificates(site)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import re
 import sys
 import threading
@@ -12,15 +13,19 @@ import zenoh
 
 from deploy.access import access_control
 from rodeo.config import Site
+from rodeo.endpoint import make_socket_folder
 from rodeo.errors import PortUnavailable
 from rodeo.service import Service, main
-from rodeo.tls import identity
+from rodeo.tls import identity, openness
+
+log = logging.getLogger(__name__)
 
 CONFIG = Path(__file__).parent / "zenoh" / "router.json5"
 
 
 def run(site: Site, stop: threading.Event) -> None:
-    """Route until `stop`. Raises PortUnavailable when the endpoint is taken."""
+    """Route until `stop`. Raises PortUnavailable when the endpoint is taken, and UnsafeSocketFolder."""
+    make_socket_folder(site.bus.router)
     config = zenoh.Config.from_file(str(CONFIG))
     config.insert_json5("listen/endpoints", json.dumps([site.bus.router]))
     if (shown := identity(site, "router")) is not None:
@@ -33,6 +38,9 @@ def run(site: Site, stop: threading.Event) -> None:
         reason = re.sub(r" at /\S+", "", str(error))
         raise PortUnavailable(f"cannot listen: {reason}", endpoint=site.bus.router) from error
     with Service("router", site, stop, session) as service:
+        if warning := openness(site):
+            log.warning("%s", warning)
+            service.warn(warning)
         service.ready()
         service.activity(f"routing at {site.bus.router}")
         stop.wait()

@@ -22,6 +22,7 @@ import zenoh
 from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
 
+from rodeo.endpoint import check_socket_folder
 from rodeo.errors import (
     BusUnavailable,
     InvalidRequest,
@@ -138,13 +139,15 @@ class Bus:
         timeout_s: float | None = None,
         identity: Identity | None = None,
     ) -> Bus:
-        """Connect to the router at `endpoint`, e.g. "tcp/127.0.0.1:7447", however long that takes.
+        """Connect to the router at `endpoint` (`site.bus.router`), however long that takes.
 
-        Raises BusUnavailable when `stop` is set or `timeout_s` (wall) passes first.
+        Raises BusUnavailable when `stop` is set or `timeout_s` (wall) passes first, and UnsafeSocketFolder
+        when somebody else could be the router.
         """
         deadline_s = None if timeout_s is None else time.monotonic() + timeout_s
         said = False
         while stop is None or not stop.is_set():
+            check_socket_folder(endpoint)
             try:
                 return cls(zenoh.open(zenoh_config("client", connect=[endpoint], identity=identity)))
             except zenoh.ZError as error:

@@ -7,6 +7,7 @@ site may run faster than real time without any of them changing its meaning.
 from __future__ import annotations
 
 import logging
+import math
 import struct
 import threading
 import time
@@ -20,6 +21,12 @@ log = logging.getLogger(__name__)
 
 _WALL_SLICE_S = 0.2
 """Longest uninterrupted wall wait: a stop event is noticed within this time."""
+
+_SILENT_S = 3.0
+"""Wall time without a message after which a speaker that is in no ROS graph counts as gone."""
+
+_WARNED_S = 30.0
+"""Wall time for which a second speaker is told of in the process's state, and before the log repeats it."""
 
 
 class Clock(Protocol):
@@ -53,7 +60,16 @@ class WallClock:
 
 
 class SimClock:
-    """Follows `/clock` (rosgraph_msgs/msg/Clock) as published on the robot plane."""
+    """Follows `/clock` (rosgraph_msgs/msg/Clock) as one session publishes it on the robot plane.
+
+    The speaker is the first session that is heard and has a publisher of `/clock` in the ROS graph (a
+    liveliness token, which ends with its session). While that stands, nobody else moves the time; others are
+    refused, logged, and told of by `warning`. A session that is not in the graph is followed only while
+    nobody is in it.
+
+    A message's session is the one in its Zenoh time stamp, which is written where it is sent. Access rules
+    let only robot_sim speak here; on an open bus somebody who forges time stamps is not told apart.
+    """
 
     _CDR = struct.Struct("<H2xiI")
     """CDR encapsulation header, then builtin_interfaces/Time: int32 sec, uint32 nanosec."""
@@ -62,8 +78,37 @@ class SimClock:
 
     def __init__(self, session: zenoh.Session, domain_id: int) -> None:
         self._now_ns: int | None = None
+        # Imported here: ROS types take half a second, and a command about a wall clock needs none.
+        from rodeo.ros2 import wire
+
+        self._session_of = wire.session_of
         self._changed = threading.Condition()
+        self._announced: dict[str, str] = {}
+        """Liveliness token of a publisher of /clock -> its session."""
+        self._speaker: str | None = None
+        self._heard_s = 0.0
+        """When the speaker was heard last; monotonic wall time."""
+        self._refused: str | None = None
+        self._refused_s = self._said_s = -math.inf
+        graph = wire.publishers_expression(domain_id, "clock")
+        self._graph = session.liveliness().declare_subscriber(graph, self._on_graph)
+        # Asked, too: it must be known who may speak before anybody is believed.
+        for reply in session.liveliness().get(graph):
+            if reply.ok is not None:
+                self._announce(str(reply.ok.key_expr))
         self._subscriber = session.declare_subscriber(f"{domain_id}/clock/**", self._on_clock)
+
+    def _on_graph(self, sample: zenoh.Sample) -> None:
+        token = str(sample.key_expr)
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._announce(token)
+        else:
+            with self._changed:
+                self._announced.pop(token, None)
+
+    def _announce(self, token: str) -> None:
+        with self._changed:
+            self._announced[token] = self._session_of(token)
 
     def _on_clock(self, sample: zenoh.Sample) -> None:
         payload = sample.payload.to_bytes()
@@ -75,10 +120,43 @@ class SimClock:
             # Taken for a time, it could not be taken back.
             log.warning("left out a message on %s: not a Clock: %s", sample.key_expr, payload[:16].hex())
             return
+        # A sender that does not stamp is stamped by the router, and is nobody in the graph.
+        source = str(sample.timestamp.get_id()) if sample.timestamp is not None else ""
         with self._changed:
-            # Two bodies must never make time go back; the later stamp wins.
+            if not self._follows(source):
+                return
+            # A body that was started again must never make time go back.
             self._now_ns = max(self._now_ns or 0, sec * 1_000_000_000 + nanosec)
             self._changed.notify_all()
+
+    def _follows(self, source: str) -> bool:
+        """Whether `source` is, or becomes, the one speaker."""
+        now_s = time.monotonic()
+        known = self._announced.values()
+        if source in known:
+            follows = source == self._speaker or self._speaker not in known
+        else:
+            silent = now_s - self._heard_s > _SILENT_S
+            follows = not known and (source == self._speaker or self._speaker is None or silent)
+        if follows:
+            self._speaker, self._heard_s = source, now_s
+            if source == self._refused:
+                self._refused_s = -math.inf
+            return True
+        if source != self._refused or now_s - self._said_s > _WARNED_S:
+            log.error(
+                "a second speaker on /clock is refused: session %s; followed: %s", source, self._speaker
+            )
+            self._said_s = now_s
+        self._refused, self._refused_s = source, now_s
+        return False
+
+    def warning(self) -> str:
+        """What an operator should know: somebody else tells the time, too. Empty when nobody does."""
+        with self._changed:
+            if time.monotonic() - self._refused_s > _WARNED_S:
+                return ""
+            return f"a second speaker on /clock is refused: session {self._refused}"
 
     def now_ns(self) -> int:
         if self._now_ns is None:
@@ -108,3 +186,4 @@ class SimClock:
 
     def close(self) -> None:
         self._subscriber.undeclare()
+        self._graph.undeclare()

@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
+from rodeo import endpoint
 from rodeo.errors import ConfigError
 from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, RobotConfig
 
@@ -24,10 +25,20 @@ class _Table(BaseModel):
 
 
 class BusConfig(_Table):
-    router: str = "tcp/127.0.0.1:7447"
-    """Zenoh endpoint of the router."""
+    router: str = endpoint.LOCAL
+    """Zenoh endpoint of the router. "local", the default, is a Unix socket in a folder that only the site's
+    user can open; a loaded `Site` has its endpoint here. "tls/..." asks for certificates."""
+    open: bool = False
+    """Whoever reaches the router may speak as any process, as with "tcp/...". Status and console say so, and
+    a witness that hears its sensors over such a bus does not count alone."""
     domain_id: int = Field(default=0, ge=0, le=232)
     """ROS_DOMAIN_ID of the robot plane."""
+
+    @model_validator(mode="after")
+    def _is_closed_or_says_so(self) -> Self:
+        if problem := endpoint.problem(self.router, self.open):
+            raise ValueError(problem)
+        return self
 
 
 class ClockConfig(_Table):
@@ -266,6 +277,12 @@ class Site(BaseSettings):
         except ValidationError as error:
             fields = {".".join(map(str, e["loc"])) or "site": e["msg"] for e in error.errors()}
             raise ConfigError("the site is not valid", path=str(path), fields=fields) from error
+
+    @model_validator(mode="after")
+    def _has_an_endpoint(self) -> Self:
+        if self.bus.router == endpoint.LOCAL:
+            self.bus = self.bus.model_copy(update={"router": endpoint.local_socket(self.data_dir)})
+        return self
 
     @model_validator(mode="after")
     def _one_time(self) -> Self:

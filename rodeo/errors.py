@@ -2,6 +2,7 @@
 
     RodeoError
     ├── ConfigError             the site file or the environment is wrong
+    ├── UnsafeSocketFolder      others could get at the bus's socket
     ├── RequestError            what the caller sent is wrong; nothing happened
     │   ├── MalformedJson
     │   └── InvalidRequest
@@ -56,6 +57,10 @@ class RodeoError(Exception):
 
 class ConfigError(RodeoError):
     """The site file or the environment does not describe a valid site."""
+
+
+class UnsafeSocketFolder(RodeoError):
+    """The folder of the bus's socket belongs to another user, or is open to others."""
 
 
 class RequestError(RodeoError):

@@ -309,3 +309,5 @@ class Status(Message):
     details: dict[str, Any] = {}
     metrics_url: str = ""
     """Where its health and metrics are, over HTTP."""
+    warnings: list[str] = []
+    """What an operator should know although the process works."""

@@ -73,6 +73,7 @@ class Service:
         self._activity = "starting"
         self._progress: float | None = None
         self._details: dict[str, Any] = {}
+        self._warnings: list[str] = []
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
@@ -156,6 +157,11 @@ class Service:
             self._activity, self._progress, self._details = text, progress, details
         self._publish_status()
 
+    def warn(self, text: str) -> None:
+        """Show `text` wherever the process's state is shown, for as long as it runs."""
+        with self._lock:
+            self._warnings.append(text)
+
     def status(self) -> Status:
         connected = self._session is not None or self.bus.connected
         with self._lock:
@@ -178,7 +184,12 @@ class Service:
                 since_s=self._started_s,
                 time_s=time.time(),
                 details=self._details,
+                warnings=[*self._warnings, *self._clock_warnings()],
             )
+
+    def _clock_warnings(self) -> list[str]:
+        warning = self.clock.warning() if isinstance(self.clock, SimClock) else ""
+        return [warning] if warning else []
 
     def _serve_status(self, _request: Request) -> dict[str, Any]:
         return self.status().model_dump()

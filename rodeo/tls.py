@@ -1,7 +1,7 @@
-"""Who a process is on a bus that is closed to strangers: its certificate, made by `deploy.certificates`.
+"""How closed a site's bus is, and who a process is on one that asks for certificates (`deploy.certificates`).
 
 A site whose router's endpoint begins with `tls/` lets in only who shows a certificate of the site's own
-authority; the router's access rules (`deploy.access`) follow the name in it.
+authority; the router's access rules (`deploy.access`) follow the name in it. See `rodeo.endpoint`.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rodeo import endpoint
 from rodeo.config import Site
 from rodeo.errors import ConfigError
 
@@ -39,9 +40,21 @@ class Identity:
         }
 
 
-def is_closed(site: Site) -> bool:
-    """Whether the bus wants certificates."""
-    return site.bus.router.startswith("tls/")
+def wants_certificates(site: Site) -> bool:
+    """Whether the bus is one of certificates and access rules."""
+    return endpoint.wants_certificates(site.bus.router)
+
+
+def bus_is_closed(site: Site) -> bool:
+    """Whether nobody but the site's own processes can speak on its bus: what is said there counts."""
+    return not site.bus.open
+
+
+def openness(site: Site) -> str:
+    """What people are told of a bus that is open; empty on a closed one."""
+    if bus_is_closed(site):
+        return ""
+    return f"the bus is open (bus.open = true): what is said at {site.bus.router} may be anybody's word"
 
 
 def files(site: Site, name: str) -> Identity:
@@ -51,8 +64,8 @@ def files(site: Site, name: str) -> Identity:
 
 
 def identity(site: Site, name: str) -> Identity | None:
-    """What `name` shows on the bus; None on an open one. Raises ConfigError when a file is missing."""
-    if not is_closed(site):
+    """What `name` shows on the bus; None where none is asked for. Raises ConfigError if a file is missing."""
+    if not wants_certificates(site):
         return None
     found = files(site, name)
     for path in (found.authority, found.certificate, found.key):

@@ -127,7 +127,6 @@ def write_site(base: Path, chain: str, out: Path) -> Path:
         f"""# Written by `make demo`: the lab on free ports.
 extends = {json.dumps(str(base.resolve()))}
 data_dir = {json.dumps(str((out / "data").resolve()))}
-bus.router = "tcp/127.0.0.1:{_free_port()}"
 chain.url = "http://127.0.0.1:{_free_port()}"
 chain.backend = "{chain}"
 itrash.http_port = 0

@@ -28,7 +28,7 @@ from rodeo.config import Site
 from rodeo.errors import BusUnavailable, RodeoError
 from rodeo.instance import HEARTBEAT_S, lock_holder
 from rodeo.messages import Status
-from rodeo.tls import OPERATOR, identity
+from rodeo.tls import OPERATOR, bus_is_closed, identity, openness
 
 LOST_S = 3 * HEARTBEAT_S
 """A heartbeat older than this says nothing about now."""
@@ -104,11 +104,20 @@ def status(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None
     loaded = Site.load(site)
     rows = read_rows(loaded)
     if as_json:
-        print_json({"site": loaded.org, "processes": [_row_json(loaded, row) for row in rows]})
+        bus = {"router": loaded.bus.router, "closed": bus_is_closed(loaded)}
+        print_json({"site": loaded.org, "bus": bus, "processes": [_row_json(loaded, row) for row in rows]})
     else:
         console.print(status_table(rows))
+        for warning in _warnings(loaded, rows):
+            console.print(f"[bold red]warning[/]: {escape(warning)}", highlight=False, soft_wrap=True)
     if not all(row.state == "ready" for row in rows):
         raise typer.Exit(1)
+
+
+def _warnings(site: Site, rows: list[Row]) -> list[str]:
+    """What the site file and the processes warn of, each once."""
+    said = [openness(site), *(text for row in rows if row.status is not None for text in row.status.warnings)]
+    return list(dict.fromkeys(text for text in said if text))
 
 
 def read_rows(site: Site, timeout_s: float = 5.0) -> list[Row]:
@@ -246,6 +255,7 @@ def _row_json(site: Site, row: Row) -> dict[str, Any]:
         "ready": row.state == "ready",
         "reason": row.reason,
         "activity": status and status.activity,
+        "warnings": status.warnings if status is not None else [],
         "progress": status and status.progress,
         "last_heartbeat": status and status.time_s,
     }

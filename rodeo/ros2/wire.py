@@ -106,5 +106,15 @@ def servers_expression(domain_id: int, name: str, typename: str) -> str:
     )
 
 
+def publishers_expression(domain_id: int, topic: str) -> str:
+    """Key expression that matches the liveliness tokens of every publisher of a topic, whatever its type."""
+    return f"@ros2_lv/{domain_id}/*/*/*/MP/*/*/*/{_mangle('/' + topic.strip('/'))}/**"
+
+
+def session_of(token: str) -> str:
+    """The Zenoh session that declared a liveliness token of the ROS graph."""
+    return token.split("/")[2]
+
+
 def _namespace(namespace: str) -> str:
     return _mangle(f"/{namespace.strip('/')}" if namespace.strip("/") else "")

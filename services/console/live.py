@@ -90,6 +90,8 @@ class ProcessState:
     eta_s: float | None = None
     """Site time until it has finished what it is doing, where it says so."""
     soc: float | None = None
+    warnings: tuple[str, ...] = ()
+    """What an operator should know although the process works."""
 
 
 @dataclass
@@ -205,6 +207,7 @@ class Live:
             status.progress,
             _number(status.details.get("eta_s")),
             _number(status.details.get("soc")),
+            tuple(status.warnings),
         )
 
     # -- organization ----------------------------------------------------------------------------------

@@ -625,7 +625,12 @@ class Robot:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--port", type=int, required=True, help="of the Zenoh router on this machine")
+    parser.add_argument(
+        "--port",
+        type=int,
+        default=7447,
+        help="of the Zenoh router, unless ZENOH_CONFIG_OVERRIDE names it",
+    )
     parser.add_argument("--namespace", required=True)
     parser.add_argument("--body", required=True, help="its name in the motion capture")
     parser.add_argument("--urdf", required=True)

@@ -16,14 +16,13 @@ from rodeo.config import Site
 from rodeo.errors import BusUnavailable, NoResponder
 from rodeo.ros2 import Node
 from rodeo.ros2.types import new
-from tests.support.site import WAIT_S, RunningSite, write_site
+from tests.support.site import WAIT_S, RunningSite, free_port, write_site
 
 
 def closed_site(folder: Path) -> Site:
     """A site whose bus wants certificates, with its authority."""
     folder.mkdir(exist_ok=True)
-    path = write_site(folder)
-    path.write_text(path.read_text().replace('"tcp/', '"tls/'))
+    path = write_site(folder, extra=f'bus.router = "tls/127.0.0.1:{free_port()}"')
     site = Site.load(path)
     ensure_certificates(site)
     return site

@@ -20,7 +20,7 @@ from deploy.processes import PROCESSES
 from rodeo.cli import app
 from rodeo.config import Site
 from rodeo.instance import lock_holder
-from tests.support.site import RunningSite, write_site
+from tests.support.site import RunningSite, free_port, write_site
 
 RODEO = (sys.executable, "-m", "rodeo")
 WAIT_S = 150.0
@@ -151,16 +151,18 @@ def test_up_tells_each_change_and_ends_with_all_it_started(site_path: Path, numb
 
 
 def test_a_port_that_is_taken_is_said_where_the_user_looks(site_path: Path) -> None:
-    _, port = Site.load(site_path).bus.router.rsplit(":", 1)
+    port = free_port()
+    with site_path.open("a") as file:
+        file.write(f'[bus]\nopen = true\nrouter = "tcp/127.0.0.1:{port}"\n')
     with (
-        socket.create_server(("127.0.0.1", int(port))),
+        socket.create_server(("127.0.0.1", port)),
         subprocess.Popen(
             [*RODEO, "up", "router"], env=environment(site_path), stdout=subprocess.PIPE, text=True
         ) as command,
     ):
         line = line_with(command.stdout, "router down")
         command.terminate()
-    assert "port_unavailable" in line and port in line and "in use" in line
+    assert "port_unavailable" in line and str(port) in line and "in use" in line
 
 
 def test_down_also_ends_the_launcher_of_a_single_process(site_path: Path) -> None:
@@ -182,7 +184,10 @@ def test_processes_of_another_site_on_the_same_bus_are_told_apart(
 ) -> None:
     running.start("router")
     other = tmp_path / "other.toml"
-    other.write_text(f'extends = {json.dumps(str(running.path))}\ndata_dir = "other"\n')
+    router = json.dumps(running.site.bus.router)
+    other.write_text(
+        f'extends = {json.dumps(str(running.path))}\ndata_dir = "other"\nbus.router = {router}\n'
+    )
     row = processes(other, status=1)["router"]
     assert row["ready"] and not row["here"]
     assert processes(running.path, status=1)["router"]["here"]

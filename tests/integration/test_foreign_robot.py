@@ -68,7 +68,6 @@ class ForeignRobot:
         radius_m, _, half_height_m = shape_of(item).half_m
         self._log = open(site.data_dir / "foreign.log", "wb")  # noqa: SIM115 - closed with the process
         arguments = {
-            "--port": site.bus.router.rsplit(":", 1)[1],
             "--namespace": robot.namespace,
             "--body": robot.name,
             "--urdf": str(robot.kinematics),
@@ -88,7 +87,7 @@ class ForeignRobot:
             cwd=site.data_dir,
             env={
                 **{k: v for k, v in os.environ.items() if k not in ("PYTHONPATH", PARENT_VARIABLE)},
-                "ZENOH_CONFIG_OVERRIDE": 'mode="client"',
+                "ZENOH_CONFIG_OVERRIDE": f'mode="client";connect/endpoints=["{site.bus.router}"]',
             },
         )
 

@@ -52,7 +52,6 @@ def write_site(folder: Path, chain_backend: str = "eth-tester", extra: str = "")
     path.write_text(
         f"""extends = {json.dumps(str(LAB))}
 data_dir = {json.dumps(str(folder / "data"))}
-bus.router = "tcp/127.0.0.1:{free_port()}"
 chain.url = "http://127.0.0.1:{free_port()}"
 chain.backend = "{chain_backend}"
 itrash.http_port = 0

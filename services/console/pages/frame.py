@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from rodeo.config import Site
 from rodeo.errors import RodeoError
+from rodeo.tls import openness
 from services.console.accounts import Accounts, Session, User
 from services.console.actions import Actions
 from services.console.live import Live
@@ -112,6 +113,8 @@ def frame(console: Console, title: str, path: str, *, heading: bool = True) -> I
             with ui.element("form").props('method="post" action="/logout"').style("margin-top: 12px"):
                 ui.button("Log out").props("outline dense type=submit")
     with ui.element("div").classes("page") as main:
+        if warning := openness(console.site):
+            notice(f"{warning[0].upper()}{warning[1:]}.", bad=True)
         if heading:
             page_head(title)
         yield

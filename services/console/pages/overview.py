@@ -135,7 +135,11 @@ def _draw_processes(processes: list[ProcessState]) -> None:
         "Processes of this site",
         [("Process", ""), ("State", ""), ("What it says", "wrap")],
         [
-            (one.name, partial(badge, one.state), one.doing if one.state != "silent" else one.job)
+            (
+                one.name,
+                partial(badge, one.state),
+                ". ".join([one.doing if one.state != "silent" else one.job, *one.warnings]),
+            )
             for one in processes
         ],
     )

@@ -1,0 +1,137 @@
+"""The simulated time has one speaker, and nobody else moves it while that one stands: over a real router."""
+
+from __future__ import annotations
+
+import struct
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+import zenoh
+
+from rodeo import topics
+from rodeo.bus import zenoh_config
+from rodeo.clock import SimClock
+from rodeo.ros2 import Node, Publisher
+from rodeo.ros2.types import new
+from tests.support.nodes import make_node as make_node
+from tests.support.nodes import router_port as router_port
+
+MakeNode = Callable[[str], Node]
+WAIT_S = 30.0
+SECOND_NS = 1_000_000_000
+FUTURE_S = 2_000_000_000
+KEY = "0/clock/rosgraph_msgs::msg::dds_::Clock_/RIHS01_test"
+
+
+def clock_at(time_s: int) -> object:
+    stamp = new("builtin_interfaces/msg/Time", sec=time_s, nanosec=0)
+    return new("rosgraph_msgs/msg/Clock", clock=stamp)
+
+
+def cdr_at(time_s: int) -> bytes:
+    return b"\x00\x01\x00\x00" + struct.pack("<iI", time_s, 0)
+
+
+def publisher(node: Node) -> Publisher:
+    return node.publisher(topics.CLOCK.name(), topics.CLOCK.type)
+
+
+@pytest.fixture
+def follower(make_node: MakeNode) -> Iterator[SimClock]:
+    clock = SimClock(make_node("follower").session, 0)
+    yield clock
+    clock.close()
+
+
+def reaches(clock: SimClock, time_s: int, say: Callable[[], object]) -> None:
+    """Says it again and again until the follower has it."""
+    deadline_s = time.monotonic() + WAIT_S
+    while not clock.wait_ready(threading.Event(), 0.05) or clock.now_ns() < time_s * SECOND_NS:
+        assert time.monotonic() < deadline_s
+        say()
+
+
+def refuses(clock: SimClock, say: Callable[[], object]) -> None:
+    """Says it again and again until the follower tells of having refused it."""
+    deadline_s = time.monotonic() + WAIT_S
+    while not clock.warning():
+        assert time.monotonic() < deadline_s
+        say()
+        threading.Event().wait(0.05)
+
+
+def test_a_second_publisher_does_not_move_the_time_and_is_told_of(
+    make_node: MakeNode, follower: SimClock, caplog: pytest.LogCaptureFixture
+) -> None:
+    first, second = publisher(make_node("lab")), publisher(make_node("lab"))
+    reaches(follower, 1000, lambda: first.publish(clock_at(1000)))
+    assert follower.warning() == ""
+    refuses(follower, lambda: second.publish(clock_at(FUTURE_S)))
+    assert follower.now_ns() == 1000 * SECOND_NS
+    assert "second speaker on /clock" in follower.warning()
+    assert "second speaker on /clock" in caplog.text
+    reaches(follower, 1001, lambda: first.publish(clock_at(1001)))
+
+
+def test_bytes_from_a_session_that_announces_nothing_do_not_move_it(
+    make_node: MakeNode, follower: SimClock, router_port: int
+) -> None:
+    first = publisher(make_node("lab"))
+    reaches(follower, 1000, lambda: first.publish(clock_at(1000)))
+    plain = zenoh.Config()  # one that does not even stamp
+    plain.insert_json5("mode", '"client"')
+    plain.insert_json5("connect/endpoints", f'["tcp/127.0.0.1:{router_port}"]')
+    for config in (plain, zenoh_config("client", connect=[f"tcp/127.0.0.1:{router_port}"])):
+        with zenoh.open(config) as stranger:
+            refuses(follower, lambda stranger=stranger: stranger.put(KEY, cdr_at(FUTURE_S)))
+    assert follower.now_ns() == 1000 * SECOND_NS
+
+
+def test_a_copied_gid_does_not_make_a_second_speaker_the_first(
+    make_node: MakeNode, follower: SimClock
+) -> None:
+    first, stranger = publisher(make_node("lab")), make_node("stranger")
+    heard: list[zenoh.Sample] = []
+    ear = stranger.session.declare_subscriber("0/clock/**", heard.append)
+    reaches(follower, 1000, lambda: first.publish(clock_at(1000)))
+    reaches(follower, 1001, lambda: first.publish(clock_at(1001)))
+    copied = heard[-1]
+    refuses(
+        follower,
+        lambda: stranger.session.put(
+            copied.key_expr, cdr_at(FUTURE_S), attachment=copied.attachment.to_bytes()
+        ),
+    )
+    ear.undeclare()
+    assert follower.now_ns() == 1001 * SECOND_NS
+
+
+def test_a_follower_that_comes_late_knows_who_may_speak(make_node: MakeNode) -> None:
+    first, stranger = publisher(make_node("lab")), make_node("stranger")
+    late = SimClock(make_node("late").session, 0)
+    refuses(late, lambda: stranger.session.put(KEY, cdr_at(FUTURE_S)))
+    reaches(late, 1000, lambda: first.publish(clock_at(1000)))
+    assert late.now_ns() == 1000 * SECOND_NS
+    late.close()
+
+
+def test_the_next_body_is_followed_once_the_first_has_ended(make_node: MakeNode, follower: SimClock) -> None:
+    node = make_node("lab")
+    first, next_ = publisher(node), publisher(make_node("lab"))
+    reaches(follower, 1000, lambda: first.publish(clock_at(1000)))
+    node.close()
+    reaches(follower, 1001, lambda: next_.publish(clock_at(1001)))
+    assert follower.now_ns() == 1001 * SECOND_NS
+
+
+def test_the_registered_body_takes_over_from_a_session_that_announced_nothing(
+    make_node: MakeNode, follower: SimClock
+) -> None:
+    early = make_node("early").session
+    reaches(follower, 1000, lambda: early.put(KEY, cdr_at(1000)))
+    body = publisher(make_node("lab"))
+    reaches(follower, 1001, lambda: body.publish(clock_at(1001)))
+    refuses(follower, lambda: early.put(KEY, cdr_at(FUTURE_S)))
+    assert follower.now_ns() == 1001 * SECOND_NS
