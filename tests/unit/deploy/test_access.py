@@ -67,3 +67,13 @@ def test_a_device_speaks_through_the_process_that_has_its_key(
         "mocap": ["robot_sim"],
         "somebody": [],
     }
+
+
+def test_only_robot_sim_tells_the_time(rules: dict[str, dict[str, list[str]]]) -> None:
+    clock = zenoh.KeyExpr("0/clock/**")
+    speakers = {
+        name
+        for name in everybody(Site.load(LAB))
+        if any(clock.intersects(zenoh.KeyExpr(key)) for key in rules[f"{name} writes"]["key_exprs"])
+    }
+    assert speakers == {"robot_sim"}
