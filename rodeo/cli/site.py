@@ -108,16 +108,17 @@ def status(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None
         print_json({"site": loaded.org, "bus": bus, "processes": [_row_json(loaded, row) for row in rows]})
     else:
         console.print(status_table(rows))
-        for warning in _warnings(loaded, rows):
-            console.print(f"[bold red]warning[/]: {escape(warning)}", highlight=False, soft_wrap=True)
+        _print_warnings(loaded, rows)
     if not all(row.state == "ready" for row in rows):
         raise typer.Exit(1)
 
 
-def _warnings(site: Site, rows: list[Row]) -> list[str]:
+def _print_warnings(site: Site, rows: list[Row]) -> None:
     """What the site file and the processes warn of, each once."""
     said = [openness(site), *(text for row in rows if row.status is not None for text in row.status.warnings)]
-    return list(dict.fromkeys(text for text in said if text))
+    for text in dict.fromkeys(said):
+        if text:
+            console.print(f"[bold red]warning[/]: {escape(text)}", highlight=False, soft_wrap=True)
 
 
 def read_rows(site: Site, timeout_s: float = 5.0) -> list[Row]:
@@ -273,6 +274,7 @@ def stop_on_signals() -> None:
 
 def _attend(launcher: Launcher) -> None:
     """Keep the children running and show how they are, for ever."""
+    _print_warnings(launcher.site, [])
     with StatusWatcher(launcher.site) as watcher, _display() as show:
         while True:
             launcher.poll()
@@ -323,6 +325,7 @@ def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 120.0) -
             raise NotUp(f"the launcher ended; its log ends so:\n{last}")
         if all(row.state == "ready" and row.here for row in rows):
             console.print(status_table(rows))
+            _print_warnings(launcher.site, rows)
             return
         if time.monotonic() > deadline_s:
             console.print(status_table(rows))
