@@ -64,8 +64,8 @@ class SimClock:
 
     The speaker is the first session that is heard and has a publisher of `/clock` in the ROS graph (a
     liveliness token, which ends with its session). While that stands, nobody else moves the time; others are
-    refused, logged, and told of by `warning`. A session that is not in the graph is followed only while
-    nobody is in it.
+    refused, logged, and told of by `warning`. A session that is not in the graph is followed only until one
+    is in it.
 
     A message's session is the one in its Zenoh time stamp, which is written where it is sent. Access rules
     let only robot_sim speak here; on an open bus somebody who forges time stamps is not told apart.
@@ -85,6 +85,8 @@ class SimClock:
         self._changed = threading.Condition()
         self._announced: dict[str, str] = {}
         """Liveliness token of a publisher of /clock -> its session."""
+        self._registered = False
+        """Whether there has been one: from then on nobody is followed who is not in the graph."""
         self._speaker: str | None = None
         self._heard_s = 0.0
         """When the speaker was heard last; monotonic wall time."""
@@ -109,6 +111,7 @@ class SimClock:
     def _announce(self, token: str) -> None:
         with self._changed:
             self._announced[token] = self._session_of(token)
+            self._registered = True
 
     def _on_clock(self, sample: zenoh.Sample) -> None:
         payload = sample.payload.to_bytes()
@@ -137,16 +140,14 @@ class SimClock:
             follows = source == self._speaker or self._speaker not in known
         else:
             silent = now_s - self._heard_s > _SILENT_S
-            follows = not known and (source == self._speaker or self._speaker is None or silent)
+            follows = not self._registered and (source == self._speaker or self._speaker is None or silent)
         if follows:
             self._speaker, self._heard_s = source, now_s
             if source == self._refused:
                 self._refused_s = -math.inf
             return True
-        if source != self._refused or now_s - self._said_s > _WARNED_S:
-            log.error(
-                "a second speaker on /clock is refused: session %s; followed: %s", source, self._speaker
-            )
+        if now_s - self._said_s > _WARNED_S:
+            log.error("a second speaker on /clock is refused: %s; followed: %s", source, self._speaker)
             self._said_s = now_s
         self._refused, self._refused_s = source, now_s
         return False

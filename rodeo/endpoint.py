@@ -13,7 +13,7 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
-from rodeo.errors import UnsafeSocketFolder
+from rodeo.errors import PortUnavailable, UnsafeSocketFolder
 
 LOCAL = "local"
 """What `bus.router` is by default: a Unix socket beside the site's data."""
@@ -25,7 +25,7 @@ _MAX_PATH_BYTES = 107
 """sun_path of unix(7) has 108 bytes, the last of which is a zero."""
 
 _SHORT = Path("/tmp")
-"""Where the socket goes if the path of the data directory is too long for one. The sticky bit there keeps
+"""Where the socket goes if the path of the data directory cannot be that of one. The sticky bit there keeps
 others from renaming our folder; not $TMPDIR or $XDG_RUNTIME_DIR, which may differ between two shells."""
 
 _OWNER_ONLY = 0o700
@@ -47,7 +47,7 @@ def problem(router: str, is_open: bool) -> str:
         return ""
     if is_local(router) or wants_certificates(router):
         # Behind ? and # Zenoh takes options of the link, among them one that asks for no certificate.
-        if any(mark in router for mark in "?#"):
+        if _has_options(router):
             return f"{router}: options behind ? or # could open a closed bus; leave them out"
         if is_local(router):
             return _problem_of_path(Path(router.removeprefix(_SOCKET)))
@@ -61,6 +61,10 @@ def problem(router: str, is_open: bool) -> str:
     )
 
 
+def _has_options(router: str) -> bool:
+    return any(mark in router for mark in "?#")
+
+
 def _problem_of_path(path: Path) -> str:
     if not path.is_absolute():
         return f"{path}: the path of a socket begins with /"
@@ -72,20 +76,28 @@ def _problem_of_path(path: Path) -> str:
 def local_socket(data_dir: Path) -> str:
     """The endpoint of a site's own socket: the same for all its processes, whatever their environment."""
     path = data_dir.absolute() / "bus" / "router.sock"
-    if len(os.fsencode(path)) > _MAX_PATH_BYTES:
+    if len(os.fsencode(path)) > _MAX_PATH_BYTES or _has_options(str(path)):
         digest = hashlib.sha256(os.fsencode(data_dir.absolute())).hexdigest()[:16]
         path = _SHORT / f"rodeo-{os.geteuid()}-{digest}" / "router.sock"
     return f"{_SOCKET}{path}"
 
 
 def make_socket_folder(router: str) -> None:
-    """Make the folder of a socket, for its owner alone. Raises UnsafeSocketFolder if another stands there."""
+    """Make the folder of a socket, for its owner alone.
+
+    Raises PortUnavailable when it cannot be made, and UnsafeSocketFolder if another stands there.
+    """
     if not is_local(router):
         return
     folder = _folder(router)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with suppress(FileExistsError):
-        folder.mkdir(mode=_OWNER_ONLY)
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):
+            folder.mkdir(mode=_OWNER_ONLY)
+    except OSError as error:
+        raise PortUnavailable(
+            f"cannot make the folder of the bus's socket: {error.strerror}", path=str(folder)
+        ) from error
     check_socket_folder(router)
 
 
@@ -98,6 +110,10 @@ def check_socket_folder(router: str) -> None:
         found = folder.lstat()
     except FileNotFoundError:
         return
+    except PermissionError as error:
+        raise UnsafeSocketFolder(
+            "the folder of the bus's socket is where only others may look", path=str(folder)
+        ) from error
     if not stat.S_ISDIR(found.st_mode):
         raise UnsafeSocketFolder("the bus's socket needs a folder here, and this is none", path=str(folder))
     if found.st_uid != os.geteuid():

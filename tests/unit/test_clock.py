@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 import threading
 import time
@@ -75,18 +76,39 @@ def test_a_second_publisher_does_not_move_the_time_and_is_told_of(
     reaches(follower, 1001, lambda: first.publish(clock_at(1001)))
 
 
+@pytest.mark.parametrize("stamps", [True, False])
 def test_bytes_from_a_session_that_announces_nothing_do_not_move_it(
-    make_node: MakeNode, follower: SimClock, router_port: int
+    make_node: MakeNode, follower: SimClock, router_port: int, stamps: bool
 ) -> None:
     first = publisher(make_node("lab"))
     reaches(follower, 1000, lambda: first.publish(clock_at(1000)))
-    plain = zenoh.Config()  # one that does not even stamp
-    plain.insert_json5("mode", '"client"')
-    plain.insert_json5("connect/endpoints", f'["tcp/127.0.0.1:{router_port}"]')
-    for config in (plain, zenoh_config("client", connect=[f"tcp/127.0.0.1:{router_port}"])):
-        with zenoh.open(config) as stranger:
-            refuses(follower, lambda stranger=stranger: stranger.put(KEY, cdr_at(FUTURE_S)))
+    config = zenoh_config("client", connect=[f"tcp/127.0.0.1:{router_port}"])
+    config.insert_json5("timestamping/enabled", json.dumps({"client": stamps}))
+    with zenoh.open(config) as stranger:
+        refuses(follower, lambda: stranger.put(KEY, cdr_at(FUTURE_S)))
     assert follower.now_ns() == 1000 * SECOND_NS
+
+
+def test_nobody_takes_over_unannounced_when_the_body_has_ended(
+    make_node: MakeNode, follower: SimClock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rodeo.clock._SILENT_S", 0.0)
+    node, stranger = make_node("lab"), make_node("stranger")
+    first = publisher(node)
+    reaches(follower, 1000, lambda: first.publish(clock_at(1000)))
+    node.close()
+    refuses(follower, lambda: stranger.session.put(KEY, cdr_at(FUTURE_S)))
+    assert follower.now_ns() == 1000 * SECOND_NS
+
+
+def test_a_process_follows_its_own_clock_like_everybody_elses(make_node: MakeNode) -> None:
+    node, stranger = make_node("lab"), make_node("stranger")
+    body, own = publisher(node), SimClock(node.session, 0)
+    reaches(own, 1000, lambda: body.publish(clock_at(1000)))
+    second = publisher(stranger)
+    refuses(own, lambda: second.publish(clock_at(FUTURE_S)))
+    assert own.now_ns() == 1000 * SECOND_NS
+    own.close()
 
 
 def test_a_copied_gid_does_not_make_a_second_speaker_the_first(

@@ -46,6 +46,15 @@ def test_a_data_directory_of_any_length_gets_a_socket_that_the_kernel_takes(tmp_
     assert str(os.geteuid()) in path, "two users of one path do not meet in it"
 
 
+@pytest.mark.parametrize("name", ["#1", "what?"])
+def test_a_data_directory_whose_name_means_options_to_zenoh_gets_another_socket(
+    tmp_path: Path, name: str
+) -> None:
+    (tmp_path / name).mkdir()
+    router = site_with(tmp_path / name).bus.router
+    assert endpoint.is_local(router) and endpoint.problem(router, False) == ""
+
+
 @pytest.mark.parametrize(
     "router",
     [
