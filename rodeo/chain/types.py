@@ -250,8 +250,8 @@ _ROLES = {role.id: role.value for role in Role}
 def value(parameter: Mapping[str, Any], raw: Any) -> Any:
     """`raw`, decoded by eth-abi for an ABI `parameter`, as the type that this module gives it.
 
-    Enums and structs become theirs, kinds, device roles and device names text, access roles their names. Other
-    bytes stay bytes.
+    Enums and structs become theirs, kinds, device roles and device names text, access roles their names.
+    Other bytes stay bytes.
     """
     internal_type = parameter.get("internalType", "")
     if internal_type in _ENUMS:
