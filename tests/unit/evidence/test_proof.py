@@ -236,18 +236,14 @@ def test_flipped_bytes_never_escape_as_another_exception(recorded: Callable[...,
     path = recorded(60)
     data = path.read_bytes()
     chance = random.Random(2)
-    accepted = 0
+    library = data.index(b"rodeo")  # whoever wrote the file: free text
     for _ in range(300):
         broken = bytearray(data)
         for _ in range(chance.choice((1, 8))):
-            broken[chance.randrange(len(broken))] = chance.randrange(256)
+            broken[chance.randrange(library + 5, len(broken))] ^= chance.randrange(1, 256)
         path.write_bytes(bytes(broken))
-        try:
+        with pytest.raises(EvidenceError):
             open_proof(path)
-            accepted += 1  # in an index that no check relies on
-        except EvidenceError:
-            continue
-    assert accepted < 150
 
 
 def test_a_missing_file_is_not_found(tmp_path: Path) -> None:
