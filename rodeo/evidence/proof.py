@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from typing import Any
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import BadAttestation, CorruptProof, LayoutChanged, ProofNotFound, UnsealedProof
+from rodeo.evidence.plain_json import read_json
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.evidence.seal import Binding
@@ -115,19 +115,16 @@ class Proof:
         return column.table()
 
     def json(self, channel: str) -> list[dict[str, Any]]:
-        """The objects on a JSON channel. Raises CorruptProof for what is not a JSON object."""
+        """The objects on a JSON channel. Raises CorruptProof for what not every parser reads alike."""
         column = self.topics.get(channel)
         objects = []
         for data in column.data if column else []:
             try:
-                value = json.loads(data)
+                objects.append(read_json(data))
             except (ValueError, RecursionError) as error:
                 raise CorruptProof(
-                    "a message is not JSON", channel=channel, cause=str(error)[:500]
+                    "a message is not a JSON object", channel=channel, cause=str(error)[:500]
                 ) from error
-            if not isinstance(value, dict):
-                raise CorruptProof("a message is not a JSON object", channel=channel)
-            objects.append(value)
         return objects
 
     def events(self) -> list[dict[str, Any]]:

@@ -29,6 +29,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from rodeo.evidence.attestation import Attestation, attest, recover, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BrokenSeal, UnsealedProof
+from rodeo.evidence.plain_json import read_json
 
 SEAL_TOPIC = "rodeo/seal"
 SEAL_PERIOD_NS = 1_000_000_000
@@ -230,9 +231,7 @@ class SealAudit:
     def see(self, data: bytes, running: RunningHash, unsealed_ns: int) -> None:
         """The seal message `data` after the messages in `running`, unsealed for so long before it."""
         try:
-            fields = json.loads(data)
-            if not isinstance(fields, dict):
-                raise ValueError("not a JSON object")
+            fields = read_json(data)
             if "typed_data" in fields:
                 self._see_final(fields, running)
             else:

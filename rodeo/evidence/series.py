@@ -94,6 +94,14 @@ class _Walk:
         for name, (kind, detail) in _fields(ros_type):
             self._node(kind, detail, prefix + name)
 
+    def end(self) -> int:
+        """Where the message ends; zeros may follow up to a multiple of four. Raises LayoutChanged."""
+        end, size = self._offset, len(self._data)
+        padded = end + -(end - _HEADER_BYTES) % 4
+        if size not in (end, padded) or any(self._data[end:]):
+            raise LayoutChanged("a message is longer than its type", length_bytes=size, type_bytes=end)
+        return end
+
     def _node(self, kind: Nodetype, detail: Any, path: str) -> None:
         if kind == Nodetype.BASE:
             self._base(detail[0], path)
@@ -117,9 +125,13 @@ class _Walk:
             self._number(_DTYPES[name], np.dtype(_DTYPES[name]).itemsize, 1, path)
         elif name in ("string", "wstring"):
             length = self._count()
-            self.strings[path] = self._data[self._offset : self._offset + length - 1].decode(
-                "utf-8", "replace"
-            )
+            text = self._data[self._offset : self._offset + length]
+            try:
+                self.strings[path] = text[:-1].decode()
+            except UnicodeDecodeError as error:
+                raise LayoutChanged("a string is not UTF-8", field=path, cause=str(error)) from error
+            if len(text) != length or text[-1:] != b"\0":
+                raise LayoutChanged("a string does not end with a zero", field=path, length=length)
             self.guards.append(slice(self._offset, self._offset + length))
             self._offset += length
         else:
@@ -169,6 +181,7 @@ def table(messages: list[bytes], log_ns: array[int], ros_type: str, topic: str) 
         )
     walk = _Walk(messages[0])
     walk.structure(ros_type, "")
+    walk.guards.append(slice(walk.end(), size))
     raw = np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), size)
     for guard in walk.guards:
         different = np.flatnonzero((raw[:, guard] != raw[0, guard]).any(axis=1))

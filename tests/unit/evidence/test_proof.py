@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import zstandard
@@ -32,6 +33,7 @@ from rodeo.evidence.errors import (
     TruncatedProof,
     UnsealedProof,
 )
+from rodeo.ros2.types import new, serialize
 from tests.unit.evidence.conftest import START_NS, HandClock, drive, odometry
 
 Record = tuple[Schema | None, Channel, Message]
@@ -343,3 +345,78 @@ def test_a_message_that_does_not_fit_the_others_is_named(
     with pytest.raises(LayoutChanged) as caught:
         proof.table("/panther1/odom", "nav_msgs/msg/Odometry")
     assert caught.value.details["index"] == 3
+
+
+def test_a_message_may_be_padded_to_a_multiple_of_four(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    text = serialize(new("std_msgs/msg/String", data="name"))
+    padding = bytes(-len(text) % 4)
+    assert padding
+    recorder = Recorder(tmp_path / "proof.mcap", binding, device, clock)
+    recorder.write_ros("name", "std_msgs/msg/String", text + padding, START_NS, START_NS)
+    table = open_proof(recorder.close().path).table("/name", "std_msgs/msg/String")
+    assert table.strings["data"] == "name"
+
+
+@pytest.mark.parametrize(
+    ("cdr", "reason"),
+    [
+        (serialize(new("std_msgs/msg/String", data="name")) + b"\0\0\0more", "longer than its type"),
+        (serialize(new("std_msgs/msg/String", data="name")) + b"mor", "longer than its type"),
+        (b"\0\1\0\0\4\0\0\0name", "does not end with a zero"),
+        (b"\0\1\0\0\0\0\0\0", "does not end with a zero"),
+        (b"\0\1\0\0\3\0\0\0\xff\xfe\0", "not UTF-8"),
+    ],
+)
+def test_a_message_that_others_read_otherwise_is_refused(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock, cdr: bytes, reason: str
+) -> None:
+    recorder = Recorder(tmp_path / "proof.mcap", binding, device, clock)
+    recorder.write_ros("name", "std_msgs/msg/String", cdr, START_NS, START_NS)
+    proof = open_proof(recorder.close().path)
+    with pytest.raises(LayoutChanged, match=reason):
+        proof.table("/name", "std_msgs/msg/String")
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b'{"event": "one", "event": "two"}',
+        b'{"payload": {"seq": 1, "seq": 2}}',
+        b'{"weight_n": NaN}',
+        b'{"weight_n": -Infinity}',
+        '{"event": "one"}'.encode("utf-16"),
+        b"[1]",
+        b'{"event": "one"} more',
+    ],
+)
+def test_json_that_parsers_read_differently_is_refused(
+    tmp_path: Path,
+    binding: Binding,
+    device: LocalAccount,
+    clock: HandClock,
+    monkeypatch: pytest.MonkeyPatch,
+    data: bytes,
+) -> None:
+    recorder = Recorder(tmp_path / "proof.mcap", binding, device, clock)
+    monkeypatch.setattr("rodeo.evidence.recorder.json", SimpleNamespace(dumps=lambda *_, **__: Written(data)))
+    recorder.write_json("rodeo/event", {})
+    monkeypatch.undo()
+    proof = open_proof(recorder.close().path)
+    with pytest.raises(CorruptProof):
+        proof.events()
+
+
+class Written(str):
+    """What `json.dumps` is made to give: its bytes are taken as they are."""
+
+    def __new__(cls, data: bytes) -> Written:
+        text = super().__new__(cls)
+        text.data = data
+        return text
+
+    data: bytes
+
+    def encode(self, *_: object) -> bytes:
+        return self.data
