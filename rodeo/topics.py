@@ -199,7 +199,7 @@ GRIPPER_CMD = _served(
 # -- robot plane: what the lab itself offers ------------------------------------------------------------
 
 MOCAP_POSE = _topic(
-    "mocap/{body}/pose", "geometry_msgs/msg/PoseStamped", 50, "robot_sim", True, "motion capture in the map"
+    "mocap/{body}/pose", "geometry_msgs/msg/PoseStamped", 50, "robot_sim", False, "motion capture in the map"
 )
 BIN_PRESENCE = _topic(
     "{bin}/presence", "sensor_msgs/msg/Range", 10, "robot_sim", False, "distance to what is shown to the bin"
@@ -252,24 +252,6 @@ COMMAND = _dao(
 )
 STATE = _dao("rodeo/{org}/state/{what}", "per query", Form.QUERY, "bridge", "the index of the chain")
 EVENT = _dao("rodeo/{org}/event/{event}", "DaoEvent", Form.TOPIC, "bridge", "a contract event in order")
-CLASSIFICATION = _dao(
-    "rodeo/{org}/itrash/{bin}/classification", "Attestation", Form.TOPIC, "itrash", "what the bin was shown"
-)
-DISPOSAL = _dao(
-    "rodeo/{org}/itrash/{bin}/disposal",
-    "Attestation",
-    Form.TOPIC,
-    "itrash",
-    "what fell where",
-)
-MOCAP_ATTESTATION = _dao(
-    "rodeo/{org}/mocap/{body}/attestation",
-    "Attestation",
-    Form.TOPIC,
-    "robot_sim",
-    "which poses the motion capture published",
-    1,
-)
 SEAL = _dao(
     "rodeo/{org}/seal/{device}",
     "Attestation",
@@ -290,6 +272,31 @@ WITNESS_STATEMENTS = _dao(
     Form.QUERY,
     "every process",
     "the same again, as they were signed: `?after=SEQ;limit=N`",
+)
+CLASSIFICATION = _dao(
+    "rodeo/{org}/itrash/{bin}/classification", "Attestation", Form.TOPIC, "itrash", "what the bin was shown"
+)
+DISPOSAL = _dao(
+    "rodeo/{org}/itrash/{bin}/disposal",
+    "Attestation",
+    Form.TOPIC,
+    "itrash",
+    "what fell where",
+)
+MOCAP_ATTESTATION = _dao(
+    "rodeo/{org}/mocap/{body}/attestation",
+    "Attestation",
+    Form.TOPIC,
+    "robot_sim",
+    "which poses the motion capture published",
+    1,
+)
+BIN_PICTURE = _dao(
+    "rodeo/{org}/itrash/{bin}/picture",
+    "per query",
+    Form.QUERY,
+    "itrash",
+    "a picture that it classified, as the camera encoded it: `?sha256=0x...`",
 )
 BIN_STATE = _dao("rodeo/{org}/itrash/{bin}/state", "BinState", Form.QUERY, "itrash", "its last attestations")
 ROBOT_ORDER = _dao(

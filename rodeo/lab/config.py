@@ -57,6 +57,12 @@ class LabConfig(Section):
     wall_thickness_m: Positive = 0.1
     furniture: tuple[FurnitureConfig, ...] = ()
     mocap: bool = Field(True, description="whether motion capture tracks robots and items")
+    mocap_gripper: bool = Field(False, description="whether it tracks the robots' grippers, too")
+
+
+def gripper_body(robot: str) -> str:
+    """Name of the body that motion capture tracks on the gripper of `robot`: what carries the fingers."""
+    return f"{robot}/gripper"
 
 
 class BinConfig(Section):

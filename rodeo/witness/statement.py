@@ -22,6 +22,10 @@ MAX_HEADS = 64
 """In one statement: more devices than a site has."""
 
 
+MAX_CLAIMANTS = 8
+"""Of one showing: more robots than can stand around a bin."""
+
+
 class _Model(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True, serialize_by_alias=True
@@ -109,7 +113,8 @@ class Classification(Header):
     """Of the picture as the camera encoded it."""
     model_sha256: Digest
     thresholds_sha256: Digest
-    claimant: Claimant | None
+    claimants: tuple[Claimant, ...] = Field(max_length=MAX_CLAIMANTS)
+    """Who presented themselves before, the newest first; motion capture tells who of them stood there."""
     shown_s: float
     """Site time of the picture."""
 
@@ -128,8 +133,8 @@ class Drop(Header):
     after_s: float
     settled_s: float
     correct: bool
-    claimant: Claimant | None
-    """The one of the classification."""
+    claimants: tuple[Claimant, ...] = Field(max_length=MAX_CLAIMANTS)
+    """Those of the classification."""
 
 
 class Removal(Header):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,15 +20,16 @@ from rodeo.evidence.attestation import Attestation, verify_attestation
 from rodeo.evidence.errors import BadStatement
 from rodeo.evidence.seal import SealHead
 from rodeo.witness.chain import Inputs, WitnessChain
-from rodeo.witness.devices import DeviceTable
+from rodeo.witness.devices import Device, DeviceTable
 from rodeo.witness.heads import HeadBook
 from rodeo.witness.journal import Journal
-from rodeo.witness.statement import Head, Header, Scope, payload_digest
+from rodeo.witness.statement import Head, Header, Scope, Statement, parse, payload_digest
 
 log = logging.getLogger(__name__)
 
 _RETRY_WALL_S = 1.0
 _ANSWER_WALL_S = 2.0
+Listener = Callable[[Device, Statement], None]
 MAX_STATEMENTS = 200
 """In one answer."""
 
@@ -38,10 +40,18 @@ class Witness:
     Args:
         folder: where the journal is kept.
         inputs: where the device's readings come from.
+        listener: gets what other registered devices of the organization state: who, and the statement.
     """
 
     def __init__(
-        self, bus: Bus, org: str, device: str, account: LocalAccount, folder: Path, inputs: Inputs
+        self,
+        bus: Bus,
+        org: str,
+        device: str,
+        account: LocalAccount,
+        folder: Path,
+        inputs: Inputs,
+        listener: Listener | None = None,
     ) -> None:
         self.device = device
         self.heads = HeadBook()
@@ -49,6 +59,7 @@ class Witness:
         self._org = org
         self._account = account
         self._inputs = inputs
+        self._listener = listener
         self._journal = Journal(folder / "statements.jsonl")
         self._chain: WitnessChain | None = None
         self._devices = DeviceTable(bus, org)
@@ -102,20 +113,24 @@ class Witness:
 
     def _on_seal(self, _key: str, payload: bytes) -> None:
         head = seal_head(payload)
-        if self._registered(head):
+        if self._registered(head) is not None:
             self.heads.hear(head)
 
     def _on_statement(self, _key: str, data: dict[str, Any]) -> None:
         head = statement_head(data)
-        if self._registered(head):
-            self.heads.hear(head)
+        device = self._registered(head)
+        if device is None:
+            return
+        self.heads.hear(head)
+        if self._listener is not None:
+            self._listener(device, parse(data["payload"]))
 
-    def _registered(self, head: Head) -> bool:
-        """Whether the head is of another device of the organization."""
+    def _registered(self, head: Head) -> Device | None:
+        """The other device of the organization that the head is of; None for a stranger's."""
         if head.address.lower() == self._account.address.lower():
-            return False
+            return None
         found = self._devices.find(head.address)
-        return found is not None and found.name == head.device
+        return found if found is not None and found.name == head.device else None
 
     def _serve(self, request: Request) -> dict[str, Any]:
         after, limit = (_count(request.parameters, name) for name in ("after", "limit"))

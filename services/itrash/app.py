@@ -6,7 +6,7 @@ by the main thread, in the order in which it was asked for.
 
 from __future__ import annotations
 
-import hashlib
+import base64
 import logging
 import math
 import queue
@@ -19,21 +19,28 @@ from rodeo import topics
 from rodeo.bus import Request
 from rodeo.config import Site
 from rodeo.errors import RodeoError
-from rodeo.evidence import attest
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.service import Service
+from rodeo.tls import is_closed as bus_is_closed
+from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo.vision.classifier import Classifier
+from rodeo.witness import Claimant, Classification, Drop, Header, Inputs, Presentation, Removal, Statement
+from rodeo.witness.devices import Device
+from rodeo.witness.witness import Witness
 from services.itrash.behaviour import (
     Action,
     Attest,
     Bin,
     ClassificationRecord,
+    DropRecord,
+    Record,
     State,
     TakePhoto,
     compartment_of,
 )
 from services.itrash.camera import open_camera, stamp_s
 from services.itrash.journal import Journal, Kind
+from services.itrash.pictures import Pictures
 from services.itrash.web import HttpServer, make_api
 
 log = logging.getLogger(__name__)
@@ -59,6 +66,14 @@ class Itrash:
         self._actions: queue.SimpleQueue[Action | None] = queue.SimpleQueue()
         for record in self._journal.memory.unsigned:  # decided before the process ended
             self._actions.put(Attest(record))
+        self._waiting: list[Record] = []
+        """Decided while it was not known for which organization."""
+        self._pictures = Pictures(service.data_dir / "pictures")
+        # Its sensors speak over the bus: on an open one anybody may have said what they say.
+        inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
+        self._witness = Witness(
+            service.bus, site.org, site.bin.name, self._account, service.data_dir, inputs, self._on_statement
+        )
         self._heard_s: dict[str, float] = {}
         """Wall (monotonic) time of each sensor's last reading."""
         node = Node(service.bus.session, site.bin.name, "", site.bus.domain_id, service.clock)
@@ -75,6 +90,29 @@ class Itrash:
         self._node = node
         state_key = topics.BIN_STATE.name(org=site.org, bin=site.bin.name)
         self._queryable = service.bus.serve(state_key, self._serve_state)
+        picture_key = topics.BIN_PICTURE.name(org=site.org, bin=site.bin.name)
+        self._gallery = service.bus.serve(picture_key, self._serve_picture)
+
+    # -- who shows something ---------------------------------------------------------------------------
+
+    def _on_statement(self, device: Device, statement: Statement) -> None:
+        """A registered device stated something; a robot may have presented itself."""
+        if not isinstance(statement, Presentation) or statement.bin != self._config.name:
+            return
+        if device.role != "robot":
+            log.warning("left out a presentation by %s, which is no robot", device.name)
+            return
+        claimant = Claimant(
+            device=device.name,
+            address=device.address,
+            recording=statement.recording,
+            task_id=statement.task_id,
+            attempt=statement.attempt,
+        )
+        now_s = self._service.clock.now_s()
+        with self._lock:
+            self._bin.presented(claimant, now_s)
+        log.info("%s presents itself for task %d", device.name, statement.task_id)
 
     # -- sensors ---------------------------------------------------------------------------------------
 
@@ -116,12 +154,17 @@ class Itrash:
         try:
             while not self._service.stop.is_set():
                 self._tell()
+                if self._waiting and self._witness.chain is not None:
+                    waiting, self._waiting = self._waiting, []
+                    for record in waiting:
+                        self._attest(record)
                 try:
                     action = self._actions.get(timeout=0.5)
                 except queue.Empty:
                     continue
                 self._carry_out(action)
         finally:
+            self._witness.close()
             self._camera.close()
             self._node.close()
             with self._lock:
@@ -131,7 +174,7 @@ class Itrash:
         if isinstance(action, TakePhoto):
             self._look(action)
         elif isinstance(action, Attest):
-            self._attest(action)
+            self._attest(action.record)
         else:
             with self._lock:
                 self._journal.save(self._path)
@@ -141,25 +184,37 @@ class Itrash:
         try:
             time_s, data = self._camera.capture(request.after_s)
             classification = self.classifier.classify(data)
+            image_sha256 = self._pictures.keep(data)
         except RodeoError as error:
             log.warning("no photo of the item: %s", error)
             failed_s = self._service.clock.now_s()
             self._feed("photo", lambda: self._bin.photo_failed(failed_s))
             return
-        image_sha256 = "0x" + hashlib.sha256(data).hexdigest()
         self._feed("photo", lambda: self._bin.photo(classification, image_sha256, time_s))
 
-    def _attest(self, action: Attest) -> None:
-        kind: Kind = "classification" if isinstance(action.record, ClassificationRecord) else "disposal"
-        attestation = attest(action.record.payload(), self._account)
+    def _attest(self, record: Record) -> None:
+        chain = self._witness.chain
+        if chain is None:
+            self._waiting.append(record)
+            return
+        kind, model, fields = self._stated(record)
+        attestation = chain.sign(model, self._service.clock.now_s(), **fields)
         with self._lock:
-            # On disk before it is on the bus: who missed it can ask, whatever happens in between.
             self._journal.add(kind, attestation)
-            self._bin.memory.unsigned.remove(action.record)
+            self._bin.memory.unsigned.remove(record)
             self._journal.save(self._path)
-        topic = topics.CLASSIFICATION if kind == "classification" else topics.DISPOSAL
-        self._service.bus.put_json(topic.name(org=self._service.site.org, bin=self._config.name), attestation)
-        log.info("%s %s", kind, action.record.model_dump_json(exclude={"probabilities", "image_sha256"}))
+        self._witness.publish(attestation)
+        log.info("%s %s", kind, record.model_dump_json(exclude={"probabilities", "image_sha256"}))
+
+    def _stated(self, record: Record) -> tuple[Kind, type[Header], dict[str, Any]]:
+        """What is signed of a record: how the journal calls it, the statement's model and its own fields."""
+        fields = record.model_dump(by_alias=True)
+        if isinstance(record, ClassificationRecord):
+            hashes = {"model_sha256": model_sha256(), "thresholds_sha256": thresholds_sha256()}
+            return "classification", Classification, fields | hashes
+        if isinstance(record, DropRecord):
+            return "disposal", Drop, fields
+        return "removal", Removal, fields
 
     # -- state -----------------------------------------------------------------------------------------
 
@@ -175,7 +230,8 @@ class Itrash:
                 "bin": self._config.name,
                 "state": self._bin.state.value,
                 "since_s": self._bin.memory.since_s,
-                "pending_seq": None if pending is None else pending.seq,
+                "pending": None if pending is None else pending.number,
+                "presented": [one.claimant.device for one in self._bin.memory.presented],
                 "loads_n": self._bin.loads_n,
                 "fill": {name: round(share, 3) for name, share in self._bin.fill.items()},
                 "classification": _dump(self._journal.last("classification")),
@@ -201,10 +257,17 @@ class Itrash:
     def _serve_state(self, _request: Request) -> dict[str, Any]:
         return self.state()
 
+    def _serve_picture(self, request: Request) -> dict[str, Any]:
+        wanted = request.parameters.get("sha256", "")
+        data = self._pictures.find(wanted)
+        return {"sha256": wanted, "data_base64": base64.b64encode(data).decode()}
+
     def _tell(self) -> None:
         """Put readiness and activity into the process's status."""
         missing = self.missing_sensors()
-        if missing:
+        if self._witness.chain is None:
+            self._service.not_ready("waiting to hear from the bridge for which organization it signs")
+        elif missing:
             self._service.not_ready(f"no readings from {', '.join(missing)}")
         else:
             self._service.ready()

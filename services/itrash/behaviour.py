@@ -14,12 +14,12 @@ from collections import deque
 from collections.abc import Collection
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from rodeo.lab.config import BinConfig, ItemClass
 from rodeo.vision.classification import UNKNOWN, Classification
+from rodeo.witness.statement import MAX_CLAIMANTS, Claimant
 from services.itrash.load import LOAD_LIMITS, Cell, LoadCell, LoadLimits, Step
 
 
@@ -69,6 +69,8 @@ class BinLimits:
     weigh_s: float = 5.0
     """How long load cells are waited for that have yet to say whether something fell. They need 1 s, and a
     bin that starts hears them one after another: at 20 times real time this is a quarter of a second."""
+    presented_s: float = 120.0
+    """A robot that presented itself shows something within so long: what is unknown it turns and shows again."""
     shaken_s: float = 3.0
     """A fall and what it shakes change the weights within so long; what may have taken longer happened while
     nobody looked."""
@@ -78,42 +80,50 @@ _LIMITS = BinLimits()
 
 
 class ClassificationRecord(BaseModel):
-    """A classification as attested; field names are those on the bus."""
+    """A classification, to be signed as `rodeo.witness.Classification`."""
 
     model_config = ConfigDict(populate_by_name=True, serialize_by_alias=True)
 
-    bin: str
-    seq: int
+    number: int
     item_class: str = Field(alias="class")
     probabilities: dict[str, float]
     compartment: str
     full: bool
     """Whether that compartment takes no more: nothing may be dropped."""
     image_sha256: str
-    time_s: float
-
-    def payload(self) -> dict[str, Any]:
-        return self.model_dump()
+    claimants: tuple[Claimant, ...] = ()
+    shown_s: float
 
 
-class DisposalRecord(BaseModel):
-    """A drop as attested. What was never classified has no expected compartment and is not correct.
+class DropRecord(BaseModel):
+    """A drop, to be signed as `rodeo.witness.Drop`.
 
-    It fell between `after_s` and `time_s`, when its weight had settled.
+    What was never classified has no expected compartment and is not correct.
+
+    It fell between `after_s` and `settled_s`.
     """
 
-    bin: str
-    seq: int
-    classification_seq: int | None
+    number: int
+    classification: int | None
     compartment: str
     expected_compartment: str | None
     weight_n: float
     after_s: float
-    time_s: float
+    settled_s: float
     correct: bool
+    claimants: tuple[Claimant, ...] = ()
 
-    def payload(self) -> dict[str, Any]:
-        return self.model_dump()
+
+class RemovalRecord(BaseModel):
+    """Weight that left a compartment, to be signed as `rodeo.witness.Removal`."""
+
+    compartment: str
+    weight_n: float
+    after_s: float
+    settled_s: float
+
+
+Record = ClassificationRecord | DropRecord | RemovalRecord
 
 
 @dataclass(frozen=True)
@@ -127,10 +137,17 @@ class TakePhoto:
 class Attest:
     """Sign, keep and publish the record, and take it out of `Memory.unsigned`."""
 
-    record: ClassificationRecord | DisposalRecord
+    record: Record
 
 
 Action = TakePhoto | Attest
+
+
+class Presented(BaseModel):
+    """A robot that said that it will show something."""
+
+    claimant: Claimant
+    at_s: float
 
 
 class Memory(BaseModel):
@@ -139,12 +156,15 @@ class Memory(BaseModel):
     state: State = State.IDLE
     since_s: float = 0.0
     """When `state` was entered."""
-    classification_seq: int = 0
-    disposal_seq: int = 0
+    classifications: int = 0
+    """How many there were."""
+    drops: int = 0
     pending: ClassificationRecord | None = None
     """The classification whose drop is awaited."""
-    unsigned: list[ClassificationRecord | DisposalRecord] = []
+    unsigned: list[Record] = []
     """Decided and not yet attested, oldest first."""
+    presented: list[Presented] = []
+    """Robots that said that they will show something, the newest first."""
     cells: dict[str, Cell] = {}
 
 
@@ -168,6 +188,7 @@ class Bin:
         self._limits = limits
         for name in config.compartments:
             memory.cells.setdefault(name, Cell())
+        self._least_n = load_limits.step_n
         self._cells = {name: LoadCell(memory.cells[name], load_limits) for name in config.compartments}
         self._ranges: deque[tuple[float, float]] = deque()
         """(time, distance) since something is present."""
@@ -202,6 +223,13 @@ class Bin:
         return {
             name: max(load_n or 0.0, 0.0) / self._config.full_at_n for name, load_n in self.loads_n.items()
         }
+
+    # -- who shows something ---------------------------------------------------------------------------
+
+    def presented(self, claimant: Claimant, time_s: float) -> None:
+        """A robot says that it will show something next."""
+        others = [one for one in self.memory.presented if one.claimant.address != claimant.address]
+        self.memory.presented = [Presented(claimant=claimant, at_s=time_s), *others][:MAX_CLAIMANTS]
 
     # -- sensors ---------------------------------------------------------------------------------------
 
@@ -276,16 +304,16 @@ class Bin:
             self._enter(State.AWAITING_DROP, time_s)
             return []
         compartment = compartment_of(self._config, classification.label)
-        self.memory.classification_seq += 1
+        self.memory.classifications += 1
         record = ClassificationRecord(
-            bin=self._config.name,
-            seq=self.memory.classification_seq,
+            number=self.memory.classifications,
             item_class=classification.label,
             probabilities={name: round(p, 4) for name, p in classification.probabilities.items()},
             compartment=compartment,
             full=self.fill[compartment] >= 1.0,
             image_sha256=image_sha256,
-            time_s=time_s,
+            claimants=self._claimants(time_s),
+            shown_s=time_s,
         )
         self.memory.pending = None if record.full else record
         self._enter(State.FULL if record.full else State.AWAITING_DROP, time_s)
@@ -309,8 +337,10 @@ class Bin:
         if step is None or not step.ripe:
             return []
         if step.delta_n <= 0:  # somebody emptied it, lifted it out or put it back
+            # What is missing when a container comes back went with it, and that was said.
+            removed = step.delta_n <= -self._least_n and not cell.lifted
             cell.account()
-            return []
+            return [self._removal(compartment, step)] if removed else []
         unseen = self._unseen(step)
         grown = {n: s for n, s in self._grown(time_s).items() if self._unseen(s) == unseen}
         if unseen:
@@ -329,7 +359,7 @@ class Bin:
             self._cells[name].account()
         settled_s = max(grown[name].time_s for name in fell)
         return [
-            self._say(self._disposal(name, replace(grown[name], time_s=settled_s), shown=name == fell[-1]))
+            self._say(self._drop(name, replace(grown[name], time_s=settled_s), shown=name == fell[-1]))
             for name in fell
         ]
 
@@ -337,7 +367,7 @@ class Bin:
 
     def _deadline_s(self, pending: ClassificationRecord) -> float:
         """What fell later is not what was shown."""
-        return pending.time_s + self._limits.drop_timeout_s
+        return pending.shown_s + self._limits.drop_timeout_s
 
     def _timed_out(self, time_s: float) -> bool:
         """Whether what was shown did not fall in time, which the load cells may say a while later."""
@@ -368,29 +398,45 @@ class Bin:
         """Whether it may have happened while nobody looked."""
         return step.time_s - step.after_s > self._limits.shaken_s
 
-    def _disposal(self, compartment: str, step: Step, shown: bool) -> DisposalRecord:
+    def _claimants(self, time_s: float) -> tuple[Claimant, ...]:
+        """Who presented themselves a moment ago."""
+        since_s = time_s - self._limits.presented_s
+        return tuple(one.claimant for one in self.memory.presented if one.at_s >= since_s)
+
+    def _removal(self, compartment: str, step: Step) -> Attest:
+        return self._say(
+            RemovalRecord(
+                compartment=compartment,
+                weight_n=round(-step.delta_n, 3),
+                after_s=step.after_s,
+                settled_s=step.time_s,
+            )
+        )
+
+    def _drop(self, compartment: str, step: Step, shown: bool) -> DropRecord:
         pending = self.memory.pending if shown else None
         if pending is not None and step.after_s > self._deadline_s(pending):
             pending = None
         expected = None if pending is None else pending.compartment
-        self.memory.disposal_seq += 1
-        record = DisposalRecord(
-            bin=self._config.name,
-            seq=self.memory.disposal_seq,
-            classification_seq=None if pending is None else pending.seq,
+        self.memory.drops += 1
+        record = DropRecord(
+            number=self.memory.drops,
+            classification=None if pending is None else pending.number,
             compartment=compartment,
             expected_compartment=expected,
             weight_n=round(step.delta_n, 3),
             after_s=step.after_s,
-            time_s=step.time_s,
+            settled_s=step.time_s,
             correct=compartment == expected,
+            claimants=() if pending is None else pending.claimants,
         )
         if pending is not None:
             self.memory.pending = None
+            self.memory.presented = []
             self._enter(State.CONFIRMED if record.correct else State.WRONG_COMPARTMENT, step.time_s)
         return record
 
-    def _say(self, record: ClassificationRecord | DisposalRecord) -> Attest:
+    def _say(self, record: Record) -> Attest:
         self.memory.unsigned.append(record)
         return Attest(record)
 

@@ -12,7 +12,7 @@ from rodeo.evidence import Attestation
 from rodeo.files import replace_file
 from services.itrash.behaviour import Memory
 
-Kind = Literal["classification", "disposal"]
+Kind = Literal["classification", "disposal", "removal"]
 
 _KEPT_ENTRIES = 50
 

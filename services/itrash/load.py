@@ -73,6 +73,11 @@ class LoadCell:
         """The change of weight that stands and is not accounted for."""
         return self._step
 
+    @property
+    def lifted(self) -> bool:
+        """Whether the container was out when its weight was last accounted for."""
+        return self._out(self.memory.settled_n or 0.0)
+
     def reading(self, force_n: float, time_s: float) -> Step | None:
         """One reading in N at site time `time_s`; the step that stands after it, if any."""
         if self._window and time_s < self._window[-1][0]:

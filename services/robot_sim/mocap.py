@@ -1,4 +1,4 @@
-"""The lab's motion capture: publishes the poses of bodies and signs what it published.
+"""The lab's motion capture: publishes the poses of bodies and signs what it saw.
 
 It works without its key (a simulator needs no organization); then poses go out that nobody vouches for.
 """
@@ -6,59 +6,83 @@ It works without its key (a simulator needs no organization); then poses go out 
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
+from pathlib import Path
 
-from eth_account.signers.local import LocalAccount
+import numpy as np
 
-from rodeo import topics, wallets
+from rodeo import wallets
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.errors import KeystoreMissing
-from rodeo.evidence import attest
-from rodeo.mocap import MocapStatement, PoseChain
-from rodeo.ros2 import Publisher
+from rodeo.witness import Motion
+from rodeo.witness.motion import MotionLog, Sample
+from rodeo.witness.witness import Witness
 
 log = logging.getLogger(__name__)
 
-DEVICE = "mocap-device"
+NAME = "mocap"
+"""Of the device; its keystore is `mocap-device`."""
+_ASK_AGAIN_NS = 1_000_000_000
+"""Site time between two looks for the keystore."""
 
 
 class MotionCapture:
-    """The device: one key for all bodies."""
+    """The device: one key and one chain for all bodies. One thread at a time.
 
-    def __init__(self, bus: Bus, site: Site) -> None:
+    Args:
+        folder: where it keeps what it signed.
+    """
+
+    def __init__(self, bus: Bus, site: Site, folder: Path, bodies: Sequence[str]) -> None:
         self._bus = bus
         self._site = site
-        self._account: LocalAccount | None = None
+        self._folder = folder
+        self._bodies = bodies
+        self._witness: Witness | None = None
+        self._log: MotionLog | None = None
+        self._ask_ns = 0
         self._said = False
 
-    def track(self, body: str, publisher: Publisher) -> TrackedBody:
-        """Publish the poses of `body` through `publisher`."""
-        return TrackedBody(self, body, publisher)
+    def see(self, poses: Sequence[tuple[str, np.ndarray]], time_ns: int) -> None:
+        """Each body that is in view, with its pose (7,): x, y, z in m, qx, qy, qz, qw.
 
-    def sign(self, statement: MocapStatement) -> None:
-        """Publish `statement` under the device's key, as soon as there is one. Raises WalletError."""
-        if self._account is None:
-            try:
-                self._account = wallets.load(self._site, DEVICE)
-            except KeystoreMissing as error:
-                if not self._said:
-                    log.info("poses are not signed: %s", error)
-                    self._said = True
-                return
-        key = topics.MOCAP_ATTESTATION.name(org=self._site.org, body=statement.body)
-        self._bus.put_json(key, attest(statement.model_dump(), self._account))
+        Signs and publishes the statement that is due. Raises WalletError and BrokenJournal.
+        """
+        witness = self._witness or self._enroll(time_ns)
+        chain = None if witness is None else witness.chain
+        if witness is None or chain is None:
+            return  # nobody knows yet for which organization it sees
+        now_us = time_ns // 1000
+        if self._log is None:
+            self._log = MotionLog(self._bodies, now_us)
+        for body, pose in poses:
+            x, y, z, qx, qy, qz, qw = pose.tolist()
+            self._log.add(body, Sample(now_us, (x, y, z), (qw, qx, qy, qz)))
+        if self._log.due(now_us, heads=bool(witness.heads)):
+            motion = self._log
+            attestation = chain.sign_next(
+                Motion, time_ns * 1e-9, lambda seq: motion.take(now_us, seq)._asdict()
+            )
+            witness.publish(attestation)
 
+    def close(self) -> None:
+        """Stop listening and answering."""
+        if self._witness is not None:
+            self._witness.close()
 
-class TrackedBody:
-    """Poses of one body, published and chained. One thread at a time."""
-
-    def __init__(self, device: MotionCapture, body: str, publisher: Publisher) -> None:
-        self._device = device
-        self._publisher = publisher
-        self._chain = PoseChain(body)
-
-    def publish_cdr(self, cdr: bytes, time_ns: int) -> None:
-        """Send a geometry_msgs/PoseStamped, and the statement that it completes."""
-        statement = self._chain.add(self._publisher.publish_cdr(cdr, time_ns), cdr, time_ns * 1e-9)
-        if statement is not None:
-            self._device.sign(statement)
+    def _enroll(self, time_ns: int) -> Witness | None:
+        """Open the keystore, as soon as there is one."""
+        if time_ns < self._ask_ns:
+            return None
+        self._ask_ns = time_ns + _ASK_AGAIN_NS
+        try:
+            account = wallets.load(self._site, f"{NAME}-device")
+        except KeystoreMissing as error:
+            if not self._said:
+                log.info("poses are not signed: %s", error)
+                self._said = True
+            return None
+        # Its cameras are its own: nothing that it signs came over the bus.
+        self._witness = Witness(self._bus, self._site.org, NAME, account, self._folder, "sensor")
+        return self._witness

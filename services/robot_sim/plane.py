@@ -45,9 +45,11 @@ class LabPlane:
 
         self._clock = publisher(topics.CLOCK)
         self._clock_sent_s = -math.inf
-        self._mocap = {
-            body: mocap.track(body, publisher(topics.MOCAP_POSE, body=body))
+        self._mocap = mocap
+        self._mocap_poses = {
+            body: publisher(topics.MOCAP_POSE, body=body)
             for body in (self._simulation.captured if site.lab.mocap else ())
+            if "/" not in body  # of a gripper only what is signed is of use
         }
         self._pose = messages.pose_template()
         self._presence = publisher(topics.BIN_PRESENCE, bin=self._bin)
@@ -72,8 +74,12 @@ class LabPlane:
     def publish(self, tick: int, skipped: bool) -> None:
         seen, add = self._snapshot, self._loop.outbox.add
         now_ns = seen.time_ns
-        for body, pose in seen.captured_poses() if self._mocap else ():
-            add(self._mocap[body].publish_cdr, self._pose.encode(now_ns, (0, pose)), now_ns)
+        if self._mocap_poses:
+            poses = list(seen.captured_poses())
+            for body, pose in poses:
+                if body in self._mocap_poses:
+                    add(self._mocap_poses[body].publish_cdr, self._pose.encode(now_ns, (0, pose)), now_ns)
+            add(self._mocap.see, poses, now_ns)
         if skipped or tick % _SLOW_TICKS == 0:
             add(self._presence.publish, messages.presence(now_ns, self._bin, seen.presence_m()), now_ns)
             for name, (scale, load) in self._loads.items():

@@ -66,7 +66,7 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             loop = Loop(simulation, state, site.clock, service.stop)
             session, domain_id = service.bus.session, site.bus.domain_id
             lab_node = Node(session, "lab", "", domain_id, simulation)
-            mocap = MotionCapture(service.bus, site)
+            mocap = MotionCapture(service.bus, site, service.data_dir / "mocap", list(simulation.captured))
             snapshot = Snapshot(simulation)
             lab = LabPlane(lab_node, loop, snapshot, open_camera(simulation), mocap)
             nodes, robots = [lab_node], []
@@ -81,3 +81,4 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             loop.run(Bus(service, snapshot, lab, robots))
             for node in nodes:
                 node.close()
+            mocap.close()

@@ -8,13 +8,14 @@ import numpy as np
 
 from rodeo.config import Site
 from rodeo.lab.body import Body, Twist2
-from rodeo.lab.config import RobotConfig
+from rodeo.lab.config import RobotConfig, gripper_body
 from rodeo.lab.layout import BinLayout, on_contacts
 from rodeo.lab.sensors import Lidar
 from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import (
     CONTROL_PERIOD_S,
     CONTROL_STEPS,
+    FINGER_JOINTS,
     LIDAR_SITE,
     begin,
     robot_model,
@@ -152,9 +153,16 @@ class Simulation:
             **{robot.name: self.model.body(f"{robot.name}/base_link").id for robot in bodies},
             **{robot.name: self.model.body(robot.name).id for robot in elsewhere},
         }
+        if site.lab.mocap_gripper:
+            self.captured |= {gripper_body(robot.name): self._carrier(robot) for robot in bodies}
         """What the motion capture tracks: names and MuJoCo's numbers of bodies."""
         self._state_size = mujoco.mj_stateSize(self.model, _MJ_STATE)
         self._row = np.empty(self._state_size + len(self._extras()))
+
+    def _carrier(self, robot: RobotConfig) -> int:
+        """The body that carries the fingers."""
+        finger = self.model.joint(f"{robot.name}/{FINGER_JOINTS[0]}").bodyid[0]
+        return int(self.model.body_parentid[finger])
 
     @property
     def time_s(self) -> float:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import math
 import queue
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -12,12 +14,17 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from eth_account import Account
 
 from rodeo import topics, wallets
+from rodeo.errors import RemoteError
 from rodeo.evidence import Attestation, verify_attestation
 from rodeo.ros2 import Node
 from rodeo.ros2.types import new
-from services.itrash.behaviour import DisposalRecord, Memory
+from rodeo.vision.classification import model_sha256, thresholds_sha256
+from rodeo.witness import Claimant, Classification, Drop, HeadBook, Presentation, Scope, WitnessChain, parse
+from rodeo.witness import Journal as WitnessJournal
+from services.itrash.behaviour import DropRecord, Memory
 from services.itrash.journal import Journal
 from tests.support.site import WAIT_S, RunningSite
 
@@ -94,30 +101,48 @@ class Hardware:
         self._node.close()
 
 
+SCOPE = Scope(chain_id=31337, task_manager="0x" + "12" * 20, organization="0x" + "34" * 20)
+ROBOT = Account.create()
+
+
+class Office:
+    """Answers as the bridge does: for which organization one signs, and which devices there are."""
+
+    def __init__(self, site: RunningSite) -> None:
+        robot = {"address": ROBOT.address, "role": "robot", "name": "panther1", "owner": "0x" + "56" * 20}
+        contracts = {"TaskManager": SCOPE.task_manager, "Organization": SCOPE.organization}
+        answers = {
+            "chain": {"chain_id": SCOPE.chain_id, "contracts": contracts},
+            "devices": {"devices": [robot | {"revoked": None}]},
+        }
+        for what, answer in answers.items():
+            site.bus.serve(topics.STATE.name(org=site.site.org, what=what), lambda _request, one=answer: one)
+
+
 class Listener:
     """The bin's statements as they come over the bus, each with a valid signature of the bin's device."""
 
     def __init__(self, site: RunningSite) -> None:
         self._signer = wallets.address(site.site, f"{site.site.bin.name}-device")
-        names = {"org": site.site.org, "bin": site.site.bin.name}
-        self.classifications = self._listen(site, topics.CLASSIFICATION.name(**names))
-        self.disposals = self._listen(site, topics.DISPOSAL.name(**names))
+        self.classifications: queue.SimpleQueue[Classification] = queue.SimpleQueue()
+        self.drops: queue.SimpleQueue[Drop] = queue.SimpleQueue()
+        key = topics.WITNESS_STATEMENT.name(org=site.site.org, device=site.site.bin.name)
+        site.bus.subscribe_json(key, self._on_attestation)
 
-    def _listen(self, site: RunningSite, key: str) -> queue.SimpleQueue[dict[str, Any]]:
-        heard: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-
-        def on_attestation(_key: str, data: dict[str, Any]) -> None:
-            attestation = Attestation.model_validate(data)
-            assert verify_attestation(attestation) == self._signer
-            heard.put(attestation.payload)
-
-        site.bus.subscribe_json(key, on_attestation)
-        return heard
+    def _on_attestation(self, _key: str, data: dict[str, Any]) -> None:
+        attestation = Attestation.model_validate(data)
+        assert verify_attestation(attestation) == self._signer
+        statement = parse(attestation.payload)
+        if isinstance(statement, Classification):
+            self.classifications.put(statement)
+        elif isinstance(statement, Drop):
+            self.drops.put(statement)
 
 
 @pytest.fixture
 def site(running: RunningSite) -> RunningSite:
     running.start("router")
+    Office(running)
     return running
 
 
@@ -135,24 +160,63 @@ def test_a_shown_item_is_classified_and_its_drop_confirmed_on_the_bus_and_over_h
     site.start("itrash")
     hardware.show("plastic_1.jpg")
     classified = listener.classifications.get(timeout=WAIT_S)
-    assert (classified["class"], classified["compartment"]) == ("plastic", "yellow")
+    assert (classified.item_class, classified.compartment) == ("plastic", "yellow")
+    assert (classified.chain_id, classified.organization) == (SCOPE.chain_id, SCOPE.organization)
+    assert (classified.model_sha256, classified.thresholds_sha256) == (model_sha256(), thresholds_sha256())
 
     hardware.take_away()
     hardware.loads_n["yellow"] = 0.3
-    disposed = listener.disposals.get(timeout=WAIT_S)
-    assert disposed["correct"]
-    assert disposed["classification_seq"] == classified["seq"]
-    assert disposed["weight_n"] == pytest.approx(0.3)
-    assert disposed["time_s"] > classified["time_s"]
+    dropped = listener.drops.get(timeout=WAIT_S)
+    assert dropped.correct
+    assert dropped.classification == classified.number
+    assert dropped.weight_n == pytest.approx(0.3)
+    assert dropped.settled_s > classified.shown_s
+    assert dropped.seq > classified.seq
 
     status = site.bus.query(topics.STATUS.name(org=site.site.org, process="itrash"))
     url = status["details"]["http"]
-    assert httpx.get(f"{url}/disposal").json()["payload"] == disposed
-    assert httpx.get(f"{url}/classification").json()["payload"] == classified
+    assert parse(httpx.get(f"{url}/disposal").json()["payload"]) == dropped
+    assert parse(httpx.get(f"{url}/classification").json()["payload"]) == classified
     assert len(httpx.get(f"{url}/events").json()) == 2
     assert httpx.get(f"{url}/health").status_code == 200
     verdict = httpx.post(f"{url}/classify", content=hardware.photo, timeout=WAIT_S).json()
     assert verdict["class"] == "plastic"
+
+    key = topics.BIN_PICTURE.name(org=site.site.org, bin=site.site.bin.name)
+    picture = site.bus.query(key, parameters={"sha256": classified.image_sha256})
+    assert base64.b64decode(picture["data_base64"]) == hardware.photo
+    with pytest.raises(RemoteError) as refusal:
+        site.bus.query(key, parameters={"sha256": "../journal.json"})
+    assert refusal.value.code == "no_such_picture"
+
+    key = topics.WITNESS_STATEMENTS.name(org=site.site.org, device=site.site.bin.name)
+    again = site.bus.query(key, parameters={"after": dropped.seq - 1})["statements"]
+    assert [parse(one["payload"]) for one in again] == [dropped]
+
+
+def test_a_robot_that_presents_itself_is_named_and_a_stranger_is_not(
+    site: RunningSite, hardware: Hardware, tmp_path: Path
+) -> None:
+    listener = Listener(site)
+    site.start("itrash")
+    recording = "0x" + "ab" * 32
+    for number, account in enumerate((Account.create(), ROBOT)):
+        journal = WitnessJournal(tmp_path / f"journal-{number}")
+        chain = WitnessChain("panther1", account, SCOPE, "closed_bus", journal, HeadBook())
+        presented = chain.sign(
+            Presentation, 5.0, bin=site.site.bin.name, recording=recording, task_id=7, attempt=1
+        )
+        site.bus.put_json(topics.WITNESS_STATEMENT.name(org=site.site.org, device="panther1"), presented)
+    state_key = topics.BIN_STATE.name(org=site.site.org, bin=site.site.bin.name)
+    deadline_s = time.monotonic() + WAIT_S
+    while not (presented := site.bus.query(state_key)["presented"]):
+        assert time.monotonic() < deadline_s, site.log("itrash")
+    assert presented == ["panther1"]
+    hardware.show("plastic_1.jpg")
+    classified = listener.classifications.get(timeout=WAIT_S)
+    assert classified.claimants == (
+        Claimant(device="panther1", address=ROBOT.address, recording=recording, task_id=7, attempt=1),
+    )
 
 
 def test_a_drop_while_the_bin_was_killed_is_confirmed_after_its_restart(
@@ -166,36 +230,37 @@ def test_a_drop_while_the_bin_was_killed_is_confirmed_after_its_restart(
     hardware.take_away()
     hardware.loads_n["blue"] = 0.5
     site.start("itrash")
-    disposed = listener.disposals.get(timeout=WAIT_S)
-    assert (disposed["compartment"], disposed["expected_compartment"]) == ("blue", "green")
-    assert disposed["classification_seq"] == classified["seq"]
-    assert not disposed["correct"]
+    dropped = listener.drops.get(timeout=WAIT_S)
+    assert (dropped.compartment, dropped.expected_compartment) == ("blue", "green")
+    assert dropped.classification == classified.number
+    assert not dropped.correct
+    assert dropped.seq == classified.seq + 1
 
     state = site.bus.query(topics.BIN_STATE.name(org=site.site.org, bin=site.site.bin.name))
-    assert state["classification"]["payload"] == classified
-    assert state["disposal"]["payload"] == disposed
+    assert parse(state["classification"]["payload"]) == classified
+    assert parse(state["disposal"]["payload"]) == dropped
 
 
 def test_what_was_decided_and_not_signed_is_said_once_after_a_restart(
     site: RunningSite, hardware: Hardware
 ) -> None:
-    fell = DisposalRecord(
-        bin=site.site.bin.name,
-        seq=7,
-        classification_seq=None,
+    fell = DropRecord(
+        number=7,
+        classification=None,
         compartment="blue",
         expected_compartment=None,
         weight_n=0.4,
         after_s=1.0,
-        time_s=2.0,
+        settled_s=2.0,
         correct=False,
     )
     path = site.site.data_dir / "itrash" / "journal.json"
     path.parent.mkdir(parents=True, exist_ok=True)
-    Journal(memory=Memory(disposal_seq=7, unsigned=[fell])).save(path)
+    Journal(memory=Memory(drops=7, unsigned=[fell])).save(path)
     listener = Listener(site)
     site.start("itrash")
-    assert listener.disposals.get(timeout=WAIT_S) == fell.payload()
+    said = listener.drops.get(timeout=WAIT_S)
+    assert said.model_dump(include=set(DropRecord.model_fields)) == fell.model_dump()
     kept = Journal.load(path)
     assert (kept.memory.unsigned, len(kept.entries)) == ([], 1)
 
@@ -207,5 +272,5 @@ def test_a_frame_without_an_item_is_called_unknown_after_a_second_and_third_look
     site.start("itrash")
     hardware.show("unknown_1.jpg")
     classified = listener.classifications.get(timeout=WAIT_S)
-    assert (classified["class"], classified["compartment"]) == ("unknown", "grey")
+    assert (classified.item_class, classified.compartment) == ("unknown", "grey")
     assert hardware.photos == 3

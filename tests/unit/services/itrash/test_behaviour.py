@@ -8,13 +8,16 @@ import pytest
 
 from rodeo.lab.config import BinConfig, Pose2
 from rodeo.vision.classification import UNKNOWN, Classification
+from rodeo.witness import Claimant
 from services.itrash.behaviour import (
     Action,
     Attest,
     Bin,
     ClassificationRecord,
-    DisposalRecord,
+    DropRecord,
     Memory,
+    Record,
+    RemovalRecord,
     State,
     TakePhoto,
 )
@@ -39,7 +42,7 @@ class Bench:
         self.loads_n = dict.fromkeys(CONFIG.compartments, 0.0)
         self.silent: set[str] = set()
         """Compartments whose load cells say nothing."""
-        self.attested: list[ClassificationRecord | DisposalRecord] = []
+        self.attested: list[Record] = []
         self.photos = 0
 
     def run(self, seconds: float, range_m: float = math.inf, move_m: float = 0.0) -> None:
@@ -83,17 +86,17 @@ def test_a_shown_item_is_classified_once_and_its_drop_confirmed() -> None:
     assert bench.bin.state is State.AWAITING_DROP
     (classified,) = bench.attested
     assert isinstance(classified, ClassificationRecord)
-    assert (classified.item_class, classified.compartment, classified.seq) == ("plastic", "yellow", 1)
-    assert classified.payload()["class"] == "plastic"
+    assert (classified.item_class, classified.compartment, classified.number) == ("plastic", "yellow", 1)
+    assert classified.model_dump()["class"] == "plastic"
     assert classified.image_sha256 == SHA
 
     bench.run(3.0)
     bench.drop("yellow")
     bench.run(1.5)
     disposed = bench.attested[-1]
-    assert isinstance(disposed, DisposalRecord)
+    assert isinstance(disposed, DropRecord)
     assert disposed.correct
-    assert disposed.classification_seq == 1
+    assert disposed.classification == 1
     assert disposed.weight_n == 0.3
     bench.run(1.5)
     assert bench.bin.state is State.IDLE
@@ -104,7 +107,7 @@ def test_the_wrong_compartment_is_attested_as_such() -> None:
     bench.drop("grey")
     bench.run(1.5, SHOWN_M)
     disposed = bench.attested[-1]
-    assert isinstance(disposed, DisposalRecord)
+    assert isinstance(disposed, DropRecord)
     assert (disposed.compartment, disposed.expected_compartment) == ("grey", "green")
     assert not disposed.correct
     assert bench.bin.state is State.WRONG_COMPARTMENT
@@ -159,8 +162,8 @@ def test_showing_the_item_again_gives_a_new_classification() -> None:
     bench.drop("green")
     bench.run(1.5)
     disposed = bench.attested[-1]
-    assert isinstance(disposed, DisposalRecord)
-    assert (disposed.classification_seq, disposed.correct) == (2, True)
+    assert isinstance(disposed, DropRecord)
+    assert (disposed.classification, disposed.correct) == (2, True)
 
 
 def test_another_view_of_what_was_unknown_is_believed_and_attested_anew() -> None:
@@ -168,7 +171,7 @@ def test_another_view_of_what_was_unknown_is_believed_and_attested_anew() -> Non
     bench.run(2.0)
     bench.labels = ["glass"]
     bench.run(2.0, SHOWN_M)
-    assert [record.payload().get("class") for record in bench.attested] == [UNKNOWN, "glass"]
+    assert [record.model_dump().get("class") for record in bench.attested] == [UNKNOWN, "glass"]
 
 
 def test_what_stays_unknown_from_another_side_is_said_again() -> None:
@@ -176,7 +179,7 @@ def test_what_stays_unknown_from_another_side_is_said_again() -> None:
     bench.run(2.0)
     bench.labels = [UNKNOWN] * 3
     bench.run(3.0, SHOWN_M)
-    assert [record.seq for record in bench.attested] == [1, 2]
+    assert [record.number for record in bench.attested] == [1, 2]
     assert bench.bin.state is State.AWAITING_DROP
 
 
@@ -219,8 +222,8 @@ def test_a_drop_into_a_full_compartment_is_attested_as_not_correct() -> None:
     bench.drop("yellow")
     bench.run(2.0)
     disposed = bench.attested[-1]
-    assert isinstance(disposed, DisposalRecord)
-    assert (disposed.classification_seq, disposed.correct) == (None, False)
+    assert isinstance(disposed, DropRecord)
+    assert (disposed.classification, disposed.correct) == (None, False)
 
 
 def test_robots_and_people_are_served_one_after_another() -> None:
@@ -237,8 +240,8 @@ def test_robots_and_people_are_served_one_after_another() -> None:
         bench.run(2.0)
         bench.drop(compartment)
         bench.run(4.0)
-    drops = [record for record in bench.attested if isinstance(record, DisposalRecord)]
-    assert [(drop.classification_seq, drop.correct) for drop in drops] == [(n, True) for n in (1, 2, 3, 4)]
+    drops = [record for record in bench.attested if isinstance(record, DropRecord)]
+    assert [(drop.classification, drop.correct) for drop in drops] == [(n, True) for n in (1, 2, 3, 4)]
 
 
 def test_an_empty_gripper_in_view_does_not_take_a_classification_back() -> None:
@@ -255,7 +258,7 @@ def test_an_unknown_item_long_after_a_classified_one_is_another_and_is_said_to_b
     bench.run(70.0)
     bench.labels = [UNKNOWN] * 3
     bench.run(3.0, SHOWN_M)
-    assert [record.payload().get("class") for record in bench.attested] == ["plastic", UNKNOWN]
+    assert [record.model_dump().get("class") for record in bench.attested] == ["plastic", UNKNOWN]
 
 
 def test_looking_again_and_again_does_not_put_the_time_out_off() -> None:
@@ -275,7 +278,7 @@ def test_what_was_decided_is_remembered_until_it_is_signed() -> None:
     bench.run(1.5)
     remembered = Memory.model_validate_json(bench.bin.memory.model_dump_json()).unsigned
     assert remembered == bench.attested
-    assert [type(record) for record in remembered] == [ClassificationRecord, DisposalRecord]
+    assert [type(record) for record in remembered] == [ClassificationRecord, DropRecord]
 
 
 def test_an_arm_that_swings_through_the_view_is_not_a_new_item() -> None:
@@ -295,7 +298,7 @@ def test_a_gripper_that_draws_back_after_the_drop_is_not_a_new_item() -> None:
     bench.run(2.5)
     bench.labels = ["paper"]
     bench.run(2.0, SHOWN_M)
-    assert bench.attested[-1].seq == 2
+    assert bench.attested[-1].number == 2
 
 
 def test_a_drop_that_never_comes_times_out_and_the_bin_is_free_again() -> None:
@@ -305,7 +308,7 @@ def test_a_drop_that_never_comes_times_out_and_the_bin_is_free_again() -> None:
     bench.labels = ["paper"]
     bench.run(2.0, SHOWN_M)
     assert bench.bin.state is State.AWAITING_DROP
-    assert bench.attested[-1].seq == 2
+    assert bench.attested[-1].number == 2
 
 
 def test_what_falls_in_without_being_shown_is_attested_as_not_correct() -> None:
@@ -314,8 +317,8 @@ def test_what_falls_in_without_being_shown_is_attested_as_not_correct() -> None:
     bench.drop("blue", 1.5)
     bench.run(1.5)
     (disposed,) = bench.attested
-    assert isinstance(disposed, DisposalRecord)
-    assert (disposed.classification_seq, disposed.expected_compartment) == (None, None)
+    assert isinstance(disposed, DropRecord)
+    assert (disposed.classification, disposed.expected_compartment) == (None, None)
     assert not disposed.correct
     assert bench.bin.state is State.IDLE
 
@@ -326,18 +329,18 @@ def test_emptying_a_compartment_is_not_a_disposal() -> None:
     bench.run(1.0)
     bench.loads_n["blue"] = 0.0
     bench.run(2.0)
-    assert bench.attested == []
+    assert [type(record) for record in bench.attested] == [RemovalRecord]
 
 
 def test_one_drop_is_one_disposal() -> None:
     bench = shown("plastic")
     bench.drop("yellow")
     bench.run(30.0)
-    assert sum(isinstance(record, DisposalRecord) for record in bench.attested) == 1
+    assert sum(isinstance(record, DropRecord) for record in bench.attested) == 1
 
 
-def disposals(bench: Bench) -> list[DisposalRecord]:
-    return [record for record in bench.attested if isinstance(record, DisposalRecord)]
+def disposals(bench: Bench) -> list[DropRecord]:
+    return [record for record in bench.attested if isinstance(record, DropRecord)]
 
 
 @pytest.mark.parametrize("lead_s", [-0.3, 0.0, 0.3])
@@ -407,8 +410,8 @@ def test_a_restart_while_waiting_still_confirms_a_drop_that_happened_meanwhile()
     restarted.drop("yellow")
     restarted.run(1.5)
     (disposed,) = restarted.attested
-    assert isinstance(disposed, DisposalRecord)
-    assert (disposed.classification_seq, disposed.correct) == (1, True)
+    assert isinstance(disposed, DropRecord)
+    assert (disposed.classification, disposed.correct) == (1, True)
 
 
 @pytest.mark.parametrize("state", [State.ITEM_SEEN, State.CLASSIFYING])
@@ -442,7 +445,7 @@ def test_a_drop_during_a_downtime_longer_than_the_time_out_belongs_to_what_was_s
     bench.drop("yellow")
     bench.run(3.0)
     (disposed,) = disposals(bench)
-    assert (disposed.classification_seq, disposed.correct) == (1, True)
+    assert (disposed.classification, disposed.correct) == (1, True)
 
 
 def test_the_sensors_falling_silent_is_like_a_restart() -> None:
@@ -451,7 +454,7 @@ def test_the_sensors_falling_silent_is_like_a_restart() -> None:
     bench.drop("yellow")
     bench.run(3.0)
     (disposed,) = disposals(bench)
-    assert (disposed.classification_seq, disposed.correct) == (1, True)
+    assert (disposed.classification, disposed.correct) == (1, True)
 
 
 def test_a_downtime_without_a_drop_ends_in_the_time_out() -> None:
@@ -466,11 +469,11 @@ def test_a_drop_belongs_to_what_was_shown_if_it_fell_before_the_time_out(
 ) -> None:
     bench = shown("plastic")
     assert bench.bin.memory.pending is not None
-    bench.run(bench.bin.memory.pending.time_s + after_s - bench.time_s)
+    bench.run(bench.bin.memory.pending.shown_s + after_s - bench.time_s)
     bench.drop("yellow")
     bench.run(3.0)
     (disposed,) = disposals(bench)
-    assert disposed.classification_seq == seq
+    assert disposed.classification == seq
 
 
 def test_a_drop_that_fell_after_the_time_out_is_not_what_was_shown_though_the_bin_still_waits() -> None:
@@ -480,7 +483,7 @@ def test_a_drop_that_fell_after_the_time_out_is_not_what_was_shown_though_the_bi
     bench.drop("yellow")
     bench.run(2.0)
     (disposed,) = disposals(bench)
-    assert disposed.classification_seq is None
+    assert disposed.classification is None
 
 
 @pytest.mark.parametrize("down_s", [None, 500.0])
@@ -502,7 +505,7 @@ def test_a_drop_during_a_downtime_is_told_though_another_load_cell_says_nothing(
     bench.silent = {"yellow"}
     bench.run(8.0)
     (disposed,) = disposals(bench)
-    assert (disposed.classification_seq, disposed.correct) == (1, False)
+    assert (disposed.classification, disposed.correct) == (1, False)
 
 
 def test_each_of_two_drops_during_a_downtime_is_attested() -> None:
@@ -510,12 +513,12 @@ def test_each_of_two_drops_during_a_downtime_is_attested() -> None:
     bench.drop("yellow", 0.3)
     bench.drop("blue", 0.5)
     bench.run(2.0)
-    assert [(d.compartment, d.weight_n, d.classification_seq, d.correct) for d in disposals(bench)] == [
+    assert [(d.compartment, d.weight_n, d.classification, d.correct) for d in disposals(bench)] == [
         ("blue", 0.5, None, False),
         ("yellow", 0.3, 1, True),
     ]
     assert bench.bin.state is State.CONFIRMED
-    assert len({drop.time_s for drop in disposals(bench)}) == 1  # or the later word would be the older one
+    assert len({drop.settled_s for drop in disposals(bench)}) == 1  # or the later word would be the older one
 
 
 def test_of_drops_during_a_downtime_the_matching_one_is_waited_for() -> None:
@@ -526,7 +529,7 @@ def test_of_drops_during_a_downtime_the_matching_one_is_waited_for() -> None:
     bench.run(3.0)
     bench.silent = set()
     bench.run(3.0)
-    owners = [(d.compartment, d.classification_seq) for d in disposals(bench)]
+    owners = [(d.compartment, d.classification) for d in disposals(bench)]
     assert owners == [("blue", None), ("yellow", 1)]
 
 
@@ -538,7 +541,7 @@ def test_load_cells_that_were_silent_together_tell_each_drop_and_the_matching_on
     bench.drop("blue", 0.5)
     bench.silent = set()
     bench.run(2.0)
-    owners = [(d.compartment, d.classification_seq) for d in disposals(bench)]
+    owners = [(d.compartment, d.classification) for d in disposals(bench)]
     assert owners == [("blue", None), ("yellow", 1)]
 
 
@@ -565,7 +568,7 @@ def test_of_drops_during_a_downtime_that_do_not_match_the_largest_is_what_was_sh
     bench.drop("grey", 0.3)
     bench.drop("blue", 0.5)
     bench.run(2.0)
-    assert [(d.compartment, d.classification_seq) for d in disposals(bench)] == [("grey", None), ("blue", 1)]
+    assert [(d.compartment, d.classification) for d in disposals(bench)] == [("grey", None), ("blue", 1)]
     assert bench.bin.state is State.WRONG_COMPARTMENT
 
 
@@ -589,7 +592,7 @@ def test_a_drop_during_a_downtime_is_told_before_what_is_in_view_is_looked_at() 
     bench.labels = ["glass"]
     bench.run(3.0, SHOWN_M)
     (disposed,) = disposals(bench)
-    assert (disposed.classification_seq, disposed.correct) == (1, True)
+    assert (disposed.classification, disposed.correct) == (1, True)
     assert bench.photos == 0
 
 
@@ -609,7 +612,8 @@ def test_a_compartment_that_is_lifted_out_and_put_back_is_no_drop(back_n: float)
     for force_n in (-6.0, -5.5, back_n):
         bench.loads_n["blue"] = force_n
         bench.run(5.0)
-    assert bench.attested == []
+    (removed,) = bench.attested
+    assert isinstance(removed, RemovalRecord)
     assert bench.bin.loads_n["blue"] == pytest.approx(back_n)
     bench.drop("blue")
     bench.run(2.0)
@@ -650,7 +654,7 @@ def test_what_is_held_in_view_after_a_drop_is_looked_at(compartment: str, view: 
     bench.run(3.5, SHOWN_M + 0.05)
     assert bench.photos == 1
     bench.run(1.5, SHOWN_M + 0.05)
-    assert bench.attested[-1].payload()["class"] == "glass"
+    assert bench.attested[-1].model_dump()["class"] == "glass"
     assert bench.bin.state is State.AWAITING_DROP
 
 
@@ -673,7 +677,7 @@ def test_what_is_unknown_and_stands_in_view_after_a_drop_is_looked_at_once_and_n
     bench.run(3.0)
     bench.labels = [UNKNOWN] * 3
     bench.run(3.0, SHOWN_M)
-    assert bench.attested[-1].payload()["class"] == UNKNOWN
+    assert bench.attested[-1].model_dump()["class"] == UNKNOWN
 
 
 def refused() -> Bench:
@@ -723,7 +727,7 @@ def test_a_restart_while_looking_looks_again_also_with_a_drop_awaited(state: Sta
     bench.labels = ["glass"]
     bench.run(20.0, SHOWN_M)
     assert (bench.photos, bench.bin.state) == (1, State.AWAITING_DROP)
-    assert bench.attested[-1].payload()["class"] == "glass"
+    assert bench.attested[-1].model_dump()["class"] == "glass"
 
 
 def test_a_restart_while_looking_at_what_is_gone_goes_on_waiting() -> None:
@@ -736,3 +740,79 @@ def test_a_restart_while_looking_at_what_is_gone_goes_on_waiting() -> None:
     bench.run(2.0)
     (disposed,) = disposals(bench)
     assert disposed.correct
+
+
+def claimant(name: str, recording: str = "cd") -> Claimant:
+    address = "0x" + ("aa" if name == "panther1" else "bb") * 20
+    return Claimant(device=name, address=address, recording="0x" + recording * 32, task_id=7, attempt=1)
+
+
+def test_classification_and_drop_name_the_robot_that_presented_itself() -> None:
+    bench = Bench()
+    bench.run(2.0)
+    bench.bin.presented(claimant("panther1", "ab"), bench.time_s)
+    bench.bin.presented(claimant("panther1"), bench.time_s)
+    bench.labels = ["plastic"]
+    bench.run(5.0, SHOWN_M)
+    bench.run(3.0)
+    bench.drop("yellow")
+    bench.run(1.5)
+    classified, dropped = bench.attested
+    assert isinstance(classified, ClassificationRecord) and isinstance(dropped, DropRecord)
+    assert classified.claimants == dropped.claimants == (claimant("panther1"),)
+
+
+def test_of_two_robots_that_present_themselves_the_bin_names_both() -> None:
+    bench = Bench()
+    bench.run(2.0)
+    bench.bin.presented(claimant("panther1"), bench.time_s)
+    bench.bin.presented(claimant("panther2"), bench.time_s)
+    bench.labels = ["plastic"]
+    bench.run(5.0, SHOWN_M)
+    (classified,) = bench.attested
+    assert isinstance(classified, ClassificationRecord)
+    assert [one.device for one in classified.claimants] == ["panther2", "panther1"]
+
+
+def test_who_presented_itself_long_ago_or_for_another_item_is_not_named() -> None:
+    bench = Bench()
+    bench.run(2.0)
+    bench.bin.presented(claimant("panther1"), bench.time_s)
+    bench.run(130.0)
+    bench.labels = ["plastic"]
+    bench.run(5.0, SHOWN_M)
+    bench.bin.presented(claimant("panther1"), bench.time_s)
+    bench.run(3.0)
+    bench.drop("yellow")
+    bench.run(5.0)
+    bench.labels = ["plastic"]
+    bench.run(5.0, SHOWN_M)
+    late, dropped, another = bench.attested
+    assert isinstance(late, ClassificationRecord) and isinstance(another, ClassificationRecord)
+    assert isinstance(dropped, DropRecord)
+    assert (late.claimants, dropped.claimants, another.claimants) == ((), (), ())
+
+
+def test_weight_that_leaves_a_compartment_is_stated() -> None:
+    bench = shown("plastic")
+    bench.run(3.0)
+    bench.drop("yellow")
+    bench.run(3.0)
+    bench.drop("yellow", -0.3)
+    bench.run(3.0)
+    removed = bench.attested[-1]
+    assert isinstance(removed, RemovalRecord)
+    assert (removed.compartment, removed.weight_n) == ("yellow", 0.3)
+    assert len(bench.attested) == 3
+
+
+def test_a_container_that_is_put_back_removes_nothing() -> None:
+    bench = shown("plastic")
+    bench.run(3.0)
+    bench.drop("yellow")
+    bench.run(3.0)
+    bench.drop("yellow", -5.0)
+    bench.run(3.0)
+    bench.drop("yellow", 5.0)
+    bench.run(3.0)
+    assert sum(isinstance(record, RemovalRecord) for record in bench.attested) == 1

@@ -17,7 +17,7 @@ ACCOUNT = Account.create()
 def test_what_was_saved_is_loaded(tmp_path: Path) -> None:
     journal = Journal()
     journal.memory.state = State.AWAITING_DROP
-    journal.memory.disposal_seq = 3
+    journal.memory.drops = 3
     journal.add("disposal", attest({"seq": 3}, ACCOUNT))
     journal.save(tmp_path / "journal.json")
     assert Journal.load(tmp_path / "journal.json") == journal

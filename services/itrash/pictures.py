@@ -1,0 +1,50 @@
+"""The pictures that were classified lately, as the camera encoded them: proofs hold what they name."""
+
+from __future__ import annotations
+
+import re
+from hashlib import sha256
+from pathlib import Path
+
+from rodeo.errors import RequestError, RodeoError
+
+_KEPT = 32
+"""More than a bin shows in the minutes for which a robot records."""
+_NAME = re.compile(r"0x[0-9a-f]{64}")
+
+
+class NoSuchPicture(RequestError):
+    """The bin did not classify such a picture, or it was long ago."""
+
+
+class PictureNotKept(RodeoError):
+    """A picture that nobody could look at later is not classified."""
+
+
+class Pictures:
+    """Files named by the SHA-256 of what is in them. They survive a restart."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        folder.mkdir(parents=True, exist_ok=True)
+
+    def keep(self, data: bytes) -> str:
+        """Keep a picture and let go of the oldest; its SHA-256 (0x). Raises PictureNotKept."""
+        name = "0x" + sha256(data).hexdigest()
+        part = self._folder / f"{name}.part"
+        try:
+            part.write_bytes(data)
+            part.replace(self._folder / name)
+            pictures = [path for path in self._folder.iterdir() if _NAME.fullmatch(path.name)]
+            for path in sorted(pictures, key=lambda path: path.stat().st_mtime_ns)[:-_KEPT]:
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            raise PictureNotKept("a picture cannot be kept", path=str(part), cause=str(error)) from error
+        return name
+
+    def find(self, name: str) -> bytes:
+        """The picture with this SHA-256 (0x). Raises NoSuchPicture."""
+        path = self._folder / name
+        if not _NAME.fullmatch(name) or not path.exists():
+            raise NoSuchPicture("the bin has no such picture", sha256=name[:80])
+        return path.read_bytes()
