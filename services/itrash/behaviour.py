@@ -70,7 +70,7 @@ class BinLimits:
     """How long load cells are waited for that have yet to say whether something fell. They need 1 s, and a
     bin that starts hears them one after another: at 20 times real time this is a quarter of a second."""
     presented_s: float = 120.0
-    """A robot that presented itself shows something within so long: what is unknown it turns and shows again."""
+    """A robot that presented itself shows something within so long: what is unknown it shows again."""
     shaken_s: float = 3.0
     """A fall and what it shakes change the weights within so long; what may have taken longer happened while
     nobody looked."""
