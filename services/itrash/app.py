@@ -21,7 +21,7 @@ from rodeo.config import Site
 from rodeo.errors import RodeoError
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.service import Service
-from rodeo.tls import is_closed as bus_is_closed
+from rodeo.tls import bus_is_closed
 from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo.vision.classifier import Classifier
 from rodeo.witness import Claimant, Classification, Drop, Header, Inputs, Presentation, Removal, Statement
