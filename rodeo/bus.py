@@ -167,7 +167,11 @@ class Bus:
 
     def put_json(self, key: str, value: BaseModel | dict[str, Any]) -> None:
         """Publish `value` reliably: the publisher waits rather than drops."""
-        self.session.put(key, _encode(value), congestion_control=zenoh.CongestionControl.BLOCK)
+        self.put_bytes(key, _encode(value))
+
+    def put_bytes(self, key: str, payload: bytes) -> None:
+        """The same with a payload that is encoded already. Raises zenoh.ZError when the session is closed."""
+        self.session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def subscribe_json(
         self, key: str, callback: Callable[[str, dict[str, Any]], None]
@@ -232,6 +236,35 @@ class Bus:
                 raise MalformedAnswer("the responder's error has no code and message", key=key, answer=error)
             raise RemoteError(code, message, details)
         raise NoResponder("nobody serves this key", key=key)
+
+    def query_all(
+        self, key: str, *, parameters: dict[str, Any], timeout_s: float, most: int
+    ) -> list[dict[str, Any]]:
+        """What everybody answers who serves `key`, at most `most` answers: on an open bus others may.
+
+        Errors and what is no JSON object are left out. Raises InvalidRequest when `key` is no key.
+        """
+        selector = key + "?" + ";".join(f"{name}={_escaped(value)}" for name, value in parameters.items())
+        try:
+            replies = self.session.get(
+                selector,
+                timeout=timeout_s,
+                target=zenoh.QueryTarget.ALL,
+                consolidation=zenoh.ConsolidationMode.NONE,
+            )
+        except zenoh.ZError as refusal:
+            raise InvalidRequest("this is no key of the bus", key=selector) from refusal
+        answers: list[dict[str, Any]] = []
+        for reply in replies:
+            if reply.ok is None:
+                continue
+            try:
+                answers.append(_answer(key, reply.ok.payload.to_bytes()))
+            except MalformedAnswer as error:
+                log.info("left out an answer on %s: %s", key, error)
+            if len(answers) >= most:
+                break
+        return answers
 
     def serve(
         self, key: str, handler: Handler, workers: Callable[[str], Executor | None] = lambda _key: None

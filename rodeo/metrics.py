@@ -37,6 +37,12 @@ READY = Gauge("rodeo_ready", "1 when the process does its work")
 BUS_CONNECTED = Gauge("rodeo_bus_connected", "1 while there is a router")
 NOT_READY = Counter("rodeo_not_ready_total", "Times that the process stopped being ready")
 
+RECORDER_REFUSED = Counter(
+    "rodeo_recorder_refused_total", "What a recorder heard and did not write", ["what", "reason"]
+)
+"""`what` is `message` or `statement`; reasons are those of `rodeo.recording.Refusal`."""
+SEALS_UNPUBLISHED = Counter("rodeo_seals_unpublished_total", "Seals that the bus did not take")
+
 _TIMEOUT_S = 5.0
 
 

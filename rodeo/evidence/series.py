@@ -163,6 +163,53 @@ class _Walk:
         self._offset += -(self._offset - _HEADER_BYTES) % size
 
 
+class Layout:
+    """Where the numbers of a topic's messages are, by the first of them. Raises LayoutChanged for it.
+
+    Args:
+        numbers: what `finite` looks at, as beginnings of paths ("pose.", "position").
+    """
+
+    def __init__(self, ros_type: str, first: bytes, numbers: tuple[str, ...]) -> None:
+        if first[:_HEADER_BYTES] != _ENCAPSULATION:
+            raise LayoutChanged("the encapsulation is not little-endian CDR", header=first[:4].hex())
+        walk = _Walk(first)
+        walk.structure(ros_type, "")
+        walk.guards.append(slice(walk.end(), len(first)))
+        self.strings = walk.strings
+        self._length = len(first)
+        guards = np.concatenate([np.arange(one.start, one.stop) for one in walk.guards])
+        self._guards = guards[np.argsort(guards)]
+        self._guarded = np.frombuffer(first, np.uint8)[self._guards].tobytes()
+        wanted = [(path, at) for path, at in walk.numbers.items() if path.startswith(numbers)]
+        doubles = [
+            np.arange(offset, offset + np.dtype(dtype).itemsize)
+            for _path, (dtype, offset) in wanted
+            if np.dtype(dtype).base == np.dtype("<f8")
+        ]
+        self._doubles = np.concatenate(doubles) if doubles else np.empty(0, np.int64)
+        singles = [
+            np.arange(offset, offset + np.dtype(dtype).itemsize)
+            for _path, (dtype, offset) in wanted
+            if np.dtype(dtype).base == np.dtype("<f4")
+        ]
+        self._singles = np.concatenate(singles) if singles else np.empty(0, np.int64)
+
+    def fits(self, message: bytes) -> bool:
+        """Whether `message` can be read as the first one was: same length, names and counts."""
+        if len(message) != self._length:
+            return False
+        return np.frombuffer(message, np.uint8)[self._guards].tobytes() == self._guarded
+
+    def finite(self, message: bytes) -> bool:
+        """Whether the numbers of a message that fits are numbers."""
+        raw = np.frombuffer(message, np.uint8)
+        return bool(
+            np.isfinite(raw[self._doubles].view("<f8")).all()
+            and np.isfinite(raw[self._singles].view("<f4")).all()
+        )
+
+
 def table(messages: list[bytes], log_ns: array[int], ros_type: str, topic: str) -> Table:
     """The table of `messages`. Raises LayoutChanged with topic and index."""
     size = len(messages[0])

@@ -49,15 +49,25 @@ class DeviceTable:
         self._asked_s = -math.inf
         self._lock = threading.Lock()
 
+    def known(self, address: str) -> Device | None:
+        """The device with this address, by what the bridge said last; never waits."""
+        return self._devices.get(address.lower())
+
+    def refresh(self) -> None:
+        """Ask the bridge now."""
+        with self._lock:
+            self._asked_s = time.monotonic()
+            self._ask()
+
     def find(self, address: str) -> Device | None:
         """The device with this address; None for a stranger. Asks the bridge when what is known is old."""
         with self._lock:
-            known = self._devices.get(address.lower())
+            known = self.known(address)
             now_s = time.monotonic()
             if now_s - self._asked_s >= (_STRANGER_WALL_S if known is None else _KNOWN_WALL_S):
                 self._asked_s = now_s
                 self._ask()
-            return self._devices.get(address.lower())
+            return self.known(address)
 
     def _ask(self) -> None:
         try:

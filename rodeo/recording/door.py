@@ -1,0 +1,201 @@
+"""The recorder's door: which ROS 2 messages are written, and how many of which kind of nonsense are not.
+
+Anybody may err, and on an open bus anybody may publish. What is written is one publisher's messages of each
+topic, in order, each of the same layout as the first. The rest costs the recording nothing.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from enum import StrEnum
+from typing import Literal
+
+from rodeo import topics
+from rodeo.evidence.errors import LayoutChanged
+from rodeo.evidence.series import Layout
+from rodeo.metrics import RECORDER_REFUSED
+from rodeo.ros2 import MessageInfo, types
+from rodeo.ros2.errors import MalformedMessage
+from rodeo.topics import Topic
+
+What = Literal["message", "statement"]
+
+
+class Refusal(StrEnum):
+    """Why something was not written."""
+
+    MALFORMED = "malformed"
+    """It cannot be read, or not as those before it."""
+    NOT_A_NUMBER = "not_a_number"
+    MISADDRESSED = "misaddressed"
+    """It names another frame, device, organization or chain than those that belong on this key."""
+    DOUBLED = "doubled"
+    """It was there before: by number, by stamp, or by digest."""
+    ABSURD_TIME = "absurd_time"
+    ABSURD_NUMBER = "absurd_number"
+    """A sequence number that the time since the last one cannot explain."""
+    STRANGER = "stranger"
+    """No registered device of this site signed it, or not the publisher that is followed sent it."""
+    BAD_SIGNATURE = "bad_signature"
+    UNVERIFIED = "unverified"
+    """Too many signatures to check at once; the journal is asked instead."""
+    OVER_BUDGET = "over_budget"
+    """More than its source has any reason to say."""
+
+
+class Refusals:
+    """Counts what was not written. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._counts: Counter[str] = Counter()
+        self._lock = threading.Lock()
+
+    def count(self, what: What, reason: Refusal) -> None:
+        RECORDER_REFUSED.labels(what, reason.value).inc()
+        with self._lock:
+            self._counts[f"{what}:{reason.value}"] += 1
+
+    def summary(self) -> dict[str, int]:
+        """`message:doubled` and so on -> how many."""
+        with self._lock:
+            return dict(sorted(self._counts.items()))
+
+
+class Bucket:
+    """A budget of `per_s` in each second that passes, at most `most` of them saved up."""
+
+    def __init__(self, per_s: float, most: float) -> None:
+        self._per_s = per_s
+        self._most = most
+        self._left = most
+        self._at_s: float | None = None
+
+    def take(self, now_s: float) -> bool:
+        """Whether one is left at `now_s`; takes it."""
+        if self._at_s is not None and now_s > self._at_s:
+            self._left = min(self._most, self._left + (now_s - self._at_s) * self._per_s)
+        self._at_s = now_s if self._at_s is None else max(self._at_s, now_s)
+        if self._left < 1:
+            return False
+        self._left -= 1
+        return True
+
+
+STAMP_SLACK_WALL_S = 15.0
+"""A busy machine hears clock and messages late; a fast clock makes more of it."""
+SILENT_WALL_S = 3.0
+"""A publisher that said nothing sensible for so long is followed no more: its process was restarted."""
+_RATE_HZ = 10.0
+"""Of a topic without a nominal rate."""
+_FASTER = 2.0
+"""A publisher may be this much faster than its nominal rate."""
+_SAVED_S = 2.0
+"""What it did not say in so long it may say at once."""
+_LOST = 500
+"""Messages that may be lost at once without time to explain them: a queue that overflowed."""
+_SEQUENCES = 2**32
+"""A recording has 32 bits for them."""
+
+_FRAMES = {topics.POSE.key: "map", topics.ITEM_POSE.key: "map"}
+"""Where the frame of a message is not the publisher's own choice."""
+_NUMBERS: dict[str, tuple[str, ...]] = {
+    topics.ODOM.key: ("pose.pose.", "twist.twist."),
+    topics.JOINT_STATES.key: ("position", "velocity", "effort"),
+    topics.ARM_STATE.key: ("reference.positions", "feedback.positions"),
+    topics.GRIPPER_STATE.key: ("reference.positions", "feedback.positions"),
+    topics.BATTERY_STATE.key: ("voltage", "percentage"),
+    topics.DOCK_OUTPUT.key: ("voltage", "current"),
+    topics.POSE.key: ("pose.",),
+    topics.ITEM_POSE.key: ("pose.",),
+    topics.BIN_LOAD.key: ("wrench.",),
+}
+"""What must be finite. The rest may be unmeasured, which ROS 2 says with NaN."""
+
+
+def stamp_slack_s(speed: float) -> float:
+    """Seconds of site time that a stamp may be off the site's clock, which runs `speed` times as fast as the
+    wall's."""
+    return STAMP_SLACK_WALL_S * max(1.0, speed)
+
+
+class MessageDoor:
+    """Decides for one topic. One thread at a time.
+
+    Args:
+        slack_s: how far a stamp may be off the site's clock, see `stamp_slack_s`.
+        wall_s: monotonic wall time.
+    """
+
+    def __init__(self, topic: Topic, slack_s: float, wall_s: Callable[[], float] = time.monotonic) -> None:
+        self._type = topic.type
+        self._frame = _FRAMES.get(topic.key)
+        self._numbers = _NUMBERS[topic.key]
+        self._rate_hz = topic.rate_hz or _RATE_HZ
+        self._slack_ns = round(slack_s * 1e9)
+        self._wall_s = wall_s
+        self._budget = Bucket(_FASTER * self._rate_hz, max(_SAVED_S * self._rate_hz, 2.0))
+        self._layout: Layout | None = None
+        self._gid: bytes | None = None
+        self._sequence = 0
+        self._stamp_ns = 0
+        self._heard_s = 0.0
+
+    def refusal(self, info: MessageInfo, now_ns: int) -> Refusal | None:
+        """Why this message must not be written at `now_ns` of site time; None when it may."""
+        try:
+            stamp_ns = types.stamp_ns(info.cdr)
+        except MalformedMessage:
+            return Refusal.MALFORMED
+        if not 0 <= info.sequence < _SEQUENCES:
+            return Refusal.ABSURD_NUMBER
+        if abs(stamp_ns - now_ns) > self._slack_ns:
+            return Refusal.ABSURD_TIME
+        refusal = self._unreadable(info.cdr) or self._unfollowed(info, stamp_ns)
+        if refusal is not None:
+            return refusal
+        if not self._budget.take(stamp_ns * 1e-9):
+            return Refusal.OVER_BUDGET
+        self._gid, self._sequence, self._stamp_ns = info.gid, info.sequence, stamp_ns
+        self._heard_s = self._wall_s()
+        return None
+
+    def _unreadable(self, cdr: bytes) -> Refusal | None:
+        layout = self._layout
+        if layout is None:
+            try:
+                layout = Layout(self._type, cdr, self._numbers)
+            except LayoutChanged:
+                return Refusal.MALFORMED
+            if self._frame is not None and layout.strings["header.frame_id"] != self._frame:
+                return Refusal.MISADDRESSED
+        elif not layout.fits(cdr):
+            return self._misfit(layout, cdr)
+        if not layout.finite(cdr):
+            return Refusal.NOT_A_NUMBER
+        self._layout = layout
+        return None
+
+    def _misfit(self, layout: Layout, cdr: bytes) -> Refusal:
+        try:
+            other = Layout(self._type, cdr, self._numbers)
+        except LayoutChanged:
+            return Refusal.MALFORMED
+        moved = other.strings["header.frame_id"] != layout.strings["header.frame_id"]
+        return Refusal.MISADDRESSED if moved else Refusal.MALFORMED
+
+    def _unfollowed(self, info: MessageInfo, stamp_ns: int) -> Refusal | None:
+        """What keeps the message from being the next of the publisher that is followed."""
+        if self._gid is None or self._wall_s() - self._heard_s >= SILENT_WALL_S:
+            # A stamp that was written already would be there twice, whoever says it now.
+            return Refusal.DOUBLED if stamp_ns == self._stamp_ns else None
+        if info.gid != self._gid:
+            return Refusal.STRANGER
+        if info.sequence <= self._sequence or stamp_ns <= self._stamp_ns:
+            return Refusal.DOUBLED
+        lasted_s = (stamp_ns - self._stamp_ns) * 1e-9
+        if info.sequence - self._sequence > _LOST + _FASTER * self._rate_hz * lasted_s:
+            return Refusal.ABSURD_NUMBER
+        return None

@@ -1,0 +1,380 @@
+"""The recorder's door for what devices state: who may be heard, in which order, and what was missed.
+
+To check a signature costs ten times what everything else costs. So a message is looked at first: its form,
+its addresses and its signer's name. Of each claimed signer only so many signatures are checked in a second.
+Who claims a device's name in a flood cannot silence it: what was not checked is asked again from the device's
+journal, where nobody else speaks in between.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Collection, Iterable, Mapping
+from typing import Any, NamedTuple
+
+from pydantic import ValidationError
+
+from rodeo import topics
+from rodeo.bus import Bus, decode_json
+from rodeo.clock import Clock
+from rodeo.errors import BusError, MalformedJson, RemoteError
+from rodeo.evidence.attestation import Attestation, verify_attestation
+from rodeo.evidence.errors import BadAttestation, BadStatement
+from rodeo.recording.door import Bucket, Refusal, Refusals
+from rodeo.wallets import SiteDevice
+from rodeo.witness.devices import Device, DeviceTable
+from rodeo.witness.statement import Scope, Statement, parse, payload_digest
+
+log = logging.getLogger(__name__)
+
+MAX_STATEMENT_BYTES = 256 << 10
+"""A second of a whole lab's motion is a hundredth of it."""
+_CHECKS_PER_WALL_S = 100.0
+"""Signatures checked of one claimed signer: five times what motion capture states in a lab that runs 20 times
+as fast as the wall's clock, and less than a tenth of a core."""
+_STATED_PER_S = 5.0
+"""Statements of one device that are written per second of site time: it makes about one."""
+_STATED_AT_ONCE = 200.0
+"""What was missed while the bus was away is written all at once."""
+_MOST_MISSED = 10_000
+"""No device makes so many statements during one recording."""
+_KEPT = 20_000
+"""Numbers remembered of one device."""
+
+
+class Heard(NamedTuple):
+    """A statement that may be written."""
+
+    device: Device
+    attestation: dict[str, Any]
+    statement: Statement
+
+
+class _Chain:
+    """What was heard of one device's chain."""
+
+    def __init__(self) -> None:
+        self.checks = Bucket(_CHECKS_PER_WALL_S, _CHECKS_PER_WALL_S)
+        self.budget = Bucket(_STATED_PER_S, _STATED_AT_ONCE)
+        self.known: dict[int, set[str]] = {}
+        """`seq` -> digests of what was let in under it: two are for the oracle to see."""
+        self.through = 0
+        """All that was stated up to this number was let in, or will never be."""
+        self.newest = 0
+        self.overheard = False
+        """Whether something may have been stated that was not looked at."""
+        self.fruitless = 0
+        """Times in a row that the journal did not tell what is missing."""
+
+    @property
+    def incomplete(self) -> bool:
+        return self.overheard or self.through < self.newest
+
+    def let_in(self, seq: int, digest: str) -> None:
+        if not self.known and not self.through:
+            self.through = seq - 1
+        self.known.setdefault(seq, set()).add(digest)
+        self.newest = max(self.newest, seq)
+        self._advance()
+
+    def give_up(self) -> None:
+        """Nobody can tell what was stated between `through` and the next that is known."""
+        self.through = min((seq for seq in self.known if seq > self.through), default=self.newest + 1) - 1
+        self.fruitless = 0
+        self._advance()
+
+    def _advance(self) -> None:
+        while self.through + 1 in self.known:
+            self.through += 1
+        while len(self.known) > _KEPT:
+            del self.known[next(iter(self.known))]
+
+
+class StatementDoor:
+    """Decides which statements are let in. One thread at a time.
+
+    Args:
+        find: the registered device with an address; must not wait.
+        members: whose statements count, by role and name.
+        scope: for which organization they must be made; None while that is not known.
+        slack_s: how far the time of a live statement may be off the site's clock.
+        after: address -> `seq` of the last statement of that device which is known already.
+    """
+
+    def __init__(
+        self,
+        find: Callable[[str], Device | None],
+        members: Collection[SiteDevice],
+        scope: Callable[[], Scope | None],
+        clock: Clock,
+        slack_s: float,
+        refusals: Refusals,
+        after: Mapping[str, int] | None = None,
+        wall_s: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._find = find
+        self._members = frozenset(members)
+        self._scope = scope
+        self._clock = clock
+        self._slack_s = slack_s
+        self._refusals = refusals
+        self._wall_s = wall_s
+        self._chains: dict[str, _Chain] = {}
+        self._names: dict[str, str] = {}
+        """Address -> name of the device."""
+        self.strangers = 0
+        """Messages whose signer is not known; it may have been registered a moment ago."""
+        for address, seq in (after or {}).items():
+            chain = self._chain(address)
+            chain.through = chain.newest = seq
+            chain.overheard = True
+
+    def hear(self, name: str, payload: bytes) -> Heard | None:
+        """What came over the bus on the key of device `name`; None when it is not let in."""
+        try:
+            if len(payload) > MAX_STATEMENT_BYTES:
+                raise _Refused(Refusal.MALFORMED)
+            attestation = _attestation(payload)
+            heard = self._examine(name, attestation)
+            if abs(heard.statement.time_s - self._clock.now_s()) > self._slack_s:
+                raise _Refused(Refusal.ABSURD_TIME)
+            chain = self._chain(heard.device.address)
+            if not chain.checks.take(self._wall_s()):
+                chain.overheard = True
+                raise _Refused(Refusal.UNVERIFIED)
+            self._let_in(heard, attestation)
+        except _Refused as refused:
+            self._refusals.count("statement", refused.reason)
+            return None
+        return heard
+
+    def read(self, name: str, answer: Any) -> list[Heard]:
+        """What of a journal's answer was not heard before, up to the first that is wrong in it."""
+        found: list[Heard] = []
+        statements = answer.get("statements") if isinstance(answer, dict) else None
+        if not isinstance(statements, list):
+            self._refusals.count("statement", Refusal.MALFORMED)
+            return found
+        for one in statements:
+            try:
+                attestation = _validated(one)
+                heard = self._examine(name, attestation)
+                if heard.statement.seq <= self._chain(heard.device.address).through:
+                    raise _Refused(Refusal.DOUBLED)
+                if heard.statement.time_s > self._clock.now_s() + self._slack_s:
+                    raise _Refused(Refusal.ABSURD_TIME)
+                self._let_in(heard, attestation)
+            except _Refused as refused:
+                if refused.reason is Refusal.DOUBLED:
+                    continue  # of an answer that is the rule
+                self._refusals.count("statement", refused.reason)
+                break
+            found.append(heard)
+        return found
+
+    def wanted(self) -> list[tuple[str, str, int]]:
+        """Of whom something is missing: address, name, and the number after which to ask."""
+        return [
+            (address, name, chain.through)
+            for address, chain in self._chains.items()
+            if chain.incomplete and (name := self._name(address)) is not None
+        ]
+
+    def known(self) -> list[tuple[str, str, int]]:
+        """The same of everybody who was heard."""
+        return [
+            (address, name, chain.through)
+            for address, chain in self._chains.items()
+            if (name := self._name(address)) is not None
+        ]
+
+    def asked(self, address: str, through: int) -> bool:
+        """The journal was asked for what came after number `through`; whether to ask for more at once."""
+        chain = self._chain(address)
+        progress = chain.through > through
+        chain.overheard = chain.overheard and progress
+        chain.fruitless = 0 if progress or not chain.incomplete else chain.fruitless + 1
+        if chain.fruitless >= _FRUITLESS and chain.incomplete:
+            log.warning("%s does not tell what it stated after %d", self._name(address), chain.through)
+            chain.give_up()
+        return progress and chain.incomplete
+
+    # -- inside ----------------------------------------------------------------------------------------
+
+    def _chain(self, address: str) -> _Chain:
+        return self._chains.setdefault(address.lower(), _Chain())
+
+    def _name(self, address: str) -> str | None:
+        device = self._find(address)
+        return None if device is None else device.name
+
+    def _examine(self, name: str, attestation: Attestation) -> Heard:
+        """Everything about a statement but its signature."""
+        device = self._find(attestation.signer)
+        if device is None:
+            self.strangers += 1
+            raise _Refused(Refusal.STRANGER)
+        if SiteDevice(device.role, device.name) not in self._members:
+            raise _Refused(Refusal.STRANGER)
+        try:
+            statement = parse(attestation.payload)
+        except BadStatement as error:
+            log.debug("%s", error)
+            raise _Refused(Refusal.MALFORMED) from error
+        if statement.device != device.name or name != device.name:
+            raise _Refused(Refusal.MISADDRESSED)
+        if statement.type.partition(".")[0] != device.role:
+            raise _Refused(Refusal.MISADDRESSED)
+        scope = self._scope()
+        if scope is not None and _of(statement) != _of(scope):
+            raise _Refused(Refusal.MISADDRESSED)
+        return Heard(device, attestation.model_dump(), statement)
+
+    def _let_in(self, heard: Heard, attestation: Attestation) -> None:
+        chain, seq = self._chain(heard.device.address), heard.statement.seq
+        try:
+            digest = payload_digest(attestation.payload)
+            known = chain.known.get(seq, set())
+            if digest in known or len(known) >= _SIGNED_TWICE:
+                raise _Refused(Refusal.DOUBLED)
+            verify_attestation(attestation)
+        except BadAttestation as error:
+            log.debug("%s", error)
+            raise _Refused(Refusal.BAD_SIGNATURE) from error
+        if chain.newest and seq > chain.newest + _MOST_MISSED:
+            raise _Refused(Refusal.ABSURD_NUMBER)
+        if not chain.budget.take(self._clock.now_s()):
+            chain.overheard = True
+            raise _Refused(Refusal.OVER_BUDGET)
+        if known:
+            log.error("%s signed number %d twice", heard.device.name, seq)
+        chain.let_in(seq, digest)
+
+
+_FRUITLESS = 5
+"""After so many questions it is certain that a journal does not have what is missing."""
+_SIGNED_TWICE = 2
+"""Statements under one number show that a device contradicts itself; more show nothing else."""
+
+
+class _Refused(Exception):
+    def __init__(self, reason: Refusal) -> None:
+        super().__init__(reason)
+        self.reason = reason
+
+
+def _attestation(payload: bytes) -> Attestation:
+    try:
+        return _validated(decode_json(payload))
+    except MalformedJson as error:
+        raise _Refused(Refusal.MALFORMED) from error
+
+
+def _validated(data: Any) -> Attestation:
+    try:
+        return Attestation.model_validate(data)
+    except ValidationError as error:
+        raise _Refused(Refusal.MALFORMED) from error
+
+
+def _of(scope: Scope) -> tuple[int, str, str]:
+    return scope.chain_id, scope.task_manager.lower(), scope.organization.lower()
+
+
+_LOOK_WALL_S = 0.5
+"""How often it is looked whether something is missing."""
+_DEVICES_WALL_S = 60.0
+"""The bridge is asked again so often which devices there are: some are revoked."""
+_STRANGER_WALL_S = 1.0
+"""The same after a stranger spoke, who may be new; but anybody may publish."""
+_ANSWER_WALL_S = 2.0
+_ANSWERS = 4
+"""Of one question: the device's own is among them, whoever else answers on an open bus."""
+
+
+class StatementListener:
+    """Hears what the site's devices state on the bus and asks their journals for what it missed.
+
+    `deliver` gets each statement that is let in, one at a time, from threads of the listener. Close it before
+    the bus.
+
+    Args:
+        only: name of the one device that is listened to; all by default.
+    """
+
+    def __init__(
+        self,
+        bus: Bus,
+        org: str,
+        door: Callable[[DeviceTable], StatementDoor],
+        deliver: Callable[[Heard], None],
+        only: str = "*",
+    ) -> None:
+        self._bus = bus
+        self._org = org
+        self._devices = DeviceTable(bus, org)
+        self._door = door(self._devices)
+        self._deliver = deliver
+        self._lock = threading.RLock()
+        self._wake = threading.Event()
+        self._closed = False
+        self._subscriber = bus.subscribe_bytes(
+            topics.WITNESS_STATEMENT.name(org=org, device=only), self._on_statement
+        )
+        self._thread = threading.Thread(target=self._look_after, name="statements", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._closed = True
+        self._wake.set()
+        self._subscriber.undeclare()
+        self._thread.join(2 * _ANSWER_WALL_S)
+
+    def catch_up(self) -> None:
+        """Ask everybody who was heard for what they stated since. Waits for the answers."""
+        with self._lock:
+            known = self._door.known()
+        self._ask(known)
+
+    # -- inside ----------------------------------------------------------------------------------------
+
+    def _on_statement(self, key: str, payload: bytes) -> None:
+        name = key.split("/")[-2]
+        with self._lock:
+            heard = self._door.hear(name, payload)
+            if heard is not None:
+                self._deliver(heard)
+
+    def _look_after(self) -> None:
+        asked_s, strangers = float("-inf"), 0
+        while not self._closed:
+            now_s = time.monotonic()
+            period_s = _DEVICES_WALL_S if self._door.strangers == strangers else _STRANGER_WALL_S
+            if now_s - asked_s >= period_s:
+                asked_s, strangers = now_s, self._door.strangers
+                self._devices.refresh()
+            with self._lock:
+                wanted = self._door.wanted()
+            self._ask(wanted)
+            self._wake.wait(_LOOK_WALL_S)
+            self._wake.clear()
+
+    def _ask(self, wanted: Iterable[tuple[str, str, int]]) -> None:
+        for address, name, after in wanted:
+            key = topics.WITNESS_STATEMENTS.name(org=self._org, device=name)
+            try:
+                answers = self._bus.query_all(
+                    key, parameters={"after": after}, timeout_s=_ANSWER_WALL_S, most=_ANSWERS
+                )
+            except (BusError, RemoteError) as error:
+                log.debug("the journal of %s does not answer: %s", name, error)
+                continue
+            with self._lock:
+                for answer in answers:
+                    for one in self._door.read(name, answer):
+                        self._deliver(one)
+                # Nobody answers while the device is away, or the router: then it is asked again.
+                if answers and self._door.asked(address, after):
+                    self._wake.set()
