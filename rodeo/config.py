@@ -149,10 +149,11 @@ class StoreConfig(_Table):
 
 
 class OracleConfig(_Table):
-    time_limit_s: float = 60.0
-    """Wall time for one verification; beyond it the proof is rejected with that reason."""
-    accept_unsealed: bool = False
-    """Whether bags that nobody sealed while they were recorded are paid for."""
+    cpu_limit_s: float = Field(default=60.0, gt=0)
+    """CPU time of one verification, a fuse: four times what the worst proof costs that keeps the counts
+    (`services.oracle.counts`). Beyond it, it is tried once more and then undecided."""
+    time_limit_s: float = Field(default=600.0, gt=0)
+    """Wall time of one verification, only to end one that hangs; what follows is the same."""
 
 
 class CameraConfig(_Table):

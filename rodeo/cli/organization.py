@@ -39,6 +39,7 @@ STATE_COLOURS = {
 RESULT_COLOURS = {
     "passed": "[green]passed[/]",
     "FAILED": "[bold red]FAILED[/]",
+    "undecided": "[bold yellow]undecided[/]",
     "skipped": "[dim]skipped[/]",
 }
 
@@ -199,14 +200,14 @@ def verify(
 ) -> None:
     """Run the oracle's checks on a proof here and now. Exit status 1 when one fails.
 
-    What only the chain knows (who may sign, whether the hash was submitted before) is skipped.
+    What only the chain knows (who may sign, what was paid for before) is skipped.
     """
     # Imported here: only this command needs MuJoCo and the readers of recordings.
     from services.oracle.verify import verify_file
 
     report = verify_file(file, Site.load(site))
     if as_json:
-        print_json(report.model_dump())
+        print_json(report.model_dump(mode="json"))
     else:
         table = Table(box=None)
         for column in ("check", "", "measured", "limit", "the limit's source", "about"):
@@ -214,7 +215,7 @@ def verify(
         for name, result, *values in report.rows():
             table.add_row(name, RESULT_COLOURS[result], *map(escape, values))
         console.print(table)
-        console.print(f"[bold]{'accepted' if report.accepted else 'rejected'}[/]: {escape(report.reason)}")
+        console.print(f"[bold]{report.outcome}[/]: {escape(report.reason)}")
     if not report.accepted:
         raise typer.Exit(1)
 

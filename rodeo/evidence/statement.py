@@ -156,7 +156,7 @@ def judge(site: Site, auditor: Participant, task_id: int, accepted: bool, reason
         "task_id": task.id,
         "attempt": task.attempt,
         "proof_sha256": task.proof_sha256,
-        "accepted": accepted,
+        "outcome": "accepted" if accepted else "rejected",
         "reason": reason,
         "auditor": auditor.name,
     }

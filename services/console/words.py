@@ -25,6 +25,7 @@ STATE_COLOURS = {
     "silent": "",
     "accepted": "good",
     "rejected": "bad",
+    "undecided": "warn",
     "expired": "bad",
     "superseded": "",
     "compromised": "bad",

@@ -1,31 +1,38 @@
 """The oracle's process: every submitted proof gets one verdict, whatever is in it.
 
-Submissions are learnt from the event stream, read from its beginning at every start: that also tells which
-proof hashes were used before. Whether one still waits for a verdict is asked from the index when its turn
-comes, so nothing needs to be remembered across restarts.
+Submissions are learnt from the event stream, read from its beginning at every start: that and the reports in
+the store also tell which acts were paid for before (`services.oracle.acts`). Whether a submission still waits
+for a verdict is asked from the index when its turn comes, so nothing needs to be remembered across restarts.
+
+Several proofs are verified side by side, but of two that claim the same act the one that was submitted
+earlier is decided first.
 """
 
 from __future__ import annotations
 
+import json
 import logging
 import os
 import queue
+import tempfile
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
 from rodeo.bus import DaoEvents
 from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.errors import BusError, RemoteError
-from rodeo.evidence import Store
-from rodeo.evidence.errors import StoreUnavailable
+from rodeo.evidence import EvidenceError, Store
+from rodeo.evidence.errors import ProofNotFound, ProofUriNotAllowed, StoreUnavailable
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, PostVerdict, Task
 from rodeo.service import Service
+from services.oracle import worker
+from services.oracle.acts import ConsumedActs, Spent, Submission, Wait
 from services.oracle.case import Device, Ledger
-from services.oracle.report import Report
-from services.oracle.worker import verify_apart
+from services.oracle.report import Check, Report
 
 log = logging.getLogger(__name__)
 
@@ -33,6 +40,9 @@ RETRY_S = 1.0
 """Wall time between attempts to reach the bridge or the store."""
 SIDE_BY_SIDE = max(2, (os.cpu_count() or 1) - 1)
 """Proofs verified at the same time; one core stays for everybody else, but none waits for one that hangs."""
+AT_ONCE = 16
+"""Submissions in work, verified or waiting for a store, a bridge or the verdict of an earlier one."""
+_REPORT_BYTES = 16 << 20
 _PASSING = frozenset({"bridge_not_ready", "chain_unavailable", "transaction_timeout", "rpc_failed"})
 """What the bridge answers while it cannot; everything else is its last word."""
 
@@ -52,74 +62,96 @@ class Oracle:
         self._stop = service.stop
         self._store = Store(service.site)
         self._wallet = Participant(service.bus, service.site.org, "oracle")
-        self._submissions: queue.SimpleQueue[tuple[int, int]] = queue.SimpleQueue()
-        """(task, attempt) in chain order."""
-        self._first_use: dict[str, tuple[int, int]] = {}
-        """Proof hash -> the task and attempt that submitted it first."""
+        self._submissions: queue.SimpleQueue[tuple[int, int] | None] = queue.SimpleQueue()
+        """(task, attempt) in chain order; None ends a thread."""
+        self._acts = ConsumedActs()
+        self._verifying = threading.Semaphore(SIDE_BY_SIDE)
         self._running: dict[int, str] = {}
         self._decided = 0
         self._lock = threading.Lock()
 
     def serve(self) -> None:
+        # The first verdict must not wait for what all of them share.
+        worker.start()
         events = DaoEvents(self._service.bus, self._site.org, self._on_event)
-        workers = [
+        threads = [
             threading.Thread(target=self._work, args=(number,), name=f"verifier {number}", daemon=True)
-            for number in range(SIDE_BY_SIDE)
+            for number in range(AT_ONCE)
         ]
-        for worker in workers:
-            worker.start()
+        threads.append(threading.Thread(target=self._read_reports, name="reports", daemon=True))
+        for thread in threads:
+            thread.start()
         self._service.ready()
         self._stop.wait()
         events.close()
-        for worker in workers:
-            worker.join(timeout=2 * RETRY_S)
+        for _ in range(AT_ONCE):
+            self._submissions.put(None)
+        self._acts.wake()
+        for thread in threads:
+            thread.join(timeout=2 * RETRY_S)
 
     def _on_event(self, event: DaoEvent) -> None:
-        if event.name != "ProofSubmitted" or event.task_id is None:
-            return
-        submission = event.task_id, int(event.args["attempt"])
-        self._first_use.setdefault(str(event.args["proof_hash"]).lower(), submission)
-        self._submissions.put(submission)
+        self._acts.on_event(event)
+        if event.name == "ProofSubmitted" and event.task_id is not None:
+            self._submissions.put((event.task_id, int(event.args["attempt"])))
+
+    # -- verdicts --------------------------------------------------------------------------------------
 
     def _work(self, number: int) -> None:
-        while not self._stop.is_set():
-            try:
-                task_id, attempt = self._submissions.get(timeout=RETRY_S)
-            except queue.Empty:
-                continue
+        while (next_one := self._submissions.get()) is not None:
+            task_id, attempt = next_one
             with about_task(task_id):
                 try:
                     self._decide(number, task_id, attempt)
                 except Exception:
                     # The next proof must get its verdict whatever happened to this one.
                     log.exception("task %d attempt %d got no verdict", task_id, attempt)
+                    self._acts.judged(task_id, attempt, None)
+                finally:
+                    self._show(number, None)
 
     def _decide(self, number: int, task_id: int, attempt: int) -> None:
         """Verify one submission and post the verdict, unless it has one. Waits for bridge and store."""
-        ledger = self._until_answered(lambda: self._ledger(task_id))
-        if ledger is None or ledger.task.state != "submitted" or ledger.task.attempt != attempt:
+        submission = self._acts.submission(task_id, attempt)
+        if submission is None or not submission.waits:
             return
-        if not self._until_answered(lambda: self._is_ours(ledger.task.kind)):
-            log.info("task %d attempt %d is for an auditor to judge", task_id, attempt)
+        found = self._until_answered(lambda: self._verified(number, task_id, attempt))
+        if found is None:
             return
-        self._show(number, f"verifying task {task_id}")
-        report = verify_apart(
-            self._site,
-            ledger,
-            self._service.data_dir / "verifying",
-            self._site.oracle.time_limit_s,
-            self._stop,
-        )
-        if report is None:
-            return
+        task, report = found
+        claimed = report.acts if report.accepted else []
+        self._acts.judged(task_id, attempt, claimed)
+        if report.accepted:
+            check = self._unspent(number, task_id, attempt, report.acts)
+            if check is None:
+                return
+            report = report.with_checks(check)
         log.info("task %d attempt %d: %s", task_id, attempt, report.reason)
         stored = self._until_answered(lambda: self._store.put_bytes(report.to_bytes(), ".json"))
         if stored is None:
             return
         uri, sha256 = stored
-        self._until_answered(lambda: self._post(ledger.task, report, sha256, uri))
+        self._acts.read(sha256, report.acts)
+        self._until_answered(lambda: self._post(task, report, sha256, uri))
         self._decided += 1
-        self._show(number, None)
+
+    def _verified(self, number: int, task_id: int, attempt: int) -> tuple[Task, Report] | None:
+        """What verification says; None when the submission is not ours to judge, or no longer waits.
+
+        Raises StoreUnavailable, BusError, RemoteError.
+        """
+        ledger = self._ledger(task_id)
+        if ledger.task.state != "submitted" or ledger.task.attempt != attempt:
+            return None
+        if not self._is_ours(ledger.task.kind):
+            log.info("task %d attempt %d is for an auditor to judge", task_id, attempt)
+            self._acts.judged(task_id, attempt, None)
+            return None
+        with self._verifying:
+            self._show(number, f"verifying task {task_id}")
+            scratch = self._service.data_dir / "verifying"
+            report = worker.verify_apart(self._site, ledger, scratch, self._stop)
+        return None if report is None else (ledger.task, report)
 
     def _is_ours(self, kind: str) -> bool:
         """Whether the organization has the oracle judge tasks of this kind."""
@@ -127,21 +159,19 @@ class Oracle:
         return any(one["kind"] == kind and one["review"] == "oracle" for one in kinds)
 
     def _ledger(self, task_id: int) -> Ledger:
-        task = self._wallet.task(task_id)
         chain = self._wallet.state("chain")
-        used = self._first_use.get((task.proof_sha256 or "").lower())
         return Ledger(
             chain_id=chain["chain_id"],
             task_manager=chain["contracts"]["TaskManager"],
-            task=task,
+            task=self._wallet.task(task_id),
             devices=[Device.model_validate(device) for device in self._wallet.state("devices")["devices"]],
-            first_use=None
-            if used in (None, (task.id, task.attempt))
-            else f"task {used[0]} attempt {used[1]}",
         )
 
     def _post(self, task: Task, report: Report, report_sha256: str, report_uri: str) -> bool:
         """Post the verdict; False when the task was decided meanwhile."""
+        if report.outcome == "undecided":
+            log.error("task %d attempt %d: this chain knows no third verdict", task.id, task.attempt)
+            return False
         verdict = PostVerdict(
             # A verification repeated after a crash may find other words for the same proof.
             request_id=f"verdict-{task.id}-{task.attempt}-{report_sha256}",
@@ -161,6 +191,74 @@ class Oracle:
             log.info("task %d attempt %d was decided meanwhile", task.id, task.attempt)
             return False
         return True
+
+    # -- acts ------------------------------------------------------------------------------------------
+
+    def _unspent(self, number: int, task_id: int, attempt: int, claimed: list[str]) -> Check | None:
+        """Whether what a proof claims was not paid for before, as a check; None when there is nobody to tell.
+
+        Waits while that cannot be told: for the verdicts of earlier submissions that may claim it, too, and
+        for reports that cannot be fetched.
+        """
+        said: str | None = None
+        while not self._stop.is_set():
+            news = self._acts.news
+            submission = self._acts.submission(task_id, attempt)
+            if submission is None or not submission.waits:
+                log.info("task %d attempt %d was decided meanwhile", task_id, attempt)
+                return None
+            found = self._acts.spent(task_id, attempt, claimed)
+            if not isinstance(found, Wait):
+                return _acts_unspent(claimed, found)
+            why = f"waiting for task {found.on.task_id} attempt {found.on.attempt}: {found.why}"
+            if why != said:
+                log.warning("task %d attempt %d: %s", task_id, attempt, why)
+                self._show(number, f"task {task_id} {why}")
+                said = why
+            self._acts.wait(news)
+        return None
+
+    def _read_reports(self) -> None:
+        """Read the reports of verdicts that paid for something, as soon as they are heard of."""
+        while not self._stop.is_set():
+            news = self._acts.news
+            missing = [one for one in self._acts.unread() if not self._read(one)]
+            if missing:
+                self._stop.wait(RETRY_S)
+            else:
+                self._acts.wait(news)
+
+    def _read(self, submission: Submission) -> bool:
+        """Learn the acts that a submission's reports list; False while one cannot be had."""
+        for uri, sha256 in submission.reports:
+            if self._acts.is_read(sha256):
+                continue
+            try:
+                data = self._fetch_report(uri, sha256)
+            except EvidenceError as error:
+                log.warning(
+                    "the report of task %d attempt %d cannot be read, so nothing is accepted that it may "
+                    "have paid for: %s",
+                    submission.task_id,
+                    submission.attempt,
+                    error,
+                )
+                return False
+            self._acts.read(sha256, _acts_listed(data, sha256))
+        return True
+
+    def _fetch_report(self, uri: str, sha256: str) -> bytes:
+        """Raises EvidenceError."""
+        # The name is the content: a report that others keep elsewhere may be in our store, too.
+        own = f"{self._site.store_url.rstrip('/')}/{sha256.removeprefix('0x')}.json"
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                path = self._store.fetch(uri, sha256, _REPORT_BYTES, Path(folder))
+            except (ProofUriNotAllowed, ProofNotFound):
+                path = self._store.fetch(own, sha256, _REPORT_BYTES, Path(folder))
+            return path.read_bytes()
+
+    # -- what all of it needs --------------------------------------------------------------------------
 
     def _until_answered(self, ask: Callable[[], Answer]) -> Answer | None:
         """The answer of `ask`, which is repeated while bridge or store are away; None when stopped."""
@@ -182,3 +280,29 @@ class Oracle:
                 self._running[number] = activity
             text = ", ".join(self._running.values()) or "idle"
         self._service.activity(text, decided=self._decided)
+
+
+def _acts_unspent(claimed: list[str], found: Spent | None) -> Check:
+    source = "accepted verdicts on chain and their reports"
+    if found is None:
+        return Check(name="acts_unspent", passed=True, source=source, detail=", ".join(claimed)[:300])
+    by = f"task {found.by.task_id} attempt {found.by.attempt}"
+    return Check(
+        name="acts_unspent",
+        passed=False,
+        measured=found.act,
+        source=source,
+        detail=f"{found.act} was paid for in {by} as {found.theirs}"[:300],
+        # Who submitted first would have been paid, had its verdict come in time.
+        fault=None if found.earlier else "the oracle, which decided a later submission first",
+    )
+
+
+def _acts_listed(data: bytes, sha256: str) -> list[str]:
+    """The acts in a report: none in one by people; and no wait would change what is malformed."""
+    try:
+        listed = json.loads(data).get("acts", [])
+    except (ValueError, RecursionError, AttributeError) as error:
+        log.error("the report %s of a verdict is not one that lists acts: %r", sha256, error)
+        return []
+    return [str(act) for act in listed] if isinstance(listed, list) else []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
@@ -54,8 +55,6 @@ class Ledger(BaseModel):
     task_manager: str
     task: Task
     devices: list[Device]
-    first_use: str | None = None
-    """"task/attempt" that submitted the same proof hash earlier, if any."""
 
     def signers(self, role: str | None) -> set[str]:
         """Lower-case addresses that may sign as `role` (None: as anything) now."""
@@ -102,6 +101,10 @@ class Case:
         self.proof = proof
         self.site = site
         self.ledger = ledger
+        self.amount_iec: Decimal | None = None
+        """What an accepted proof is paid, for a check to say; None is the task's full price."""
+        self.acts: list[str] = []
+        """What the proof claims to have done, for checks to say (`services.oracle.acts`)."""
         self._genuine: dict[int, bool] = {}
         self._witnessed: dict[str, Array] = {}
         self._poses: dict[str, Pose] = {}

@@ -18,12 +18,16 @@ from rodeo.evidence import (
     open_bag,
     open_proof,
 )
-from rodeo.evidence.errors import CorruptProof, SealError
+from rodeo.evidence.errors import CorruptProof, SealError, StoreUnavailable
+from services.oracle.acts import acts
 from services.oracle.case import Case, CaseError, Ledger
 from services.oracle.checks import CHECKS, STATEMENT, CheckFunction
 from services.oracle.report import Check, Finding, Report, skipped
 
 log = logging.getLogger(__name__)
+
+_UNFORESEEN = (KeyError, TypeError, ValueError, IndexError, ArithmeticError)
+"""What numbers and parameters of a kind that no check foresaw make Python raise."""
 
 
 def verify_file(path: Path, site: Site, ledger: Ledger | None = None) -> Report:
@@ -48,19 +52,38 @@ def verify_file(path: Path, site: Site, ledger: Ledger | None = None) -> Report:
         checks += [_run(check, case) for check in stage]
         missed = next((check.name for check in checks if check.passed is False), "")
     source = case.item_pose_source if case.kind == CLEANING else None
-    return _report(checks, ledger, proof.sha256, case.kind, source)
+    report = _report(checks, ledger, proof.sha256, case.kind, source)
+    if report.accepted:
+        return report.model_copy(update={"amount_iec": case.amount_iec, "acts": acts(case)})
+    if report.outcome == "undecided":
+        return report.model_copy(update={"acts": _claimed(case)})
+    return report
+
+
+def _claimed(case: Case) -> list[str]:
+    """The acts of a proof that could not be decided, as far as it tells them."""
+    try:
+        return acts(case)
+    except (EvidenceError, *_UNFORESEEN) as error:
+        log.info("what an undecided proof claims is not known: %r", error)
+        return []
 
 
 def verify_submission(site: Site, ledger: Ledger, folder: Path) -> Report:
-    """Fetch the task's proof into `folder` and check it."""
+    """Fetch the task's proof into `folder` and check it.
+
+    Raises StoreUnavailable, which says nothing about the proof.
+    """
     task = ledger.task
     try:
         path = Store(site).fetch(task.proof_uri or "", task.proof_sha256 or "", folder=folder)
+    except StoreUnavailable:
+        raise
     except EvidenceError as error:
         return _report([_failed("fetched", error)], ledger, task.proof_sha256)
     report = verify_file(path, site, ledger)
     fetched = Check(name="fetched", passed=True, measured=task.proof_sha256, source=task.proof_uri or "")
-    return report.model_copy(update={"checks": [fetched, *report.checks]})
+    return report.with_checks(fetched, first=True)
 
 
 def _open(path: Path, limits: Limits) -> Proof:
@@ -80,7 +103,7 @@ def _run(function: CheckFunction, case: Case) -> Check:
         finding = function(case)
     except EvidenceError as error:
         return _failed(name, error)
-    except (KeyError, TypeError, ValueError, IndexError, ArithmeticError) as error:
+    except _UNFORESEEN as error:
         # The recording's numbers or the task's parameters are of a kind that no check foresaw.
         log.exception("%s could not be computed", name)
         finding = Finding(passed=False, detail=f"could not be computed: {error!r}"[:300])

@@ -2,11 +2,18 @@
 
 The child writes its report to a file and ends; the parent reads it, or learns from the exit that there is
 none. Nothing is shared, so a crash, a hang or a full memory costs one proof its verdict and nobody else.
+
+What a proof may cost is bounded by counts that every judge finds the same (`services.oracle.counts`). What
+the limits here allow differs from machine to machine, so they never reject: a verification that meets one is
+tried once more and then undecided.
 """
 
 from __future__ import annotations
 
 import gc
+import json
+import logging
+import math
 import multiprocessing
 import os
 import resource
@@ -18,13 +25,18 @@ from functools import cache
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
-from rodeo.config import Site
+from rodeo.config import OracleConfig, Site
+from rodeo.evidence.errors import StoreUnavailable
 from rodeo.service import die_with
 from services.oracle.case import Ledger
 from services.oracle.report import Check, Report
 
+log = logging.getLogger(__name__)
+
 MEMORY_BYTES = 4 << 30
 """Address space of one verification: several times what the largest allowed proof needs."""
+ATTEMPTS = 2
+"""A verification that ended without a report is tried once more: the machine may have been the reason."""
 
 _STOP_SLICE_S = 0.2
 """Longest wait before a stop is noticed."""
@@ -32,31 +44,65 @@ _SIGNAL_GRACE_S = 1.0
 """Between the end of a child and our own signal, when both got one."""
 
 
+def start() -> None:
+    """Start the process that verifications are forked from; returns when it has loaded what they need."""
+    child = _context().Process(target=_nothing, name="first child", daemon=True)
+    child.start()
+    child.join()
+
+
 def verify_apart(
     site: Site,
     ledger: Ledger,
     scratch: Path,
-    time_limit_s: float,
     stop: threading.Event,
+    *,
+    limits: OracleConfig | None = None,
     memory_bytes: int = MEMORY_BYTES,
 ) -> Report | None:
-    """The report on a submitted proof, in at most `time_limit_s` of wall time; None when `stop` was set.
+    """The report on a submitted proof; None when `stop` was set. `limits` are the site's own by default.
 
-    A verification that takes longer, crashes or runs out of memory is a report that says so. `scratch` is
-    where its folder goes, which is removed.
+    A verification that twice uses up its CPU time, hangs, crashes or runs out of memory is undecided.
+    `scratch` is where its folder goes, which is removed. Raises StoreUnavailable when the proof could not be
+    fetched, which is for the caller to wait for.
     """
+    limits = limits or site.oracle
+    ended = ""
+    for _ in range(ATTEMPTS):
+        report, ended = _once(site, ledger, scratch, stop, limits, memory_bytes)
+        # Signals that end the oracle may reach the child first: that is no fault of the proof.
+        if report is not None or stop.wait(_SIGNAL_GRACE_S):
+            return report
+        log.warning("task %d attempt %d: %s", ledger.task.id, ledger.task.attempt, ended)
+    task = ledger.task
+    check = Check(
+        name="verification_ended",
+        passed=False,
+        source="the oracle's own process",
+        detail=f"{ended}, {ATTEMPTS} times",
+        fault="the oracle",
+    )
+    return Report.of(
+        [check], kind=task.kind, task_id=task.id, attempt=task.attempt, proof_sha256=task.proof_sha256
+    )
+
+
+def _once(
+    site: Site, ledger: Ledger, scratch: Path, stop: threading.Event, limits: OracleConfig, memory_bytes: int
+) -> tuple[Report | None, str]:
+    """The report of one child, or why there is none. Raises StoreUnavailable."""
     scratch.mkdir(parents=True, exist_ok=True)
     # A folder of its own: a child that outlived a killed oracle must not answer for another proof.
     with tempfile.TemporaryDirectory(dir=scratch, ignore_cleanup_errors=True) as folder:
-        path = Path(folder, "report.json")
+        path, away = Path(folder, _REPORT), Path(folder, _AWAY)
         process = _context().Process(
             target=_child,
-            args=(site, ledger, Path(folder), path, memory_bytes),
+            args=(site, ledger, Path(folder), limits.cpu_limit_s, memory_bytes),
             name=f"verify task {ledger.task.id}",
             daemon=True,
         )
         process.start()
-        deadline_s = time.monotonic() + time_limit_s
+        deadline_s = time.monotonic() + limits.time_limit_s
         while process.is_alive() and time.monotonic() < deadline_s and not stop.is_set():
             process.join(min(_STOP_SLICE_S, max(0.0, deadline_s - time.monotonic())))
         hung = process.is_alive()
@@ -64,37 +110,14 @@ def verify_apart(
             process.kill()
             process.join()
         if path.exists():
-            return Report.model_validate_json(path.read_bytes())
-        # Signals that end the oracle may reach the child first: that is no fault of the proof.
-        if stop.wait(_SIGNAL_GRACE_S):
-            return None
-        return _without_report(ledger, process.exitcode, time_limit_s if hung else None)
-
-
-def _without_report(ledger: Ledger, exit_status: int | None, time_limit_s: float | None) -> Report:
-    """`time_limit_s` if that is what ended the verification."""
-    if time_limit_s is not None:
-        check = Check(
-            name="verification_ended",
-            passed=False,
-            limit=time_limit_s,
-            unit="s",
-            source="the oracle's own time limit",
-            detail=f"the verification took longer than {time_limit_s:g} s",
-        )
-    else:
-        check = Check(
-            name="verification_ended",
-            passed=False,
-            measured=exit_status,
-            limit=0,
-            source="exit status",
-            detail="the verification crashed",
-        )
-    task = ledger.task
-    return Report.of(
-        [check], kind=task.kind, task_id=task.id, attempt=task.attempt, proof_sha256=task.proof_sha256
-    )
+            return Report.model_validate_json(path.read_bytes()), ""
+        if away.exists():
+            raise StoreUnavailable(**json.loads(away.read_bytes()))
+        if hung:
+            return None, f"the verification hung for {limits.time_limit_s:g} s"
+        if process.exitcode == -signal.SIGXCPU:
+            return None, f"the verification used more than {limits.cpu_limit_s:g} s of CPU time"
+        return None, f"the verification crashed with exit status {process.exitcode}"
 
 
 @cache
@@ -105,15 +128,28 @@ def _context() -> ForkServerContext:
     return context
 
 
-def _child(site: Site, ledger: Ledger, folder: Path, path: Path, memory_bytes: int) -> None:
+_REPORT, _AWAY = "report.json", "store-unavailable.json"
+"""What a child leaves in its folder: one of them."""
+
+
+def _nothing() -> None:
+    """What the first child does."""
+
+
+def _child(site: Site, ledger: Ledger, folder: Path, cpu_limit_s: float, memory_bytes: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
     die_with(os.getppid(), signal.SIGKILL)  # the fork server, which ends with the oracle
     gc.disable()  # it ends soon, and looking for garbage among all those messages takes a tenth of its time
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
+    resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(cpu_limit_s), math.ceil(cpu_limit_s) + 1))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     # Imported here: the oracle itself has no use for MuJoCo.
     from services.oracle.verify import verify_submission
 
-    report = verify_submission(site, ledger, folder)
-    part = path.with_suffix(".part")
-    part.write_bytes(report.to_bytes())
-    part.replace(path)
+    try:
+        name, data = _REPORT, verify_submission(site, ledger, folder).to_bytes()
+    except StoreUnavailable as error:
+        name, data = _AWAY, json.dumps({"message": error.message, **error.details}).encode()
+    part = folder / (name + ".part")
+    part.write_bytes(data)
+    part.replace(folder / name)

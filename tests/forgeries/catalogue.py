@@ -334,13 +334,6 @@ def revoked_key(shop: Workshop) -> Submission:
     return Submission(ledger.model_copy(update={"devices": devices}), shop.sealed(shop.cleaning))
 
 
-@forgery("first_use")
-def replay_of_an_old_proof(shop: Workshop) -> Submission:
-    """A file that was paid before."""
-    ledger = shop.cleaning_ledger().model_copy(update={"first_use": "task 3 attempt 1"})
-    return Submission(ledger, shop.honest_file())
-
-
 @forgery("recorded_in_assignment")
 def old_recording_sealed_anew(shop: Workshop) -> Submission:
     """Last week's recording, sealed for today's task."""

@@ -24,12 +24,14 @@ PLACE = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
 
 @pytest.fixture(scope="module")
 def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("oracle"), chain_backend))
+    extra = 'participants = [{ name = "thief" }]'
+    running = RunningSite(write_site(tmp_path_factory.mktemp("oracle"), chain_backend, extra))
     organization = Dao(running)
     try:
         organization.start()
         running.start("oracle")
-        organization.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
+        for _ in range(2):  # so that two tasks can be its at the same time
+            organization.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
         yield organization
     finally:
         organization.stop()
@@ -108,12 +110,15 @@ def executor(dao: Dao, film: Film, tmp_path: Path) -> Executor:
     return Executor(dao, film, tmp_path)
 
 
+def stored(executor: Executor, task_id: int) -> tuple[str, str]:
+    """Hash and URI of an honest proof."""
+    uri = executor.store.put(executor.record(task_id))
+    return "0x" + uri.rpartition("/")[2].removesuffix(".mcap"), uri
+
+
 def honest(executor: Executor, task_id: int) -> dict[str, Any]:
     """Submit an honest proof; the verdict."""
-    path = executor.record(task_id)
-    uri = executor.store.put(path)
-    sha256 = "0x" + uri.rpartition("/")[2].removesuffix(".mcap")
-    return executor.verdict(task_id, executor.submit(task_id, sha256, uri))
+    return executor.verdict(task_id, executor.submit(task_id, *stored(executor, task_id)))
 
 
 def test_honest_work_is_accepted_and_paid(dao: Dao, executor: Executor) -> None:
@@ -202,3 +207,84 @@ def test_an_oracle_that_is_killed_while_verifying_decides_after_its_restart(
     dao.running.kill("oracle")
     dao.running.start("oracle")
     assert executor.verdict(task_id, attempt)["accepted"]
+
+
+# -- acts are paid for once ------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def twice(dao: Dao, executor: Executor) -> Iterator[tuple[int, int]]:
+    """Two tasks on the same item, both this robot's, and one film for both."""
+    first = executor.assigned(max_attempts=1)
+    second = dao.post(params=PLACE, max_attempts=1)
+    assert [dao.task(task_id)["state"] for task_id in (first, second)] == ["assigned", "assigned"]
+    yield first, second
+    for task_id in (first, second):
+        dao.wait_for(
+            lambda task_id=task_id: bool({"TaskSettled", "TaskFailed"} & set(dao.names_of(task_id))),
+            "its end",
+        )
+
+
+def spent(verdict: dict[str, Any], by: int) -> None:
+    assert not verdict["accepted"]
+    assert verdict["reason"].startswith("acts_unspent: "), verdict["reason"]
+    assert f"was paid for in task {by} attempt 1" in verdict["reason"]
+
+
+def test_of_two_proofs_of_one_act_the_one_submitted_first_is_paid(
+    executor: Executor, twice: tuple[int, int]
+) -> None:
+    first, second = twice
+    proofs = {task_id: stored(executor, task_id) for task_id in twice}
+    executor.submit(second, *proofs[second])
+    executor.submit(first, *proofs[first])  # verified side by side
+    assert executor.verdict(second, 1)["accepted"]
+    spent(executor.verdict(first, 1), by=second)
+
+
+def test_what_was_paid_for_is_known_after_a_restart_and_awaited_while_the_store_has_lost_it(
+    dao: Dao, executor: Executor, twice: tuple[int, int]
+) -> None:
+    first, second = twice
+    proofs = {task_id: stored(executor, task_id) for task_id in twice}
+    executor.submit(first, *proofs[first])
+    verdict = executor.verdict(first, 1)
+    assert verdict["accepted"]
+    dao.running.kill("oracle")
+    report = Path(dao.site.store_url.removeprefix("file://"), verdict["report_uri"].rpartition("/")[2])
+    lost = report.rename(report.with_suffix(".lost"))
+    executor.submit(second, *proofs[second])
+    dao.running.start("oracle")
+    dao.running.wait_for_status("oracle", lambda status: "could not be read" in status.activity)
+    assert "VerdictPosted" not in dao.names_of(second)
+    lost.rename(report)
+    spent(executor.verdict(second, 1), by=first)
+
+
+@pytest.mark.parametrize("thief_first", [True, False])
+def test_a_copied_proof_hash_earns_nothing_and_costs_its_owner_nothing(
+    dao: Dao, executor: Executor, thief_first: bool
+) -> None:
+    """The thief has a task of its own, and submits what the honest robot put into the store."""
+    own = executor.assigned()
+    service = dao.command("thief", "register_service", kind="waste_disposal", price_iec="1")["service_id"]
+    proof = stored(executor, own)
+    # The chain's time has passed on to the end of the work; the thief's task is younger, and that is all.
+    filler = dao.post(params=PLACE, max_attempts=1)
+    stolen = dao.post(params=PLACE, max_attempts=1)
+    tasks = {task_id: dao.task(task_id)["executor_name"] for task_id in (filler, stolen)}
+    theirs = next(task_id for task_id, name in tasks.items() if name == "thief")
+    thief = Participant(dao.running.bus, dao.site.org, "thief")
+    if thief_first:
+        thief.submit_proof(theirs, 1, *proof)
+        assert executor.verdict(theirs, 1)["reason"].startswith("task_binding")
+        assert executor.verdict(own, executor.submit(own, *proof))["accepted"]
+    else:
+        assert executor.verdict(own, executor.submit(own, *proof))["accepted"]
+        thief.submit_proof(theirs, 1, *proof)
+        assert executor.verdict(theirs, 1)["reason"].startswith("task_binding")
+    (other,) = set(tasks) - {theirs}
+    executor.submit(other, "0x" + "ee" * 32, f"{dao.site.store_url}/{'ee' * 32}.mcap")
+    assert not executor.verdict(other, 1)["accepted"]
+    dao.command("thief", "update_service", service_id=int(service), state="retired")

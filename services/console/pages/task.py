@@ -361,10 +361,11 @@ def _draw_report(report: Json | None, problem: str) -> None:
         empty(problem)
         return
     with ui.element("div").classes("line"):
-        badge("accepted" if report.get("accepted") else "rejected")
+        badge(str(report.get("outcome", "rejected"))[:20])
         Text("span", str(report.get("reason", ""))[:500], "wrap")
     checks = [check for check in report.get("checks", []) if isinstance(check, dict)]
     words = {True: ("passed", "good"), False: ("failed", "bad"), None: ("skipped", "")}
+    undecided = ("undecided", "warn")
     table(
         "Checks of the oracle",
         [
@@ -377,7 +378,9 @@ def _draw_report(report: Json | None, problem: str) -> None:
         [
             (
                 str(check.get("name", "")).replace("_", " "),
-                partial(badge, *words.get(check.get("passed"), words[None])),
+                partial(
+                    badge, *(undecided if check.get("fault") else words.get(check.get("passed"), words[None]))
+                ),
                 _measured(check.get("measured"), check.get("unit")),
                 _measured(check.get("limit"), check.get("unit")),
                 str(check.get("detail") or check.get("source") or "")[:300],

@@ -30,7 +30,6 @@ PROVENANCE: Stage = (
     provenance.task_binding,
     provenance.nonce,
     provenance.signer,
-    provenance.first_use,
     provenance.recorded_in_assignment,
     provenance.sealed_while_recording,
 )

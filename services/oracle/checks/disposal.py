@@ -22,12 +22,12 @@ def _classification(case: Case) -> dict[str, Any]:
     statements = _statements(case, "class", "compartment", "image_sha256", "time_s")
     if not statements:
         raise CaseError("no classification signed by the bin is in the recording", bin=case.site.bin.name)
-    drop = _drop(case)
+    drop = drop_of(case)
     wanted = drop["classification_seq"] if drop else None
     return next((s for s in statements if s.get("seq") == wanted), statements[-1])
 
 
-def _drop(case: Case) -> dict[str, Any] | None:
+def drop_of(case: Case) -> dict[str, Any] | None:
     """The first that the release can explain, else the last: others may use the bin meanwhile."""
     drops = _statements(case, "classification_seq", "compartment", "weight_n", "after_s", "time_s")
     if not drops:
@@ -60,7 +60,7 @@ def classified(case: Case) -> Finding:
 
 def dropped(case: Case) -> Finding:
     """The bin felt it fall into the compartment that it asked for, when the replay lets go of it."""
-    drop = _drop(case)
+    drop = drop_of(case)
     if drop is None:
         raise CaseError("no drop signed by the bin is in the recording", bin=case.site.bin.name)
     if drop["classification_seq"] != _classification(case).get("seq"):

@@ -60,15 +60,6 @@ def signer(case: Case) -> Finding:
     )
 
 
-def first_use(case: Case) -> Finding:
-    """The file was never submitted before."""
-    if case.ledger is None:
-        return skipped(_NO_CHAIN)
-    return equal(
-        case.ledger.first_use, None, source="submissions on chain", detail="the same file was submitted for"
-    )
-
-
 def recorded_in_assignment(case: Case) -> Finding:
     """The recording lies between assignment and submission."""
     if case.ledger is None or case.ledger.task.assigned is None or case.ledger.task.proof_submitted is None:
@@ -99,11 +90,9 @@ def sealed_while_recording(case: Case) -> Finding:
 
 def sealed(case: Case) -> Finding:
     """Somebody vouches for it with a key; asked last, so that a bag is reported on all the same."""
-    allowed = case.site.oracle.accept_unsealed
-    return Finding(
-        passed=case.proof.sealed or allowed,
-        measured="sealed" if case.proof.sealed else "a bag without a seal",
-        limit="sealed or not" if allowed else "sealed",
-        source="the site's oracle.accept_unsealed",
+    return equal(
+        "sealed" if case.proof.sealed else "a bag without a seal",
+        "sealed",
+        source="docs/evidence.md",
         detail="who vouches for the recording",
     )

@@ -6,11 +6,14 @@ import socket
 import threading
 from pathlib import Path
 
-from rodeo.config import Site
+import pytest
+
+from rodeo.config import OracleConfig, Site
 from rodeo.evidence import Store
+from rodeo.evidence.errors import StoreUnavailable
 from services.oracle.app import SIDE_BY_SIDE
 from services.oracle.report import Report
-from services.oracle.worker import MEMORY_BYTES, verify_apart
+from services.oracle.worker import ATTEMPTS, MEMORY_BYTES, verify_apart
 from tests.support.assignments import BINDING, MOCAP, ROBOT, cleaning_ledger
 from tests.support.recordings import Take, seal, signed_poses
 
@@ -22,7 +25,7 @@ def submitted(
     take: Take,
     tmp_path: Path,
     *,
-    time_limit_s: float = 60.0,
+    limits: OracleConfig | None = None,
     memory_bytes: int = MEMORY_BYTES,
     **task: object,
 ) -> Report:
@@ -31,7 +34,9 @@ def submitted(
     proof = seal(signed_poses(take, MOCAP), tmp_path / "proof.mcap", BINDING, ROBOT)
     fields = {"proof_uri": Store(at).put(proof.path), "proof_sha256": proof.sha256} | task
     chain = cleaning_ledger(take, **fields)
-    report = verify_apart(at, chain, tmp_path / "work", time_limit_s, threading.Event(), memory_bytes)
+    report = verify_apart(
+        at, chain, tmp_path / "work", threading.Event(), limits=limits, memory_bytes=memory_bytes
+    )
     assert report is not None
     return report
 
@@ -60,12 +65,32 @@ def test_a_missing_file_is_a_verdict(site: Site, cleaning: Take, tmp_path: Path)
     assert "proof_not_found" in report.reason
 
 
-def test_a_verification_that_hangs_is_ended_with_a_verdict(
+def undecided_by_the_oracle(report: Report) -> str:
+    """What ended the verification, which the executor does not answer for."""
+    assert (report.outcome, report.fault) == ("undecided", "the oracle"), report.reason
+    assert f", {ATTEMPTS} times; not the executor's failure but that of the oracle" in report.reason
+    return report.reason
+
+
+def test_a_verification_that_hangs_is_undecided(site: Site, cleaning: Take, tmp_path: Path) -> None:
+    report = submitted(site, cleaning, tmp_path, limits=OracleConfig(time_limit_s=0.05))
+    assert "hung for 0.05 s" in undecided_by_the_oracle(report)
+
+
+def test_a_verification_that_uses_up_its_cpu_time_is_undecided(
     site: Site, cleaning: Take, tmp_path: Path
 ) -> None:
-    report = submitted(site, cleaning, tmp_path, time_limit_s=0.05)
-    assert not report.accepted
-    assert "took longer than 0.05 s" in report.reason
+    costly = Take([sample for sample in cleaning.samples for _ in range(12)])
+    report = submitted(site, costly, tmp_path, limits=OracleConfig(cpu_limit_s=1.0))
+    assert "used more than 1 s of CPU time" in undecided_by_the_oracle(report)
+
+
+def test_a_store_that_does_not_answer_is_no_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:
+    broken = tmp_path / "data" / "store" / f"{'ab' * 32}.mcap"
+    broken.parent.mkdir(parents=True)
+    broken.symlink_to(broken)  # a disk that answers with an error
+    with pytest.raises(StoreUnavailable):
+        submitted(site, cleaning, tmp_path, proof_uri=broken.as_uri())
 
 
 def test_one_that_hangs_keeps_no_other_waiting(site: Site, cleaning: Take, tmp_path: Path) -> None:
@@ -76,7 +101,7 @@ def test_one_that_hangs_keeps_no_other_waiting(site: Site, cleaning: Take, tmp_p
         slow = site.model_copy(update={"store": site.store.model_copy(update={"allowed": [url]})})
         chain = cleaning_ledger(cleaning, proof_uri=f"{url}/{'ab' * 32}.mcap", proof_sha256="0x" + "ab" * 32)
         hanging = threading.Thread(
-            target=lambda: verdicts.append(verify_apart(slow, chain, tmp_path / "hanging", 600.0, stop))
+            target=lambda: verdicts.append(verify_apart(slow, chain, tmp_path / "hanging", stop))
         )
         hanging.start()
         silent.settimeout(60.0)
@@ -89,13 +114,12 @@ def test_one_that_hangs_keeps_no_other_waiting(site: Site, cleaning: Take, tmp_p
     assert verdicts == [None]
 
 
-def test_a_verification_that_dies_is_a_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:
+def test_a_verification_without_memory_is_undecided(site: Site, cleaning: Take, tmp_path: Path) -> None:
     report = submitted(site, cleaning, tmp_path, memory_bytes=40 * MIB)
-    assert not report.accepted
-    assert report.reason.startswith("verification_ended: the verification crashed")
+    assert "crashed with exit status" in undecided_by_the_oracle(report)
 
 
 def test_an_oracle_that_stops_gives_no_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:
     stop = threading.Event()
     stop.set()
-    assert verify_apart(site, cleaning_ledger(cleaning), tmp_path / "work", 60.0, stop) is None
+    assert verify_apart(site, cleaning_ledger(cleaning), tmp_path / "work", stop) is None

@@ -1,0 +1,331 @@
+"""What was done can be paid for once: acts, and which of them accepted verdicts have consumed.
+
+An act is a line of text, `<what it is>/<number>` or `<what it is>/<from>-<to>`: `bin/itrash/drop/7`,
+`mocap/item3/120-180`, `meter/dock1/register/1000.0-1200.0`. Two acts overlap when they are of the same thing
+and their numbers do. Whole numbers count things, statements or drops, and both ends belong to the act;
+decimals measure a quantity, and where one ends the next may begin.
+
+Nothing is kept here that chain and store do not say: `ConsumedActs` is made again at every start, from the
+events and from the reports that verdicts name.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import threading
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from typing import TYPE_CHECKING, Self
+
+from rodeo.dao import CHARGING, CLEANING
+from rodeo.errors import RodeoError
+from rodeo.messages import DaoEvent
+from services.oracle.report import Outcome
+
+if TYPE_CHECKING:
+    from services.oracle.case import Case
+
+log = logging.getLogger(__name__)
+
+_ACT = re.compile(
+    r"(?P<what>[^\s/]+(?:/[^\s/]+)*)/(?P<first>[0-9]+(?:\.[0-9]+)?)(?:-(?P<last>[0-9]+(?:\.[0-9]+)?))?",
+    re.ASCII,
+)
+_MAX_CHARACTERS = 300
+
+
+class MalformedAct(RodeoError):
+    """A report lists as an act what is none."""
+
+
+@dataclass(frozen=True)
+class Act:
+    """One act, read from its text."""
+
+    text: str
+    what: str
+    first: Decimal
+    last: Decimal
+    whole: bool
+    """Whether its numbers count things, so that `last` belongs to it."""
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Raises MalformedAct."""
+        found = _ACT.fullmatch(text) if len(text) <= _MAX_CHARACTERS else None
+        if found is None:
+            raise MalformedAct("this is no act", act=text[:_MAX_CHARACTERS])
+        first, last = found["first"], found["last"] or found["first"]
+        if Decimal(last) < Decimal(first):
+            raise MalformedAct("an act ends before it begins", act=text)
+        whole = "." not in first + last or found["last"] is None
+        return cls(text, found["what"], Decimal(first), Decimal(last), whole)
+
+    def overlaps(self, other: Act) -> bool:
+        if self.what != other.what:
+            return False
+        if self.whole or other.whole:
+            return self.first <= other.last and other.first <= self.last
+        return self.first < other.last and other.first < self.last
+
+
+def acts(case: Case) -> list[str]:
+    """What the proof of a case claims to have done. Raises what `Case` raises where it cannot be told."""
+    if case.acts:
+        return list(case.acts)
+    if case.kind == CLEANING:
+        return _cleaning(case)
+    if case.kind == CHARGING:
+        statements = case.meter_statements
+        start_s = min(statement.samples[0].time_s for statement in statements)
+        return [f"meter/{case.site.dock.name}/time/{start_s:.3f}-{statements[-1].time_s:.3f}"]
+    return []
+
+
+def _cleaning(case: Case) -> list[str]:
+    # Imported here: the oracle's own process reads acts and has no use for MuJoCo.
+    from services.oracle.checks.disposal import drop_of
+
+    phases = case.replay.phases
+    claimed = [f"item/{case.item.id}/time/{phases.closing_s:.3f}-{phases.rest_s:.3f}"]
+    if (drop := drop_of(case)) is not None:
+        claimed.append(f"bin/{case.site.bin.name}/drop/{int(drop['seq'])}/{float(drop['time_s']):.3f}")
+    return claimed
+
+
+@dataclass(frozen=True)
+class Submission:
+    """One submitted proof, as the chain's events tell of it."""
+
+    task_id: int
+    attempt: int
+    kind: str
+    block: int
+    log_index: int
+    outcome: Outcome | None = None
+    """The last verdict; an undecided one is replaced by that of people."""
+    over: bool = False
+    """The attempt ended, with or without a verdict."""
+    reports: tuple[tuple[str, str], ...] = ()
+    """(uri, SHA-256 as 0x hex) of each verdict's report."""
+
+    @property
+    def key(self) -> tuple[int, int]:
+        return self.task_id, self.attempt
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """Submissions in chain order are in the order of these."""
+        return self.block, self.log_index
+
+    @property
+    def waits(self) -> bool:
+        """Whether its first verdict is still to come."""
+        return self.outcome is None and not self.over
+
+
+@dataclass(frozen=True)
+class Spent:
+    """An act that was paid for before."""
+
+    act: str
+    by: Submission
+    theirs: str
+    """The act of theirs that it overlaps."""
+    earlier: bool
+    """Whether it was submitted earlier in chain order."""
+
+
+@dataclass(frozen=True)
+class Wait:
+    """Whether an act is spent cannot be told yet."""
+
+    on: Submission
+    why: str
+
+
+class ConsumedActs:
+    """The acts of accepted verdicts, by the chain's events. Thread-safe."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._news = 0
+        self._chain = ""
+        self._events: defaultdict[int, list[DaoEvent]] = defaultdict(list)
+        """What happened to each task; what was undone is taken out again."""
+        self._submissions: dict[int, list[Submission]] = {}
+        self._listed: dict[str, list[Act]] = {}
+        """SHA-256 of a report -> the acts that it lists."""
+        self._judged: dict[tuple[int, int], list[Act] | None] = {}
+        """What own verifications found that a submission claims; None where they found nothing out."""
+
+    def on_event(self, event: DaoEvent) -> None:
+        if event.task_id is None:
+            return
+        with self._changed:
+            if event.chain != self._chain:
+                # Another chain: its tasks are others.
+                self._chain = event.chain
+                self._events.clear()
+                self._submissions.clear()
+                self._judged.clear()
+            events = self._events[event.task_id]
+            if event.name == "EventUndone":
+                undone = event.args["undone_seq"]
+                events[:] = [one for one in events if one.seq != undone]
+                if event.args["undone_name"] == "ProofSubmitted":
+                    self._judged.pop((event.task_id, int(event.args["attempt"])), None)
+            elif event.name in _TELLING and all(one.seq != event.seq for one in events):
+                events.append(event)
+            self._submissions[event.task_id] = list(_submissions(events))
+            self._told()
+
+    @property
+    def news(self) -> int:
+        """Counts what was learnt; see `wait`."""
+        with self._changed:
+            return self._news
+
+    def wait(self, news: int) -> None:
+        """Until more was learnt than when `news` was asked for."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._news != news)
+
+    def wake(self) -> None:
+        """Let everybody look again who waits."""
+        with self._changed:
+            self._told()
+
+    def _told(self) -> None:
+        self._news += 1
+        self._changed.notify_all()
+
+    def submission(self, task_id: int, attempt: int) -> Submission | None:
+        """None when its event was not heard, or was undone."""
+        with self._changed:
+            return self._find(task_id, attempt)
+
+    def unread(self) -> list[Submission]:
+        """Those with a report that has to be read: they were accepted, or may be yet."""
+        with self._changed:
+            return [one for one in self._all() if one.outcome in _PAID_FOR and self._unread(one)]
+
+    def read(self, sha256: str, listed: Iterable[str]) -> None:
+        """The report of this hash lists these acts; what is none is left out and logged."""
+        found = []
+        for text in listed:
+            try:
+                found.append(Act.parse(text))
+            except MalformedAct as error:
+                log.error("the report %s lists what is no act: %s", sha256, error)
+        with self._changed:
+            self._listed[sha256.lower()] = found
+            self._told()
+
+    def is_read(self, sha256: str) -> bool:
+        with self._changed:
+            return sha256.lower() in self._listed
+
+    def judged(self, task_id: int, attempt: int, claimed: Iterable[str] | None) -> None:
+        """A verification ended, so that others do not wait for it in vain: the submission claims these acts,
+        none if it is refused. None where it gets no verdict from here."""
+        found = None if claimed is None else [Act.parse(text) for text in claimed]
+        with self._changed:
+            self._judged[task_id, attempt] = found
+            self._told()
+
+    def spent(self, task_id: int, attempt: int, claimed: Iterable[str]) -> Spent | Wait | None:
+        """Whether any of the acts that a submission claims was paid for; None if none was.
+
+        What was submitted earlier goes first: while it waits for its verdict and may claim one of these acts,
+        the later one waits, too.
+        """
+        wanted: dict[str, list[Act]] = defaultdict(list)
+        for text in claimed:
+            act = Act.parse(text)
+            wanted[act.what].append(act)
+        with self._changed:
+            own = self._find(task_id, attempt)
+            if own is None or not wanted:
+                return None
+            wait: Wait | None = None
+            for other in sorted(self._all(), key=lambda one: one.place):
+                if other.kind != own.kind or other.key == own.key:
+                    continue
+                earlier = other.place < own.place
+                if other.outcome == "accepted":
+                    if self._unread(other):
+                        wait = wait or Wait(other, "the report of its verdict could not be read yet")
+                    elif (both := _overlap(wanted, self._acts(other))) is not None:
+                        return Spent(both[0].text, other, both[1].text, earlier)
+                elif earlier and other.waits and wait is None:
+                    known = other.key in self._judged
+                    theirs = self._judged.get(other.key)
+                    if not known or (theirs is not None and _overlap(wanted, theirs) is not None):
+                        wait = Wait(other, "it was submitted earlier and has no verdict yet")
+            return wait
+
+    def _find(self, task_id: int, attempt: int) -> Submission | None:
+        return next((one for one in self._submissions.get(task_id, ()) if one.attempt == attempt), None)
+
+    def _all(self) -> Iterator[Submission]:
+        for submissions in self._submissions.values():
+            yield from submissions
+
+    def _unread(self, submission: Submission) -> bool:
+        return any(sha256 not in self._listed for _, sha256 in submission.reports)
+
+    def _acts(self, submission: Submission) -> list[Act]:
+        return [act for _, sha256 in submission.reports for act in self._listed[sha256]]
+
+
+_TELLING = frozenset(
+    {
+        "TaskRegistered",
+        "ProofSubmitted",
+        "VerdictPosted",
+        "TaskSettled",
+        "TaskRequeued",
+        "TaskFailed",
+        "TaskCancelled",
+    }
+)
+_PAID_FOR: frozenset[Outcome | None] = frozenset({"accepted", "undecided"})
+
+
+def _submissions(events: Iterable[DaoEvent]) -> Iterator[Submission]:
+    """Those of one task, from its events in chain order."""
+    kind, made = "", list[Submission]()
+    for event in events:
+        args = event.args
+        if event.name == "TaskRegistered":
+            kind = str(args["kind"])
+        elif event.name == "ProofSubmitted":
+            attempt = int(args["attempt"])
+            made.append(Submission(event.task_id or 0, attempt, kind, event.block, event.log_index))
+        elif not made:
+            continue
+        elif event.name == "VerdictPosted":
+            report = str(args["report_uri"]), str(args["report_hash"]).lower()
+            made[-1] = replace(made[-1], outcome=outcome_of(event), reports=(*made[-1].reports, report))
+        elif event.name == "TaskSettled":
+            # Also where nobody judged what was undecided, and the kind's rules say that it is paid then.
+            made[-1] = replace(made[-1], outcome="accepted", over=True)
+        else:
+            made[-1] = replace(made[-1], over=True)
+    yield from made
+
+
+def outcome_of(verdict: DaoEvent) -> Outcome:
+    """What a VerdictPosted says."""
+    return "accepted" if verdict.args["accepted"] else "rejected"
+
+
+def _overlap(wanted: dict[str, list[Act]], others: Iterable[Act]) -> tuple[Act, Act] | None:
+    """The first of `wanted` that one of `others` overlaps, and that one."""
+    return next(
+        ((own, other) for other in others for own in wanted.get(other.what, ()) if own.overlaps(other)), None
+    )
