@@ -19,6 +19,7 @@ from rodeo.config import Site
 from rodeo.lab.config import ItemConfig, Pose2
 from rodeo.lab.items import NotGraspable, top_grasps
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, ahead, wrap
+from rodeo.lab.place import PLACE_LIMIT_M, TAKEN_LIMIT_M
 from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M, STOWED_RAD
 from services.robot_agent.arm import (
     ASIDE_RAD,
@@ -68,10 +69,8 @@ _PLACES = 12
 _BLOCKED_S = 8.0
 """Site time between two tries."""
 
-PLACE_LIMIT_M = 0.3
-"""How far from the place that a task names its item may lie."""
 _SEARCH_M = PLACE_LIMIT_M + 0.1
-"""With room for what a view from a distance is off by."""
+"""With room for what a view from a distance is off by, and to say that the item lies too far off."""
 _LOOK_TURNS_RAD = (0.0, 0.15)
 """Of the waist, between the pictures of one look: their picture elements fall on different points."""
 _FAR_MISFIT_M = 0.045
@@ -167,13 +166,13 @@ class Cleaning:
             try:
                 if held is None:
                     picks += 1
-                    self._pick(item, self._where_to_look(item, place, picks), checkpoint, report)
+                    self._pick(item, place, self._where_to_look(item, place, picks), checkpoint, report)
                 else:
                     deliveries += 1
                     released_s = self._deliver(item, held, checkpoint, report, note)
             except NotFound as error:
                 raise TaskFailed(
-                    f"{item_id} was not found near x {place[0]:.2f} y {place[1]:.2f}",
+                    f"{item_id} was not found near x {place[0]:.2f} y {place[1]:.2f}: {error.message}",
                     cause=error.code,
                     **error.details,
                 ) from error
@@ -281,12 +280,23 @@ class Cleaning:
 
     # -- taking it -------------------------------------------------------------------------------------
 
-    def _pick(self, item: ItemConfig, place: Point, checkpoint: Checkpoint, report: Report) -> None:
+    def _pick(
+        self, item: ItemConfig, place: Point, look_at: Point, checkpoint: Checkpoint, report: Report
+    ) -> None:
+        """Take the item of the task that names `place`. Raises NotFound also when it lies too far from it."""
         self.stow(checkpoint)
         if self._body.joints(checkpoint).gripper_m < _OPEN_ENOUGH_M:
             self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
-        sighting = self._see(item, place, checkpoint, report)
+        sighting = self._see(item, look_at, checkpoint, report)
         self._memory.saw(item.id, sighting.position_m[:2])
+        away_m = math.dist(sighting.position_m[:2], place)
+        if away_m > TAKEN_LIMIT_M:
+            raise NotFound(
+                "the item lies too far from the task's place",
+                item=item.id,
+                away_m=round(away_m, 3),
+                limit_m=TAKEN_LIMIT_M,
+            )
         self._announce(sighting)
         report(f"grasping {item.id}", 0.3)
         base = self._body.base_pose(checkpoint)

@@ -2,13 +2,12 @@
 
 import numpy as np
 
+from rodeo.lab.place import JUDGED_LIMIT_M
 from services.oracle.case import NO_MOCAP, Case, CaseError
 from services.oracle.phases import LIFTED_M
 from services.oracle.replay import LONGEST_S, compartment_at
 from services.oracle.report import Finding, at_least, at_most, equal, skipped
 
-PLACE_LIMIT_M = 0.3
-"""The task's place is where somebody saw the item, to about a foot's length."""
 HELD_SHARE = 0.95
 """Of the time between lift and release; a contact may flicker while the item settles between the pads."""
 SLIP_LIMIT_M = 0.04
@@ -44,7 +43,7 @@ def item_place(case: Case) -> Finding:
         x_m, y_m = float(params["x_m"]), float(params["y_m"])
     return at_most(
         float(np.hypot(placed[0] - x_m, placed[1] - y_m)),
-        PLACE_LIMIT_M,
+        JUDGED_LIMIT_M,
         "m",
         source="the task's place" if case.ledger else "the site file",
         detail=f"from where {case.item_pose_source} saw the item before the grasp",

@@ -11,6 +11,7 @@ import pytest
 
 from rodeo.config import Site
 from rodeo.lab.layout import BinLayout
+from rodeo.lab.place import JUDGED_LIMIT_M, TAKEN_LIMIT_M
 from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M
 from services.robot_agent import bin as bin_module
 from services.robot_agent import cleaning as cleaning_module
@@ -239,6 +240,21 @@ def test_an_item_that_is_not_there_fails_the_task_after_a_look_from_two_sides(sc
 def test_the_place_that_the_task_names_is_right_only_roughly(scene: Scene, off_m: float) -> None:
     scene.dispose(off_m=off_m)
     assert scene.body.dropped_in == "yellow"
+
+
+@pytest.mark.parametrize("off_m", [-0.33, 0.33, 0.37])
+def test_an_item_that_is_seen_further_off_than_would_be_paid_for_is_not_touched(
+    scene: Scene, off_m: float
+) -> None:
+    with pytest.raises(TaskFailed, match="too far from the task's place") as caught:
+        scene.dispose(off_m=off_m)
+    assert caught.value.details["cause"] == "not_found"
+    assert caught.value.details["away_m"] == pytest.approx(abs(off_m), abs=0.01)
+    assert (scene.body.held, scene.body.dropped_in, scene.sightings) == (None, None, [])
+
+
+def test_the_oracle_allows_more_than_the_robot_takes() -> None:
+    assert TAKEN_LIMIT_M + 0.03 <= JUDGED_LIMIT_M
 
 
 def test_an_item_far_from_the_place_is_not_taken(scene: Scene) -> None:
