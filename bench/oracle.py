@@ -1,8 +1,8 @@
 """From URI to verdict, as the oracle does it: fetched from the store, verified in a process of its own.
 
 `verify_cleaning_s`: a 192 s cleaning at 50 Hz (eight topics), replayed in physics at 2 ms, wall time.
-`verify_driving_s`: one of `verified_driving_s` in which the robot drives round and round with the item: the
-other one mostly stands still, and what lies still is not stepped.
+`verify_driving_s`: one of `verified_driving_s` in which the robot drives round and round with the item while
+its arm sways: the other one mostly stands still, and what lies still is not stepped.
 `verify_cleaning_<length>s_cpu_s`: CPU time of verifying 48, 96, 192 and 384 s. `verify_growth`: what another
 second costs between 192 and 384 s, over what it costs between 96 and 192 s; 1 is linear.
 `verify_charging_s`: a 65-minute charge at 1 Hz with a signed statement every 10 s.
@@ -47,6 +47,8 @@ LENGTHS_S = (48.0, 96.0, CLEANING_S, 384.0)
 ROUND = (4.7, 1.7), (5.2, 3.4)
 """Places to pass on the way to the bin."""
 ROUNDS = 8
+SWAY_RAD = 0.1
+"""Of each joint of the arm while it drives."""
 CHARGED_FROM = 0.525
 """State of charge from which a charge takes 65 minutes."""
 REPEATS = 5
@@ -61,7 +63,7 @@ def run() -> dict[str, float]:
             for length_s in LENGTHS_S
         }
         cleaning = films[CLEANING_S]
-        driving = film_cleaning(site, "item1", BIN, via=ROUND * ROUNDS)
+        driving = film_cleaning(site, "item1", BIN, via=ROUND * ROUNDS, sway_rad=SWAY_RAD)
         charge = film_charging(site, METER, CHARGE_BINDING, soc=CHARGED_FROM)
         cases = {
             "cleaning": _submitted(site, cleaning, cleaning_ledger(cleaning), BINDING, ROBOT),

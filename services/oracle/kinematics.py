@@ -132,6 +132,35 @@ class Kinematics:
         return deepest
 
 
+def product(first: Array, second: Array) -> Array:
+    """(..., 4) the turn `second` in the frame of `first`; quaternions w, x, y, z."""
+    (a, b, c, d), (w, x, y, z) = np.moveaxis(first, -1, 0), np.moveaxis(second, -1, 0)
+    return np.stack(
+        [
+            a * w - b * x - c * y - d * z,
+            a * x + b * w + c * z - d * y,
+            a * y - b * z + c * w + d * x,
+            a * z + b * y - c * x + d * w,
+        ],
+        axis=-1,
+    )
+
+
+def inverse(quaternion: Array) -> Array:
+    """(..., 4) of unit quaternions w, x, y, z."""
+    return np.asarray(quaternion * np.array([1.0, -1.0, -1.0, -1.0]))
+
+
+def turned(quaternion: Array, vector: Array) -> Array:
+    """(..., 3) `vector` turned by unit quaternions (..., 4) w, x, y, z."""
+    (w, x, y, z), (a, b, c) = np.moveaxis(quaternion, -1, 0), np.moveaxis(vector, -1, 0)
+    # Twice the cross product, once straight and once more.
+    p, q, r = 2 * (y * c - z * b), 2 * (z * a - x * c), 2 * (x * b - y * a)
+    return np.stack(
+        [a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p], axis=-1
+    )
+
+
 def fixtures(case: Case) -> dict[str, object]:
     """What stands in the lab."""
     return {"lab": case.site.lab, "bin": case.site.bin, "dock": case.site.dock}

@@ -6,6 +6,9 @@ joints of the robot took it, as if it were too heavy for anything to hold up; `K
 something was in the way of the robot. The fingers get their recorded effort, with a soft pull towards their
 recorded positions; the item is moved by contact and gravity only. So a recording shows work exactly if the
 same motion does the work again.
+
+An item at rest in the hand is not stepped for as long as the grip bears what the motion asks of it, which the
+physics is asked, too (`grip`).
 """
 
 from __future__ import annotations
@@ -18,7 +21,6 @@ import mujoco
 import numpy as np
 from mujoco import rollout
 from scipy.interpolate import PchipInterpolator
-from scipy.spatial.transform import Rotation
 
 from rodeo.evidence.series import Array
 from rodeo.lab.layout import BinLayout
@@ -31,6 +33,7 @@ from rodeo.lab.world import (
     world_spec,
 )
 from services.oracle.case import Case, CaseError, increasing
+from services.oracle.grip import EVERY, STRETCH, Grip, Rows, Way
 from services.oracle.kinematics import HandPath, Kinematics, fixtures, reduce_to_solids
 from services.oracle.phases import HELD_S, LIFTED_M, Phases, felt_phases, find_phases
 
@@ -44,13 +47,12 @@ LONGEST_S = 600.0
 """No carry across one room takes longer; bounds what a proof can make the oracle compute."""
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
-_EVERY = 10
-"""Steps of 2 ms between two rows of a replay."""
 _HAND = "hand"
 _HAND_KG = 1e5
 """Also its moments of inertia, kg m2. Much more, and the solver's numbers are too far apart."""
-_STRETCH = 250
-"""Steps after which the hand is put onto its path again: 10 N take it 0.01 mm from it by then."""
+_LONGEST_CARRY = 32
+"""Stretches that are asked about at once. Each yes doubles the next question, and a no makes it one stretch
+again, so that a grip that fails again and again costs a fifth more than stepping it."""
 _SOLVED_KG = 1.0
 """Inertia that the solver's tolerance is scaled by: the item's and the fingers', rather than the hand's."""
 _ASLEEP_M_S = 1e-3
@@ -289,99 +291,114 @@ class World:
         self.model = spec.compile()
         self.model.stat.meaninertia = _SOLVED_KG
         self.data = mujoco.MjData(self.model)
-        hand, speeds = self.model.joint(_HAND), 1 + self.model.nq
-        # In a state, which is the time, all positions and all speeds.
-        self._hand_qpos = slice(1 + hand.qposadr[0], 8 + hand.qposadr[0])
-        self._hand_qvel = slice(speeds + hand.dofadr[0], speeds + hand.dofadr[0] + 6)
-        free = np.setdiff1d(np.arange(self.model.nv), np.arange(hand.dofadr[0], hand.dofadr[0] + 6))
-        self._free_qvel = speeds + free
-        joints = [self.model.joint(name) for name in self._fingers]
-        self._finger_qpos, self._finger_qvel = ([j.qposadr[0] for j in joints], [j.dofadr[0] for j in joints])
-        at = self.model.joint(item.id).qposadr[0]
-        self._item_qpos = slice(at, at + 7)
-
-    def run(self, motion: Motion, chance: Chance, until_s: float = math.inf) -> Replay:
-        """Step the physics over the motion (2 ms apart) from the item on the floor, up to `until_s`."""
-        rows = slice(0, int(np.searchsorted(motion.time_s, until_s)))
-        data = self.data
-        data.qpos[self._finger_qpos] = motion.fingers_m[0]
-        data.qvel[:] = 0
-        data.qvel[self._finger_qvel] = motion.finger_speed_m_s[0]
-        data.qpos[self._item_qpos] = (*np.add(motion.item_m, (*chance.item_m, 0.0)), *motion.item_quat)
-        states, sensors = self._roll(motion, chance, rows, motion.hand_by(chance, rows))
-        columns = {
-            self.model.sensor(i).name: sensors[::_EVERY, a : a + d]
+        self._grip = Grip(self.model, self.data, _HAND, self._fingers, item.id)
+        self._sensor = {
+            self.model.sensor(i).name: slice(a, a + d)
             for i, (a, d) in enumerate(zip(self.model.sensor_adr, self.model.sensor_dim, strict=True))
         }
-        pads = np.stack([np.linalg.norm(columns[pad], axis=1) for pad in ("left_pad", "right_pad")], axis=1)
+        self._new = np.empty(mujoco.mj_stateSize(self.model, _STATE))
+        mujoco.mj_getState(self.model, self.data, self._new, _STATE)
+
+    def run(self, motion: Motion, chance: Chance, until_s: float = math.inf) -> Replay:
+        """Move the physics over the motion (2 ms apart) from the item on the floor, up to `until_s`."""
+        rows, grip = slice(0, int(np.searchsorted(motion.time_s, until_s))), self._grip
+        state = self._new.copy()
+        state[grip.finger_qpos] = motion.fingers_m[0]
+        state[grip.finger_qvel] = motion.finger_speed_m_s[0]
+        state[grip.item_qpos] = (*np.add(motion.item_m, (*chance.item_m, 0.0)), *motion.item_quat)
+        states, sensors = self._roll(motion, chance, rows, motion.hand_by(chance, rows), state)
         return Replay(
             phases=motion.phases,
-            time_s=motion.time_s[rows][::_EVERY],
-            item_m=columns["item"],
-            item_in_gripper_m=columns["item_in_gripper"],
-            pad_force_n=pads,
+            time_s=motion.time_s[rows][::EVERY],
+            item_m=sensors[:, self._sensor["item"]],
+            item_in_gripper_m=sensors[:, self._sensor["item_in_gripper"]],
+            pad_force_n=self._pads_n(sensors),
             placed_m=motion.item_m,
             chance=chance,
             motion=motion,
             world=self,
-            states=states[::_EVERY].copy(),
+            states=states,
         )
 
     def drop(self, found: Replay, chance: Chance) -> Array:
         """(3,) where the item comes to rest when `found` goes on by chance from before its release."""
         row = max(int(np.searchsorted(found.time_s, found.release_s - BEFORE_RELEASE_S)) - 1, 0)
-        rows = slice(row * _EVERY + 1, len(found.motion.time_s))
+        rows = slice(row * EVERY + 1, len(found.motion.time_s))
         hand = found.motion.hand_by(chance, rows, float(found.motion.time_s[rows.start]))
-        mujoco.mj_setState(self.model, self.data, found.states[row], _STATE)
-        _, sensors = self._roll(found.motion, chance, rows, hand)
-        address = self.model.sensor("item").adr[0]
-        return np.asarray(sensors[-1, address : address + 3])
+        _, sensors = self._roll(found.motion, chance, rows, hand, found.states[row])
+        return np.asarray(sensors[-1, self._sensor["item"]])
 
-    def _roll(self, motion: Motion, chance: Chance, rows: slice, hand: HandPath) -> tuple[Array, Array]:
-        """States and sensors of each step from fingers and item as they are in `data`.
+    def _pads_n(self, sensors: Array) -> Array:
+        """(n, 2) force of the left and right pad on the item."""
+        forces = (sensors[:, self._sensor[pad]] for pad in ("left_pad", "right_pad"))
+        return np.stack([np.linalg.norm(force, axis=1) for force in forces], axis=1)
+
+    def _roll(
+        self, motion: Motion, chance: Chance, rows: slice, hand: HandPath, state: Array
+    ) -> tuple[Array, Array]:
+        """States after and sensors at every tenth step, from `state` on.
 
         Raises CaseError when the physics diverges.
         """
-        model = self.model
-        speed = _speeds(hand)
-        control = np.empty((len(speed), model.nu))
-        control[:, :6] = np.diff(speed, axis=0, prepend=speed[:1]) / TIMESTEP_S
-        control[:, 6:] = (
+        way = Way.of(
+            hand,
             motion.effort_n[rows] * chance.effort
             + motion.fingers_m[rows] * _FINGER_STIFFNESS_N_M
-            + motion.finger_speed_m_s[rows] * _FINGER_DAMPING_N_S_M
+            + motion.finger_speed_m_s[rows] * _FINGER_DAMPING_N_S_M,
         )
-        state = np.empty(mujoco.mj_stateSize(model, _STATE))
-        mujoco.mj_getState(model, self.data, state, _STATE)
-        states, sensors = np.empty((len(speed), len(state))), np.empty((len(speed), model.nsensordata))
-        friction = model.geom_friction.copy()
-        model.geom_friction[:, 0] *= chance.friction
-        for begin in range(0, len(speed), _STRETCH):
-            stretch = slice(begin, begin + _STRETCH)
-            if begin and self._asleep(state, hand, control, begin):
-                states[stretch], sensors[stretch] = state, sensors[begin - 1]
-                continue
-            state[self._hand_qpos] = (*hand.position_m[begin], *hand.quaternion[begin])
-            state[self._hand_qvel] = speed[max(begin - 1, 0)]
-            states[stretch], sensors[stretch] = (
-                out[0] for out in rollout.rollout(model, self.data, state, control[None, stretch])
-            )
-            state = states[stretch][-1].copy()
-        model.geom_friction[:] = friction
+        lifted = int(np.searchsorted(motion.time_s[rows], motion.phases.lifted_s + HELD_S))
+        count = len(range(0, len(way), EVERY))
+        states, sensors = np.empty((count, len(state))), np.empty((count, self.model.nsensordata))
+        friction = self.model.geom_friction.copy()
+        self.model.geom_friction[:, 0] *= chance.friction
+        begin, row, ahead, pressed_n = 0, 0, 1, 0.0
+        while begin < len(way):
+            stretch = slice(begin, min(begin + STRETCH, len(way)))
+            found = None
+            if begin and self._asleep(state, way, begin):
+                count = len(range(begin, stretch.stop, EVERY))
+                felt = sensors[row - 1]
+                found = Rows(
+                    stretch.stop - begin, np.tile(state, (count, 1)), np.tile(felt, (count, 1)), state
+                )
+            elif begin > lifted and self._rests_in_hand(state, sensors[row - 1]):
+                asked = slice(begin, min(begin + ahead * STRETCH, len(way)))
+                found = self._grip.carry(way, asked, state, pressed_n)
+                ahead = min(2 * ahead, _LONGEST_CARRY) if begin + found.steps == asked.stop else 1
+            if found is None or not found.steps:
+                found = self._step(way, stretch, state)
+                pressed_n = float(self._grip.pressing_n(way, stretch, found.state).min())
+            states[row : row + len(found.states)] = found.states
+            sensors[row : row + len(found.states)] = found.sensors
+            state = found.state
+            begin, row = begin + found.steps, row + len(found.states)
+        self.model.geom_friction[:] = friction
         if not np.isfinite(state).all():
             raise CaseError("the replay is not stable")
         return states, sensors
 
-    def _asleep(self, state: Array, hand: HandPath, control: Array, begin: int) -> bool:
+    def _step(self, way: Way, steps: slice, state: Array) -> Rows:
+        """The physics itself from `state` on, its hand on the path at the first of these steps."""
+        state, begin = state.copy(), steps.start
+        state[self._grip.hand_qpos] = (*way.hand.position_m[begin], *way.hand.quaternion[begin])
+        state[self._grip.hand_qvel] = way.speed[max(begin - 1, 0)]
+        states, sensors = rollout.rollout(self.model, self.data, state, way.control[None, steps])
+        return Rows(len(states[0]), states[0, ::EVERY], sensors[0, ::EVERY], states[0, -1])
+
+    def _rests_in_hand(self, state: Array, sensors: Array) -> bool:
+        """Whether both pads press on an item that moves with them."""
+        return bool((self._pads_n(sensors[None]) > 0).all()) and self._grip.at_rest(state)
+
+    def _asleep(self, state: Array, way: Way, begin: int) -> bool:
         """Whether nothing moves, and nothing is moved in the stretch before `begin` or in the one after: then
         it needs no steps, as MuJoCo lets bodies sleep."""
-        both = slice(begin - _STRETCH, begin + _STRETCH)
-        fingers = control[both, 6:]
+        both = slice(begin - STRETCH, begin + STRETCH)
+        moving = state[[*self._grip.finger_qvel, *range(*self._grip.item_qvel.indices(len(state)))]]
         return bool(
-            np.abs(state[self._free_qvel]).max() < _ASLEEP_M_S
-            and np.ptp(hand.position_m[both], axis=0).max() < _STILL
-            and np.ptp(hand.quaternion[both], axis=0).max() < _STILL
-            and np.ptp(fingers, axis=0).max() < _STILL * _FINGER_STIFFNESS_N_M
+            np.abs(moving).max() < _ASLEEP_M_S
+            and np.ptp(way.hand.position_m[both], axis=0).max() < _STILL
+            and np.ptp(way.hand.quaternion[both], axis=0).max() < _STILL
+            and np.ptp(way.control[both, 6:], axis=0).max() < _STILL * _FINGER_STIFFNESS_N_M
         )
 
 
@@ -422,11 +439,3 @@ def _add_sensors(spec: mujoco.MjSpec, prefix: str, item_id: str) -> None:
             # The net force of all contacts between the two, in the world's frame.
             intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3, 1],
         )
-
-
-def _speeds(hand: HandPath) -> Array:
-    """(n, 6) what takes a free joint from each row of the path to the next in one step: m/s in the map's
-    frame, rad/s in the hand's."""
-    turn = Rotation.from_quat(np.roll(hand.quaternion, -1, axis=1))
-    moves = np.hstack([np.diff(hand.position_m, axis=0), (turn[:-1].inv() * turn[1:]).as_rotvec()])
-    return np.vstack([moves, moves[-1:]]) / TIMESTEP_S

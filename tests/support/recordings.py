@@ -224,14 +224,43 @@ class _Camera:
         self.samples.append(Sample(topic, ros_type, stamp(message, ns), ns, self._sequence))
 
 
+SWAY_HZ = 0.25
+SWAY_RAMP_S = 2.0
+"""In which the arm begins to sway, and in which it comes to rest again."""
+
+
 class _FilmedOperator(Operator):
     def __init__(self, camera: _Camera) -> None:
         super().__init__(camera.model, camera.data, camera.body)
         self.camera = camera
+        self._sway_rad = self._most_rad = self._swayed_s = 0.0
+        self._swaying = False
 
     def tick(self) -> None:
+        still = self.setpoint
+        if self._swaying or self._sway_rad:
+            self.setpoint = still + self._sway()
         super().tick()
         self.camera.film(self.setpoint, self.grip[0])
+        self.setpoint = still
+
+    def sway(self, most_rad: float) -> None:
+        """Let all joints of the arm sway so far about where they are wanted, one after the other."""
+        self._swaying, self._most_rad, self._swayed_s = True, most_rad, 0.0
+
+    def sway_no_more(self) -> None:
+        """Wait until the arm hangs still."""
+        self._swaying = False
+        while self._sway_rad:
+            self.tick()
+
+    def _sway(self) -> np.ndarray:
+        step_rad = self._most_rad * 0.02 / SWAY_RAMP_S
+        change_rad = step_rad if self._swaying else -step_rad
+        self._sway_rad = float(np.clip(self._sway_rad + change_rad, 0.0, self._most_rad))
+        self._swayed_s += 0.02
+        turn = 2 * math.pi * (SWAY_HZ * self._swayed_s + np.arange(len(ARM_JOINTS)) / len(ARM_JOINTS))
+        return np.asarray(self._sway_rad * np.sin(turn))
 
     def turn_to(self, yaw_rad: float) -> None:
         """Without the last hundredth of a radian, for which tyres that stick take half a minute."""
@@ -252,11 +281,13 @@ def film_cleaning(
     start: Pose2 | None = None,
     via: Sequence[tuple[float, float]] = ((4.7, 1.7), (5.2, 3.4)),
     linger_s: float = 0.0,
+    sway_rad: float = 0.0,
 ) -> Take:
     """Fetch `item_id` and drop it into its compartment, or into `compartment`, whatever the bin asks for.
 
     The robot starts half a metre west of the item (or at `start`) and carries it `via` these points.
-    It stands about for `linger_s` before it picks and while it carries.
+    It stands about for `linger_s` before it picks and while it carries. While it drives with the item all
+    joints of its arm sway by `sway_rad`.
     """
     camera = _Camera(site)
     operator = _FilmedOperator(camera)
@@ -277,10 +308,13 @@ def film_cleaning(
     operator.wait(linger_s / 2)
     operator.pick(item, grip_n)
     operator.wait(linger_s / 2)
+    if sway_rad:
+        operator.sway(sway_rad)
     for x_m, y_m in via:
         here = camera.body.pose
         operator.drive_to(Pose2(x_m=x_m, y_m=y_m, yaw_rad=math.atan2(y_m - here.y_m, x_m - here.x_m)))
     operator.drive_to(layout.parking)
+    operator.sway_no_more()
 
     operator.show(item, layout)
     wanted = site.bin.compartment_of(item.item_class)
