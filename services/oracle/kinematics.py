@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from types import SimpleNamespace
 
@@ -60,7 +61,11 @@ class Kinematics:
             [model.joint(prefix + name).qposadr[0] for name in names] for names in (ARM_JOINTS, FINGER_JOINTS)
         )
         self._arm = np.array(arm)
-        self._hand = model.body_parentid[model.joint(prefix + FINGER_JOINTS[0]).bodyid[0]]
+        body = model.body_parentid[model.joint(prefix + FINGER_JOINTS[0]).bodyid[0]]
+        self._chain = [body]
+        """Bodies from the base to the one that carries the fingers."""
+        while (body := model.body_parentid[body]) != 0:
+            self._chain.insert(0, body)
         self.time_s, self._rows = self._recorded(case, np.r_[at : at + 7, arm, fingers])
 
     def _recorded(self, case: Case, columns: Array) -> tuple[Array, Array]:
@@ -97,13 +102,26 @@ class Kinematics:
         return HandPath(fine[:, :3], fine[:, 3:] / norm)
 
     def _hands(self, rows: Array) -> HandPath:
-        model, data = self._model, self._data
-        place, turn = data.xpos[self._hand], data.xquat[self._hand]
-        position_m, quaternion = np.empty((len(rows), 3)), np.empty((len(rows), 4))
-        for index, row in enumerate(rows):
-            data.qpos[:] = row
-            mujoco.mj_kinematics(model, data)
-            position_m[index], quaternion[index] = place, turn
+        """As `mj_kinematics` has it, for all rows at once."""
+        model = self._model
+        position_m, quaternion = np.zeros((len(rows), 3)), np.tile([1.0, 0.0, 0.0, 0.0], (len(rows), 1))
+        for body in self._chain:
+            position_m = position_m + turned(quaternion, model.body_pos[body])
+            quaternion = product(quaternion, model.body_quat[body])
+            first = model.body_jntadr[body]
+            for joint in range(first, first + model.body_jntnum[body]):
+                kind, at = model.jnt_type[joint], model.jnt_qposadr[joint]
+                if kind == mujoco.mjtJoint.mjJNT_FREE:
+                    position_m, quaternion = rows[:, at : at + 3], rows[:, at + 3 : at + 7]
+                    quaternion = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+                    continue
+                moved, axis = rows[:, at] - model.qpos0[at], model.jnt_axis[joint]
+                if kind == mujoco.mjtJoint.mjJNT_SLIDE:
+                    position_m = position_m + turned(quaternion, axis) * moved[:, None]
+                    continue
+                before = turned(quaternion, model.jnt_pos[joint])
+                quaternion = product(quaternion, _about(axis, moved))
+                position_m = position_m + before - turned(quaternion, model.jnt_pos[joint])
         return HandPath(position_m, continuous(quaternion))
 
     def deepest(self) -> Touch:
@@ -130,6 +148,14 @@ class Kinematics:
                     float(self.time_s[index]),
                 )
         return deepest
+
+
+def _about(axis: Array, angle_rad: Array) -> Array:
+    """(n, 4) turns about `axis` (3,)."""
+    # The C library's functions, as MuJoCo takes them: NumPy's own depend on what the processor can do.
+    half_rad = (angle_rad / 2).tolist()
+    cosine, sine = (np.fromiter(map(of, half_rad), float, len(half_rad)) for of in (math.cos, math.sin))
+    return np.column_stack([cosine, sine[:, None] * axis])
 
 
 def product(first: Array, second: Array) -> Array:
@@ -170,12 +196,10 @@ def reduce_to_solids(spec: mujoco.MjSpec, case: Case) -> None:
     """Leave out what nothing can touch, and what only weighs."""
     for name in case.site.bin.compartments:
         spec.delete(spec.joint(f"{case.site.bin.name}/{name}"))
-    for geom in list(spec.geoms):
-        geom.material = ""
-        if not geom.contype and not geom.conaffinity:
-            spec.delete(geom)
-    for kind in (spec.pairs, spec.actuators, spec.sensors, spec.materials, spec.textures):
+    for kind in (spec.pairs, spec.actuators, spec.sensors):
         for element in list(kind):
             spec.delete(element)
+    # Geoms that cannot touch, materials and textures.
+    spec.compiler.discardvisual = True
     # Sleeping saves nothing while everything that can move is moved.
     spec.option.enableflags &= ~int(mujoco.mjtEnableBit.mjENBL_SLEEP)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -108,8 +109,16 @@ def test_the_same_recording_gives_the_same_bytes(case: Case) -> None:
 
 @pytest.mark.parametrize(
     ("effort_n", "shake_m_s2", "lost"),
-    [(0.0, 0.0, True), (0.1, 0.0, False), (0.1, 10.0, True), (0.3, 20.0, False), (0.3, 40.0, True)]
-    + [(1.0, 40.0, False), (1.0, 80.0, True), (2.0, 80.0, False)],
+    [
+        (0.0, 0.0, True),
+        (0.1, 0.0, False),
+        (0.1, 10.0, True),
+        (0.3, 20.0, False),
+        (0.3, 40.0, True),
+        (1.0, 40.0, False),
+        (1.0, 80.0, True),
+        (2.0, 80.0, False),
+    ],
 )
 def test_a_weak_grip_loses_in_a_shake_what_every_step_has_it_lose(
     case: Case, monkeypatch: pytest.MonkeyPatch, effort_n: float, shake_m_s2: float, lost: bool
@@ -136,6 +145,17 @@ def test_a_grip_that_fails_again_and_again_costs_little_more_than_steps(
     monkeypatch.setattr(grip.Grip, "carry", count)
     case.replay.world.run(case.replay.motion, EXACT)
     assert 0 < sum(asked) <= stepped() / grip.EVERY
+
+
+def test_the_hand_is_where_mujoco_has_it(case: Case) -> None:
+    model, data = case.kinematics._model, case.kinematics._data
+    hand = model.body("panther1/gripper_link").id
+    paths = case.kinematics.hand(case.kinematics.time_s)
+    for row in range(0, len(case.kinematics.time_s), 50):
+        data.qpos[:] = case.kinematics._rows[row]
+        mujoco.mj_kinematics(model, data)
+        assert paths.position_m[row] == pytest.approx(data.xpos[hand], abs=1e-12)
+        assert abs(paths.quaternion[row] @ data.xquat[hand]) == pytest.approx(1.0, abs=1e-12)
 
 
 def between(take: Take, begin_s: float, end_s: float, topic: str, edit: Callable[[Sample], Sample]) -> Take:
