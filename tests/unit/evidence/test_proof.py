@@ -301,6 +301,7 @@ def test_many_small_chunks_count_together(tmp_path: Path) -> None:
     ("limits", "limit"),
     [
         (Limits(messages=100), "messages"),
+        (Limits(chunks=2), "chunks"),
         (Limits(file_bytes=1000), "file_bytes"),
         (Limits(channels=2), "channels"),
         (Limits(schema_bytes=100), "schema_bytes"),
