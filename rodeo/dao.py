@@ -23,6 +23,13 @@ from rodeo.messages import (
 
 CLEANING = "waste_disposal"
 CHARGING = "battery_charging"
+_MEASURED = frozenset({CLEANING, CHARGING})
+
+
+def is_peoples(kind: str) -> bool:
+    """Whether a proof of this kind of work is people's word, which an auditor judges: the oracle has checks
+    of its own for the other kinds only."""
+    return kind not in _MEASURED
 
 
 class Participant:

@@ -15,6 +15,7 @@ for command in (site.up, site.down, site.status, organization.wallet, organizati
     app.command()(command)
 organization.tasks.command()(work.accept)
 organization.tasks.command()(work.submit)
+organization.tasks.command()(work.review)
 organization.tasks.command()(work.judge)
 organization.services.command()(work.offer)
 app.add_typer(organization.tasks, name="task")

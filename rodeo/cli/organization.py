@@ -23,6 +23,7 @@ from rodeo.cli.common import (
 )
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest, MalformedJson
+from rodeo.photo_code import photo_code
 
 tasks = typer.Typer(help="Post, list, show and cancel tasks.", no_args_is_help=True)
 services = typer.Typer(help="What participants offer.", no_args_is_help=True)
@@ -123,6 +124,8 @@ def show(task_id: int, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = Fa
     if as_json:
         print_json(task)
         return
+    from rodeo.dao import is_peoples  # takes its time to import
+
     table = Table(box=None, show_header=False)
     table.add_column(style="bold")
     table.add_column(overflow="fold")
@@ -134,6 +137,8 @@ def show(task_id: int, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = Fa
         elif isinstance(value, dict):
             value = json.dumps(value)
         table.add_row(name, _coloured(value) if name == "state" else escape(str(value)))
+    if task["nonce"] and is_peoples(task["kind"]):
+        table.add_row("photo_code", photo_code(task["nonce"]))
     console.print(table)
 
 

@@ -7,12 +7,22 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from rich.markup import escape
 
 from rodeo.bus import Bus
-from rodeo.cli.common import DEFAULT_SITE, SiteOption, connected, console, reports_errors
+from rodeo.cli.common import (
+    DEFAULT_SITE,
+    JsonOption,
+    SiteOption,
+    connected,
+    console,
+    print_json,
+    reports_errors,
+)
 from rodeo.clock import Clock, SimClock, WallClock
 from rodeo.config import Site
 from rodeo.errors import ClockUnavailable, InvalidRequest
+from rodeo.photo_code import photo_code
 
 if TYPE_CHECKING:
     from rodeo.evidence.statement import Executor
@@ -46,6 +56,7 @@ def accept(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption 
     with connected(site) as (loaded, bus):
         task = _executor(loaded, bus, participant).accept(task_id)
     console.print(f"task {task_id} accepted: {task.description or task.kind}", highlight=False)
+    console.print(f"let a photo show this code: {photo_code(task.nonce or '')}", highlight=False)
 
 
 @reports_errors
@@ -67,6 +78,28 @@ def submit(
 
 
 @reports_errors
+def review(
+    task_id: int,
+    site: SiteOption = DEFAULT_SITE,
+    participant: Annotated[str, typer.Option("--as", help="The auditor.")] = "organization",
+    as_json: JsonOption = False,
+) -> None:
+    """Show what is known of a submitted statement: note, photos, metadata, and where copies were used."""
+    from rodeo.dao import Participant
+    from rodeo.evidence.review import Reviewer
+
+    with connected(site) as (loaded, bus):
+        auditor = Participant(bus, loaded.org, participant)
+        found = Reviewer(loaded, auditor).review(auditor.task(task_id))
+    if as_json:
+        print_json(found.model_dump())
+        return
+    console.print(f"“{escape(found.note)}”", highlight=False, soft_wrap=True)
+    for line in found.lines():
+        console.print(escape(line), highlight=False, soft_wrap=True)
+
+
+@reports_errors
 def judge(
     task_id: int,
     accepted: Annotated[bool, typer.Option("--accept/--reject", help="The verdict.")],
@@ -74,7 +107,10 @@ def judge(
     site: SiteOption = DEFAULT_SITE,
     participant: Annotated[str, typer.Option("--as", help="The auditor.")] = "organization",
 ) -> None:
-    """Judge a submitted proof as an auditor, for kinds of task that the oracle does not decide."""
+    """Judge a submitted proof as an auditor, for kinds of task that the oracle does not decide.
+
+    `rodeo task review` shows what is known of it.
+    """
     from rodeo.dao import Participant  # takes its time to import, as in _executor
     from rodeo.evidence import statement
 

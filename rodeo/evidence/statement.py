@@ -2,12 +2,14 @@
 
 A person accepts an assignment, which opens a recording bound to it, does the work, and submits: the evidence
 is added, the recording sealed with the person's own key, stored, and its hash put on chain. The seal proves
-who said it, for which assignment, and when; whether it is true is for an auditor to judge.
+who said it, for which assignment, and when; whether it is true is for an auditor to judge, who is told by
+`rodeo.evidence.review` what is known of note and photos.
 """
 
 from __future__ import annotations
 
 import json
+import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
@@ -18,21 +20,30 @@ from eth_account.signers.local import LocalAccount
 
 from rodeo.clock import Clock
 from rodeo.config import Site
-from rodeo.dao import Participant
+from rodeo.dao import Participant, is_peoples
 from rodeo.errors import RequestError
+from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import EvidenceError, RecordingSealed
-from rodeo.evidence.proof import Proof
+from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.recorder import EVENT_CHANNEL, Recorder
 from rodeo.evidence.store import Store
 from rodeo.messages import PostVerdict, Task
 from rodeo.ros2 import types
+from rodeo.vision.images import ImageError, ImageLimits, decode_image, ends_early, media_type
 
 PHOTO_TOPIC = "/statement/photo"
 PHOTO_TYPE = "sensor_msgs/msg/CompressedImage"
 MAX_PHOTOS = 8
 MAX_PHOTO_BYTES = 8 << 20
 MAX_NOTE_CHARACTERS = 4000
-_MAGIC = {b"\xff\xd8\xff": "jpeg", b"\x89PNG\r\n\x1a\n": "png"}
+MAX_STATEMENT_BYTES = 2 * MAX_PHOTOS * MAX_PHOTO_BYTES
+"""Of a recording that holds a statement: no statement needs more."""
+STATEMENT_LIMITS = Limits(
+    file_bytes=MAX_STATEMENT_BYTES, uncompressed_bytes=MAX_STATEMENT_BYTES, messages=100_000
+)
+PHOTO_LIMITS = ImageLimits(max_bytes=MAX_PHOTO_BYTES, max_pixels=64_000_000)
+"""A telephone's picture has 12 to 50 million pixels."""
+_FORMATS = {"image/jpeg": "jpeg", "image/png": "png"}
 
 
 class NotYourTask(RequestError):
@@ -48,7 +59,7 @@ class NotSubmitted(RequestError):
 
 
 class BadPhoto(RequestError):
-    """Not a JPEG or PNG picture of a reasonable size."""
+    """Not a JPEG or PNG picture of a reasonable size that can be decoded to its end."""
 
 
 class BadNote(RequestError):
@@ -103,6 +114,8 @@ class Executor:
             raise BadNote("a note is missing or too long", characters=len(note), limit=MAX_NOTE_CHARACTERS)
         if len(photos) > MAX_PHOTOS:
             raise BadPhoto("too many photos", photos=len(photos), limit=MAX_PHOTOS)
+        for photo in photos:
+            check_photo(photo)
         formats = [photo_format(photo) for photo in photos]
         try:
             recorder = Recorder.resume(
@@ -113,7 +126,7 @@ class Executor:
         else:
             for photo, name in zip(photos, formats, strict=True):
                 now_ns = self._clock.now_ns()
-                recorder.write_ros(PHOTO_TOPIC, PHOTO_TYPE, _photo_cdr(photo, name, now_ns), now_ns, now_ns)
+                recorder.write_ros(PHOTO_TOPIC, PHOTO_TYPE, photo_cdr(photo, name, now_ns), now_ns, now_ns)
             recorder.write_json(
                 EVENT_CHANNEL,
                 {
@@ -146,11 +159,16 @@ class Executor:
 def judge(site: Site, auditor: Participant, task_id: int, accepted: bool, reason: str) -> None:
     """An auditor's verdict on the proof that was submitted for a task, with a report of its own in the store.
 
-    Raises StoreUnavailable, and what `Participant` raises: the contract refuses who may not judge this kind.
+    A person's proof is only accepted if it can be read and its photos are pictures: raises NoStatement,
+    BadPhoto and EvidenceError. Raises StoreUnavailable, and what `Participant` raises: the contract refuses
+    who may not judge this kind.
     """
     task = auditor.task(task_id)
     if task.proof_sha256 is None:
         raise NotSubmitted("no proof of this task waits for a verdict", task_id=task_id, state=task.state)
+    if accepted and is_peoples(task.kind):
+        for photo in fetch_statement(Store(site), task.proof_uri or "", task.proof_sha256).photos:
+            check_photo(photo)
     report = {
         "kind": task.kind,
         "task_id": task.id,
@@ -176,13 +194,33 @@ def judge(site: Site, auditor: Participant, task_id: int, accepted: bool, reason
 
 
 def photo_format(photo: bytes) -> str:
-    """`jpeg` or `png`. Raises BadPhoto."""
+    """`jpeg` or `png`, by the first bytes. Raises BadPhoto."""
     if len(photo) > MAX_PHOTO_BYTES:
         raise BadPhoto("the photo is too large", bytes=len(photo), limit=MAX_PHOTO_BYTES)
-    for magic, name in _MAGIC.items():
-        if photo.startswith(magic):
-            return name
-    raise BadPhoto("the photo is neither JPEG nor PNG", begins=photo[:8].hex())
+    name = _FORMATS.get(media_type(photo))
+    if name is None:
+        raise BadPhoto("the photo is neither JPEG nor PNG", begins=photo[:8].hex())
+    return name
+
+
+def check_photo(photo: bytes) -> np.ndarray:
+    """The picture, BGR, uint8, shape (height, width, 3): a photo is what can be decoded, to its end and
+    within `PHOTO_LIMITS`. Raises BadPhoto."""
+    photo_format(photo)
+    try:
+        picture = decode_image(photo, PHOTO_LIMITS)
+    except ImageError as error:
+        raise BadPhoto(f"the photo is no picture: {error.message}", **error.details) from error
+    if ends_early(photo):
+        raise BadPhoto("the photo ends before its picture does", bytes=len(photo))
+    return picture
+
+
+def fetch_statement(store: Store, uri: str, proof_sha256: str) -> Statement:
+    """The statement in a stored proof; reads at most `MAX_STATEMENT_BYTES`. Raises EvidenceError."""
+    with tempfile.TemporaryDirectory(prefix="rodeo-statement-") as folder:
+        path = store.fetch(uri, proof_sha256, MAX_STATEMENT_BYTES, Path(folder))
+        return read_statement(open_proof(path, STATEMENT_LIMITS))
 
 
 def read_statement(proof: Proof) -> Statement:
@@ -192,6 +230,10 @@ def read_statement(proof: Proof) -> Statement:
         raise NoStatement("the recording holds no statement", statements=len(said))
     column = proof.topics.get(PHOTO_TOPIC)
     messages = column.data if column is not None and column.ros_type == PHOTO_TYPE else []
+    if len(messages) > MAX_PHOTOS or len(said[0]["note"]) > MAX_NOTE_CHARACTERS:
+        raise NoStatement(
+            "the statement is longer than one may be", photos=len(messages), characters=len(said[0]["note"])
+        )
     photos = tuple(bytes(types.deserialize(data, PHOTO_TYPE).data) for data in messages)
     digests = ["0x" + sha256(photo).hexdigest() for photo in photos]
     if said[0].get("photos_sha256") != digests:
@@ -199,7 +241,8 @@ def read_statement(proof: Proof) -> Statement:
     return Statement(said[0]["note"], photos)
 
 
-def _photo_cdr(photo: bytes, name: str, now_ns: int) -> bytes:
+def photo_cdr(photo: bytes, name: str, now_ns: int) -> bytes:
+    """The message on `PHOTO_TOPIC`; `name` is the photo's format."""
     stamp = types.new(
         "builtin_interfaces/msg/Time", sec=now_ns // 1_000_000_000, nanosec=now_ns % 1_000_000_000
     )

@@ -12,6 +12,7 @@ parser exposed to strangers.
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,7 +114,28 @@ def image_size(data: bytes) -> tuple[int, int]:
     raise UnsupportedImage("the photo is neither JPEG, PNG nor WebP", starts_with=data[:8].hex())
 
 
+def ends_early(data: bytes) -> bool:
+    """Whether a JPEG or PNG that `decode_image` took lacks its end; decoders fill what is missing."""
+    if not data.startswith(_JPEG):
+        return b"IEND" not in data
+    # A thumbnail among the segments has an end of its own.
+    scan = next((at for marker, at in _jpeg_segments(data) if marker == 0xDA), len(data))
+    return data.find(b"\xff\xd9", scan) < 0
+
+
 def _jpeg_size(data: bytes) -> tuple[int, int]:
+    for marker, at in _jpeg_segments(data):
+        if marker in _JPEG_FRAME_MARKERS:
+            height_px, width_px = struct.unpack_from(">HH", data, at + 3)
+            return width_px, height_px
+        if marker in (0xD9, 0xDA):  # end of image, start of scan
+            raise BrokenImage("the JPEG has no frame before its data", at=at)
+    raise AssertionError("segments do not end")
+
+
+def _jpeg_segments(data: bytes) -> Iterator[tuple[int, int]]:
+    """Markers with a length and where that stands; without end, so ask no further than the first scan. Raises
+    BrokenImage, and struct.error or IndexError where the file is cut."""
     at = 2
     while True:
         if data[at] != 0xFF:
@@ -125,12 +147,8 @@ def _jpeg_size(data: bytes) -> tuple[int, int]:
         at += 2
         if marker in _JPEG_BARE_MARKERS:
             continue
-        if marker in _JPEG_FRAME_MARKERS:
-            height_px, width_px = struct.unpack_from(">HH", data, at + 3)
-            return width_px, height_px
-        if marker in (0xD9, 0xDA):  # end of image, start of scan
-            raise BrokenImage("the JPEG has no frame before its data", at=at)
-        if marker not in _JPEG_SEGMENT_MARKERS:
+        yield marker, at
+        if marker not in _JPEG_SEGMENT_MARKERS | _JPEG_FRAME_MARKERS:
             raise BrokenImage("a JPEG marker is unknown", marker=f"{marker:02x}", at=at)
         (length,) = struct.unpack_from(">H", data, at)
         if length < 2:

@@ -14,7 +14,8 @@ from rodeo.bus import Bus, validate
 from rodeo.config import Site
 from rodeo.errors import MalformedJson
 from rodeo.evidence import Store, open_proof
-from rodeo.evidence.statement import Statement, read_statement
+from rodeo.evidence.review import Review, Reviewer
+from rodeo.evidence.statement import Statement, fetch_statement
 from rodeo.messages import DaoEvent, Task
 from services.console.attempts import Attempt, attempts
 from services.console.errors import UnknownFile
@@ -47,6 +48,7 @@ class Reads:
         self._bus = bus
         self._site = site
         self._store = Store(site)
+        self._reviewer = Reviewer(site, self)
         self._reports: OrderedDict[str, Json] = OrderedDict()
         self._seals: OrderedDict[str, Seal] = OrderedDict()
 
@@ -114,8 +116,13 @@ class Reads:
 
     def statement(self, task: Task) -> Statement:
         """Note and photos that a person handed in. Raises UnknownFile, EvidenceError."""
-        with tempfile.TemporaryDirectory(prefix="rodeo-statement-") as folder:
-            return read_statement(open_proof(self.proof(task, Path(folder))))
+        if not task.proof_uri or not task.proof_sha256:
+            raise UnknownFile("no proof was submitted for this attempt")
+        return fetch_statement(self._store, task.proof_uri, task.proof_sha256)
+
+    def review(self, task: Task) -> Review:
+        """What is known of that statement. Raises NotSubmitted, EvidenceError, and what the index raises."""
+        return self._reviewer.review(task)
 
     def proof(self, evidence: Evidence, folder: Path) -> Path:
         """A copy of the proof in `folder`, its bytes checked. Raises UnknownFile, EvidenceError."""

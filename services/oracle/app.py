@@ -22,7 +22,7 @@ from typing import TypeVar
 
 from rodeo.bus import DaoEvents
 from rodeo.config import Site
-from rodeo.dao import Participant
+from rodeo.dao import Participant, is_peoples
 from rodeo.errors import BusError, RemoteError
 from rodeo.evidence import EvidenceError, Store
 from rodeo.evidence.errors import ProofNotFound, ProofUriNotAllowed, StoreUnavailable
@@ -68,6 +68,8 @@ class Oracle:
         self._verifying = threading.Semaphore(SIDE_BY_SIDE)
         self._running: dict[int, str] = {}
         self._decided = 0
+        self._for_auditors: set[tuple[int, int]] = set()
+        """Submissions that were left to auditors since the start."""
         self._lock = threading.Lock()
 
     def serve(self) -> None:
@@ -144,8 +146,10 @@ class Oracle:
         if ledger.task.state != "submitted" or ledger.task.attempt != attempt:
             return None
         if not self._is_ours(ledger.task.kind):
-            log.info("task %d attempt %d is for an auditor to judge", task_id, attempt)
+            log.info("task %d attempt %d of %s is for an auditor to judge", task_id, attempt, ledger.task.kind)
             self._acts.judged(task_id, attempt, None)
+            with self._lock:
+                self._for_auditors.add((task_id, attempt))
             return None
         with self._verifying:
             self._show(number, f"verifying task {task_id}")
@@ -154,7 +158,10 @@ class Oracle:
         return None if report is None else (ledger.task, report)
 
     def _is_ours(self, kind: str) -> bool:
-        """Whether the organization has the oracle judge tasks of this kind."""
+        """Whether the organization has the oracle judge tasks of this kind. Never where the oracle has no
+        checks of its own: that somebody says so is no check."""
+        if is_peoples(kind):
+            return False
         kinds = self._wallet.state("organization")["kinds"]
         return any(one["kind"] == kind and one["review"] == "oracle" for one in kinds)
 
@@ -279,7 +286,8 @@ class Oracle:
             else:
                 self._running[number] = activity
             text = ", ".join(self._running.values()) or "idle"
-        self._service.activity(text, decided=self._decided)
+            for_auditors = len(self._for_auditors)
+        self._service.activity(text, decided=self._decided, for_auditors=for_auditors)
 
 
 def _acts_unspent(claimed: list[str], found: Spent | None) -> Check:

@@ -10,9 +10,11 @@ from typing import Any
 
 from nicegui import ui
 
+from rodeo.dao import is_peoples
 from rodeo.errors import RodeoError
 from rodeo.evidence import open_proof
 from rodeo.messages import LIVE_STATES, Task
+from rodeo.photo_code import photo_code
 from services.console.attempts import Attempt, attempts, ended_s
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
@@ -346,6 +348,8 @@ def _draw_agreement(task: Task) -> None:
     with facts():
         fact("Creator", party(task.creator_name, task.creator))
         fact("Executor", party(task.executor_name, task.executor) if task.executor else "nobody yet")
+        if task.nonce and is_peoples(task.kind):
+            fact("Code that a photo should show", photo_code(task.nonce))
         fact("Reward", iec(task.reward_iec))
         fact("Agreed price", iec(task.price_iec))
         fact("In escrow", iec(task.reward_iec if live else 0))

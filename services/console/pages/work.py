@@ -10,8 +10,9 @@ from nicegui import ui
 from nicegui.events import UploadEventArguments
 
 from rodeo.errors import RodeoError
-from rodeo.evidence.statement import MAX_PHOTO_BYTES, MAX_PHOTOS, Statement, photo_format
+from rodeo.evidence.statement import MAX_PHOTO_BYTES, MAX_PHOTOS, Statement, check_photo, photo_format
 from rodeo.messages import Task
+from rodeo.photo_code import photo_code
 from services.console.pages.frame import (
     Console,
     act,
@@ -37,7 +38,7 @@ from services.console.pages.widgets import (
     tile,
 )
 from services.console.roles import Role
-from services.console.words import count, iec, kind, moment
+from services.console.words import count, explain, iec, kind, moment
 
 Json = dict[str, Any]
 
@@ -121,6 +122,8 @@ class ExecutorDesk:
                         f"{task.description or 'no description'} · {iec(task.reward_iec)}{due}",
                         "soft",
                     )
+                    if task.nonce:
+                        Text("span", f"Let a photo show the code {photo_code(task.nonce)}", "soft")
 
     @on_page
     async def _accept(self, task: Task) -> None:
@@ -134,7 +137,7 @@ class ExecutorDesk:
         async def take(event: UploadEventArguments) -> None:
             data = await event.file.read()
             try:
-                photo_format(data)
+                await ask(check_photo, data)
             except RodeoError as error:
                 fail(error)
                 return
@@ -253,6 +256,12 @@ class AuditorDesk:
         except RodeoError as error:
             statement = None
             fail(error)
+        known: list[str] = []
+        if statement is not None:
+            try:
+                known = (await ask(self._console.reads.review, task)).lines()
+            except RodeoError as error:
+                known = [f"What is known of it could not be found out: {explain(error)}"]
 
         async def answer(accepted: bool) -> None:
             text = (reason.value or "").strip()
@@ -283,6 +292,9 @@ class AuditorDesk:
                     image = ui.element("img").props(f'alt="Photo {number} of the work"')
                     image.props["src"] = source
                     image.style("max-width: 100%; max-height: 320px; border-radius: 8px")
+            with ui.element("ul").classes("list").props('aria-label="What is known of it"'):
+                for line in known:
+                    Text("li", line, "soft wrap")
             reason = ui.input("Why?").props("outlined dense maxlength=500").style("width: 100%")
             with ui.element("div").classes("dialog-buttons"):
                 ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")

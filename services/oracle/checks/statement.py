@@ -1,7 +1,7 @@
 """Proofs by people: who says it, for which assignment, and that something is said. Whether it is true is not
 for a machine to tell; kinds of task where that matters are judged by an auditor."""
 
-from rodeo.evidence.statement import read_statement
+from rodeo.evidence.statement import BadPhoto, check_photo, read_statement
 from services.oracle.case import Case
 from services.oracle.report import Finding, equal, skipped
 
@@ -19,8 +19,13 @@ def executors_own_seal(case: Case) -> Finding:
 
 
 def stated(case: Case) -> Finding:
-    """A note is there, and the photos are those that it speaks of."""
+    """A note is there, and the photos are those that it speaks of, and pictures."""
     statement = read_statement(case.proof)
+    for number, photo in enumerate(statement.photos, start=1):
+        try:
+            check_photo(photo)
+        except BadPhoto as error:
+            return Finding(passed=False, measured=number, detail=f"a photo is no picture: {error.message}")
     return Finding(
         passed=True,
         measured=f"{len(statement.note)} characters, {len(statement.photos)} photos",

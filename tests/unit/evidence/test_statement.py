@@ -2,32 +2,39 @@
 
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 from eth_account import Account
 
 from rodeo.config import Site
-from rodeo.evidence import Binding, Recorder, open_proof
+from rodeo.evidence import Binding, Recorder, Store, open_proof
 from rodeo.evidence.errors import RecordingSealed
 from rodeo.evidence.statement import (
     MAX_PHOTO_BYTES,
+    PHOTO_TOPIC,
+    PHOTO_TYPE,
     BadNote,
     BadPhoto,
     Executor,
     NoStatement,
     NotAccepted,
     NotYourTask,
-    photo_format,
+    check_photo,
+    judge,
+    photo_cdr,
     read_statement,
 )
 from tests.support.site import LAB
 from tests.unit.services.robot_agent.test_decision import task
 
 ALICE = Account.create()
-JPEG = b"\xff\xd8\xff\xe0" + bytes(range(200))
-PNG = b"\x89PNG\r\n\x1a\n" + bytes(50)
+PICTURE = np.random.default_rng(1).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+JPEG, PNG = (cv2.imencode(extension, PICTURE)[1].tobytes() for extension in (".jpg", ".png"))
 BINDING = Binding(
     chain_id=1,
     task_manager="0x" + "11" * 20,
@@ -40,9 +47,12 @@ BINDING = Binding(
 )
 
 
+NOW_NS = 1_700_000_000_000_000_000
+
+
 class Clock:
     def __init__(self) -> None:
-        self.time_ns = 1_700_000_000_000_000_000
+        self.time_ns = NOW_NS
 
     def now_ns(self) -> int:
         self.time_ns += 1_000_000
@@ -133,10 +143,46 @@ def test_a_note_has_to_say_something_in_a_page(site: Site, note: str) -> None:
         person.submit(1, note)
 
 
-@pytest.mark.parametrize("photo", [b"", b"GIF89a", b"\xff\xd8\xff" + bytes(MAX_PHOTO_BYTES)])
-def test_only_pictures_of_a_reasonable_size_are_taken(photo: bytes) -> None:
+def png_of(width_px: int, height_px: int) -> bytes:
+    """A PNG whose header tells of so many pixels."""
+    return PNG[:16] + width_px.to_bytes(4) + height_px.to_bytes(4) + PNG[24:]
+
+
+def embedded_thumbnail() -> bytes:
+    """A JPEG that carries a whole small one among its segments, and is cut in its own data."""
+    thumbnail = cv2.imencode(".jpg", PICTURE[:16, :16])[1].tobytes()
+    segment = b"\xff\xe1" + (len(thumbnail) + 2).to_bytes(2) + thumbnail
+    return JPEG[:2] + segment + JPEG[2:-400]
+
+
+NO_PHOTOS = {
+    "nothing": b"",
+    "another format": b"GIF89a",
+    "too many bytes": b"\xff\xd8\xff" + bytes(MAX_PHOTO_BYTES),
+    "a JPEG's first bytes": b"\xff\xd8\xff\xe0" + bytes(range(200)),
+    "a PNG's first bytes": b"\x89PNG\r\n\x1a\n" + bytes(50),
+    "too many pixels": png_of(60_000, 60_000),
+    "a JPEG cut in half": JPEG[: len(JPEG) // 2],
+    "a cut JPEG with a whole thumbnail": embedded_thumbnail(),
+    "a PNG cut in half": PNG[: len(PNG) // 2],
+    "a JPEG without its data": JPEG[: JPEG.index(b"\xff\xda") + 14],
+}
+
+
+@pytest.mark.parametrize("photo", NO_PHOTOS.values(), ids=NO_PHOTOS.keys())
+def test_what_is_no_picture_is_not_handed_in(site: Site, photo: bytes) -> None:
+    dao = Dao()
+    person = executor(site, dao)
+    person.accept(1)
     with pytest.raises(BadPhoto):
-        photo_format(photo)
+        person.submit(1, "All clean.", [JPEG, photo])
+    assert dao.submitted == []
+    person.submit(1, "All clean.", [JPEG])  # nothing was sealed meanwhile
+
+
+def test_a_photo_with_something_behind_its_picture_is_a_photo() -> None:
+    """As telephones make them that keep a moment's film with each."""
+    assert check_photo(JPEG + b"film \xff\xda and more").shape == PICTURE.shape
 
 
 def test_a_recording_without_a_statement_is_none(tmp_path: Path) -> None:
@@ -154,3 +200,55 @@ def test_photos_that_are_not_those_of_the_statement_are_not_believed(tmp_path: P
     recorder.write_json("rodeo/event", {"event": "statement", "note": "x", "photos_sha256": ["0x00"]})
     with pytest.raises(NoStatement):
         read_statement(open_proof(recorder.close().path))
+
+
+class Auditor:
+    """Judges one task and remembers what was posted."""
+
+    name = "organization"
+
+    def __init__(self, kind: str, proof: Path) -> None:
+        sha256 = proof.stem
+        self._task = task("submitted").model_copy(
+            update={"kind": kind, "proof_sha256": "0x" + sha256, "proof_uri": f"file://{proof}"}
+        )
+        self.posted: list[Any] = []
+
+    def task(self, _task_id: int) -> Any:
+        return self._task
+
+    def command(self, name: str, request: Any) -> None:
+        self.posted.append((name, request))
+
+
+def by_another_program(site: Site, tmp_path: Path, photo: bytes) -> Path:
+    """A stored proof that was sealed without asking whether its photo is one."""
+    recorder = Recorder(tmp_path / "r.mcap", BINDING, ALICE, Clock())  # type: ignore[arg-type]
+    recorder.write_ros(PHOTO_TOPIC, PHOTO_TYPE, photo_cdr(photo, "jpeg", NOW_NS), NOW_NS, NOW_NS)
+    digest = "0x" + hashlib.sha256(photo).hexdigest()
+    recorder.write_json("rodeo/event", {"event": "statement", "note": "x", "photos_sha256": [digest]})
+    uri = Store(site).put(recorder.close().path)
+    return Path(uri.removeprefix("file://"))
+
+
+def test_a_proof_whose_photo_is_no_picture_can_be_rejected_and_not_accepted(
+    site: Site, tmp_path: Path
+) -> None:
+    auditor = Auditor("wheel_cleaning", by_another_program(site, tmp_path, b"\xff\xd8\xff\xe0 no photo"))
+    with pytest.raises(BadPhoto):
+        judge(site, auditor, 1, accepted=True, reason="clean")  # type: ignore[arg-type]
+    assert auditor.posted == []
+    judge(site, auditor, 1, accepted=False, reason="no photo")  # type: ignore[arg-type]
+    assert len(auditor.posted) == 1
+
+
+def test_a_proof_with_a_picture_is_accepted(site: Site, tmp_path: Path) -> None:
+    auditor = Auditor("wheel_cleaning", by_another_program(site, tmp_path, JPEG))
+    judge(site, auditor, 1, accepted=True, reason="clean")  # type: ignore[arg-type]
+    assert len(auditor.posted) == 1
+
+
+def test_of_a_robots_work_an_auditor_needs_no_statement(site: Site, tmp_path: Path) -> None:
+    auditor = Auditor("waste_disposal", by_another_program(site, tmp_path, b"no photo"))
+    judge(site, auditor, 1, accepted=True, reason="seen it")  # type: ignore[arg-type]
+    assert len(auditor.posted) == 1
