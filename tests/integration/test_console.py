@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import expect
 
+from rodeo.photo_code import photo_code
 from tests.support.accessibility import everything_is_named, nothing_is_faint
 from tests.support.browser import chromium, watch
 from tests.support.console import WAIT_MS, Desk, click_map, open_page
@@ -108,6 +109,8 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     open_page(person, "/work")
     person.get_by_role("button", name=f"Accept task {task_id}").click()
     expect(person.get_by_text(f"Task {task_id} is yours to do")).to_be_visible()
+    code = photo_code(Dao(desk.running).task(task_id)["nonce"])
+    expect(person.get_by_text(f"Let a photo show the code {code}")).to_be_visible()
     person.get_by_role("button", name=f"Hand in task {task_id}").click()
     person.get_by_label("What did you do?").fill("Washed all four wheels")
     person.locator("input[type=file]").set_input_files(PHOTO)
@@ -122,6 +125,9 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     auditor.get_by_role("button", name=f"Judge task {task_id}").click()
     expect(auditor.get_by_text("“Washed all four wheels”")).to_be_visible()
     expect(auditor.get_by_role("img", name="Photo 1 of the work")).to_be_visible()
+    known = auditor.get_by_role("list", name="What is known of it")
+    expect(known.get_by_text(f"One photo should show the code {code}.")).to_be_visible()
+    expect(known.get_by_text("Photo 1 has 320 x 240 pixels; it has no metadata.")).to_be_visible()
     auditor.get_by_label("Why?").fill("They shine")
     auditor.get_by_role("button", name="Approve").click()
     auditor.get_by_role("dialog", name="Approve this work?").get_by_role("button", name="Approve").click()
