@@ -18,7 +18,7 @@ import tempfile
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rodeo.bus import DaoEvents
 from rodeo.config import Site
@@ -145,8 +145,10 @@ class Oracle:
         ledger = self._ledger(task_id)
         if ledger.task.state != "submitted" or ledger.task.attempt != attempt:
             return None
-        if not self._is_ours(ledger.task.kind):
-            log.info("task %d attempt %d of %s is for an auditor to judge", task_id, attempt, ledger.task.kind)
+        if not is_ours(ledger.task.kind, self._wallet.state("organization")["kinds"]):
+            log.info(
+                "task %d attempt %d of %s is for an auditor to judge", task_id, attempt, ledger.task.kind
+            )
             self._acts.judged(task_id, attempt, None)
             with self._lock:
                 self._for_auditors.add((task_id, attempt))
@@ -156,14 +158,6 @@ class Oracle:
             scratch = self._service.data_dir / "verifying"
             report = worker.verify_apart(self._site, ledger, scratch, self._stop)
         return None if report is None else (ledger.task, report)
-
-    def _is_ours(self, kind: str) -> bool:
-        """Whether the organization has the oracle judge tasks of this kind. Never where the oracle has no
-        checks of its own: that somebody says so is no check."""
-        if is_peoples(kind):
-            return False
-        kinds = self._wallet.state("organization")["kinds"]
-        return any(one["kind"] == kind and one["review"] == "oracle" for one in kinds)
 
     def _ledger(self, task_id: int) -> Ledger:
         chain = self._wallet.state("chain")
@@ -288,6 +282,12 @@ class Oracle:
             text = ", ".join(self._running.values()) or "idle"
             for_auditors = len(self._for_auditors)
         self._service.activity(text, decided=self._decided, for_auditors=for_auditors)
+
+
+def is_ours(kind: str, rules: list[dict[str, Any]]) -> bool:
+    """Whether the organization's rules have the oracle judge this kind of work. Never where the oracle has no
+    checks of its own: that somebody says so is no check."""
+    return not is_peoples(kind) and any(rule["kind"] == kind and rule["review"] == "oracle" for rule in rules)
 
 
 def _acts_unspent(claimed: list[str], found: Spent | None) -> Check:

@@ -7,7 +7,7 @@ what one check misses is not missed again by those that build on it.
 
 from collections.abc import Callable
 
-from rodeo.dao import CHARGING, CLEANING
+from rodeo.dao import CHARGING, CLEANING, is_peoples
 from services.oracle.case import Case
 from services.oracle.checks import (
     arm,
@@ -72,5 +72,8 @@ STATEMENT: tuple[Stage, ...] = (
     tuple(statement.executors_own_seal if check is provenance.signer else check for check in PROVENANCE),
     (declared.not_given_up,),
     (statement.stated,),
+    (statement.judged_by_people,),
 )
-"""For kinds of task that people do."""
+"""For kinds of task that people do: `rodeo verify` says what stands in the proof, and accepts none."""
+
+assert not any(map(is_peoples, CHECKS)), "the oracle has checks of its own for these kinds"

@@ -31,3 +31,12 @@ def stated(case: Case) -> Finding:
         measured=f"{len(statement.note)} characters, {len(statement.photos)} photos",
         detail="the executor's statement",
     )
+
+
+def judged_by_people(_case: Case) -> Finding:
+    """Whether the work was done is not for a machine to tell."""
+    return Finding(
+        passed=False,
+        detail="an auditor judges people's work: rodeo task review",
+        fault="nobody: the oracle measures no such work",
+    )

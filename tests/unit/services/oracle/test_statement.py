@@ -1,0 +1,47 @@
+"""People's work: the oracle says what stands in the proof, and judges none of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rodeo.config import Site
+from services.oracle.app import is_ours
+from services.oracle.report import Check, Report
+from services.oracle.verify import verify_file
+from tests.support.site import LAB
+from tests.unit.evidence.test_statement import JPEG, by_another_program
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Site:
+    return Site.load(LAB).model_copy(update={"data_dir": tmp_path / "data"})
+
+
+def check(report: Report, name: str) -> Check:
+    return next(one for one in report.checks if one.name == name)
+
+
+def test_a_kind_without_checks_of_its_own_is_never_the_oracles_whatever_the_rules_say() -> None:
+    rules = [{"kind": kind, "review": "oracle"} for kind in ("wheel_cleaning", "waste_disposal")]
+    assert is_ours("waste_disposal", rules)
+    assert not is_ours("wheel_cleaning", rules)
+
+
+def test_a_kind_that_the_rules_leave_to_auditors_is_not_the_oracles() -> None:
+    assert not is_ours("waste_disposal", [{"kind": "waste_disposal", "review": "auditor"}])
+    assert not is_ours("waste_disposal", [])
+
+
+def test_a_good_statement_is_left_to_people_and_never_accepted(site: Site, tmp_path: Path) -> None:
+    report = verify_file(by_another_program(site, tmp_path, JPEG), site)
+    assert check(report, "stated").passed
+    assert (report.outcome, report.accepted) == ("undecided", False)
+    assert "auditor" in report.reason
+
+
+def test_a_statement_whose_photo_is_no_picture_is_said_to_be_so(site: Site, tmp_path: Path) -> None:
+    report = verify_file(by_another_program(site, tmp_path, b"\xff\xd8\xff\xe0 no photo"), site)
+    assert check(report, "stated").passed is False
+    assert "no picture" in report.reason
