@@ -20,6 +20,7 @@ from __future__ import annotations
 import hashlib
 import json
 import struct
+from functools import lru_cache
 from typing import Annotated, Any, Literal
 
 from eth_account.messages import encode_typed_data
@@ -35,7 +36,9 @@ SEAL_TOPIC = "rodeo/seal"
 SEAL_PERIOD_NS = 1_000_000_000
 """Longest stretch of recorded time that one seal leaves unsigned."""
 
-Address = Annotated[str, Field(pattern=r"^0x[0-9a-fA-F]{40}$"), AfterValidator(to_checksum_address)]
+# Remembered: every seal of a file names the same few, and hashing is slow.
+_checksummed = lru_cache(maxsize=1024)(to_checksum_address)
+Address = Annotated[str, Field(pattern=r"^0x[0-9a-fA-F]{40}$"), AfterValidator(_checksummed)]
 Bytes32 = Annotated[str, Field(pattern=r"^0x[0-9a-fA-F]{64}$"), AfterValidator(str.lower)]
 
 
