@@ -94,7 +94,9 @@ def review(
     if as_json:
         print_json(found.model_dump())
         return
-    console.print(f"“{escape(found.note)}”", highlight=False, soft_wrap=True)
+    # A stranger's note must not steer the terminal.
+    note = "".join(c if c.isprintable() or c == "\n" else "�" for c in found.note)
+    console.print(f"“{escape(note)}”", highlight=False, soft_wrap=True)
     for line in found.lines():
         console.print(escape(line), highlight=False, soft_wrap=True)
 

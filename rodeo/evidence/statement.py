@@ -29,6 +29,7 @@ from rodeo.evidence.recorder import EVENT_CHANNEL, Recorder
 from rodeo.evidence.store import Store
 from rodeo.messages import PostVerdict, Task
 from rodeo.ros2 import types
+from rodeo.ros2.errors import MalformedMessage
 from rodeo.vision.images import ImageError, ImageLimits, decode_image, ends_early, media_type
 
 PHOTO_TOPIC = "/statement/photo"
@@ -234,7 +235,10 @@ def read_statement(proof: Proof) -> Statement:
         raise NoStatement(
             "the statement is longer than one may be", photos=len(messages), characters=len(said[0]["note"])
         )
-    photos = tuple(bytes(types.deserialize(data, PHOTO_TYPE).data) for data in messages)
+    try:
+        photos = tuple(bytes(types.deserialize(data, PHOTO_TYPE).data) for data in messages)
+    except MalformedMessage as error:
+        raise NoStatement("a photo's message is none", cause=str(error)[:300]) from error
     digests = ["0x" + sha256(photo).hexdigest() for photo in photos]
     if said[0].get("photos_sha256") != digests:
         raise NoStatement("the photos are not those of the statement", photos=len(photos))

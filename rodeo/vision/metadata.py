@@ -34,7 +34,11 @@ def read_metadata(data: bytes) -> Metadata | None:
     """Of an encoded picture that `decode_image` took; None where it carries none that can be read."""
     import cv2
 
-    _, kinds, blocks = cv2.imdecodeWithMetadata(np.frombuffer(data, np.uint8), cv2.IMREAD_REDUCED_GRAYSCALE_8)
+    buffer = np.frombuffer(data, np.uint8)
+    try:
+        _, kinds, blocks = cv2.imdecodeWithMetadata(buffer, cv2.IMREAD_REDUCED_GRAYSCALE_8)
+    except cv2.error:
+        return None
     for kind, block in zip(kinds, blocks, strict=True):
         if kind == cv2.IMAGE_METADATA_EXIF:
             try:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from rodeo import topics
 from rodeo.evidence import Proof
 from rodeo.ros2 import types
+from rodeo.ros2.errors import MalformedMessage
 from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo.vision.images import ImageError
 from rodeo.witness.statement import Classification
@@ -63,8 +64,11 @@ def _picture(proof: Proof, topic: str, image_sha256: str) -> bytes:
         raise CaseError("the picture that the bin classified is not in the recording", topic=topic)
     if column.ros_type != topics.BIN_IMAGE.type:
         raise CaseError("the picture's topic has another type", topic=topic, found=column.ros_type[:200])
-    for message in column.data:
-        picture = types.deserialize(message, column.ros_type).data.tobytes()
+    for index, message in enumerate(column.data):
+        try:
+            picture = types.deserialize(message, column.ros_type).data.tobytes()
+        except MalformedMessage as error:
+            raise CaseError("a message on the picture's topic is none", topic=topic, index=index) from error
         if "0x" + sha256(picture).hexdigest() == image_sha256:
             return picture
     raise CaseError(

@@ -66,7 +66,11 @@ class Chain:
             recorder.write_ros(PHOTO_TOPIC, PHOTO_TYPE, photo_cdr(photo, "jpeg", now_ns), now_ns, now_ns)
         digests = ["0x" + hashlib.sha256(photo).hexdigest() for photo in photos]
         recorder.write_json("rodeo/event", {"event": "statement", "note": note, "photos_sha256": digests})
-        uri = Store(self._site).put(recorder.close().path)
+        return self.submit_file(task_id, recorder.close().path, by, kind)
+
+    def submit_file(self, task_id: int, path: Path, by: Any = BOB, kind: str = "wheel_cleaning") -> int:
+        """Store a recording and submit it."""
+        uri = Store(self._site).put(path)
         sha256 = "0x" + uri.rsplit("/", 1)[1].removesuffix(".mcap")
         if task_id not in self.tasks:
             self._tell("TaskRegistered", task_id, {"kind": kind})
@@ -208,3 +212,22 @@ def test_what_could_not_be_read_is_counted_and_read_when_it_can_be(site: Site, c
 def test_a_task_without_a_proof_has_nothing_to_review(site: Site, chain: Chain) -> None:
     with pytest.raises(NotSubmitted):
         Reviewer(site, chain).review(task("assigned"))
+
+
+def test_a_hostile_submission_keeps_nobody_from_reviewing_others(
+    site: Site, chain: Chain, tmp_path: Path
+) -> None:
+    chain.submit(1, "wheels", WHEELS)
+    malformed, many = tmp_path / "malformed.mcap", tmp_path / "many.mcap"
+    for path, messages in ((malformed, [b"\0\1\0\0"]), (many, [photo_cdr(b"x", "jpeg", 1)] * 9)):
+        recorder = Recorder(path, BINDING, BOB, Clock())  # type: ignore[arg-type]
+        for message in messages:
+            now_ns = Clock().now_ns()
+            recorder.write_ros(PHOTO_TOPIC, PHOTO_TYPE, message, now_ns, now_ns)
+        said = {"event": "statement", "note": "other words", "photos_sha256": []}
+        recorder.write_json("rodeo/event", said)
+        chain.submit_file(5, recorder.close().path)
+    chain.submit(6, "yet other words", WHEELS)
+    found = reviewed(site, chain, 6)
+    assert (found.compared, found.unread) == (3, 0)
+    assert [use.task_id for use in found.photos[0].exact_copies] == [1]

@@ -112,3 +112,10 @@ def test_the_checks_start_without_opencv() -> None:
     program = "import sys, services.oracle.checks.picture; print('cv2' in sys.modules)"
     answer = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
     assert answer.stdout.strip() == "False"
+
+
+def test_a_malformed_message_on_the_pictures_topic_is_a_finding(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "proof.mcap", BINDING, ALICE, Clock())  # type: ignore[arg-type]
+    recorder.write_ros(TOPIC, topics.BIN_IMAGE.type, b"\0\1\0\0", NOW_NS, NOW_NS)
+    with pytest.raises(CaseError):
+        shown(open_proof(recorder.close().path), "itrash", said(digest(CAN)))
