@@ -25,7 +25,7 @@ from eth_account import Account
 from deploy import contracts
 from deploy.launcher import Launcher
 from rodeo.bus import Bus
-from rodeo.chain import Call, ChainClient, Deployment, Log, events
+from rodeo.chain import Call, ChainClient, Deployment, Log, Verdict, events
 from rodeo.dao import Participant
 from rodeo.messages import Transfer
 from services.bridge.follower import MAX_BLOCKS
@@ -139,7 +139,7 @@ def _index_from_nothing(tasks: int) -> float:
             ],
             [events.ProofSubmitted(number, 1, robot, proof, "file:///proof.mcap", 10**9)],
             [
-                events.VerdictPosted(number, 1, proof, True, proof, "", "as it should be"),
+                events.VerdictPosted(number, 1, proof, Verdict.ACCEPTED, iec, proof, "", "as it should be"),
                 events.TaskSettled(number, robot, iec, 0),
                 events.Transfer(manager, robot, iec),
             ],

@@ -36,6 +36,7 @@ from rodeo.chain import (
     Policy,
     Review,
     Role,
+    Silence,
     artifacts,
     to_wei,
     transactions,
@@ -43,6 +44,7 @@ from rodeo.chain import (
 from rodeo.chain.client import connect
 from rodeo.chain.errors import translated
 from rodeo.config import Site
+from rodeo.dao import CHARGING, CLEANING, MACHINE_JUDGED
 from rodeo.errors import RodeoError
 from rodeo.service import main
 
@@ -206,13 +208,18 @@ def _missing_rules(
     for role, account in roles:
         if not client.has_role(role, account):
             yield administrator, calls.grant_role(role, account)
+    at_silence = {
+        CLEANING: site.economy.cleaning_at_silence,
+        CHARGING: site.economy.charging_at_silence,
+    }
     for kind in site.kinds:
-        if not client.is_kind_allowed(kind):
-            yield administrator, calls.allow_kind(kind, True)
-    for care in site.agent.maintenance:
-        review = Review[care.review.upper()]
-        if client.kind(care.kind).review != review:
-            yield administrator, calls.set_review(care.kind, review)
+        rules, review = client.kind(kind), Review.ORACLE if kind in MACHINE_JUDGED else Review.AUDITOR
+        if review is Review.ORACLE and rules.silence is Silence.NONE:
+            silence = Silence[at_silence[kind].upper()]
+            yield administrator, calls.set_audit(kind, site.economy.audit_window_s, silence)
+        # A machine that judged what it has no checks for is corrected; that people judge more is not.
+        if not rules.allowed or (review is Review.AUDITOR and rules.review is not review):
+            yield administrator, calls.allow_kind(kind, review)
     for keystore, (device_role, name) in wallets.device_names(site).items():
         device = wallets.address(site, keystore)
         if not _is_registered(client, device):

@@ -85,6 +85,13 @@ class EconomyConfig(_Table):
     verdict_window_s: int = 24 * 3600
     """Long against a verification: it only rescues the money when the oracle never answers. A simulated
     site skips hours in seconds while the robot charges."""
+    audit_window_s: int = Field(default=7 * 24 * 3600, ge=60, le=30 * 24 * 3600)
+    """How long the organization's auditors may look at what the oracle could not decide."""
+    cleaning_at_silence: Literal["executor", "creator"] = "executor"
+    """Who wins when they do not answer. The auditors are the organization's: their silence must not save it
+    money that a robot has earned."""
+    charging_at_silence: Literal["executor", "creator"] = "creator"
+    """The organization sells the energy: the silence of its own auditors must not earn it money."""
     max_attempts: int = Field(default=3, ge=1)
     electricity: list[TariffConfig] = [TariffConfig(from_hour=0, eur_kwh=Decimal("0.30"))]
     """Before the day's first hour named here the last one's price holds."""
@@ -179,15 +186,16 @@ class ItrashConfig(_Table):
 
 
 class MaintenanceConfig(_Table):
-    """Care that a robot asks people for: it posts such a task whenever it has driven so far."""
+    """Care that a robot asks people for: it posts such a task whenever it has driven so far.
+
+    Auditors judge it: no oracle sees whether it was done.
+    """
 
     kind: str = Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")
     every_km: float = Field(gt=0)
     reward_iec: Decimal = Field(ge=0)
     description: str = Field(max_length=2000)
     execution_window_s: int = Field(default=24 * 3600, gt=0)
-    review: Literal["oracle", "auditor"] = "auditor"
-    """Who judges it: the oracle, which can only tell who says it was done, or an auditor who looks."""
 
 
 class ConsoleConfig(_Table):

@@ -23,13 +23,15 @@ from rodeo.messages import (
 
 CLEANING = "waste_disposal"
 CHARGING = "battery_charging"
-_MEASURED = frozenset({CLEANING, CHARGING})
+
+MACHINE_JUDGED = frozenset({CLEANING, CHARGING})
+"""Kinds with checks of their own. People judge every other kind: no oracle sees whether it was done."""
 
 
 def is_peoples(kind: str) -> bool:
     """Whether a proof of this kind of work is people's word, which an auditor judges: the oracle has checks
     of its own for the other kinds only."""
-    return kind not in _MEASURED
+    return kind not in MACHINE_JUDGED
 
 
 class Participant:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from decimal import Decimal
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
 Hex32 = Annotated[str, StringConstraints(pattern=r"^0x[0-9a-f]{64}$")]
 """32 bytes as lower-case hex with 0x."""
@@ -33,8 +33,8 @@ ServiceState = Literal["active", "paused", "retired", "suspended"]
 
 RoleName = Literal["administrator", "operator", "treasurer", "oracle", "auditor", "member"]
 
-TaskState = Literal["open", "assigned", "submitted", "settled", "cancelled", "failed"]
-LIVE_STATES: tuple[TaskState, ...] = ("open", "assigned", "submitted")
+TaskState = Literal["open", "assigned", "submitted", "undecided", "settled", "cancelled", "failed"]
+LIVE_STATES: tuple[TaskState, ...] = ("open", "assigned", "submitted", "undecided")
 """States in which a task holds its reward in escrow."""
 
 
@@ -86,14 +86,29 @@ class SubmitProof(Command):
     proof_uri: str = Field(min_length=1, max_length=2048)
 
 
+Outcome = Literal["accepted", "rejected", "undecided"]
+"""What a judge says of a proof. Undecided: neither side failed, and the organization's auditors decide."""
+
+Winner = Literal["executor", "creator"]
+"""Who wins when the auditors let their window pass."""
+
+
 class PostVerdict(Command):
     task_id: Id
     attempt: Attempt
     proof_sha256: Hex32
-    accepted: bool
+    outcome: Outcome
+    amount_iec: Iec | None = None
+    """What the executor is paid of the agreed price; the rest of the reward goes back to the creator."""
     reason: str = Field(max_length=500)
     report_sha256: Hex32
     report_uri: str = Field(max_length=2048)
+
+    @model_validator(mode="after")
+    def _pays_what_is_accepted(self) -> Self:
+        if (self.outcome == "accepted") != (self.amount_iec is not None):
+            raise ValueError("an accepted verdict says how much is paid, and no other verdict does")
+        return self
 
 
 class RegisterService(Command):
@@ -147,6 +162,17 @@ class RevokeDevice(Command):
     reason: Revocation
 
 
+class PostRoot(Command):
+    """Fix what a device signed on a day, once; its owner and operators may."""
+
+    device: Address
+    day: Annotated[int, Field(ge=0, lt=2**32)]
+    """Counted from 1970-01-01 UTC of site time; today or before."""
+    root: Hex32
+    uri: str = Field(max_length=2048)
+    """Where the device's log of that day can be fetched."""
+
+
 class Deposit(Command):
     """From the wallet's own account into the organization's treasury."""
 
@@ -165,13 +191,24 @@ Review = Literal["oracle", "auditor"]
 
 
 class AllowKind(Command):
-    """`review` and `min_window_s` stay as they are where they are left out."""
+    """Allowing a kind says who judges it. Windows and `at_silence` that are left out stay as they are."""
 
     kind: Kind
     allowed: bool = True
     review: Review | None = None
     min_window_s: Annotated[int, Field(ge=0, lt=2**32)] | None = None
     """The shortest execution window that a task of the kind may have."""
+    audit_window_s: Window | None = None
+    """How long auditors may look at a proof that the oracle could not decide."""
+    at_silence: Winner | None = None
+
+    @model_validator(mode="after")
+    def _has_a_judge(self) -> Self:
+        if self.allowed != (self.review is not None):
+            raise ValueError("allowing a kind says who judges it (review), and disallowing it does not")
+        if (self.audit_window_s is None) != (self.at_silence is None):
+            raise ValueError("audit_window_s and at_silence go together")
+        return self
 
 
 class SetPolicy(Command):
@@ -274,6 +311,8 @@ class Task(Message):
     reward_iec: Decimal
     price_iec: Decimal | None
     paid_iec: Decimal
+    refunded_iec: Decimal = Decimal(0)
+    """What the creator has back of the reward."""
     params: dict[str, Any]
     description: str
     registered: float
@@ -282,12 +321,17 @@ class Task(Message):
     settled: float | None
     execution_deadline: float | None
     verdict_deadline: float | None
+    audit_deadline: float | None = None
+    """Until when the auditors may decide an undecided attempt."""
+    at_silence: Winner | None = None
+    """Who wins if they do not."""
     execution_window_s: int
     verdict_window_s: int
     nonce: str | None
     proof_sha256: str | None
     proof_uri: str | None
-    verdict: Literal["accepted", "rejected", "expired"] | None
+    verdict: Outcome | Literal["expired"] | None
+    """Undecided: the auditors decide; after their window it stays so, and the state tells who won."""
     reason: str | None
     report_sha256: str | None
     report_uri: str | None

@@ -5,13 +5,13 @@ import {Strings} from "@openzeppelin/contracts/utils/Strings.sol";
 import {IECoin} from "../src/IECoin.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
-import {TaskRequest} from "../src/interfaces/ITaskManager.sol";
+import {TaskRequest, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Fixture} from "../test/Fixture.sol";
 
 /// @notice An oracle that accepts every first attempt.
 contract Judge {
     function accept(TaskManager tasks, uint256 taskId) external {
-        tasks.postVerdict(taskId, 1, "proof", true, 0, "", "");
+        tasks.postVerdict(taskId, 1, "proof", Verdict.Accepted, tasks.task(taskId).price, 0, "", "");
     }
 }
 
@@ -94,7 +94,9 @@ contract GasBench is Fixture {
         tasks.submitProof(taskId, 1, PROOF, PROOF_URI);
         uint256 proof = _used();
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, PROOF_URI, "all checks passed");
+        tasks.postVerdict(
+            taskId, 1, PROOF, Verdict.Accepted, PRICE, REPORT, PROOF_URI, "all checks passed"
+        );
         uint256 verdict = _used();
         _figure(string.concat("gas_lifecycle_", Strings.toString(taskId)), register + proof + verdict);
         _figure("gas_register", register);

@@ -3,6 +3,7 @@ pragma solidity ^0.8.28;
 
 import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
 import {Device, IDeviceRegistry, Revocation} from "./interfaces/IDeviceRegistry.sol";
+import {Texts} from "./libraries/Texts.sol";
 
 /// @dev Who may register is up to the contract that inherits this.
 abstract contract DeviceRegistry is IDeviceRegistry {
@@ -11,6 +12,8 @@ abstract contract DeviceRegistry is IDeviceRegistry {
     mapping(address device => Device) private _devices;
     /// @inheritdoc IDeviceRegistry
     mapping(bytes32 role => mapping(bytes32 name => address)) public deviceNamed;
+    /// @inheritdoc IDeviceRegistry
+    mapping(address device => mapping(uint64 day => bytes32)) public rootOf;
 
     /// @inheritdoc IDeviceRegistry
     function device(address device_) external view returns (Device memory) {
@@ -45,6 +48,16 @@ abstract contract DeviceRegistry is IDeviceRegistry {
         d.revocation = reason;
         delete deviceNamed[d.role][d.name];
         emit DeviceRevoked(device_, reason);
+    }
+
+    function _postRoot(address device_, uint64 day, bytes32 root, string calldata uri) internal {
+        uint64 today = uint64(block.timestamp / 1 days);
+        if (root == 0 || day > today) revert InvalidRoot(device_, day, root, today);
+        bytes32 posted = rootOf[device_][day];
+        if (posted != 0) revert RootAlreadyPosted(device_, day, posted);
+        Texts.requireText(uri);
+        rootOf[device_][day] = root;
+        emit WitnessRoot(device_, day, root, uri);
     }
 
     function _device(address device_) internal view returns (Device storage d) {

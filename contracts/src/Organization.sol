@@ -11,7 +11,7 @@ import {IDeviceRegistry, Revocation} from "./interfaces/IDeviceRegistry.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
 import {IOrganization, Kind, Review, Terms} from "./interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "./interfaces/IServiceManager.sol";
-import {ITaskManager, TaskRequest} from "./interfaces/ITaskManager.sol";
+import {ITaskManager, Silence, TaskRequest} from "./interfaces/ITaskManager.sol";
 
 contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdminRules {
     using SafeERC20 for IERC20;
@@ -24,6 +24,9 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
 
     /// @notice The longest window that a task may have: a longer minimum would refuse every task.
     uint32 public constant MAX_MIN_WINDOW = 30 days;
+    /// @notice A shorter window would let nobody answer, a longer one keep the reward from both sides.
+    uint32 public constant MIN_AUDIT_WINDOW = 1 minutes;
+    uint32 public constant MAX_AUDIT_WINDOW = 30 days;
 
     /// @inheritdoc IOrganization
     IERC20 public immutable token;
@@ -55,15 +58,32 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function allowKind(bytes32 kind, bool allowed) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        _kinds[kind].allowed = allowed;
-        emit KindAllowed(kind, allowed);
+    function allowKind(bytes32 kind, Review review) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        Kind storage rules = _kinds[kind];
+        if (review == Review.None) revert KindWithoutReview(kind);
+        if (review == Review.Oracle && rules.silence == Silence.None) revert KindWithoutAudit(kind);
+        rules.allowed = true;
+        rules.review = review;
+        emit KindAllowed(kind, review);
     }
 
     /// @inheritdoc IOrganization
-    function setReview(bytes32 kind, Review review) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        _kinds[kind].review = review;
-        emit ReviewChanged(kind, review);
+    function disallowKind(bytes32 kind) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        _kinds[kind].allowed = false;
+        emit KindDisallowed(kind);
+    }
+
+    /// @inheritdoc IOrganization
+    function setAudit(bytes32 kind, uint32 auditWindow, Silence silence)
+        external
+        onlyRole(DEFAULT_ADMIN_ROLE)
+    {
+        if (auditWindow < MIN_AUDIT_WINDOW || auditWindow > MAX_AUDIT_WINDOW || silence == Silence.None) {
+            revert InvalidAudit(auditWindow, silence, MIN_AUDIT_WINDOW, MAX_AUDIT_WINDOW);
+        }
+        Kind storage rules = _kinds[kind];
+        (rules.auditWindow, rules.silence) = (auditWindow, silence);
+        emit AuditChanged(kind, auditWindow, silence);
     }
 
     /// @inheritdoc IOrganization
@@ -124,6 +144,15 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     /// @inheritdoc IDeviceRegistry
     function revokeDevice(address device_, Revocation reason) external onlyRole(DEFAULT_ADMIN_ROLE) {
         _revokeDevice(device_, reason);
+    }
+
+    /// @inheritdoc IDeviceRegistry
+    function postRoot(address device_, uint64 day, bytes32 root, string calldata uri) external {
+        address owner_ = _device(device_).owner;
+        if (msg.sender != owner_ && !hasRole(OPERATOR_ROLE, msg.sender)) {
+            revert NotDeviceOwner(device_, msg.sender, owner_);
+        }
+        _postRoot(device_, day, root, uri);
     }
 
     /// @inheritdoc IOrganization
@@ -195,7 +224,14 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
 
     /// @inheritdoc IOrganization
     function mayJudge(address account, bytes32 kind) external view returns (bool) {
-        return hasRole(_kinds[kind].review == Review.Oracle ? ORACLE_ROLE : AUDITOR_ROLE, account);
+        Review review = _kinds[kind].review;
+        if (review == Review.None) return false;
+        return hasRole(review == Review.Oracle ? ORACLE_ROLE : AUDITOR_ROLE, account);
+    }
+
+    /// @inheritdoc IOrganization
+    function mayAudit(address account) external view returns (bool) {
+        return hasRole(AUDITOR_ROLE, account);
     }
 
     /// @inheritdoc IOrganization

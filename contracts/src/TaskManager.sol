@@ -7,9 +7,17 @@ import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol
 import {ReentrancyGuardTransient} from "@openzeppelin/contracts/utils/ReentrancyGuardTransient.sol";
 import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
-import {IOrganization} from "./interfaces/IOrganization.sol";
+import {IOrganization, Kind, Review} from "./interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Release} from "./interfaces/IServiceManager.sol";
-import {Cause, ITaskManager, Task, TaskRequest, TaskState} from "./interfaces/ITaskManager.sol";
+import {
+    Cause,
+    ITaskManager,
+    Silence,
+    Task,
+    TaskRequest,
+    TaskState,
+    Verdict
+} from "./interfaces/ITaskManager.sol";
 import {KindTable} from "./libraries/KindTable.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
@@ -36,6 +44,13 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         TaskState state;
     }
 
+    /// @dev An attempt that waits for the auditors. Its service is free, so the proof is kept here.
+    struct Dispute {
+        address judge;
+        Silence silence;
+        bytes32 proofHash;
+    }
+
     /// @notice A shorter window would let a creator take work for which nobody can answer in time.
     uint32 public constant MIN_WINDOW = 1 minutes;
     uint32 public constant MAX_WINDOW = 30 days;
@@ -60,6 +75,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev The proof of what a service does now. A service does one task at a time, and its word is written over
     /// with the next: a quarter of the gas of a word per task.
     mapping(uint256 serviceId => bytes32) private _proofs;
+    mapping(uint256 taskId => Dispute) private _disputes;
     /// @inheritdoc ITaskManager
     mapping(address account => uint256) public owed;
 
@@ -135,33 +151,34 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint256 taskId,
         uint8 attempt,
         bytes32 proofHash,
-        bool accepted,
+        Verdict verdict,
+        uint256 amount,
         bytes32 reportHash,
         string calldata reportUri,
         string calldata reason
     ) external nonReentrant {
         Record storage t = _get(taskId);
-        bytes32 kind = _kinds.kinds[t.kindId];
-        if (!organization.mayJudge(msg.sender, kind)) revert NotJudge(msg.sender, kind);
-        if (msg.sender == t.creator) revert JudgeIsParty(taskId, msg.sender);
-        _requireAttempt(taskId, t, attempt, TaskState.Submitted);
-        bytes32 submitted = _proofs[t.serviceId];
-        if (proofHash != submitted) revert ProofMismatch(taskId, submitted, proofHash);
+        _requireJudge(taskId, t, attempt, proofHash, verdict);
+        _requireAmount(taskId, t, verdict, amount);
         Texts.requireText(reportUri);
         Texts.requireText(reason);
-        emit VerdictPosted(taskId, attempt, proofHash, accepted, reportHash, reportUri, reason);
-        if (accepted) _settle(taskId, t, kind);
-        else _failAttempt(taskId, t, kind, Cause.Rejected);
+        emit VerdictPosted(taskId, attempt, proofHash, verdict, amount, reportHash, reportUri, reason);
+        _decide(taskId, t, verdict, amount, proofHash);
     }
 
     /// @inheritdoc ITaskManager
     function expireTask(uint256 taskId) external nonReentrant {
         Record storage t = _get(taskId);
         bool submitted = t.state == TaskState.Submitted;
-        if (!submitted) _requireState(taskId, t, TaskState.Assigned);
+        bool undecided = t.state == TaskState.Undecided;
+        if (!submitted && !undecided) _requireState(taskId, t, TaskState.Assigned);
         if (block.timestamp <= t.deadline) revert DeadlineNotPassed(taskId, t.deadline, block.timestamp);
-        Cause cause = submitted ? Cause.VerdictExpired : Cause.ExecutionExpired;
-        _failAttempt(taskId, t, _kinds.kinds[t.kindId], cause);
+        if (undecided) {
+            _endAudit(taskId, t);
+        } else {
+            Cause cause = submitted ? Cause.VerdictExpired : Cause.ExecutionExpired;
+            _failAttempt(taskId, t, _kinds.kinds[t.kindId], cause);
+        }
     }
 
     /// @inheritdoc ITaskManager
@@ -216,7 +233,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             attempt: t.attempt,
             maxAttempts: t.maxAttempts,
             state: t.state,
-            proofHash: t.state == TaskState.Submitted ? _proofs[t.serviceId] : bytes32(0)
+            proofHash: _proof(taskId, t)
         });
     }
 
@@ -325,24 +342,90 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return true;
     }
 
-    function _settle(uint256 taskId, Record storage t, bytes32 kind) private {
-        uint256 price = t.price;
-        uint256 surplus = t.reward - price;
+    /// @dev What a verdict does; whether it may was checked.
+    function _decide(uint256 taskId, Record storage t, Verdict verdict, uint256 amount, bytes32 proofHash)
+        private
+    {
+        bytes32 kind = _kinds.kinds[t.kindId];
+        if (t.state == TaskState.Undecided) {
+            // Its service was released when the attempt became undecided.
+            if (verdict == Verdict.Accepted) _payAudited(taskId, t, amount);
+            else if (_endAttempt(taskId, t, kind, Cause.Rejected)) _pay(t.creator, t.reward);
+        } else if (verdict == Verdict.Accepted) {
+            _settle(taskId, t, kind, amount);
+        } else if (verdict == Verdict.Rejected) {
+            _failAttempt(taskId, t, kind, Cause.Rejected);
+        } else {
+            _askAuditors(taskId, t, kind, proofHash);
+        }
+    }
+
+    function _settle(uint256 taskId, Record storage t, bytes32 kind, uint256 amount) private {
+        uint256 refund = t.reward - amount;
         t.state = TaskState.Settled;
         t.deadline = 0;
         uint256 serviceId = t.serviceId;
         Release memory r = services.release(serviceId, Outcome.Completed);
-        if (msg.sender == r.provider) revert JudgeIsParty(taskId, msg.sender);
-        emit TaskSettled(taskId, r.provider, price, surplus);
+        emit TaskSettled(taskId, r.provider, amount, refund);
         if (r.available) _place(serviceId, t.kindId, kind, r.price);
-        _pay(r.provider, price + r.bond);
-        _pay(t.creator, surplus);
+        _pay(r.provider, amount + r.bond);
+        _pay(t.creator, refund);
+    }
+
+    /// @dev The attempt waits for the auditors, and its service no longer: neither side failed.
+    function _askAuditors(uint256 taskId, Record storage t, bytes32 kind, bytes32 proofHash) private {
+        Kind memory rules = organization.kindOf(kind);
+        // Kept as it is now: nobody changes who wins while the window runs.
+        _disputes[taskId] = Dispute(msg.sender, rules.silence, proofHash);
+        uint256 deadline = block.timestamp + rules.auditWindow;
+        t.state = TaskState.Undecided;
+        t.deadline = deadline.toUint40();
+        emit AuditRequested(taskId, t.attempt, deadline, rules.silence);
+        uint256 serviceId = t.serviceId;
+        Release memory r = services.release(serviceId, Outcome.Unjudged);
+        if (r.available) _place(serviceId, t.kindId, kind, r.price);
+        _pay(r.provider, r.bond);
+    }
+
+    /// @dev The auditors were silent.
+    function _endAudit(uint256 taskId, Record storage t) private {
+        if (_disputes[taskId].silence == Silence.Executor) {
+            _payAudited(taskId, t, t.price);
+        } else {
+            t.state = TaskState.Failed;
+            t.deadline = 0;
+            emit TaskFailed(taskId, t.reward, t.attempt, Cause.AuditExpired);
+            _pay(t.creator, t.reward);
+        }
+    }
+
+    function _payAudited(uint256 taskId, Record storage t, uint256 amount) private {
+        uint256 refund = t.reward - amount;
+        address executor = services.providerOf(t.serviceId);
+        t.state = TaskState.Settled;
+        t.deadline = 0;
+        emit TaskSettled(taskId, executor, amount, refund);
+        _pay(executor, amount);
+        _pay(t.creator, refund);
     }
 
     /// @dev The next attempt goes to another service that waits, before the one that failed gets its next task.
     function _failAttempt(uint256 taskId, Record storage t, bytes32 kind, Cause cause) private {
         uint256 serviceId = t.serviceId;
-        bool last = t.attempt == t.maxAttempts;
+        bool last = _endAttempt(taskId, t, kind, cause);
+        Release memory r = services.release(serviceId, _outcome(cause));
+        if (r.available) _place(serviceId, t.kindId, kind, r.price);
+        _pay(r.provider, r.bond);
+        _pay(address(organization), r.penalty);
+        if (last) _pay(t.creator, t.reward);
+    }
+
+    /// @dev The task is open again or has failed: whether this was the last attempt, and the reward is to go back.
+    function _endAttempt(uint256 taskId, Record storage t, bytes32 kind, Cause cause)
+        private
+        returns (bool last)
+    {
+        last = t.attempt == t.maxAttempts;
         t.deadline = 0;
         if (last) {
             t.state = TaskState.Failed;
@@ -354,11 +437,6 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             emit TaskRequeued(taskId, t.attempt, cause);
             _match(taskId, t, kind, organization.policy());
         }
-        Release memory r = services.release(serviceId, _outcome(cause));
-        if (r.available) _place(serviceId, t.kindId, kind, r.price);
-        _pay(r.provider, r.bond);
-        _pay(address(organization), r.penalty);
-        if (last) _pay(t.creator, t.reward);
     }
 
     /// @dev All of `amount` arrives, or nothing happened.
@@ -394,6 +472,41 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         _requireState(taskId, t, expected);
         if (attempt != t.attempt) revert WrongAttempt(taskId, t.attempt, attempt);
         if (block.timestamp > t.deadline) revert DeadlinePassed(taskId, t.deadline, block.timestamp);
+    }
+
+    /// @dev The caller may give this verdict on this proof of the running attempt now.
+    function _requireJudge(
+        uint256 taskId,
+        Record storage t,
+        uint8 attempt,
+        bytes32 proofHash,
+        Verdict verdict
+    ) private view {
+        bytes32 kind = _kinds.kinds[t.kindId];
+        bool disputed = t.state == TaskState.Undecided;
+        bool mayJudge = disputed ? organization.mayAudit(msg.sender) : organization.mayJudge(msg.sender, kind);
+        if (!mayJudge) revert NotJudge(msg.sender, kind);
+        if (msg.sender == t.creator) revert JudgeIsParty(taskId, msg.sender);
+        _requireAttempt(taskId, t, attempt, disputed ? TaskState.Undecided : TaskState.Submitted);
+        if (msg.sender == services.providerOf(t.serviceId)) revert JudgeIsParty(taskId, msg.sender);
+        bytes32 submitted = _proof(taskId, t);
+        if (proofHash != submitted) revert ProofMismatch(taskId, submitted, proofHash);
+        if (disputed && msg.sender == _disputes[taskId].judge) revert JudgedBefore(taskId, msg.sender);
+        if (verdict == Verdict.Undecided && (disputed || organization.kindOf(kind).review != Review.Oracle)) {
+            revert AuditorMustDecide(taskId, msg.sender);
+        }
+    }
+
+    function _requireAmount(uint256 taskId, Record storage t, Verdict verdict, uint256 amount) private view {
+        if (verdict == Verdict.None) revert NoVerdict(taskId);
+        uint256 max = verdict == Verdict.Accepted ? t.price : 0;
+        if (amount > max || (amount == 0 && max != 0)) revert InvalidAmount(taskId, amount, max);
+    }
+
+    /// @dev The proof that waits for its verdict; 0 if none does.
+    function _proof(uint256 taskId, Record storage t) private view returns (bytes32) {
+        if (t.state == TaskState.Submitted) return _proofs[t.serviceId];
+        return t.state == TaskState.Undecided ? _disputes[taskId].proofHash : bytes32(0);
     }
 
     function _requireWindow(uint32 window) private pure {

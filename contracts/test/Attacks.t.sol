@@ -3,7 +3,7 @@ pragma solidity ^0.8.28;
 
 import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {ITaskManager, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice What was done to the reference contracts of this field, each by its name, and what happens here.
@@ -90,7 +90,7 @@ contract AttackTest is Fixture {
         uint256 taskId = post(alice, 100 ether);
         vm.startPrank(oracle);
         vm.expectRevert(_wrongState(taskId, TaskState.Assigned, TaskState.Submitted));
-        tasks.postVerdict(taskId, 1, 0, true, REPORT, "", "");
+        tasks.postVerdict(taskId, 1, 0, Verdict.Accepted, 80 ether, REPORT, "", "");
     }
 
     function test_attack_aVerdictIsAcceptedForAnotherProofThanWasSubmitted() public {
@@ -100,7 +100,7 @@ contract AttackTest is Fixture {
         bytes32 other = keccak256("other");
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.ProofMismatch.selector, taskId, PROOF, other));
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, other, true, REPORT, "", "");
+        tasks.postVerdict(taskId, 1, other, Verdict.Accepted, 80 ether, REPORT, "", "");
     }
 
     function test_attack_theVerdictOnAnEarlierAttemptIsPlayedAgain() public {
@@ -110,7 +110,7 @@ contract AttackTest is Fixture {
         submit(taskId);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAttempt.selector, taskId, 2, 1));
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "");
     }
 
     function test_attack_theProofOfTheLastTaskCountsForTheNext() public {
@@ -120,7 +120,7 @@ contract AttackTest is Fixture {
         assertEq(tasks.task(taskId).proofHash, 0);
         vm.expectRevert(_wrongState(taskId, TaskState.Assigned, TaskState.Submitted));
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "");
     }
 
     function test_attack_theProofIsReplacedAfterSubmission() public {
@@ -212,10 +212,10 @@ contract AttackTest is Fixture {
         submit(taskId);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.JudgeIsParty.selector, taskId, robot1));
         vm.prank(robot1);
-        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "");
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.JudgeIsParty.selector, taskId, alice));
         vm.prank(alice);
-        tasks.postVerdict(taskId, 1, PROOF, false, REPORT, "", "");
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Rejected, 0, REPORT, "", "");
     }
 
     function test_attack_aWindowThatIsTooShortForTheWorkHarvestsPenalties() public {

@@ -7,9 +7,9 @@ import {IECoin} from "../src/IECoin.sol";
 import {Organization} from "../src/Organization.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
-import {Terms} from "../src/interfaces/IOrganization.sol";
+import {Review, Terms} from "../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Silence, Task, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
 
 /// @notice An organization with its contracts, two humans who post tasks and three robots who do them.
@@ -20,6 +20,7 @@ abstract contract Fixture is Test {
     bytes32 internal constant REPORT = keccak256("report");
     string internal constant URI = "https://store/recording.mcap";
     uint32 internal constant WINDOW = 1 hours;
+    uint32 internal constant AUDIT_WINDOW = 2 hours;
     uint8 internal constant ATTEMPTS = 3;
 
     address internal immutable admin = makeAddr("admin");
@@ -72,8 +73,10 @@ abstract contract Fixture is Test {
         organization.grantRole(organization.AUDITOR_ROLE(), auditor);
         organization.grantRole(organization.OPERATOR_ROLE(), admin);
         organization.grantRole(organization.TREASURER_ROLE(), admin);
-        organization.allowKind(CLEANING, true);
-        organization.allowKind(CHARGING, true);
+        organization.setAudit(CLEANING, AUDIT_WINDOW, Silence.Executor);
+        organization.setAudit(CHARGING, AUDIT_WINDOW, Silence.Creator);
+        organization.allowKind(CLEANING, Review.Oracle);
+        organization.allowKind(CHARGING, Review.Oracle);
         vm.stopPrank();
     }
 
@@ -113,10 +116,19 @@ abstract contract Fixture is Test {
         tasks.submitProof(taskId, t.attempt, PROOF, URI);
     }
 
+    /// @dev The oracle accepts at the full price, or rejects.
     function judge(uint256 taskId, bool accepted) internal {
         Task memory t = tasks.task(taskId);
+        (Verdict verdict, uint256 amount) =
+            accepted ? (Verdict.Accepted, uint256(t.price)) : (Verdict.Rejected, 0);
         vm.prank(oracle);
-        tasks.postVerdict(taskId, t.attempt, t.proofHash, accepted, REPORT, "report", "because");
+        tasks.postVerdict(taskId, t.attempt, t.proofHash, verdict, amount, REPORT, "report", "because");
+    }
+
+    function judgeAs(address who, uint256 taskId, Verdict verdict, uint256 amount) internal {
+        Task memory t = tasks.task(taskId);
+        vm.prank(who);
+        tasks.postVerdict(taskId, t.attempt, t.proofHash, verdict, amount, REPORT, "report", "because");
     }
 
     function state(uint256 taskId) internal view returns (TaskState) {

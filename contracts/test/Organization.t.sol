@@ -6,7 +6,8 @@ import {Device, IDeviceRegistry, Revocation} from "../src/interfaces/IDeviceRegi
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {IOrganization, Review, Terms} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, Task, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {ITaskManager, Silence, Task, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Texts} from "../src/libraries/Texts.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Policies that misbehave, each in its own way.
@@ -122,11 +123,13 @@ contract OrganizationTest is Fixture {
         bytes memory refusal = _refusal(stranger, organization.DEFAULT_ADMIN_ROLE());
         vm.startPrank(stranger);
         vm.expectRevert(refusal);
-        organization.allowKind("painting", true);
+        organization.allowKind("painting", Review.Auditor);
+        vm.expectRevert(refusal);
+        organization.disallowKind(CLEANING);
         vm.expectRevert(refusal);
         organization.setPolicy(policy);
         vm.expectRevert(refusal);
-        organization.setReview(CLEANING, Review.Auditor);
+        organization.setAudit(CLEANING, 60, Silence.Creator);
         vm.expectRevert(refusal);
         organization.setMinWindow(CLEANING, 60);
         vm.expectRevert(refusal);
@@ -151,7 +154,7 @@ contract OrganizationTest is Fixture {
         offer(robot1, 80 ether);
         uint256 taskId = post(alice, 100 ether);
         vm.prank(admin);
-        organization.allowKind(CLEANING, false);
+        organization.disallowKind(CLEANING);
         submit(taskId);
         judge(taskId, false);
         submit(taskId);
@@ -254,20 +257,67 @@ contract OrganizationTest is Fixture {
 
     function test_auditorsJudgeTheKindsThatTheyReview() public {
         vm.expectEmit(address(organization));
-        emit IOrganization.ReviewChanged(CLEANING, Review.Auditor);
+        emit IOrganization.KindAllowed(CLEANING, Review.Auditor);
         vm.prank(admin);
-        organization.setReview(CLEANING, Review.Auditor);
+        organization.allowKind(CLEANING, Review.Auditor);
         offer(robot1, 80 ether);
         uint256 taskId = post(alice, 100 ether);
         submit(taskId);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, oracle, CLEANING));
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "");
         vm.prank(auditor);
-        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "looks clean");
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "looks clean");
         assertState(taskId, TaskState.Settled);
         assertFalse(organization.mayJudge(auditor, CHARGING));
         assertTrue(organization.mayJudge(oracle, CHARGING));
+    }
+
+    function test_aKindThatNobodyJudgesIsNotAllowed() public {
+        vm.startPrank(admin);
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.KindWithoutReview.selector, bytes32("painting")));
+        organization.allowKind("painting", Review.None);
+        assertFalse(organization.isKindAllowed("painting"));
+        assertFalse(organization.mayJudge(oracle, "painting"), "an unknown kind has no judge");
+        assertFalse(organization.mayJudge(auditor, "painting"), "an unknown kind has no judge");
+        organization.allowKind("painting", Review.Auditor);
+        assertTrue(organization.isKindAllowed("painting"));
+        assertFalse(organization.mayJudge(oracle, "painting"));
+    }
+
+    function test_whatOraclesJudgeNeedsAuditorsForWhatTheyCannotDecide() public {
+        vm.startPrank(admin);
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.KindWithoutAudit.selector, bytes32("painting")));
+        organization.allowKind("painting", Review.Oracle);
+        vm.expectEmit(address(organization));
+        emit IOrganization.AuditChanged("painting", 1 days, Silence.Creator);
+        organization.setAudit("painting", 1 days, Silence.Creator);
+        organization.allowKind("painting", Review.Oracle);
+        assertEq(organization.kindOf("painting").auditWindow, 1 days);
+        assertEq(uint8(organization.kindOf("painting").silence), uint8(Silence.Creator));
+    }
+
+    function test_auditorsHaveAWindowAndSomebodyWinsAtTheirSilence() public {
+        uint32[3] memory windows = [uint32(59), 30 days + 1, 1 days];
+        Silence[3] memory silences = [Silence.Creator, Silence.Executor, Silence.None];
+        for (uint256 i = 0; i < 3; ++i) {
+            vm.expectRevert(
+                abi.encodeWithSelector(
+                    IOrganization.InvalidAudit.selector, windows[i], silences[i], 1 minutes, 30 days
+                )
+            );
+            vm.prank(admin);
+            organization.setAudit(CLEANING, windows[i], silences[i]);
+        }
+    }
+
+    function test_aDisallowedKindKeepsItsJudges() public {
+        vm.expectEmit(address(organization));
+        emit IOrganization.KindDisallowed(CLEANING);
+        vm.prank(admin);
+        organization.disallowKind(CLEANING);
+        assertFalse(organization.isKindAllowed(CLEANING));
+        assertTrue(organization.mayJudge(oracle, CLEANING));
     }
 
     function test_aKindMayAskForTime() public {
@@ -361,6 +411,64 @@ contract OrganizationTest is Fixture {
         assertEq(organization.deviceNamed("bin", "itrash"), next);
         vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.DeviceAlreadyRegistered.selector, robot1));
         organization.registerDevice(robot1, "bin", address(organization), "itrash2");
+    }
+
+    function test_theRootOfADayIsPostedOnceByTheOwnerOrTheOperator() public {
+        address bin = makeAddr("bin");
+        vm.startPrank(admin);
+        organization.registerDevice(bin, "bin", address(organization), "itrash");
+        organization.registerDevice(robot2, "robot", robot1, "panther1");
+        uint64 today = uint64(block.timestamp / 1 days);
+        vm.expectEmit(address(organization));
+        emit IDeviceRegistry.WitnessRoot(bin, today, "root", "store");
+        organization.postRoot(bin, today, "root", "store");
+        assertEq(organization.rootOf(bin, today), "root");
+        vm.expectRevert(
+            abi.encodeWithSelector(IDeviceRegistry.RootAlreadyPosted.selector, bin, today, bytes32("root"))
+        );
+        organization.postRoot(bin, today, "another", "store");
+        organization.postRoot(bin, today - 1, "yesterday", "store");
+        vm.stopPrank();
+
+        vm.prank(robot1);
+        organization.postRoot(robot2, today, "own", "");
+        assertEq(organization.rootOf(robot2, today), "own");
+    }
+
+    function test_attack_strangersAndOtherDevicesPostNoRoots() public {
+        vm.prank(admin);
+        organization.registerDevice(robot2, "robot", robot1, "panther1");
+        uint64 today = uint64(block.timestamp / 1 days);
+        // Not even the device's own key: it signs evidence and sends nothing.
+        address[3] memory others = [stranger, robot2, oracle];
+        for (uint256 i = 0; i < 3; ++i) {
+            vm.expectRevert(
+                abi.encodeWithSelector(IDeviceRegistry.NotDeviceOwner.selector, robot2, others[i], robot1)
+            );
+            vm.prank(others[i]);
+            organization.postRoot(robot2, today, "root", "");
+        }
+        vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.UnknownDevice.selector, robot3));
+        vm.prank(admin);
+        organization.postRoot(robot3, today, "root", "");
+    }
+
+    function test_aRootIsSomethingAndOfADayThatHasBegun() public {
+        uint64 today = uint64(block.timestamp / 1 days);
+        vm.startPrank(admin);
+        organization.registerDevice(robot2, "robot", robot1, "panther1");
+        vm.expectRevert(
+            abi.encodeWithSelector(IDeviceRegistry.InvalidRoot.selector, robot2, today, bytes32(0), today)
+        );
+        organization.postRoot(robot2, today, 0, "");
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IDeviceRegistry.InvalidRoot.selector, robot2, today + 1, bytes32("root"), today
+            )
+        );
+        organization.postRoot(robot2, today + 1, "root", "");
+        vm.expectRevert(abi.encodeWithSelector(Texts.TextTooLong.selector, 8193, 8192));
+        organization.postRoot(robot2, today, "root", new string(8193));
     }
 
     function test_nobodyRevokesAKeyWithoutSayingWhy() public {

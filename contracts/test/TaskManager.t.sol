@@ -6,7 +6,7 @@ import {MessageHashUtils} from "@openzeppelin/contracts/utils/cryptography/Messa
 import {TaskManager} from "../src/TaskManager.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {Cause, ITaskManager, Task, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Cause, ITaskManager, Task, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Texts} from "../src/libraries/Texts.sol";
 import {Fixture} from "./Fixture.sol";
 
@@ -247,7 +247,7 @@ contract TaskManagerTest is Fixture {
         submit(taskId);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, robot1, CLEANING));
         vm.prank(robot1);
-        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, "", "");
     }
 
     function test_withoutAProofThereIsNoVerdict() public {
@@ -259,7 +259,7 @@ contract TaskManagerTest is Fixture {
             )
         );
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, 0, true, REPORT, "", "");
+        tasks.postVerdict(taskId, 1, 0, Verdict.Accepted, 1 ether, REPORT, "", "");
     }
 
     function test_aVerdictNamesTheSubmittedProof() public {
@@ -269,7 +269,7 @@ contract TaskManagerTest is Fixture {
         bytes32 other = keccak256("other");
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.ProofMismatch.selector, taskId, PROOF, other));
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, other, true, REPORT, "", "");
+        tasks.postVerdict(taskId, 1, other, Verdict.Accepted, 1 ether, REPORT, "", "");
     }
 
     function test_aVerdictOnAnEarlierAttemptIsRefused() public {
@@ -280,7 +280,7 @@ contract TaskManagerTest is Fixture {
         submit(taskId);
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAttempt.selector, taskId, 2, 1));
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, "", "");
     }
 
     function test_aLateVerdictIsRefused() public {
@@ -293,7 +293,7 @@ contract TaskManagerTest is Fixture {
             abi.encodeWithSelector(ITaskManager.DeadlinePassed.selector, taskId, deadline, deadline + 1)
         );
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, "", "");
     }
 
     function test_theVerdictIsLoggedWithItsReasonAndReport() public {
@@ -301,7 +301,7 @@ contract TaskManagerTest is Fixture {
         uint256 taskId = post(alice, 100 ether);
         submit(taskId);
         vm.expectEmit(address(tasks));
-        emit ITaskManager.VerdictPosted(taskId, 1, PROOF, false, REPORT, "report", "because");
+        emit ITaskManager.VerdictPosted(taskId, 1, PROOF, Verdict.Rejected, 0, REPORT, "report", "because");
         judge(taskId, false);
     }
 
@@ -395,7 +395,7 @@ contract TaskManagerTest is Fixture {
             )
         );
         vm.prank(oracle);
-        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", "");
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, "", "");
         vm.warp(block.timestamp + 30 days);
         vm.expectRevert(
             abi.encodeWithSelector(
@@ -574,10 +574,12 @@ contract TaskManagerTest is Fixture {
         submit(taskId);
         vm.startPrank(oracle);
         vm.expectRevert(refusal);
-        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, long, "");
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, long, "");
         vm.expectRevert(refusal);
-        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, "", long);
-        tasks.postVerdict(taskId, 1, PROOF, true, REPORT, new string(8192), new string(8192));
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, "", long);
+        tasks.postVerdict(
+            taskId, 1, PROOF, Verdict.Accepted, 1 ether, REPORT, new string(8192), new string(8192)
+        );
     }
 
     // -- wiring -------------------------------------------------------------------------------------------

@@ -265,7 +265,8 @@ def _sentence(event: DaoEvent, task: dict[str, Any]) -> str:
         case "ProofSubmitted":
             return f"proof submitted: {event.args['uri'].rsplit('/', 1)[-1][:16]}…"
         case "VerdictPosted":
-            return "accepted by the oracle" if event.args["accepted"] else f"rejected: {event.args['reason']}"
+            verdict, amount = event.args["verdict"], iec(event.args["amount_iec"])
+            return f"accepted for {amount}" if verdict == "accepted" else f"{verdict}: {event.args['reason']}"
         case "TaskSettled":
             return f"settled, {iec(task['paid_iec'])} paid to {task['executor_name']}"
         case "TaskRequeued" | "TaskFailed" | "TaskCancelled":
@@ -287,7 +288,7 @@ def _progress(task: dict[str, Any], statuses: dict[str, Status]) -> float | None
     if task["state"] == "assigned":
         executor = statuses.get("charger" if task["kind"] == CHARGING else "robot_agent")
         return 0.9 * ((executor.progress if executor else None) or 0.0)
-    return {"open": 0.0, "submitted": 0.95}.get(task["state"], 1.0)
+    return {"open": 0.0, "submitted": 0.95, "undecided": 0.95}.get(task["state"], 1.0)
 
 
 # -- the summary ---------------------------------------------------------------------------------------

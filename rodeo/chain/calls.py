@@ -18,8 +18,10 @@ from rodeo.chain.types import (
     Revocation,
     Role,
     ServiceState,
+    Silence,
     TaskRequest,
     Terms,
+    Verdict,
     kind_to_bytes32,
 )
 
@@ -108,13 +110,15 @@ class Calls:
         task_id: int,
         attempt: int,
         proof_hash: bytes,
-        accepted: bool,
+        verdict: Verdict,
+        amount: int,
         report_hash: bytes,
         report_uri: str,
         reason: str,
     ) -> Call:
+        """`amount` is what the executor is paid of the price, wei; 0 unless accepted."""
         return self._tasks.call(
-            "postVerdict", task_id, attempt, proof_hash, accepted, report_hash, report_uri, reason
+            "postVerdict", task_id, attempt, proof_hash, verdict, amount, report_hash, report_uri, reason
         )
 
     def expire_task(self, task_id: int) -> Call:
@@ -187,11 +191,16 @@ class OrganizationCalls:
         """The sender must have approved the Organization."""
         return self._organization.call("deposit", amount)
 
-    def allow_kind(self, kind: str, allowed: bool) -> Call:
-        return self._organization.call("allowKind", kind_to_bytes32(kind), allowed)
+    def allow_kind(self, kind: str, review: Review) -> Call:
+        """What oracles judge needs `set_audit` first."""
+        return self._organization.call("allowKind", kind_to_bytes32(kind), review)
 
-    def set_review(self, kind: str, review: Review) -> Call:
-        return self._organization.call("setReview", kind_to_bytes32(kind), review)
+    def disallow_kind(self, kind: str) -> Call:
+        return self._organization.call("disallowKind", kind_to_bytes32(kind))
+
+    def set_audit(self, kind: str, audit_window: int, silence: Silence) -> Call:
+        """`audit_window` in seconds."""
+        return self._organization.call("setAudit", kind_to_bytes32(kind), audit_window, silence)
 
     def set_min_window(self, kind: str, min_window: int) -> Call:
         """`min_window` in seconds."""
@@ -228,6 +237,10 @@ class OrganizationCalls:
 
     def revoke_device(self, device: str, reason: Revocation) -> Call:
         return self._organization.call("revokeDevice", device, reason)
+
+    def post_root(self, device: str, day: int, root: bytes, uri: str) -> Call:
+        """What the device signed on `day`, counted from 1970-01-01 UTC. Sent by its owner or an operator."""
+        return self._organization.call("postRoot", device, day, root, uri)
 
     def grant_role(self, role: Role, account: str) -> Call:
         return self._organization.call("grantRole", role.id, account)

@@ -98,6 +98,11 @@ class ChainClient:
         found: str = self._view("Organization", "deviceNamed", kind_to_bytes32(role), kind_to_bytes32(name))
         return None if int(found, 16) == 0 else found
 
+    def root(self, device: str, day: int) -> bytes | None:
+        """The root of what the device signed on `day`, counted from 1970-01-01 UTC; None: not posted."""
+        found: bytes = self._view("Organization", "rootOf", to_checksum_address(device), day)
+        return found if any(found) else None
+
     def is_kind_allowed(self, kind: str) -> bool:
         return self._view("Organization", "isKindAllowed", kind_to_bytes32(kind))
 
@@ -116,6 +121,10 @@ class ChainClient:
 
     def may_judge(self, account: str, kind: str) -> bool:
         return self._view("Organization", "mayJudge", to_checksum_address(account), kind_to_bytes32(kind))
+
+    def may_audit(self, account: str) -> bool:
+        """Whether `account` may decide what an oracle left undecided."""
+        return self._view("Organization", "mayAudit", to_checksum_address(account))
 
     def administrator(self) -> ChecksumAddress:
         return self._view("Organization", "defaultAdmin")

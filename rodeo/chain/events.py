@@ -15,7 +15,17 @@ from eth_utils.abi import collapse_if_tuple, event_abi_to_log_topic
 from web3.types import LogReceipt
 
 from rodeo.chain import artifacts
-from rodeo.chain.types import Cause, Review, Revocation, ServiceState, checksummed, to_json, value
+from rodeo.chain.types import (
+    Cause,
+    Review,
+    Revocation,
+    ServiceState,
+    Silence,
+    Verdict,
+    checksummed,
+    to_json,
+    value,
+)
 from rodeo.errors import snake_case
 
 
@@ -73,10 +83,19 @@ class VerdictPosted(Event):
     task_id: int
     attempt: int
     proof_hash: bytes
-    accepted: bool
+    verdict: Verdict
+    amount: int
     report_hash: bytes
     report_uri: str
     reason: str
+
+
+@dataclass(frozen=True)
+class AuditRequested(Event):
+    task_id: int
+    attempt: int
+    deadline: int
+    silence: Silence
 
 
 @dataclass(frozen=True)
@@ -84,7 +103,7 @@ class TaskSettled(Event):
     task_id: int
     executor: str
     paid: int
-    surplus: int
+    refund: int
 
 
 @dataclass(frozen=True)
@@ -195,15 +214,29 @@ class DeviceRevoked(Event):
 
 
 @dataclass(frozen=True)
-class KindAllowed(Event):
-    kind: str
-    allowed: bool
+class WitnessRoot(Event):
+    device: str
+    day: int
+    root: bytes
+    uri: str
 
 
 @dataclass(frozen=True)
-class ReviewChanged(Event):
+class KindAllowed(Event):
     kind: str
     review: Review
+
+
+@dataclass(frozen=True)
+class KindDisallowed(Event):
+    kind: str
+
+
+@dataclass(frozen=True)
+class AuditChanged(Event):
+    kind: str
+    audit_window: int
+    silence: Silence
 
 
 @dataclass(frozen=True)

@@ -24,9 +24,11 @@ class TaskState(IntEnum):
     OPEN = 1
     ASSIGNED = 2
     SUBMITTED = 3
-    SETTLED = 4
-    CANCELLED = 5
-    FAILED = 6
+    UNDECIDED = 4
+    """The organization's auditors decide."""
+    SETTLED = 5
+    CANCELLED = 6
+    FAILED = 7
 
 
 class ServiceState(IntEnum):
@@ -41,8 +43,29 @@ class ServiceState(IntEnum):
 class Review(IntEnum):
     """Who judges the proofs of a kind."""
 
-    ORACLE = 0
-    AUDITOR = 1
+    NONE = 0
+    """Nobody has said: the kind was never allowed."""
+    ORACLE = 1
+    AUDITOR = 2
+
+
+class Verdict(IntEnum):
+    """What a judge says of a proof."""
+
+    NONE = 0
+    REJECTED = 1
+    ACCEPTED = 2
+    UNDECIDED = 3
+    """Neither side failed: the organization's auditors decide."""
+
+
+class Silence(IntEnum):
+    """Who wins when the auditors let their window pass."""
+
+    NONE = 0
+    """Nobody has said."""
+    EXECUTOR = 1
+    CREATOR = 2
 
 
 class Cause(IntEnum):
@@ -51,6 +74,7 @@ class Cause(IntEnum):
     REJECTED = 0
     EXECUTION_EXPIRED = 1
     VERDICT_EXPIRED = 2
+    AUDIT_EXPIRED = 3
 
 
 class Revocation(IntEnum):
@@ -108,6 +132,9 @@ class KindRules:
     review: Review
     min_window: int
     """The shortest execution window that a task may have, s."""
+    audit_window: int
+    """How long auditors may look at what an oracle could not decide, s; 0 where nobody has said."""
+    silence: Silence
 
 
 @dataclass(frozen=True)
@@ -130,7 +157,7 @@ class Task:
     reward: int
     kind: str
     price: int
-    """What the executor of the running or last attempt is paid, wei; 0 while open."""
+    """What the executor of the running or last attempt is paid at most, wei; 0 while open."""
     service_id: int
     """Service of the running or last attempt; 0 while open."""
     deadline: int
@@ -141,7 +168,7 @@ class Task:
     max_attempts: int
     state: TaskState
     proof_hash: bytes
-    """The proof that waits for its verdict; zeros unless SUBMITTED."""
+    """The proof that waits for its verdict; zeros unless SUBMITTED or UNDECIDED."""
 
 
 @dataclass(frozen=True)
@@ -231,6 +258,8 @@ _ENUMS: Mapping[str, type[IntEnum]] = {
     "enum Cause": Cause,
     "enum Review": Review,
     "enum Revocation": Revocation,
+    "enum Silence": Silence,
+    "enum Verdict": Verdict,
 }
 
 _STRUCTS: Mapping[str, type] = {

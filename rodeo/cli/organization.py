@@ -32,6 +32,7 @@ STATE_COLOURS = {
     "open": "yellow",
     "assigned": "cyan",
     "submitted": "blue",
+    "undecided": "magenta",
     "settled": "green",
     "cancelled": "dim",
     "failed": "red",

@@ -55,7 +55,12 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
     table.add_row("open to", "members" if state["members_only"] else "everybody")
     for kind in state["kinds"]:
         allowed = "judged by " + kind["review"] if kind["allowed"] else "not accepted"
-        table.add_row(kind["kind"], f"{allowed}, window of at least {kind['min_window_s']} s")
+        audit = (
+            f", {kind['audit_window_s']} s for auditors, then the {kind['silence']} wins"
+            if kind["review"] == "oracle"
+            else ""
+        )
+        table.add_row(kind["kind"], f"{allowed}, window of at least {kind['min_window_s']} s{audit}")
     for role, holders in sorted(state["roles"].items()):
         table.add_row(role, ", ".join(one["name"] or one["address"] for one in holders))
     console.print(table, highlight=False)
@@ -77,15 +82,31 @@ def policy(
 def kind(
     name: Annotated[str, typer.Argument(help="The kind of task.")],
     allowed: Annotated[bool, typer.Option("--allow/--disallow")] = True,
-    review: Annotated[str | None, typer.Option(help="Who judges it: oracle or auditor.")] = None,
+    review: Annotated[
+        str | None, typer.Option(help="Who judges it, needed to allow it: oracle or auditor.")
+    ] = None,
     min_window_s: Annotated[
         int | None, typer.Option("--min-window", help="Shortest execution window, in seconds.")
+    ] = None,
+    audit_window_s: Annotated[
+        int | None,
+        typer.Option("--audit-window", help="For auditors, when the oracle could not decide, in seconds."),
+    ] = None,
+    at_silence: Annotated[
+        str | None, typer.Option(help="Who wins when the auditors do not answer: executor or creator.")
     ] = None,
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:
     """Accept a kind of work, or no longer."""
-    fields = {"kind": name, "allowed": allowed, "review": review, "min_window_s": min_window_s}
+    fields = {
+        "kind": name,
+        "allowed": allowed,
+        "review": review,
+        "min_window_s": min_window_s,
+        "audit_window_s": audit_window_s,
+        "at_silence": at_silence,
+    }
     _send(site, participant, "allow_kind", **fields)
 
 

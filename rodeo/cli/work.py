@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -106,10 +107,13 @@ def judge(
     task_id: int,
     accepted: Annotated[bool, typer.Option("--accept/--reject", help="The verdict.")],
     reason: Annotated[str, typer.Option(help="Why, in words.")],
+    amount: Annotated[
+        str | None, typer.Option(help="What accepted work is paid, in IEC; the agreed price by default.")
+    ] = None,
     site: SiteOption = DEFAULT_SITE,
     participant: Annotated[str, typer.Option("--as", help="The auditor.")] = "organization",
 ) -> None:
-    """Judge a submitted proof as an auditor, for kinds of task that the oracle does not decide.
+    """Judge a submitted proof as an auditor: where people judge the kind, or the oracle could not decide.
 
     `rodeo task review` shows what is known of it.
     """
@@ -117,8 +121,18 @@ def judge(
     from rodeo.evidence import statement
 
     with connected(site) as (loaded, bus):
-        statement.judge(loaded, Participant(bus, loaded.org, participant), task_id, accepted, reason)
+        auditor = Participant(bus, loaded.org, participant)
+        statement.judge(loaded, auditor, task_id, accepted, reason, _amount(amount))
     console.print(f"task {task_id} {'accepted' if accepted else 'rejected'}")
+
+
+def _amount(text: str | None) -> Decimal | None:
+    if text is None:
+        return None
+    try:
+        return Decimal(text)
+    except InvalidOperation:
+        raise InvalidRequest("--amount is not an amount", amount=text) from None
 
 
 def _name(site: Site, participant: str | None) -> str:

@@ -12,6 +12,7 @@ import json
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from hashlib import sha256
 from pathlib import Path
 
@@ -57,6 +58,10 @@ class NotAccepted(RequestError):
 
 class NotSubmitted(RequestError):
     """There is no proof to judge."""
+
+
+class BadAmount(RequestError):
+    """No verdict pays this amount."""
 
 
 class BadPhoto(RequestError):
@@ -157,25 +162,41 @@ class Executor:
         return folder / f"{task.id}-{task.attempt}" / "recording.mcap"
 
 
-def judge(site: Site, auditor: Participant, task_id: int, accepted: bool, reason: str) -> None:
+def judge(
+    site: Site,
+    auditor: Participant,
+    task_id: int,
+    accepted: bool,
+    reason: str,
+    amount_iec: Decimal | None = None,
+) -> None:
     """An auditor's verdict on the proof that was submitted for a task, with a report of its own in the store.
 
-    A person's proof is only accepted if it can be read and its photos are pictures: raises NoStatement,
-    BadPhoto and EvidenceError. Raises StoreUnavailable, and what `Participant` raises: the contract refuses
-    who may not judge this kind.
+    Accepted work is paid `amount_iec`, by default the agreed price. A person's proof is only accepted if it
+    can be read and its photos are pictures: raises NoStatement, BadPhoto and EvidenceError. Raises BadAmount,
+    StoreUnavailable, and what `Participant` raises: the contract refuses who may not judge this kind.
     """
     task = auditor.task(task_id)
-    if task.proof_sha256 is None:
+    if amount_iec is not None and not (accepted and 0 < amount_iec <= (task.price_iec or 0)):
+        raise BadAmount(
+            "accepted work is paid more than nothing and at most its price, rejected work is not paid",
+            amount_iec=str(amount_iec),
+            price_iec=str(task.price_iec),
+            accepted=accepted,
+        )
+    if task.proof_sha256 is None or task.state not in ("submitted", "undecided"):
         raise NotSubmitted("no proof of this task waits for a verdict", task_id=task_id, state=task.state)
     if accepted and is_peoples(task.kind):
         for photo in fetch_statement(Store(site), task.proof_uri or "", task.proof_sha256).photos:
             check_photo(photo)
+    paid_iec = (amount_iec or task.price_iec) if accepted else None
     report = {
         "kind": task.kind,
         "task_id": task.id,
         "attempt": task.attempt,
         "proof_sha256": task.proof_sha256,
         "outcome": "accepted" if accepted else "rejected",
+        "amount_iec": None if paid_iec is None else str(paid_iec),
         "reason": reason,
         "auditor": auditor.name,
     }
@@ -186,7 +207,8 @@ def judge(site: Site, auditor: Participant, task_id: int, accepted: bool, reason
             task_id=task.id,
             attempt=task.attempt,
             proof_sha256=task.proof_sha256,
-            accepted=accepted,
+            outcome="accepted" if accepted else "rejected",
+            amount_iec=paid_iec,
             reason=reason,
             report_sha256=digest,
             report_uri=uri,

@@ -6,7 +6,7 @@ from typing import Any
 
 from rodeo.chain import Event, from_wei
 
-_AMOUNTS = frozenset({"reward", "price", "paid", "surplus", "refund", "value", "amount", "bond", "penalty"})
+_AMOUNTS = frozenset({"reward", "price", "paid", "refund", "value", "amount", "bond", "penalty"})
 """Arguments of contract events that are wei of IECoin."""
 
 

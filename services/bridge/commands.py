@@ -24,11 +24,14 @@ from rodeo.chain import (
     Revocation,
     Role,
     ServiceState,
+    Silence,
     TaskRequest,
     Terms,
+    Verdict,
     to_wei,
 )
 from rodeo.config import EconomyConfig
+from rodeo.dao import MACHINE_JUDGED
 from rodeo.errors import InvalidRequest
 from rodeo.evidence import Store
 from rodeo.messages import (
@@ -43,6 +46,7 @@ from rodeo.messages import (
     ExpireTask,
     GrantRole,
     MatchTask,
+    PostRoot,
     PostVerdict,
     Prepare,
     RegisterDevice,
@@ -63,6 +67,7 @@ from rodeo.messages import (
 from services.bridge.amounts import iec
 from services.bridge.errors import (
     InsufficientFunds,
+    KindWithoutChecks,
     NotThisWallets,
     RewardBelowPrice,
     UnknownCommand,
@@ -303,7 +308,8 @@ class Wallet:
                 command.task_id,
                 command.attempt,
                 _bytes32(command.proof_sha256),
-                command.accepted,
+                Verdict[command.outcome.upper()],
+                to_wei(command.amount_iec or Decimal(0)),
                 _bytes32(command.report_sha256),
                 command.report_uri,
                 command.reason,
@@ -359,15 +365,29 @@ class Wallet:
         reason = Revocation[command.reason.upper()]
         return [self.client.organization_calls.revoke_device(self.names.address(command.device), reason)]
 
+    def _post_root(self, command: PostRoot) -> list[Call]:
+        device = self.names.address(command.device)
+        calls = self.client.organization_calls
+        return [calls.post_root(device, command.day, _bytes32(command.root), command.uri)]
+
     def _allow_kind(self, command: AllowKind) -> list[Call]:
         calls = self.client.organization_calls
+        if command.review == "oracle" and command.kind not in MACHINE_JUDGED:
+            raise KindWithoutChecks(
+                "the oracle has no checks for this kind: let auditors judge it",
+                kind=command.kind,
+                kinds_with_checks=sorted(MACHINE_JUDGED),
+            )
         found: list[Call] = []
-        if command.review is not None:
-            found.append(calls.set_review(command.kind, Review[command.review.upper()]))
+        if command.audit_window_s is not None and command.at_silence is not None:
+            silence = Silence[command.at_silence.upper()]
+            found.append(calls.set_audit(command.kind, command.audit_window_s, silence))
         if command.min_window_s is not None:
             found.append(calls.set_min_window(command.kind, command.min_window_s))
+        if command.review is None:
+            return [*found, calls.disallow_kind(command.kind)]
         # Last, so that nobody posts such a task before its rules hold.
-        return [*found, calls.allow_kind(command.kind, command.allowed)]
+        return [*found, calls.allow_kind(command.kind, Review[command.review.upper()])]
 
     def _set_policy(self, command: SetPolicy) -> list[Call]:
         return [self.client.organization_calls.set_policy(Policy[command.policy.upper()])]
@@ -466,6 +486,7 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "withdraw": (Withdraw, Wallet._withdraw),
     "register_device": (RegisterDevice, Wallet._register_device),
     "revoke_device": (RevokeDevice, Wallet._revoke_device),
+    "post_root": (PostRoot, Wallet._post_root),
     "allow_kind": (AllowKind, Wallet._allow_kind),
     "set_policy": (SetPolicy, Wallet._set_policy),
     "set_terms": (SetTerms, Wallet._set_terms),

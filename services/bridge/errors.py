@@ -48,6 +48,10 @@ class UnknownTask(RequestError):
     """No such task was ever registered."""
 
 
+class KindWithoutChecks(RequestError):
+    """The oracle has no checks for this kind: people judge it."""
+
+
 class UnknownService(RequestError):
     """No such service was ever registered."""
 

@@ -277,6 +277,7 @@ class Index:
         late = select(tasks.id).where(
             ((tasks.state == "assigned") & (tasks.execution_deadline < now_s))
             | ((tasks.state == "submitted") & (tasks.verdict_deadline < now_s))
+            | ((tasks.state == "undecided") & (tasks.audit_deadline < now_s))
         )
         return [row["id"] for row in self._rows(late)]
 
@@ -337,6 +338,13 @@ class Index:
 
     def devices(self) -> list[Row]:
         return self._rows(select(schema.devices).order_by(schema.devices.c.registered))
+
+    def roots(self, device: str | None, page: Page) -> tuple[list[Row], int]:
+        """What was fixed of days, the newest first."""
+        roots = schema.roots.c
+        conditions = [] if device is None else [roots.device == device]
+        query = select(schema.roots).where(*conditions).order_by(roots.day.desc(), roots.device)
+        return self._page(query, page)
 
     def balances(self) -> dict[str, int]:
         """Address -> wei of IECoin, of everyone who ever had any."""

@@ -63,6 +63,7 @@ class Projection:
                     creator=event.creator,
                     reward=event.reward,
                     paid=0,
+                    refunded=0,
                     execution_window_s=event.execution_window,
                     verdict_window_s=event.verdict_window,
                     params=params,
@@ -98,15 +99,28 @@ class Projection:
             case events.VerdictPosted():
                 self._change_task(
                     event.task_id,
-                    verdict="accepted" if event.accepted else "rejected",
+                    verdict=event.verdict.name.lower(),
                     reason=event.reason,
                     report_sha256="0x" + event.report_hash.hex(),
                     report_uri=event.report_uri,
                 )
+            case events.AuditRequested():
+                self._release_service(event.task_id, None)
+                self._change_task(
+                    event.task_id,
+                    state="undecided",
+                    audit_deadline=event.deadline,
+                    at_silence=event.silence.name.lower(),
+                )
             case events.TaskSettled():
                 self._release_service(event.task_id, "completed")
                 self._change_task(
-                    event.task_id, state="settled", settled=time_s, ended=time_s, paid=event.paid
+                    event.task_id,
+                    state="settled",
+                    settled=time_s,
+                    ended=time_s,
+                    paid=event.paid,
+                    refunded=event.refund,
                 )
             case events.TaskRequeued():
                 self._release_service(event.task_id, _COUNTER[event.cause])
@@ -119,10 +133,14 @@ class Projection:
             case events.TaskFailed():
                 self._release_service(event.task_id, _COUNTER[event.cause])
                 self._change_task(
-                    event.task_id, **_VERDICT_OF_EXPIRY.get(event.cause, {}), state="failed", ended=time_s
+                    event.task_id,
+                    **_VERDICT_OF_EXPIRY.get(event.cause, {}),
+                    state="failed",
+                    ended=time_s,
+                    refunded=event.refund,
                 )
             case events.TaskCancelled():
-                self._change_task(event.task_id, state="cancelled", ended=time_s)
+                self._change_task(event.task_id, state="cancelled", ended=time_s, refunded=event.refund)
             case events.ServiceRegistered():
                 rows.add(
                     schema.services,
@@ -177,10 +195,24 @@ class Projection:
             case events.DeviceRevoked():
                 because = event.reason.name.lower()
                 rows.change(schema.devices, event.device, revoked=time_s, revoked_because=because)
+            case events.WitnessRoot():
+                rows.add(
+                    schema.roots,
+                    device=event.device,
+                    day=event.day,
+                    root="0x" + event.root.hex(),
+                    uri=event.uri,
+                    block=log.block,
+                    time_s=time_s,
+                    tx_hash=log.tx_hash,
+                )
             case events.KindAllowed():
-                self._change_kind(event.kind, allowed=event.allowed)
-            case events.ReviewChanged():
-                self._change_kind(event.kind, review=event.review.name.lower())
+                self._change_kind(event.kind, allowed=True, review=event.review.name.lower())
+            case events.KindDisallowed():
+                self._change_kind(event.kind, allowed=False)
+            case events.AuditChanged():
+                silence = event.silence.name.lower()
+                self._change_kind(event.kind, audit_window_s=event.audit_window, silence=silence)
             case events.MinWindowChanged():
                 self._change_kind(event.kind, min_window_s=event.min_window)
             case events.TermsChanged():
@@ -212,12 +244,23 @@ class Projection:
         self.rows.put(schema.kinds, **{**self._kind(kind), **values})
 
     def _kind(self, kind: str) -> Mapping[str, Any]:
-        unknown = {"kind": kind, "allowed": False, "review": "oracle", "min_window_s": 0, "places": 0}
+        unknown = {
+            "kind": kind,
+            "allowed": False,
+            "review": "none",
+            "min_window_s": 0,
+            "audit_window_s": 0,
+            "silence": "none",
+            "places": 0,
+        }
         return self.rows.find(schema.kinds, kind) or unknown
 
     def _release_service(self, task_id: int, counter: str | None) -> None:
         """The attempt at the task is over for the service that made it."""
-        service = self.rows.get(schema.services, self.rows.get(schema.tasks, task_id)["service_id"])
+        task = self.rows.get(schema.tasks, task_id)
+        if task["state"] == "undecided":
+            return  # over since it was left undecided
+        service = self.rows.get(schema.services, task["service_id"])
         values: dict[str, Any] = {"task_id": None}
         if counter is not None:
             values[counter] = service[counter] + 1
@@ -282,7 +325,7 @@ class Projection:
             case events.TaskSettled():
                 return [
                     _Reason("payment", event.task_id, tasks, event.executor, event.paid),
-                    _Reason("surplus", event.task_id, tasks, None, event.surplus),
+                    _Reason("surplus", event.task_id, tasks, None, event.refund),
                 ]
             case events.TaskFailed() | events.TaskCancelled():
                 return [_Reason("refund", event.task_id, tasks, None, event.refund)]
@@ -331,6 +374,8 @@ class _Reason:
 _OF_ATTEMPT = (
     "proof_submitted",
     "verdict_deadline",
+    "audit_deadline",
+    "at_silence",
     "proof_sha256",
     "proof_uri",
     "verdict",
@@ -347,6 +392,8 @@ _OF_ASSIGNMENT = (
     "assigned",
     "execution_deadline",
     "verdict_deadline",
+    "audit_deadline",
+    "at_silence",
     "nonce",
 )
 """Columns that only an assigned task has."""
@@ -366,6 +413,7 @@ _COUNTER: dict[Cause, str | None] = {
     Cause.REJECTED: "rejected",
     Cause.EXECUTION_EXPIRED: "expired",
     Cause.VERDICT_EXPIRED: None,
+    Cause.AUDIT_EXPIRED: None,
 }
 """What a failed attempt adds to its service's record; a verdict that never came is not its fault."""
 

@@ -92,6 +92,15 @@ class HistoryRange(Message):
     bucket_s: Annotated[float, Field(ge=1, le=2**32)] = 3600
 
 
+class RootFilters(Message):
+    """Parameters of `state/roots`."""
+
+    device: Party | None = None
+    """Address of the key."""
+    limit: Limit = 100
+    offset: Id = 0
+
+
 class Account(Message):
     """Parameter of `state/wallet`."""
 
@@ -120,6 +129,7 @@ class Queries:
             "transactions": self._transactions,
             "history": self._history,
             "devices": self._devices,
+            "roots": self._roots,
             "organization": self._organization,
             "chain": self._chain,
             "events": self._events,
@@ -341,16 +351,19 @@ class Queries:
             ]
         }
 
+    def _roots(self, request: Request) -> Json:
+        wanted = validate(RootFilters, request.parameters)
+        device = None if wanted.device is None else self._names.address(wanted.device)
+        rows, total = self._index.roots(device, Page(wanted.limit, wanted.offset))
+        return {"roots": rows, "total": total}
+
     def _organization(self, _request: Request) -> Json:
         address = self._names.addresses[ORGANIZATION]
         return {
             "address": address,
             "treasury_iec": iec(self._index.balance(address)),
             "policy": self._names.policy(self._index.setting("policy") or self._client.policy()),
-            "kinds": [
-                {key: row[key] for key in ("kind", "allowed", "review", "min_window_s")}
-                for row in self._index.all_kinds()
-            ],
+            "kinds": [{key: row[key] for key in _OF_KIND} for row in self._index.all_kinds()],
             "terms": self._index.setting("terms") or {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
             "members_only": bool(self._index.setting("members_only")),
             "roles": {
@@ -394,7 +407,7 @@ class Queries:
 
     def _task_json(self, row: Mapping[str, Any]) -> Json:
         """`rodeo.messages.Task`."""
-        amounts = {"reward", "price", "paid"}
+        amounts = {"reward", "price", "paid", "refunded"}
         return {
             **{key: value for key, value in row.items() if key not in {*amounts, "text", "ended"}},
             **{f"{key}_iec": None if row[key] is None else iec(row[key]) for key in sorted(amounts)},
@@ -402,6 +415,8 @@ class Queries:
             "executor_name": self._names.name(row["executor"]),
         }
 
+
+_OF_KIND = ("kind", "allowed", "review", "min_window_s", "audit_window_s", "silence")
 
 _OF_TRANSFER = ("seq", "block", "time_s", "tx_hash", "sender", "to", "task_id", "reason")
 

@@ -21,7 +21,7 @@ from sqlalchemy import (
     TypeDecorator,
 )
 
-VERSION = 4
+VERSION = 5
 """Raised when what is written to the tables changes; an index of another version is rebuilt."""
 
 metadata = MetaData()
@@ -114,6 +114,7 @@ tasks = Table(
     Column("reward", Wei, nullable=False),
     Column("price", Wei),
     Column("paid", Wei, nullable=False),
+    Column("refunded", Wei, nullable=False, doc="what the creator has back of the reward"),
     Column("params", JSON, nullable=False),
     Column("description", Written, nullable=False),
     Column("text", Written, nullable=False, doc="lower case; what a search looks through"),
@@ -124,6 +125,8 @@ tasks = Table(
     Column("ended", Float, doc="settled, cancelled or failed"),
     Column("execution_deadline", Float),
     Column("verdict_deadline", Float),
+    Column("audit_deadline", Float),
+    Column("at_silence", String(16), doc="who wins if the auditors do not answer: executor or creator"),
     Column("execution_window_s", BigInteger, nullable=False),
     Column("verdict_window_s", BigInteger, nullable=False),
     Column("nonce", String(66)),
@@ -169,13 +172,28 @@ devices = Table(
     Column("revoked_because", String(16), doc="superseded or compromised"),
 )
 
+roots = Table(
+    "roots",
+    metadata,
+    Column("device", String(42), primary_key=True),
+    Column("day", BigInteger, primary_key=True, autoincrement=False, doc="from 1970-01-01 UTC"),
+    Column("root", String(66), nullable=False),
+    Column("uri", Written, nullable=False),
+    Column("block", BigInteger, nullable=False),
+    Column("time_s", BigInteger, nullable=False),
+    Column("tx_hash", String(66), nullable=False),
+    comment="what devices signed on a day, as it was fixed on chain",
+)
+
 kinds = Table(
     "kinds",
     metadata,
     Column("kind", Word, primary_key=True),
     Column("allowed", Boolean, nullable=False),
-    Column("review", String(16), nullable=False, doc="who judges it: oracle or auditor"),
+    Column("review", String(16), nullable=False, doc="who judges it: oracle, auditor, or none yet"),
     Column("min_window_s", BigInteger, nullable=False),
+    Column("audit_window_s", BigInteger, nullable=False),
+    Column("silence", String(16), nullable=False, doc="who wins if the auditors do not answer, or none"),
     Column("places", BigInteger, nullable=False, doc="given to idle services until now"),
 )
 

@@ -28,6 +28,7 @@ from rodeo.messages import (
     Id,
     MatchTask,
     Message,
+    Payment,
     RegisterDevice,
     RegisterService,
     RegisterTask,
@@ -114,6 +115,8 @@ class Judge(Message):
     task_id: Id
     accepted: bool
     reason: Annotated[str, StringConstraints(min_length=1, max_length=500)]
+    amount_iec: Payment | None = None
+    """What accepted work is paid; the agreed price by default."""
 
 
 class Nothing(Message):
@@ -244,7 +247,7 @@ def _submit_work(actions: Actions, user: User, request: SubmitWork) -> Json:
 
 def _judge(actions: Actions, user: User, request: Judge) -> Json:
     auditor = Participant(actions.bus, actions.site.org, user.participant or ORGANIZATION)
-    judge(actions.site, auditor, request.task_id, request.accepted, request.reason)
+    judge(actions.site, auditor, request.task_id, request.accepted, request.reason, request.amount_iec)
     return {"task_id": request.task_id, "accepted": request.accepted}
 
 
@@ -325,7 +328,7 @@ _TABLE = (
     Action("accept_work", "Take on a task that is assigned to you", TaskId, _EXECUTOR, _accept_work),
     Action("submit_work", "Hand in note and photos as the proof of your work", SubmitWork, _EXECUTOR,
            _submit_work),
-    Action("judge", "Approve or reject a proof that the rules leave to an auditor", Judge, _AUDITOR, _judge),
+    Action("judge", "Approve or reject a proof that waits for an auditor", Judge, _AUDITOR, _judge),
     Action("create_user", "Make an account for a person", NewUser, _ADMINISTRATOR, _create_user),
     Action("change_user", "Change roles or disable an account", ChangedUser, _ADMINISTRATOR, _change_user),
     Action("set_passphrase", "Set a new passphrase", NewPassphrase, _ANYBODY, _set_passphrase),

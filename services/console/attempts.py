@@ -27,10 +27,12 @@ class Attempt:
     proof_sha256: str | None = None
     proof_uri: str | None = None
     verdict: str | None = None
-    """accepted, rejected or expired"""
+    """accepted, rejected, undecided or expired"""
     reason: str | None = None
     report_sha256: str | None = None
     report_uri: str | None = None
+    paid_iec: str | None = None
+    """What the executor was paid for it."""
 
 
 def happened(events: Iterable[DaoEvent]) -> list[DaoEvent]:
@@ -60,13 +62,13 @@ def attempts(events: Iterable[DaoEvent]) -> list[Attempt]:
         elif event.name == "VerdictPosted":
             made[-1] = replace(
                 made[-1],
-                verdict="accepted" if args["accepted"] else "rejected",
+                verdict=args["verdict"],
                 reason=args["reason"],
                 report_sha256=args["report_hash"],
                 report_uri=args["report_uri"],
             )
         elif event.name in ("TaskSettled", "TaskFailed", "TaskRequeued"):
-            made[-1] = replace(made[-1], ended_s=event.time_s)
+            made[-1] = replace(made[-1], ended_s=event.time_s, paid_iec=args.get("paid_iec"))
             if (expiry := _EXPIRED.get(args.get("cause", ""))) is not None:
                 made[-1] = replace(made[-1], verdict="expired", reason=expiry)
     return made

@@ -251,7 +251,7 @@ class Live:
     def _summarize(self) -> Summary:
         counts: dict[str, int] = {}
         queue: list[Task] = []
-        for state in ("submitted", "assigned", "open"):
+        for state in ("undecided", "submitted", "assigned", "open"):
             found, counts[state] = self._reads.tasks(QUEUE_SHOWN, state=state, order="oldest")
             queue += found
         judged, counts["ended"] = self._reads.tasks(_ENDED_ASKED, state="settled,failed")

@@ -196,6 +196,7 @@ def _questions(api: FastAPI, console: Console, caller: Any) -> None:
         "services": "Services on offer and their records.",
         "wallets": "Balances of the site's participants.",
         "devices": "Keys that may sign evidence.",
+        "roots": "What devices signed on a day, as it was fixed on chain.",
         "chain": "The chain, its contracts and the kinds of work that are accepted.",
     }.items():
         api.get(f"/{name}", name=name, description=summary)(_state(console, name, caller))

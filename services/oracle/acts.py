@@ -321,7 +321,8 @@ def _submissions(events: Iterable[DaoEvent]) -> Iterator[Submission]:
 
 def outcome_of(verdict: DaoEvent) -> Outcome:
     """What a VerdictPosted says."""
-    return "accepted" if verdict.args["accepted"] else "rejected"
+    outcome: Outcome = verdict.args["verdict"]
+    return outcome
 
 
 def _overlap(wanted: dict[str, list[Act]], others: Iterable[Act]) -> tuple[Act, Act] | None:

@@ -170,16 +170,14 @@ class Oracle:
 
     def _post(self, task: Task, report: Report, report_sha256: str, report_uri: str) -> bool:
         """Post the verdict; False when the task was decided meanwhile."""
-        if report.outcome == "undecided":
-            log.error("task %d attempt %d: this chain knows no third verdict", task.id, task.attempt)
-            return False
         verdict = PostVerdict(
             # A verification repeated after a crash may find other words for the same proof.
             request_id=f"verdict-{task.id}-{task.attempt}-{report_sha256}",
             task_id=task.id,
             attempt=task.attempt,
             proof_sha256=task.proof_sha256 or "",
-            accepted=report.accepted,
+            outcome=report.outcome,
+            amount_iec=(report.amount_iec or task.price_iec) if report.accepted else None,
             reason=report.reason,
             report_sha256=report_sha256,
             report_uri=report_uri,

@@ -5,10 +5,11 @@ from __future__ import annotations
 from decimal import Decimal
 
 from rodeo.dao import Participant
-from rodeo.messages import LIVE_STATES, RegisterTask, Task, UpdateService
+from rodeo.messages import RegisterTask, Task, UpdateService
 from services.robot_agent.errors import CapReached
 
-_REFUNDED = ("cancelled", "failed")
+_AHEAD = ("open", "assigned", "submitted")
+"""A task is still to be done or judged. What auditors decide may take days: nobody waits for it."""
 DAY_S = 24 * 3600.0
 
 
@@ -17,7 +18,7 @@ class Account(Participant):
 
     def own_live_task(self, kind: str) -> Task | None:
         """The newest task of this kind that this participant posted and that is not over."""
-        live = [task for task in self.tasks(kind=kind, creator=self.name) if task.state in LIVE_STATES]
+        live = [task for task in self.tasks(kind=kind, creator=self.name) if task.state in _AHEAD]
         return max(live, key=lambda task: task.id, default=None)
 
     def count(self, kind: str) -> int:
@@ -27,7 +28,7 @@ class Account(Participant):
     def spent_iec(self, since_s: float) -> Decimal:
         """What went into own tasks since `since_s` and did not come back."""
         recent = [task for task in self.tasks(creator=self.name) if task.registered >= since_s]
-        return sum((t.reward_iec for t in recent if t.state not in _REFUNDED), Decimal(0))
+        return sum((t.reward_iec - t.refunded_iec for t in recent), Decimal(0))
 
     def post(self, request: RegisterTask, now_s: float, cap_iec: Decimal) -> int:
         """Post a task; returns its id. Raises CapReached when 24 hours would cost more than `cap_iec`."""

@@ -303,5 +303,5 @@ def verdict(dao: Dao, task_id: int, attempt: int) -> str:
         ]
 
     dao.wait_for(lambda: bool(posted()), f"a verdict on task {task_id} attempt {attempt}")
-    assert posted()[0]["accepted"] is False
+    assert posted()[0]["verdict"] == "rejected"
     return str(posted()[0]["reason"])

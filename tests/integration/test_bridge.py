@@ -287,7 +287,8 @@ def test_tokens_move_between_participants(dao: Dao) -> None:
                 "task_id": 1,
                 "attempt": 1,
                 "proof_sha256": "0x" + "a" * 64,
-                "accepted": True,
+                "outcome": "accepted",
+                "amount_iec": "1",
                 "reason": "mine",
                 "report_sha256": "0x" + "b" * 64,
                 "report_uri": "",
@@ -402,12 +403,15 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
     dao.command("organization", "revoke_device", device=device, reason="compromised")
     (known,) = [one for one in dao.state("devices")["devices"] if one["address"] == device]
     assert known["revoked"] is not None and known["revoked_because"] == "compromised"
-    dao.command("organization", "allow_kind", kind="watering")
-    watering = {"kind": "watering", "allowed": True, "review": "oracle", "min_window_s": 0}
-    assert watering in dao.state("organization")["kinds"]
+    # Nobody allows a kind without saying who judges it, and the oracle judges what it has checks for.
+    for fields, code in (({}, "invalid_request"), ({"review": "oracle"}, "kind_without_checks")):
+        with pytest.raises(RemoteError) as refused:
+            dao.command("organization", "allow_kind", kind="watering", **fields)
+        assert refused.value.code == code
+    assert "watering" not in dao.state("chain")["kinds"]
     dao.command("organization", "allow_kind", kind="watering", review="auditor", min_window_s=60)
-    watering |= {"review": "auditor", "min_window_s": 60}
-    assert watering in dao.state("organization")["kinds"]
+    watering = {"kind": "watering", "allowed": True, "review": "auditor", "min_window_s": 60}
+    assert watering | {"audit_window_s": 0, "silence": "none"} in dao.state("organization")["kinds"]
     dao.command("organization", "allow_kind", kind="watering", allowed=False)
     assert "watering" not in dao.state("chain")["kinds"]
     before = dao.balances()
@@ -422,12 +426,83 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
         "deposit": {"amount_iec": "1"},
         "withdraw": {"to": "panther1", "amount_iec": "1"},
         "register_device": {"device": "0x" + "13" * 20, "role": "bin", "owner": "panther1", "name": "b"},
-        "allow_kind": {"kind": "watering"},
+        "allow_kind": {"kind": "watering", "review": "auditor"},
     }.items():
         with pytest.raises(RemoteError) as refused:
             dao.command("panther1", command, **fields)
         assert refused.value.code == "access_control_unauthorized_account", command
     dao.command("organization", "withdraw", to="panther1", amount_iec="30")
+
+
+def test_a_part_of_the_work_is_paid_in_part_and_the_ledger_tells_both(dao: Dao) -> None:
+    before = dao.balances()
+    task_id = dao.post("120")
+    dao.prove(task_id)
+    for fields, code in (
+        ({"outcome": "accepted", "amount_iec": "100.5"}, "invalid_amount"),
+        ({"outcome": "accepted", "amount_iec": "0"}, "invalid_amount"),
+        ({"outcome": "accepted"}, "invalid_request"),
+        ({"outcome": "rejected", "amount_iec": "1"}, "invalid_request"),
+    ):
+        with pytest.raises(RemoteError) as refused:
+            dao.verdict(task_id, **fields)
+        assert refused.value.code == code
+    dao.verdict(task_id, "accepted", "a third", amount_iec="30.5")
+    task = dao.task(task_id)
+    assert (task["state"], task["verdict"]) == ("settled", "accepted")
+    assert (task["paid_iec"], task["refunded_iec"], task["price_iec"]) == ("30.5", "89.5", "100")
+    after = dao.balances()
+    assert after["panther1"] == before["panther1"] + 30.5
+    assert after["organization"] == before["organization"] - 30.5
+    moved = dao.state("transfers", task_id=task_id)["transfers"]
+    assert [(one["reason"], one["amount_iec"]) for one in reversed(moved)] == [
+        ("escrow", "120"),
+        ("payment", "30.5"),
+        ("surplus", "89.5"),
+    ]
+
+
+def test_what_the_oracle_cannot_decide_auditors_do_and_their_silence_as_the_kind_says(dao: Dao) -> None:
+    audited, silent = dao.post("100"), 0
+    dao.prove(audited)
+    dao.verdict(audited, "undecided", "the verification hung twice")
+    task = dao.task(audited)
+    assert (task["state"], task["verdict"], task["at_silence"]) == ("undecided", "undecided", "executor")
+    with pytest.raises(RemoteError) as refused:
+        dao.judge(audited, accepted=True)
+    assert refused.value.code == "not_judge"
+    with pytest.raises(RemoteError) as refused:
+        dao.verdict(audited, "undecided", "I do not know either", judge="organization")
+    assert refused.value.code == "auditor_must_decide"
+    # The robot is free for its next task meanwhile, and its proof is kept.
+    silent = dao.post("100")
+    assert dao.task(silent)["state"] == "assigned"
+    dao.prove(silent, digit="c")
+    dao.verdict(audited, "accepted", "seen on the recording", judge="organization", amount_iec="60")
+    task = dao.task(audited)
+    assert (task["state"], task["verdict"], task["paid_iec"]) == ("settled", "accepted", "60")
+
+    before = dao.balances()
+    dao.verdict(silent, "undecided", "the verification hung twice")
+    dao.set_clock(dao.task(silent)["audit_deadline"] + 2)
+    dao.wait_for(lambda: "TaskSettled" in dao.names_of(silent), "the end of the auditors' window")
+    task = dao.task(silent)
+    assert (task["state"], task["verdict"], task["paid_iec"]) == ("settled", "undecided", "100")
+    assert dao.balances()["panther1"] == before["panther1"] + 100
+
+
+def test_the_root_of_a_day_is_posted_once_and_known(dao: Dao) -> None:
+    (device,) = [one for one in dao.state("devices")["devices"] if one["role"] == "robot"]
+    fields = {"device": device["address"], "day": 3, "root": "0x" + "d" * 64, "uri": "file:///day"}
+    with pytest.raises(RemoteError) as refused:
+        dao.command("oracle", "post_root", **fields)
+    assert refused.value.code == "not_device_owner"
+    dao.command("panther1", "post_root", **fields)
+    with pytest.raises(RemoteError) as refused:
+        dao.command("organization", "post_root", **fields)
+    assert refused.value.code == "root_already_posted"
+    (root,) = dao.state("roots", device=device["address"])["roots"]
+    assert {name: root[name] for name in fields} == fields and root["time_s"] > 0
 
 
 def test_a_dry_run_tells_the_cost_and_changes_nothing(dao: Dao) -> None:
@@ -518,7 +593,7 @@ def test_the_organization_sets_its_terms_and_its_members(dao: Dao) -> None:
     for policy in ("lowest_price", "highest_reputation", "first_come"):
         dao.command("organization", "set_policy", policy=policy)
         assert dao.state("organization")["policy"] == policy
-    dao.command("organization", "allow_kind", kind="sweeping")
+    dao.command("organization", "allow_kind", kind="sweeping", review="auditor")
     dao.command("organization", "set_terms", bond_iec="50", penalty_iec="20", max_failures=2)
     terms = {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2}
     assert dao.state("organization")["terms"] == terms
@@ -528,7 +603,7 @@ def test_the_organization_sets_its_terms_and_its_members(dao: Dao) -> None:
     for _ in range(2):
         task_id = dao.post("10", kind="sweeping", params={}, max_attempts=1)
         dao.prove(task_id)
-        dao.judge(task_id, accepted=False, reason="dusty")
+        dao.judge(task_id, accepted=False, reason="dusty", judge="organization")
     (service,) = dao.state("services", kind="sweeping")["services"]
     assert (service["state"], service["bond_iec"], service["failures"]) == ("suspended", "10", 2)
     reasons = [one["reason"] for one in dao.state("transfers", account="panther1", limit=3)["transfers"]]

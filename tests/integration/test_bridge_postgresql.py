@@ -10,7 +10,7 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
-from rodeo.chain import Cause, Event, Log, events
+from rodeo.chain import Cause, Event, Log, Review, Verdict, events
 from services.bridge import journal, schema
 from services.bridge.database import migrate, open_database
 from services.bridge.index import NOWHERE, UNDONE, Index, Page, Position, TimedLog, sqlite_url
@@ -38,7 +38,7 @@ def history() -> list[list[Event]]:
     """Blocks with everything that the index keeps."""
     iec = 10**18
     return [
-        [events.Transfer("0x" + "0" * 40, CREATOR, 2**256 - 1), events.KindAllowed("waste", True)],
+        [events.Transfer("0x" + "0" * 40, CREATOR, 2**256 - 1), events.KindAllowed("waste", Review.ORACLE)],
         [
             events.ServiceRegistered(1, ROBOT, "waste", 100 * iec, HOSTILE),
             events.TermsAgreed(1, 50 * iec, 20 * iec, 2),
@@ -50,7 +50,7 @@ def history() -> list[list[Event]]:
         ],
         [events.ProofSubmitted(1, 1, ROBOT, b"\x0a" * 32, HOSTILE, 1700)],
         [
-            events.VerdictPosted(1, 1, b"\x0a" * 32, False, b"\x0b" * 32, HOSTILE, HOSTILE),
+            events.VerdictPosted(1, 1, b"\x0a" * 32, Verdict.REJECTED, 0, b"\x0b" * 32, HOSTILE, HOSTILE),
             events.BondPenalized(1, 1, 20 * iec),
             events.TaskRequeued(1, 1, Cause.REJECTED),
         ],

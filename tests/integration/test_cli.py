@@ -274,6 +274,7 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     assert (now["policy"], now["members_only"]) == ("lowest_price", True)
     assert now["terms"] == {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2}
     rules = {"kind": "sweeping", "allowed": True, "review": "auditor", "min_window_s": 120}
+    rules |= {"audit_window_s": 0, "silence": "none"}
     assert rules in now["kinds"]
     assert "panther1" in {one["name"] for one in now["roles"]["AUDITOR_ROLE"]}
     assert "panther1" in {one["name"] for one in now["roles"]["MEMBER_ROLE"]}
@@ -293,6 +294,8 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     after = state()
     assert rules | {"allowed": False} in after["kinds"]
     assert all(after[name] == before[name] for name in ("policy", "members_only", "terms", "roles"))
+    assert "kind_without_checks" in organization("kind", "sweeping", "--review", "oracle", status=1)
+    assert "invalid_request" in organization("kind", "sweeping", status=1)
     assert "invalid_request" in organization("policy", "chance", status=1)
     assert "unknown_participant" in organization("admit", "bob", status=1)
     assert "unknown_service" in organization("suspend", "12345", status=1)

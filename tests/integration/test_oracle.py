@@ -125,7 +125,7 @@ def test_honest_work_is_accepted_and_paid(dao: Dao, executor: Executor) -> None:
     before = dao.balances()
     task_id = executor.assigned()
     verdict = honest(executor, task_id)
-    assert (verdict["accepted"], verdict["reason"]) == (True, "accepted")
+    assert (verdict["verdict"], verdict["reason"]) == ("accepted", "accepted")
     dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "settlement")
     after = dao.balances()
     assert after["panther1"] == before["panther1"] + 100
@@ -163,7 +163,7 @@ def test_bad_proofs_get_their_own_reasons_and_the_next_is_served(dao: Dao, execu
     assert "readable_and_sealed: truncated_proof" in verdict["reason"]
     dao.wait_for(lambda: "TaskFailed" in dao.names_of(task_id), "the refund")
 
-    assert honest(executor, executor.assigned())["accepted"]
+    assert honest(executor, executor.assigned())["verdict"] == "accepted"
 
 
 def test_a_uri_that_goes_around_the_bridge_is_refused_by_the_oracle(dao: Dao, executor: Executor) -> None:
@@ -178,10 +178,10 @@ def test_a_proof_of_another_task_is_refused(executor: Executor) -> None:
     first = executor.assigned()
     uri = executor.store.put(executor.record(first))
     sha256 = "0x" + uri.rpartition("/")[2].removesuffix(".mcap")
-    assert executor.verdict(first, executor.submit(first, sha256, uri))["accepted"]
+    assert executor.verdict(first, executor.submit(first, sha256, uri))["verdict"] == "accepted"
     second = executor.assigned(max_attempts=1)
     verdict = executor.verdict(second, executor.submit(second, sha256, uri))
-    assert not verdict["accepted"]
+    assert verdict["verdict"] == "rejected"
     assert verdict["reason"].startswith("task_binding")
 
 
@@ -192,7 +192,7 @@ def test_an_oracle_that_was_killed_decides_what_was_submitted_meanwhile(dao: Dao
     sha256 = "0x" + uri.rpartition("/")[2].removesuffix(".mcap")
     attempt = executor.submit(task_id, sha256, uri)
     dao.running.start("oracle")
-    assert executor.verdict(task_id, attempt)["accepted"]
+    assert executor.verdict(task_id, attempt)["verdict"] == "accepted"
 
 
 def test_an_oracle_that_is_killed_while_verifying_decides_after_its_restart(
@@ -206,7 +206,7 @@ def test_an_oracle_that_is_killed_while_verifying_decides_after_its_restart(
     attempt = executor.submit(task_id, sha256, uri)
     dao.running.kill("oracle")
     dao.running.start("oracle")
-    assert executor.verdict(task_id, attempt)["accepted"]
+    assert executor.verdict(task_id, attempt)["verdict"] == "accepted"
 
 
 # -- acts are paid for once ------------------------------------------------------------------------------
@@ -227,7 +227,7 @@ def twice(dao: Dao, executor: Executor) -> Iterator[tuple[int, int]]:
 
 
 def spent(verdict: dict[str, Any], by: int) -> None:
-    assert not verdict["accepted"]
+    assert verdict["verdict"] == "rejected"
     assert verdict["reason"].startswith("acts_unspent: "), verdict["reason"]
     assert f"was paid for in task {by} attempt 1" in verdict["reason"]
 
@@ -239,7 +239,7 @@ def test_of_two_proofs_of_one_act_the_one_submitted_first_is_paid(
     proofs = {task_id: stored(executor, task_id) for task_id in twice}
     executor.submit(second, *proofs[second])
     executor.submit(first, *proofs[first])  # verified side by side
-    assert executor.verdict(second, 1)["accepted"]
+    assert executor.verdict(second, 1)["verdict"] == "accepted"
     spent(executor.verdict(first, 1), by=second)
 
 
@@ -250,7 +250,7 @@ def test_what_was_paid_for_is_known_after_a_restart_and_awaited_while_the_store_
     proofs = {task_id: stored(executor, task_id) for task_id in twice}
     executor.submit(first, *proofs[first])
     verdict = executor.verdict(first, 1)
-    assert verdict["accepted"]
+    assert verdict["verdict"] == "accepted"
     dao.running.kill("oracle")
     report = Path(dao.site.store_url.removeprefix("file://"), verdict["report_uri"].rpartition("/")[2])
     lost = report.rename(report.with_suffix(".lost"))
@@ -279,12 +279,12 @@ def test_a_copied_proof_hash_earns_nothing_and_costs_its_owner_nothing(
     if thief_first:
         thief.submit_proof(theirs, 1, *proof)
         assert executor.verdict(theirs, 1)["reason"].startswith("task_binding")
-        assert executor.verdict(own, executor.submit(own, *proof))["accepted"]
+        assert executor.verdict(own, executor.submit(own, *proof))["verdict"] == "accepted"
     else:
-        assert executor.verdict(own, executor.submit(own, *proof))["accepted"]
+        assert executor.verdict(own, executor.submit(own, *proof))["verdict"] == "accepted"
         thief.submit_proof(theirs, 1, *proof)
         assert executor.verdict(theirs, 1)["reason"].startswith("task_binding")
     (other,) = set(tasks) - {theirs}
     executor.submit(other, "0x" + "ee" * 32, f"{dao.site.store_url}/{'ee' * 32}.mcap")
-    assert not executor.verdict(other, 1)["accepted"]
+    assert executor.verdict(other, 1)["verdict"] == "rejected"
     dao.command("thief", "update_service", service_id=int(service), state="retired")

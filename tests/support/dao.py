@@ -74,19 +74,30 @@ class Dao:
         )
         return "0x" + sha256
 
-    def judge(self, task_id: int, accepted: bool, reason: str = "as it should be") -> None:
-        """The oracle's verdict on the submitted proof."""
+    def judge(
+        self, task_id: int, accepted: bool, reason: str = "as it should be", judge: str = "oracle"
+    ) -> None:
+        """The oracle's verdict on the submitted proof, at the full price."""
+        task = self.task(task_id)
+        amount = {"amount_iec": task["price_iec"]} if accepted else {}
+        self.verdict(task_id, "accepted" if accepted else "rejected", reason, judge, **amount)
+
+    def verdict(
+        self, task_id: int, outcome: str, reason: str = "", judge: str = "oracle", **fields: Any
+    ) -> None:
+        """A verdict on the submitted proof."""
         task = self.task(task_id)
         self.command(
-            "oracle",
+            judge,
             "post_verdict",
             task_id=task_id,
             attempt=task["attempt"],
             proof_sha256=task["proof_sha256"],
-            accepted=accepted,
+            outcome=outcome,
             reason=reason,
             report_sha256="0x" + "b" * 64,
             report_uri=f"{self.site.store_url}/{'b' * 64}.json",
+            **fields,
         )
 
     def set_clock(self, time_s: float) -> None:

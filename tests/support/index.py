@@ -28,9 +28,14 @@ def index_differences(state: Callable[..., dict[str, Any]], client: ChainClient)
         what, kept = f"task {task_id}", client.task(task_id)
         # The contracts keep the deadline that runs, and of the proof only one that waits.
         found.check_record(what, indexed, kept, without={"deadline", "proof_hash", "price"})
-        running = {"assigned": "execution_deadline", "submitted": "verdict_deadline"}.get(indexed["state"])
+        running = {
+            "assigned": "execution_deadline",
+            "submitted": "verdict_deadline",
+            "undecided": "audit_deadline",
+        }.get(indexed["state"])
         found.check(f"{what}: deadline", indexed[running] if running else 0, kept.deadline)
-        waiting = indexed["proof_sha256"] if indexed["state"] == "submitted" else "0x" + "00" * 32
+        waits = indexed["state"] in ("submitted", "undecided")
+        waiting = indexed["proof_sha256"] if waits else "0x" + "00" * 32
         found.check(f"{what}: proof", waiting, "0x" + kept.proof_hash.hex())
         found.check(f"{what}: price", Decimal(indexed["price_iec"] or 0), from_wei(kept.price))
         provider = services[kept.service_id]["provider"] if kept.service_id else None

@@ -17,6 +17,7 @@ from rodeo.chain import (
     Revocation,
     Service,
     ServiceState,
+    Silence,
     Task,
     TaskState,
     Terms,
@@ -37,6 +38,7 @@ class Rebuilt:
     waiting: list[int] = field(default_factory=list)
     """Services that wait for a task, those that have waited longest first."""
     devices: dict[str, Device] = field(default_factory=dict)
+    roots: dict[tuple[str, int], bytes] = field(default_factory=dict)
     kinds: dict[str, KindRules] = field(default_factory=dict)
     roles: set[tuple[str, str]] = field(default_factory=set)
     """(role, account)"""
@@ -82,6 +84,9 @@ class Rebuilt:
                     proof_hash=event.proof_hash,
                     deadline=event.deadline,
                 )
+            case events.AuditRequested():
+                self._release(event.task_id, Cause.VERDICT_EXPIRED)
+                self._task(event.task_id, state=TaskState.UNDECIDED, deadline=event.deadline)
             case events.TaskSettled():
                 self._release(event.task_id, None)
                 self._task(event.task_id, state=TaskState.SETTLED, deadline=0, proof_hash=NO_PROOF)
@@ -153,9 +158,13 @@ class Rebuilt:
                 revoked = replace(self.devices[event.device], revoked_at=time_s, revocation=event.reason)
                 self.devices[event.device] = revoked
             case events.KindAllowed():
-                self._kind(event.kind, allowed=event.allowed)
-            case events.ReviewChanged():
-                self._kind(event.kind, review=event.review)
+                self._kind(event.kind, allowed=True, review=event.review)
+            case events.KindDisallowed():
+                self._kind(event.kind, allowed=False)
+            case events.AuditChanged():
+                self._kind(event.kind, audit_window=event.audit_window, silence=event.silence)
+            case events.WitnessRoot():
+                self.roots[event.device, event.day] = event.root
             case events.MinWindowChanged():
                 self._kind(event.kind, min_window=event.min_window)
             case events.RoleGranted():
@@ -187,7 +196,12 @@ class Rebuilt:
             self.waiting.remove(service_id)
 
     def _release(self, task_id: int, cause: Cause | None) -> None:
-        """The attempt is over for the service that made it: with success where there is no cause."""
+        """The attempt is over for the service that made it: with success where there is no cause.
+
+        Where it was left undecided it was over then, and its end changes nothing for the service.
+        """
+        if self.tasks[task_id].state is TaskState.UNDECIDED:
+            return
         service_id = self.tasks[task_id].service_id
         service = self.services[service_id]
         has_terms = service.bond > 0 or service.max_failures > 0
@@ -201,7 +215,7 @@ class Rebuilt:
         self._service(service_id, **changes)
 
     def _kind(self, kind: str, **changes: object) -> None:
-        rules = self.kinds.get(kind, KindRules(allowed=False, review=Review.ORACLE, min_window=0))
+        rules = self.kinds.get(kind, KindRules(False, Review.NONE, 0, 0, Silence.NONE))
         self.kinds[kind] = replace(rules, **changes)  # type: ignore[arg-type]
 
     def _balance(self, account: str, change: int) -> None:

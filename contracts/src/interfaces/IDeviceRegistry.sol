@@ -39,6 +39,9 @@ interface IDeviceRegistry {
         address registrar
     );
     event DeviceRevoked(address indexed device, Revocation reason);
+    /// @param root of what the device signed on `day`, counted from 1970-01-01 UTC
+    /// @param uri where its log can be fetched
+    event WitnessRoot(address indexed device, uint64 indexed day, bytes32 root, string uri);
 
     error DeviceAlreadyRegistered(address device);
     error UnknownDevice(address device);
@@ -47,6 +50,10 @@ interface IDeviceRegistry {
     /// @param holder the key that has the name in this role; revoke it first
     error DeviceNameTaken(bytes32 role, bytes32 name, address holder);
     error RevocationWithoutReason(address device);
+    /// @notice Neither an operator nor the device's owner.
+    error NotDeviceOwner(address device, address caller, address owner);
+    error RootAlreadyPosted(address device, uint64 day, bytes32 root);
+    error InvalidRoot(address device, uint64 day, bytes32 root, uint64 today);
 
     /// @notice Let `device_` sign as the `role` called `name`, for `owner`. Only the administrator.
     function registerDevice(address device_, bytes32 role, address owner, bytes32 name) external;
@@ -54,6 +61,13 @@ interface IDeviceRegistry {
     /// @notice From now on the device's signatures do not count; what becomes of earlier ones depends on
     /// `reason`. Only the administrator.
     function revokeDevice(address device_, Revocation reason) external;
+
+    /// @notice Fix what the device signed on a day, today or before: once, for good. Only an operator and the device's
+    /// owner.
+    function postRoot(address device_, uint64 day, bytes32 root, string calldata uri) external;
+
+    /// @notice The root of what the device signed on `day`; 0 if it is not posted.
+    function rootOf(address device_, uint64 day) external view returns (bytes32);
 
     /// @notice The device's record. Reverts with UnknownDevice.
     function device(address device_) external view returns (Device memory);

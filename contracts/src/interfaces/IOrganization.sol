@@ -5,10 +5,12 @@ import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
 import {IDeviceRegistry} from "./IDeviceRegistry.sol";
 import {IMatchingPolicy} from "./IMatchingPolicy.sol";
 import {IServiceManager, ServiceState} from "./IServiceManager.sol";
-import {ITaskManager, TaskRequest} from "./ITaskManager.sol";
+import {ITaskManager, Silence, TaskRequest} from "./ITaskManager.sol";
 
-/// @notice Who judges the proofs of a kind of work: the machine that replays recordings, or a person.
+/// @notice Who judges the proofs of a kind of work: the machine that replays recordings, or a person. None: nobody
+/// has said, and the kind was never allowed.
 enum Review {
+    None,
     Oracle,
     Auditor
 }
@@ -24,10 +26,14 @@ struct Terms {
 }
 
 /// @param minWindow the shortest execution window that a task of this kind may have, s
+/// @param auditWindow how long auditors may look at what an oracle could not decide, s
+/// @param silence who wins when they do not answer
 struct Kind {
     bool allowed;
     Review review;
     uint32 minWindow;
+    uint32 auditWindow;
+    Silence silence;
 }
 
 /// @title The organization: who may do what, which work it accepts, how tasks meet services, and its treasury.
@@ -35,9 +41,10 @@ struct Kind {
 /// from and income goes to its own token balance. The administrator (OpenZeppelin's default admin, handed over
 /// in two steps) grants the other roles.
 interface IOrganization is IDeviceRegistry {
-    event KindAllowed(bytes32 indexed kind, bool allowed);
-    event ReviewChanged(bytes32 indexed kind, Review review);
+    event KindAllowed(bytes32 indexed kind, Review review);
+    event KindDisallowed(bytes32 indexed kind);
     event MinWindowChanged(bytes32 indexed kind, uint32 minWindow);
+    event AuditChanged(bytes32 indexed kind, uint32 auditWindow, Silence silence);
     event TermsChanged(uint256 bond, uint256 penalty, uint8 maxFailures);
     event MembersOnlyChanged(bool membersOnly);
     event PolicyChanged(IMatchingPolicy indexed policy);
@@ -45,6 +52,12 @@ interface IOrganization is IDeviceRegistry {
     event Withdrawn(address indexed to, uint256 amount);
 
     error UnknownKind(bytes32 kind);
+    /// @notice Allowing a kind requires saying who judges it.
+    error KindWithoutReview(bytes32 kind);
+    /// @notice What oracles judge needs auditors' rules first, because an oracle may leave a proof undecided. See
+    /// setAudit.
+    error KindWithoutAudit(bytes32 kind);
+    error InvalidAudit(uint32 auditWindow, Silence silence, uint32 min, uint32 max);
     /// @notice The organization is for members only.
     error NotMember(address account);
     error WindowTooShort(bytes32 kind, uint32 window, uint32 min);
@@ -54,11 +67,15 @@ interface IOrganization is IDeviceRegistry {
 
     // -- administrator ------------------------------------------------------------------------------------
 
-    /// @notice Accept tasks and services of `kind` from now on, or no longer. Live ones go on.
-    function allowKind(bytes32 kind, bool allowed) external;
+    /// @notice Accept tasks and services of `kind` from now on, and let oracles or auditors judge their proofs.
+    function allowKind(bytes32 kind, Review review) external;
 
-    /// @notice Let oracles or auditors judge proofs of `kind` from now on.
-    function setReview(bytes32 kind, Review review) external;
+    /// @notice Accept no tasks and services of `kind` from now on. Live ones go on, with the judges that they have.
+    function disallowKind(bytes32 kind) external;
+
+    /// @notice What becomes of proofs of `kind` that an oracle leaves undecided from now on: auditors decide within
+    /// `auditWindow` seconds, and `silence` says who wins if they do not. Without penalty and failure either way.
+    function setAudit(bytes32 kind, uint32 auditWindow, Silence silence) external;
 
     /// @notice Refuse tasks of `kind` that leave less time for the work, from now on. Where failures cost a bond,
     /// nobody can make others fail with a window in which the work cannot be done.
@@ -128,8 +145,11 @@ interface IOrganization is IDeviceRegistry {
     function isKindAllowed(bytes32 kind) external view returns (bool);
     function isMember(address account) external view returns (bool);
 
-    /// @notice Whether `account` may post verdicts on tasks of `kind`.
+    /// @notice Whether `account` may post verdicts on submitted proofs of `kind`.
     function mayJudge(address account, bytes32 kind) external view returns (bool);
+
+    /// @notice Whether `account` may decide what an oracle left undecided.
+    function mayAudit(address account) external view returns (bool);
 
     /// @notice Reverts with UnknownKind, NotMember or WindowTooShort unless `creator` may post such a task.
     /// @return what matches it

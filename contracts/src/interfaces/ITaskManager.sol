@@ -6,16 +6,33 @@ enum TaskState {
     Open,
     Assigned,
     Submitted,
+    Undecided,
     Settled,
     Cancelled,
     Failed
+}
+
+/// @notice What a judge says of a proof. Undecided: neither side failed, and the organization's auditors decide.
+enum Verdict {
+    None,
+    Rejected,
+    Accepted,
+    Undecided
 }
 
 /// @notice Why an attempt failed.
 enum Cause {
     Rejected,
     ExecutionExpired,
-    VerdictExpired
+    VerdictExpired,
+    AuditExpired
+}
+
+/// @notice Who wins when the auditors let their window pass.
+enum Silence {
+    None,
+    Executor,
+    Creator
 }
 
 /// @param kind what is to be done, ASCII
@@ -33,11 +50,12 @@ struct TaskRequest {
     string params;
 }
 
-/// @param price what the executor of the running (or settling) attempt is paid
+/// @param price what the executor of the running (or last) attempt is paid at most
 /// @param serviceId the service of the running (or last) attempt; 0 while open
 /// @param deadline end of the running window, block time in seconds; 0 when none runs
 /// @param attempt 1 for the first assignment
-/// @param proofHash SHA-256 of the proof that waits for its verdict; 0 unless Submitted, earlier ones are in events
+/// @param proofHash SHA-256 of the proof that waits for its verdict; 0 unless Submitted or Undecided, earlier ones
+/// are in events
 struct Task {
     address creator;
     uint96 reward;
@@ -56,11 +74,12 @@ struct Task {
 /// @title Tasks and their escrow.
 /// @notice
 ///     Open ──match──> Assigned ──proof──> Submitted ──accepted──> Settled
-///      │ ^               │                    │
-///      │ └───────────────┴── expired, rejected ┘ (attempts left)
-///      └──> Cancelled                         └──> Failed (none left)
+///      │ ^               │                    │  │                 ^
+///      │ └───────────────┴── expired, rejected ┘  └─undecided─> Undecided ──rejected──> Open or Failed
+///      └──> Cancelled      (Failed at the last)                (silent auditors: Settled or Failed)
 /// The whole reward is held from registration to one of the three terminal states, in which the executor has
-/// its price and the creator the rest. The contract holds the bonds of services as well, and nothing else.
+/// what the verdict gave it and the creator the rest. The contract holds the bonds of services as well, and nothing
+/// else. An undecided attempt is over for its service: it costs it neither bond nor standing nor its next task.
 interface ITaskManager {
     event TaskRegistered(
         uint256 indexed taskId,
@@ -94,12 +113,16 @@ interface ITaskManager {
         uint256 indexed taskId,
         uint8 attempt,
         bytes32 indexed proofHash,
-        bool accepted,
+        Verdict verdict,
+        uint256 amount,
         bytes32 reportHash,
         string reportUri,
         string reason
     );
-    event TaskSettled(uint256 indexed taskId, address indexed executor, uint256 paid, uint256 surplus);
+    /// @notice Follows an undecided verdict: auditors decide until `deadline`, else `silence` does.
+    event AuditRequested(uint256 indexed taskId, uint8 attempt, uint256 deadline, Silence silence);
+    /// @param refund the rest of the reward, which the creator has back
+    event TaskSettled(uint256 indexed taskId, address indexed executor, uint256 paid, uint256 refund);
     /// @param attempt the attempt that failed
     event TaskRequeued(uint256 indexed taskId, uint8 attempt, Cause cause);
     /// @param attempt the last attempt, which failed
@@ -116,8 +139,15 @@ interface ITaskManager {
     error WrongAttempt(uint256 taskId, uint8 current, uint8 given);
     error NotCreator(uint256 taskId, address caller, address creator);
     error NotExecutor(uint256 taskId, address caller, address executor);
-    /// @notice The organization lets others judge work of this kind. See IOrganization.setReview.
+    /// @notice The organization lets others judge work of this kind. See IOrganization.allowKind.
     error NotJudge(address caller, bytes32 kind);
+    /// @notice Whoever could not decide does not decide afterwards.
+    error JudgedBefore(uint256 taskId, address caller);
+    /// @notice Only an oracle may leave a proof undecided, and only once: auditors accept or reject.
+    error AuditorMustDecide(uint256 taskId, address caller);
+    error NoVerdict(uint256 taskId);
+    /// @notice Accepted work is paid more than nothing and at most its price, other verdicts pay nothing.
+    error InvalidAmount(uint256 taskId, uint256 amount, uint256 max);
     /// @notice Neither the creator nor the executor judges.
     error JudgeIsParty(uint256 taskId, address caller);
     error NotServiceManager(address caller);
@@ -155,20 +185,25 @@ interface ITaskManager {
     function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
 
     /// @notice The decision on the submitted proof, inside the verdict window, by an oracle or auditor as the
-    /// organization has it for this kind. Settles or requeues.
+    /// organization has it for this kind; after an undecided one by an auditor, inside the audit window. Settles,
+    /// requeues or asks the auditors.
     /// @param proofHash the proof that was judged
+    /// @param amount what the executor is paid if it is accepted, at most the price, the rest goes back to the
+    /// creator at once; else 0
     /// @param reportHash SHA-256 of the report
     function postVerdict(
         uint256 taskId,
         uint8 attempt,
         bytes32 proofHash,
-        bool accepted,
+        Verdict verdict,
+        uint256 amount,
         bytes32 reportHash,
         string calldata reportUri,
         string calldata reason
     ) external;
 
-    /// @notice Anyone ends an attempt whose window has passed. The task queues again, or fails with a refund.
+    /// @notice Anyone ends an attempt whose window has passed. The task queues again, or fails with a refund. Where
+    /// the auditors were silent it settles at the full price or fails, as AuditRequested said.
     function expireTask(uint256 taskId) external;
 
     /// @notice Anyone asks the policy again for an open task; useful only after PolicyFailed.

@@ -28,7 +28,14 @@ contract EscrowInvariants is Fixture {
         IMatchingPolicy[] memory policies = new IMatchingPolicy[](3);
         (policies[0], policies[1], policies[2]) = (policy, new LowestPrice(), new HighestReputation());
         _participants = [alice, bob, robot1, robot2, robot3, address(organization)];
-        _handler = new Handler(coin, organization, admin, oracle, creators, providers, policies);
+        _handler = new Handler(coin, organization, admin, oracle, auditor, creators, providers, policies);
+        // Whoever may not audit has the role all the same: what stops it is that it is a party, or has judged.
+        address[5] memory others = [oracle, alice, robot1, robot2, robot3];
+        bytes32 role = organization.AUDITOR_ROLE();
+        for (uint256 i = 0; i < others.length; ++i) {
+            vm.prank(admin);
+            organization.grantRole(role, others[i]);
+        }
         targetContract(address(_handler));
     }
 
@@ -109,7 +116,7 @@ contract EscrowInvariants is Fixture {
             running = false;
             vm.warp(block.timestamp + 2 hours);
             for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
-                if (!_isRunning(taskId)) continue;
+                if (!_isRunning(taskId) && state(taskId) != TaskState.Undecided) continue;
                 running = true;
                 if (tasks.task(taskId).deadline >= block.timestamp) continue;
                 vm.prank(stranger);
@@ -141,6 +148,7 @@ contract EscrowInvariants is Fixture {
     }
 
     function _isLive(uint256 taskId) private view returns (bool) {
-        return state(taskId) == TaskState.Open || _isRunning(taskId);
+        TaskState current = state(taskId);
+        return current == TaskState.Open || current == TaskState.Undecided || _isRunning(taskId);
     }
 }

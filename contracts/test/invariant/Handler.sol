@@ -10,7 +10,7 @@ import {TaskManager} from "../../src/TaskManager.sol";
 import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
 import {Terms} from "../../src/interfaces/IOrganization.sol";
 import {Outcome, Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
-import {Task, TaskRequest, TaskState} from "../../src/interfaces/ITaskManager.sol";
+import {Silence, Task, TaskRequest, TaskState, Verdict} from "../../src/interfaces/ITaskManager.sol";
 
 /// @notice What a service agreed to and what should be left of it, from the rules alone.
 struct Ghost {
@@ -19,6 +19,13 @@ struct Ghost {
     uint256 maxFailures;
     uint256 failures;
     bool suspended;
+}
+
+/// @notice An attempt that waits for the auditors.
+struct Disputed {
+    address judge;
+    Silence silence;
+    bytes32 proofHash;
 }
 
 /// @notice Everything that anyone can do at any time, with bounded arguments, and what it should do to balances,
@@ -32,6 +39,7 @@ contract Handler is CommonBase, StdUtils {
     TaskManager private immutable _tasks;
     address private immutable _admin;
     address private immutable _oracle;
+    address private immutable _auditor;
     address[] private _creators;
     address[] private _providers;
     IMatchingPolicy[] private _policies;
@@ -43,6 +51,7 @@ contract Handler is CommonBase, StdUtils {
     string public violation;
 
     mapping(uint256 taskId => uint8) private _attemptSeen;
+    mapping(uint256 taskId => Disputed) private _disputes;
 
     /// @dev After every call: whoever was assigned was next in line.
     modifier inOrder() {
@@ -65,11 +74,12 @@ contract Handler is CommonBase, StdUtils {
         Organization organization,
         address admin,
         address oracle,
+        address auditor,
         address[] memory creators,
         address[] memory providers,
         IMatchingPolicy[] memory policies
     ) {
-        (_coin, _organization, _admin, _oracle) = (coin, organization, admin, oracle);
+        (_coin, _organization, _admin, _oracle, _auditor) = (coin, organization, admin, oracle, auditor);
         _services = ServiceManager(address(organization.services()));
         _tasks = TaskManager(address(organization.tasks()));
         (_creators, _providers, _policies) = (creators, providers, policies);
@@ -158,22 +168,64 @@ contract Handler is CommonBase, StdUtils {
 
     // -- judges -------------------------------------------------------------------------------------------
 
-    function postVerdict(uint256 which, bool accepted) external inOrder {
+    function postVerdict(uint256 which, bool accepted, uint256 amount) external inOrder {
         uint256 taskId = _find(which, TaskState.Submitted);
         if (taskId == 0) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
-        address executor = _services.providerOf(t.serviceId);
-        vm.prank(_oracle);
-        _tasks.postVerdict(taskId, t.attempt, t.proofHash, accepted, 0, "", "");
+        amount = _amount(t, accepted, amount);
+        _judge(_oracle, taskId, t, accepted ? Verdict.Accepted : Verdict.Rejected, amount);
         if (accepted) {
-            expected[executor] += t.price;
-            expected[t.creator] += t.reward - t.price;
+            _expectPayment(t, amount);
             ghost[t.serviceId].failures = 0;
             _expectRelease(t.serviceId);
         } else {
             _expectFailure(t, true);
         }
+    }
+
+    /// @dev The oracle cannot decide: the attempt is over for its service, and costs it nothing.
+    function leaveUndecided(uint256 which) external inOrder {
+        uint256 taskId = _find(which, TaskState.Submitted);
+        if (taskId == 0) return;
+        Task memory t = _tasks.task(taskId);
+        if (block.timestamp > t.deadline) return;
+        Silence silence = _organization.kindOf(CLEANING).silence;
+        _judge(_oracle, taskId, t, Verdict.Undecided, 0);
+        _disputes[taskId] = Disputed(_oracle, silence, t.proofHash);
+        _expectRelease(t.serviceId);
+    }
+
+    /// @dev The auditor decides, after everybody else who might has tried.
+    function audit(uint256 which, bool accepted, uint256 amount) external inOrder {
+        uint256 taskId = _find(which, TaskState.Undecided);
+        if (taskId == 0) return;
+        Task memory t = _tasks.task(taskId);
+        if (block.timestamp > t.deadline) return;
+        if (t.proofHash != _disputes[taskId].proofHash) violation = "the disputed proof is another";
+        Verdict verdict = accepted ? Verdict.Accepted : Verdict.Rejected;
+        amount = _amount(t, accepted, amount);
+        _mustNot(_disputes[taskId].judge, taskId, t, verdict, amount, "who could not decide decided");
+        _mustNot(t.creator, taskId, t, verdict, amount, "the creator judged");
+        _mustNot(_services.providerOf(t.serviceId), taskId, t, verdict, amount, "the executor judged");
+        _mustNot(_auditor, taskId, t, Verdict.Undecided, 0, "an auditor did not decide");
+        _judge(_auditor, taskId, t, verdict, amount);
+        if (accepted) _expectPayment(t, amount);
+        else if (t.attempt == t.maxAttempts) expected[t.creator] += t.reward;
+    }
+
+    /// @dev Amounts that no verdict may carry.
+    function payWrongly(uint256 which, uint256 amount, bool submitted) external inOrder {
+        uint256 taskId = _find(which, submitted ? TaskState.Submitted : TaskState.Undecided);
+        if (taskId == 0) return;
+        Task memory t = _tasks.task(taskId);
+        if (block.timestamp > t.deadline) return;
+        address judge = submitted ? _oracle : _auditor;
+        uint256 above = bound(amount, uint256(t.price) + 1, uint256(t.price) + 200 ether);
+        _mustNot(judge, taskId, t, Verdict.Accepted, above, "more than the price was paid");
+        if (t.price != 0) _mustNot(judge, taskId, t, Verdict.Accepted, 0, "accepted for nothing");
+        _mustNot(judge, taskId, t, Verdict.Rejected, above, "a rejection paid");
+        _mustNot(judge, taskId, t, Verdict.None, 0, "a verdict said nothing");
     }
 
     /// @dev On nothing, on another proof, on another attempt, after the window.
@@ -188,15 +240,19 @@ contract Handler is CommonBase, StdUtils {
             && block.timestamp <= t.deadline;
         if (right) return;
         vm.prank(_oracle);
-        try _tasks.postVerdict(taskId, attempt % 4, proofHash, accepted, 0, "", "") {
+        try _tasks.postVerdict(
+            taskId, attempt % 4, proofHash, Verdict(accepted ? 2 : 1), accepted ? t.price : 0, 0, "", ""
+        ) {
             violation = "a wrong verdict was taken";
         } catch {}
     }
 
     // -- anyone -------------------------------------------------------------------------------------------
 
-    function expireTask(uint256 which, bool submitted) external inOrder {
-        uint256 taskId = _find(which, submitted ? TaskState.Submitted : TaskState.Assigned);
+    function expireTask(uint256 which, uint8 state) external inOrder {
+        // Assigned, Submitted or Undecided.
+        TaskState running = TaskState(uint8(TaskState.Assigned) + state % 3);
+        uint256 taskId = _find(which, running);
         if (taskId == 0) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp <= t.deadline) {
@@ -206,7 +262,9 @@ contract Handler is CommonBase, StdUtils {
             return;
         }
         _tasks.expireTask(taskId);
-        _expectFailure(t, !submitted);
+        if (running != TaskState.Undecided) _expectFailure(t, running == TaskState.Assigned);
+        else if (_disputes[taskId].silence == Silence.Executor) _expectPayment(t, t.price);
+        else expected[t.creator] += t.reward;
     }
 
     function matchTask(uint256 which) external inOrder {
@@ -230,7 +288,7 @@ contract Handler is CommonBase, StdUtils {
         try _tasks.submitProof(taskId, t.attempt, "meddled", "") {
             violation = "a stranger proved";
         } catch {}
-        try _tasks.postVerdict(taskId, t.attempt, t.proofHash, true, 0, "", "") {
+        try _tasks.postVerdict(taskId, t.attempt, t.proofHash, Verdict.Accepted, t.price, 0, "", "") {
             violation = "a stranger judged";
         } catch {}
         try _tasks.placeService(1, CLEANING, 0) {
@@ -266,6 +324,11 @@ contract Handler is CommonBase, StdUtils {
         _organization.setTerms(Terms(bond, penalty, maxFailures % 4));
     }
 
+    function setAudit(bool executor) external {
+        vm.prank(_admin);
+        _organization.setAudit(CLEANING, 1 hours, executor ? Silence.Executor : Silence.Creator);
+    }
+
     function setPolicy(uint256 which) external {
         vm.prank(_admin);
         _organization.setPolicy(_policies[bound(which, 0, _policies.length - 1)]);
@@ -293,6 +356,35 @@ contract Handler is CommonBase, StdUtils {
     }
 
     // -- the rules ----------------------------------------------------------------------------------------
+
+    function _judge(address who, uint256 taskId, Task memory t, Verdict verdict, uint256 amount) private {
+        vm.prank(who);
+        _tasks.postVerdict(taskId, t.attempt, t.proofHash, verdict, amount, 0, "", "");
+    }
+
+    function _mustNot(
+        address who,
+        uint256 taskId,
+        Task memory t,
+        Verdict verdict,
+        uint256 amount,
+        string memory what
+    ) private {
+        vm.prank(who);
+        try _tasks.postVerdict(taskId, t.attempt, t.proofHash, verdict, amount, 0, "", "") {
+            violation = what;
+        } catch {}
+    }
+
+    /// @dev What a verdict may pay.
+    function _amount(Task memory t, bool accepted, uint256 amount) private pure returns (uint256) {
+        return accepted && t.price != 0 ? bound(amount, 1, t.price) : 0;
+    }
+
+    function _expectPayment(Task memory t, uint256 amount) private {
+        expected[_services.providerOf(t.serviceId)] += amount;
+        expected[t.creator] += t.reward - amount;
+    }
 
     function _expectFailure(Task memory t, bool blamed) private {
         if (t.attempt == t.maxAttempts) expected[t.creator] += t.reward;
@@ -326,8 +418,8 @@ contract Handler is CommonBase, StdUtils {
         for (uint256 i = 0; i < _providers.length; ++i) {
             if (who == _providers[i]) return true;
         }
-        return who == _oracle || who == _admin || who == address(_tasks) || who == address(_services)
-            || who == address(_organization);
+        return who == _oracle || who == _auditor || who == _admin || who == address(_tasks)
+            || who == address(_services) || who == address(_organization);
     }
 
     function _price(uint256 price) private pure returns (uint256) {

@@ -76,7 +76,7 @@ def register(console: Console) -> None:
                 problem.show(f"This page is not current. {summary.problem}" if summary.problem else "")
                 counts = summary.counts
                 open_.set_text(_count(counts, "open"))
-                working.set_text(_count(counts, "assigned", "submitted"))
+                working.set_text(_count(counts, "assigned", "submitted", "undecided"))
                 settled.set_text(_count(counts, "settled"))
                 supply.set_text(iec(summary.supply_iec).removesuffix(" IEC"))
                 if counts:

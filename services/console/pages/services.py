@@ -7,6 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
+from rodeo.dao import MACHINE_JUDGED
 from rodeo.errors import RodeoError
 from services.console.actions import ORGANIZATION, speaks_for
 from services.console.pages.frame import (
@@ -35,7 +36,7 @@ from services.console.pages.widgets import (
     table,
 )
 from services.console.roles import Role
-from services.console.words import iec, kind, moment, party, share, short
+from services.console.words import iec, kind, moment, party, share, short, span
 
 Json = dict[str, Any]
 
@@ -301,7 +302,7 @@ class ServicesPage:
             [
                 (
                     kind(one["kind"]),
-                    (one["review"] or "oracle") if one["allowed"] else "not allowed",
+                    _judges(one),
                     partial(self._kind_end, one),
                 )
                 for one in organization["kinds"]
@@ -311,6 +312,7 @@ class ServicesPage:
             with ui.element("div").classes("line tight"):
                 ui.button("Change rules", on_click=self._change_rules).props("outline dense")
                 ui.button("Allow a kind", on_click=self._allow_kind).props("outline dense")
+                ui.button("Undecided work", on_click=self._change_audit).props("outline dense")
                 ui.button("Membership", on_click=self._membership).props("outline dense")
 
     def _kind_end(self, one: Json) -> None:
@@ -318,6 +320,8 @@ class ServicesPage:
             return
         word, allowed = ("Forbid", False) if one["allowed"] else ("Allow", True)
         request = {"kind": one["kind"], "allowed": allowed}
+        if allowed:
+            request["review"] = one["review"] if one["review"] != "none" else "auditor"
         done = f"{kind(one['kind'])} is {'allowed' if allowed else 'forbidden'}"
         ui.button(word, on_click=partial(self._act, "allow_kind", request, done)).props(
             f'flat dense aria-label="{word} {kind(one["kind"])}"'
@@ -329,11 +333,35 @@ class ServicesPage:
             "Allow a kind of work",
             {
                 "kind": Field("Name, for example window_cleaning"),
-                "review": Field("Judged by", choices={"oracle": "the oracle", "auditor": "an auditor"}),
+                "review": Field(
+                    "Judged by",
+                    choices={"auditor": "an auditor", "oracle": "the oracle, where it has checks for it"},
+                ),
             },
             "Allow it",
             lambda answer: self._act(
                 "allow_kind", {"allowed": True, **answer}, f"{kind(answer['kind'])} is allowed"
+            ),
+        )
+
+    @on_page
+    async def _change_audit(self) -> None:
+        judged = [one for one in self._organization["kinds"] if one["kind"] in MACHINE_JUDGED]
+        await ask_form(
+            "When the oracle cannot decide",
+            {
+                "kind": Field("Kind of work", choices={one["kind"]: kind(one["kind"]) for one in judged}),
+                "audit_window_s": Field("Auditors may look at it for (s)", str(7 * 24 * 3600)),
+                "at_silence": Field(
+                    "If they do not answer",
+                    choices={"executor": "the executor is paid", "creator": "the creator has it back"},
+                ),
+            },
+            "Set the rule",
+            lambda answer: self._act(
+                "allow_kind",
+                {"allowed": True, "review": "oracle", **answer},
+                f"The rule for {kind(answer['kind'])} is set",
             ),
         )
 
@@ -425,3 +453,12 @@ def _draw_participants(participants: list[Json]) -> None:
             for one in participants
         ],
     )
+
+
+def _judges(one: Json) -> str:
+    """Who judges work of this kind, and who wins where nobody can."""
+    if not one["allowed"]:
+        return "not allowed"
+    if one["review"] != "oracle":
+        return str(one["review"])
+    return f"oracle; undecided: auditors for {span(one['audit_window_s'])}, then the {one['silence']} wins"

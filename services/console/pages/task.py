@@ -287,6 +287,8 @@ def _seal_facts(seal: Seal, devices: list[Json]) -> dict[str, str]:
 
 def _draw_outcome(attempt: Attempt) -> None:
     badge(attempt.verdict or ("in verification" if attempt.submitted_s else "at work"))
+    if attempt.paid_iec is not None:
+        Text("div", f"paid {iec(attempt.paid_iec)}", "soft")
     if attempt.reason:
         Text("div", attempt.reason, "soft wrap")
 
@@ -304,10 +306,11 @@ def _draw_progress(task: Task, ended: float | None) -> None:
         (
             f"Verdict: {task.verdict}" if task.verdict else "Verdict",
             None,
-            {"accepted": "done", "rejected": "bad", "expired": "bad"}.get(
+            {"accepted": "done", "rejected": "bad", "expired": "bad", "undecided": "done"}.get(
                 task.verdict or "", "now" if task.state == "submitted" else ""
             ),
         ),
+        *_audit_step(task),
         (
             {"failed": "Failed, refunded", "cancelled": "Cancelled, refunded"}.get(task.state, "Paid"),
             ended,
@@ -335,11 +338,24 @@ def _draw_progress(task: Task, ended: float | None) -> None:
         )
 
 
+def _audit_step(task: Task) -> list[tuple[str, float | None, str]]:
+    """What auditors do with a proof that the oracle could not decide; nothing where it could."""
+    if task.audit_deadline is None:
+        return []
+    if task.state == "undecided":
+        return [("An auditor decides", None, "now")]
+    silent = task.verdict == "undecided"
+    return [("Auditors were silent" if silent else "An auditor decided", None, "bad" if silent else "done")]
+
+
 def _deadline(task: Task) -> str:
     if task.state == "assigned" and task.execution_deadline:
         return f"; the proof is due by {moment(task.execution_deadline)}"
     if task.state == "submitted" and task.verdict_deadline:
         return f"; the verdict is due by {moment(task.verdict_deadline)}"
+    if task.state == "undecided" and task.audit_deadline:
+        due = moment(task.audit_deadline)
+        return f"; an auditor's decision is due by {due}, without one the {task.at_silence} wins"
     return ""
 
 
@@ -354,8 +370,8 @@ def _draw_agreement(task: Task) -> None:
         fact("Agreed price", iec(task.price_iec))
         fact("In escrow", iec(task.reward_iec if live else 0))
         fact("Paid", iec(task.paid_iec))
-        if task.state == "settled":
-            fact("Returned", iec(task.reward_iec - task.paid_iec))
+        if task.refunded_iec:
+            fact("Returned", iec(task.refunded_iec))
         for name, value in task.params.items():
             fact(parameter(name), str(value)[:200], "wrap")
 

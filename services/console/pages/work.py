@@ -87,8 +87,8 @@ class ExecutorDesk:
         mine = partial(reads.tasks, executor=self._participant)
         try:
             todo, total = await ask(mine, SHOWN, state="assigned", order="oldest")
-            ended, _ = await ask(mine, SHOWN, state="submitted,settled,failed")
-            _, waiting = await ask(mine, 1, state="submitted")
+            ended, _ = await ask(mine, SHOWN, state="submitted,undecided,settled,failed")
+            _, waiting = await ask(mine, 1, state="submitted,undecided")
             _, paid = await ask(mine, 1, state="settled")
             wallet = await ask(reads.state, "wallet", account=self._participant)
         except RodeoError as error:
@@ -194,13 +194,25 @@ def _draw_ended(tasks: list[Task]) -> None:
                 badge(task.verdict or task.state)
                 if task.state == "settled":
                     outcome = f"paid {iec(task.paid_iec)} on {moment(task.settled)}"
+                elif task.state == "undecided":
+                    outcome = f"an auditor decides by {moment(task.audit_deadline)}: {task.reason}"
                 else:
                     outcome = task.reason or "waiting for the verdict"
                 Text("span", outcome, "soft")
 
 
+def _due(task: Task) -> str:
+    if task.state == "undecided":
+        return f" · the oracle could not decide · due by {moment(task.audit_deadline)}"
+    return f" · verdict due by {moment(task.verdict_deadline)}" if task.verdict_deadline else ""
+
+
+def _at_silence(task: Task) -> str:
+    return f"Without an answer by {moment(task.audit_deadline)} the {task.at_silence} wins."
+
+
 class AuditorDesk:
-    """Proofs of those kinds of work that the organization's rules leave to a person."""
+    """Proofs of those kinds of work that people judge, and what the oracle could not decide."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -221,6 +233,7 @@ class AuditorDesk:
                     await ask(reads.tasks, SHOWN, state="submitted", kind=one["kind"], order="oldest")
                 )[0]
             ]
+            waiting += (await ask(reads.tasks, SHOWN, state="undecided", order="oldest"))[0]
         except RodeoError as error:
             self._problem.show(stale(error))
             return
@@ -239,14 +252,8 @@ class AuditorDesk:
                     ui.button("Open", on_click=partial(self._open, task)).props(
                         f'unelevated dense aria-label="Judge task {task.id}"'
                     )
-                    due = (
-                        f" · verdict due by {moment(task.verdict_deadline)}" if task.verdict_deadline else ""
-                    )
-                    Text(
-                        "span",
-                        f"{task.executor_name or task.executor} for {iec(task.reward_iec)}{due}",
-                        "soft",
-                    )
+                    who = f"{task.executor_name or task.executor} for {iec(task.price_iec)}"
+                    Text("span", f"{who}{_due(task)}", "soft")
 
     @on_page
     async def _open(self, task: Task) -> None:
@@ -264,7 +271,7 @@ class AuditorDesk:
                 known = [f"What is known of it could not be found out: {explain(error)}"]
 
         async def answer(accepted: bool) -> None:
-            text = (reason.value or "").strip()
+            text, paid = (reason.value or "").strip(), (amount.value or "").strip()
             if not text:
                 ui.notify("Give a reason: the executor reads it", type="warning")
                 return
@@ -273,16 +280,21 @@ class AuditorDesk:
                 ("Task", f"{task.id} · {kind(task.kind)}"),
                 ("Reason", text),
                 ("Reward", iec(task.reward_iec)),
+                ("Paid to the executor", f"{paid} IEC" if accepted else iec(0)),
             ]
             if not await confirm(f"{word} this work?", lines, word, danger=not accepted):
                 return
             request = {"task_id": task.id, "accepted": accepted, "reason": text}
+            if accepted and task.price_iec:
+                request["amount_iec"] = paid
             if await act(self._console, "judge", request, f"Task {task.id} is judged") is not None:
                 dialog.submit(True)
 
         with modal(f"Judge task {task.id}", "broad") as dialog:
             dialog.props("no-backdrop-dismiss")
             Text("p", task.description or kind(task.kind), "wrap")
+            if task.state == "undecided":
+                notice(f"The oracle could not decide: {task.reason}. {_at_silence(task)}")
             if statement is None:
                 notice("The proof holds no statement that could be shown; the task's page has the recording.")
             else:
@@ -296,6 +308,8 @@ class AuditorDesk:
                 for line in known:
                     Text("li", line, "soft wrap")
             reason = ui.input("Why?").props("outlined dense maxlength=500").style("width: 100%")
+            amount = ui.input("Pay, if approved (IEC)", value=f"{task.price_iec or 0:f}")
+            amount.props("outlined dense").style("width: 100%")
             with ui.element("div").classes("dialog-buttons"):
                 ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
                 ui.button("Reject", on_click=partial(answer, False), color="negative").props("outline")

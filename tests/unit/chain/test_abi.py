@@ -17,8 +17,10 @@ from rodeo.chain import (
     Revocation,
     Role,
     ServiceState,
+    Silence,
     TaskRequest,
     Terms,
+    Verdict,
     artifacts,
 )
 from rodeo.chain.events import IGNORED
@@ -51,8 +53,9 @@ SAMPLES: dict[str, Any] = {
     "state": ServiceState.ACTIVE,
     "proof_hash": bytes(32),
     "report_hash": bytes(32),
-    "accepted": True,
-    "allowed": True,
+    "verdict": Verdict.ACCEPTED,
+    "silence": Silence.CREATOR,
+    "root": bytes(32),
     "members_only": True,
     "terms": Terms(2, 1, 3),
     "review": Review.AUDITOR,

@@ -33,7 +33,7 @@ from rodeo.chain.events import (
     Transfer,
     VerdictPosted,
 )
-from rodeo.chain.types import Cause
+from rodeo.chain.types import Cause, Verdict
 from tests.support.organization import KIND, PROOF, REPORT, Organization
 from tests.support.site import free_port
 
@@ -87,9 +87,13 @@ def test_a_task_from_registration_to_payment(organization: Organization, service
 
     verdict, settled = organization.events(
         organization.oracle,
-        client.calls.post_verdict(task_id, 1, PROOF, True, REPORT, "file:///report.json", "all passed"),
+        client.calls.post_verdict(
+            task_id, 1, PROOF, Verdict.ACCEPTED, PRICE, REPORT, "file:///report.json", "all passed"
+        ),
     )
-    assert verdict == VerdictPosted(task_id, 1, PROOF, True, REPORT, "file:///report.json", "all passed")
+    assert verdict == VerdictPosted(
+        task_id, 1, PROOF, Verdict.ACCEPTED, PRICE, REPORT, "file:///report.json", "all passed"
+    )
     assert settled == TaskSettled(task_id, robot, PRICE, REWARD - PRICE)
     task = client.task(task_id)
     assert (task.state, task.service_id, task.price) == (TaskState.SETTLED, service_id, PRICE)
@@ -103,7 +107,8 @@ def test_a_rejected_attempt_is_requeued_with_its_cause(organization: Organizatio
     task_id = _task_id(organization.post())
     organization.send(organization.robot, client.calls.submit_proof(task_id, 1, PROOF, "uri"))
     logged = organization.events(
-        organization.oracle, client.calls.post_verdict(task_id, 1, PROOF, False, REPORT, "", "dropped")
+        organization.oracle,
+        client.calls.post_verdict(task_id, 1, PROOF, Verdict.REJECTED, 0, REPORT, "", "dropped"),
     )
     assert [type(event) for event in logged] == [VerdictPosted, TaskRequeued, TaskAssigned]
     assert logged[1] == TaskRequeued(task_id, 1, Cause.REJECTED)
@@ -111,7 +116,8 @@ def test_a_rejected_attempt_is_requeued_with_its_cause(organization: Organizatio
     for attempt in (2, 3):
         organization.send(organization.robot, client.calls.submit_proof(task_id, attempt, PROOF, "uri"))
         organization.send(
-            organization.oracle, client.calls.post_verdict(task_id, attempt, PROOF, False, REPORT, "", "")
+            organization.oracle,
+            client.calls.post_verdict(task_id, attempt, PROOF, Verdict.REJECTED, 0, REPORT, "", ""),
         )
     assert client.task(task_id).state is TaskState.FAILED
 

@@ -10,14 +10,28 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from eth_account.signers.local import LocalAccount
 
-from rodeo.chain import Log, Policy, Review, Revocation, Role, ServiceState, TaskState, Terms, to_wei
+from rodeo.chain import (
+    Log,
+    Policy,
+    Review,
+    Revocation,
+    Role,
+    ServiceState,
+    Silence,
+    TaskState,
+    Terms,
+    Verdict,
+    events,
+    to_wei,
+)
 from rodeo.chain.permit import sign_permit
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
 from tests.support.rebuild import ZERO_ADDRESS, rebuild
 
-STEPS = 30
+STEPS = 40
 DEVICE = "0x" + "00" * 19 + "01"
 
 
@@ -41,22 +55,24 @@ class Life:
         organization, calls = self.organization, self.organization.client.organization_calls
         for call in (
             calls.set_terms(Terms(to_wei(Decimal(20)), to_wei(Decimal(6)), 2)),
-            calls.set_review("battery_charging", Review.AUDITOR),
+            calls.allow_kind("battery_charging", Review.AUDITOR),
             calls.set_min_window(KIND, 60),
             calls.grant_role(Role.AUDITOR, organization.oracle.address),
             calls.admit(organization.robot.address),
             calls.admit(organization.operator.address),
             calls.set_members_only(True),
             calls.register_device(DEVICE, "mocap", organization.robot.address, "mocap2"),
-            calls.allow_kind("painting", True),
-            calls.allow_kind("painting", False),
+            calls.allow_kind("painting", Review.AUDITOR),
+            calls.disallow_kind("painting"),
+            calls.set_audit(KIND, 3600, Silence.EXECUTOR),
+            calls.post_root(DEVICE, 0, REPORT, "file:///day"),
         ):
             organization.send(organization.operator, call)
         organization.send(organization.operator, calls.revoke_device(DEVICE, Revocation.COMPROMISED))
         organization.send(organization.operator, calls.revoke_role(Role.AUDITOR, organization.oracle.address))
 
     def step(self) -> None:
-        often = [self.post, self.offer, self.prove, self.judge]
+        often = [self.post, self.offer, self.prove, self.judge, self.audit]
         seldom = [self.update, self.expire, self.cancel, self.govern, self.post_with_permit]
         self.random.choice([*often, *often, *seldom])()
 
@@ -96,24 +112,37 @@ class Life:
             return
 
     def judge(self) -> None:
-        client = self.organization.client
         for task_id in self._tasks(TaskState.SUBMITTED):
-            call = client.calls.post_verdict(
-                task_id,
-                client.task(task_id).attempt,
-                PROOF,
-                self.random.random() < 0.5,
-                REPORT,
-                "file:///report.json",
-                "looked at it",
-            )
-            self.organization.send(self.organization.oracle, call)
+            verdict = self.random.choice([*list(Verdict)[1:], Verdict.UNDECIDED])
+            self._post_verdict(task_id, verdict, self.organization.oracle)
             return
+
+    def audit(self) -> None:
+        for task_id in self._tasks(TaskState.UNDECIDED):
+            verdict = self.random.choice([Verdict.REJECTED, Verdict.ACCEPTED])
+            self._post_verdict(task_id, verdict, self.organization.operator)
+            return
+
+    def _post_verdict(self, task_id: int, verdict: Verdict, judge: LocalAccount) -> None:
+        client = self.organization.client
+        task = client.task(task_id)
+        amount = self.random.randint(1, task.price) if verdict is Verdict.ACCEPTED else 0
+        call = client.calls.post_verdict(
+            task_id,
+            task.attempt,
+            PROOF,
+            verdict,
+            amount,
+            REPORT,
+            "file:///report.json",
+            "looked at it",
+        )
+        self.organization.send(judge, call)
 
     def expire(self) -> None:
         """All that runs, now and then: the windows of the others end with that of the oldest."""
         client = self.organization.client
-        running = self._tasks(TaskState.ASSIGNED, TaskState.SUBMITTED)
+        running = self._tasks(TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
         if not running or self.random.random() < 0.5:
             return
         self.clock.now_s = max(client.task(task_id).deadline for task_id in running) + 1
@@ -131,7 +160,8 @@ class Life:
     def govern(self) -> None:
         client = self.organization.client
         calls = client.organization_calls
-        chosen = self.random.choice([calls.set_policy(policy) for policy in Policy])
+        rules = [calls.set_audit(KIND, 3600, silence) for silence in list(Silence)[1:]]
+        chosen = self.random.choice([*rules, *(calls.set_policy(policy) for policy in Policy)])
         self.organization.send(self.organization.operator, chosen)
         for service_id in self._shuffled(client.service_count()):
             service = client.service(service_id)
@@ -196,10 +226,18 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
         row = index.service(i)
         assert row is not None
         assert (row["place"], row["state"]) == (service.place, service.state.name.lower()), i
+    for i in state.tasks:
+        indexed_task = index.task(i)
+        assert indexed_task is not None
+        kept = client.task(i)
+        assert (indexed_task["state"], indexed_task["reward"]) == (kept.state.name.lower(), kept.reward), i
+        ended = indexed_task["ended"] is not None
+        assert indexed_task["paid"] + indexed_task["refunded"] == (kept.reward if ended else 0), i
     index.close()
 
     for address, device in state.devices.items():
         assert client.device(address) == device
+    assert state.roots == {(DEVICE, 0): REPORT} and client.root(DEVICE, 0) == REPORT
     for kind, rules in state.kinds.items():
         assert client.kind(kind) == rules
     assert client.terms() == state.terms
@@ -211,9 +249,10 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
 
     for account in accounts:
         assert client.balance(account) == state.balances.get(account, 0), account
-    live = (TaskState.OPEN, TaskState.ASSIGNED, TaskState.SUBMITTED)
+    live = (TaskState.OPEN, TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
     escrow = sum(task.reward for task in state.tasks.values() if task.state in live)
     bonds = sum(service.bond for service in state.services.values())
     assert state.balances[client.task_manager] == escrow + bonds + sum(state.owed.values())
     # A life in which nothing happened would prove nothing.
+    assert any(isinstance(log.event, events.AuditRequested) for log in logs)
     assert any(service.completed + service.rejected + service.expired for service in services.values())

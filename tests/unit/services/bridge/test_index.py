@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rodeo.chain import Cause, Event, Log, Revocation, ServiceState, events
+from rodeo.chain import Cause, Event, Log, Review, Revocation, ServiceState, Silence, Verdict, events
 from services.bridge.database import migrate, open_database
 from services.bridge.errors import IndexUnusable
 from services.bridge.index import NOWHERE, Index, Page, Position, TimedLog, sqlite_url
@@ -64,7 +64,8 @@ def proved(attempt: int = 1) -> Event:
 
 
 def judged(accepted: bool, attempt: int = 1) -> Event:
-    return events.VerdictPosted(1, attempt, b"\x0a" * 32, accepted, b"\x0b" * 32, "file:///r.json", "why")
+    verdict = Verdict.ACCEPTED if accepted else Verdict.REJECTED
+    return events.VerdictPosted(1, attempt, b"\x0a" * 32, verdict, 0, b"\x0b" * 32, "file:///r.json", "why")
 
 
 def task(chain: Chain) -> dict[str, Any]:
@@ -198,6 +199,81 @@ def test_an_expired_attempt_counts_against_the_service_only_if_it_is_its_fault(
     assert chain.index.services({}, Page(10))[0][0]["expired"] == counted
 
 
+def undecided(chain: Chain) -> None:
+    """Task 1, whose proof the oracle could not decide."""
+    chain.block(registered(), offered(), assigned(), proved())
+    verdict = events.VerdictPosted(1, 1, b"\x0a" * 32, Verdict.UNDECIDED, 0, b"\x0b" * 32, "", "a hang")
+    chain.block(verdict, events.AuditRequested(1, 1, 9_000, Silence.EXECUTOR))
+
+
+def record(chain: Chain) -> tuple[Any, ...]:
+    (service,), _ = chain.index.services({}, Page(10))
+    return tuple(service[name] for name in ("task_id", "completed", "rejected", "expired", "failures"))
+
+
+def test_an_undecided_attempt_waits_for_the_auditors_and_costs_its_service_nothing(chain: Chain) -> None:
+    undecided(chain)
+    row = task(chain)
+    assert (row["state"], row["verdict"], row["reason"]) == ("undecided", "undecided", "a hang")
+    assert (row["audit_deadline"], row["at_silence"], row["executor"]) == (9_000, "executor", ROBOT)
+    assert row["proof_sha256"] == "0x" + "0a" * 32
+    assert record(chain) == (None, 0, 0, 0, 0) and places(chain) == [1]
+    assert chain.index.in_escrow(CREATOR) == 120 * IEC
+    assert chain.index.overdue(9_000) == [] and chain.index.overdue(9_001) == [1]
+
+
+def test_auditors_pay_for_a_part_and_the_rest_goes_back(chain: Chain) -> None:
+    undecided(chain)
+    chain.block(judged(True), events.TaskSettled(1, ROBOT, 30 * IEC, 90 * IEC), time_s=2_000)
+    row = task(chain)
+    assert (row["state"], row["verdict"]) == ("settled", "accepted")
+    assert (row["paid"], row["refunded"], row["settled"]) == (30 * IEC, 90 * IEC, 2_000)
+    assert record(chain) == (None, 0, 0, 0, 0)
+    assert chain.index.overdue(10**9) == []
+
+
+def test_auditors_that_reject_have_the_task_tried_again_and_count_nothing_against_the_service(
+    chain: Chain,
+) -> None:
+    undecided(chain)
+    chain.block(judged(False), events.TaskRequeued(1, 1, Cause.REJECTED), assigned(2))
+    row = task(chain)
+    assert (row["state"], row["attempt"], row["audit_deadline"], row["verdict"]) == (
+        "assigned",
+        2,
+        None,
+        None,
+    )
+    assert record(chain) == (1, 0, 0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("end", "state", "paid", "refunded"),
+    [
+        (events.TaskSettled(1, ROBOT, 100 * IEC, 20 * IEC), "settled", 100 * IEC, 20 * IEC),
+        (events.TaskFailed(1, 120 * IEC, 1, Cause.AUDIT_EXPIRED), "failed", 0, 120 * IEC),
+    ],
+)
+def test_where_auditors_were_silent_the_verdict_stays_undecided_and_the_state_says_who_won(
+    chain: Chain, end: Event, state: str, paid: int, refunded: int
+) -> None:
+    undecided(chain)
+    chain.block(end)
+    row = task(chain)
+    assert (row["state"], row["verdict"], row["reason"]) == (state, "undecided", "a hang")
+    assert (row["paid"], row["refunded"]) == (paid, refunded)
+    assert record(chain) == (None, 0, 0, 0, 0)
+
+
+def test_the_roots_of_days_are_kept_by_device(chain: Chain) -> None:
+    for device, day in ((ROBOT, 3), (ROBOT, 4), (CREATOR, 4)):
+        chain.block(events.WitnessRoot(device, day, bytes([day]) * 32, f"file:///{day}"), time_s=day)
+    rows, total = chain.index.roots(ROBOT, Page(1))
+    assert total == 2
+    assert [(row["day"], row["root"], row["uri"]) for row in rows] == [(4, "0x" + "04" * 32, "file:///4")]
+    assert chain.index.roots(None, Page(10))[1] == 3
+
+
 def test_overdue_is_what_runs_beyond_its_window(chain: Chain) -> None:
     chain.block(registered(), offered(), assigned(deadline=4_600))
     assert chain.index.overdue(4_600) == []
@@ -273,8 +349,15 @@ def test_what_the_token_refused_is_owed_until_it_is_collected(chain: Chain) -> N
 
 
 def test_kinds_can_be_allowed_and_disallowed(chain: Chain) -> None:
-    chain.block(events.KindAllowed("a", True), events.KindAllowed("b", True), events.KindAllowed("a", False))
+    chain.block(
+        events.KindAllowed("a", Review.ORACLE),
+        events.KindAllowed("b", Review.AUDITOR),
+        events.KindDisallowed("a"),
+        events.AuditChanged("a", 60, Silence.CREATOR),
+    )
     assert chain.index.kinds() == ["b"]
+    judges = {row["kind"]: (row["review"], row["audit_window_s"]) for row in chain.index.all_kinds()}
+    assert judges == {"a": ("oracle", 60), "b": ("auditor", 0)}
 
 
 def test_a_device_is_kept_after_it_is_revoked(chain: Chain) -> None:

@@ -37,7 +37,7 @@ def proven(digit: str) -> tuple[str, dict[str, Any]]:
 
 def judged(accepted: bool, reason: str) -> tuple[str, dict[str, Any]]:
     return "VerdictPosted", {
-        "accepted": accepted,
+        "verdict": "accepted" if accepted else "rejected",
         "reason": reason,
         "report_hash": "0x" + "f" * 64,
         "report_uri": "file:///f.json",

@@ -82,14 +82,14 @@ class Chain:
             "VerdictPosted",
             task_id,
             attempt=attempt,
-            accepted=True,
+            verdict="accepted",
             report_hash=sha256,
             report_uri=f"{STORE}/{sha256[2:]}.json",
         )
 
     def rejected(self, task_id: int) -> DaoEvent:
         return self.event(
-            "VerdictPosted", task_id, attempt=1, accepted=False, report_hash="0x00", report_uri=""
+            "VerdictPosted", task_id, attempt=1, verdict="rejected", report_hash="0x00", report_uri=""
         )
 
     def undone(self, event: DaoEvent) -> None:

@@ -22,6 +22,7 @@ def task(state: str) -> Task:
         "creator": "0x0",
         "reward_iec": "100",
         "paid_iec": "0",
+        "refunded_iec": "0",
         "params": {},
         "description": "",
         "registered": 0.0,
