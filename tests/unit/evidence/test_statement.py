@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from rodeo.evidence.statement import (
     MAX_PHOTO_BYTES,
     PHOTO_TOPIC,
     PHOTO_TYPE,
+    BadAmount,
     BadNote,
     BadPhoto,
     Executor,
@@ -209,9 +211,8 @@ class Auditor:
 
     def __init__(self, kind: str, proof: Path) -> None:
         sha256 = proof.stem
-        self._task = task("submitted").model_copy(
-            update={"kind": kind, "proof_sha256": "0x" + sha256, "proof_uri": f"file://{proof}"}
-        )
+        proof_of = {"proof_sha256": "0x" + sha256, "proof_uri": f"file://{proof}"}
+        self._task = task("submitted").model_copy(update={"kind": kind, "price_iec": Decimal(80), **proof_of})
         self.posted: list[Any] = []
 
     def task(self, _task_id: int) -> Any:
@@ -246,6 +247,26 @@ def test_a_proof_with_a_picture_is_accepted(site: Site, tmp_path: Path) -> None:
     auditor = Auditor("wheel_cleaning", by_another_program(site, tmp_path, JPEG))
     judge(site, auditor, 1, accepted=True, reason="clean")  # type: ignore[arg-type]
     assert len(auditor.posted) == 1
+
+
+def test_accepted_work_is_paid_its_price_or_what_the_auditor_says(site: Site, tmp_path: Path) -> None:
+    auditor = Auditor("waste_disposal", by_another_program(site, tmp_path, JPEG))
+    judge(site, auditor, 1, accepted=True, reason="clean")  # type: ignore[arg-type]
+    judge(site, auditor, 1, True, "half of it", Decimal("40.5"))  # type: ignore[arg-type]
+    judge(site, auditor, 1, accepted=False, reason="dirty")  # type: ignore[arg-type]
+    said = [(request.outcome, request.amount_iec) for _, request in auditor.posted]
+    assert said == [("accepted", 80), ("accepted", Decimal("40.5")), ("rejected", None)]
+
+
+@pytest.mark.parametrize(("accepted", "amount"), [(True, "80.1"), (True, "0"), (True, "-1"), (False, "1")])
+def test_no_auditor_pays_above_the_price_nothing_or_for_what_it_rejects(
+    site: Site, tmp_path: Path, accepted: bool, amount: str
+) -> None:
+    auditor = Auditor("waste_disposal", by_another_program(site, tmp_path, JPEG))
+    with pytest.raises(BadAmount) as refused:
+        judge(site, auditor, 1, accepted, "so", Decimal(amount))  # type: ignore[arg-type]
+    assert refused.value.details["price_iec"] == "80"
+    assert auditor.posted == []
 
 
 def test_of_a_robots_work_an_auditor_needs_no_statement(site: Site, tmp_path: Path) -> None:
