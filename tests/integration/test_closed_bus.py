@@ -171,3 +171,17 @@ def test_nobody_else_moves_the_sites_clock_and_whoever_tries_is_told_of(running:
     assert clock.wait_ready(threading.Event(), WAIT_S) and clock.now_s() < 2**31 - 1
     assert "second speaker on /clock" in status(running.path).stdout
     assert "second speaker on /clock" in running.log("itrash")
+
+
+def test_the_clock_is_followed_again_after_the_router_was_restarted(running: RunningSite) -> None:
+    running.start("router", "robot_sim")
+    clock = SimClock(running.bus.session, running.site.bus.domain_id)
+    assert clock.wait_ready(threading.Event(), WAIT_S)
+    running.kill("router")
+    running.start("router")
+    before_s = clock.now_s()
+    late = threading.Event()
+    timer = threading.Timer(WAIT_S, late.set)
+    timer.start()
+    assert clock.wait_until(before_s + 10.0, late)
+    timer.cancel()
