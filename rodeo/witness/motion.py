@@ -62,14 +62,33 @@ class _Body:
         """Since the last statement, from the last pose at rest on."""
 
     def add(self, sample: Sample) -> None:
-        if self.seen_us is not None and sample.time_us - self.seen_us > LOST_US:
-            self.lost = True
+        if self.seen_us is not None:
+            if sample.time_us <= self.seen_us:
+                return
+            self.lost |= sample.time_us - self.seen_us > LOST_US
         self.seen_us = sample.time_us
         if not self.moved and self.signed is not None and _rests(self.signed, sample):
             self.samples = [sample]
             return
         self.moved = True
         self.samples.append(sample)
+
+    def until(self, now_us: int) -> tuple[list[Sample], list[Sample]]:
+        """What was seen up to now, and what is stamped later, taken away. A camera's stamp may be some
+        milliseconds ahead: a moving body's pose then belongs to the next statement."""
+        if self.moved:
+            split = sum(one.time_us <= now_us for one in self.samples)
+            seen, ahead = self.samples[:split], self.samples[split:]
+        else:
+            seen, ahead = [one._replace(time_us=min(one.time_us, now_us)) for one in self.samples], []
+        self.moved, self.samples = False, []
+        return seen, ahead
+
+    def keep(self, ahead: list[Sample]) -> None:
+        """What `until` left over."""
+        for one in ahead:
+            self.seen_us = None
+            self.add(one)
 
 
 def _rests(signed: Sample, sample: Sample) -> bool:
@@ -88,7 +107,8 @@ class MotionLog:
         self._start_us = start_us
 
     def add(self, body: str, sample: Sample) -> None:
-        """A pose, later than the one before. One that is too far away to be signed counts as not seen."""
+        """A pose. One that is not later than the one before, or too far away to be signed, counts as not
+        seen."""
         if max(map(abs, sample.position_m)) < LARGEST_M:
             self._bodies[body].add(sample)
 
@@ -105,26 +125,32 @@ class MotionLog:
         """What was seen since the last call, for the statement with this number."""
         tracks: dict[str, str] = {}
         resting: dict[str, int] = {}
+        moved = {name for name, body in self._bodies.items() if body.moved}
+        taken = {name: body.until(now_us) for name, body in self._bodies.items()}
+        # What is stamped before the last statement's end, and came after it, is signed all the same.
+        first_us = [seen[0].time_us for name, (seen, _) in taken.items() if name in moved and seen]
+        start_us = min([self._start_us, *first_us])
         for name, body in self._bodies.items():
-            if not body.samples or body.lost or now_us - body.samples[-1].time_us > LOST_US:
-                body.signed, body.moved, body.lost, body.samples = None, False, False, []
+            samples, ahead = taken[name]
+            if not samples or body.lost or now_us - samples[-1].time_us > LOST_US:
+                body.signed, body.lost = None, False
+                body.keep(ahead)
                 continue
-            newest = body.samples[-1]
-            if body.moved or body.signed is None or now_us - body.signed.time_us >= REST_PERIOD_US:
-                samples = body.samples
-                if body.signed is not None and samples[0].time_us > self._start_us:
-                    # It rested since, or that was a moment ago.
+            newest = samples[-1]
+            if name in moved or body.signed is None or now_us - body.signed.time_us >= REST_PERIOD_US:
+                rested = body.signed is not None and _rests(body.signed, samples[0])
+                if body.signed is not None and rested and samples[0].time_us > self._start_us:
                     samples = [body.signed._replace(time_us=self._start_us), *samples]
                 tracks[name] = pack(
-                    np.array([max(one.time_us - self._start_us, 0) for one in samples]),
+                    np.array([max(one.time_us - start_us, 0) for one in samples]),
                     np.array([one.position_m for one in samples]),
                     np.array([one.quaternion for one in samples]),
                 )
                 body.signed, body.signed_in = newest, seq
             else:
                 resting[name] = body.signed_in
-            body.moved, body.samples = False, []
-        fields = MotionFields(self._start_us, now_us, tracks, resting)
+            body.keep(ahead)
+        fields = MotionFields(start_us, now_us, tracks, resting)
         self._start_us = now_us
         return fields
 
@@ -170,6 +196,12 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
                     "the times of a track do not fit its statement", seq=statement.seq, body=body
                 )
             unseen += _holes(time_us, position_m)
+            if times and signed_in:
+                both_us, both_m = (
+                    np.r_[times[-1][-1], time_us[0]],
+                    np.stack([positions[-1][-1], position_m[0]]),
+                )
+                unseen += _holes(both_us, both_m)
             if times and (not signed_in or statement.start_us > known_us):
                 unseen.append((known_us, int(time_us[0])))
             signed_in = statement.seq

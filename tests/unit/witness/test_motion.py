@@ -118,3 +118,57 @@ def test_a_track_whose_times_go_back_is_refused() -> None:
 
 def test_a_body_that_is_in_no_statement_has_no_track() -> None:
     assert track(filmed(moving, 3.0), "item9") is None
+
+
+def stamped(off_us) -> list[Motion]:  # type: ignore[no-untyped-def]
+    """Statements about `item1` in motion, whose pose of each tick is stamped `off_us(tick)` beside it."""
+    log = MotionLog(["item1"], START_US)
+    statements = []
+    for tick in range(1, 501):
+        now_us = START_US + tick * STEP_US
+        log.add("item1", at(now_us + off_us(tick), 0.01 * tick))
+        if log.due(now_us, heads=True):
+            seq = len(statements) + 1
+            statements.append(Motion(**HEADER, seq=seq, **log.take(now_us, seq)._asdict()))
+    return statements
+
+
+@pytest.mark.parametrize("off_us", [4_000, 200_000, -200_000], ids=["ahead", "far ahead", "behind"])
+def test_stamps_beside_the_clock_of_the_statements_hide_no_motion(off_us: int) -> None:
+    seen = track(stamped(lambda _tick: off_us), "item1")
+    assert seen is not None
+    assert seen.unseen_us == ()
+    assert np.diff(seen.time_us).max() == STEP_US
+    assert len(seen.time_us) >= 480
+
+
+def test_stamps_that_jitter_make_no_statement_that_nobody_can_read() -> None:
+    chance = np.random.default_rng(1)
+    seen = track(stamped(lambda _tick: round(chance.normal(0, 12_000))), "item1")
+    assert seen is not None
+    assert len(seen.time_us) > 350, "what came out of order was left out, the rest is signed"
+    assert seen.unseen_us == ()
+
+
+def test_a_resting_body_whose_stamps_are_ahead_rests() -> None:
+    log = MotionLog(["item1"], START_US)
+    statements = []
+    for tick in range(1, 1001):
+        now_us = START_US + tick * STEP_US
+        log.add("item1", at(now_us + 4_000, 0.5))
+        if log.due(now_us, heads=True):
+            seq = len(statements) + 1
+            statements.append(Motion(**HEADER, seq=seq, **log.take(now_us, seq)._asdict()))
+    seen = track(statements, "item1")
+    assert seen is not None
+    assert seen.unseen_us == ()
+    assert sum("item1" in one.tracks for one in statements) <= 3
+
+
+def test_poses_lost_where_two_statements_meet_are_not_made_up() -> None:
+    statements = filmed(moving, 15.0, unseen=lambda t: 5.8 <= t < 6.2)
+    seen = track(statements, "item1")
+    assert seen is not None
+    wanted = np.array([moving((one - START_US) / 1e6) for one in seen.time_us])
+    assert np.abs(seen.position_m[:, 0] - wanted).max() < 1.1e-3
+    assert len(seen.unseen_us) == 1
