@@ -1,0 +1,97 @@
+"""People's work from the terminal: handed in, compared with all others, judged by an auditor alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import pytest
+from typer.testing import CliRunner
+
+from rodeo.cli import app
+from rodeo.photo_code import photo_code
+from tests.support.dao import Dao
+from tests.support.site import RunningSite, write_site
+from tests.unit.vision.test_likeness import jpeg, scene
+
+SITE = """clock.source = "wall"
+clock.speed = 1
+clock.idle_speed = 1
+participants = [{ name = "alice" }, { name = "bob" }]
+"""
+
+
+@pytest.fixture(scope="module")
+def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
+    running = RunningSite(write_site(tmp_path_factory.mktemp("people"), chain_backend, SITE))
+    running.start("router", "chain", "bridge", "oracle", ready=False)
+    running.deploy_contracts()
+    running.wait_ready("chain", "bridge", "oracle")
+    yield Dao(running)
+    running.stop()
+
+
+def rodeo(dao: Dao, *arguments: str, status: int = 0) -> str:
+    done = CliRunner().invoke(app, [*arguments, "--site", str(dao.running.path)])
+    assert done.exit_code == status, done.output
+    return " ".join(str(done.output).split())
+
+
+def handed_in(dao: Dao, kind: str, who: str, note: str, photo: Path) -> int:
+    """A task of this kind, done by the only one who offers it now; its id."""
+    rodeo(dao, "service", "offer", kind, "--price", "5", "--as", who)
+    task_id = dao.post("6", kind=kind, params={}, max_attempts=1)
+    code = photo_code(dao.task(task_id)["nonce"])
+    assert code in rodeo(dao, "task", "accept", str(task_id), "--as", who)
+    assert code in rodeo(dao, "task", "show", str(task_id))
+    rodeo(dao, "task", "submit", str(task_id), "--as", who, "--note", note, "--photo", str(photo))
+    return task_id
+
+
+def test_a_copied_photo_and_note_are_shown_with_what_they_copy_and_the_auditor_decides(
+    dao: Dao, tmp_path: Path
+) -> None:
+    for kind in ("wheel_cleaning", "dusting"):
+        rodeo(dao, "organization", "kind", kind, "--review", "auditor")
+    own, copied = tmp_path / "own.jpg", tmp_path / "copied.jpg"
+    cv2.imwrite(str(own), scene(1))
+    cv2.imwrite(str(copied), jpeg(scene(1)[8:], 40))
+    first = handed_in(dao, "wheel_cleaning", "alice", "Clean again.", own)
+    second = handed_in(dao, "dusting", "bob", "clean  again.", copied)
+
+    told = rodeo(dao, "task", "review", str(second))
+    assert f"Photo 1 looks like photo 1 of task {first} attempt 1, handed in by alice" in told
+    assert f"The note has the words of task {first} attempt 1, handed in by alice" in told
+    assert f"Photo 1 looks like photo 1 of task {second} attempt 1, handed in by bob" in rodeo(
+        dao, "task", "review", str(first)
+    )
+    rodeo(dao, "task", "judge", str(second), "--reject", "--reason", "Alice's photo")
+    rodeo(dao, "task", "judge", str(first), "--accept", "--reason", "One can see it")
+    assert [dao.task(one)["state"] for one in (first, second)] == ["settled", "failed"]
+
+
+def test_a_photo_that_is_no_picture_is_not_handed_in(dao: Dao, tmp_path: Path) -> None:
+    rodeo(dao, "organization", "kind", "sweeping", "--review", "auditor")
+    rodeo(dao, "service", "offer", "sweeping", "--price", "5", "--as", "alice")
+    task_id = dao.post("6", kind="sweeping", params={})
+    rodeo(dao, "task", "accept", str(task_id), "--as", "alice")
+    fake = tmp_path / "fake.jpg"
+    fake.write_bytes(b"\xff\xd8\xff\xe0 a few letters")
+    submit = ("task", "submit", str(task_id), "--as", "alice", "--note", "x", "--photo", str(fake))
+    assert "bad_photo" in rodeo(dao, *submit, status=1)
+    assert dao.task(task_id)["state"] == "assigned"
+
+
+def test_the_oracle_posts_nothing_on_a_kind_that_it_has_no_checks_for_even_where_the_rules_say_so(
+    dao: Dao, tmp_path: Path
+) -> None:
+    rodeo(dao, "organization", "kind", "polishing", "--review", "oracle")
+    photo = tmp_path / "photo.png"
+    cv2.imwrite(str(photo), scene(5))
+    before = dao.running.status("oracle").details.get("for_auditors", 0)
+    task_id = handed_in(dao, "polishing", "alice", "It shines.", photo)
+    status = dao.running.wait_for_status("oracle", lambda one: one.details.get("for_auditors", 0) > before)
+    assert status.details["decided"] == 0
+    assert f"task {task_id} attempt 1 of polishing is for an auditor to judge" in dao.running.log("oracle")
+    assert dao.task(task_id)["state"] == "submitted"
