@@ -140,7 +140,9 @@ class SimClock:
             follows = source == self._speaker or self._speaker not in known
         else:
             silent = now_s - self._heard_s > _SILENT_S
-            follows = not self._registered and (source == self._speaker or self._speaker is None or silent)
+            new = not self._registered and (self._speaker is None or silent)
+            # The last words of a speaker that ends come after its token has gone.
+            follows = not known and (source == self._speaker or new)
         if follows:
             self._speaker, self._heard_s = source, now_s
             if source == self._refused:

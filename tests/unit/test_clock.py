@@ -101,6 +101,17 @@ def test_nobody_takes_over_unannounced_when_the_body_has_ended(
     assert follower.now_ns() == 1000 * SECOND_NS
 
 
+def test_the_last_words_of_the_speaker_are_no_second_speakers(
+    make_node: MakeNode, follower: SimClock
+) -> None:
+    node = make_node("lab")
+    first = publisher(node)
+    reaches(follower, 1000, lambda: first.publish(clock_at(1000)))
+    first.close()
+    reaches(follower, 1001, lambda: node.session.put(KEY, cdr_at(1001)))
+    assert follower.warning() == ""
+
+
 def test_a_process_follows_its_own_clock_like_everybody_elses(make_node: MakeNode) -> None:
     node, stranger = make_node("lab"), make_node("stranger")
     body, own = publisher(node), SimClock(node.session, 0)
