@@ -107,7 +107,7 @@ def test_the_last_words_of_the_speaker_are_no_second_speakers(
     node = make_node("lab")
     first = publisher(node)
     reaches(follower, 1000, lambda: first.publish(clock_at(1000)))
-    first.close()
+    node.close()
     reaches(follower, 1001, lambda: node.session.put(KEY, cdr_at(1001)))
     assert follower.warning() == ""
 
