@@ -273,24 +273,6 @@ WITNESS_STATEMENTS = _dao(
     "every process",
     "the same again, as they were signed: `?after=SEQ;limit=N`",
 )
-CLASSIFICATION = _dao(
-    "rodeo/{org}/itrash/{bin}/classification", "Attestation", Form.TOPIC, "itrash", "what the bin was shown"
-)
-DISPOSAL = _dao(
-    "rodeo/{org}/itrash/{bin}/disposal",
-    "Attestation",
-    Form.TOPIC,
-    "itrash",
-    "what fell where",
-)
-MOCAP_ATTESTATION = _dao(
-    "rodeo/{org}/mocap/{body}/attestation",
-    "Attestation",
-    Form.TOPIC,
-    "robot_sim",
-    "which poses the motion capture published",
-    1,
-)
 BIN_PICTURE = _dao(
     "rodeo/{org}/itrash/{bin}/picture",
     "per query",

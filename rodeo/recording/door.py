@@ -84,6 +84,9 @@ class Bucket:
         return True
 
 
+LEFT_OUT = "left_out"
+"""Event near the end of a recording: {"event", "counts"}, see `Refusals.summary`."""
+
 STAMP_SLACK_WALL_S = 15.0
 """A busy machine hears clock and messages late; a fast clock makes more of it."""
 SILENT_WALL_S = 3.0

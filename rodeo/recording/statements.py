@@ -150,8 +150,11 @@ class StatementDoor:
             return None
         return heard
 
-    def read(self, name: str, answer: Any) -> list[Heard]:
-        """What of a journal's answer was not heard before, up to the first that is wrong in it."""
+    def read(self, name: str, answer: Any, *, older: bool = False) -> list[Heard]:
+        """What of a journal's answer was not heard before, up to the first that is wrong in it.
+
+        `older` takes also what was stated before all that is asked for.
+        """
         found: list[Heard] = []
         statements = answer.get("statements") if isinstance(answer, dict) else None
         if not isinstance(statements, list):
@@ -161,7 +164,7 @@ class StatementDoor:
             try:
                 attestation = _validated(one)
                 heard = self._examine(name, attestation)
-                if heard.statement.seq <= self._chain(heard.device.address).through:
+                if not older and heard.statement.seq <= self._chain(heard.device.address).through:
                     raise _Refused(Refusal.DOUBLED)
                 if heard.statement.time_s > self._clock.now_s() + self._slack_s:
                     raise _Refused(Refusal.ABSURD_TIME)
@@ -337,6 +340,12 @@ class StatementListener:
         with self._lock:
             known = self._door.known()
         self._ask(known)
+
+    def read(self, name: str, answer: Any) -> None:
+        """Take what device `name` answered elsewhere: {"statements": [...]}, its last ones for example."""
+        with self._lock:
+            for heard in self._door.read(name, answer, older=True):
+                self._deliver(heard)
 
     # -- inside ----------------------------------------------------------------------------------------
 

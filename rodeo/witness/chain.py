@@ -43,6 +43,11 @@ class WitnessChain:
     def address(self) -> str:
         return self._account.address
 
+    @property
+    def scope(self) -> Scope:
+        """For which organization it signs."""
+        return self._scope
+
     def sign(self, model: type[Header], time_s: float, **fields: Any) -> Attestation:
         """The next statement, journaled and not yet published. Raises BrokenJournal, ValidationError."""
         return self.sign_next(model, time_s, lambda _seq: fields)

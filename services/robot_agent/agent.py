@@ -24,12 +24,15 @@ from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Task
 from rodeo.ros2 import Node, types
 from rodeo.service import Service
+from rodeo.tls import bus_is_closed
+from rodeo.witness import Inputs
+from rodeo.witness.witness import Witness
 from services.robot_agent.account import Account
 from services.robot_agent.arm import Arm
 from services.robot_agent.bin import SmartBin
 from services.robot_agent.body import Body
 from services.robot_agent.charging import Charging
-from services.robot_agent.cleaning import Cleaning
+from services.robot_agent.cleaning import AFTER_DROP_S, Cleaning
 from services.robot_agent.decision import Intent, Situation, decide, takes_work
 from services.robot_agent.errors import (
     AgentError,
@@ -123,7 +126,10 @@ class Agent:
         self._dao = Account(bus, site.org, robot.name)
         self._body = Body(self._node, site, robot)
         self._floor = Floor(site)
-        self._bin = SmartBin(bus, site, self._on_attestation)
+        # Where the robot stands and what it holds, it is told over the bus.
+        inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
+        self._witness = Witness(bus, site.org, robot.name, self._device, service.data_dir, inputs)
+        self._bin = SmartBin(bus, site, self._clock, self._witness)
         self._memory = Memory(site, service.data_dir / "memory.json")
         arm = Arm(robot.limits, robot.kinematics)
         item_pose = topics.ITEM_POSE
@@ -181,11 +187,6 @@ class Agent:
                 self._recording.event(event)
         self._wake.set()
 
-    def _on_attestation(self, attestation: dict[str, Any]) -> None:
-        recording = self._recording
-        if recording is not None:
-            recording.attestation(attestation)
-
     def _on_order(self, order: Order) -> None:
         if order in (Order.STOP, Order.RESUME):
             # From here, because it must not wait for what the robot is doing.
@@ -228,6 +229,7 @@ class Agent:
             self._orders.close()
             self._dao_events.close()
             self._bin.close()
+            self._witness.close()
             self._node.close()
 
     def _step(self) -> None:
@@ -411,7 +413,7 @@ class Agent:
             self._seal(task, journal, folder)
         if journal.phase == Phase.SEALED:
             self._submit(task, journal, folder)
-            self._report("driving clear of the bin", 1.0)
+            # After work that failed, or that was interrupted at the bin.
             self._cleaning.clear_the_bin(self._checkpoint)
         if journal.phase == Phase.SUBMITTED:
             self._wait_for_news()  # the index is about to say so
@@ -424,12 +426,10 @@ class Agent:
         again; then the old recording goes on.
         """
         path = folder / "recording.mcap"
-        wanted = task.params.get("item_id")
-        items = [item.id for item in self._site.items if item.id == wanted]
         if (held := self._feel()) is not None:
             self._tidy(held)
         released_s = when_released(path) if path.exists() else None
-        if released_s is not None and tells_of_disposal(path, released_s):
+        if released_s is not None and tells_of_disposal(path, released_s, AFTER_DROP_S):
             journal.advance(folder, Phase.EXECUTED)  # interrupted when everything was said
             return
         if held is not None:
@@ -444,14 +444,11 @@ class Agent:
             self._make_node("recorder"),
             self._site,
             self._robot.name,
-            items,
             self._service.bus,
             holes_allowed=released_s is not None,
         )
         self._start_recording(recording, task)
         try:
-            if released_s is not None and (drop := self._bin.said_after("disposal", released_s)) is not None:
-                recording.attestation(drop)  # perhaps heard while nothing was recorded
             journal.failure = self._execute(task, recording, released_s)
             recording.catch_up()
         finally:
@@ -517,9 +514,9 @@ class Agent:
         self._upkeep.task_begins()
         try:
             if released_s is not None:
-                self._cleaning.confirm(released_s, checkpoint, self._report, recording.note)
+                self._cleaning.confirm(released_s, checkpoint, self._report, recording)
             else:
-                self._cleaning.dispose(item_id, _place(task), checkpoint, self._report, recording.note)
+                self._cleaning.dispose(item_id, _place(task), checkpoint, self._report, recording)
             duration_s = self._clock.now_s() - started_s
         except (TaskFailed, Cancelled) as error:
             log.error("task %d failed: %s", task.id, error)

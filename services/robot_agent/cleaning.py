@@ -10,7 +10,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from rodeo.lab.items import NotGraspable, top_grasps
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, ahead, wrap
 from rodeo.lab.place import PLACE_LIMIT_M, TAKEN_LIMIT_M
 from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M, STOWED_RAD
+from rodeo.vision.classification import UNKNOWN
+from rodeo.witness import Claimant, Classification, Drop
 from services.robot_agent.arm import (
     ASIDE_RAD,
     CRUISE_RAD_S,
@@ -39,6 +41,7 @@ from services.robot_agent.errors import (
     MotionFailed,
     NoAnswer,
     NotFound,
+    TakenOut,
     TaskFailed,
     Unreachable,
 )
@@ -53,8 +56,24 @@ log = logging.getLogger(__name__)
 Point3 = tuple[float, float, float]
 Report = Callable[[str, float], None]
 """Told what is being done and what share of the task that is."""
-Note = Callable[[dict[str, Any]], None]
-"""Told what belongs in the recording."""
+
+
+class Record(Protocol):
+    """What is kept of the work while it is done."""
+
+    @property
+    def claimant(self) -> Claimant:
+        """For whom and what the robot works, as it tells the bin."""
+        ...
+
+    def note(self, payload: dict[str, Any]) -> None:
+        """What belongs in the recording."""
+        ...
+
+    def await_witness(self, item: str, checkpoint: Checkpoint) -> None:
+        """Return when a witness saw where `item` lies and knows of the recording. Raises NoAnswer."""
+        ...
+
 
 _PICKS = 4
 _DELIVERIES = 4
@@ -101,6 +120,10 @@ _FALL_S = 0.6
 _HOLD_WALL_S = 5.0
 """How long the arm is held still for the bin to speak: what is missing from a recording while nothing moves
 is no loss."""
+AFTER_DROP_S = 10.0
+"""Site time for which the recording goes on after the bin felt the drop: what fell must stay in the bin."""
+_LOOK_AROUND_S = 1.0
+"""Site time after which a robot that waits hears of orders."""
 _RETREAT_M = 0.08
 _LOOK_AWAY_S = 1.5
 _OTHER_VIEWS_RAD = (0.6, -0.6)
@@ -150,26 +173,31 @@ class Cleaning:
                 return item
         raise TaskFailed("no such item on this site", item=item_id)
 
-    def dispose(self, item_id: str, place: Point, checkpoint: Checkpoint, report: Report, note: Note) -> None:
-        """Bring the item, which lies within PLACE_LIMIT_M of `place`, into the bin.
+    def dispose(
+        self, item_id: str, place: Point, checkpoint: Checkpoint, report: Report, record: Record
+    ) -> None:
+        """Bring the item, which lies within PLACE_LIMIT_M of `place`, into the bin, and see that it stays.
 
         Raises TaskFailed with the last cause when the limits on retries are used up, and when the item is
         not there.
         """
         item = self.item(item_id)
         picks = deliveries = 0
-        released_s: float | None = None
-        while released_s is None:
+        while True:
             held = self.feel(checkpoint)
             if held is not None and held.item_id != item.id:
                 raise TaskFailed("the gripper holds another item", item=item_id, held=held.item_id)
             try:
                 if held is None:
                     picks += 1
-                    self._pick(item, place, self._where_to_look(item, place, picks), checkpoint, report)
+                    self._pick(
+                        item, place, self._where_to_look(item, place, picks), checkpoint, report, record
+                    )
                 else:
                     deliveries += 1
-                    released_s = self._deliver(item, held, checkpoint, report, note)
+                    released_s = self._deliver(item, held, checkpoint, report, record)
+                    self._finish(released_s, _BIN_ANSWER_WALL_S, checkpoint, report, record)
+                    return
             except NotFound as error:
                 raise TaskFailed(
                     f"{item_id} was not found near x {place[0]:.2f} y {place[1]:.2f}: {error.message}",
@@ -178,25 +206,28 @@ class Cleaning:
                 ) from error
             except Blocked as error:  # waiting was the retry
                 raise TaskFailed(f"gave up: {error.message}", item=item_id, cause=error.code) from error
-            except (GraspFailed, MotionFailed, Unreachable, NotGraspable, NoAnswer) as error:
+            except (GraspFailed, MotionFailed, Unreachable, NotGraspable, NoAnswer, TakenOut) as error:
                 log.warning("%s did not work: %s", "delivering" if held else "grasping", error)
-                note({"event": "retry", "where": "held" if held else "floor", **error.to_json()})
+                record.note({"event": "retry", "where": "held" if held else "floor", **error.to_json()})
                 if picks >= _PICKS or deliveries >= _DELIVERIES:
                     raise TaskFailed(f"gave up: {error.message}", item=item_id, cause=error.code) from error
                 self._recover(checkpoint)
-        report("waiting for the bin to confirm", 0.9)
-        self._confirm(released_s, _BIN_ANSWER_WALL_S, checkpoint, note)
 
     def _where_to_look(self, item: ItemConfig, place: Point, picks: int) -> Point:
         """Where the task says; after a grasp that failed, where the item was last."""
         known = self._memory.place(item.id)
         return place if picks == 1 or known is None else known
 
-    def confirm(self, released_s: float, checkpoint: Checkpoint, report: Report, note: Note) -> None:
-        """Ask the bin about an item that was released at `released_s`, before an interruption."""
-        report("waiting for the bin to confirm", 0.9)
-        # What fell before this call was attested long ago, or never will be.
-        self._confirm(released_s, _BIN_RECALL_WALL_S, checkpoint, note)
+    def confirm(self, released_s: float, checkpoint: Checkpoint, report: Report, record: Record) -> None:
+        """Ask the bin about an item that was released at `released_s`, before an interruption.
+
+        Raises TaskFailed when something was taken out since: the item may be anywhere.
+        """
+        try:
+            # What fell before this call was stated long ago, or never will be.
+            self._finish(released_s, _BIN_RECALL_WALL_S, checkpoint, report, record)
+        except TakenOut as error:
+            raise TaskFailed(f"gave up: {error.message}", cause=error.code, **error.details) from error
 
     def clear_the_bin(self, checkpoint: Checkpoint) -> None:
         """Make room for whoever uses the bin next, with the arm folded, wherever it was left."""
@@ -281,7 +312,13 @@ class Cleaning:
     # -- taking it -------------------------------------------------------------------------------------
 
     def _pick(
-        self, item: ItemConfig, place: Point, look_at: Point, checkpoint: Checkpoint, report: Report
+        self,
+        item: ItemConfig,
+        place: Point,
+        look_at: Point,
+        checkpoint: Checkpoint,
+        report: Report,
+        record: Record,
     ) -> None:
         """Take the item of the task that names `place`. Raises NotFound also when it lies too far from it."""
         self.stow(checkpoint)
@@ -298,6 +335,7 @@ class Cleaning:
                 limit_m=TAKEN_LIMIT_M,
             )
         self._announce(sighting)
+        record.await_witness(item.id, checkpoint)
         report(f"grasping {item.id}", 0.3)
         base = self._body.base_pose(checkpoint)
         grasp = top_grasps(item, sighting.position_m, sighting.quat_wxyz)[0]
@@ -400,7 +438,7 @@ class Cleaning:
     # -- bringing it -----------------------------------------------------------------------------------
 
     def _deliver(
-        self, item: ItemConfig, held: Held, checkpoint: Checkpoint, report: Report, note: Note
+        self, item: ItemConfig, held: Held, checkpoint: Checkpoint, report: Report, record: Record
     ) -> float:
         """Returns when it was let go of, site time."""
         holding = self._holding(checkpoint)
@@ -408,42 +446,55 @@ class Cleaning:
         self._aside(holding)
         self._drive_to_one_of([self._layout.parking], holding, _QUEUE_S)
         report(f"showing {item.id} to the bin", 0.6)
-        compartment = str(self._show(held, item, holding)["compartment"])
+        compartment = self._show(held, item, holding, record.claimant).compartment
         report(f"dropping {item.id} into {compartment}", 0.7)
-        return self._drop(held, compartment, checkpoint, note)
+        return self._drop(held, compartment, checkpoint, record)
 
-    def _show(self, held: Held, item: ItemConfig, checkpoint: Checkpoint) -> dict[str, Any]:
-        """Hold the item where the camera looks until the bin says what it is.
+    def _show(
+        self, held: Held, item: ItemConfig, checkpoint: Checkpoint, claimant: Claimant
+    ) -> Classification:
+        """Hold the item where the camera looks until the bin says what it is, and that this robot shows it.
 
         What the bin does not know is turned and shown again before its word counts, also that its
-        compartment is full. Raises NoAnswer, and TaskFailed when the compartment takes no more.
+        compartment is full; what it takes for somebody else's is shown again. Raises NoAnswer, and TaskFailed
+        when the compartment takes no more.
         """
         closing = _ACROSS_RAD
         after_s = 0.0
         for attempt in range(1, _SHOWS + 1):
             # The clock of a fast simulation is heard late: the last answer may be ahead of it.
             after_s = max(after_s, self._clock.now_s())
+            self._bin.present(claimant)
             x_m, y_m, z_m = in_base_frame(self._body.base_pose(checkpoint), self._layout.show_point)
             self._reach((x_m, y_m, z_m - held.centre_m), closing, checkpoint)
             try:
-                said = self._bin.wait_for("classification", after_s, checkpoint, _BIN_ANSWER_WALL_S)
+                said = self._bin.wait_for(Classification, after_s, checkpoint, _BIN_ANSWER_WALL_S)
             except NoAnswer:
                 if attempt == _SHOWS:
                     raise
                 log.warning("the bin said nothing; showing %s again", item.id)
             else:
-                if said.get("class") != "unknown" or attempt == _SHOWS:
-                    if said.get("full"):
-                        raise TaskFailed("the compartment is full", compartment=said["compartment"])
+                after_s = said.shown_s
+                if not _names(said, claimant):
+                    if attempt == _SHOWS:
+                        raise NoAnswer(
+                            "the bin does not name the robot that shows",
+                            number=said.number,
+                            named=[one.device for one in said.claimants],
+                        )
+                    log.warning("the bin does not say that %s shows; showing again", claimant.device)
+                elif said.item_class != UNKNOWN or attempt == _SHOWS:
+                    if said.full:
+                        raise TaskFailed("the compartment is full", compartment=said.compartment)
                     return said
-                after_s = float(said["time_s"])
-                closing = _ACROSS_RAD + _OTHER_VIEWS_RAD[attempt - 1]
-                log.info("the bin does not know %s; showing another side", item.id)
+                else:
+                    closing = _ACROSS_RAD + _OTHER_VIEWS_RAD[attempt - 1]
+                    log.info("the bin does not know %s; showing another side", item.id)
             self._aside(checkpoint)
             self._pause(_LOOK_AWAY_S, checkpoint)
         raise AssertionError("unreachable")
 
-    def _drop(self, held: Held, compartment: str, checkpoint: Checkpoint, note: Note) -> float:
+    def _drop(self, held: Held, compartment: str, checkpoint: Checkpoint, record: Record) -> float:
         """Returns when it was let go of, site time."""
         base = self._body.base_pose(checkpoint)
         x_m, y_m, rim_m = in_base_frame(base, self._layout.compartment(compartment))
@@ -452,9 +503,11 @@ class Cleaning:
         self._straight(low, _ACROSS_RAD, _DESCENT_RAD_S, checkpoint)
         # The bin says when the weight had settled: later than this, also by a clock that is a little behind.
         released_s = self._clock.now_s()
-        note({"event": "releasing", "item": held.item_id})
+        record.note({"event": "releasing", "item": held.item_id})
         self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
-        note({"event": "released", "item": held.item_id})  # sealed at once: from here on a hole is no loss
+        record.note(
+            {"event": "released", "item": held.item_id}
+        )  # sealed at once: from here on a hole is no loss
         self._memory.let_go(None)
         self._pause(_FALL_S, checkpoint)
         self._hold_still(released_s, checkpoint)
@@ -462,24 +515,47 @@ class Cleaning:
             self._retreat(_raised(low, _RETREAT_M), checkpoint)
         except (MotionFailed, Unreachable) as error:  # the item is in the bin all the same
             log.warning("the arm did not draw back from the bin: %s", error)
-            note({"event": "retry", "where": "bin", **error.to_json()})
+            record.note({"event": "retry", "where": "bin", **error.to_json()})
             self._recover(checkpoint)
         return released_s
 
     def _hold_still(self, released_s: float, checkpoint: Checkpoint) -> None:
         """Until the bin speaks of what fell after `released_s`; it may also stay silent."""
         try:
-            self._bin.wait_for("disposal", released_s, checkpoint, _HOLD_WALL_S)
+            self._bin.wait_for(Drop, released_s, checkpoint, _HOLD_WALL_S)
         except NoAnswer as error:
             log.info("%s yet", error)
 
-    def _confirm(self, released_s: float, patience_s: float, checkpoint: Checkpoint, note: Note) -> None:
-        """Wait for the bin's own word. Without it the recording stands as it is and the oracle decides."""
+    def _finish(
+        self, released_s: float, patience_s: float, checkpoint: Checkpoint, report: Report, record: Record
+    ) -> None:
+        """Wait for the bin's own word, make room at the bin, and be there until what fell has stayed in it.
+
+        Without the bin's word the recording stands as it is and the oracle decides. Raises TakenOut.
+        """
+        report("waiting for the bin to confirm", 0.9)
+        drop: Drop | None = None
         try:
-            self._bin.wait_for("disposal", released_s, checkpoint, patience_s)
+            drop = self._bin.wait_for(Drop, released_s, checkpoint, patience_s)
         except NoAnswer as error:
             log.warning("%s; submitting without it", error)
-            note({"event": "unconfirmed", **error.to_json()})
+            record.note({"event": "unconfirmed", **error.to_json()})
+        report("driving clear of the bin", 0.92)
+        try:
+            self.clear_the_bin(checkpoint)
+        except (MotionFailed, Unreachable) as error:
+            log.warning("the robot stays at the bin: %s", error)
+        report("seeing that it stays in the bin", 0.94)
+        until_s = (released_s if drop is None else drop.settled_s) + AFTER_DROP_S
+        while (now_s := self._clock.now_s()) < until_s:
+            self._pause(min(until_s - now_s, _LOOK_AROUND_S), checkpoint)
+        if drop is not None and (removal := self._bin.removed(drop.compartment, drop.after_s)) is not None:
+            raise TakenOut(
+                "something was taken out of the bin after the drop",
+                compartment=removal.compartment,
+                weight_n=removal.weight_n,
+                after_s=round(removal.settled_s - drop.settled_s, 3),
+            )
 
     # -- arm motions -----------------------------------------------------------------------------------
 
@@ -545,6 +621,12 @@ def _two_sides(poses: list[Pose2]) -> list[list[Pose2]]:
     first = poses[0]
     elsewhere = [p for p in poses if abs(wrap(p.yaw_rad - first.yaw_rad)) > math.pi / 3]
     return [poses, elsewhere] if elsewhere else [poses]
+
+
+def _names(said: Classification, claimant: Claimant) -> bool:
+    """Whether the bin says that `claimant` showed it. Addresses may differ in case."""
+    own = claimant.address.lower(), claimant.recording, claimant.task_id, claimant.attempt
+    return own in [(o.address.lower(), o.recording, o.task_id, o.attempt) for o in said.claimants]
 
 
 def _raised(point: Point3, by_m: float) -> Point3:

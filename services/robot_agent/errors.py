@@ -15,6 +15,7 @@ RodeoError
     ├── NotFound            the item is not where it should be
     ├── GraspFailed         the item is not in the gripper after grasping
     ├── NoAnswer            another device did not answer in time
+    ├── TakenOut            what was dropped did not stay in the bin
     └── TaskFailed          the task cannot be done; the cause says why
 """
 
@@ -81,6 +82,10 @@ class EvidenceHole(AgentError):
 
 class NoAnswer(AgentError):
     """Another device on the site did not answer in the time it was given."""
+
+
+class TakenOut(AgentError):
+    """The bin states that weight left the compartment after the drop: the work would not be paid."""
 
 
 class TaskFailed(AgentError):

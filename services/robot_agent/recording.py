@@ -6,36 +6,54 @@ import itertools
 import json
 import logging
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 from eth_account.signers.local import LocalAccount
+from pydantic import ValidationError
 
 from rodeo import topics
 from rodeo.bus import Bus
 from rodeo.clock import Clock
 from rodeo.config import Site
-from rodeo.evidence import Binding, EvidenceError, Recorder
-from rodeo.evidence.errors import ContainerError
+from rodeo.evidence import Attestation, Binding, EvidenceError, Recorder
+from rodeo.evidence.errors import BadStatement, ContainerError
 from rodeo.evidence.reader import SealedReader
+from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.messages import DaoEvent
+from rodeo.recording import (
+    Heard,
+    MessageDoor,
+    PictureFetcher,
+    Refusals,
+    SealPublisher,
+    StatementDoor,
+    StatementListener,
+)
+from rodeo.recording.door import LEFT_OUT, stamp_slack_s
 from rodeo.ros2 import MessageInfo, Node, types
 from rodeo.topics import Form, Plane, Topic
-from services.robot_agent.errors import EvidenceHole
+from rodeo.wallets import device_names
+from rodeo.witness import Claimant, Classification, Drop, Motion, Scope, Statement, parse
+from services.robot_agent.body import Checkpoint
+from services.robot_agent.errors import EvidenceHole, NoAnswer
 
 log = logging.getLogger(__name__)
 
 _SILENT_WALL_S = 10.0
+_WITNESS_WALL_S = 20.0
+"""Motion capture lists heads every two seconds and shows a resting item every ten, however slow the clock."""
+_SLICE_S = 0.1
 _HOLE_NS = 400_000_000
 """Odometry comes every 20 ms: a longer silence means that messages were lost (a router that restarts)."""
 
 
-def recorded_topics(site: Site, robot: str, items: list[str]) -> Iterator[tuple[Topic, str]]:
-    """Each topic, by its name, that belongs into the proof of a task of `robot` with `items`."""
+def recorded_topics(site: Site, robot: str) -> Iterator[tuple[Topic, str]]:
+    """Each topic, by its name, that belongs into the proof of a task of `robot`."""
     names = {
         "ns": [site.robot(robot).namespace],
-        "body": [robot, *items],
         "bin": [site.bin.name],
         "compartment": list(site.bin.compartments),
         "dock": [site.dock.name],
@@ -59,10 +77,45 @@ def when_released(path: Path) -> float | None:
     return times_s[-1] if times_s else None
 
 
-def tells_of_disposal(path: Path, after_s: float) -> bool:
-    """Whether the bin's word is there that something fell after `after_s` (site time)."""
-    drops = (one["payload"] for _, one in _json(path, "rodeo/attestation"))
-    return any("expected_compartment" in drop and float(drop["time_s"]) > after_s for drop in drops)
+def tells_of_disposal(path: Path, after_s: float, for_s: float) -> bool:
+    """Whether the recording holds the bin's word that something fell after `after_s` (site time), and what
+    came for `for_s` after that."""
+    drops = [
+        statement.settled_s
+        for _, statement in _statements(path)
+        if isinstance(statement, Drop) and statement.settled_s > after_s
+    ]
+    if not drops:
+        return False
+    return _last_s(path) >= min(drops) + for_s
+
+
+def stated(path: Path) -> dict[str, int]:
+    """Address -> number of the last statement of each device in the recording at `path`; {} without one."""
+    last: dict[str, int] = {}
+    for signer, statement in _statements(path) if path.exists() else ():
+        last[signer] = max(last.get(signer, 0), statement.seq)
+    return last
+
+
+def _statements(path: Path) -> Iterator[tuple[str, Statement]]:
+    for _, one in _json(path, ATTESTATION_CHANNEL):
+        try:
+            attestation = Attestation.model_validate(one)
+            yield attestation.signer, parse(attestation.payload)
+        except (ValidationError, BadStatement) as error:
+            log.warning("left out what is no statement in the recording: %s", error)
+
+
+def _last_s(path: Path) -> float:
+    """Site time up to which the recording goes."""
+    last_ns = 0
+    try:
+        for _, _, message in SealedReader(path):
+            last_ns = max(last_ns, message.log_ns)
+    except ContainerError as error:
+        log.info("read up to where the recording is cut off: %s", error)
+    return last_ns * 1e-9
 
 
 def _json(path: Path, channel: str) -> Iterator[tuple[float, dict[str, Any]]]:
@@ -76,7 +129,7 @@ def _json(path: Path, channel: str) -> Iterator[tuple[float, dict[str, Any]]]:
 
 
 class Recording:
-    """A running recording. Events and attestations are added by whoever hears them.
+    """A running recording. Contract events are added by whoever hears them.
 
     Args:
         holes_allowed: whether `check` puts up with lost stretches, as it must when the work cannot be done
@@ -92,7 +145,6 @@ class Recording:
         node: Node,
         site: Site,
         robot: str,
-        items: list[str],
         bus: Bus,
         holes_allowed: bool = False,
     ) -> None:
@@ -104,6 +156,9 @@ class Recording:
         self._recorder: Recorder
         self._clock = clock
         self._node = node
+        self._binding = binding
+        self._device = device
+        self._watches = site.lab.mocap
         self._failure: EvidenceError | None = None
         self._open = False
         self._holes_allowed = holes_allowed
@@ -113,39 +168,87 @@ class Recording:
         self._heard_ns: dict[str, int] = {}
         """Header stamp of the newest message of each topic with a rate."""
         self._progress = threading.Condition(self._lock)
-        recorded = list(recorded_topics(site, robot, items))
+        self._motion_ns = 0
+        """Up to when motion capture told what it saw; 0 until it was heard."""
+        self._listed = False
+        """Whether motion capture listed a head of this recording."""
+        self._shown: set[str] = set()
+        """Bodies that motion capture showed since the recording began."""
+        self._refusals = Refusals()
+        slack_s = stamp_slack_s(site.clock.speed)
+        recorded = list(recorded_topics(site, robot))
         for topic, name in recorded:
-            node.raw_subscription(name, topic.type, self._writer(topic, name))
-        node.raw_subscription(
-            topics.ODOM.name(ns=site.robot(robot).namespace), topics.ODOM.type, self._watch_for_holes
+            node.raw_subscription(name, topic.type, self._writer(topic, name, MessageDoor(topic, slack_s)))
+        scope = Scope(
+            chain_id=binding.chain_id, task_manager=binding.task_manager, organization=binding.organization
         )
-        self._witnesses = [
-            bus.subscribe_json(topics.MOCAP_ATTESTATION.name(org=site.org, body=body), self._on_witness)
-            for body in (robot, *items)
-        ]
+        members = device_names(site).values()
+        self._listener = StatementListener(
+            bus,
+            site.org,
+            lambda devices: StatementDoor(
+                devices.known, members, lambda: scope, clock, slack_s, self._refusals, stated(path)
+            ),
+            self._on_statement,
+        )
+        self._seals = SealPublisher(bus, site.org, robot)
+        self._pictures_written = 0
+        self._picture_topic = topics.BIN_IMAGE.name(bin=site.bin.name)
+        self._pictures = PictureFetcher(bus, site.org, site.bin.name, self._on_picture)
         # At 50 Hz each; the others are not waited for, or the first motion would be late.
-        place = topics.MOCAP_POSE if site.lab.mocap else topics.POSE
-        wanted = {name for topic, name in recorded if topic in (topics.ODOM, topics.JOINT_STATES, place)}
+        wanted = {
+            name for topic, name in recorded if topic in (topics.ODOM, topics.JOINT_STATES, topics.POSE)
+        }
+        if self._watches:
+            wanted -= {topics.POSE.name(ns=site.robot(robot).namespace)}
+
+        def heard() -> bool:
+            return wanted <= self._heard_ns.keys() and (self._motion_ns > 0 or not self._watches)
+
         with self._progress:
-            if not self._progress.wait_for(lambda: wanted <= self._heard_ns.keys(), _SILENT_WALL_S):
-                silent = ", ".join(sorted(wanted - self._heard_ns.keys()))
-                log.warning("the recording begins without %s", silent)
+            if not self._progress.wait_for(heard, _SILENT_WALL_S):
+                silent = sorted(wanted - self._heard_ns.keys())
+                if self._watches and not self._motion_ns:
+                    silent.append("motion capture")
+                log.warning("the recording begins without %s", ", ".join(silent))
         try:
             resume = path.exists()
-            self._recorder = (Recorder.resume if resume else Recorder)(path, binding, device, clock)
+            begin = Recorder.resume if resume else Recorder
+            self._recorder = begin(path, binding, device, clock, self._seals)
         except EvidenceError:
             self._hush()
+            self._seals.close()
             raise
         with self._lock:
             self._open = True
 
-    def _writer(self, topic: Topic, name: str) -> Any:
+    @property
+    def claimant(self) -> Claimant:
+        """For whom and what the robot works while this is recorded."""
+        return Claimant(
+            device=self._binding.device,
+            address=self._device.address,
+            recording=self._recorder.recording,
+            task_id=self._binding.task_id,
+            attempt=self._binding.attempt,
+        )
+
+    # -- from the bus's threads ------------------------------------------------------------------------
+
+    def _writer(self, topic: Topic, name: str, door: MessageDoor) -> Any:
         def write(info: MessageInfo) -> None:
+            now_ns = self._clock.now_ns()
+            refusal = door.refusal(info, now_ns)
+            if refusal is not None:
+                self._refusals.count("message", refusal)
+                return
             self._guard(
                 lambda: self._recorder.write_ros(
-                    name, topic.type, info.cdr, self._clock.now_ns(), info.source_time_ns, info.sequence
+                    name, topic.type, info.cdr, now_ns, info.source_time_ns, info.sequence
                 )
             )
+            if topic is topics.ODOM:
+                self._watch_for_holes(info)
             if topic.rate_hz is None:
                 return
             with self._progress:
@@ -163,32 +266,60 @@ class Recording:
                 self._hole_ns = max(self._hole_ns, step_ns)
         self._last_odom_ns = stamp_ns
 
+    def _on_statement(self, heard: Heard) -> None:
+        statement = heard.statement
+        # Motion capture speaks every second: part of the stream, nothing to save at once.
+        urgent = not isinstance(statement, Motion)
+        written = self._guard(
+            lambda: self._recorder.write_json(ATTESTATION_CHANNEL, heard.attestation, urgent=urgent)
+        )
+        if isinstance(statement, Classification) and written:
+            own = self._recorder.recording
+            if any(claimant.recording == own for claimant in statement.claimants):
+                self._pictures.want(statement)
+        if not isinstance(statement, Motion):
+            return
+        with self._progress:
+            self._motion_ns = max(self._motion_ns, statement.end_us * 1000)
+            if written:
+                own = self._recorder.recording
+                self._listed |= any(head.chain == own for head in statement.heads)
+                self._shown |= statement.tracks.keys()
+            self._progress.notify_all()
+
+    def _on_picture(self, cdr: bytes, time_ns: int) -> None:
+        """A picture that the bin classified, as its camera encoded it."""
+        self._pictures_written += 1
+        number, type_ = self._pictures_written, topics.BIN_IMAGE.type
+        self._guard(
+            lambda: self._recorder.write_ros(
+                self._picture_topic, type_, cdr, self._clock.now_ns(), time_ns, number
+            )
+        )
+
+    # -- from the agent --------------------------------------------------------------------------------
+
     def event(self, event: DaoEvent) -> None:
         """A contract event of this task."""
         self.note(event.model_dump(mode="json"))
 
     def note(self, payload: dict[str, Any]) -> None:
         """Something the agent wants on record."""
-        self._guard(lambda: self._recorder.write_json("rodeo/event", payload))
+        self._guard(lambda: self._recorder.write_json(EVENT_CHANNEL, payload))
 
-    def attestation(self, attestation: dict[str, Any]) -> None:
-        """Another device's signed statement."""
-        self._guard(lambda: self._recorder.write_json("rodeo/attestation", attestation))
-
-    def _on_witness(self, _key: str, attestation: dict[str, Any]) -> None:
-        """Motion capture speaks of each body every second: part of the stream, nothing to save at once."""
-        self._guard(lambda: self._recorder.write_json("rodeo/attestation", attestation, urgent=False))
-
-    def _guard(self, write: Any) -> None:
-        """Writers run in the bus's threads: a failure is kept for `check`, which the agent calls."""
+    def _guard(self, write: Callable[[], None]) -> bool:
+        """Whether it was written. Writers run in the bus's threads: a failure is kept for `check`, which the
+        agent calls."""
         with self._lock:
             if self._failure is not None or not self._open:
-                return
+                return False
             try:
                 write()
             except EvidenceError as error:
                 log.error("recording failed: %s", error)
                 self._failure = error
+                return False
+            return True
 
     def check(self) -> None:
         """Raises what kept the recording from being written, EvidenceHole when messages were lost."""
@@ -197,8 +328,28 @@ class Recording:
         if self._hole_ns and not self._holes_allowed:
             raise EvidenceHole("messages of the robot were lost", lost_s=self._hole_ns * 1e-9)
 
+    def await_witness(self, item: str, checkpoint: Checkpoint) -> None:
+        """Wait until motion capture listed this recording and showed where `item` lies: what is moved before
+        proves nothing. Raises NoAnswer; returns at once on a site without motion capture."""
+        deadline_s = time.monotonic() + _WITNESS_WALL_S
+        while self._watches:
+            with self._progress:
+                listed, shown = self._listed, item in self._shown
+                if listed and shown:
+                    return
+                self._progress.wait(_SLICE_S)
+            checkpoint()
+            if time.monotonic() >= deadline_s:
+                raise NoAnswer(
+                    "motion capture does not vouch for this recording",
+                    listed=listed,
+                    shown=shown,
+                    item=item,
+                    timeout_s=_WITNESS_WALL_S,
+                )
+
     def catch_up(self) -> None:
-        """Wait until what was published up to now is written.
+        """Wait until what was published and stated up to now is written.
 
         On a busy machine a fast simulation is ahead of its recorder. A topic that fell silent is given up on
         after `_SILENT_WALL_S`; the oracle judges what is there.
@@ -206,20 +357,30 @@ class Recording:
         now_ns = self._clock.now_ns()
 
         def written() -> bool:
-            return self._failure is not None or all(t >= now_ns for t in self._heard_ns.values())
+            if self._failure is not None:
+                return True
+            seen = not self._watches or self._motion_ns >= now_ns
+            return seen and all(t >= now_ns for t in self._heard_ns.values())
 
         with self._progress:
             if not self._progress.wait_for(written, _SILENT_WALL_S):
                 log.warning("not everything up to the end of the work could be recorded")
+        self._listener.catch_up()
+        if not self._pictures.wait(_SILENT_WALL_S):
+            log.warning("the bin does not give the picture that it classified")
 
     def suspend(self) -> None:
         """Put everything on disk and let go of the file, to be sealed or gone on with."""
+        left_out = self._refusals.summary()
+        if left_out:
+            self.note({"event": LEFT_OUT, "counts": left_out})
         with self._lock:
             self._open = False  # what still arrives while the subscriptions go belongs to no task
         self._hush()
         self._recorder.suspend()
+        self._seals.close()
 
     def _hush(self) -> None:
-        for witness in self._witnesses:
-            witness.undeclare()
+        self._listener.close()
+        self._pictures.close()
         self._node.close()

@@ -103,9 +103,9 @@ def test_only_the_bridge_publishes_events(running: RunningSite, voices: Voices, 
     assert speaker not in until(heard, "bridge", say)
 
 
-def test_only_the_bin_attests_what_it_was_shown(running: RunningSite, voices: Voices) -> None:
+def test_only_the_bin_states_what_it_was_shown(running: RunningSite, voices: Voices) -> None:
     heard: queue.Queue[str] = queue.Queue()
-    said = topics.CLASSIFICATION.name(org=running.site.org, bin=running.site.bin.name)
+    said = topics.WITNESS_STATEMENT.name(org=running.site.org, device=running.site.bin.name)
     voices["robot_agent"].subscribe_json(said, lambda _key, data: heard.put(data["by"]))
 
     def say() -> None:

@@ -1,54 +1,86 @@
-"""The lab's motion capture signs what it publishes: from the simulated lab over the bus into a recording."""
+"""The lab's motion capture signs what it sees: from the simulated lab over the bus into a recording."""
 
 from __future__ import annotations
 
 import threading
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
 
 from rodeo import topics, wallets
+from rodeo.bus import Request
 from rodeo.clock import SimClock
-from rodeo.evidence import Recorder, open_proof
+from rodeo.evidence import Recorder, open_proof, verify_attestation
 from rodeo.ros2 import Node
-from services.oracle.witness import signed
+from rodeo.witness import Motion, parse
+from rodeo.witness.motion import track
 from services.robot_agent.recording import Recording
 from tests.support.assignments import BINDING, ROBOT
 from tests.support.site import RunningSite, write_site
 
-STATEMENTS = 3
+
+class Office:
+    """Answers as the bridge does: for which organization one signs, and which devices there are."""
+
+    def __init__(self, running: RunningSite) -> None:
+        self._mocap = wallets.load(running.site, "mocap-device").address
+        for what, answer in (("chain", self._chain), ("devices", self._devices)):
+            running.bus.serve(topics.STATE.name(org=running.site.org, what=what), answer)
+
+    def _chain(self, _request: Request) -> dict[str, Any]:
+        contracts = {"TaskManager": BINDING.task_manager, "Organization": BINDING.organization}
+        return {"chain_id": BINDING.chain_id, "contracts": contracts}
+
+    def _devices(self, _request: Request) -> dict[str, Any]:
+        registered = (("robot", "panther1", ROBOT.address), ("mocap", "mocap", self._mocap))
+        return {
+            "devices": [
+                {
+                    "role": role,
+                    "name": name,
+                    "address": address,
+                    "owner": BINDING.organization,
+                    "revoked": None,
+                }
+                for role, name, address in registered
+            ]
+        }
 
 
-def test_a_recording_holds_poses_that_the_motion_capture_signed(tmp_path: Path) -> None:
-    running = RunningSite(write_site(tmp_path))
+def test_a_recording_holds_what_motion_capture_saw_under_the_heads_that_it_heard(tmp_path: Path) -> None:
+    running = RunningSite(write_site(tmp_path, extra="clock.speed = 10"))
     try:
-        running.start("router", "robot_sim")
+        running.start("router")
+        Office(running)
+        running.start("robot_sim")
         site, bus = running.site, running.bus
         clock = SimClock(bus.session, site.bus.domain_id)
         assert clock.wait_ready(threading.Event(), 60)
-        said, enough = [], threading.Event()
-
-        def on_statement(_key: str, _attestation: object) -> None:
-            said.append(1)
-            if len(said) > STATEMENTS:
-                enough.set()
-
         node = Node(bus.session, "recorder", "", site.bus.domain_id, clock)
         path = tmp_path / "proof.mcap"
-        recording = Recording(path, BINDING, ROBOT, clock, node, site, "panther1", ["item1"], bus)
-        key = topics.MOCAP_ATTESTATION.name(org=site.org, body="item1")
-        bus.subscribe_json(key, on_statement)
-        assert enough.wait(60), running.log("robot_sim")
+        recording = Recording(path, BINDING, ROBOT, clock, node, site, "panther1", bus)
+        recording.await_witness("item1", lambda: None)
+        ended_s = clock.now_s()
+        recording.catch_up()
+        own = recording.claimant.recording
         recording.suspend()
+        Recorder.finish(path, BINDING, ROBOT, clock)
         clock.close()
     finally:
         running.stop()
-    Recorder.finish(path, BINDING, ROBOT, clock)
     proof = open_proof(path)
-    device = wallets.load(site, "mocap-device").address.lower()
-    for body in ("panther1", "item1"):
-        poses = proof.topics[f"/mocap/{body}/pose"]
-        assert not signed(poses, body, proof.attestations(), {ROBOT.address.lower()}).any()
-        covered = signed(poses, body, proof.attestations(), {device})
-        # All but the poses before the first whole statement and after the last.
-        assert covered.sum() >= 50 * (STATEMENTS - 1), (body, len(covered), covered.sum())
-        first, last = covered.argmax(), len(covered) - covered[::-1].argmax()
-        assert covered[first:last].all()
+    assert not [topic for topic in proof.topics if topic.startswith("/mocap/")]
+    attestations = proof.attestations()
+    device = wallets.load(site, "mocap-device").address
+    assert {verify_attestation(one) for one in attestations} == {device}
+    said = sorted((parse(one.payload) for one in attestations), key=lambda one: one.seq)
+    motion = [one for one in said if isinstance(one, Motion)]
+    assert [one.seq for one in motion] == list(range(motion[0].seq, motion[0].seq + len(motion)))
+    assert own in {head.chain for one in motion for head in one.heads}
+    assert motion[-1].end_us * 1e-6 >= ended_s
+    for body, place in (("item1", site.items[0].pose), ("panther1", site.robots[0].pose)):
+        seen = track(motion, body)
+        assert seen is not None
+        assert np.hypot(*(seen.position_m[-1, :2] - [place.x_m, place.y_m])) == pytest.approx(0.0, abs=0.05)

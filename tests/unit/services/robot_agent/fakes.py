@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -14,7 +16,7 @@ from eth_account import Account
 
 from rodeo.config import Site
 from rodeo.errors import NoResponder, RodeoError
-from rodeo.evidence import attest
+from rodeo.evidence import Attestation, attest
 from rodeo.lab.config import ItemConfig, Pose2
 from rodeo.lab.items import rest_pose, shape_of
 from rodeo.lab.layout import BinLayout, ahead
@@ -26,7 +28,18 @@ from rodeo.lab.world import (
     PAD_THICKNESS_M,
     build_world,
 )
+from rodeo.witness import (
+    Claimant,
+    Classification,
+    Drop,
+    HeadBook,
+    Journal,
+    Removal,
+    Scope,
+    WitnessChain,
+)
 from services.robot_agent.arm import READY_RAD, Arm, Trajectory, Vector
+from services.robot_agent.bin import Kind, Word
 from services.robot_agent.body import Checkpoint, Grip, Joints
 from services.robot_agent.errors import MotionFailed, NoAnswer
 from services.robot_agent.navigation import in_base_frame
@@ -240,40 +253,86 @@ def _world(site_json: str) -> mujoco.MjModel:
     return build_world(Site.model_validate_json(site_json))
 
 
+SCOPE = Scope(chain_id=31337, task_manager="0x" + "12" * 20, organization="0x" + "34" * 20)
+CLAIMANT = Claimant(
+    device="panther1", address="0x" + "aa" * 20, recording="0x" + "0b" * 32, task_id=7, attempt=1
+)
+
+
+class Notes:
+    """What is kept of the work. `deaf`: number of times that no witness knows of it."""
+
+    def __init__(self) -> None:
+        self.claimant = CLAIMANT
+        self.notes: list[dict[str, Any]] = []
+        self.awaited: list[str] = []
+        self.deaf = 0
+
+    def note(self, payload: dict[str, Any]) -> None:
+        self.notes.append(payload)
+
+    def await_witness(self, item: str, checkpoint: Checkpoint) -> None:
+        checkpoint()
+        self.awaited.append(item)
+        if self.deaf:
+            self.deaf -= 1
+            raise NoAnswer("motion capture does not vouch for this recording", item=item)
+
+
 class AnsweringBin:
     """A bin that classifies at once. `silent`: number of times it says nothing; `unsure`: that it knows
-    nothing; `full`: the compartments that take no more."""
+    nothing; `mistaken`: that it takes the robot for another; `full`: the compartments that take no more;
+    `thefts`: number of drops after which something is taken out."""
 
     def __init__(self, clock: ManualClock, compartment: str) -> None:
         self._clock = clock
         self._compartment = compartment
+        self._number = 0
         self.silent = 0
         self.unsure = 0
+        self.mistaken = 0
+        self.thefts = 0
         self.full: set[str] = set()
         self.shown = 0
-        self.asked = 0
+        self.presented: list[Claimant] = []
         self.disposals = True
-        self.on_wait: Callable[[str], None] = lambda kind: None
+        self.on_wait: Callable[[type], None] = lambda kind: None
+
+    def present(self, claimant: Claimant) -> None:
+        self.presented.append(claimant)
+
+    def removed(self, compartment: str, after_s: float) -> Removal | None:
+        if not self.thefts:
+            return None
+        self.thefts -= 1
+        payload = payload_of(Removal, 9, BIN, compartment=compartment, weight_n=0.2, settled_s=after_s + 3)
+        return Removal.model_validate(payload)
 
     def wait_for(
-        self, kind: str, after_s: float, checkpoint: Checkpoint, timeout_wall_s: float
-    ) -> dict[str, Any]:
+        self, kind: type[Kind], after_s: float, checkpoint: Checkpoint, timeout_wall_s: float
+    ) -> Kind:
         checkpoint()
         self.on_wait(kind)
-        if kind == "classification" and self.silent:
+        if kind is Classification and self.silent:
             self.silent -= 1
             raise NoAnswer("the bin sent no classification", timeout_s=timeout_wall_s)
-        if kind == "disposal" and not self.disposals:
-            raise NoAnswer("the bin sent no disposal", timeout_s=timeout_wall_s)
-        self.asked += 1
-        statement = {"seq": self.asked, "compartment": self._compartment, "time_s": self._clock.now_s()}
-        if kind == "classification":
+        if kind is Drop and not self.disposals:
+            raise NoAnswer("the bin sent no drop", timeout_s=timeout_wall_s)
+        self._number += 1
+        now_s = self._clock.now_s()
+        assert now_s > after_s
+        more: dict[str, Any] = {"compartment": self._compartment, "number": self._number}
+        if kind is Classification:
             self.shown += 1
             if self.shown <= self.unsure:
-                statement |= {"class": "unknown", "compartment": "grey"}
-            statement["full"] = statement["compartment"] in self.full
-        assert self._clock.now_s() > after_s
-        return statement
+                more |= {"class": "unknown", "compartment": "grey"}
+            more["full"] = more["compartment"] in self.full
+            named = CLAIMANT.model_copy(update={"task_id": 99}) if self.mistaken else CLAIMANT
+            more |= {"claimants": [named.model_dump()], "shown_s": now_s}
+            self.mistaken = max(self.mistaken - 1, 0)
+        else:
+            more["settled_s"] = now_s
+        return kind.model_validate(payload_of(kind, self._number, BIN, **more))
 
 
 BIN = Account.create()
@@ -284,24 +343,34 @@ class BinBus:
     """A bus with a bin on it that answers with what it said last, and a bridge that knows its device.
 
     `away`: how many questions the bin leaves unanswered; `on_ask` is called before each. What is in
-    `answers` is answered or raised first.
+    `answers` is answered or raised first. What is published is in `published`.
     """
 
     def __init__(self) -> None:
-        self.live: dict[str, Any] = {}
         self.devices: list[dict[str, Any]] = [device(BIN.address)]
         self.bridge = True
         self.away = 0
         self.on_ask: Callable[[], None] = lambda: None
         self.answers: list[dict[str, Any] | RodeoError] = []
-        self._said: dict[str, Any] = {}
+        self.said: list[dict[str, Any]] = []
+        self.published: list[Attestation] = []
+        self._hear: Callable[[str, bytes], None] = lambda _key, _payload: None
 
-    def say(self, kind: str, seq: int, time_s: float, **more: Any) -> None:
-        """From now on this is the bin's last word of that kind."""
-        self._said[kind] = statement(kind, seq, time_s, **more)
+    def say(self, model: type[Word], time_s: float, key: Any = BIN, **more: Any) -> dict[str, Any]:
+        """The bin's next statement, which nobody hears live."""
+        attestation = attest(
+            payload_of(model, len(self.said) + 1, key, time_s=time_s, about_s=time_s, **more), key
+        )
+        self.said.append(attestation.model_dump())
+        return self.said[-1]
 
-    def subscribe_json(self, key: str, callback: Any) -> None:
-        self.live[key.rsplit("/", 1)[1]] = callback
+    def tell(self, attestation: dict[str, Any], device: str = "itrash") -> None:
+        """Live, on the key of `device`."""
+        self._hear(f"rodeo/lab/witness/{device}/statement", json.dumps(attestation).encode())
+
+    def subscribe_bytes(self, key: str, callback: Any) -> Any:
+        self._hear = callback
+        return _Endpoint()
 
     def query(self, key: str, timeout_s: float) -> dict[str, Any]:
         if key.endswith("/devices"):
@@ -317,16 +386,70 @@ class BinBus:
             if isinstance(answer, RodeoError):
                 raise answer
             return answer
-        return dict(self._said)
+        kinds = {"bin.classification": "classification", "bin.drop": "disposal"}
+        return {kinds[a["payload"]["type"]]: a for a in self.said if a["payload"]["type"] in kinds}
+
+    def query_all(
+        self, key: str, *, parameters: dict[str, Any], timeout_s: float, most: int
+    ) -> list[dict[str, Any]]:
+        if self.away:
+            return []
+        return [{"statements": [one for one in self.said if one["payload"]["seq"] > parameters["after"]]}]
+
+
+class _Endpoint:
+    def undeclare(self) -> None:
+        pass
+
+
+class Voice:
+    """The robot's own witness: signs into `folder`, publishes on `bus`."""
+
+    def __init__(self, folder: Path, bus: BinBus) -> None:
+        self._bus = bus
+        self.account = Account.create()
+        journal = Journal(folder / "statements.jsonl")
+        self.chain: WitnessChain | None = WitnessChain(
+            "panther1", self.account, SCOPE, "closed_bus", journal, HeadBook()
+        )
+
+    def publish(self, attestation: Attestation) -> None:
+        self._bus.published.append(attestation)
 
 
 def device(address: str, role: str = "bin", revoked: float | None = None) -> dict[str, Any]:
     """As the bridge tells of it."""
-    return {"address": address, "role": role, "revoked": revoked}
+    return {"address": address, "role": role, "name": "itrash", "owner": "0x" + "ee" * 20, "revoked": revoked}
 
 
-def statement(kind: str, seq: int, time_s: float, key: Any = BIN, **more: Any) -> dict[str, Any]:
-    """What the bin signs, or whoever has `key`."""
-    telling = {"class": "metal"} if kind == "classification" else {"expected_compartment": "yellow"}
-    payload = {"bin": "itrash", "seq": seq, "time_s": time_s, "compartment": "yellow"}
-    return attest(payload | telling | more, key).model_dump()
+def payload_of(model: type[Word], seq: int, key: Any, **more: Any) -> dict[str, Any]:
+    """What the bin signs, or whoever has `key`; `about_s` is when what it speaks of was over."""
+    about_s = more.pop("about_s", 1_000.0)
+    digest = "0x" + "cd" * 32
+    own: dict[type[Word], dict[str, Any]] = {
+        Classification: {
+            "number": seq,
+            "class": "metal",
+            "probabilities": {"metal": 1.0},
+            "full": False,
+            "image_sha256": digest,
+            "model_sha256": digest,
+            "thresholds_sha256": digest,
+            "claimants": [CLAIMANT.model_dump()],
+            "shown_s": about_s,
+        },
+        Drop: {
+            "number": seq,
+            "classification": None,
+            "expected_compartment": "yellow",
+            "weight_n": 0.2,
+            "after_s": about_s - 1,
+            "settled_s": about_s,
+            "correct": True,
+            "claimants": [],
+        },
+        Removal: {"weight_n": 0.2, "after_s": about_s - 1, "settled_s": about_s},
+    }
+    head = {"device": "itrash", "seq": seq, "previous": None if seq == 1 else digest, "inputs": "closed_bus"}
+    fields = SCOPE.model_dump() | head | {"compartment": "yellow", "time_s": about_s} | own[model] | more
+    return model.model_validate(fields).model_dump(mode="json")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
+import math
 import threading
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from rodeo.config import Site
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.place import JUDGED_LIMIT_M, TAKEN_LIMIT_M
 from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M
+from rodeo.witness import Classification, Drop
 from services.robot_agent import bin as bin_module
 from services.robot_agent import cleaning as cleaning_module
 from services.robot_agent.arm import Arm
@@ -24,12 +25,15 @@ from services.robot_agent.navigation import Floor
 from services.robot_agent.perception import Sighting
 from tests.support.site import LAB
 from tests.unit.services.robot_agent.fakes import (
+    CLAIMANT,
     AnsweringBin,
     BinBus,
     KinematicBody,
     ManualClock,
+    Notes,
     Pose3,
     RayCamera,
+    Voice,
 )
 
 ITEMS = [item.id for item in Site.load(LAB).items]
@@ -47,7 +51,7 @@ class Scene:
         self.camera = RayCamera(self.body)
         self.bin = AnsweringBin(self.clock, compartment)
         self.memory = Memory(self.site, folder / "memory.json")
-        self.notes: list[dict[str, Any]] = []
+        self.record = Notes()
         self.progress: list[float] = []
         self.sightings: list[Sighting] = []
         self.cleaning = Cleaning(
@@ -57,7 +61,7 @@ class Scene:
             self.camera,  # type: ignore[arg-type]
             Floor(self.site),
             self.memory,
-            SmartBin(bus, self.site, lambda _: None) if bus else self.bin,  # type: ignore[arg-type]
+            SmartBin(bus, self.site, self.clock, Voice(folder, bus)) if bus else self.bin,  # type: ignore[arg-type]
             self.clock,
             threading.Event(),
             self.sightings.append,
@@ -65,7 +69,7 @@ class Scene:
 
     @property
     def events(self) -> list[str]:
-        return [note["event"] for note in self.notes]
+        return [note["event"] for note in self.record.notes]
 
     def place(self, item: str) -> tuple[float, float]:
         """Where the site file says that it lies."""
@@ -80,7 +84,7 @@ class Scene:
             (x_m + off_m, y_m),
             checkpoint,
             lambda text, share: self.progress.append(share),
-            self.notes.append,
+            self.record,
         )
 
 
@@ -115,7 +119,7 @@ def test_a_grasp_that_slips_is_tried_again(scene: Scene) -> None:
     scene.dispose()
     assert scene.body.dropped_in == "yellow"
     assert scene.events == ["retry", "retry", "releasing", "released"]
-    assert [note["code"] for note in scene.notes[:2]] == ["grasp_failed", "grasp_failed"]
+    assert [note["code"] for note in scene.record.notes[:2]] == ["grasp_failed", "grasp_failed"]
 
 
 def test_grasps_that_keep_slipping_fail_the_task_with_the_cause(scene: Scene) -> None:
@@ -136,7 +140,7 @@ def test_a_robot_that_stands_in_the_way_for_minutes_costs_no_retry(scene: Scene)
     scene.body.blocked = 20
     scene.dispose()
     assert scene.body.dropped_in == "yellow"
-    assert "retry" not in [note["event"] for note in scene.notes]
+    assert "retry" not in [note["event"] for note in scene.record.notes]
 
 
 def test_a_way_that_stays_blocked_fails_the_task_once_patience_ends(scene: Scene) -> None:
@@ -163,6 +167,64 @@ def test_what_the_bin_does_not_know_is_shown_from_other_sides_before_grey_is_cho
     scene.bin.unsure = unsure
     scene.dispose()
     assert (scene.bin.shown, scene.body.dropped_in) == (shown, compartment)
+
+
+def test_the_robot_presents_itself_before_each_showing(scene: Scene) -> None:
+    scene.bin.unsure = 1
+    scene.dispose()
+    assert scene.bin.presented == [CLAIMANT, CLAIMANT]
+
+
+def test_what_the_bin_takes_for_somebody_elses_is_shown_again(scene: Scene) -> None:
+    scene.bin.mistaken = 2
+    scene.dispose()
+    assert (scene.bin.shown, scene.body.dropped_in) == (3, "yellow")
+
+
+def test_nothing_is_dropped_while_the_bin_names_another_claimant(scene: Scene) -> None:
+    scene.bin.mistaken = 999
+    with pytest.raises(TaskFailed) as caught:
+        scene.dispose()
+    assert caught.value.details["cause"] == "no_answer"
+    assert (scene.body.held, scene.body.dropped_in) == ("item1", None)
+
+
+def test_the_item_is_not_touched_before_a_witness_knows_of_the_recording(scene: Scene) -> None:
+    scene.record.deaf = 999
+    with pytest.raises(TaskFailed) as caught:
+        scene.dispose()
+    assert caught.value.details["cause"] == "no_answer"
+    assert scene.memory.held is None
+    assert scene.body.items["item1"].position_m[:2] == pytest.approx(scene.place("item1"), abs=1e-9)
+
+
+def test_a_witness_that_is_late_is_waited_for(scene: Scene) -> None:
+    scene.record.deaf = 1
+    scene.dispose()
+    assert (scene.record.awaited, scene.body.dropped_in) == (["item1", "item1"], "yellow")
+
+
+def test_the_robot_leaves_the_bin_and_records_on_for_ten_seconds_after_the_drop(scene: Scene) -> None:
+    dropped_s: list[float] = []
+    scene.bin.on_wait = lambda kind: dropped_s.append(scene.clock.now_s()) if kind is Drop else None
+    scene.dispose()
+    assert scene.clock.now_s() - dropped_s[-1] >= 10.0
+    base, parking = scene.body.base, BinLayout(scene.site.bin).parking
+    assert math.dist((base.x_m, base.y_m), (parking.x_m, parking.y_m)) > 0.5
+
+
+def test_what_is_taken_out_after_the_drop_is_not_submitted_as_done(scene: Scene) -> None:
+    scene.bin.thefts = 1
+    with pytest.raises(TaskFailed, match="was not found near"):
+        scene.dispose()
+    assert [note.get("code") for note in scene.record.notes if note["event"] == "retry"] == ["taken_out"]
+
+
+def test_what_was_taken_out_during_an_interruption_fails_the_task(scene: Scene) -> None:
+    scene.bin.thefts = 1
+    with pytest.raises(TaskFailed) as caught:
+        scene.cleaning.confirm(900.0, go_on, lambda _text, _share: None, scene.record)
+    assert caught.value.details["cause"] == "taken_out"
 
 
 def test_nothing_is_dropped_into_a_full_compartment(scene: Scene) -> None:
@@ -194,13 +256,13 @@ def test_a_missing_confirmation_goes_on_record(scene: Scene) -> None:
 
 
 def test_the_arm_keeps_still_until_the_bin_has_spoken_of_the_drop(scene: Scene) -> None:
-    heard: list[str] = []
+    heard: list[type] = []
     heard_before_motion: list[bool] = []
     follow = scene.body.follow
 
     def watched(plan: Any, checkpoint: Any) -> None:
         if scene.body.dropped_in:
-            heard_before_motion.append("disposal" in heard)
+            heard_before_motion.append(Drop in heard)
         follow(plan, checkpoint)
 
     scene.bin.on_wait = heard.append
@@ -361,16 +423,16 @@ def test_what_the_bin_said_of_another_item_is_no_answer_although_it_did_not_answ
 ) -> None:
     scene, bus = on_a_bus
     bus.away = 1
-    bus.say("classification", 41, scene.clock.now_s(), compartment="blue")
+    bus.say(Classification, scene.clock.now_s(), compartment="blue")
     asked = 0
 
     def answer() -> None:
         nonlocal asked
         asked += 1
         if scene.body.dropped_in:
-            bus.say("disposal", 8, scene.clock.now_s())
+            bus.say(Drop, scene.clock.now_s())
         elif asked == 4:
-            bus.say("classification", 42, scene.clock.now_s())
+            bus.say(Classification, scene.clock.now_s())
 
     bus.on_ask = answer
     scene.dispose()
@@ -382,18 +444,18 @@ def test_an_answer_to_one_look_is_none_to_the_next_although_the_clock_is_heard_l
     on_a_bus: tuple[Scene, BinBus],
 ) -> None:
     scene, bus = on_a_bus
-    ahead_s, asked = 100.0, 0
+    ahead_s, asked = 10.0, 0
 
     def answer() -> None:
         nonlocal asked
         asked += 1
         now_s = scene.clock.now_s() + ahead_s
         if scene.body.dropped_in:
-            bus.say("disposal", 1, now_s)
+            bus.say(Drop, now_s)
         elif asked == 1:
-            bus.say("classification", 1, now_s, **{"class": "unknown", "compartment": "grey"})
+            bus.say(Classification, now_s, **{"class": "unknown", "compartment": "grey"})
         elif asked == 3:
-            bus.say("classification", 2, now_s)
+            bus.say(Classification, now_s)
 
     bus.on_ask = answer
     scene.dispose()
@@ -402,14 +464,13 @@ def test_an_answer_to_one_look_is_none_to_the_next_although_the_clock_is_heard_l
 
 def test_a_drop_that_others_made_during_the_task_confirms_nothing(on_a_bus: tuple[Scene, BinBus]) -> None:
     scene, bus = on_a_bus
-    number = itertools.count(1)
 
     def answer() -> None:
         if scene.body.dropped_in:
             bus.away = 1
             return
-        bus.say("classification", next(number), scene.clock.now_s())
-        bus.say("disposal", 7, 1_001.0)
+        bus.say(Classification, scene.clock.now_s())
+        bus.say(Drop, 1_001.0)
 
     bus.on_ask = answer
     scene.dispose()
@@ -420,15 +481,14 @@ def test_a_drop_by_others_that_is_told_only_after_the_release_is_waited_past(
     on_a_bus: tuple[Scene, BinBus],
 ) -> None:
     scene, bus = on_a_bus
-    number = itertools.count(1)
     told: list[float] = []
 
     def answer() -> None:
         if not scene.body.dropped_in:
-            bus.say("classification", next(number), scene.clock.now_s())
-        else:
+            bus.say(Classification, scene.clock.now_s())
+        elif len(told) < 2:
             told.append(1_001.0 if not told else scene.clock.now_s())
-            bus.say("disposal", len(told), told[-1])
+            bus.say(Drop, told[-1])
 
     bus.on_ask = answer
     scene.dispose()
