@@ -310,6 +310,33 @@ def test_a_service_is_offered_priced_paused_resumed_and_retired(desk: Office) ->
     page.close()
 
 
+def test_an_auditor_pays_a_part_of_what_the_oracle_could_not_decide(desk: Office) -> None:
+    task_id = desk.dao.post("120")
+    desk.dao.prove(task_id)
+    desk.dao.verdict(task_id, "undecided", "the verification hung twice")
+    page = desk.page("ada")
+    open_page(page, f"/tasks/{task_id}")
+    expect(page.get_by_text("An auditor decides")).to_be_visible()
+    expect(page.get_by_text("without one the executor wins")).to_be_visible()
+    open_page(page, "/work")
+    page.get_by_role("button", name=f"Judge task {task_id}").click()
+    expect(page.get_by_text("The oracle could not decide: the verification hung twice.")).to_be_visible()
+    page.get_by_label("Why?").fill("Half of it is there")
+    page.get_by_label("Pay, if approved (IEC)").fill("40.5")
+    page.get_by_role("button", name="Approve").click()
+    sure = page.get_by_role("dialog", name="Approve this work?")
+    expect(sure.get_by_text("40.5 IEC")).to_be_visible()
+    sure.get_by_role("button", name="Approve").click()
+    open_page(page, f"/tasks/{task_id}")
+    expect(page.get_by_text("An auditor decided")).to_be_visible()
+    agreement = page.get_by_role("region", name="Agreement")
+    expect(agreement.get_by_text("40.5 IEC")).to_be_visible()
+    expect(agreement.get_by_text("79.5 IEC")).to_be_visible()
+    task = desk.dao.task(task_id)
+    assert (task["state"], task["paid_iec"], task["refunded_iec"]) == ("settled", "40.5", "79.5")
+    page.close()
+
+
 def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) -> None:
     page = desk.page("ada")
     open_page(page, "/services")

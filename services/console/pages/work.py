@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 from nicegui.events import UploadEventArguments
 
+from rodeo.dao import is_peoples
 from rodeo.errors import RodeoError
 from rodeo.evidence.statement import MAX_PHOTO_BYTES, MAX_PHOTOS, Statement, check_photo, photo_format
 from rodeo.messages import Task
@@ -258,11 +259,12 @@ class AuditorDesk:
     @on_page
     async def _open(self, task: Task) -> None:
         """Show the evidence and ask for a verdict; the form stays until it is given or it is closed."""
-        try:
-            statement: Statement | None = await ask(self._console.reads.statement, task)
-        except RodeoError as error:
-            statement = None
-            fail(error)
+        statement: Statement | None = None
+        if is_peoples(task.kind):
+            try:
+                statement = await ask(self._console.reads.statement, task)
+            except RodeoError as error:
+                fail(error)
         known: list[str] = []
         if statement is not None:
             try:
