@@ -5,7 +5,7 @@ import {ERC20} from "@openzeppelin/contracts/token/ERC20/ERC20.sol";
 import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol";
 import {ReentrancyGuardTransient} from "@openzeppelin/contracts/utils/ReentrancyGuardTransient.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {ITaskManager, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice A token that misbehaves as it is told.
@@ -222,6 +222,33 @@ contract TokenTest is Fixture {
             );
             assertEq(_token.balanceOf(robot1), 1080 ether);
             assertEq(_token.balanceOf(address(tasks)), 100 ether);
+            vm.revertToState(snapshot);
+        }
+    }
+
+    function test_aTokenThatReentersWhileAnAuditorPaysGetsNowhere() public {
+        offer(robot1, 80 ether);
+        uint256 open = post(address(_token));
+        submit(open);
+        judgeAs(oracle, open, Verdict.Undecided, 0);
+        bytes[] memory calls = new bytes[](2);
+        calls[0] = abi.encodeCall(ITaskManager.expireTask, (open));
+        calls[1] = abi.encodeCall(
+            ITaskManager.postVerdict, (open, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "")
+        );
+        for (uint256 i = 0; i < 4; ++i) {
+            uint256 snapshot = vm.snapshotState();
+            _token.reenter(address(tasks), calls[i % 2]);
+            uint256 paid = i < 2 ? 50 ether : 80 ether;
+            if (i < 2) {
+                judgeAs(auditor, open, Verdict.Accepted, paid);
+            } else {
+                vm.warp(block.timestamp + AUDIT_WINDOW + 1);
+                tasks.expireTask(open);
+            }
+            assertFalse(_token.entered(), "entered");
+            assertEq(_token.balanceOf(robot1), 1000 ether + paid);
+            assertEq(_token.balanceOf(address(tasks)), 0);
             vm.revertToState(snapshot);
         }
     }

@@ -209,6 +209,7 @@ contract Handler is CommonBase, StdUtils {
         _mustNot(t.creator, taskId, t, verdict, amount, "the creator judged");
         _mustNot(_services.providerOf(t.serviceId), taskId, t, verdict, amount, "the executor judged");
         _mustNot(_auditor, taskId, t, Verdict.Undecided, 0, "an auditor did not decide");
+        if (bytes(violation).length != 0) return;
         _judge(_auditor, taskId, t, verdict, amount);
         if (accepted) _expectPayment(t, amount);
         else if (t.attempt == t.maxAttempts) expected[t.creator] += t.reward;
