@@ -434,6 +434,29 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
     dao.command("organization", "withdraw", to="panther1", amount_iec="30")
 
 
+def test_each_kind_of_the_site_says_who_judges_it_and_who_wins_at_the_auditors_silence(dao: Dao) -> None:
+    rules = {one["kind"]: one for one in dao.state("organization")["kinds"]}
+    for kind, winner in ((CLEANING, "executor"), ("battery_charging", "creator")):
+        assert (rules[kind]["allowed"], rules[kind]["review"], rules[kind]["silence"]) == (
+            True,
+            "oracle",
+            winner,
+        )
+        assert rules[kind]["audit_window_s"] == 7 * 24 * 3600
+    dao.command(
+        "organization",
+        "allow_kind",
+        kind=CLEANING,
+        review="oracle",
+        audit_window_s=3600,
+        at_silence="creator",
+    )
+    (changed,) = [one for one in dao.state("organization")["kinds"] if one["kind"] == CLEANING]
+    assert (changed["audit_window_s"], changed["silence"]) == (3600, "creator")
+    back = {"audit_window_s": rules[CLEANING]["audit_window_s"], "at_silence": rules[CLEANING]["silence"]}
+    dao.command("organization", "allow_kind", kind=CLEANING, review="oracle", **back)
+
+
 def test_a_part_of_the_work_is_paid_in_part_and_the_ledger_tells_both(dao: Dao) -> None:
     before = dao.balances()
     task_id = dao.post("120")
