@@ -14,6 +14,7 @@ from enum import StrEnum
 from typing import Literal
 
 from rodeo import topics
+from rodeo.budget import Bucket
 from rodeo.evidence.errors import LayoutChanged
 from rodeo.evidence.series import Layout
 from rodeo.metrics import RECORDER_REFUSED
@@ -62,26 +63,6 @@ class Refusals:
         """`message:doubled` and so on -> how many."""
         with self._lock:
             return dict(sorted(self._counts.items()))
-
-
-class Bucket:
-    """A budget of `per_s` in each second that passes, at most `most` of them saved up."""
-
-    def __init__(self, per_s: float, most: float) -> None:
-        self._per_s = per_s
-        self._most = most
-        self._left = most
-        self._at_s: float | None = None
-
-    def take(self, now_s: float) -> bool:
-        """Whether one is left at `now_s`; takes it."""
-        if self._at_s is not None and now_s > self._at_s:
-            self._left = min(self._most, self._left + (now_s - self._at_s) * self._per_s)
-        self._at_s = now_s if self._at_s is None else max(self._at_s, now_s)
-        if self._left < 1:
-            return False
-        self._left -= 1
-        return True
 
 
 LEFT_OUT = "left_out"

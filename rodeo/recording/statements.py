@@ -17,12 +17,13 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 
 from rodeo import topics
+from rodeo.budget import Bucket
 from rodeo.bus import Bus, decode_json
 from rodeo.clock import Clock
 from rodeo.errors import BusError, MalformedJson, RemoteError
 from rodeo.evidence.attestation import Attestation, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BadStatement
-from rodeo.recording.door import Bucket, Refusal, Refusals
+from rodeo.recording.door import Refusal, Refusals
 from rodeo.wallets import SiteDevice
 from rodeo.witness.devices import Device, DeviceTable
 from rodeo.witness.statement import Scope, Statement, parse, payload_digest
@@ -124,8 +125,6 @@ class StatementDoor:
         self._chains: dict[str, _Chain] = {}
         self._names: dict[str, str] = {}
         """Address -> name of the device."""
-        self.strangers = 0
-        """Messages whose signer is not known; it may have been registered a moment ago."""
         for address, seq in (after or {}).items():
             chain = self._chain(address)
             chain.through = chain.newest = seq
@@ -216,10 +215,7 @@ class StatementDoor:
     def _examine(self, name: str, attestation: Attestation) -> Heard:
         """Everything about a statement but its signature."""
         device = self._find(attestation.signer)
-        if device is None:
-            self.strangers += 1
-            raise _Refused(Refusal.STRANGER)
-        if SiteDevice(device.role, device.name) not in self._members:
+        if device is None or SiteDevice(device.role, device.name) not in self._members:
             raise _Refused(Refusal.STRANGER)
         try:
             statement = parse(attestation.payload)
@@ -288,10 +284,6 @@ def _of(scope: Scope) -> tuple[int, str, str]:
 
 _LOOK_WALL_S = 0.5
 """How often it is looked whether something is missing."""
-_DEVICES_WALL_S = 60.0
-"""The bridge is asked again so often which devices there are: some are revoked."""
-_STRANGER_WALL_S = 1.0
-"""The same after a stranger spoke, who may be new; but anybody may publish."""
 _ANSWER_WALL_S = 2.0
 _ANSWERS = 4
 """Of one question: the device's own is among them, whoever else answers on an open bus."""
@@ -322,18 +314,25 @@ class StatementListener:
         self._deliver = deliver
         self._lock = threading.RLock()
         self._wake = threading.Event()
-        self._closed = False
+        self._closed = threading.Event()
         self._subscriber = bus.subscribe_bytes(
             topics.WITNESS_STATEMENT.name(org=org, device=only), self._on_statement
         )
-        self._thread = threading.Thread(target=self._look_after, name="statements", daemon=True)
-        self._thread.start()
+        self._threads = [
+            threading.Thread(target=self._look_after, name="statements", daemon=True),
+            threading.Thread(
+                target=self._devices.look_after, args=(self._closed,), name="devices", daemon=True
+            ),
+        ]
+        for thread in self._threads:
+            thread.start()
 
     def close(self) -> None:
-        self._closed = True
+        self._closed.set()
         self._wake.set()
         self._subscriber.undeclare()
-        self._thread.join(2 * _ANSWER_WALL_S)
+        for thread in self._threads:
+            thread.join(2 * _ANSWER_WALL_S)
 
     def catch_up(self) -> None:
         """Ask everybody who was heard for what they stated since. Waits for the answers."""
@@ -357,13 +356,7 @@ class StatementListener:
                 self._deliver(heard)
 
     def _look_after(self) -> None:
-        asked_s, strangers = float("-inf"), 0
-        while not self._closed:
-            now_s = time.monotonic()
-            period_s = _DEVICES_WALL_S if self._door.strangers == strangers else _STRANGER_WALL_S
-            if now_s - asked_s >= period_s:
-                asked_s, strangers = now_s, self._door.strangers
-                self._devices.refresh()
+        while not self._closed.is_set():
             with self._lock:
                 wanted = self._door.wanted()
             self._ask(wanted)

@@ -19,6 +19,7 @@ _KNOWN_WALL_S = 60.0
 """After this the bridge is asked again: devices are revoked."""
 _STRANGER_WALL_S = 1.0
 """The same for an address that it did not name: it may be new, but anybody may publish."""
+_LOOK_WALL_S = 0.25
 _ANSWER_WALL_S = 2.0
 """The bridge answers at once, or not at all."""
 
@@ -40,34 +41,39 @@ class Device(BaseModel):
 
 
 class DeviceTable:
-    """Unrevoked devices by address; while the bridge is away, as they were. Thread-safe."""
+    """Unrevoked devices by address; while the bridge is away, as they were. Thread-safe.
+
+    Who hears the bus asks `known`; a thread of its owner runs `look_after`.
+    """
 
     def __init__(self, bus: Bus, org: str) -> None:
         self._bus = bus
         self._key = topics.STATE.name(org=org, what="devices")
         self._devices: dict[str, Device] = {}
-        self._asked_s = -math.inf
-        self._lock = threading.Lock()
+        self._strangers = 0
+        """How often somebody was asked for who is not known."""
 
     def known(self, address: str) -> Device | None:
-        """The device with this address, by what the bridge said last; never waits."""
-        return self._devices.get(address.lower())
+        """The device with this address, by what the bridge said last; never waits. None for a stranger."""
+        found = self._devices.get(address.lower())
+        if found is None:
+            self._strangers += 1
+        return found
 
     def refresh(self) -> None:
         """Ask the bridge now."""
-        with self._lock:
-            self._asked_s = time.monotonic()
-            self._ask()
+        self._ask()
 
-    def find(self, address: str) -> Device | None:
-        """The device with this address; None for a stranger. Asks the bridge when what is known is old."""
-        with self._lock:
-            known = self.known(address)
+    def look_after(self, closed: threading.Event) -> None:
+        """Keep the table fresh until `closed`: every `_KNOWN_WALL_S`, sooner after a stranger spoke."""
+        asked_s, strangers = -math.inf, 0
+        while not closed.is_set():
             now_s = time.monotonic()
-            if now_s - self._asked_s >= (_STRANGER_WALL_S if known is None else _KNOWN_WALL_S):
-                self._asked_s = now_s
+            period_s = _KNOWN_WALL_S if self._strangers == strangers else _STRANGER_WALL_S
+            if now_s - asked_s >= period_s:
+                asked_s, strangers = now_s, self._strangers
                 self._ask()
-            return self.known(address)
+            closed.wait(_LOOK_WALL_S)
 
     def _ask(self) -> None:
         try:

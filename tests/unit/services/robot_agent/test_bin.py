@@ -14,8 +14,8 @@ from eth_account import Account
 from rodeo.config import Site
 from rodeo.errors import MalformedAnswer, RemoteError
 from rodeo.evidence import verify_attestation
-from rodeo.recording import statements as statements_module
 from rodeo.witness import Classification, Drop, Presentation, Removal, parse
+from rodeo.witness import devices as devices_module
 from services.robot_agent import bin as bin_module
 from services.robot_agent.bin import SmartBin
 from services.robot_agent.errors import NoAnswer
@@ -54,8 +54,8 @@ class Listener:
 @pytest.fixture
 def listener(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Listener]:
     monkeypatch.setattr(bin_module, "_ASK_PERIOD_S", 0.0)
-    monkeypatch.setattr(statements_module, "_STRANGER_WALL_S", 0.0)
-    monkeypatch.setattr(statements_module, "_LOOK_WALL_S", 0.01)
+    monkeypatch.setattr(devices_module, "_STRANGER_WALL_S", 0.0)
+    monkeypatch.setattr(devices_module, "_LOOK_WALL_S", 0.01)
     listener = Listener(tmp_path)
     yield listener
     listener.bin.close()

@@ -32,7 +32,7 @@ from rodeo.witness import (
     Scope,
     WitnessChain,
 )
-from rodeo.witness.witness import seal_head
+from rodeo.witness.witness import unverified_seal
 from services.robot_agent import recording as recording_module
 from services.robot_agent.errors import NoAnswer
 from services.robot_agent.recording import (
@@ -143,7 +143,7 @@ class Lab:
         return {"statements": [one.model_dump() for one in chain.after(after, 200)]}
 
     def _on_seal(self, _key: str, data: bytes) -> None:
-        self.heads.append(seal_head(data))
+        self.heads.append(unverified_seal(data).head)
 
     def move(self) -> None:
         """One message on each topic of the body."""

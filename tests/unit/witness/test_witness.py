@@ -1,0 +1,145 @@
+"""A witness on a bus: it lists what registered devices signed, and a flood under their names costs little."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import pytest
+from eth_account import Account
+
+from rodeo.errors import NoResponder
+from rodeo.evidence import Binding
+from rodeo.evidence.errors import BadAttestation, BadStatement
+from rodeo.evidence.seal import RunningHash, SealChain
+from rodeo.witness import witness as witness_module
+from rodeo.witness.witness import Witness
+from tests.support.site import WAIT_S
+
+MOCAP, ROBOT, STRANGER = (Account.create() for _ in range(3))
+CONTRACTS = {"TaskManager": "0x" + "12" * 20, "Organization": "0x" + "34" * 20}
+BINDING = Binding(
+    chain_id=31337,
+    task_manager=CONTRACTS["TaskManager"],
+    organization=CONTRACTS["Organization"],
+    device="panther1",
+    task_id=7,
+    attempt=1,
+    executor="0x" + "56" * 20,
+    nonce="0x" + "cd" * 32,
+)
+
+
+class Bus:
+    """A bus with a bridge on it that knows the robot's device. `slow_s`: how long it takes to answer."""
+
+    def __init__(self) -> None:
+        self.slow = Event()
+        self.hear: dict[str, Callable[[str, Any], None]] = {}
+
+    def subscribe_bytes(self, key: str, callback: Callable[[str, Any], None]) -> Any:
+        self.hear[key.split("/")[2]] = callback
+        return self
+
+    subscribe_json = subscribe_bytes
+
+    def serve(self, key: str, handler: Any) -> Any:
+        return self
+
+    def undeclare(self) -> None:
+        pass
+
+    def query(self, key: str, timeout_s: float) -> dict[str, Any]:
+        if self.slow.is_set():
+            Event().wait(timeout_s)
+            raise NoResponder("nobody serves this key", key=key)
+        if key.endswith("/chain"):
+            return {"chain_id": 31337, "contracts": CONTRACTS}
+        owner = "0x" + "56" * 20
+        return {"devices": [{"address": ROBOT.address, "role": "robot", "name": "panther1", "owner": owner}]}
+
+
+@pytest.fixture
+def bus() -> Bus:
+    return Bus()
+
+
+@pytest.fixture
+def witness(bus: Bus, tmp_path: Path) -> Iterator[Witness]:
+    witness = Witness(bus, "lab", "mocap", MOCAP, tmp_path, "sensor")  # type: ignore[arg-type]
+    deadline_s = time.monotonic() + WAIT_S
+    while witness.chain is None or witness._devices.known(ROBOT.address) is None:
+        assert time.monotonic() < deadline_s
+        Event().wait(0.01)
+    yield witness
+    witness.close()
+
+
+def seal(account: Any = ROBOT, binding: Binding = BINDING, messages: int = 0) -> bytes:
+    running = RunningHash()
+    running.messages = messages
+    return SealChain(binding, account).next(running, 1)
+
+
+def forged(data: bytes) -> bytes:
+    """The same under a signature that is not the named signer's."""
+    other = json.loads(seal(STRANGER))
+    return json.dumps(json.loads(data) | {"signature": other["signature"]}).encode()
+
+
+def test_the_head_of_a_registered_recorder_is_listed_once(bus: Bus, witness: Witness) -> None:
+    bus.hear["seal"]("key", seal())
+    (head,) = witness.heads.take()
+    assert (head.device, head.address, head.chain) == ("panther1", ROBOT.address, head.digest)
+    assert witness.heads.take() == ()
+
+
+def test_a_stranger_costs_no_check_and_no_waiting_for_the_bridge(
+    bus: Bus, witness: Witness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bus.slow.set()
+    monkeypatch.setattr(witness_module, "verify_attestation", None)
+    foreign, started_s = seal(STRANGER), time.monotonic()
+    for _ in range(200):
+        bus.hear["seal"]("key", foreign)
+    assert time.monotonic() - started_s < 1.0
+    assert witness.heads.take() == ()
+
+
+def test_one_bad_signature_does_not_silence_the_recorder(bus: Bus, witness: Witness) -> None:
+    with pytest.raises(BadAttestation):
+        bus.hear["seal"]("key", forged(seal()))
+    bus.hear["seal"]("key", seal())
+    assert len(witness.heads.take()) == 1
+
+
+def test_a_flood_of_bad_signatures_is_not_checked_without_end(
+    bus: Bus, witness: Witness, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    checks = 0
+    verify = witness_module.verify_attestation
+
+    def counted(attestation: Any) -> str:
+        nonlocal checks
+        checks += 1
+        return verify(attestation)
+
+    monkeypatch.setattr(witness_module, "verify_attestation", counted)
+    bad, started_s = forged(seal()), time.monotonic()
+    for _ in range(1000):
+        try:
+            bus.hear["seal"]("key", bad)
+        except BadAttestation:
+            continue
+    assert checks <= 101 + 100 * (time.monotonic() - started_s)
+
+
+def test_a_seal_made_for_another_organization_is_not_listed(bus: Bus, witness: Witness) -> None:
+    elsewhere = BINDING.model_copy(update={"organization": "0x" + "35" * 20})
+    with pytest.raises(BadStatement):
+        bus.hear["seal"]("key", seal(binding=elsewhere))
+    assert witness.heads.take() == ()
