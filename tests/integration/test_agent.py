@@ -6,8 +6,10 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator
+from hashlib import sha256
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rodeo import topics
@@ -16,6 +18,8 @@ from rodeo.evidence import Store, open_proof
 from rodeo.lab.world import begin, build_world
 from rodeo.messages import DaoEvent, Status
 from rodeo.ros2 import Node, types
+from rodeo.witness import Classification, Drop, Motion, parse
+from rodeo.witness.motion import track
 from services.robot_agent.body import Body
 from tests.support.site import WAIT_S as CALL_S
 from tests.support.site import RunningSite, write_site
@@ -152,21 +156,36 @@ def test_the_proof_holds_every_recorded_topic_the_events_and_the_bins_word(
         "/panther1/odom",
         "/panther1/joint_states",
         "/panther1/battery_state",
-        "/mocap/panther1/pose",
-        "/mocap/item3/pose",
         "/itrash/blue/load",
     } <= proof.topics.keys()
-    assert "/mocap/item2/pose" not in proof.topics
+    assert not [topic for topic in proof.topics if topic.startswith("/mocap/")]
     names = [event.get("name") for event in proof.events()]
     assert names[:2] == ["TaskRegistered", "TaskAssigned"]
-    statements = [attestation.payload for attestation in proof.attestations()]
+    statements = [parse(attestation.payload) for attestation in proof.attestations()]
     # The bin looks at whatever comes before it, now and then also at the empty gripper.
-    said = [statement for statement in statements if "bin" in statement]
-    (fallen,) = [statement for statement in said if "weight_n" in statement]
-    (shown,) = [s for s in said if "class" in s and s["seq"] == fallen["classification_seq"]]
-    assert shown["compartment"] == fallen["compartment"]
-    captured = {statement["body"] for statement in statements if "body" in statement}
-    assert captured == {"panther1", "item3"}
+    (fallen,) = [one for one in statements if isinstance(one, Drop)]
+    (shown,) = [
+        one for one in statements if isinstance(one, Classification) and one.number == fallen.classification
+    ]
+    assert shown.compartment == fallen.compartment
+    assert (task_id, proof.recording) in [(one.task_id, one.recording) for one in fallen.claimants]
+    assert proof.end_ns * 1e-9 >= fallen.settled_s + 10.0
+    pictures = proof.topics["/itrash/camera/image/compressed"].data
+    kept = [types.deserialize(data, topics.BIN_IMAGE.type).data.tobytes() for data in pictures]
+    assert shown.image_sha256 in ["0x" + sha256(data).hexdigest() for data in kept]
+    motion = sorted((one for one in statements if isinstance(one, Motion)), key=lambda one: one.seq)
+    assert [one.seq for one in motion] == list(range(motion[0].seq, motion[-1].seq + 1))
+    listed = [one.seq for one in motion if proof.recording in {head.chain for head in one.heads}]
+    lying = site_pose(organization, "item3")
+    item = track(motion, "item3")
+    assert item is not None
+    moved = np.hypot(*(item.position_m[:, :2] - lying).T) > 0.03
+    assert listed[0] < motion[int(item.statement[moved.argmax()])].seq
+
+
+def site_pose(organization: Organization, item_id: str) -> tuple[float, float]:
+    pose = next(item.pose for item in organization.running.site.items if item.id == item_id)
+    return pose.x_m, pose.y_m
 
 
 def test_an_item_that_is_not_there_fails_honestly_and_the_robot_goes_on(organization: Organization) -> None:
