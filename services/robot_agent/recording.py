@@ -45,6 +45,8 @@ log = logging.getLogger(__name__)
 _SILENT_WALL_S = 10.0
 _WITNESS_WALL_S = 20.0
 """Motion capture lists heads every two seconds and shows a resting item every ten, however slow the clock."""
+_MOST_EARLY = 1000
+"""Statements of a downtime that the recording which goes on takes up."""
 _SLICE_S = 0.1
 _HOLE_NS = 400_000_000
 """Odometry comes every 20 ms: a longer silence means that messages were lost (a router that restarts)."""
@@ -174,6 +176,9 @@ class Recording:
         """Whether motion capture listed a head of this recording."""
         self._shown: set[str] = set()
         """Bodies that motion capture showed since the recording began."""
+        self._resumes = path.exists()
+        self._early: list[Heard] = []
+        """Stated while nothing was recorded, and heard before the file that goes on is open."""
         self._refusals = Refusals()
         slack_s = stamp_slack_s(site.clock.speed)
         recorded = list(recorded_topics(site, robot))
@@ -212,8 +217,7 @@ class Recording:
                     silent.append("motion capture")
                 log.warning("the recording begins without %s", ", ".join(silent))
         try:
-            resume = path.exists()
-            begin = Recorder.resume if resume else Recorder
+            begin = Recorder.resume if self._resumes else Recorder
             self._recorder = begin(path, binding, device, clock, self._seals)
         except EvidenceError:
             self._hush()
@@ -221,6 +225,9 @@ class Recording:
             raise
         with self._lock:
             self._open = True
+            early, self._early = self._early, []
+        for one in early:
+            self._on_statement(one)
 
     @property
     def claimant(self) -> Claimant:
@@ -268,6 +275,9 @@ class Recording:
 
     def _on_statement(self, heard: Heard) -> None:
         statement = heard.statement
+        with self._lock:
+            if self._resumes and not self._open and len(self._early) < _MOST_EARLY:
+                self._early.append(heard)
         # Motion capture speaks every second: part of the stream, nothing to save at once.
         urgent = not isinstance(statement, Motion)
         written = self._guard(
@@ -377,8 +387,10 @@ class Recording:
         with self._lock:
             self._open = False  # what still arrives while the subscriptions go belongs to no task
         self._hush()
-        self._recorder.suspend()
-        self._seals.close()
+        try:
+            self._recorder.suspend()
+        finally:
+            self._seals.close()
 
     def _hush(self) -> None:
         self._listener.close()

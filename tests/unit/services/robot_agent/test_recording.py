@@ -290,6 +290,22 @@ def test_what_was_stated_last_is_asked_for_before_the_recording_ends(lab: Lab, s
     assert shown in statements and fallen in statements
 
 
+def test_what_was_stated_while_nothing_was_recorded_is_in_the_recording_that_goes_on(
+    lab: Lab, session: Session
+) -> None:
+    session.begin()
+    lab.watch()
+    removal(lab, tell=True)
+    assert until(lambda: "itrash" in written(session), lab.move)
+    session.recording.suspend()
+    session.bus.close()
+    missed = [lab.watch(tell=False), removal(lab, tell=False)]
+    statements = Session(lab, session.path).begin().end()
+    assert [one for one in missed if one not in statements] == []
+    numbers = seqs(statements, "mocap")
+    assert sorted(numbers) == list(range(min(numbers), max(numbers) + 1))
+
+
 def removal(lab: Lab, tell: bool) -> Attestation:
     now_s = lab.clock.now_s()
     said = lab.itrash.sign(
