@@ -44,6 +44,8 @@ Model = TypeVar("Model", bound=BaseModel)
 MAX_PAYLOAD_BYTES = 1 << 20
 """JSON larger than this is refused before it is parsed."""
 
+_MAX_ANSWER_BYTES = 16 << 20
+"""The same of an answer that anybody may have given."""
 _OPEN_TIMEOUT_MS = 500
 
 
@@ -259,8 +261,9 @@ class Bus:
             if reply.ok is None:
                 continue
             try:
-                answers.append(_answer(key, reply.ok.payload.to_bytes()))
-            except MalformedAnswer as error:
+                data = reply.ok.payload.to_bytes()
+                answers.append(decode_json(data, max_bytes=_MAX_ANSWER_BYTES))
+            except MalformedJson as error:
                 log.info("left out an answer on %s: %s", key, error)
             if len(answers) >= most:
                 break

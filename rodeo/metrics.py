@@ -41,6 +41,9 @@ RECORDER_REFUSED = Counter(
     "rodeo_recorder_refused_total", "What a recorder heard and did not write", ["what", "reason"]
 )
 """`what` is `message` or `statement`; reasons are those of `rodeo.recording.Refusal`."""
+HEADS_REFUSED = Counter(
+    "rodeo_heads_refused_total", "What a witness heard that no registered device of its organization signed"
+)
 SEALS_UNPUBLISHED = Counter("rodeo_seals_unpublished_total", "Seals that the bus did not take")
 
 _TIMEOUT_S = 5.0

@@ -16,11 +16,12 @@ from pydantic import ValidationError
 
 from rodeo import topics
 from rodeo.budget import Bucket
-from rodeo.bus import Bus, Request
-from rodeo.errors import BusError, InvalidRequest, RemoteError
+from rodeo.bus import Bus, Request, decode_json
+from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
 from rodeo.evidence.attestation import Attestation, verify_attestation
-from rodeo.evidence.errors import BadStatement
+from rodeo.evidence.errors import BadAttestation, BadStatement
 from rodeo.evidence.seal import SealHead
+from rodeo.metrics import HEADS_REFUSED
 from rodeo.witness.chain import Inputs, WitnessChain
 from rodeo.witness.devices import Device, DeviceTable
 from rodeo.witness.heads import HeadBook
@@ -73,7 +74,7 @@ class Witness:
         self._closed = threading.Event()
         self._endpoints: list[zenoh.Subscriber[None] | zenoh.Queryable[None]] = [
             bus.subscribe_bytes(topics.SEAL.name(org=org, device="*"), self._on_seal),
-            bus.subscribe_json(topics.WITNESS_STATEMENT.name(org=org, device="*"), self._on_statement),
+            bus.subscribe_bytes(topics.WITNESS_STATEMENT.name(org=org, device="*"), self._on_statement),
             bus.serve(topics.WITNESS_STATEMENTS.name(org=org, device=device), self._serve),
         ]
         for name, target, arguments in (
@@ -122,13 +123,22 @@ class Witness:
             return
 
     def _on_seal(self, _key: str, payload: bytes) -> None:
-        self._on_head(unverified_seal(payload))
+        try:
+            self._on_head(unverified_seal(payload))
+        except (BadAttestation, BadStatement) as error:
+            # A line in the log for each would be what a flood is after.
+            HEADS_REFUSED.inc()
+            log.debug("left out a seal: %s", error)
 
-    def _on_statement(self, _key: str, data: dict[str, Any]) -> None:
-        spoken = unverified_statement(data)
-        device = self._on_head(spoken)
-        if device is not None and self._listener is not None:
-            self._listener(device, parse(spoken.attestation.payload))
+    def _on_statement(self, _key: str, payload: bytes) -> None:
+        try:
+            spoken = unverified_statement(decode_json(payload))
+            device = self._on_head(spoken)
+            if device is not None and self._listener is not None:
+                self._listener(device, parse(spoken.attestation.payload))
+        except (MalformedJson, BadAttestation, BadStatement) as error:
+            HEADS_REFUSED.inc()
+            log.debug("left out a statement: %s", error)
 
     def _on_head(self, spoken: Spoken) -> Device | None:
         """Take what another registered device of the organization signed; None for what is not.

@@ -14,7 +14,6 @@ from eth_account import Account
 
 from rodeo.errors import NoResponder
 from rodeo.evidence import Binding
-from rodeo.evidence.errors import BadAttestation, BadStatement
 from rodeo.evidence.seal import RunningHash, SealChain
 from rodeo.witness import witness as witness_module
 from rodeo.witness.witness import Witness
@@ -44,8 +43,6 @@ class Bus:
     def subscribe_bytes(self, key: str, callback: Callable[[str, Any], None]) -> Any:
         self.hear[key.split("/")[2]] = callback
         return self
-
-    subscribe_json = subscribe_bytes
 
     def serve(self, key: str, handler: Any) -> Any:
         return self
@@ -111,8 +108,8 @@ def test_a_stranger_costs_no_check_and_no_waiting_for_the_bridge(
 
 
 def test_one_bad_signature_does_not_silence_the_recorder(bus: Bus, witness: Witness) -> None:
-    with pytest.raises(BadAttestation):
-        bus.hear["seal"]("key", forged(seal()))
+    bus.hear["seal"]("key", forged(seal()))
+    assert witness.heads.take() == ()
     bus.hear["seal"]("key", seal())
     assert len(witness.heads.take()) == 1
 
@@ -131,15 +128,23 @@ def test_a_flood_of_bad_signatures_is_not_checked_without_end(
     monkeypatch.setattr(witness_module, "verify_attestation", counted)
     bad, started_s = forged(seal()), time.monotonic()
     for _ in range(1000):
-        try:
-            bus.hear["seal"]("key", bad)
-        except BadAttestation:
-            continue
+        bus.hear["seal"]("key", bad)
     assert checks <= 101 + 100 * (time.monotonic() - started_s)
 
 
 def test_a_seal_made_for_another_organization_is_not_listed(bus: Bus, witness: Witness) -> None:
     elsewhere = BINDING.model_copy(update={"organization": "0x" + "35" * 20})
-    with pytest.raises(BadStatement):
-        bus.hear["seal"]("key", seal(binding=elsewhere))
+    bus.hear["seal"]("key", seal(binding=elsewhere))
     assert witness.heads.take() == ()
+
+
+@pytest.mark.parametrize(
+    "payload", [b"", b"{}", b"[7]", b"\xff", b'{"payload": {}, "signer": "", "signature": ""}']
+)
+def test_nonsense_is_left_out_without_a_line_for_each_in_the_log(
+    bus: Bus, witness: Witness, payload: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
+    for kind in ("seal", "witness"):
+        bus.hear[kind]("key", payload)
+    assert (witness.heads.take(), caplog.records) == ((), [])
