@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import typer
+from rich.markup import escape
 from rich.table import Table
 
 from rodeo import topics
@@ -233,6 +235,27 @@ def devices(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> Non
     for one in reply["devices"]:
         gone = "" if one["revoked"] is None else f"[red]revoked: {one['revoked_because']}[/]"
         table.add_row(one["address"], one["role"], one["name"], one["owner_name"] or one["owner"], gone)
+    console.print(table)
+
+
+@rules.command("roots")
+@reports_errors
+def roots(
+    device: Annotated[str | None, typer.Option(help="Address of a key; all by default.")] = None,
+    site: SiteOption = DEFAULT_SITE,
+    as_json: JsonOption = False,
+) -> None:
+    """List what devices signed on a day, as it was fixed on chain."""
+    parameters = {} if device is None else {"device": device}
+    with connected(site) as (loaded, bus):
+        reply = bus.query(topics.STATE.name(org=loaded.org, what="roots"), parameters=parameters)
+    if as_json:
+        print_json(reply)
+        return
+    table = Table("day", "device", "root", "log", box=None)
+    for one in reply["roots"]:
+        day = datetime.fromtimestamp(one["day"] * 86_400, UTC).strftime("%Y-%m-%d")
+        table.add_row(day, one["device"], one["root"], escape(one["uri"]))
     console.print(table)
 
 

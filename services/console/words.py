@@ -41,6 +41,13 @@ _ADVICE = {
     "insufficient_funds": "Deposit IEC under Treasury, or choose a smaller amount.",
     "reward_below_price": "Raise the reward, or let the task wait for a cheaper service.",
     "unknown_kind": "An administrator can allow this kind of work.",
+    "kind_without_checks": "Let an auditor judge it.",
+    "kind_without_audit": "Say under Undecided work who decides what the oracle cannot.",
+    "device_name_taken": "Revoke the key that has this name first, or choose another name.",
+    "invalid_amount": "Pay more than nothing and at most the agreed price.",
+    "bad_amount": "Pay more than nothing and at most the agreed price.",
+    "judge_is_party": "Another auditor has to judge it.",
+    "judged_before": "Another auditor has to judge it.",
     "robot_unavailable": "Check on the overview that the robot's agent is running.",
     "forbidden": "Ask an administrator for the role.",
     "unknown_command": "This site's bridge is too old for it.",
@@ -78,6 +85,7 @@ _FIELD_ADVICE = {
     "note": "say in at most 4,000 characters what you did",
     "reason": "say why in at most 500 characters",
     "max_attempts": "enter a whole number from 1 to 255",
+    "audit_window_s": "enter seconds, from a minute to 30 days",
     "execution_window_s": "give the executor at least a minute",
 }
 """What to enter, by the field's name: the framework's own words are for programs."""

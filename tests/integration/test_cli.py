@@ -291,6 +291,8 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     organization("kind", "sweeping", "--disallow")
     organization("policy", "first_come")
     assert "superseded" in organization("devices")
+    assert json.loads(organization("roots", "--json")) == {"roots": [], "total": 0}
+    assert "root" in organization("roots")
     after = state()
     assert rules | {"allowed": False} in after["kinds"]
     assert all(after[name] == before[name] for name in ("policy", "members_only", "terms", "roles"))
