@@ -11,7 +11,7 @@ enum ServiceState {
     Suspended
 }
 
-/// @notice How an attempt ended for the service that made it. Unjudged: no verdict came in time.
+/// @notice How an attempt ended for the service that made it. Unjudged: no verdict came in time, or an undecided one.
 enum Outcome {
     Completed,
     Rejected,
