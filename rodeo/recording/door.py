@@ -133,9 +133,13 @@ class MessageDoor:
             stamp_ns = types.stamp_ns(info.cdr)
         except MalformedMessage:
             return Refusal.MALFORMED
+        if int.from_bytes(info.cdr[8:12], "little") >= 1_000_000_000:
+            return Refusal.ABSURD_TIME  # nanoseconds that are more than a second
         if not 0 <= info.sequence < _SEQUENCES:
             return Refusal.ABSURD_NUMBER
-        if abs(stamp_ns - now_ns) > self._slack_ns:
+        # The publisher's own time may be the wall's, on a simulated site too, but not one to come.
+        latest_ns = max(now_ns, time.time_ns()) + self._slack_ns
+        if abs(stamp_ns - now_ns) > self._slack_ns or not 0 <= info.source_time_ns <= latest_ns:
             return Refusal.ABSURD_TIME
         refusal = self._unreadable(info.cdr) or self._unfollowed(info, stamp_ns)
         if refusal is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ class Entrance:
         self.now_ns = START_NS
         self.sequence = 0
         self._topic = topic
-        self._door = MessageDoor(topic, slack_s, lambda: self.wall_s)
+        self.door = MessageDoor(topic, slack_s, lambda: self.wall_s)
 
     def cdr(self, stamp_ns: int | None = None, frame: str = "", **fields: Any) -> bytes:
         sec, nanosec = divmod(self.now_ns if stamp_ns is None else stamp_ns, 10**9)
@@ -41,7 +42,7 @@ class Entrance:
 
     def say(self, cdr: bytes, sequence: int | None = None, gid: bytes = BODY) -> Refusal | None:
         info = MessageInfo(cdr, self.now_ns, self.sequence if sequence is None else sequence, gid)
-        return self._door.refusal(info, self.now_ns)
+        return self.door.refusal(info, self.now_ns)
 
     def next(self, **fields: Any) -> Refusal | None:
         """The publisher's next message, on time."""
@@ -136,6 +137,25 @@ def test_an_absurd_sequence_number_is_left_out(entrance: Entrance, sequence: int
 def test_a_stamp_of_another_time_is_left_out(entrance: Entrance, stamp_s: int) -> None:
     assert entrance.next(stamp_ns=stamp_s * 10**9) is Refusal.ABSURD_TIME
     assert entrance.next() is None
+
+
+def test_nanoseconds_that_are_more_than_a_second_are_left_out(entrance: Entrance) -> None:
+    cdr = bytearray(entrance.cdr(entrance.now_ns))
+    cdr[8:12] = (2**32 - 1).to_bytes(4, "little")
+    assert entrance.say(bytes(cdr), entrance.sequence + 1) is Refusal.ABSURD_TIME
+
+
+@pytest.mark.parametrize("source_s", [-1, 4_102_444_800, 2**63 // 10**9])
+def test_a_publishers_time_that_no_clock_shows_is_left_out(entrance: Entrance, source_s: int) -> None:
+    info = MessageInfo(entrance.cdr(entrance.now_ns + 1), source_s * 10**9, entrance.sequence + 1, BODY)
+    assert entrance.door.refusal(info, entrance.now_ns) is Refusal.ABSURD_TIME
+    assert entrance.next() is None
+
+
+def test_a_publisher_may_stamp_with_the_walls_time(entrance: Entrance) -> None:
+    entrance.now_ns += PERIOD_NS
+    info = MessageInfo(entrance.cdr(), time.time_ns(), entrance.sequence + 1, BODY)
+    assert entrance.door.refusal(info, entrance.now_ns) is None
 
 
 def test_a_flood_by_another_publisher_silences_nobody(entrance: Entrance) -> None:
