@@ -30,16 +30,14 @@ from services.oracle.case import Ledger
 from services.oracle.verify import verify_submission
 from services.oracle.worker import verify_apart
 from tests.support.assignments import (
-    BIN,
     BINDING,
     CHARGE_BINDING,
     METER,
-    MOCAP,
     ROBOT,
     charging_ledger,
     cleaning_ledger,
 )
-from tests.support.recordings import Take, film_charging, film_cleaning, seal, signed_poses
+from tests.support.recordings import Take, film_charging, film_cleaning, seal
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 CLEANING_S = 192.0
@@ -57,13 +55,13 @@ REPEATS = 5
 def run() -> dict[str, float]:
     with tempfile.TemporaryDirectory() as folder:
         site = Site.load(SITE).model_copy(update={"data_dir": Path(folder, "data")})
-        brief = film_cleaning(site, "item1", BIN)
+        brief = film_cleaning(site, "item1")
         films = {
-            length_s: film_cleaning(site, "item1", BIN, linger_s=length_s - (brief.end_s - brief.start_s))
+            length_s: film_cleaning(site, "item1", linger_s=length_s - (brief.end_s - brief.start_s))
             for length_s in LENGTHS_S
         }
         cleaning = films[CLEANING_S]
-        driving = film_cleaning(site, "item1", BIN, via=ROUND * ROUNDS, sway_rad=SWAY_RAD)
+        driving = film_cleaning(site, "item1", via=ROUND * ROUNDS, sway_rad=SWAY_RAD)
         charge = film_charging(site, METER, CHARGE_BINDING, soc=CHARGED_FROM)
         cases = {
             "cleaning": _submitted(site, cleaning, cleaning_ledger(cleaning), BINDING, ROBOT),
@@ -95,7 +93,7 @@ def run() -> dict[str, float]:
 def _submitted(site: Site, take: Take, ledger: Ledger, binding: Binding, device: LocalAccount) -> Ledger:
     """The chain's view after the proof of `take` was put into the store."""
     with tempfile.TemporaryDirectory() as folder:
-        proof = seal(signed_poses(take, MOCAP), Path(folder, "proof.mcap"), binding, device)
+        proof = seal(take, Path(folder, "proof.mcap"), binding, device)
         fields = {"proof_uri": Store(site).put(proof.path), "proof_sha256": proof.sha256}
     return ledger.model_copy(update={"task": ledger.task.model_copy(update=fields)})
 

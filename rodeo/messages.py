@@ -51,6 +51,25 @@ Party = Annotated[str, StringConstraints(min_length=1, max_length=64)]
 """A participant's name or an address."""
 
 
+class Device(BaseModel):
+    """A registered device key, as the chain's index tells it."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    address: str
+    role: str
+    """robot, bin, meter or mocap"""
+    name: str
+    """Which device of its role it is on its site."""
+    owner: str
+    """Address of the participant that it works for."""
+    registered: float | None = None
+    """When it was registered, s of block time."""
+    revoked: float | None = None
+    """When it was revoked, s of block time."""
+    revoked_because: Literal["superseded", "compromised"] | None = None
+
+
 class Command(Message):
     """A request to the bridge; the same `request_id` twice gives the first answer again."""
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.container import Limits
-from rodeo.evidence.errors import BadAttestation, CorruptProof, LayoutChanged, ProofNotFound, UnsealedProof
+from rodeo.evidence.errors import CorruptProof, LayoutChanged, ProofNotFound, UnsealedProof
 from rodeo.evidence.plain_json import read_json
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
@@ -134,15 +134,18 @@ class Proof:
     def attestations(self) -> list[Attestation]:
         """Statements by other devices as recorded; `verify_attestation` proves one to be its signer's.
 
-        Raises BadAttestation for what is no statement.
+        What is no statement is left out: anybody may have put it there.
         """
-        statements = []
-        for fields in self.json(ATTESTATION_CHANNEL):
-            try:
-                statements.append(Attestation.model_validate(fields))
-            except ValueError as error:
-                raise BadAttestation("a recorded statement is malformed", cause=str(error)[:500]) from error
-        return statements
+        column = self.topics.get(ATTESTATION_CHANNEL)
+        found = (_attestation(data) for data in (column.data if column else []))
+        return [one for one in found if one is not None]
+
+
+def _attestation(data: bytes) -> Attestation | None:
+    try:
+        return Attestation.model_validate(read_json(data))
+    except (ValueError, RecursionError):
+        return None
 
 
 def open_proof(path: Path | str, limits: Limits | None = None) -> Proof:

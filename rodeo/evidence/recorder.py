@@ -47,6 +47,8 @@ EVENT_CHANNEL = "rodeo/event"
 ATTESTATION_CHANNEL = "rodeo/attestation"
 CLOSED = "recording_closed"
 """Last event of a recording: {"event", "topics": {topic: {"seen", "published"}}}, see `Tally`."""
+RESUMED = "recording_resumed"
+"""Event of a recorder that goes on after a cut."""
 _JSON_CHANNELS = frozenset({EVENT_CHANNEL, ATTESTATION_CHANNEL})
 _IDLE_SEAL_S = 1.0
 """Wall time after which messages are sealed although no further one came."""
@@ -141,7 +143,7 @@ class Recorder:
         recorder.write_json(
             EVENT_CHANNEL,
             {
-                "event": "recording_resumed",
+                "event": RESUMED,
                 "kept_messages": len(restored),
                 "last_log_ns": str(restored[-1].log_ns) if restored else None,
             },

@@ -1,14 +1,15 @@
 """ROS 2 messages of one topic as a numpy table, read at fixed offsets.
 
 CDR places a field by the lengths of the strings and sequences before it. Frame ids and joint names do not
-change while a source runs, so one walk over the first message gives the offset of every number in all of
-them; every byte that the walk relied on is then compared in all messages.
+change while a source runs, so one walk over one message gives the offset of every number in all of them;
+every byte that the walk relied on is then compared in all messages.
 """
 
 from __future__ import annotations
 
 import struct
 from array import array
+from collections import Counter
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +34,10 @@ _DTYPES = {"bool": "?", "byte": "u1", "char": "u1"} | {
     for bits in sizes
 }
 _MAX_FIELDS = 10_000
+STRANGE_SHARE = 0.1
+"""Of the messages of one topic that may have another layout than the others."""
+_LAYOUTS = 4
+"""That are tried before most messages must have been alike."""
 
 
 def _fields(ros_type: str) -> list[tuple[str, Any]]:
@@ -41,7 +46,7 @@ def _fields(ros_type: str) -> list[tuple[str, Any]]:
 
 @dataclass(frozen=True)
 class Table:
-    """All messages of one topic, a column per number. Columns are named by path ("pose.position.x")."""
+    """Messages of one topic, a column per number. Columns are named by path ("pose.position.x")."""
 
     topic: str
     log_ns: Array
@@ -50,6 +55,14 @@ class Table:
     """(n,) structured"""
     strings: dict[str, str]
     """Path -> the text that all messages share ("header.frame_id", "name[0]")."""
+    kept: Array
+    """(n,) which of the topic's messages these are, in file order"""
+
+    def only(self, which: Array) -> Table:
+        """The table of those rows alone; `which` (n,) bool."""
+        if which.all():
+            return self
+        return Table(self.topic, self.log_ns[which], self.rows[which], self.strings, self.kept[which])
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -211,34 +224,41 @@ class Layout:
 
 
 def table(messages: list[bytes], log_ns: array[int], ros_type: str, topic: str) -> Table:
-    """The table of `messages`. Raises LayoutChanged with topic and index."""
-    size = len(messages[0])
-    for index, data in enumerate(messages):
-        if len(data) != size:
-            raise LayoutChanged(
-                "messages differ in length",
-                topic=topic,
-                index=index,
-                length_bytes=len(data),
-                first_bytes=size,
-            )
-    if messages[0][:_HEADER_BYTES] != _ENCAPSULATION:
+    """The table of `messages`. A few of another layout (another frame, other joints) are left out: anybody
+    may have published them under this name.
+
+    Raises LayoutChanged with topic and index when there are more than `STRANGE_SHARE`.
+    """
+    size = Counter(map(len, messages)).most_common(1)[0][0]
+    rows = np.flatnonzero(np.fromiter(map(len, messages), np.int64, len(messages)) == size)
+    raw = np.frombuffer(b"".join([messages[row] for row in rows]), np.uint8).reshape(len(rows), size)
+    walk, alike = _Walk(b""), np.zeros(len(rows), bool)
+    left = np.ones(len(rows), bool)
+    unreadable: LayoutChanged | None = None
+    for _ in range(_LAYOUTS):
+        if not left.any() or alike.sum() * 2 > len(messages):
+            break
+        first = int(left.argmax())
+        try:
+            found, same = _alike(messages[rows[first]], raw, ros_type, topic)
+        except LayoutChanged as error:
+            left[first], unreadable = False, error
+            continue
+        left &= ~same
+        if same.sum() > alike.sum():
+            walk, alike = found, same
+    if unreadable is not None and not alike.any():
+        raise unreadable
+    strange = len(messages) - int(alike.sum())
+    if strange > STRANGE_SHARE * len(messages):
+        others = np.setdiff1d(np.arange(len(messages)), rows[alike])
         raise LayoutChanged(
-            "the encapsulation is not little-endian CDR", topic=topic, header=messages[0][:4].hex()
+            "messages differ in length, or in their strings",
+            topic=topic,
+            index=int(others[0]),
+            messages=len(messages),
+            different=strange,
         )
-    walk = _Walk(messages[0])
-    walk.structure(ros_type, "")
-    walk.guards.append(slice(walk.end(), size))
-    raw = np.frombuffer(b"".join(messages), np.uint8).reshape(len(messages), size)
-    for guard in walk.guards:
-        different = np.flatnonzero((raw[:, guard] != raw[0, guard]).any(axis=1))
-        if len(different):
-            raise LayoutChanged(
-                "a string or length differs from the first message's",
-                topic=topic,
-                index=int(different[0]),
-                offset=guard.start,
-            )
     layout = np.dtype(
         {
             "names": list(walk.numbers),
@@ -247,5 +267,24 @@ def table(messages: list[bytes], log_ns: array[int], ros_type: str, topic: str) 
             "itemsize": size,
         }
     )
-    rows = raw.reshape(-1).view(layout)
-    return Table(topic, np.frombuffer(log_ns, np.uint64), rows, walk.strings)
+    kept = rows[alike]
+    values = raw[alike] if strange else raw
+    return Table(
+        topic, np.frombuffer(log_ns, np.uint64)[kept], values.reshape(-1).view(layout), walk.strings, kept
+    )
+
+
+def _alike(message: bytes, raw: Array, ros_type: str, topic: str) -> tuple[_Walk, Array]:
+    """The walk over `message`, and which of `raw` (n, size) it is true for. Raises LayoutChanged."""
+    if message[:_HEADER_BYTES] != _ENCAPSULATION:
+        raise LayoutChanged(
+            "the encapsulation is not little-endian CDR", topic=topic, header=message[:4].hex()
+        )
+    walk = _Walk(message)
+    walk.structure(ros_type, "")
+    walk.guards.append(slice(walk.end(), len(message)))
+    reference = np.frombuffer(message, np.uint8)
+    same = np.ones(len(raw), bool)
+    for guard in walk.guards:
+        same &= (raw[:, guard] == reference[guard]).all(axis=1)
+    return walk, same

@@ -57,6 +57,12 @@ class LabConfig(Section):
     wall_thickness_m: Positive = 0.1
     furniture: tuple[FurnitureConfig, ...] = ()
     mocap: bool = Field(True, description="whether motion capture tracks robots and items")
+    mass_tolerance: float | None = Field(
+        None,
+        gt=0,
+        description="share by which the weight that the bin feels may be off an item's `mass_kg`; left out, "
+        "the weight is only reported",
+    )
     mocap_gripper: bool = Field(False, description="whether it tracks the robots' grippers, too")
 
 

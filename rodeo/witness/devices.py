@@ -7,11 +7,12 @@ import math
 import threading
 import time
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import ValidationError
 
 from rodeo import topics
 from rodeo.bus import Bus
 from rodeo.errors import BusError, RemoteError
+from rodeo.messages import Device
 
 log = logging.getLogger(__name__)
 
@@ -22,22 +23,6 @@ _STRANGER_WALL_S = 1.0
 _LOOK_WALL_S = 0.25
 _ANSWER_WALL_S = 2.0
 """The bridge answers at once, or not at all."""
-
-
-class Device(BaseModel):
-    """A registered device key."""
-
-    model_config = ConfigDict(extra="ignore", frozen=True)
-
-    address: str
-    role: str
-    """robot, bin, meter or mocap"""
-    name: str
-    """On its site."""
-    owner: str
-    """Address of the participant that it works for."""
-    revoked: float | None = None
-    """When it was revoked, s of block time."""
 
 
 class DeviceTable:

@@ -89,10 +89,14 @@ def _cleaning(case: Case) -> list[str]:
     # Imported here: the oracle's own process reads acts and has no use for MuJoCo.
     from services.oracle.checks.disposal import drop_of
 
-    phases = case.replay.phases
-    claimed = [f"item/{case.item.id}/time/{phases.closing_s:.3f}-{phases.rest_s:.3f}"]
+    phases, item = case.phases, case.item.id
+    if case.mocap:
+        from_us, to_us = round(phases.closing_s * 1e6), round(phases.rest_s * 1e6)
+        claimed = [f"mocap/{case.motion_capture.address}/{item}/{from_us}-{to_us}"]
+    else:
+        claimed = [f"item/{item}/time/{phases.closing_s:.3f}-{phases.rest_s:.3f}"]
     if (drop := drop_of(case)) is not None:
-        claimed.append(f"bin/{case.site.bin.name}/drop/{int(drop['seq'])}/{float(drop['time_s']):.3f}")
+        claimed.append(f"bin/{case.bin_testimony.address}/drop/{drop.number}")
     return claimed
 
 

@@ -27,11 +27,11 @@ from rodeo.errors import BusError, RemoteError
 from rodeo.evidence import EvidenceError, Store
 from rodeo.evidence.errors import ProofNotFound, ProofUriNotAllowed, StoreUnavailable
 from rodeo.logs import about_task
-from rodeo.messages import DaoEvent, PostVerdict, Task
+from rodeo.messages import DaoEvent, Device, PostVerdict, Task
 from rodeo.service import Service
 from services.oracle import worker
 from services.oracle.acts import ConsumedActs, Spent, Submission, Wait
-from services.oracle.case import Device, Ledger
+from services.oracle.case import Ledger
 from services.oracle.report import Check, Report
 
 log = logging.getLogger(__name__)
@@ -164,6 +164,7 @@ class Oracle:
         return Ledger(
             chain_id=chain["chain_id"],
             task_manager=chain["contracts"]["TaskManager"],
+            organization=chain["contracts"]["Organization"],
             task=self._wallet.task(task_id),
             devices=[Device.model_validate(device) for device in self._wallet.state("devices")["devices"]],
         )

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from rodeo import topics
 from rodeo.config import Site
@@ -19,33 +20,19 @@ from rodeo.evidence.errors import BadAttestation
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL
 from rodeo.evidence.series import Array, Table
 from rodeo.lab.config import ItemConfig, RobotConfig
-from rodeo.messages import Task
+from rodeo.messages import Device, Task
 from rodeo.metering import MeterStatement
-from rodeo.mocap import payload_digest
-from services.oracle.witness import signed
+from rodeo.witness import Motion, Statement, payload_digest
+from rodeo.witness.motion import track
+from services.oracle.statements import Said, Testimony, recorded, testimonies
 
 if TYPE_CHECKING:
     from services.oracle.kinematics import Kinematics
+    from services.oracle.phases import Phases
     from services.oracle.replay import Replay, Vote
 
-
-class Device(BaseModel):
-    """A registered device key, as the chain's index tells it."""
-
-    model_config = ConfigDict(extra="ignore")
-
-    address: str
-    role: str
-    """robot, bin, meter or mocap"""
-    owner: str
-    """Address of the participant that it works for."""
-    name: str
-    """Which device of its role it is on its site."""
-    registered: float | None = None
-    """When it was registered, s of block time."""
-    revoked: float | None = None
-    """When it was revoked, s of block time."""
-    revoked_because: Literal["superseded", "compromised"] | None = None
+MOTION_CAPTURE = "mocap"
+"""Name of a site's motion capture."""
 
 
 class Ledger(BaseModel):
@@ -53,6 +40,7 @@ class Ledger(BaseModel):
 
     chain_id: int
     task_manager: str
+    organization: str
     task: Task
     devices: list[Device]
 
@@ -70,14 +58,18 @@ class CaseError(EvidenceError):
 
 @dataclass(frozen=True)
 class Pose:
-    """A body's recorded motion in frame `map`."""
+    """A body's motion in frame `map`; where it rests there is a pose at either end of the rest."""
 
     time_s: Array
-    """(n,) strictly increasing, from the messages' headers"""
+    """(n,) strictly increasing"""
     position_m: Array
     """(n, 3)"""
     quaternion: Array
     """(n, 4) w, x, y, z, signs continuous"""
+    unseen_s: tuple[tuple[float, float], ...] = ()
+    """Over which nothing is signed, after the first pose."""
+    statement: Array | None = None
+    """(n,) which statement says it, into `Case.motion`"""
 
     @property
     def yaw_rad(self) -> Array:
@@ -87,11 +79,17 @@ class Pose:
 
 
 @dataclass(frozen=True)
-class Statement:
+class Payload:
     """What another device signed, and when it was recorded."""
 
     payload: dict[str, Any]
     log_s: float
+
+
+LATE_WALL_S = 5.0
+"""What a busy recorder or bridge may be late, of wall time: more of site time where the clock is faster."""
+FASTEST = 50.0
+"""How many times faster than real time a simulated clock without a set speed goes."""
 
 
 class Case:
@@ -106,8 +104,8 @@ class Case:
         self.acts: list[str] = []
         """What the proof claims to have done, for checks to say (`services.oracle.acts`)."""
         self._genuine: dict[int, bool] = {}
-        self._witnessed: dict[str, Array] = {}
         self._poses: dict[str, Pose] = {}
+        self._tables: dict[str, Table] = {}
 
     @cached_property
     def kind(self) -> str:
@@ -151,14 +149,44 @@ class Case:
             if not taken or taken[-1] not in items:
                 raise CaseError("the recording does not say which item of this site it is about")
             return items[taken[-1]]
-        recorded = [i for i in items if self.proof.count("/" + topics.MOCAP_POSE.name(body=i))]
-        if not recorded:
-            raise CaseError("no item of this site is in the recording", items=list(items))
-        return items[max(recorded, key=lambda i: float(np.ptp(self.pose(i).position_m, axis=0).max()))]
+        seen = {body for motion in self._motions for body in motion.tracks}
+        tracked = [i for i in items if i in seen]
+        if not tracked:
+            raise CaseError("motion capture signed no item of this site", items=list(items))
+        return items[max(tracked, key=lambda i: float(np.ptp(self.pose(i).position_m, axis=0).max()))]
+
+    @property
+    def speed(self) -> float:
+        """How many times faster than the wall's time the site's goes."""
+        clock = self.site.clock
+        if clock.source == "wall":
+            return 1.0
+        return max((clock.idle_speed if self.kind == CHARGING else clock.speed) or FASTEST, 1.0)
+
+    @property
+    def slack_s(self) -> float:
+        """What a time may be off another clock's, s of site time."""
+        return LATE_WALL_S * self.speed
 
     def table(self, topic: topics.Topic, **names: str) -> Table:
-        """The messages of a topic of the key table. Raises LayoutChanged."""
-        return self.proof.table("/" + topic.name(**names), topic.type)
+        """The messages of a topic of the key table that are evidence: recorded about when they were stamped,
+        and later than the one before. Raises LayoutChanged, CaseError."""
+        return self.named_table(topic, topic.name(**names))
+
+    def named_table(self, topic: topics.Topic, name: str) -> Table:
+        """The same by its name on the bus."""
+        name = "/" + name
+        if name not in self._tables:
+            table = self.proof.table(name, topic.type)
+            stamp_s = table.stamp_s
+            table = table.only(np.abs(stamp_s - table.log_ns * 1e-9) <= self.slack_s)
+            stamp_s = table.stamp_s
+            newest_s = np.maximum.accumulate(stamp_s) if len(stamp_s) else stamp_s
+            table = table.only(stamp_s > np.concatenate([[-np.inf], newest_s[:-1]]))
+            if not len(table):
+                raise CaseError("nothing was recorded when it was stamped", topic=name)
+            self._tables[name] = table
+        return self._tables[name]
 
     @cached_property
     def joints(self) -> Table:
@@ -180,9 +208,18 @@ class Case:
         return "motion capture" if self.mocap else "perception"
 
     def pose(self, body: str) -> Pose:
-        """Motion capture of a body. Raises LayoutChanged, CaseError when stamps or numbers are absurd."""
+        """A body's motion as motion capture signed it. Raises CaseError when it is nothing, BadStatement."""
         if body not in self._poses:
-            self._poses[body] = _pose(self.table(topics.MOCAP_POSE, body=body))
+            found = track(self._motions, body)
+            if found is None or len(found.time_us) < 2:
+                raise CaseError("motion capture signed no motion of it", body=body)
+            self._poses[body] = Pose(
+                found.time_us * 1e-6,
+                found.position_m,
+                continuous(found.quaternion),
+                tuple((start * 1e-6, end * 1e-6) for start, end in found.unseen_us),
+                found.statement,
+            )
         return self._poses[body]
 
     @cached_property
@@ -191,6 +228,121 @@ class Case:
         if self.mocap:
             return self.pose(self.robot.name)
         return _pose(self.table(topics.POSE, ns=self.robot.namespace))
+
+    # -- what others signed ----------------------------------------------------------------------------
+
+    def witnesses(self, role: str, name: str) -> dict[str, float] | None:
+        """Lower-case addresses of the devices that are this witness and not the executor's, each with the
+        time up to which its signature counts (s); without a chain None: anybody.
+
+        A key that was superseded leaves what it signed before good; one that was compromised what stood on
+        chain before.
+        """
+        if self.ledger is None:
+            return None
+        task, known = self.ledger.task, {}
+        for device in self.ledger.devices:
+            own = device.owner.lower() == (task.executor or "").lower()
+            if (device.role, device.name) != (role, name) or (own and self.kind == CLEANING):
+                continue
+            known[device.address.lower()] = math.inf
+            if device.revoked is not None:
+                submitted_s = task.proof_submitted or math.inf
+                stood = device.revoked_because == "compromised" and submitted_s < device.revoked
+                known[device.address.lower()] = math.inf if stood else device.revoked
+        return known
+
+    @cached_property
+    def _testimonies(self) -> dict[str, Testimony]:
+        """What registered devices signed, by lower-case address."""
+        signers = None if self.ledger is None else {d.address.lower() for d in self.ledger.devices}
+        return testimonies(recorded(self.proof, signers))
+
+    def testimony(self, role: str, name: str) -> Testimony:
+        """What this witness signed for this organization during the assignment.
+
+        Anything else is no evidence, and passed over. Raises CaseError when nothing is left.
+        """
+        known = self.witnesses(role, name)
+        found = [self._counting(one, name, known) for one in self._testimonies.values()]
+        best = max(found, key=lambda one: len(one.said), default=None)
+        if best is None or not best.said:
+            raise CaseError(
+                "nothing signed by this witness is in the recording",
+                witness=name,
+                role=role,
+                registered=None if known is None else sorted(known),
+            )
+        return best
+
+    def _counting(self, testimony: Testimony, name: str, known: dict[str, float] | None) -> Testimony:
+        until_s = math.inf if known is None else known.get(testimony.address, -math.inf)
+        earliest_s, latest_s = self._assignment_s
+        said = [
+            one
+            for one in testimony.said
+            if one.statement.device == name
+            and earliest_s <= one.statement.time_s <= min(latest_s, until_s)
+            and one.statement.time_s <= one.log_s + self.slack_s
+            and (self._scope is None or _scope(one.statement) == self._scope)
+        ]
+        return replace(testimony, said=said)
+
+    @property
+    def _assignment_s(self) -> tuple[float, float]:
+        """Between which times what others sign is about this assignment."""
+        task = self.ledger.task if self.ledger else None
+        if task is None or task.assigned is None:
+            return -math.inf, math.inf
+        end_s = math.inf if task.proof_submitted is None else task.proof_submitted
+        return task.assigned - self.slack_s, end_s + self.slack_s
+
+    @cached_property
+    def _scope(self) -> tuple[int, str, str] | None:
+        said = self.ledger or self.proof.binding
+        if said is None:
+            return None
+        return said.chain_id, said.task_manager.lower(), said.organization.lower()
+
+    @cached_property
+    def motion_capture(self) -> Testimony:
+        """Raises CaseError when it signed nothing."""
+        return self.testimony("mocap", MOTION_CAPTURE)
+
+    @cached_property
+    def motion(self) -> list[Said]:
+        """`Motion` statements of the site's motion capture, in the order of its chain. Raises CaseError."""
+        return [one for one in self.motion_capture.said if isinstance(one.statement, Motion)]
+
+    @cached_property
+    def bin_testimony(self) -> Testimony:
+        """Raises CaseError when the site's bin signed nothing."""
+        return self.testimony("bin", self.site.bin.name)
+
+    @cached_property
+    def bin_said(self) -> list[Said]:
+        """What the site's bin signed, in the order of its chain; nothing if it signed nothing."""
+        try:
+            return self.bin_testimony.said
+        except CaseError:
+            return []
+
+    @cached_property
+    def own_said(self) -> list[Said]:
+        """What the device that sealed the recording signed beside its seals, in the order of its chain."""
+        own = self._testimonies.get((self.proof.signer or "").lower())
+        return [] if own is None else own.said
+
+    @property
+    def _motions(self) -> list[Motion]:
+        return [one.statement for one in self.motion if isinstance(one.statement, Motion)]
+
+    @cached_property
+    def phases(self) -> Phases:
+        """When the item was gripped, lifted and left. Raises CaseError."""
+        from services.oracle.phases import phases
+
+        return phases(self)
 
     def sighting(self, before_s: float) -> tuple[Array, Array]:
         """Position (3,) and quaternion (4,) w, x, y, z of the item where the robot last saw it before then.
@@ -211,18 +363,17 @@ class Case:
 
     @cached_property
     def _attestations(self) -> list[Attestation]:
-        """Statements by other devices, signatures not yet checked. Raises BadAttestation."""
+        """Statements by other devices, signatures not yet checked."""
         return self.proof.attestations()
 
     def signers(self, role: str | None) -> set[str] | None:
         """Lower-case addresses of the devices in this role (None: in any); without a chain None: anybody."""
         return self.ledger.signers(role) if self.ledger else None
 
-    def stated(self, role: str | None, *keys: str) -> list[Statement]:
+    def stated(self, role: str | None, *keys: str) -> list[Payload]:
         """What a device in this role (None: in any) signed that has `keys`, in order.
 
-        What it did not sign is left out: anybody on the bus may have put it there. Raises BadAttestation for
-        what is no statement at all.
+        What it did not sign is left out: anybody on the bus may have put it there.
         """
         signers = self.signers(role)
         statements = []
@@ -230,7 +381,7 @@ class Case:
             known = signers is None or one.signer.lower() in signers
             if known and all(key in one.payload for key in keys) and self._is_genuine(index):
                 log_ns = self.proof.topics[ATTESTATION_CHANNEL].log_ns[index]
-                statements.append(Statement(one.payload, log_ns * 1e-9))
+                statements.append(Payload(one.payload, log_ns * 1e-9))
         return statements
 
     def _is_genuine(self, index: int) -> bool:
@@ -278,20 +429,6 @@ class Case:
             )
         return statements
 
-    def witnessed(self, body: str) -> Array:
-        """(n,) whether the lab's motion capture signed each recorded pose of `body`. Raises CaseError."""
-        topic = "/" + topics.MOCAP_POSE.name(body=body)
-        if topic not in self.proof.topics:
-            raise CaseError("the topic is not in the recording", topic=topic)
-        if body not in self._witnessed:
-            poses = self.proof.topics[topic]
-            self._witnessed[body] = (
-                signed(poses, body, self._attestations, self.signers("mocap"))
-                if self.proof.sealed
-                else np.ones(len(poses), bool)  # a bag is believed in everything or in nothing
-            )
-        return self._witnessed[body]
-
     @cached_property
     def kinematics(self) -> Kinematics:
         """Where the recorded links were; raises CaseError when base and joints do not tell."""
@@ -312,6 +449,10 @@ class Case:
         from services.oracle.replay import vote
 
         return vote(self, self.replay)
+
+
+def _scope(statement: Statement) -> tuple[int, str, str]:
+    return statement.chain_id, statement.task_manager.lower(), statement.organization.lower()
 
 
 def _genuine(attestation: Attestation) -> bool:

@@ -22,6 +22,8 @@ HELD_S = 1.0
 """For so long after the lift an item must stay in the gripper to count as picked up."""
 FALL_S = 1.0
 """From the opening of the fingers until the item lies, where nobody saw it."""
+REST_M = 0.02
+"""An item that stays this close to where it is last seen lies there."""
 
 
 @dataclass(frozen=True)
@@ -56,9 +58,21 @@ def find_phases(item: Pose, joint_time_s: Array, gripper_m: Array) -> Phases:
         raise CaseError("the gripper does not close before the item is lifted", closes_by_m=closes_by_m)
     closes = (times <= times[wider[-1]]) & (times > times[wider[-1]] - CLOSING_SEARCH_S)
     closing_s = float(times[closes][np.flatnonzero(gaps[closes] > gaps[closes].max() - 0.0005)[-1]])
-    moved = np.linalg.norm(item.position_m - item.position_m[-1], axis=1) > 0.005
+    moved = np.linalg.norm(item.position_m - item.position_m[-1], axis=1) > REST_M
     rest_s = float(item.time_s[np.flatnonzero(moved)[-1]])
+    if item.unseen_s and item.unseen_s[-1][0] >= item.time_s[-1]:
+        # Walls hide where it fell to.
+        rest_s = float(item.time_s[-1]) + FALL_S
     return Phases(closing_s, lifted_s, rest_s)
+
+
+def phases(case: Case) -> Phases:
+    """Of the task's item, by motion capture, or by what the gripper felt without. Raises CaseError."""
+    if not case.mocap:
+        return felt_phases(case)
+    fingers_m = case.joints.named("position", list(FINGER_JOINTS))
+    gap_m = (fingers_m[:, 0] - fingers_m[:, 1]) / 2
+    return find_phases(case.pose(case.item.id), increasing(case.joints), gap_m)
 
 
 def felt_phases(case: Case) -> Phases:

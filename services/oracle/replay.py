@@ -35,7 +35,7 @@ from rodeo.lab.world import (
 from services.oracle.case import Case, CaseError, increasing
 from services.oracle.grip import EVERY, STRETCH, Grip, Rows, Way
 from services.oracle.kinematics import HandPath, Kinematics, fixtures, reduce_to_solids
-from services.oracle.phases import HELD_S, LIFTED_M, Phases, felt_phases, find_phases
+from services.oracle.phases import HELD_S, LIFTED_M, Phases
 
 BEFORE_CLOSING_S = 0.3
 HELD_SHARE = 0.9
@@ -199,15 +199,14 @@ def replay(case: Case) -> Replay:
     joints = case.joints
     joint_time_s = increasing(joints)
     fingers_m = joints.named("position", list(FINGER_JOINTS))
+    phases = case.phases
     if case.mocap:
         item = case.pose(case.item.id)
-        phases = find_phases(item, joint_time_s, (fingers_m[:, 0] - fingers_m[:, 1]) / 2)
-        signed = np.flatnonzero(case.witnessed(case.item.id) & (item.time_s <= phases.closing_s))
-        if not len(signed):
+        seen = np.flatnonzero(item.time_s <= phases.closing_s)
+        if not len(seen):
             raise CaseError("motion capture did not sign where the item lay", before_s=phases.closing_s)
-        item_m, item_quat = item.position_m[signed[-1]], item.quaternion[signed[-1]]
+        item_m, item_quat = item.position_m[seen[-1]], item.quaternion[seen[-1]]
     else:
-        phases = felt_phases(case)
         item_m, item_quat = case.sighting(phases.closing_s)
     known_s = case.kinematics.time_s
     start_s = max(phases.closing_s - BEFORE_CLOSING_S, known_s[0])

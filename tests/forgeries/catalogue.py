@@ -6,14 +6,17 @@ import os
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import zstandard
+from eth_account.signers.local import LocalAccount
 from mcap.writer import MCAP0_MAGIC, Writer
 from rosbags.rosbag2 import StoragePlugin
 
-from rodeo.evidence import Recorder
+from rodeo.evidence import Attestation, Recorder, attest
 from rodeo.metering import MeterSample
+from rodeo.witness import Claimant, Scope
 from tests.forgeries.workshop import (
     ARM_STATE,
     FINGERS,
@@ -27,15 +30,17 @@ from tests.forgeries.workshop import (
     PLACE,
     ROBOT_POSE,
     SEEN,
-    SIGNED,
+    STATED,
     STRANGER,
     WAIST,
+    Edit,
     McapMessage,
     Submission,
     Workshop,
     at_pace,
     commanded,
     displaced,
+    is_robots,
     middle_pose,
     middle_s,
     numbered,
@@ -43,17 +48,18 @@ from tests.forgeries.workshop import (
     remetered,
     restated,
     timed,
+    told,
     turned,
     with_fields,
     with_joints,
 )
-from tests.support.assignments import BIN, BINDING, METER, MOCAP, ROBOT
+from tests.support.assignments import BINDING, METER, ROBOT
 from tests.support.recordings import (
     Sample,
     Take,
     TakeClock,
+    Witnesses,
     film_cleaning,
-    signed_poses,
     without_mocap,
     write_bag,
 )
@@ -241,8 +247,8 @@ def reordered_messages(shop: Workshop) -> Submission:
 
 @forgery("readable_and_sealed", "broken_seal")
 def another_topic(shop: Workshop) -> Submission:
-    """The same bytes under another name: the item's poses as the base's and the other way round."""
-    names = {"/" + ITEM_POSE: "/" + ROBOT_POSE, "/" + ROBOT_POSE: "/" + ITEM_POSE}
+    """The same bytes under another name: the arm's commands as the gripper's and the other way round."""
+    names = {"/" + ARM_STATE: "/" + GRIPPER_STATE, "/" + GRIPPER_STATE: "/" + ARM_STATE}
     path = shop.rewritten(lambda messages: [m._replace(topic=names.get(m.topic, m.topic)) for m in messages])
     return Submission(shop.cleaning_ledger(), path)
 
@@ -261,8 +267,8 @@ def spliced_halves(shop: Workshop) -> Submission:
 
 def _another_run(shop: Workshop) -> Take:
     """The same work, done beside where it was; the motion capture signed that, too."""
-    take = shop.unsigned.edited(ROBOT_POSE, lambda s: displaced(s, y=0.6))
-    return signed_poses(take.edited(ITEM_POSE, lambda s: displaced(s, y=0.6)), MOCAP)
+    take = shop.cleaning.edited(ROBOT_POSE, lambda s: displaced(s, y=0.6))
+    return take.edited(ITEM_POSE, lambda s: displaced(s, y=0.6))
 
 
 @forgery("base_speed")
@@ -351,8 +357,8 @@ def sealed_afterwards(shop: Workshop) -> Submission:
     period_ns = recorder.SEAL_PERIOD_NS
     recorder.SEAL_PERIOD_NS = 10**18
     try:
-        quiet = shop.cleaning.without(SIGNED)
-        return shop.cleaned(quiet)
+        quiet = [s for s in shop.cleaning.samples if is_robots(s)]
+        return shop.cleaned(Take(quiet))
     finally:
         recorder.SEAL_PERIOD_NS = period_ns
 
@@ -377,11 +383,63 @@ _GIVEN_UP = {"event": "execution_failed", "message": "the item is stuck"}
 # -- time and completeness, sealed with the executor's own key -------------------------------------------
 
 
-@forgery("stated_in_time")
-def last_weeks_recording_with_new_times(shop: Workshop) -> Submission:
-    """All stamps moved into the assignment; the motion capture's statements cannot be."""
-    shift_ns = -7 * 10**9
-    return shop.cleaned(Take([timed(s, s.time_ns + shift_ns) for s in shop.cleaning.samples]))
+_ANOTHER = "0x" + "5a" * 32
+"""A recording of that time."""
+
+
+def _of_then(shop: Workshop, ago_s: float, **task: Any) -> Submission:
+    """A run of then, its stamps and log times moved to now; what the witnesses signed cannot be."""
+    return shop.cleaned(shop.cleaning, witnesses=Witnesses(ago_s=ago_s, recording=_ANOTHER), **task)
+
+
+@forgery("witnessed", "nothing signed by this witness")
+def last_weeks_run(shop: Workshop) -> Submission:
+    """Last week's run, sealed for today's task, its stamps and log times moved."""
+    return _of_then(shop, 7 * 86400.0)
+
+
+@forgery("witnessed", "nothing signed by this witness")
+def yesterdays_run(shop: Workshop) -> Submission:
+    """The same of yesterday."""
+    return _of_then(shop, 86400.0)
+
+
+@forgery("carried", "were not recorded when the item was lifted")
+def the_run_of_an_hour_ago(shop: Workshop) -> Submission:
+    """A run of an hour ago, when the task was already assigned, sealed anew."""
+    return _of_then(shop, 3600.0, assigned=shop.cleaning.start_s - 7200)
+
+
+@forgery("order", "lists this recording")
+def another_recording_of_the_same_run(shop: Workshop) -> Submission:
+    """Two recorders ran, and motion capture heard of the other."""
+    return shop.cleaned(shop.cleaning, witnesses=Witnesses(recording=_ANOTHER))
+
+
+@forgery("order", "before it sees the item move")
+def a_recording_that_begins_after_the_act(shop: Workshop) -> Submission:
+    """Heads that motion capture heard only when the item was in the air."""
+    half_s = middle_s(shop.cleaning)
+    return shop.cleaned(shop.cleaning, witnesses=Witnesses(hears=lambda time_s: time_s > half_s))
+
+
+@forgery("order", "at worst")
+def heads_that_nobody_heard(shop: Workshop) -> Submission:
+    """From the grasp on the recorder told nobody how far it was: what it says is written afterwards."""
+    begin_s, end_s = middle_s(shop.cleaning, 0.4), middle_s(shop.cleaning, 0.7)
+    return shop.cleaned(shop.cleaning, witnesses=Witnesses(hears=lambda time_s: not begin_s < time_s < end_s))
+
+
+@forgery("order", "does not have")
+def a_forked_recording(shop: Workshop) -> Submission:
+    """A recorder that told the witnesses heads of another version of the same recording."""
+    return shop.cleaned(shop.cleaning, witnesses=Witnesses(forks_at_s=middle_s(shop.cleaning)))
+
+
+@forgery("recorded_in_assignment")
+def posted_again_after_it_began(shop: Workshop) -> Submission:
+    """The task was posted a second time 59 s after the recording began."""
+    return shop.cleaned(shop.cleaning, assigned=shop.cleaning.start_s + 59)
 
 
 @forgery("cleaning_topics", "fastest")
@@ -396,22 +454,28 @@ def slowed_down(shop: Workshop) -> Submission:
     return shop.cleaned(at_pace(shop.cleaning, 0.5), proof_submitted=shop.cleaning.end_s + 120)
 
 
-@forgery("stated_in_time")
+def _robot_at_pace(shop: Workshop, factor: float, *, stamps: bool) -> Take:
+    """What the robot says played faster, beside what the witnesses saw at its own pace."""
+    robots = at_pace(Take([s for s in shop.cleaning.samples if is_robots(s)]), factor, stamps=stamps)
+    others = [s for s in shop.cleaning.samples if not is_robots(s)]
+    return Take(sorted([*robots.samples, *others], key=lambda s: s.time_ns))
+
+
+@forgery("cleaning_gaps")
 def sped_up_at_the_right_rates(shop: Workshop) -> Submission:
-    """Played twice as fast, with every second message left out."""
-    fast = at_pace(shop.cleaning, 2.0)
-    kept = Take([s for s in fast.samples if not s.ros_type or s.sequence % 2 == 0])
+    """Played twice as fast, with every second message left out, beside the witnesses' own statements."""
+    fast = _robot_at_pace(shop, 2.0, stamps=True)
+    kept = Take([s for s in fast.samples if not is_robots(s) or s.sequence % 2 == 0])
     return shop.cleaned(
-        Take([replace(s, sequence=s.sequence // 2) if s.ros_type else s for s in kept.samples])
+        Take([replace(s, sequence=s.sequence // 2) if is_robots(s) else s for s in kept.samples])
     )
 
 
-@forgery("recorded_time")
+@forgery("carried")
 def recorded_from_a_slow_replay(shop: Workshop) -> Submission:
     """An old bag played at a third of its speed into a recorder: stamps and log times drift apart."""
-    return shop.cleaned(
-        at_pace(shop.cleaning, 1 / 3, stamps=False), proof_submitted=shop.cleaning.end_s + 300
-    )
+    take = _robot_at_pace(shop, 1 / 3, stamps=False)
+    return shop.cleaned(take, proof_submitted=shop.cleaning.end_s + 300)
 
 
 @forgery("cleaning_missed")
@@ -445,15 +509,6 @@ def reordered_and_sealed(shop: Workshop) -> Submission:
     return shop.cleaned(Take(samples))
 
 
-@forgery("cleaning_topics", "do not increase")
-def messages_added_and_sealed(shop: Workshop) -> Submission:
-    """A stretch of the odometry twice."""
-    samples = []
-    for sample in shop.cleaning.samples:
-        samples += [sample, sample] if sample.topic == ODOM and 500 < sample.sequence < 600 else [sample]
-    return shop.cleaned(Take(samples))
-
-
 @forgery("tallied")
 def false_counts(shop: Workshop) -> Submission:
     """A closing count of messages that are not there."""
@@ -470,103 +525,167 @@ def false_counts(shop: Workshop) -> Submission:
 # -- the motion, sealed with the executor's own key ------------------------------------------------------
 
 
-def _lifts(sample: Sample) -> Sample:
-    position = replace(sample.message.pose.position, z=sample.message.pose.position.z + 0.3)
-    return with_fields(sample, pose=replace(sample.message.pose, position=position))
+def _motion_between(begin_s: float, end_s: float, edit: Edit) -> Edit:
+    """`edit` for what motion capture signed of this time."""
+
+    def edited(attestation: Attestation) -> Attestation | None:
+        payload = attestation.payload
+        seen = payload["type"] == "mocap.motion" and begin_s < payload["end_us"] * 1e-6 < end_s
+        return edit(attestation) if seen else attestation
+
+    return edited
 
 
-@forgery("poses_signed", ITEM)
-def invented_item_motion(shop: Workshop) -> Submission:
-    """Poses of an item that flies, which the motion capture never saw."""
-    half_s = middle_s(shop.cleaning)
+@forgery("seen_throughout", "over which nothing of")
+def invented_motion(shop: Workshop) -> Submission:
+    """What motion capture signed of the carry, altered: the item's way in place of the base's."""
+
+    def alter(attestation: Attestation) -> Attestation:
+        tracks = dict(attestation.payload["tracks"])
+        tracks["panther1"] = tracks.get(ITEM, tracks.get("panther1", ""))
+        return attestation.model_copy(update={"payload": attestation.payload | {"tracks": tracks}})
+
+    begin_s = middle_s(shop.cleaning, 0.45)
+    return shop.restated(shop.cleaning, _motion_between(begin_s, begin_s + 4.0, alter))
+
+
+@forgery("witnessed", "nothing signed by this witness")
+def motion_capture_signed_by_the_robot(shop: Workshop) -> Submission:
+    """Statements about the motion under the robot's own key."""
+    return shop.cleaned(shop.cleaning, witnesses=Witnesses(mocap=ROBOT))
+
+
+@forgery("witnessed", "nothing signed by this witness")
+def motion_capture_of_the_executor(shop: Workshop) -> Submission:
+    """A motion capture that the executor registered as its own."""
+    ledger = shop.cleaning_ledger()
+    devices = [
+        device.model_copy(update={"owner": ledger.task.executor}) if device.role == "mocap" else device
+        for device in ledger.devices
+    ]
+    return Submission(ledger.model_copy(update={"devices": devices}), shop.honest_file())
+
+
+@forgery("witnessed", "registered no motion capture of this site")
+def motion_capture_of_another_room(shop: Workshop) -> Submission:
+    """Signed by a motion capture that is registered under another name."""
+    ledger = shop.cleaning_ledger()
+    devices = [
+        device.model_copy(update={"name": "mocap2"}) if device.role == "mocap" else device
+        for device in ledger.devices
+    ]
+    return Submission(ledger.model_copy(update={"devices": devices}), shop.honest_file())
+
+
+@forgery("witnessed", "nothing signed by this witness")
+def statements_for_another_organization(shop: Workshop) -> Submission:
+    """The same devices' words to another organization on the same chain."""
+    scope = Scope(chain_id=BINDING.chain_id, task_manager=BINDING.task_manager, organization="0x" + "77" * 20)
+    return shop.cleaned(shop.cleaning, witnesses=Witnesses(scope=scope))
+
+
+@forgery("order", "at worst")
+def statements_left_out(shop: Workshop) -> Submission:
+    """The motion capture's statements of ten seconds of the carry left out."""
+    begin_s = middle_s(shop.cleaning, 0.45)
+    return shop.restated(shop.cleaning, _motion_between(begin_s, begin_s + 10.0, lambda _: None))
+
+
+@forgery("carried", "never leaves the floor")
+def the_item_never_leaves_the_floor(shop: Workshop) -> Submission:
+    """Motion capture saw the item lie there throughout; its statements of the carry are left out."""
+    take = motion_without_an_item_take(shop)
+    begin_s = middle_s(take, 0.3)
+    return shop.restated(take, _motion_between(begin_s, begin_s + 15.0, lambda _: None))
+
+
+@forgery("carried", "never leaves the floor")
+def nothing_ever_moves(shop: Workshop) -> Submission:
+    """Neither robot nor item move, but joints and odometry say so."""
+    first = shop.cleaning.of(ROBOT_POSE)[0].message.pose
+    take = motion_without_an_item_take(shop)
+    return shop.cleaned(take.edited(ROBOT_POSE, lambda s: with_fields(s, pose=first)))
+
+
+@forgery("seen_throughout", "over which nothing of item3")
+def a_tossed_item(shop: Workshop) -> Submission:
+    """A person takes the item behind a curtain while the robot mimes: for three seconds nobody saw it."""
+    begin_s = middle_s(shop.cleaning, 0.45)
     return shop.cleaned(
-        shop.cleaning.edited(ITEM_POSE, lambda s: _lifts(s) if s.time_ns * 1e-9 > half_s else s)
+        shop.cleaning.edited(ITEM_POSE, lambda s: None if begin_s < s.time_ns * 1e-9 < begin_s + 3.2 else s)
     )
 
 
-@forgery("poses_signed", "panther1")
-def invented_base_motion(shop: Workshop) -> Submission:
-    """Base and odometry half a metre beside where they were."""
-    take = shop.cleaning.edited(ROBOT_POSE, lambda s: displaced(s, x=0.5))
-    return shop.cleaned(take.edited(ODOM, lambda s: displaced(s, x=0.5)))
-
-
-@forgery("poses_signed")
-def motion_capture_signed_by_the_robot(shop: Workshop) -> Submission:
-    """Statements about the poses under the robot's own key."""
-    return shop.cleaned(signed_poses(shop.unsigned, ROBOT))
-
-
-@forgery("poses_signed")
-def statements_left_out(shop: Workshop) -> Submission:
-    """The statements about a stretch of poses left out, and the poses edited there."""
-    begin_s, end_s = middle_s(shop.cleaning, 0.4), middle_s(shop.cleaning, 0.6)
-
-    def drop(sample: Sample) -> Sample | None:
-        payload = sample.message["payload"]
-        return None if payload.get("type") == "mocap" and begin_s < payload["end_s"] < end_s else sample
-
-    return shop.cleaned(shop.cleaning.edited(SIGNED, drop))
+@forgery("order", "at worst")
+def seconds_left_out(shop: Workshop) -> Submission:
+    """The motion capture's statements of four seconds of the carry left out."""
+    begin_s = middle_s(shop.cleaning, 0.45)
+    return shop.restated(shop.cleaning, _motion_between(begin_s, begin_s + 4.5, lambda _: None))
 
 
 @forgery("item_outside_bin")
 def already_in_the_bin(shop: Workshop) -> Submission:
     """Work that somebody had done before."""
-    lies = shop.unsigned.of(ITEM_POSE)[-1].message.pose
-    return shop.colluding(shop.unsigned.edited(ITEM_POSE, lambda s: with_fields(s, pose=lies)))
+    lies = shop.cleaning.of(ITEM_POSE)[-1].message.pose
+    return shop.cleaned(shop.cleaning.edited(ITEM_POSE, lambda s: with_fields(s, pose=lies)))
 
 
 @forgery("motion_capture")
 def carried_by_somebody_else(shop: Workshop) -> Submission:
     """A robot that carries something, and the task's item on another way to the bin."""
-    begin_s, end_s = middle_s(shop.unsigned, 0.5), middle_s(shop.unsigned, 0.6)
+    begin_s, end_s = middle_s(shop.cleaning, 0.5), middle_s(shop.cleaning, 0.6)
 
     def beside(sample: Sample) -> Sample:
         return displaced(sample, x=0.2) if begin_s < sample.time_ns * 1e-9 < end_s else sample
 
-    return shop.colluding(shop.unsigned.edited(ITEM_POSE, beside))
+    return shop.cleaned(shop.cleaning.edited(ITEM_POSE, beside))
 
 
-@forgery("replayed", "never leaves the floor")
+def motion_without_an_item_take(shop: Workshop) -> Take:
+    """All motions of a cleaning, beside an item that stays where it is."""
+    lies = shop.cleaning.of(ITEM_POSE)[0].message.pose
+    return shop.cleaning.edited(ITEM_POSE, lambda s: with_fields(s, pose=lies))
+
+
+@forgery("carried", "never leaves the floor")
 def motion_without_an_item(shop: Workshop) -> Submission:
     """All motions of a cleaning, beside an item that stays where it is."""
-    lies = shop.unsigned.of(ITEM_POSE)[0].message.pose
-    return shop.colluding(shop.unsigned.edited(ITEM_POSE, lambda s: with_fields(s, pose=lies)))
+    return shop.cleaned(motion_without_an_item_take(shop))
 
 
 @forgery("base_speed")
 def teleport(shop: Workshop) -> Submission:
     """The base is somewhere else from one moment to the next, for the motion capture, too."""
-    half_s = middle_s(shop.unsigned)
+    half_s = middle_s(shop.cleaning)
 
     def jump(sample: Sample) -> Sample:
         return displaced(sample, x=0.8) if sample.time_ns * 1e-9 > half_s else sample
 
-    return shop.colluding(shop.unsigned.edited(ROBOT_POSE, jump).edited(ODOM, jump))
+    return shop.cleaned(shop.cleaning.edited(ROBOT_POSE, jump).edited(ODOM, jump))
 
 
 @forgery("base_acceleration")
 def instant_start(shop: Workshop) -> Submission:
     """Short of the speed limit at once, and back."""
-    begin_s = middle_s(shop.unsigned)
+    begin_s = middle_s(shop.cleaning)
 
     def dash(sample: Sample) -> Sample:
         passed_s = sample.time_ns * 1e-9 - begin_s
         return displaced(sample, x=0.35 if 0 < passed_s < 5 else 0.0)
 
-    return shop.colluding(shop.unsigned.edited(ROBOT_POSE, dash).edited(ODOM, dash))
+    return shop.cleaned(shop.cleaning.edited(ROBOT_POSE, dash).edited(ODOM, dash))
 
 
 @forgery("turning_speed")
 def spinning(shop: Workshop) -> Submission:
     """A base that turns faster than its wheels could, for the motion capture, too."""
-    begin_s = middle_s(shop.unsigned)
+    begin_s = middle_s(shop.cleaning)
 
     def spin(sample: Sample) -> Sample:
         passed_s = sample.time_ns * 1e-9 - begin_s
         return turned(sample, yaw_rad=min(max(4.0 * passed_s, 0.0), 1.0))
 
-    return shop.colluding(shop.unsigned.edited(ROBOT_POSE, spin))
+    return shop.cleaned(shop.cleaning.edited(ROBOT_POSE, spin))
 
 
 @forgery("odometry")
@@ -581,25 +700,25 @@ def odometry_that_contradicts_motion_capture(shop: Workshop) -> Submission:
 @forgery("stays_in_room")
 def through_the_wall(shop: Workshop) -> Submission:
     """A path on the other side of the wall, for the motion capture, too."""
-    take = shop.unsigned.edited(ROBOT_POSE, lambda s: displaced(s, x=1.6))
-    return shop.colluding(take)
+    take = shop.cleaning.edited(ROBOT_POSE, lambda s: displaced(s, x=1.6))
+    return shop.cleaned(take)
 
 
 @forgery("stays_in_room", "crate")
 def through_the_furniture(shop: Workshop) -> Submission:
     """The base drives where something stands."""
-    at = middle_pose(shop.unsigned.of(ROBOT_POSE))
+    at = middle_pose(shop.cleaning.of(ROBOT_POSE))
     return shop.furnished(at.x, at.y, (0.3, 0.3, 0.3))
 
 
 @forgery("stays_clear", "crate")
 def arm_through_the_furniture(shop: Workshop) -> Submission:
     """The base keeps away from it, but the arm reaches through."""
-    lies = shop.unsigned.of(ITEM_POSE)[0].message.pose.position
+    lies = shop.cleaning.of(ITEM_POSE)[0].message.pose.position
     return shop.furnished(lies.x, lies.y, (0.1, 0.1, 0.5))
 
 
-@forgery("joint_range")
+@forgery("carried")
 def joints_that_are_no_numbers(shop: Workshop) -> Submission:
     """Positions that no comparison holds for."""
     nowhere = np.full(12, np.nan)
@@ -684,13 +803,49 @@ def a_grip_that_nobody_commanded(shop: Workshop) -> Submission:
     return shop.cleaned(shop.cleaning.edited(GRIPPER_STATE, lambda s: commanded(s, first)))
 
 
+@forgery("gripper_commanded")
+def commands_that_change_by_nothing(shop: Workshop) -> Submission:
+    """Fingers that close while they are told to stay open, by a reference that changes 1e-9 m per message."""
+    first = shop.cleaning.of(GRIPPER_STATE)[0].message.reference.positions
+
+    def open_still(sample: Sample) -> Sample:
+        return commanded(sample, first + 1e-9 * (sample.sequence % 2) * np.array([1.0, -1.0]))
+
+    return shop.cleaned(shop.cleaning.edited(GRIPPER_STATE, open_still))
+
+
+@forgery("gripper_commanded", "no numbers")
+def commands_that_are_no_numbers(shop: Workshop) -> Submission:
+    """Fingers whose controller wants nothing that compares."""
+    nowhere = np.full(2, np.nan)
+    return shop.cleaned(shop.cleaning.edited(GRIPPER_STATE, lambda s: commanded(s, nowhere)))
+
+
+@forgery("gripper_commanded", "wider than they were")
+def commands_to_and_fro(shop: Workshop) -> Submission:
+    """Fingers that are told to open and to close with every other message: each explains something."""
+    first = shop.cleaning.of(GRIPPER_STATE)[0].message.reference.positions
+
+    def to_and_fro(sample: Sample) -> Sample:
+        return commanded(sample, first) if sample.sequence % 2 else sample
+
+    return shop.cleaned(shop.cleaning.edited(GRIPPER_STATE, to_and_fro))
+
+
+@forgery("arm_commanded", "no numbers")
+def arm_commands_that_are_no_numbers(shop: Workshop) -> Submission:
+    """The same of the arm."""
+    nowhere = np.full(6, np.nan)
+    return shop.cleaned(shop.cleaning.edited(ARM_STATE, lambda s: commanded(s, nowhere)))
+
+
 @forgery("cleaning_topics", "gripper_controller")
 def commands_left_out(shop: Workshop) -> Submission:
     """Measured positions alone."""
     return shop.cleaned(shop.cleaning.without(GRIPPER_STATE))
 
 
-@forgery("replayed", "does not close")
+@forgery("carried", "does not close")
 def gripper_never_closed(shop: Workshop) -> Submission:
     """Somebody else carried the item beside the robot."""
     return shop.cleaned(shop.cleaning.edited(JOINT_STATES, opened))
@@ -718,25 +873,25 @@ def an_item_from_elsewhere(shop: Workshop) -> Submission:
 @forgery("item_place", "perception")
 def seen_elsewhere(shop: Workshop) -> Submission:
     """An item that the robot saw further from the task's place than the task allows."""
-    return shop.blind(without_mocap(shop.unsigned, ITEM, off_m=(0.4, 0.0)))
+    return shop.blind(without_mocap(shop.cleaning, ITEM, off_m=(0.4, 0.0)))
 
 
 @forgery("grasp")
 def seen_beside_the_gripper(shop: Workshop) -> Submission:
     """A motion that was made up without an item, and an item said to be seen nearby."""
-    return shop.blind(without_mocap(shop.unsigned, ITEM, off_m=(0.08, 0.08)))
+    return shop.blind(without_mocap(shop.cleaning, ITEM, off_m=(0.08, 0.08)))
 
 
 @forgery("replayed", "did not record where it saw the item")
 def never_seen(shop: Workshop) -> Submission:
     """Arm and gripper moved as if there were an item, which nobody saw before."""
-    take = without_mocap(shop.unsigned, ITEM)
+    take = without_mocap(shop.cleaning, ITEM)
     end_ns = take.samples[-1].time_ns
     late = [timed(s, end_ns) if s.topic == SEEN else s for s in take.samples]
     return shop.blind(Take(sorted(late, key=lambda s: s.time_ns)))
 
 
-@forgery("replayed", "never closes on something")
+@forgery("carried", "never closes on something")
 def nothing_between_the_fingers(shop: Workshop) -> Submission:
     """A gripper that closes on nothing and rises."""
 
@@ -746,7 +901,7 @@ def nothing_between_the_fingers(shop: Workshop) -> Submission:
         position[FINGERS] = np.where(closed, np.array([0.021, -0.021]), position[FINGERS])
         return with_joints(sample, position=position)
 
-    return shop.blind(without_mocap(shop.unsigned, ITEM).edited(JOINT_STATES, empty))
+    return shop.blind(without_mocap(shop.cleaning, ITEM).edited(JOINT_STATES, empty))
 
 
 # -- the bin -------------------------------------------------------------------------------------------
@@ -755,61 +910,188 @@ def nothing_between_the_fingers(shop: Workshop) -> Submission:
 @forgery("compartment")
 def wrong_compartment(shop: Workshop) -> Submission:
     """Done, but into the nearest compartment."""
-    take = film_cleaning(shop.site, ITEM, BIN, via=(), compartment="green")
-    return shop.colluding(take)
+    return shop.cleaned(film_cleaning(shop.site, ITEM, via=(), compartment="green"))
+
+
+def _resigned(kind: str, account: LocalAccount, **changes: Any) -> Edit:
+    """Statements of that type with other words, under another key."""
+
+    def sign(attestation: Attestation) -> Attestation:
+        if attestation.payload["type"] != kind:
+            return attestation
+        return attest(attestation.payload | changes, account)
+
+    return sign
 
 
 @forgery("compartment", "no classification signed by the bin")
 def wrong_class(shop: Workshop) -> Submission:
     """A classification of the robot's own making."""
-    return shop.cleaned(
-        restated(shop.cleaning, ROBOT, "image_sha256", **{"class": "glass", "compartment": "green"})
-    )
+    words = {"class": "glass", "compartment": "green"}
+    return shop.restated(shop.cleaning, _resigned("bin.classification", ROBOT, **words))
 
 
 @forgery("compartment", "no classification signed by the bin")
 def altered_classification(shop: Workshop) -> Submission:
     """The bin's own signature under other words."""
 
-    def alter(sample: Sample) -> Sample:
-        payload = sample.message["payload"]
-        if "image_sha256" not in payload:
-            return sample
-        return replace(sample, message=sample.message | {"payload": payload | {"class": "glass"}})
+    def alter(attestation: Attestation) -> Attestation:
+        if attestation.payload["type"] != "bin.classification":
+            return attestation
+        return attestation.model_copy(update={"payload": attestation.payload | {"class": "glass"}})
 
-    return shop.cleaned(shop.cleaning.edited(SIGNED, alter))
+    return shop.restated(shop.cleaning, alter)
 
 
 @forgery("classified")
 def classification_of_another_item(shop: Workshop) -> Submission:
     """What the bin said of the item before, signed by the bin."""
-    return shop.cleaned(restated(shop.cleaning, BIN, "image_sha256", time_s=shop.cleaning.start_s))
+    return shop.cleaned(told(shop.cleaning, "bin/classification", shown_s=shop.cleaning.start_s))
 
 
 @forgery("dropped", "no drop signed by the bin")
 def spoofed_drop(shop: Workshop) -> Submission:
     """A drop that the robot signs itself."""
-    return shop.cleaned(restated(shop.cleaning, ROBOT, "weight_n"))
+    return shop.restated(shop.cleaning, _resigned("bin.drop", ROBOT))
 
 
 @forgery("dropped")
 def drop_of_another_item(shop: Workshop) -> Submission:
     """The bin's word on another classification."""
-    return shop.cleaned(restated(shop.cleaning, BIN, "weight_n", classification_seq=2))
+    return shop.cleaned(told(shop.cleaning, "bin/drop", classification=2))
 
 
 @forgery("dropped")
 def drop_of_an_hour_ago(shop: Workshop) -> Submission:
     """The bin's word from before the release."""
     start_s = shop.cleaning.start_s
-    return shop.cleaned(restated(shop.cleaning, BIN, "weight_n", after_s=start_s, time_s=start_s + 5))
+    return shop.cleaned(told(shop.cleaning, "bin/drop", after_s=start_s, settled_s=start_s + 5))
 
 
-@forgery("stated_in_time")
+@forgery("dropped", "no drop signed by the bin")
 def a_statement_from_the_future(shop: Workshop) -> Submission:
     """A statement that was recorded before the bin made it: put in when the recording was sealed anew."""
     end_s = shop.cleaning.end_s
-    return shop.cleaned(restated(shop.cleaning, BIN, "weight_n", after_s=end_s, time_s=end_s + 300))
+    return shop.cleaned(told(shop.cleaning, "bin/drop", time_s=end_s + 300))
+
+
+@forgery("bin_witnessed", "nothing signed by this witness")
+def a_bin_of_another_site(shop: Workshop) -> Submission:
+    """Signed by a bin that is registered under another name."""
+    ledger = shop.cleaning_ledger()
+    devices = [
+        device.model_copy(update={"name": "itrash2"}) if device.role == "bin" else device
+        for device in ledger.devices
+    ]
+    return Submission(ledger.model_copy(update={"devices": devices}), shop.honest_file())
+
+
+# -- where the item ends -------------------------------------------------------------------------------
+
+
+def _homewards(sample: Sample, begin_s: float) -> Sample:
+    """After the release the item goes back to where it lay, within two seconds."""
+    passed_s = sample.time_ns * 1e-9 - begin_s
+    if passed_s <= 0:
+        return sample
+    at = sample.message.pose.position
+    share = min(passed_s / 2.0, 1.0)
+    return displaced(sample, x=share * (PLACE["x_m"] - at.x), y=share * (PLACE["y_m"] - at.y))
+
+
+@forgery("stays_in_bin")
+def a_pebble_falls(shop: Workshop) -> Submission:
+    """The item goes home in a sleeve while a pebble falls; every pose of it is signed."""
+    rim_m = shop.site.bin.rim_height_m
+    begin_s = max(s.time_ns for s in shop.cleaning.of(ITEM_POSE) if s.message.pose.position.z > rim_m) * 1e-9
+    return shop.cleaned(shop.cleaning.edited(ITEM_POSE, lambda s: _homewards(s, begin_s)))
+
+
+@forgery("stays_in_bin")
+def taken_out_again(shop: Workshop) -> Submission:
+    """Two seconds after the bin felt it, somebody takes it home; every pose is signed."""
+    begin_s = _drop(shop)["settled_s"] + 2.0
+    return shop.cleaned(shop.cleaning.edited(ITEM_POSE, lambda s: _homewards(s, begin_s)))
+
+
+@forgery("stays_in_bin", "taken out")
+def taken_out_where_nobody_sees_it(shop: Workshop) -> Submission:
+    """The same behind the bin's walls: the bin feels it."""
+    drop = _drop(shop)
+    removal = {
+        "compartment": drop["compartment"],
+        "weight_n": drop["weight_n"],
+        "after_s": drop["settled_s"] + 1.0,
+        "settled_s": drop["settled_s"] + 2.0,
+    }
+    time_ns = round((drop["settled_s"] + 2.0) * 1e9)
+    samples = [*shop.cleaning.samples, Sample("bin/removal", "", removal, time_ns)]
+    return shop.cleaned(Take(sorted(samples, key=lambda s: s.time_ns)))
+
+
+@forgery("stays_in_bin", "to the end of the recording")
+def a_recording_that_ends_at_once(shop: Workshop) -> Submission:
+    """Nobody knows what happened after the drop."""
+    end_s = _drop(shop)["settled_s"] + 3.0
+    return shop.cleaned(Take([s for s in shop.cleaning.samples if s.time_ns * 1e-9 < end_s]))
+
+
+@forgery("stays_in_bin", "to the end of the recording")
+def statements_that_end_at_once(shop: Workshop) -> Submission:
+    """The recording goes on, but without motion capture's statements."""
+    end_s = _drop(shop)["settled_s"] + 3.0
+    return shop.restated(shop.cleaning, _motion_between(end_s, shop.cleaning.end_s + 9, lambda _: None))
+
+
+@forgery("weight", "0.01 N")
+def a_feather(shop: Workshop) -> Submission:
+    """The bin felt a hundredth of a newton."""
+    return shop.cleaned(told(shop.cleaning, "bin/drop", weight_n=0.01))
+
+
+@forgery("weight", "50.0 N")
+def a_brick(shop: Workshop) -> Submission:
+    """The bin felt five kilograms."""
+    return shop.cleaned(told(shop.cleaning, "bin/drop", weight_n=50.0))
+
+
+def _drop(shop: Workshop) -> dict[str, Any]:
+    fields: dict[str, Any] = shop.cleaning.of("bin/drop")[0].message
+    return fields
+
+
+# -- whose act it is -----------------------------------------------------------------------------------
+
+
+@forgery("executor_on_site")
+def a_member_without_a_body(shop: Workshop) -> Submission:
+    """A member that is no robot of the site seals what another's robot did."""
+    return shop.cleaned(shop.cleaning, executor_name="mallory")
+
+
+@forgery("executor_on_site")
+def a_device_of_another_robot(shop: Workshop) -> Submission:
+    """The executor's robot is one, what sealed the recording is another."""
+    ledger = shop.cleaning_ledger()
+    devices = [
+        device.model_copy(update={"name": "panther2"}) if device.role == "robot" else device
+        for device in ledger.devices
+    ]
+    return Submission(ledger.model_copy(update={"devices": devices}), shop.honest_file())
+
+
+@forgery("presented", "panther2")
+def somebody_elses_drop(shop: Workshop) -> Submission:
+    """Another robot presented itself to the bin for the same act."""
+    theirs = Claimant(device="panther2", address=STRANGER.address, recording=_ANOTHER, task_id=9, attempt=1)
+    take = told(shop.cleaning, "bin/classification", claimants=(theirs,))
+    return shop.cleaned(told(take, "bin/drop", claimants=(theirs,)))
+
+
+@forgery("presented", "nobody")
+def never_presented(shop: Workshop) -> Submission:
+    """A drop that the bin ascribes to nobody."""
+    return shop.cleaned(shop.cleaning.without("robot/presentation"))
 
 
 # -- charging ------------------------------------------------------------------------------------------
@@ -830,8 +1112,8 @@ def invented_meter(shop: Workshop) -> Submission:
 @forgery("meter_chain")
 def meter_statement_left_out(shop: Workshop) -> Submission:
     """One statement of the meter missing."""
-    third = shop.charge.of(SIGNED)[2]
-    return shop.charged(shop.charge.edited(SIGNED, lambda s: None if s is third else s))
+    third = shop.charge.of(STATED)[2]
+    return shop.charged(shop.charge.edited(STATED, lambda s: None if s is third else s))
 
 
 @forgery("meter_chain", "of another task")
@@ -900,9 +1182,9 @@ def readings_left_out(shop: Workshop) -> Submission:
 @forgery("readings_signed")
 def readings_that_nobody_signed(shop: Workshop) -> Submission:
     """The meter was switched off for the second half."""
-    half = len(shop.charge.of(SIGNED)) // 2
-    kept = shop.charge.of(SIGNED)[:half]
-    return shop.charged(shop.charge.edited(SIGNED, lambda s: s if s in kept else None))
+    half = len(shop.charge.of(STATED)) // 2
+    kept = shop.charge.of(STATED)[:half]
+    return shop.charged(shop.charge.edited(STATED, lambda s: s if s in kept else None))
 
 
 @forgery("energy", "unexplained")

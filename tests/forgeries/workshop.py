@@ -17,7 +17,7 @@ from mcap.writer import Writer
 from scipy.spatial.transform import Rotation
 
 from rodeo.config import Site
-from rodeo.evidence import Binding, Store, attest
+from rodeo.evidence import Attestation, Binding, Store, attest
 from rodeo.lab.body import JOINTS
 from rodeo.lab.config import FurnitureConfig, Pose2
 from rodeo.metering import MeterSample, MeterStatement, energy_wh
@@ -26,20 +26,28 @@ from services.oracle.case import Ledger
 from services.oracle.report import Report
 from services.oracle.verify import verify_submission
 from tests.support.assignments import (
-    BIN,
     BINDING,
     CHARGE_BINDING,
     METER,
-    MOCAP,
     ROBOT,
     charging_ledger,
     cleaning_ledger,
 )
-from tests.support.recordings import Sample, Take, film_charging, film_cleaning, seal, signed_poses, stamp
+from tests.support.recordings import (
+    MOCAP_TOPIC,
+    SIGNED,
+    Sample,
+    Take,
+    Witnesses,
+    film_charging,
+    film_cleaning,
+    seal,
+    stamp,
+)
 
 ITEM = "item3"
 PLACE = {"item_id": ITEM, "x_m": 5.4, "y_m": 2.5}
-JOINT_STATES, ODOM, SIGNED = "panther1/joint_states", "panther1/odom", "rodeo/attestation"
+JOINT_STATES, ODOM, STATED = "panther1/joint_states", "panther1/odom", "rodeo/attestation"
 ARM_STATE, GRIPPER_STATE = (f"panther1/{part}_controller/controller_state" for part in ("arm", "gripper"))
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", f"mocap/{ITEM}/pose"
 SEEN = "panther1/item_pose"
@@ -47,6 +55,9 @@ OUTPUT, GAUGE = "dock1/output", "panther1/battery_state"
 FINGERS = [JOINTS.index("left_finger"), JOINTS.index("right_finger")]
 WAIST = JOINTS.index("waist")
 STRANGER = Account.create()
+
+
+Edit = Callable[[Attestation], Attestation | None]
 
 
 class McapMessage(NamedTuple):
@@ -79,29 +90,40 @@ class Workshop:
         self.store = Store(self.site)
         self.folder = folder
         self._numbers = count()
-        film = film_cleaning(site, ITEM, BIN, via=())
+        film = film_cleaning(site, ITEM, via=())
         for other in site.items:
             if other.id != ITEM:
                 film = film.without(f"mocap/{other.id}/pose")
-        self.unsigned = film
-        """Before the motion capture signed: for labs whose motion capture helps the forger."""
-        self.cleaning = signed_poses(film, MOCAP)
+        self.cleaning = film
         self.charge = film_charging(site, METER, CHARGE_BINDING, soc=0.94)
 
     # -- submitting ------------------------------------------------------------------------------------
 
-    def sealed(self, take: Take, binding: Binding = BINDING, device: LocalAccount = ROBOT) -> Path:
-        return seal(take, self.folder / f"{next(self._numbers)}.mcap", binding, device).path
+    def sealed(
+        self,
+        take: Take,
+        binding: Binding = BINDING,
+        device: LocalAccount = ROBOT,
+        witnesses: Witnesses | None = None,
+    ) -> Path:
+        return seal(take, self.folder / f"{next(self._numbers)}.mcap", binding, device, witnesses).path
 
     def cleaned(
-        self, take: Take, *, binding: Binding = BINDING, device: LocalAccount = ROBOT, **task: Any
+        self,
+        take: Take,
+        *,
+        binding: Binding = BINDING,
+        device: LocalAccount = ROBOT,
+        witnesses: Witnesses | None = None,
+        **task: Any,
     ) -> Submission:
-        """`take` as proof of the cleaning task, sealed with the robot's key."""
-        return Submission(self.cleaning_ledger(**task), self.sealed(take, binding, device))
+        """`take` as proof of the cleaning task, sealed with the robot's key. What motion capture and bin sign
+        is what the take holds: whatever a forger changes there, they helped."""
+        return Submission(self.cleaning_ledger(**task), self.sealed(take, binding, device, witnesses))
 
-    def colluding(self, take: Take) -> Submission:
-        """The same with poses that the lab's motion capture signs, whatever they are."""
-        return self.cleaned(signed_poses(take, MOCAP))
+    def restated(self, take: Take, edit: Edit, **task: Any) -> Submission:
+        """`take` with the witnesses' signed statements as `edit` returns them."""
+        return self.cleaned(take, witnesses=Witnesses(edit=edit), **task)
 
     def blind(self, take: Take) -> Submission:
         """`take` as proof of the cleaning task at a site without motion capture."""
@@ -250,6 +272,16 @@ def at_pace(take: Take, factor: float, *, stamps: bool = True) -> Take:
     ])  # fmt: skip
 
 
+def is_robots(sample: Sample) -> bool:
+    """Whether the robot says it, rather than a witness."""
+    return sample.topic not in SIGNED and MOCAP_TOPIC.fullmatch(sample.topic) is None
+
+
+def told(take: Take, topic: str, **changes: Any) -> Take:
+    """What a device feels there, with other words, before it signs them."""
+    return take.edited(topic, lambda s: replace(s, message=s.message | changes))
+
+
 def restated(take: Take, account: LocalAccount, having: str, **changes: Any) -> Take:
     """Statements whose payload has the key `having`, changed and signed by `account`."""
 
@@ -259,7 +291,7 @@ def restated(take: Take, account: LocalAccount, having: str, **changes: Any) -> 
             return sample
         return replace(sample, message=attest(payload | changes, account).model_dump())
 
-    return take.edited(SIGNED, sign)
+    return take.edited(STATED, sign)
 
 
 def remetered(
@@ -283,7 +315,7 @@ def remetered(
         last.append(MeterStatement.model_validate(fields))
         return replace(sample, message=attest(last[-1].model_dump(), account).model_dump())
 
-    return take.edited(SIGNED, sign)
+    return take.edited(STATED, sign)
 
 
 def numbered(take: Take, topic: str) -> Take:

@@ -15,7 +15,7 @@ from rodeo.dao import Participant
 from rodeo.evidence import Store
 from services.oracle.report import Report
 from tests.support.dao import Dao
-from tests.support.recordings import Take, film_cleaning, later, seal, signed_poses
+from tests.support.recordings import Take, Witnesses, film_cleaning, later, seal
 from tests.support.site import RunningSite, write_site
 
 PLACE = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
@@ -42,13 +42,12 @@ class Film:
     """One film, shown to the organization as if shot anew for each assignment: time does not go back."""
 
     def __init__(self, dao: Dao) -> None:
-        self._bin = wallets.load(dao.site, "itrash-device")
-        self._take = film_cleaning(dao.site, "item1", self._bin)
+        self._take = film_cleaning(dao.site, "item1")
         self._later_s = 0
 
     def take(self) -> Take:
         self._later_s += 120
-        return later(self._take, self._later_s, self._bin)
+        return later(self._take, self._later_s)
 
 
 @pytest.fixture(scope="module")
@@ -67,7 +66,11 @@ class Executor:
         self.folder = folder
         self.wallet = Participant(dao.running.bus, dao.site.org, "panther1")
         self.device = wallets.load(dao.site, "panther1-device")
-        self.mocap = wallets.load(dao.site, "mocap-device")
+        self.witnesses = Witnesses(
+            mocap=wallets.load(dao.site, "mocap-device"),
+            bin=wallets.load(dao.site, "itrash-device"),
+            robot=self.device,
+        )
         self.store = Store(dao.site)
 
     def assigned(self, **task: Any) -> int:
@@ -79,7 +82,7 @@ class Executor:
     def record(self, task_id: int) -> Path:
         task = self.wallet.task(task_id)
         path = self.folder / f"{task_id}-{task.attempt}.mcap"
-        seal(signed_poses(self.take, self.mocap), path, self.wallet.binding(task, "panther1"), self.device)
+        seal(self.take, path, self.wallet.binding(task, "panther1"), self.device, self.witnesses)
         self.dao.set_clock(self.take.end_s + 5)
         return path
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from decimal import Decimal
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from eth_account import Account
 
 from rodeo.dao import CHARGING, CLEANING
 from rodeo.evidence import Binding
-from rodeo.messages import Task
-from services.oracle.case import Device, Ledger
-from tests.support.recordings import Take
+from rodeo.messages import Device, Task
+from services.oracle.case import Ledger
+
+if TYPE_CHECKING:
+    from tests.support.recordings import Take
 
 ROBOT = Account.create()
 BIN = Account.create()
@@ -54,7 +56,7 @@ def ledger(take: Take, kind: str, params: dict[str, Any], **task: Any) -> Ledger
         "creator": ORGANIZATION,
         "creator_name": "organization",
         "executor": executor,
-        "executor_name": None,
+        "executor_name": "panther1" if kind == CLEANING else "organization",
         "service_id": 1,
         "reward_iec": Decimal(100),
         "price_iec": Decimal(100),
@@ -80,6 +82,7 @@ def ledger(take: Take, kind: str, params: dict[str, Any], **task: Any) -> Ledger
     return Ledger(
         chain_id=BINDING.chain_id,
         task_manager=BINDING.task_manager,
+        organization=BINDING.organization,
         task=Task(**(fields | task)),
         devices=devices(),
     )

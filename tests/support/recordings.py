@@ -1,17 +1,22 @@
 """Honest recordings for tests and benchmarks: the lab's physics, driven by a scripted operator and filmed.
 
-A `Take` is what was on the bus; tests change it before `seal` makes a proof of it.
+A `Take` is what happened: messages of the robot, and what motion capture and the bin felt, which is not
+signed yet. `seal` lets it happen again: the robot records, the witnesses hear the recording's heads and sign.
+Tests change the take before (then the witnesses helped), or what was signed after (`Witnesses.edit`).
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
-from collections.abc import Callable, Sequence
+import re
+from collections import Counter
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
 from math import nan
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import mujoco
 import numpy as np
@@ -19,15 +24,34 @@ from eth_account.signers.local import LocalAccount
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from rodeo.config import Site
-from rodeo.evidence import Binding, Recorder, SealedProof, attest
+from rodeo.evidence import Attestation, Binding, SealedProof, attest
+from rodeo.evidence.recorder import _Entry, _SealedFile
+from rodeo.evidence.seal import SealChain
 from rodeo.lab.body import JOINTS, Body, Twist2
-from rodeo.lab.config import Pose2
+from rodeo.lab.config import Pose2, gripper_body
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, dock_parking, wrap
 from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, build_world
 from rodeo.metering import MeterSample, MeterStatement, segment_wh
-from rodeo.mocap import PoseChain
 from rodeo.ros2.types import STORE, new, serialize
+from rodeo.witness import (
+    Claimant,
+    Classification,
+    Drop,
+    Head,
+    HeadBook,
+    Header,
+    Inputs,
+    Journal,
+    Motion,
+    Presentation,
+    Removal,
+    Scope,
+    WitnessChain,
+    motion,
+)
+from rodeo.witness.statement import digest
 from services.robot_sim.battery import Battery, Supply
+from tests.support.assignments import BIN, BINDING, MOCAP, ROBOT
 from tests.support.operator import READY_RAD, Operator
 
 START_NS = 1_900_000_000 * 10**9
@@ -91,52 +115,263 @@ class TakeClock:
         raise NotImplementedError("nobody waits while a take is written")
 
 
-def signed_poses(take: Take, account: LocalAccount) -> Take:
-    """With what the lab's motion capture says of its poses, each statement right after its last pose."""
-    chains: dict[str, PoseChain] = {}
-    samples = []
-    for sample in take.samples:
-        samples.append(sample)
-        if sample.topic.startswith("mocap/"):
-            body = sample.topic.split("/")[1]
-            chain = chains.setdefault(body, PoseChain(body))
-            statement = chain.add(sample.sequence, serialize(sample.message), sample.time_ns * 1e-9)
-            if statement is not None:
-                signed = attest(statement.model_dump(), account).model_dump()
-                samples.append(Sample("rodeo/attestation", "", signed, sample.time_ns))
-    return Take(samples)
+MOCAP_TOPIC = re.compile(r"mocap/(?P<body>.+)/pose")
+"""Of a pose that motion capture sees: not recorded, but signed."""
+SIGNED: dict[str, type[Header]] = {
+    "bin/classification": Classification,
+    "bin/drop": Drop,
+    "bin/removal": Removal,
+    "robot/presentation": Presentation,
+}
+"""Topic -> model of what a device signs; such a sample's message is the statement without its header."""
+ATTESTATION = "rodeo/attestation"
+_NOTHING = "0x" + "00" * 32
+_KEEP: Callable[[Attestation], Attestation | None] = lambda attestation: attestation  # noqa: E731
 
 
-def seal(take: Take, path: Path, binding: Binding, account: LocalAccount) -> SealedProof:
-    """Write `take` as the executor's device would have."""
-    clock = TakeClock(take.samples[0].time_ns)
-    recorder = Recorder(path, binding, account, clock)
-    for sample in take.samples:
-        clock.time_ns = sample.time_ns
-        if sample.ros_type:
-            cdr = serialize(sample.message)
-            recorder.write_ros(
-                sample.topic, sample.ros_type, cdr, sample.time_ns, sample.time_ns, sample.sequence
+@dataclass(frozen=True)
+class Witnesses:
+    """Who signs what was felt while a take is recorded."""
+
+    mocap: LocalAccount = MOCAP
+    bin: LocalAccount = BIN
+    robot: LocalAccount = ROBOT
+    """Presents itself to the bin."""
+    mocap_inputs: Inputs = "sensor"
+    bin_inputs: Inputs = "sensor"
+    scope: Scope | None = None
+    """If another than that of the recording."""
+    hears: Callable[[float], bool] = lambda time_s: True
+    """Whether the witnesses hear what the recorder says at this time."""
+    edit: Callable[[Attestation], Attestation | None] = _KEEP
+    """What the recorder makes of each statement; None leaves it out."""
+    recording: str | None = None
+    """Digest of the recording whose heads the witnesses heard, if another than this one."""
+    forks_at_s: float = math.inf
+    """From then on they heard heads of another version of it."""
+    ago_s: float = 0.0
+    """By how much the witnesses' times are earlier than those of the recording: it is of then."""
+
+
+class _Memory:
+    """A journal that nobody asks."""
+
+    def __init__(self) -> None:
+        self.seq = 0
+        self.previous: str | None = None
+
+    def add(self, attestation: Attestation) -> None:
+        self.seq, self.previous = self.seq + 1, digest(attestation)
+
+
+class _Scene:
+    """The witnesses of one take."""
+
+    def __init__(self, take: Take, binding: Binding, witnesses: Witnesses, site_bin: str) -> None:
+        self._binding, self._witnesses = binding, witnesses
+        scope = witnesses.scope or Scope(
+            chain_id=binding.chain_id,
+            task_manager=binding.task_manager,
+            organization=binding.organization,
+        )
+        self._chains = {
+            role: WitnessChain(name, account, scope, inputs, cast(Journal, _Memory()), HeadBook())
+            for role, name, account, inputs in (
+                ("mocap", "mocap", witnesses.mocap, witnesses.mocap_inputs),
+                ("bin", site_bin, witnesses.bin, witnesses.bin_inputs),
+                ("robot", binding.device, witnesses.robot, "sensor"),
             )
+        }
+        seen = {found["body"] for s in take.samples if (found := MOCAP_TOPIC.fullmatch(s.topic))}
+        self._ago_ns = round(witnesses.ago_s * 1e9)
+        start_us = (take.samples[0].time_ns - self._ago_ns) // 1000 - 20_000
+        self._motion = motion.MotionLog(sorted(seen), start_us) if seen else None
+        self._seen_us: dict[str, int] = {}
+        self._claimants: tuple[Claimant, ...] = ()
+        self.recording = _NOTHING
+
+    def hear_seal(self, data: bytes, address: str) -> None:
+        """The recorder tells its newest head."""
+        seal = json.loads(data)["payload"]
+        own = "0x" + hashlib.sha256(data).hexdigest()
+        if seal["recording"] is None:
+            self.recording = own
+        time_s = int(seal["time_ns"]) * 1e-9
+        if not self._witnesses.hears(time_s):
+            return
+        head = Head(
+            device=seal["device"],
+            address=address,
+            chain=self._witnesses.recording or self.recording,
+            index=seal["index"],
+            digest=own if time_s < self._witnesses.forks_at_s else _NOTHING,
+        )
+        for role in ("mocap", "bin"):
+            self._chains[role].heads.hear(head)
+
+    def see(self, sample: Sample, body: str) -> None:
+        if self._motion is not None:
+            at, turn = sample.message.pose.position, sample.message.pose.orientation
+            time_us = (stamped_ns(sample.message) - self._ago_ns) // 1000
+            pose = motion.Sample(time_us, (at.x, at.y, at.z), (turn.w, turn.x, turn.y, turn.z))
+            if time_us > self._seen_us.get(body, 0):
+                self._seen_us[body] = time_us
+                self._motion.add(body, pose)
+
+    def tick(self, time_ns: int, last: bool = False) -> Attestation | None:
+        """The statement of the motion capture that is due."""
+        chain, log = self._chains["mocap"], self._motion
+        time_ns -= self._ago_ns
+        if log is None or not (last or log.due(time_ns // 1000, bool(chain.heads))):
+            return None
+        return self._tell(
+            chain,
+            chain.sign_next(Motion, time_ns * 1e-9, lambda seq: log.take(time_ns // 1000, seq)._asdict()),
+        )
+
+    def sign(self, sample: Sample) -> Attestation | None:
+        """What a device says of what it felt."""
+        model, ago_s = SIGNED[sample.topic], self._witnesses.ago_s
+        fields = {name: one - ago_s if name in TIMES else one for name, one in sample.message.items()}
+        time_s = fields.pop("time_s", sample.time_ns * 1e-9 - ago_s)
+        chain = self._chains[sample.topic.partition("/")[0]]
+        if model is Presentation:
+            fields = {
+                "recording": self.recording,
+                "task_id": self._binding.task_id,
+                "attempt": self._binding.attempt,
+            } | fields
+            claimant = {name: fields[name] for name in ("recording", "task_id", "attempt")}
+            newest = Claimant(device=chain.device, address=chain.address, **claimant)
+            self._claimants = (newest, *(one for one in self._claimants if one != newest))
+        elif model is not Removal:
+            fields = {"claimants": self._claimants} | fields
+            if model is Drop:
+                self._claimants = ()
+        return self._tell(chain, chain.sign(model, time_s, **fields))
+
+    def _tell(self, chain: WitnessChain, attestation: Attestation) -> Attestation | None:
+        head = Head(
+            device=chain.device,
+            address=chain.address,
+            chain=None,
+            index=attestation.payload["seq"],
+            digest=digest(attestation),
+        )
+        for other in self._chains.values():
+            if other is not chain:
+                other.heads.hear(head)
+        return self._witnesses.edit(attestation)
+
+
+def recorded(
+    take: Take, binding: Binding, witnesses: Witnesses, address: str, site_bin: str
+) -> Generator[Sample, bytes | None, None]:
+    """What a recorder hears, in order. It is sent each seal's bytes, the opening one first."""
+    scene = _Scene(take, binding, witnesses, site_bin)
+
+    def out(sample: Sample) -> Generator[Sample, bytes | None, None]:
+        data = yield sample
+        while data is not None:
+            scene.hear_seal(data, address)
+            data = yield sample
+
+    def say(attestation: Attestation | None, time_ns: int) -> Generator[Sample, bytes | None, None]:
+        if attestation is not None:
+            yield from out(Sample(ATTESTATION, "", attestation.model_dump(), time_ns))
+
+    yield from out(Sample("", "", None, take.samples[0].time_ns))
+    now_ns = take.samples[0].time_ns
+    for sample in take.samples:
+        if sample.time_ns > now_ns:
+            yield from say(scene.tick(now_ns), now_ns)
+            now_ns = sample.time_ns
+        if found := MOCAP_TOPIC.fullmatch(sample.topic):
+            scene.see(sample, found["body"])
+        elif sample.topic in SIGNED:
+            yield from say(scene.sign(sample), sample.time_ns)
         else:
-            urgent = sample.message.get("payload", {}).get("type") != "mocap"
-            recorder.write_json(sample.topic, sample.message, urgent=urgent)
-    return recorder.close()
+            yield from out(sample)
+    yield from say(scene.tick(now_ns, last=True), now_ns)
 
 
-def write_bag(take: Take, path: Path, storage: StoragePlugin = StoragePlugin.SQLITE3) -> Path:
+def seal(
+    take: Take,
+    path: Path,
+    binding: Binding,
+    account: LocalAccount,
+    witnesses: Witnesses | None = None,
+    site_bin: str = "itrash",
+) -> SealedProof:
+    """Write `take` as the executor's device would have, while `witnesses` sign what they see of it.
+
+    Not through `Recorder`, which writes in a thread of its own: here every head is heard before the next
+    message is written.
+    """
+    seals: list[bytes] = []
+    path.parent.mkdir(parents=True, exist_ok=True)
+    file = _SealedFile(path, SealChain(binding, account), seals.append)
+    file.open_chain(take.samples[0].time_ns)
+    scene = recorded(take, binding, witnesses or Witnesses(), account.address, site_bin)
+    sequences: Counter[str] = Counter()
+    next(scene)
+    try:
+        while True:
+            while seals:
+                scene.send(seals.pop(0))
+            sample = next(scene)
+            ns = sample.time_ns
+            if sample.ros_type:
+                cdr = serialize(sample.message)
+                topic = sample.topic if sample.topic.startswith("/") else "/" + sample.topic
+                file.add(_Entry(topic, sample.ros_type, sample.sequence & 0xFFFFFFFF, ns, ns, cdr))
+            else:
+                payload = sample.message.get("payload", {}) if isinstance(sample.message, dict) else {}
+                urgent = payload.get("type") != "mocap.motion"
+                data = json.dumps(sample.message, separators=(",", ":")).encode()
+                file.add(_Entry(sample.topic, "", sequences[sample.topic], ns, ns, data, urgent))
+                sequences[sample.topic] += 1
+    except StopIteration:
+        pass
+    file.finish(final=True)
+    with path.open("rb") as written:
+        sha256 = "0x" + hashlib.file_digest(written, "sha256").hexdigest()
+    return SealedProof(path, sha256, file.running.messages)
+
+
+def stamped_ns(message: Any) -> int:
+    """A ROS message's own time."""
+    return int(message.header.stamp.sec) * 10**9 + int(message.header.stamp.nanosec)
+
+
+def write_bag(
+    take: Take,
+    path: Path,
+    storage: StoragePlugin = StoragePlugin.SQLITE3,
+    binding: Binding = BINDING,
+    witnesses: Witnesses | None = None,
+) -> Path:
     """`take` as a ROS 2 bag of another tool: nothing is sealed, JSON goes as text."""
     text = "std_msgs/msg/String"
     store = STORE
     with Writer(path, version=9, storage_plugin=storage) as writer:
         connections: dict[str, Any] = {}
-        for sample in take.samples:
+        for sample in recorded(take, binding, witnesses or Witnesses(), binding.executor, "itrash"):
+            if not sample.topic:
+                continue
             topic, kind = "/" + sample.topic, sample.ros_type or text
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
             message = sample.message if sample.ros_type else new(text, data=json.dumps(sample.message))
             writer.write(connections[topic], sample.time_ns, serialize(message))
     return path
+
+
+def shifted_by(sample: Sample, shift_ns: int) -> Sample:
+    """The same message, published and stamped so much later."""
+    header = replace(sample.message.header, stamp=new("builtin_interfaces/msg/Time"))
+    message = stamp(replace(sample.message, header=header), stamped_ns(sample.message) + shift_ns)
+    return replace(sample, message=message, time_ns=sample.time_ns + shift_ns)
 
 
 def stamp(message: Any, time_ns: int) -> Any:
@@ -157,6 +392,13 @@ class _Camera:
         self.samples: list[Sample] = []
         self._sequence = 0
         self._odom = np.zeros(3)
+        name = self.robot.name
+        hand = self.model.body_parentid[self.model.joint(f"{name}/{FINGER_JOINTS[0]}").bodyid[0]]
+        self._tracked = [
+            (name, f"{name}/base_link"),
+            (gripper_body(name), self.model.body(hand).name),
+            *((item.id, item.id) for item in site.items),
+        ]
 
     @property
     def now_ns(self) -> int:
@@ -189,7 +431,7 @@ class _Camera:
             effort=np.array(body.efforts),
         )
         self._add(f"{ns}/joint_states", JOINTS_TYPE, joints)
-        for name, frame in [(ns, f"{ns}/base_link"), *((item.id, item.id) for item in self.site.items)]:
+        for name, frame in self._tracked:
             pose = new(POSE)
             pose.header.frame_id = "map"
             place = self.data.body(frame)
@@ -215,9 +457,23 @@ class _Camera:
         number = self._sequence // CONTROLLER_FRAMES
         self.samples.append(Sample(topic, CONTROLLER_STATE, stamp(state, self.now_ns), self.now_ns, number))
 
-    def attest(self, payload: dict[str, Any], account: LocalAccount) -> None:
-        statement = attest(payload, account).model_dump()
-        self.samples.append(Sample("rodeo/attestation", "", statement, self.now_ns))
+    def say(self, topic: str, **fields: Any) -> None:
+        """What a device is about to sign."""
+        self.samples.append(Sample(topic, "", fields, self.now_ns))
+
+    def still(self, seconds: float) -> None:
+        """The last frames again for so long: nothing moves, and nothing is computed."""
+        period_ns, every = 20_000_000, CONTROLLER_FRAMES
+        last_ns = self.samples[-1].time_ns
+        loop = [
+            s for s in self.samples[-50 * every :] if s.time_ns > last_ns - every * period_ns and s.ros_type
+        ]
+        step_ns, steps = every * period_ns, math.ceil(seconds / (every * period_ns * 1e-9))
+        for step in range(1, steps + 1):
+            for sample in loop:
+                frames = step * (1 if sample.ros_type == CONTROLLER_STATE else every)
+                again = shifted_by(sample, step * step_ns)
+                self.samples.append(replace(again, sequence=sample.sequence + frames))
 
     def _add(self, topic: str, ros_type: str, message: Any) -> None:
         ns = self.now_ns
@@ -274,7 +530,6 @@ class _FilmedOperator(Operator):
 def film_cleaning(
     site: Site,
     item_id: str,
-    bin_account: LocalAccount,
     *,
     compartment: str | None = None,
     grip_n: float = 5.0,
@@ -316,40 +571,43 @@ def film_cleaning(
     operator.drive_to(layout.parking)
     operator.sway_no_more()
 
+    camera.say("robot/presentation", bin=site.bin.name)
     operator.show(item, layout)
     wanted = site.bin.compartment_of(item.item_class)
-    camera.attest(
-        {
-            "bin": site.bin.name,
-            "seq": 1,
-            "class": item.item_class.value,
-            "probabilities": {item.item_class.value: 1.0},
-            "compartment": wanted,
-            "image_sha256": "00" * 32,
-            "time_s": camera.now_ns * 1e-9,
-        },
-        bin_account,
+    camera.say(
+        "bin/classification",
+        number=1,
+        item_class=item.item_class.value,
+        probabilities={item.item_class.value: 1.0},
+        compartment=wanted,
+        full=False,
+        image_sha256=_NOTHING,
+        model_sha256=_NOTHING,
+        thresholds_sha256=_NOTHING,
+        shown_s=camera.now_ns * 1e-9,
     )
     released_s = camera.now_ns * 1e-9
     operator.drop(item, layout, compartment or wanted)
     inside = [n for n in site.bin.compartments if layout.contains(n, tuple(place.xpos))]
     if inside:
-        camera.attest(
-            {
-                "bin": site.bin.name,
-                "seq": 1,
-                "classification_seq": 1,
-                "compartment": inside[0],
-                "expected_compartment": wanted,
-                "weight_n": round(item.mass_kg * 9.81, 3),
-                "after_s": released_s,
-                "time_s": camera.now_ns * 1e-9,
-                "correct": inside[0] == wanted,
-            },
-            bin_account,
+        camera.say(
+            "bin/drop",
+            number=1,
+            classification=1,
+            compartment=inside[0],
+            expected_compartment=wanted,
+            weight_n=round(item.mass_kg * 9.81, 3),
+            after_s=released_s,
+            settled_s=camera.now_ns * 1e-9,
+            correct=inside[0] == wanted,
         )
     operator.wait(0.5)
+    camera.still(AFTER_DROP_S)
     return Take(camera.samples)
+
+
+AFTER_DROP_S = 11.0
+"""A recording goes on for so long after the bin felt the item."""
 
 
 def without_mocap(take: Take, item_id: str, off_m: tuple[float, float] = (0.0, 0.0)) -> Take:
@@ -364,34 +622,29 @@ def without_mocap(take: Take, item_id: str, off_m: tuple[float, float] = (0.0, 0
             samples.append(replace(sample, topic=f"{robot}/pose"))
         elif sample is lies:
             samples.append(replace(seen, topic=f"{robot}/item_pose"))
-        elif not sample.topic.startswith("mocap/"):
+        elif not MOCAP_TOPIC.fullmatch(sample.topic):
             samples.append(sample)
     return Take(samples)
 
 
-def later(take: Take, seconds: int, bin_account: LocalAccount, after_s: float = 0.0) -> Take:
-    """The same film, shot so much later; the bin signs its statements anew.
+TIMES = ("after_s", "settled_s", "shown_s", "time_s")
+"""What a statement says in seconds of site time."""
+
+
+def later(take: Take, seconds: int, after_s: float = 0.0) -> Take:
+    """The same film, shot so much later.
 
     Only what is later than `after_s` is moved, if given: then there is a hole of so many seconds.
     """
-    shift_ns = seconds * 10**9
 
     def shifted(sample: Sample) -> Sample:
         if sample.time_ns <= after_s * 1e9:
             return sample
-        time_ns = sample.time_ns + shift_ns
         if sample.ros_type:
-            header = replace(sample.message.header, stamp=new("builtin_interfaces/msg/Time"))
-            return replace(
-                sample,
-                message=stamp(replace(sample.message, header=header), time_ns),
-                time_ns=time_ns,
-                sequence=sample.sequence + seconds * (10 if sample.ros_type == CONTROLLER_STATE else 50),
-            )
-        payload = sample.message["payload"]
-        times = {key: payload[key] + seconds for key in ("after_s", "time_s") if key in payload}
-        statement = attest(payload | times, bin_account)
-        return replace(sample, message=statement.model_dump(), time_ns=time_ns)
+            frames = seconds * (10 if sample.ros_type == CONTROLLER_STATE else 50)
+            return replace(shifted_by(sample, seconds * 10**9), sequence=sample.sequence + frames)
+        times = {key: sample.message[key] + seconds for key in TIMES if key in sample.message}
+        return replace(sample, message=sample.message | times, time_ns=sample.time_ns + seconds * 10**9)
 
     return Take([shifted(sample) for sample in take.samples])
 

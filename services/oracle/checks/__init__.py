@@ -17,9 +17,9 @@ from services.oracle.checks import (
     completeness,
     declared,
     disposal,
-    duration,
     provenance,
     statement,
+    witnesses,
 )
 from services.oracle.report import Finding
 
@@ -36,14 +36,15 @@ PROVENANCE: Stage = (
 
 CHECKS: dict[str, tuple[Stage, ...]] = {
     CLEANING: (
-        PROVENANCE,
+        (*PROVENANCE, provenance.executor_on_site),
         (declared.not_given_up,),
         (completeness.in_order, completeness.tallied),
         (completeness.cleaning_topics,),
-        (duration.recorded_time, duration.stated_in_time),
+        (witnesses.witnessed,),
         (completeness.item_outside_bin,),
+        (completeness.carried, disposal.bin_witnessed),
         (completeness.cleaning_gaps, completeness.cleaning_missed),
-        (completeness.poses_signed,),
+        (witnesses.order, witnesses.seen_throughout),
         (base.base_speed, base.base_acceleration, base.turning_speed, base.odometry, base.stays_in_room),
         (arm.joint_range, arm.joint_speed, arm.gripper_force, arm.arm_commanded, arm.gripper_commanded),
         (arm.stays_clear,),
@@ -53,13 +54,13 @@ CHECKS: dict[str, tuple[Stage, ...]] = {
         (carry.motion_capture, carry.compartment),
         (carry.ensemble,),
         (disposal.classified, disposal.dropped),
+        (disposal.presented, disposal.stays_in_bin, disposal.weight),
         (provenance.sealed,),
     ),
     CHARGING: (
         PROVENANCE,
         (completeness.in_order, completeness.tallied),
         (completeness.charging_topics,),
-        (duration.recorded_time, duration.stated_in_time),
         (completeness.charging_gaps, completeness.charging_missed),
         (charging.meter_chain,),
         (charging.readings, charging.readings_signed, charging.register),

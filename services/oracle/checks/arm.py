@@ -4,10 +4,10 @@ from functools import cache
 
 import numpy as np
 
-from rodeo.evidence.series import Array, Table
+from rodeo.evidence.series import Array
 from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, robot_model
-from rodeo.topics import ARM_STATE, GRIPPER_STATE
-from services.oracle.case import Case, increasing
+from rodeo.topics import ARM_STATE, GRIPPER_STATE, Topic
+from services.oracle.case import Case, CaseError, increasing
 from services.oracle.checks.base import TOLERANCE, WINDOW_S
 from services.oracle.report import Finding, at_most
 
@@ -20,6 +20,13 @@ USUALLY_WITHIN_RAD = 0.05
 """The median: servos lag while they move and sag under the arm's weight, but mostly they hold still."""
 AGAINST_LIMIT_M = 0.005
 """What fingers, of a millimetre of play, may give way under what they hold."""
+
+HELD_M = 0.003
+"""Fingers that are as far apart as usual during the carry, to this, hold what is carried."""
+HELD_SHARE = 0.9
+"""Of that; the command to open comes before they do."""
+NO_NUMBER_SHARE = 0.1
+"""Of a controller's states: as many may be missing."""
 
 SOLID_LIMIT_M = 0.02
 """How deep a link may reach into what stands in the lab: things touch, poses have errors."""
@@ -88,9 +95,8 @@ def gripper_force(case: Case) -> Finding:
 
 def arm_commanded(case: Case) -> Finding:
     """The arm was where its controller wanted it: the joints moved because they were told to."""
-    state = case.table(ARM_STATE, ns=case.robot.namespace)
-    wanted = state.named("reference.positions", list(ARM_JOINTS), "joint_names")
-    off = np.abs(wanted - _measured(case, state, ARM_JOINTS)).max(axis=1)
+    time_s, wanted = _commands(case, ARM_STATE, ARM_JOINTS)
+    off = np.abs(wanted - _measured(case, time_s, ARM_JOINTS)).max(axis=1)
     worst, median = float(off.max()), float(np.median(off))
     if not worst <= FOLLOWING_LIMIT_RAD:
         return at_most(
@@ -110,12 +116,22 @@ _OFF = "commanded against measured joints"
 
 def gripper_commanded(case: Case) -> Finding:
     """The fingers only ever went where they were commanded, though what they hold may stop them before."""
-    state = case.table(GRIPPER_STATE, ns=case.robot.namespace)
-    wanted = _half_gap(state.named("reference.positions", list(FINGER_JOINTS), "joint_names"))
-    left_m = np.abs(wanted - _half_gap(_measured(case, state, FINGER_JOINTS)))
-    commands = np.split(left_m, np.flatnonzero(np.diff(wanted)) + 1)
+    time_s, wanted = _commands(case, GRIPPER_STATE, FINGER_JOINTS)
+    wanted_m, gap_m = _half_gap(wanted), _half_gap(_measured(case, time_s, FINGER_JOINTS))
+    # By how much each step took the fingers away from what was commanded before it and after it, however
+    # often that changes.
+    away_m = np.minimum(
+        *(
+            np.abs(gap_m[1:] - wanted) - np.abs(gap_m[:-1] - wanted)
+            for wanted in (wanted_m[:-1], wanted_m[1:])
+        )
+    )
+    way_m = np.concatenate([[0.0], np.cumsum(away_m)])
+    worst_m = float((way_m - np.minimum.accumulate(way_m)).max())
+    if worst_m <= AGAINST_LIMIT_M:
+        return _held_by_command(case, time_s, wanted_m, gap_m)
     return at_most(
-        max(float((left - np.minimum.accumulate(left)).max()) for left in commands),
+        worst_m,
         AGAINST_LIMIT_M,
         "m",
         source="play of the fingers",
@@ -123,11 +139,43 @@ def gripper_commanded(case: Case) -> Finding:
     )
 
 
-def _measured(case: Case, state: Table, joints: tuple[str, ...]) -> Array:
-    """(n, len(joints)) recorded positions at the times of a controller's states."""
+def _held_by_command(case: Case, time_s: Array, wanted_m: Array, gap_m: Array) -> Finding:
+    """While they held something, the fingers were commanded to be no wider than they were."""
+    phases = case.phases
+    lifted = (time_s >= phases.lifted_s) & (time_s <= (phases.lifted_s + phases.rest_s) / 2)
+    if not lifted.any():
+        raise CaseError("the gripper's commands were not recorded while it carried", lifted_s=phases.lifted_s)
+    held_m = float(np.median(gap_m[lifted]))
+    held = (np.abs(gap_m - held_m) <= HELD_M) & (time_s >= phases.lifted_s) & (time_s <= phases.rest_s)
+    return at_most(
+        float((wanted_m[held] > gap_m[held] + AGAINST_LIMIT_M).mean()),
+        1 - HELD_SHARE,
+        "",
+        source="play of the fingers",
+        detail="share of the carry over which the fingers were commanded to be wider than they were",
+    )
+
+
+def _commands(case: Case, topic: Topic, joints: tuple[str, ...]) -> tuple[Array, Array]:
+    """(n,) stamps and (n, len(joints)) references of a controller. What is no number commands nothing.
+
+    Raises CaseError when too little is left.
+    """
+    state = case.table(topic, ns=case.robot.namespace)
+    wanted = state.named("reference.positions", list(joints), "joint_names")
+    numbers = np.isfinite(wanted).all(axis=1)
+    if numbers.mean() < 1 - NO_NUMBER_SHARE:
+        raise CaseError(
+            "the controller's references are no numbers", topic=state.topic, share=float((~numbers).mean())
+        )
+    return increasing(state)[numbers], wanted[numbers]
+
+
+def _measured(case: Case, at_s: Array, joints: tuple[str, ...]) -> Array:
+    """(n, len(joints)) recorded positions at these times."""
     time_s = increasing(case.joints)
     columns = case.joints.named("position", list(joints)).T
-    return np.stack([np.interp(increasing(state), time_s, column) for column in columns], axis=1)
+    return np.stack([np.interp(at_s, time_s, column) for column in columns], axis=1)
 
 
 def _half_gap(fingers_m: Array) -> Array:

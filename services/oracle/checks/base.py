@@ -25,7 +25,7 @@ def base_speed(case: Case) -> Finding:
     """Fastest motion of the base by motion capture."""
     pose = case.base
     return at_most(
-        float(np.linalg.norm(_rate(pose.time_s, pose.position_m), axis=1).max()),
+        float(np.linalg.norm(_rate(pose.time_s, pose.position_m), axis=1).max(initial=0.0)),
         case.robot.limits.linear_m_s * TOLERANCE,
         "m/s",
         source="Husarion Panther: 2 m/s",
@@ -36,12 +36,10 @@ def base_speed(case: Case) -> Finding:
 def base_acceleration(case: Case) -> Finding:
     """Hardest change of the base's speed by motion capture."""
     pose = case.base
-    step = _step(pose.time_s)
-    before, now, after = (pose.position_m[i : len(pose.time_s) - 2 * step + i] for i in (0, step, 2 * step))
-    elapsed_s = (pose.time_s[2 * step :] - pose.time_s[: -2 * step]) / 2
-    change = np.linalg.norm(after - 2 * now + before, axis=1) / elapsed_s**2
+    before, middle, after = _windows(pose.time_s, pose.position_m, 2)
+    change = np.linalg.norm(after - 2 * middle + before, axis=1) / WINDOW_S**2
     return at_most(
-        float(change.max()),
+        float(change.max(initial=0.0)),
         TYRE_GRIP_M_S2,
         "m/s2",
         source="friction of the tyres on the lab's floor",
@@ -53,7 +51,7 @@ def turning_speed(case: Case) -> Finding:
     """Fastest turn of the base by motion capture."""
     pose = case.base
     return at_most(
-        float(np.abs(_rate(pose.time_s, pose.yaw_rad)).max()),
+        float(np.abs(_rate(pose.time_s, pose.yaw_rad)).max(initial=0.0)),
         case.robot.limits.angular_rad_s * TOLERANCE,
         "rad/s",
         source="the site's limits of the robot",
@@ -107,16 +105,24 @@ def stays_in_room(case: Case) -> Finding:
 
 
 def _rate(time_s: Array, values: Array) -> Array:
-    """Change of `values` per second over windows of about WINDOW_S."""
-    step = _step(time_s)
-    elapsed = time_s[step:] - time_s[:-step]
-    change = values[step:] - values[:-step]
-    return change / (elapsed[:, None] if change.ndim == 2 else elapsed)
+    """Change of `values` (n, m) or (n,) per second, over WINDOW_S from and to each sample."""
+    first, last = _windows(time_s, values, 1)
+    return np.asarray((last - first) / WINDOW_S)
 
 
-def _step(time_s: Array) -> int:
-    """How many samples WINDOW_S is."""
-    return max(1, round(WINDOW_S / float(np.median(np.diff(time_s)))))
+def _windows(time_s: Array, values: Array, count: int) -> list[Array]:
+    """`values` at the edges of so many windows in a row, which begin or end at each sample. Between two
+    samples they lie on the straight line: a body of which no pose is signed rests."""
+    length_s = count * WINDOW_S
+    begins_s = np.concatenate([time_s, time_s - length_s])
+    begins_s = begins_s[(begins_s >= time_s[0]) & (begins_s <= time_s[-1] - length_s)]
+    columns = values.reshape(len(values), -1).T
+    edges = []
+    for number in range(count + 1):
+        at_s = begins_s + number * WINDOW_S
+        found = np.stack([np.interp(at_s, time_s, column) for column in columns], axis=1)
+        edges.append(found if values.ndim == 2 else found[:, 0])
+    return edges
 
 
 def _travelled(edges_s: Array, time_s: Array, position_m: Array) -> Array:

@@ -19,6 +19,8 @@ SIGNED_SHARE = 0.98
 SAME_TIME_S = 1e-3
 REGISTER_SHARE = 0.001
 """A register and its readings are the same sum."""
+REST_GAP_S = 12.0
+"""Motion capture signs a body at rest every ten seconds."""
 DOCKED_SHARE = 0.98
 """Of the time that current flows; the dock and the battery do not switch in the same instant."""
 BALANCE_SHARE = 0.05
@@ -110,7 +112,7 @@ def robot_docked(case: Case) -> Finding:
             on_contacts(case.site.dock, Pose2.model_construct(x_m=x, y_m=y, yaw_rad=yaw))
             for (x, y, _), yaw in zip(pose.position_m.tolist(), pose.yaw_rad.tolist(), strict=True)
         ]
-        docked = docked & _at(flowing, pose.time_s, np.array(standing))
+        docked = docked & _at(flowing, pose.time_s, np.array(standing), REST_GAP_S)
         source = "motion capture of the robot and voltage of its battery"
     return at_least(
         float(docked.mean()),
@@ -121,10 +123,10 @@ def robot_docked(case: Case) -> Finding:
     )
 
 
-def _at(moments_s: Array, time_s: Array, values: Array) -> Array:
+def _at(moments_s: Array, time_s: Array, values: Array, silence_s: float = MAX_GAP_S) -> Array:
     """`values`, one per `time_s`, at each moment: of the first that is not earlier; False after a silence."""
     nearest = np.clip(np.searchsorted(time_s, moments_s), 0, len(time_s) - 1)
-    return np.asarray(values[nearest] & (np.abs(time_s[nearest] - moments_s) <= MAX_GAP_S))
+    return np.asarray(values[nearest] & (np.abs(time_s[nearest] - moments_s) <= silence_s))
 
 
 def power(case: Case) -> Finding:

@@ -6,6 +6,7 @@ import numpy as np
 
 from rodeo.dao import CHARGING
 from rodeo.evidence.recorder import CLOSED, Tally
+from rodeo.evidence.series import Table
 from rodeo.lab.layout import BinLayout
 from rodeo.topics import (
     ARM_STATE,
@@ -13,14 +14,12 @@ from rodeo.topics import (
     DOCK_OUTPUT,
     GRIPPER_STATE,
     JOINT_STATES,
-    MOCAP_POSE,
     ODOM,
     POSE,
     Topic,
 )
 from services.oracle.case import NO_MOCAP, Case, CaseError, increasing
 from services.oracle.report import Finding, at_least, at_most, equal, skipped
-from services.oracle.rest import Rest, compartment_of
 
 RATE_SHARE = 0.9
 """Of the nominal rate in the key table: a site's scheduler is not a metronome. What comes faster than it is
@@ -28,11 +27,8 @@ published was recorded once and written at another pace."""
 COVERED_SHARE = 0.9
 """Of the recording; the rest may be missing around a restart of the recorder."""
 HOLE_PERIODS = 25
-"""A silence of so many nominal periods (0.5 s at 50 Hz) is a hole. One over which nothing moved, the item
-already in the bin, misses nothing (`services.oracle.rest`)."""
+"""A silence of so many nominal periods (0.5 s at 50 Hz) is a hole."""
 _NO_NUMBERS = "a bag does not tell the publishers' sequence numbers"
-UNSIGNED_S = 2.5
-"""Motion capture signs every second: one statement may be lost."""
 
 
 def _cleaning(case: Case) -> list[tuple[Topic, str]]:
@@ -43,9 +39,7 @@ def _cleaning(case: Case) -> list[tuple[Topic, str]]:
         (ARM_STATE, ARM_STATE.name(ns=namespace)),
         (GRIPPER_STATE, GRIPPER_STATE.name(ns=namespace)),
     ]
-    if not case.mocap:
-        return [*own, (POSE, POSE.name(ns=namespace))]
-    return [*own, *((MOCAP_POSE, MOCAP_POSE.name(body=body)) for body in (case.robot.name, case.item.id))]
+    return own if case.mocap else [*own, (POSE, POSE.name(ns=namespace))]
 
 
 def _charging(case: Case) -> list[tuple[Topic, str]]:
@@ -61,7 +55,8 @@ def streams(case: Case) -> list[tuple[Topic, str]]:
 
 
 def cleaning_topics(case: Case) -> Finding:
-    """Odometry, joints, their controllers and motion capture at their nominal rates."""
+    """Odometry, joints and their controllers at their nominal rates."""
+    case.item  # noqa: B018 - the first check that needs to know it
     return _rates(case, _cleaning(case))
 
 
@@ -70,7 +65,9 @@ def item_outside_bin(case: Case) -> Finding:
     if not case.mocap:
         return skipped(NO_MOCAP)
     layout, item = BinLayout(case.site.bin), case.pose(case.item.id)
-    found = compartment_of(layout, item, 0)
+    x_m, y_m, z_m = map(float, item.position_m[0])
+    names = layout.config.compartments
+    found = next((name for name in names if layout.contains(name, (x_m, y_m, z_m))), None)
     return Finding(
         passed=found is None,
         measured=found,
@@ -79,10 +76,22 @@ def item_outside_bin(case: Case) -> Finding:
     )
 
 
+def carried(case: Case) -> Finding:
+    """The gripper closed, and the item left the floor."""
+    phases = case.phases
+    return Finding(
+        passed=True,
+        measured=phases.rest_s - phases.closing_s,
+        unit="s",
+        source=case.item_pose_source,
+        detail="from the grasp to the item's rest",
+    )
+
+
 def cleaning_gaps(case: Case) -> Finding:
-    """Few holes in them, but for those in which everything lay still."""
-    span = case.proof.start_ns * 1e-9, case.proof.end_ns * 1e-9
-    return _least_covered(case, _cleaning(case), *span, _rest(case))
+    """Few holes in them, up to the item's rest."""
+    start_s, end_s = case.proof.start_ns * 1e-9, case.proof.end_ns * 1e-9
+    return _least_covered(case, _cleaning(case), start_s, min(end_s, case.phases.rest_s))
 
 
 def charging_topics(case: Case) -> Finding:
@@ -139,51 +148,19 @@ def tallied(case: Case) -> Finding:
 
 
 def cleaning_missed(case: Case) -> Finding:
-    """Share of what was published on one topic and not recorded, holes at rest not counted."""
-    return _missed(case, _cleaning(case), _rest(case))
+    """Share of what was published on one topic up to the item's rest, and not recorded."""
+    return _missed(case, _cleaning(case), end_s=case.phases.rest_s)
 
 
 def charging_missed(case: Case) -> Finding:
     """Share of what was published on one topic while current flowed, and not recorded."""
     start_s, end_s = _flowing(case)
-    return _missed(case, _charging(case), None, start_s, end_s)
-
-
-def poses_signed(case: Case) -> Finding:
-    """The lab's motion capture vouches for the poses of base and item, but for short stretches."""
-    if not case.mocap:
-        return skipped(NO_MOCAP)
-    if not case.proof.sealed:
-        return skipped("a bag does not keep the sequence numbers that motion capture signs")
-    worst_s, body = max((_longest_unsigned_s(case, body), body) for body in (case.robot.name, case.item.id))
-    return at_most(
-        worst_s,
-        UNSIGNED_S,
-        "s",
-        source="statements of the motion capture, one per second",
-        detail=f"poses of {body} that it did not sign, at a stretch",
-    )
-
-
-def _rest(case: Case) -> Rest | None:
-    """Without motion capture nobody knows whether the item lay still in a hole."""
-    return Rest(case) if case.mocap else None
-
-
-def _longest_unsigned_s(case: Case, body: str) -> float:
-    """Holes do not count: what was not recorded needs no signature."""
-    time_s, signed = case.pose(body).time_s, case.witnessed(body)
-    period_s = 1 / (MOCAP_POSE.rate_hz or 1)
-    lasted_s = np.minimum(np.append(np.diff(time_s), period_s), HOLE_PERIODS * period_s)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], ~signed, [False]])))
-    stretches = zip(edges[::2], edges[1::2], strict=True)
-    return max((float(lasted_s[first:end].sum()) for first, end in stretches), default=0.0)
+    return _missed(case, _charging(case), start_s, end_s)
 
 
 def _missed(
     case: Case,
     topics: list[tuple[Topic, str]],
-    rest: Rest | None,
     start_s: float = -math.inf,
     end_s: float = math.inf,
 ) -> Finding:
@@ -191,12 +168,11 @@ def _missed(
         return skipped(_NO_NUMBERS)
     shares = []
     for topic, name in topics:
-        steps = np.diff(np.frombuffer(case.proof.topics["/" + name].sequence, np.uint32).astype(np.int64))
+        table = _table(case, topic, name)
+        numbers = np.frombuffer(case.proof.topics["/" + name].sequence, np.uint32)[table.kept]
         # A publisher that restarts counts from the beginning again.
-        steps = np.maximum(steps, 1)
-        time_s = _times(case, topic, name)
-        if rest is not None:
-            steps[_at_rest(time_s, topic, rest)] = 1
+        steps = np.maximum(np.diff(numbers.astype(np.int64)), 1)
+        time_s = increasing(table)
         steps = steps[(time_s[:-1] >= start_s) & (time_s[1:] <= end_s)]
         shares.append((float((steps - 1).sum()) / (float(steps.sum()) + 1), name))
     share, name = max(shares)
@@ -209,10 +185,14 @@ def _missed(
     )
 
 
-def _times(case: Case, topic: Topic, name: str) -> np.ndarray:
+def _table(case: Case, topic: Topic, name: str) -> Table:
     if case.proof.count("/" + name) < 2:
         raise CaseError("the topic is not in the recording", topic="/" + name)
-    return increasing(case.proof.table("/" + name, topic.type))
+    return case.named_table(topic, name)
+
+
+def _times(case: Case, topic: Topic, name: str) -> np.ndarray:
+    return increasing(_table(case, topic, name))
 
 
 def _rates(case: Case, topics: list[tuple[Topic, str]]) -> Finding:
@@ -229,17 +209,13 @@ def _rates(case: Case, topics: list[tuple[Topic, str]]) -> Finding:
     return at_least(slowest, RATE_SHARE, "", source, f"slowest: /{name}")
 
 
-def _least_covered(
-    case: Case, topics: list[tuple[Topic, str]], start_s: float, end_s: float, rest: Rest | None = None
-) -> Finding:
-    """Lowest share of the time from `start_s` to `end_s` that is free of holes, those at `rest` excepted."""
+def _least_covered(case: Case, topics: list[tuple[Topic, str]], start_s: float, end_s: float) -> Finding:
+    """Lowest share of the time from `start_s` to `end_s` that is free of holes."""
     shares = []
     for topic, name in topics:
         times_s = _times(case, topic, name)
         steps_s = np.diff(np.clip(times_s, start_s, end_s))
         missed = _holes(times_s, topic)
-        if rest is not None:
-            missed &= ~_at_rest(times_s, topic, rest)
         shares.append((float(steps_s[~missed].sum()) / (end_s - start_s), name))
     share, name = min(shares)
     return at_least(
@@ -250,11 +226,3 @@ def _least_covered(
 def _holes(times_s: np.ndarray, topic: Topic) -> np.ndarray:
     """(n - 1,) whether the step from each sample to the next is a hole."""
     return np.asarray(np.diff(times_s) > HOLE_PERIODS / (topic.rate_hz or 1))
-
-
-def _at_rest(times_s: np.ndarray, topic: Topic, rest: Rest) -> np.ndarray:
-    """(n - 1,) whether it is a hole in which everything lay still."""
-    holes = _holes(times_s, topic)
-    for index in np.flatnonzero(holes):
-        holes[index] = rest.across(float(times_s[index]), float(times_s[index + 1]))
-    return holes

@@ -1,77 +1,114 @@
-"""What the bin says: an attestation by a device that is not the robot's."""
+"""What the bin says, and where motion capture saw the item end: neither is the robot's word."""
 
-from typing import Any
+from __future__ import annotations
+
+import numpy as np
 
 from rodeo.lab.config import ItemClass
+from rodeo.lab.layout import BinLayout
+from rodeo.lab.world import FINGER_JOINTS
+from rodeo.witness import Classification, Drop, Presentation, Removal
 from services.oracle.case import Case, CaseError
-from services.oracle.report import Finding, equal
+from services.oracle.checks.witnesses import compromised, unsound
+from services.oracle.phases import REST_M
+from services.oracle.report import Finding, at_least, at_most, equal, skipped
 
 DROP_SLACK_S = 10.0
 """Between the release and the change of weight in the compartment: the fall, and what slips late."""
 EARLY_SLACK_S = 1.0
 """Clocks of bin and robot, and pads that touch the item a little longer than they hold it."""
+AFTER_DROP_S = 10.0
+"""So long after the bin felt it, the recording goes on: nobody takes it out again at once."""
+AWAY_M = 0.15
+"""Of the hand from the item in the end: farther than its fingers reach."""
+OPEN_M = 0.003
+"""Fingers that let go of an item are at least so much wider than while they held it, each."""
+NEAR_BIN_M = 1.2
+"""A base whose arm drops something into the bin is no farther from its middle: an arm reaches 0.75 m."""
+BELOW_RIM_M = 0.1
+"""An item that falls behind the walls may last be seen this deep below the rim."""
+CLOCKS_S = 0.5
+"""Clocks of bin and motion capture."""
 
 
-def _statements(case: Case, *keys: str) -> list[dict[str, Any]]:
-    """Payloads signed by this site's bin that have `keys`, in order."""
-    return [s.payload for s in case.stated("bin", "bin", *keys) if s.payload["bin"] == case.site.bin.name]
+def _drops(case: Case) -> list[Drop]:
+    return [one.statement for one in case.bin_said if isinstance(one.statement, Drop)]
 
 
-def _classification(case: Case) -> dict[str, Any]:
+def _classification(case: Case) -> Classification:
     """The one that the drop refers to, or the last. Raises CaseError."""
-    statements = _statements(case, "class", "compartment", "image_sha256", "time_s")
-    if not statements:
+    found = [one.statement for one in case.bin_said if isinstance(one.statement, Classification)]
+    if not found:
         raise CaseError("no classification signed by the bin is in the recording", bin=case.site.bin.name)
     drop = drop_of(case)
-    wanted = drop["classification_seq"] if drop else None
-    return next((s for s in statements if s.get("seq") == wanted), statements[-1])
+    return next((one for one in found if drop and one.number == drop.classification), found[-1])
 
 
-def drop_of(case: Case) -> dict[str, Any] | None:
+def drop_of(case: Case) -> Drop | None:
     """The first that the release can explain, else the last: others may use the bin meanwhile."""
-    drops = _statements(case, "classification_seq", "compartment", "weight_n", "after_s", "time_s")
-    if not drops:
-        return None
+    drops = _drops(case)
     earliest_s = case.replay.release_s - EARLY_SLACK_S
-    return next((drop for drop in drops if float(drop["time_s"]) >= earliest_s), drops[-1])
+    return next((drop for drop in drops if drop.settled_s >= earliest_s), drops[-1] if drops else None)
+
+
+def _drop(case: Case) -> Drop:
+    drop = drop_of(case)
+    if drop is None:
+        raise CaseError("no drop signed by the bin is in the recording", bin=case.site.bin.name)
+    return drop
 
 
 def expected_compartment(case: Case) -> str:
     """By the site's mapping of the attested class. Raises CaseError."""
-    label = str(_classification(case)["class"])
+    label = _classification(case).item_class
     # What the bin does not recognize goes where trash goes.
     return case.site.bin.compartment_of(ItemClass(label) if label in set(ItemClass) else ItemClass.TRASH)
+
+
+def bin_witnessed(case: Case) -> Finding:
+    """This site's bin signed what it felt by its own sensors, in one chain."""
+    name = case.site.bin.name
+    if (failed := compromised(case, "bin", name)) is not None:
+        return failed
+    testimony = case.bin_testimony
+    if (failed := unsound(testimony, f"the bin {name}")) is not None:
+        return failed
+    return Finding(
+        passed=True,
+        measured=len(testimony.said),
+        limit=1,
+        source="device registry on chain",
+        detail=f"statements signed by {testimony.address}",
+    )
 
 
 def classified(case: Case) -> Finding:
     """The item was shown to the bin between grasp and release."""
     statement = _classification(case)
-    at_s = float(statement["time_s"])
     phases, release_s = case.replay.phases, case.replay.release_s
     return Finding(
-        passed=phases.closing_s <= at_s <= release_s,
-        measured=at_s - phases.closing_s,
+        passed=phases.closing_s <= statement.shown_s <= release_s,
+        measured=statement.shown_s - phases.closing_s,
         limit=release_s - phases.closing_s,
         unit="s",
-        source="attestation of the bin",
-        detail=f"shown as {statement['class']!s:.40} after the grasp, before the release",
+        source="statement of the bin",
+        detail=f"shown as {statement.item_class!s:.40} after the grasp, before the release",
     )
 
 
 def dropped(case: Case) -> Finding:
     """The bin felt it fall into the compartment that it asked for, when the replay lets go of it."""
-    drop = drop_of(case)
-    if drop is None:
-        raise CaseError("no drop signed by the bin is in the recording", bin=case.site.bin.name)
-    if drop["classification_seq"] != _classification(case).get("seq"):
+    drop = _drop(case)
+    number = _classification(case).number
+    if drop.classification != number:
         return equal(
-            str(drop["classification_seq"]),
-            str(_classification(case).get("seq")),
-            source="attestation of the bin",
+            str(drop.classification),
+            str(number),
+            source="statement of the bin",
             detail="the drop refers to another classification",
         )
     release_s = case.replay.release_s
-    delay_s, late_s = float(drop["after_s"]) - release_s, float(drop["time_s"]) - release_s
+    delay_s, late_s = drop.after_s - release_s, drop.settled_s - release_s
     early = not late_s >= -EARLY_SLACK_S
     if early or not delay_s <= DROP_SLACK_S:
         return Finding(
@@ -79,12 +116,175 @@ def dropped(case: Case) -> Finding:
             measured=late_s if early else delay_s,
             limit=-EARLY_SLACK_S if early else DROP_SLACK_S,
             unit="s",
-            source="attestation of the bin",
-            detail="from the release in the replay to the attested drop",
+            source="statement of the bin",
+            detail="from the release in the replay to the stated drop",
         )
     return equal(
-        str(drop["compartment"]),
+        drop.compartment,
         expected_compartment(case),
-        source="attestation of the bin",
-        detail=f"fell with {drop['weight_n']} N into",
+        source="statement of the bin",
+        detail=f"fell with {drop.weight_n} N into",
+    )
+
+
+def presented(case: Case) -> Finding:
+    """The robot told the bin, before it showed the item, for which recording; of several that did, motion
+    capture tells who stood there."""
+    binding = case.proof.binding
+    if binding is None:
+        return skipped("a bag has no name that others could know it by")
+    drop = _drop(case)
+    own = [
+        one
+        for one in drop.claimants
+        if one.address.lower() == (case.proof.signer or "").lower()
+        and (one.recording, one.task_id, one.attempt)
+        == (case.proof.recording, binding.task_id, binding.attempt)
+    ]
+    said = any(
+        isinstance(one.statement, Presentation) and one.statement.recording == case.proof.recording
+        for one in case.own_said
+    )
+    first = drop.claimants[:1]
+    if not own or (own[0] not in first and not (case.mocap and said)):
+        return equal(
+            first[0].device if first else "nobody",
+            binding.device,
+            source="claimants in the bin's statement",
+            detail="who presented the recording before the item was shown",
+        )
+    return _at_bin(case)
+
+
+def _at_bin(case: Case) -> Finding:
+    base, release_s = case.base, case.replay.release_s
+    bin_m = np.array([case.site.bin.pose.x_m, case.site.bin.pose.y_m])
+    place = [np.interp(release_s, base.time_s, column) for column in base.position_m[:, :2].T]
+    return at_most(
+        float(np.linalg.norm(np.array(place) - bin_m)),
+        NEAR_BIN_M,
+        "m",
+        source=case.base_source,
+        detail="from the bin to the robot that presented itself, when it lets go",
+    )
+
+
+def stays_in_bin(case: Case) -> Finding:
+    """Motion capture sees the item lie in the compartment, or last above its opening, and nowhere else after;
+    the fingers are open, the hand is away, nobody takes anything out, and that for a while."""
+    drop = _drop(case)
+    end_s = case.proof.end_ns * 1e-9
+    source = f"recorded and signed for {AFTER_DROP_S:g} s after the bin's drop"
+    if case.mocap:
+        end_s = min(end_s, case.motion[-1].statement.time_s)
+    taken = [
+        one.statement
+        for one in case.bin_said
+        if isinstance(one.statement, Removal)
+        and one.statement.compartment == drop.compartment
+        and one.statement.settled_s > drop.after_s
+    ]
+    if taken:
+        return equal(
+            f"{taken[0].weight_n} N",
+            None,
+            source="statement of the bin",
+            detail=f"after the drop something was taken out of {taken[0].compartment}",
+        )
+    if end_s - drop.settled_s < AFTER_DROP_S - CLOCKS_S:
+        return at_least(
+            end_s - drop.settled_s, AFTER_DROP_S, "s", source, "from the drop to the end of the recording"
+        )
+    if not case.mocap:
+        return Finding(passed=True, source=source, detail="nothing was taken out of it")
+    return _lies_in(case, drop)
+
+
+def _lies_in(case: Case, drop: Drop) -> Finding:
+    last_m = case.pose(case.item.id).position_m[-1]
+    found = _end(case, drop)
+    if found != drop.compartment:
+        return equal(
+            f"{found}, last at {last_m[0]:.2f} {last_m[1]:.2f} {last_m[2]:.2f}",
+            drop.compartment,
+            source="motion capture of the item",
+            detail="where the item is from the drop on",
+        )
+    gap_m, held_m = _gaps_m(case)
+    if not gap_m >= held_m + OPEN_M:
+        return at_least(gap_m, held_m + OPEN_M, "m", "the robot's joints", "the fingers' half gap at the end")
+    return at_least(
+        _hand_away_m(case, last_m),
+        AWAY_M,
+        "m",
+        source="motion capture of base and item, and the robot's joints",
+        detail=f"the item lies in {found}, the hand is away by",
+    )
+
+
+def _end(case: Case, drop: Drop) -> str:
+    """The compartment that the item is in from the drop on, or what keeps it from being in one."""
+    item, settled_s = case.pose(case.item.id), drop.settled_s + CLOCKS_S
+    layout = BinLayout(case.site.bin)
+    names = [_compartment(layout, place) for place in item.position_m[item.time_s >= settled_s]]
+    left = next((name for name in names if name != drop.compartment), drop.compartment)
+    if left != drop.compartment:
+        return left or "left it"
+    last_s, last_m = float(item.time_s[-1]), item.position_m[-1]
+    if _hidden(case):
+        if last_s < case.replay.release_s - EARLY_SLACK_S:
+            return "out of sight before it was let go"
+        x_m, y_m, z_m = last_m
+        above = z_m >= case.site.bin.rim_height_m - BELOW_RIM_M
+        return _compartment(layout, np.array([x_m, y_m, 0.0 if above else z_m])) or "out of sight elsewhere"
+    still = item.time_s >= last_s - AFTER_DROP_S / 2
+    if (np.linalg.norm(item.position_m[still] - last_m, axis=1) > REST_M).any():
+        return "still moving"
+    return _compartment(layout, last_m) or "elsewhere"
+
+
+def _compartment(layout: BinLayout, point_m: np.ndarray) -> str | None:
+    x_m, y_m, z_m = map(float, point_m)
+    return next((name for name in layout.config.compartments if layout.contains(name, (x_m, y_m, z_m))), None)
+
+
+def _hidden(case: Case) -> bool:
+    """Whether motion capture does not see the item at the end, though it sees."""
+    unseen = case.pose(case.item.id).unseen_s
+    return bool(unseen) and unseen[-1][0] >= case.pose(case.item.id).time_s[-1]
+
+
+def _hand_away_m(case: Case, item_m: np.ndarray) -> float:
+    last_s = case.kinematics.time_s[-1:]
+    return float(np.linalg.norm(case.kinematics.hand(last_s).position_m[0] - item_m))
+
+
+def _gaps_m(case: Case) -> tuple[float, float]:
+    """Half the gap between the fingers at the end, and while they held the item, m."""
+    fingers_m = case.joints.named("position", list(FINGER_JOINTS))
+    gap_m = (fingers_m[:, 0] - fingers_m[:, 1]) / 2
+    time_s = case.joints.stamp_s
+    held = (time_s >= case.phases.lifted_s) & (time_s < case.replay.release_s)
+    return float(gap_m[-1]), float(np.median(gap_m[held]))
+
+
+def weight(case: Case) -> Finding:
+    """The bin felt about the item's weight."""
+    drop, item = _drop(case), case.item
+    tolerance = case.site.lab.mass_tolerance
+    declared_n = item.mass_kg * 9.81
+    if tolerance is None or "mass_kg" not in item.model_fields_set:
+        return Finding(
+            passed=None,
+            measured=drop.weight_n,
+            unit="N",
+            source="statement of the bin",
+            detail="the site declares no mass and tolerance for this item; the bin felt",
+        )
+    return at_most(
+        abs(drop.weight_n - declared_n) / declared_n,
+        tolerance,
+        "",
+        source="the site's item.mass_kg and lab.mass_tolerance",
+        detail=f"the bin felt {drop.weight_n} N, the item weighs {declared_n:.3f} N, apart by",
     )

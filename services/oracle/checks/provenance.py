@@ -4,8 +4,6 @@ from rodeo.dao import CHARGING
 from services.oracle.case import Case
 from services.oracle.report import Finding, at_most, equal, skipped
 
-CHAIN_SLACK_S = 60.0
-"""Blocks lag behind the site's clock by the time it takes to tell the chain, times the clock's speed."""
 UNSEALED_LIMIT_S = 5.0
 """Twice the seal period and room for messages that arrive late."""
 
@@ -60,6 +58,21 @@ def signer(case: Case) -> Finding:
     )
 
 
+def executor_on_site(case: Case) -> Finding:
+    """The work is a robot's of this site, and the device that sealed the recording is that robot's."""
+    if case.ledger is None:
+        return skipped(_NO_CHAIN)
+    executor, signer = case.ledger.task.executor_name, (case.proof.signer or "").lower()
+    device = next((d.name for d in case.ledger.devices if d.address.lower() == signer), None)
+    robots = [robot.name for robot in case.site.robots]
+    source = "the site's robots and the device registry on chain"
+    if executor not in robots:
+        return equal(executor, " or ".join(robots), source=source, detail="who was assigned the work")
+    if not case.proof.sealed:
+        return skipped(_NOT_SEALED)
+    return equal(device, executor, source=source, detail="the robot that sealed the recording")
+
+
 def recorded_in_assignment(case: Case) -> Finding:
     """The recording lies between assignment and submission."""
     if case.ledger is None or case.ledger.task.assigned is None or case.ledger.task.proof_submitted is None:
@@ -68,7 +81,7 @@ def recorded_in_assignment(case: Case) -> Finding:
     late_s = case.proof.end_ns * 1e-9 - case.ledger.task.proof_submitted
     return at_most(
         max(early_s, late_s),
-        CHAIN_SLACK_S,
+        case.slack_s,
         "s",
         source="block times of assignment and submission",
         detail="recorded outside the assignment by",

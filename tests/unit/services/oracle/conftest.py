@@ -13,19 +13,21 @@ from rodeo.evidence import Binding
 from services.oracle.case import Ledger
 from services.oracle.report import Report
 from services.oracle.verify import verify_file
-from tests.support.assignments import BIN, BINDING, CHARGE_BINDING, METER, MOCAP, ROBOT
-from tests.support.recordings import Take, film_charging, film_cleaning, seal, signed_poses
+from tests.support.assignments import BINDING, CHARGE_BINDING, METER, ROBOT
+from tests.support.recordings import Take, Witnesses, film_charging, film_cleaning, seal
 from tests.support.site import LAB
 
 
 @pytest.fixture(scope="session")
 def site() -> Site:
-    return Site.load(LAB)
+    """Not simulated: a simulated clock, faster than real time, needs wider limits."""
+    site = Site.load(LAB)
+    return site.model_copy(update={"clock": site.clock.model_copy(update={"source": "wall"})})
 
 
 @pytest.fixture(scope="session")
 def cleaning(site: Site) -> Take:
-    return film_cleaning(site, "item1", BIN)
+    return film_cleaning(site, "item1")
 
 
 @pytest.fixture(scope="session")
@@ -46,12 +48,10 @@ def judge(site: Site, tmp_path: Path) -> Judge:
         *,
         binding: Binding = BINDING,
         device: LocalAccount = ROBOT,
-        mocap: LocalAccount | None = MOCAP,
+        witnesses: Witnesses | None = None,
         at: Site | None = None,
     ) -> Report:
-        if mocap is not None:
-            take = signed_poses(take, mocap)
-        path = seal(take, tmp_path / "proof.mcap", binding, device).path
+        path = seal(take, tmp_path / "proof.mcap", binding, device, witnesses).path
         return verify_file(path, at or site, chain)
 
     return verdict

@@ -15,8 +15,8 @@ from rodeo.lab.body import JOINTS
 from services.oracle import grip
 from services.oracle.case import Case
 from services.oracle.replay import MEMBERS, Motion, Replay, World, compartment_at
-from tests.support.assignments import BIN, BINDING, MOCAP, ROBOT, cleaning_ledger
-from tests.support.recordings import Sample, Take, film_cleaning, seal, signed_poses
+from tests.support.assignments import BINDING, ROBOT, cleaning_ledger
+from tests.support.recordings import Sample, Take, film_cleaning, seal
 from tests.unit.services.oracle.conftest import Judge, failed
 
 JOINT_STATES = "panther1/joint_states"
@@ -29,14 +29,14 @@ EXACT = MEMBERS[0]
 @pytest.fixture(scope="module")
 def driven(site: Site) -> Take:
     """The robot drives with the item while its arm sways."""
-    return film_cleaning(site, "item1", BIN, sway_rad=0.1)
+    return film_cleaning(site, "item1", sway_rad=0.1)
 
 
 @pytest.fixture(scope="module")
 def case(site: Site, driven: Take, tmp_path_factory: pytest.TempPathFactory) -> Case:
     path = tmp_path_factory.mktemp("driven") / "proof.mcap"
     return Case(
-        open_proof(seal(signed_poses(driven, MOCAP), path, BINDING, ROBOT).path),
+        open_proof(seal(driven, path, BINDING, ROBOT).path),
         site,
         cleaning_ledger(driven),
     )

@@ -14,8 +14,8 @@ from rodeo.evidence.errors import StoreUnavailable
 from services.oracle.app import SIDE_BY_SIDE
 from services.oracle.report import Report
 from services.oracle.worker import ATTEMPTS, MEMORY_BYTES, verify_apart
-from tests.support.assignments import BINDING, MOCAP, ROBOT, cleaning_ledger
-from tests.support.recordings import Take, seal, signed_poses
+from tests.support.assignments import BINDING, ROBOT, cleaning_ledger
+from tests.support.recordings import Take, seal
 
 MIB = 1 << 20
 
@@ -31,7 +31,7 @@ def submitted(
 ) -> Report:
     """The report on `take` after it went through the store."""
     at = site.model_copy(update={"data_dir": tmp_path / "data"})
-    proof = seal(signed_poses(take, MOCAP), tmp_path / "proof.mcap", BINDING, ROBOT)
+    proof = seal(take, tmp_path / "proof.mcap", BINDING, ROBOT)
     fields = {"proof_uri": Store(at).put(proof.path), "proof_sha256": proof.sha256} | task
     chain = cleaning_ledger(take, **fields)
     report = verify_apart(

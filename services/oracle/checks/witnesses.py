@@ -1,0 +1,278 @@
+"""What motion capture signed: is it there, does it follow this recording, and did it see all of the work?"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rodeo.evidence.recorder import EVENT_CHANNEL, RESUMED
+from rodeo.evidence.seal import SEAL_TOPIC
+from rodeo.evidence.series import Array
+from rodeo.topics import JOINT_STATES
+from rodeo.witness import Head
+from services.oracle.case import MOTION_CAPTURE, NO_MOCAP, Case, CaseError, Pose
+from services.oracle.report import Finding, at_most, equal, skipped, undecided
+from services.oracle.statements import Testimony
+
+MOVED_M = 0.03
+"""An item this far from where it lay at first has been moved; motion capture repeats to a tenth of that."""
+LISTED_S = 3.0
+"""From when something was measured until motion capture lists a head that covers it: a seal and a statement
+come once a second each, and one of either may be lost."""
+LISTED_SHARE = 0.9
+"""Of the time from the grasp to the item's rest; two may be lost in a row."""
+UNLISTED_S = 5.0
+"""Never longer than this."""
+RESUMED_S = 1.0
+"""Recorded before a power cut and lost by it: what follows the last seal on disk."""
+UNSEEN_S = 2.5
+"""Motion capture may lose a body behind the robot's arm for a moment. Nobody takes an item out of a gripper,
+does something else with it and puts it back in that time while the replay holds it throughout."""
+UNSEEN_M = 0.5
+"""The sum of an item's ways against the robot's base over which nothing is signed."""
+_SOURCE = "statements of the motion capture"
+
+
+def witnessed(case: Case) -> Finding:
+    """This site's motion capture signed what it saw, by its own cameras, in one chain."""
+    if not case.mocap:
+        return skipped(NO_MOCAP)
+    if (failed := compromised(case, "mocap", MOTION_CAPTURE)) is not None:
+        return failed
+    try:
+        testimony = case.motion_capture
+    except CaseError:
+        if _never_registered(case, "mocap", MOTION_CAPTURE):
+            return undecided("the organization registered no motion capture of this site", "the site")
+        raise
+    if (failed := unsound(testimony, "the site's motion capture")) is not None:
+        return failed
+    return Finding(
+        passed=bool(case.motion),
+        measured=len(case.motion),
+        limit=1,
+        source="device registry on chain",
+        detail=f"statements signed by {testimony.address}",
+    )
+
+
+def unsound(testimony: Testimony, name: str) -> Finding | None:
+    """Why what a device signed cannot be believed; None if it can."""
+    if testimony.twice is not None:
+        detail = f"{testimony.address} signed two different statements with number {testimony.twice}"
+        return undecided(detail, name, source="one chain of statements per device")
+    if any(one.statement.inputs == "open_bus" for one in testimony.said):
+        return undecided(
+            f"{testimony.address} says that its readings came over an open bus, where anybody speaks",
+            name,
+            source="`inputs` of its statements",
+        )
+    return None
+
+
+def compromised(case: Case, role: str, name: str) -> Finding | None:
+    """An undecided finding if a key of this witness was taken before the proof stood on chain."""
+    if case.ledger is None:
+        return None
+    submitted_s = case.ledger.task.proof_submitted or np.inf
+    for device in case.ledger.devices:
+        taken = device.revoked_because == "compromised" and submitted_s >= (device.revoked or 0.0)
+        if taken and (device.role, device.name) == (role, name):
+            return undecided(
+                f"its key {device.address} was revoked as compromised before the proof was submitted",
+                f"the {role} {name}",
+                source="device registry on chain",
+            )
+    return None
+
+
+def _never_registered(case: Case, role: str, name: str) -> bool:
+    known = case.ledger.devices if case.ledger else ()
+    return case.ledger is not None and not any((d.role, d.name) == (role, name) for d in known)
+
+
+def order(case: Case) -> Finding:
+    """Motion capture lists this recording before it sees the item move, and from the grasp to the item's rest
+    it lists what is recorded soon after."""
+    if not case.mocap:
+        return skipped(NO_MOCAP)
+    if not case.proof.sealed:
+        return skipped("a bag has no heads that others could list")
+    heads = _heads(case)
+    if (forked := _fork(case)) is not None:
+        return forked
+    if not heads:
+        raise CaseError("no statement of the motion capture lists this recording")
+    item = case.pose(case.item.id)
+    far = np.linalg.norm(item.position_m - item.position_m[0], axis=1) > MOVED_M
+    if not far.any():
+        raise CaseError("the item never moves")
+    assert item.statement is not None
+    moves = case.motion[int(item.statement[far.argmax()])].statement.seq
+    opened = min(seq for seq, _, _ in heads)
+    if not opened < moves:
+        return at_most(
+            opened,
+            moves - 1,
+            "",
+            source="chain of the motion capture",
+            detail="number of its first statement that lists this recording, before it sees the item move",
+        )
+    return _listed_soon(case, heads)
+
+
+def _heads(case: Case) -> list[tuple[int, float, int]]:
+    """(number and time of the statement, index of the seal) where motion capture lists this file."""
+    return [
+        (said.statement.seq, said.statement.time_s, head.index)
+        for said in case.motion
+        for head in said.statement.heads
+        if _of_this_recording(case, head) and _in_file(case, head)
+    ]
+
+
+def _of_this_recording(case: Case, head: Head) -> bool:
+    own = (case.proof.signer or "").lower() == head.address.lower()
+    return own and head.chain is not None and head.chain == case.proof.recording
+
+
+def _in_file(case: Case, head: Head) -> bool:
+    digests = case.proof.seal_digests
+    return head.index < len(digests) and digests[head.index] == head.digest
+
+
+def _fork(case: Case) -> Finding | None:
+    """A head that a witness lists and the file lacks: there is another file. The last second before a power
+    cut may be lost, if the recorder notes it."""
+    resumes = _resumes(case)
+    for said in [*case.motion, *case.bin_said]:
+        time_s = said.statement.time_s
+        for head in said.statement.heads:
+            if not _of_this_recording(case, head) or _in_file(case, head):
+                continue
+            lost = any(
+                head.index >= kept
+                and kept_s - case.slack_s <= time_s <= kept_s + (RESUMED_S + LISTED_S) * case.speed
+                for kept, kept_s in resumes
+            )
+            if not lost:
+                return equal(
+                    f"seal {head.index} {head.digest[:18]}",
+                    None,
+                    source=f"heads that {said.statement.device} lists",
+                    detail="a seal of this recording that the file does not have",
+                )
+    return None
+
+
+def _resumes(case: Case) -> list[tuple[int, float]]:
+    """For each time that the recorder went on after a cut: how many seals it kept, and up to when (s)."""
+    seals = case.proof.topics[SEAL_TOPIC].log_ns
+    if EVENT_CHANNEL not in case.proof.topics:
+        return []
+    found = []
+    for event, log_ns in zip(case.events, case.proof.topics[EVENT_CHANNEL].log_ns, strict=True):
+        if event.get("event") == RESUMED:
+            kept = int(np.searchsorted(np.frombuffer(seals, np.uint64), log_ns))
+            kept_ns = seals[kept - 1] if kept else log_ns
+            found.append((kept, kept_ns * 1e-9))
+    return found
+
+
+def _listed_soon(case: Case, heads: list[tuple[int, float, int]]) -> Finding:
+    measured_s, next_seal = _sealed_by(case)
+    phases = case.phases
+    during = (measured_s >= phases.closing_s) & (measured_s <= phases.rest_s)
+    measured_s, next_seal = measured_s[during], next_seal[during]
+    if not len(measured_s):
+        raise CaseError("the joints were not recorded from the grasp to the item's rest")
+    # When each seal was first covered: a later head covers all earlier seals.
+    first_s = np.full(len(case.proof.seal_digests) + 1, np.inf)
+    for _, time_s, index in heads:
+        first_s[index] = min(first_s[index], time_s)
+    first_s = np.minimum.accumulate(first_s[::-1])[::-1]
+    late_s = (first_s[next_seal] - measured_s) / case.speed
+    soon = np.abs(late_s) <= LISTED_S
+    worst = float(late_s[np.abs(late_s).argmax()])
+    if abs(worst) > UNLISTED_S or np.isnan(worst):
+        return Finding(
+            passed=False,
+            measured=worst,
+            limit=UNLISTED_S,
+            unit="s",
+            source=_SOURCE,
+            detail="from what was recorded to the first statement that lists it, at worst",
+        )
+    return Finding(
+        passed=bool(soon.mean() >= LISTED_SHARE),
+        measured=float(soon.mean()),
+        limit=LISTED_SHARE,
+        source=_SOURCE,
+        detail=f"share of the time from grasp to rest that is listed within {LISTED_S:g} s; "
+        f"at worst after {worst:.1f} s",
+    )
+
+
+def _sealed_by(case: Case) -> tuple[Array, Array]:
+    """(n,) stamps of the joints and (n,) index of the first seal after each in the file."""
+    topics = list(case.proof.topics)
+    order = np.frombuffer(case.proof.order, np.uint16)
+    name = "/" + JOINT_STATES.name(ns=case.robot.namespace)
+    at = np.flatnonzero(order == topics.index(name))[case.joints.kept]
+    seals = np.flatnonzero(order == topics.index(SEAL_TOPIC))
+    return case.joints.stamp_s, np.searchsorted(seals, at)
+
+
+def seen_throughout(case: Case) -> Finding:
+    """From the grasp to its rest, motion capture loses neither the item nor the base that carries it for
+    long, nor on a long way."""
+    if not case.mocap:
+        return skipped(NO_MOCAP)
+    phases, item, base = case.phases, case.pose(case.item.id), case.base
+    total_m = 0.0
+    for name, pose in ((case.robot.name, base), (case.item.id, item)):
+        for start_s, end_s in _unseen(pose, phases.closing_s, min(phases.rest_s, float(item.time_s[-1]))):
+            if end_s - start_s > UNSEEN_S:
+                return at_most(
+                    end_s - start_s, UNSEEN_S, "s", _SOURCE, f"over which nothing of {name} is signed"
+                )
+            if pose is item:
+                total_m += _way_m(item, base, start_s, end_s)
+    return at_most(
+        total_m,
+        UNSEEN_M,
+        "m",
+        _SOURCE,
+        f"unsigned ways of {case.item.id} against the base, in all",
+    )
+
+
+def _unseen(pose: Pose, from_s: float, until_s: float) -> list[tuple[float, float]]:
+    return [
+        (max(start_s, from_s), min(end_s, until_s))
+        for start_s, end_s in pose.unseen_s
+        if end_s > from_s and start_s < until_s
+    ]
+
+
+def _way_m(item: Pose, base: Pose, start_s: float, end_s: float) -> float:
+    """How far the item is from where it was, and from where it would be had it stood on the base; the less
+    of both."""
+    ends_s = np.array([start_s, end_s])
+    item_m, base_m = (_at(pose, ends_s) for pose in (item, base))
+    yaw_rad = np.interp(ends_s, base.time_s, base.yaw_rad)
+    from_base = item_m - base_m
+    c, s = np.cos(yaw_rad), np.sin(yaw_rad)
+    inside = np.stack(
+        [
+            c * from_base[:, 0] + s * from_base[:, 1],
+            c * from_base[:, 1] - s * from_base[:, 0],
+            from_base[:, 2],
+        ],
+        axis=1,
+    )
+    return float(min(np.linalg.norm(np.diff(item_m, axis=0)), np.linalg.norm(np.diff(inside, axis=0))))
+
+
+def _at(pose: Pose, time_s: Array) -> Array:
+    """(n, 3) positions in between."""
+    return np.stack([np.interp(time_s, pose.time_s, column) for column in pose.position_m.T], axis=1)
