@@ -15,6 +15,7 @@ from typing import Literal
 
 from rodeo import topics
 from rodeo.budget import Bucket
+from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import LayoutChanged
 from rodeo.evidence.series import Layout
 from rodeo.metrics import RECORDER_REFUSED
@@ -80,6 +81,8 @@ _SAVED_S = 2.0
 """What it did not say in so long it may say at once."""
 _LOST = 500
 """Messages that may be lost at once without time to explain them: a queue that overflowed."""
+_EARLIEST_NS = Limits().earliest_ns
+"""A file with an earlier message is refused."""
 _SEQUENCES = 2**32
 """A recording has 32 bits for them."""
 
@@ -139,7 +142,7 @@ class MessageDoor:
             return Refusal.ABSURD_NUMBER
         # The publisher's own time may be the wall's, on a simulated site too, but not one to come.
         latest_ns = max(now_ns, time.time_ns()) + self._slack_ns
-        if abs(stamp_ns - now_ns) > self._slack_ns or not 0 <= info.source_time_ns <= latest_ns:
+        if abs(stamp_ns - now_ns) > self._slack_ns or not _EARLIEST_NS <= info.source_time_ns <= latest_ns:
             return Refusal.ABSURD_TIME
         refusal = self._unreadable(info.cdr) or self._unfollowed(info, stamp_ns)
         if refusal is not None:

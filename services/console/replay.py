@@ -5,13 +5,16 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from rodeo import topics
 from rodeo.config import Site
-from rodeo.evidence import Proof
-from rodeo.evidence.errors import LayoutChanged
+from rodeo.evidence import Attestation, Proof
+from rodeo.evidence.errors import BadStatement, LayoutChanged
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.evidence.series import Table
+from rodeo.witness import Classification, Drop, Motion, Removal, parse
+from rodeo.witness.motion import track as signed_track
 from services.console.scene import ARM_JOINTS, arm_points
 from services.console.words import phrase
 
@@ -31,18 +34,17 @@ def track(proof: Proof, site: Site) -> Json:
     duration_s = (end_ns - start_ns) * 1e-9
     frames = int(min(FRAMES, max(2, duration_s * 2)))
     at_ns = np.linspace(start_ns, end_ns, frames)
+    motion = _motion(proof)
     return {
         "duration_s": round(duration_s, 1),
         "t": _rounded((at_ns - start_ns) * 1e-9, 1),
         "robots": {
             robot.name: columns
             for robot in site.robots
-            if (columns := _robot(proof, robot.name, robot.namespace, at_ns)) is not None
+            if (columns := _robot(proof, motion, robot.name, robot.namespace, at_ns)) is not None
         },
         "items": {
-            item.id: columns
-            for item in site.items
-            if (columns := _pose(proof, topics.MOCAP_POSE.name(body=item.id), at_ns)) is not None
+            item.id: columns for item in site.items if (columns := _pose(motion, item.id, at_ns)) is not None
         },
         "marks": _marks(proof, start_ns),
     }
@@ -59,19 +61,34 @@ def _rows(table: Table, at_ns: Array) -> Array:
     return np.clip(np.searchsorted(table.log_ns, at_ns, side="right") - 1, 0, len(table) - 1)
 
 
-def _pose(proof: Proof, name: str, at_ns: Array) -> Json | None:
-    table = _table(proof, topics.MOCAP_POSE, name)
-    if table is None:
+def _motion(proof: Proof) -> list[Motion]:
+    """What motion capture stated, in the order of its chain. Whose signatures count, the oracle decides."""
+    said: dict[str, dict[int, Motion]] = {}
+    for value in proof.json(ATTESTATION_CHANNEL):
+        try:
+            attestation = Attestation.model_validate(value)
+            statement = parse(attestation.payload)
+        except (ValidationError, BadStatement):
+            continue  # anybody may have put it there
+        if isinstance(statement, Motion):
+            said.setdefault(attestation.signer, {}).setdefault(statement.seq, statement)
+    chain = max(said.values(), key=len, default={})
+    return [chain[seq] for seq in sorted(chain)]
+
+
+def _pose(motion: list[Motion], body: str, at_ns: Array) -> Json | None:
+    seen = signed_track(motion, body)
+    if seen is None:
         return None
-    rows = _rows(table, at_ns)
-    x, y, z = (table[f"pose.position.{axis}"][rows] for axis in "xyz")
-    return {"x": _rounded(x), "y": _rounded(y), "z": _rounded(z)} | {
-        "yaw": _rounded(_yaw(table, "pose.orientation", rows))
-    }
+    rows = np.clip(np.searchsorted(seen.time_us, at_ns // 1000, side="right") - 1, 0, len(seen.time_us) - 1)
+    x, y, z = seen.position_m[rows].T
+    qw, qx, qy, qz = seen.quaternion[rows].T
+    yaw = np.arctan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
+    return {"x": _rounded(x), "y": _rounded(y), "z": _rounded(z), "yaw": _rounded(yaw)}
 
 
-def _robot(proof: Proof, name: str, namespace: str, at_ns: Array) -> Json | None:
-    columns = _pose(proof, topics.MOCAP_POSE.name(body=name), at_ns)
+def _robot(proof: Proof, motion: list[Motion], name: str, namespace: str, at_ns: Array) -> Json | None:
+    columns = _pose(motion, name, at_ns)
     if columns is None:
         odom = _table(proof, topics.ODOM, topics.ODOM.name(ns=namespace))
         if odom is None:
@@ -121,13 +138,26 @@ def _said(proof: Proof) -> list[tuple[str, int, str]]:
     ]
 
 
+def _stated(payload: Json) -> str:
+    try:
+        statement = parse(payload)
+    except BadStatement:
+        return ""
+    match statement:
+        case Classification():
+            return f"Bin: this is {statement.item_class}"
+        case Drop():
+            return f"Bin: it fell into {statement.compartment}"
+        case Removal():
+            return f"Bin: something was taken out of {statement.compartment}"
+    return ""
+
+
 def _sentence(value: Json) -> str:
     """One recorded object in words; empty for readings that come every second."""
     payload = value.get("payload")
     if isinstance(payload, dict):
-        if "expected_compartment" in payload:
-            return f"Bin: it fell into {payload.get('compartment')}"
-        return f"Bin: this is {payload['class']}" if "class" in payload else ""
+        return _stated(payload)
     name = value.get("name") or value.get("event")
     if not isinstance(name, str):
         return ""

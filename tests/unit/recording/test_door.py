@@ -145,7 +145,7 @@ def test_nanoseconds_that_are_more_than_a_second_are_left_out(entrance: Entrance
     assert entrance.say(bytes(cdr), entrance.sequence + 1) is Refusal.ABSURD_TIME
 
 
-@pytest.mark.parametrize("source_s", [-1, 4_102_444_800, 2**63 // 10**9])
+@pytest.mark.parametrize("source_s", [-1, 0, 4_102_444_800, 2**63 // 10**9])
 def test_a_publishers_time_that_no_clock_shows_is_left_out(entrance: Entrance, source_s: int) -> None:
     info = MessageInfo(entrance.cdr(entrance.now_ns + 1), source_s * 10**9, entrance.sequence + 1, BODY)
     assert entrance.door.refusal(info, entrance.now_ns) is Refusal.ABSURD_TIME

@@ -1,0 +1,55 @@
+"""The replay of a recording shows what motion capture signed, and what the bin said."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rodeo.config import Site
+from rodeo.evidence import Recorder, attest, open_proof
+from rodeo.witness import HeadBook, Journal, Motion, Removal, Scope, WitnessChain
+from rodeo.witness.poses import pack
+from services.console.replay import track
+from tests.support.assignments import BIN, BINDING, MOCAP, ROBOT
+from tests.support.site import LAB
+from tests.unit.services.robot_agent.fakes import ManualClock
+
+SCOPE = Scope(chain_id=BINDING.chain_id, task_manager=BINDING.task_manager, organization=BINDING.organization)
+
+
+def test_bodies_are_where_motion_capture_signed_them_and_strangers_move_nothing(tmp_path: Path) -> None:
+    clock = ManualClock()
+    clock.time_s = 1.8e9
+    mocap, itrash = (
+        WitnessChain(name, key, SCOPE, "sensor", Journal(tmp_path / name), HeadBook())
+        for name, key in (("mocap", MOCAP), ("itrash", BIN))
+    )
+    path = tmp_path / "proof.mcap"
+    with Recorder(path, BINDING, ROBOT, clock) as recorder:
+
+        def see(signer: WitnessChain, x_m: float) -> Any:
+            now_us = round(clock.time_s * 1e6)
+            poses = pack(np.array([500_000]), np.array([[x_m, 1.0, 0.05]]), np.array([[1.0, 0.0, 0.0, 0.0]]))
+            fields = {"start_us": now_us - 1_000_000, "end_us": now_us, "resting": {}}
+            return signer.sign(Motion, clock.time_s, tracks={"item1": poses}, **fields)
+
+        for second in range(10):
+            clock.time_s += 1
+            recorder.write_json("rodeo/attestation", see(mocap, 2.0 + 0.1 * second).model_dump())
+        recorder.write_json("rodeo/attestation", see(itrash, 99.0).model_dump())
+        recorder.write_json("rodeo/attestation", {"payload": {"type": "mocap.motion"}})
+        taken = itrash.sign(
+            Removal, clock.time_s, compartment="blue", weight_n=0.2, after_s=1.0, settled_s=2.0
+        )
+        recorder.write_json("rodeo/attestation", taken.model_dump())
+        recorder.write_json("rodeo/attestation", attest({"type": "bin.drop"}, BIN).model_dump())
+    Recorder.finish(path, BINDING, ROBOT, clock)
+    shown = track(open_proof(path), Site.load(LAB))
+    item = shown["items"]["item1"]
+    assert (item["x"][0], item["x"][-1]) == (pytest.approx(2.0), pytest.approx(2.9))
+    assert item["x"] == sorted(item["x"])
+    assert "item2" not in shown["items"]
+    assert "Bin: something was taken out of blue" in [mark["text"] for mark in shown["marks"]]
