@@ -16,7 +16,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from rodeo.evidence import Attestation, Recorder, attest
 from rodeo.metering import MeterSample
-from rodeo.witness import Claimant, Scope
+from rodeo.witness import Claimant, Scope, payload_digest
 from tests.forgeries.workshop import (
     ARM_STATE,
     FINGERS,
@@ -1017,6 +1017,30 @@ def taken_out_again(shop: Workshop) -> Submission:
 @forgery("stays_in_bin", "taken out")
 def taken_out_where_nobody_sees_it(shop: Workshop) -> Submission:
     """The same behind the bin's walls: the bin feels it."""
+    return shop.cleaned(_taken_out(shop))
+
+
+@forgery("nothing_left_out", "itrash")
+def a_removal_left_out(shop: Workshop) -> Submission:
+    """The same, and the bin's word of it is not in the recording; motion capture heard it."""
+    return shop.restated(_taken_out(shop), lambda one: None if one.payload["type"] == "bin.removal" else one)
+
+
+@forgery("nothing_left_out", "motion capture")
+def a_removal_left_out_with_who_heard_of_it(shop: Workshop) -> Submission:
+    """The same, and what motion capture signed when it heard of the removal is left out, too."""
+    told: list[str] = []
+
+    def edit(one: Attestation) -> Attestation | None:
+        if one.payload["type"] == "bin.removal":
+            told.append(payload_digest(one.payload))
+            return None
+        return None if any(head["digest"] in told for head in one.payload["heads"]) else one
+
+    return shop.restated(_taken_out(shop), edit)
+
+
+def _taken_out(shop: Workshop) -> Take:
     drop = _drop(shop)
     removal = {
         "compartment": drop["compartment"],
@@ -1026,7 +1050,7 @@ def taken_out_where_nobody_sees_it(shop: Workshop) -> Submission:
     }
     time_ns = round((drop["settled_s"] + 2.0) * 1e9)
     samples = [*shop.cleaning.samples, Sample("bin/removal", "", removal, time_ns)]
-    return shop.cleaned(Take(sorted(samples, key=lambda s: s.time_ns)))
+    return Take(sorted(samples, key=lambda s: s.time_ns))
 
 
 @forgery("stays_in_bin", "to the end of the recording")

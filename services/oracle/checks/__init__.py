@@ -54,7 +54,7 @@ CHECKS: dict[str, tuple[Stage, ...]] = {
         (carry.motion_capture, carry.compartment),
         (carry.ensemble,),
         (disposal.classified, disposal.dropped),
-        (disposal.presented, disposal.stays_in_bin, disposal.weight),
+        (disposal.presented, disposal.nothing_left_out, disposal.stays_in_bin, disposal.weight),
         (provenance.sealed,),
     ),
     CHARGING: (

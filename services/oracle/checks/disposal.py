@@ -7,7 +7,7 @@ import numpy as np
 from rodeo.lab.config import ItemClass
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.world import FINGER_JOINTS
-from rodeo.witness import Classification, Drop, Presentation, Removal
+from rodeo.witness import Classification, Drop, Motion, Presentation, Removal
 from services.oracle.case import Case, CaseError
 from services.oracle.checks.witnesses import compromised, unsound
 from services.oracle.phases import REST_M
@@ -167,6 +167,46 @@ def _at_bin(case: Case) -> Finding:
         source=case.base_source,
         detail="from the bin to the robot that presented itself, when it lets go",
     )
+
+
+def nothing_left_out(case: Case) -> Finding:
+    """From the release on, the recording holds all that motion capture and the bin said.
+
+    The recorder asks their journals for what it missed, so what is missing was left out.
+    """
+    missing = {case.site.bin.name: _missing_of_bin(case)}
+    if case.mocap:
+        released = [
+            one.statement.seq
+            for one in case.motion
+            if isinstance(one.statement, Motion) and one.statement.end_us * 1e-6 >= case.replay.release_s
+        ]
+        missing["motion capture"] = _gaps(released)
+    return equal(
+        sum(missing.values()),
+        0,
+        source="numbers in the witnesses' chains, and the bin's heads that motion capture lists",
+        detail="statements that are missing: "
+        + ", ".join(f"{count} of {who}" for who, count in missing.items()),
+    )
+
+
+def _missing_of_bin(case: Case) -> int:
+    """Statements of the bin since the classification that are not in the recording, though a later one is, or
+    though motion capture heard of them."""
+    own = [one.statement.seq for one in case.bin_said if one.statement.seq >= _classification(case).seq]
+    address = case.bin_testimony.address
+    heard = [
+        head.index
+        for said in (case.motion if case.mocap else ())
+        for head in said.statement.heads
+        if head.address.lower() == address and head.chain is None
+    ]
+    return _gaps(own) + max(max(heard, default=0) - max(own), 0)
+
+
+def _gaps(numbers: list[int]) -> int:
+    return max(numbers) + 1 - min(numbers) - len(set(numbers)) if numbers else 0
 
 
 def stays_in_bin(case: Case) -> Finding:
