@@ -124,7 +124,9 @@ def _once(
 def _context() -> ForkServerContext:
     """Children come from a process that has loaded MuJoCo already, and nothing else of ours."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["services.oracle.verify", "services.oracle.replay"])
+    context.set_forkserver_preload(
+        ["services.oracle.verify", "services.oracle.replay", "services.oracle.preload"]
+    )
     return context
 
 

@@ -6,6 +6,7 @@ import os
 import struct
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from tests.forgeries.workshop import (
     JOINT_STATES,
     ODOM,
     OUTPUT,
+    PICTURE,
     PLACE,
     ROBOT_POSE,
     SEEN,
@@ -55,6 +57,7 @@ from tests.forgeries.workshop import (
 )
 from tests.support.assignments import BINDING, METER, ROBOT
 from tests.support.recordings import (
+    RENDERINGS,
     Sample,
     Take,
     TakeClock,
@@ -1065,6 +1068,26 @@ def statements_that_end_at_once(shop: Workshop) -> Submission:
     """The recording goes on, but without motion capture's statements."""
     end_s = _drop(shop)["settled_s"] + 3.0
     return shop.restated(shop.cleaning, _motion_between(end_s, shop.cleaning.end_s + 9, lambda _: None))
+
+
+@forgery("pictured", "not in the recording")
+def no_picture(shop: Workshop) -> Submission:
+    """What the bin looked at is left out."""
+    return shop.cleaned(shop.cleaning.without(PICTURE))
+
+
+@forgery("pictured", "no picture")
+def another_picture(shop: Workshop) -> Submission:
+    """A nicer picture than the one that the bin signed."""
+    nicer = np.frombuffer((RENDERINGS / "paper_2.jpg").read_bytes(), np.uint8)
+    return shop.cleaned(shop.cleaning.edited(PICTURE, lambda s: with_fields(s, data=nicer)))
+
+
+@forgery("pictured", "no picture")
+def the_hash_of_an_empty_picture(shop: Workshop) -> Submission:
+    """The bin of somebody who holds its key signs the hash of nothing, and nothing is in the proof."""
+    empty = shop.cleaning.edited(PICTURE, lambda s: with_fields(s, data=np.zeros(0, np.uint8)))
+    return shop.cleaned(told(empty, "bin/classification", image_sha256="0x" + sha256(b"").hexdigest()))
 
 
 @forgery("weight", "0.01 N")

@@ -49,6 +49,7 @@ ITEM = "item3"
 PLACE = {"item_id": ITEM, "x_m": 5.4, "y_m": 2.5}
 JOINT_STATES, ODOM, STATED = "panther1/joint_states", "panther1/odom", "rodeo/attestation"
 ARM_STATE, GRIPPER_STATE = (f"panther1/{part}_controller/controller_state" for part in ("arm", "gripper"))
+PICTURE = "itrash/camera/image/compressed"
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", f"mocap/{ITEM}/pose"
 SEEN = "panther1/item_pose"
 OUTPUT, GAUGE = "dock1/output", "panther1/battery_state"

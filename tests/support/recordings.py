@@ -23,6 +23,7 @@ import numpy as np
 from eth_account.signers.local import LocalAccount
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from rodeo import topics
 from rodeo.config import Site
 from rodeo.evidence import Attestation, Binding, SealedProof, attest
 from rodeo.evidence.recorder import _Entry, _SealedFile
@@ -33,6 +34,7 @@ from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, dock_parking, wrap
 from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, build_world
 from rodeo.metering import MeterSample, MeterStatement, segment_wh
 from rodeo.ros2.types import STORE, new, serialize
+from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo.witness import (
     Claimant,
     Classification,
@@ -54,6 +56,7 @@ from services.robot_sim.battery import Battery, Supply
 from tests.support.assignments import BIN, BINDING, MOCAP, ROBOT
 from tests.support.operator import READY_RAD, Operator
 
+RENDERINGS = Path(__file__).parents[1] / "unit" / "services" / "itrash" / "renderings"
 START_NS = 1_900_000_000 * 10**9
 ODOMETRY, JOINTS_TYPE = "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState"
 METER_STATEMENT_SAMPLES = 10
@@ -475,6 +478,11 @@ class _Camera:
                 again = shifted_by(sample, step * step_ns)
                 self.samples.append(replace(again, sequence=sample.sequence + frames))
 
+    def photograph(self, bin_name: str, picture: bytes) -> None:
+        """What the bin's camera encoded."""
+        image = new("sensor_msgs/msg/CompressedImage", format="jpeg", data=np.frombuffer(picture, np.uint8))
+        self._add(topics.BIN_IMAGE.name(bin=bin_name), topics.BIN_IMAGE.type, image)
+
     def _add(self, topic: str, ros_type: str, message: Any) -> None:
         ns = self.now_ns
         self.samples.append(Sample(topic, ros_type, stamp(message, ns), ns, self._sequence))
@@ -574,6 +582,8 @@ def film_cleaning(
     camera.say("robot/presentation", bin=site.bin.name)
     operator.show(item, layout)
     wanted = site.bin.compartment_of(item.item_class)
+    picture = (RENDERINGS / f"{item.item_class.value}_1.jpg").read_bytes()
+    camera.photograph(site.bin.name, picture)
     camera.say(
         "bin/classification",
         number=1,
@@ -581,9 +591,9 @@ def film_cleaning(
         probabilities={item.item_class.value: 1.0},
         compartment=wanted,
         full=False,
-        image_sha256=_NOTHING,
-        model_sha256=_NOTHING,
-        thresholds_sha256=_NOTHING,
+        image_sha256="0x" + hashlib.sha256(picture).hexdigest(),
+        model_sha256=model_sha256(),
+        thresholds_sha256=thresholds_sha256(),
         shown_s=camera.now_ns * 1e-9,
     )
     released_s = camera.now_ns * 1e-9

@@ -54,7 +54,13 @@ CHECKS: dict[str, tuple[Stage, ...]] = {
         (carry.motion_capture, carry.compartment),
         (carry.ensemble,),
         (disposal.classified, disposal.dropped),
-        (disposal.presented, disposal.nothing_left_out, disposal.stays_in_bin, disposal.weight),
+        (
+            disposal.presented,
+            disposal.pictured,
+            disposal.nothing_left_out,
+            disposal.stays_in_bin,
+            disposal.weight,
+        ),
         (provenance.sealed,),
     ),
     CHARGING: (

@@ -9,6 +9,7 @@ from rodeo.lab.layout import BinLayout
 from rodeo.lab.world import FINGER_JOINTS
 from rodeo.witness import Classification, Drop, Motion, Presentation, Removal
 from services.oracle.case import Case, CaseError
+from services.oracle.checks import picture
 from services.oracle.checks.witnesses import compromised, unsound
 from services.oracle.phases import REST_M
 from services.oracle.report import Finding, at_least, at_most, equal, skipped
@@ -167,6 +168,11 @@ def _at_bin(case: Case) -> Finding:
         source=case.base_source,
         detail="from the bin to the robot that presented itself, when it lets go",
     )
+
+
+def pictured(case: Case) -> Finding:
+    """The picture that the bin classified is in the proof, as its camera encoded it."""
+    return picture.shown(case.proof, case.site.bin.name, _classification(case))
 
 
 def nothing_left_out(case: Case) -> Finding:

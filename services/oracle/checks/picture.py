@@ -38,7 +38,7 @@ def shown(proof: Proof, bin_name: str, said: Classification) -> Finding:
         return at_most(count, MAX_PICTURES, "", source="limit of pictures in a proof", detail="pictures")
     picture = _picture(proof, topic, said.image_sha256)
     try:
-        found = _network().classify(picture)
+        found = network().classify(picture)
     except ImageError as error:
         return Finding(passed=False, source=_SOURCE, detail=f"the bin signed no picture: {error.message}")
     answer = f"{found.label} ({found.confidence:.2f})"
@@ -79,7 +79,7 @@ def _picture(proof: Proof, topic: str, image_sha256: str) -> bytes:
 
 
 @cache
-def _network() -> "Classifier":
+def network() -> "Classifier":
     """Loaded when it is first asked: OpenCV takes its time to import."""
     from rodeo.vision.classifier import Classifier
 
