@@ -262,6 +262,20 @@ contract Handler is CommonBase, StdUtils {
             } catch {}
             return;
         }
+        _expire(taskId, t, running);
+    }
+
+    /// @dev The auditors let their window pass, and the administrator would rather have another winner now.
+    function staySilent(uint256 which, bool executor) external inOrder {
+        uint256 taskId = _find(which, TaskState.Undecided);
+        if (taskId == 0) return;
+        _setAudit(executor);
+        Task memory t = _tasks.task(taskId);
+        if (block.timestamp <= t.deadline) vm.warp(uint256(t.deadline) + 1);
+        _expire(taskId, t, TaskState.Undecided);
+    }
+
+    function _expire(uint256 taskId, Task memory t, TaskState running) private {
         _tasks.expireTask(taskId);
         if (running != TaskState.Undecided) _expectFailure(t, running == TaskState.Assigned);
         else if (_disputes[taskId].silence == Silence.Executor) _expectPayment(t, t.price);
@@ -326,6 +340,10 @@ contract Handler is CommonBase, StdUtils {
     }
 
     function setAudit(bool executor) external {
+        _setAudit(executor);
+    }
+
+    function _setAudit(bool executor) private {
         vm.prank(_admin);
         _organization.setAudit(CLEANING, 1 hours, executor ? Silence.Executor : Silence.Creator);
     }
