@@ -27,6 +27,7 @@ FOREIGN = Path(__file__).parents[1] / "foreign_robot"
 SITE = """clock.speed = 2
 agent.explore_when_idle = false
 lab.furniture = []
+lab.mocap_gripper = false
 [[robots]]
 name = "arthur"
 namespace = "fleet/arthur"
