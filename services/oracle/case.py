@@ -192,6 +192,15 @@ class Case:
     def joints(self) -> Table:
         return self.table(topics.JOINT_STATES, ns=self.robot.namespace)
 
+    @cached_property
+    def gaps(self) -> tuple[Array, Array]:
+        """(n,) stamps of the joints and (n,) half the gap between the fingers, m."""
+        # Imported here: the oracle's own process has no use for MuJoCo.
+        from rodeo.lab.world import FINGER_JOINTS
+
+        fingers_m = self.joints.named("position", list(FINGER_JOINTS))
+        return increasing(self.joints), (fingers_m[:, 0] - fingers_m[:, 1]) / 2
+
     @property
     def mocap(self) -> bool:
         """Whether the site has motion capture."""

@@ -70,9 +70,7 @@ def phases(case: Case) -> Phases:
     """Of the task's item, by motion capture, or by what the gripper felt without. Raises CaseError."""
     if not case.mocap:
         return felt_phases(case)
-    fingers_m = case.joints.named("position", list(FINGER_JOINTS))
-    gap_m = (fingers_m[:, 0] - fingers_m[:, 1]) / 2
-    return find_phases(case.pose(case.item.id), increasing(case.joints), gap_m)
+    return find_phases(case.pose(case.item.id), *case.gaps)
 
 
 def felt_phases(case: Case) -> Phases:

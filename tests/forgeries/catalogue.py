@@ -22,6 +22,7 @@ from tests.forgeries.workshop import (
     ARM_STATE,
     FINGERS,
     GAUGE,
+    GRIPPER_POSE,
     GRIPPER_STATE,
     ITEM,
     ITEM_POSE,
@@ -633,7 +634,7 @@ def already_in_the_bin(shop: Workshop) -> Submission:
     return shop.cleaned(shop.cleaning.edited(ITEM_POSE, lambda s: with_fields(s, pose=lies)))
 
 
-@forgery("motion_capture")
+@forgery("item_in_gripper")
 def carried_by_somebody_else(shop: Workshop) -> Submission:
     """A robot that carries something, and the task's item on another way to the bin."""
     begin_s, end_s = middle_s(shop.cleaning, 0.5), middle_s(shop.cleaning, 0.6)
@@ -642,6 +643,34 @@ def carried_by_somebody_else(shop: Workshop) -> Submission:
         return displaced(sample, x=0.2) if begin_s < sample.time_ns * 1e-9 < end_s else sample
 
     return shop.cleaned(shop.cleaning.edited(ITEM_POSE, beside))
+
+
+def _swaying(sample: Sample, begin_s: float, end_s: float, sway_m: float) -> Sample:
+    """To and fro across the way, once in four seconds."""
+    at_s = sample.time_ns * 1e-9
+    if not begin_s < at_s < end_s:
+        return sample
+    return displaced(sample, x=sway_m * float(np.sin((at_s - begin_s) * np.pi / 2)))
+
+
+@forgery("item_in_gripper")
+def a_person_carries_the_item(shop: Workshop) -> Submission:
+    """It sways by 4.5 cm against the robot that goes along; the arm is computed afterwards."""
+    begin_s, end_s = middle_s(shop.cleaning, 0.35), middle_s(shop.cleaning, 0.55)
+    return shop.cleaned(shop.cleaning.edited(ITEM_POSE, lambda s: _swaying(s, begin_s, end_s, 0.045)))
+
+
+@forgery("gripper_agrees")
+def an_arm_computed_afterwards(shop: Workshop) -> Submission:
+    """Joints that follow the item, which a person carried, while motion capture saw the gripper elsewhere."""
+    begin_s, end_s = middle_s(shop.cleaning, 0.3), middle_s(shop.cleaning, 0.6)
+    return shop.cleaned(shop.cleaning.edited(GRIPPER_POSE, lambda s: _swaying(s, begin_s, end_s, 0.087)))
+
+
+@forgery("gripper_agrees", "signed no motion of it")
+def a_gripper_that_nobody_saw(shop: Workshop) -> Submission:
+    """Its markers were taken off."""
+    return shop.cleaned(shop.cleaning.without(GRIPPER_POSE))
 
 
 def motion_without_an_item_take(shop: Workshop) -> Take:
@@ -768,7 +797,7 @@ _STRONG = np.ones(12)
 _STRONG[FINGERS] = 10.0
 
 
-@forgery("grasp")
+@forgery("gripper_agrees")
 def edited_trajectory(shop: Workshop) -> Submission:
     """An arm that moved elsewhere, its recording turned towards the item by a few degrees too few."""
 

@@ -51,6 +51,7 @@ JOINT_STATES, ODOM, STATED = "panther1/joint_states", "panther1/odom", "rodeo/at
 ARM_STATE, GRIPPER_STATE = (f"panther1/{part}_controller/controller_state" for part in ("arm", "gripper"))
 PICTURE = "itrash/camera/image/compressed"
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", f"mocap/{ITEM}/pose"
+GRIPPER_POSE = "mocap/panther1/gripper/pose"
 SEEN = "panther1/item_pose"
 OUTPUT, GAUGE = "dock1/output", "panther1/battery_state"
 FINGERS = [JOINTS.index("left_finger"), JOINTS.index("right_finger")]

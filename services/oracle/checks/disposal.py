@@ -6,7 +6,6 @@ import numpy as np
 
 from rodeo.lab.config import ItemClass
 from rodeo.lab.layout import BinLayout
-from rodeo.lab.world import FINGER_JOINTS
 from rodeo.witness import Classification, Drop, Motion, Presentation, Removal
 from services.oracle.case import Case, CaseError
 from services.oracle.checks import picture
@@ -307,9 +306,7 @@ def _hand_away_m(case: Case, item_m: np.ndarray) -> float:
 
 def _gaps_m(case: Case) -> tuple[float, float]:
     """Half the gap between the fingers at the end, and while they held the item, m."""
-    fingers_m = case.joints.named("position", list(FINGER_JOINTS))
-    gap_m = (fingers_m[:, 0] - fingers_m[:, 1]) / 2
-    time_s = case.joints.stamp_s
+    time_s, gap_m = case.gaps
     held = (time_s >= case.phases.lifted_s) & (time_s < case.replay.release_s)
     return float(gap_m[-1]), float(np.median(gap_m[held]))
 

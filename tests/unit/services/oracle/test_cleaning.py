@@ -11,11 +11,11 @@ from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
 from rodeo.config import Site
-from rodeo.evidence import Attestation, Binding
+from rodeo.evidence import Attestation, Binding, attest
 from rodeo.lab.body import JOINTS
 from rodeo.lab.config import ItemClass
 from services.oracle.case import Ledger
-from tests.support.assignments import BIN, BINDING, cleaning_ledger
+from tests.support.assignments import BIN, BINDING, MOCAP, cleaning_ledger
 from tests.support.recordings import Sample, Take, Witnesses, film_cleaning, later, moved, without_mocap
 from tests.support.site import LAB
 from tests.unit.services.oracle.conftest import Judge, failed
@@ -218,6 +218,111 @@ def test_an_item_that_the_site_does_not_have_is_the_one_reason(cleaning: Take, j
     assert sum(check.passed is False for check in report.checks) == 1
 
 
+# -- witnesses, and who disturbs them ------------------------------------------------------------------
+
+
+def test_messages_published_twice_and_a_stranger_among_them_are_no_loss(cleaning: Take, judge: Judge) -> None:
+    """One joint state twice, one odometry of another frame, one JSON object that is no statement."""
+    samples = []
+    for sample in cleaning.samples:
+        samples.append(sample)
+        if sample.sequence != 700:
+            continue
+        if sample.topic == JOINT_STATES:
+            samples.append(sample)
+            samples.append(Sample("rodeo/attestation", "", {"no": "statement"}, sample.time_ns))
+        if sample.topic == ODOM:
+            header = replace(sample.message.header, frame_id="elsewhere")
+            samples.append(replace(sample, message=replace(sample.message, header=header)))
+    take = Take(samples)
+    assert len(samples) == len(cleaning.samples) + 3
+    report = judge(take, cleaning_ledger(take))
+    assert report.accepted, report.reason
+
+
+def test_a_bad_signature_under_the_bins_name_silences_nobody(cleaning: Take, judge: Judge) -> None:
+    samples = []
+    for sample in cleaning.samples:
+        samples.append(sample)
+        if sample.topic == "bin/drop":
+            false = {"payload": {"type": "bin.drop", "seq": 2}, "signer": BIN.address, "signature": "0x00"}
+            samples.append(Sample("rodeo/attestation", "", false, sample.time_ns))
+    report = judge(Take(samples), cleaning_ledger(cleaning))
+    assert report.accepted, report.reason
+
+
+@pytest.mark.parametrize("which", ["mocap_inputs", "bin_inputs"])
+def test_what_came_over_an_open_bus_does_not_count_alone(cleaning: Take, judge: Judge, which: str) -> None:
+    report = judge(cleaning, cleaning_ledger(cleaning), witnesses=Witnesses(**{which: "open_bus"}))
+    assert report.outcome == "undecided"
+    assert "open bus" in report.reason
+
+
+def test_one_number_signed_twice_is_left_to_people(cleaning: Take, judge: Judge) -> None:
+    """The device that does it is not the executor's: neither side failed."""
+    first: list[Attestation] = []
+
+    def again(attestation: Attestation) -> Attestation:
+        if attestation.payload["type"] == "mocap.motion" and attestation.payload["seq"] in (20, 21):
+            first.append(attestation)
+            if len(first) == 2:
+                return attest(attestation.payload | {"seq": 20}, MOCAP)
+        return attestation
+
+    report = judge(cleaning, cleaning_ledger(cleaning), witnesses=Witnesses(edit=again))
+    assert report.outcome == "undecided"
+    assert "signed two different statements with number 20" in report.reason
+
+
+def mocap_revoked(chain: Ledger, at_s: float, because: str) -> Ledger:
+    changes = {"revoked": at_s, "revoked_because": because}
+    devices = [d.model_copy(update=changes) if d.role == "mocap" else d for d in chain.devices]
+    return chain.model_copy(update={"devices": devices})
+
+
+def test_a_witness_whose_key_was_superseded_after_the_work_is_believed(cleaning: Take, judge: Judge) -> None:
+    chain = mocap_revoked(cleaning_ledger(cleaning), cleaning.end_s + 60, "superseded")
+    report = judge(cleaning, chain)
+    assert report.accepted, report.reason
+
+
+def test_a_witness_whose_key_was_superseded_before_the_work_is_nobody(cleaning: Take, judge: Judge) -> None:
+    chain = mocap_revoked(cleaning_ledger(cleaning), cleaning.start_s - 60, "superseded")
+    assert failed(judge(cleaning, chain)) == "witnessed"
+
+
+def test_a_key_that_was_compromised_before_the_submission_leaves_it_to_people(
+    cleaning: Take, judge: Judge
+) -> None:
+    report = judge(cleaning, mocap_revoked(cleaning_ledger(cleaning), cleaning.end_s, "compromised"))
+    assert report.outcome == "undecided"
+
+
+def test_a_key_that_was_compromised_after_the_submission_changes_nothing(
+    cleaning: Take, judge: Judge
+) -> None:
+    report = judge(cleaning, mocap_revoked(cleaning_ledger(cleaning), cleaning.end_s + 60, "compromised"))
+    assert report.accepted, report.reason
+
+
+def test_an_item_that_the_bins_walls_hide_was_last_seen_above_the_opening(
+    cleaning: Take, judge: Judge, site: Site
+) -> None:
+    """Motion capture cannot look into this bin."""
+    rim_m = site.bin.rim_height_m
+    bin_m = site.bin.pose
+
+    def hidden(sample: Sample) -> Sample | None:
+        at = sample.message.pose.position
+        over = abs(at.x - bin_m.x_m) < 0.5 and abs(at.y - bin_m.y_m) < 0.3
+        return None if over and at.z < rim_m - 0.02 else sample
+
+    take = cleaning.edited(ITEM_POSE, hidden)
+    assert len(take.of(ITEM_POSE)) < len(cleaning.of(ITEM_POSE))
+    report = judge(take, cleaning_ledger(take))
+    assert report.accepted, report.reason
+
+
 # -- motion ----------------------------------------------------------------------------------------------
 
 
@@ -308,7 +413,7 @@ def test_fingers_that_do_not_press_are_refused(cleaning: Take, judge: Judge) -> 
 
 def test_an_item_beside_the_gripper_is_refused(cleaning: Take, judge: Judge) -> None:
     take = cleaning.edited(ITEM_POSE, lambda s: shifted(s, x=0.06))
-    assert failed(judge(take, cleaning_ledger(take))) in ("grasp", "transport")
+    assert failed(judge(take, cleaning_ledger(take))) in ("item_in_gripper", "grasp", "transport")
 
 
 def test_an_item_far_from_the_tasks_place_is_refused(cleaning: Take, judge: Judge) -> None:
@@ -335,6 +440,8 @@ def test_without_motion_capture_the_robots_own_sight_stands_in_and_is_marked_as_
         "order",
         "seen_throughout",
         "odometry",
+        "gripper_agrees",
+        "item_in_gripper",
         "motion_capture",
     }
     assert "weaker" in next(check.source for check in report.checks if check.name == "ensemble")

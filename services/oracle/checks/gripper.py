@@ -1,0 +1,126 @@
+"""Was it the robot's gripper that moved, and that carried the item?
+
+Whoever computes the arm's motion afterwards knows where the item was carried, but cannot change where motion
+capture saw the gripper meanwhile.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rodeo.evidence.series import Array
+from rodeo.lab.config import gripper_body
+from services.oracle.case import NO_MOCAP, Case, CaseError, Pose
+from services.oracle.checks.witnesses import UNSEEN_S
+from services.oracle.kinematics import inverse, product, turned
+from services.oracle.report import Finding, at_most, skipped
+
+AGREE_M = 0.05
+"""Encoders off by 10 mrad each put a hand at 0.75 m off by 12 mm, a base's heading off by 5 mrad by another
+5, and poses repeat to 2 mm: an honest hand stays within half of this."""
+AGREE_SHARE = 0.99
+"""Of the time: where motion capture missed a few poses of a fast arm, its way is only guessed."""
+CLOCK_S = 0.3
+"""Motion capture's clock against the robot's: the offset with which they agree best, at most this."""
+RIGID_M = 0.03
+"""What an item may slip or tilt between pads of 4 cm, and what poses of 2 mm and 5 mrad leave uncertain."""
+RIGID_SHARE = 0.99
+"""Of the carry, for single poses that are off."""
+_LOOK_S = 0.1
+
+
+def gripper_agrees(case: Case) -> Finding:
+    """Motion capture saw the gripper where base and joints say that it was, throughout."""
+    if (missing := _missing(case)) is not None:
+        return missing
+    base, gripper, kinematics = case.base, _gripper(case), case.kinematics
+    begin_s = max(kinematics.time_s[0], base.time_s[0], gripper.time_s[0]) + CLOCK_S
+    end_s = min(kinematics.time_s[-1], base.time_s[-1], gripper.time_s[-1]) - CLOCK_S
+    at_s = np.arange(begin_s, end_s, _LOOK_S)
+    if len(at_s) < 2:
+        raise CaseError("gripper and joints were not recorded at the same time", body=_name(case))
+    hand = kinematics.hand(at_s)
+    said_m, _ = _inside(*_poses(base, at_s), hand.position_m, hand.quaternion)
+    # Both seen by one clock, the joints by another.
+    off = {}
+    for shift_s in np.arange(-CLOCK_S, CLOCK_S + 1e-9, 0.02):
+        seen_m, _ = _inside(*_poses(base, at_s + shift_s), *_poses(gripper, at_s + shift_s))
+        off[float(shift_s)] = float(np.quantile(np.linalg.norm(seen_m - said_m, axis=1), AGREE_SHARE))
+    best_s = min(off, key=lambda shift_s: (off[shift_s], abs(shift_s)))
+    return at_most(
+        off[best_s],
+        AGREE_M,
+        "m",
+        source="errors of encoders and motion capture",
+        detail=f"gripper seen from where base and joints have it, {AGREE_SHARE:.0%} of the time; "
+        f"clocks apart by {best_s:.2f} s",
+    )
+
+
+def item_in_gripper(case: Case) -> Finding:
+    """From the lift to the release the item moves with the gripper that motion capture saw, as one body."""
+    if (missing := _missing(case)) is not None:
+        return missing
+    gripper, item, phases = _gripper(case), case.pose(case.item.id), case.phases
+    release_s = _release_s(case)
+    for start_s, end_s in gripper.unseen_s:
+        lost_s = min(end_s, release_s) - max(start_s, phases.closing_s)
+        if lost_s > UNSEEN_S:
+            return at_most(lost_s, UNSEEN_S, "s", _SOURCE, "over which nothing of the gripper is signed")
+    at_s = item.time_s[(item.time_s >= phases.lifted_s) & (item.time_s <= release_s)]
+    at_s = np.union1d(at_s, np.arange(phases.lifted_s, release_s, _LOOK_S))
+    if len(at_s) < 2:
+        raise CaseError("motion capture did not see the item between lift and release")
+    inside_m, _ = _inside(*_poses(gripper, at_s), *_poses(item, at_s))
+    middle_m = np.median(inside_m, axis=0)
+    return at_most(
+        float(np.quantile(np.linalg.norm(inside_m - middle_m, axis=1), RIGID_SHARE)),
+        RIGID_M,
+        "m",
+        source="length of the pads",
+        detail="the item moves against the gripper by",
+    )
+
+
+_SOURCE = "statements of the motion capture"
+
+
+def _missing(case: Case) -> Finding | None:
+    if not case.mocap:
+        return skipped(NO_MOCAP)
+    if not case.site.lab.mocap_gripper:
+        return skipped("the site's motion capture does not track grippers")
+    return None
+
+
+def _name(case: Case) -> str:
+    return gripper_body(case.robot.name)
+
+
+def _gripper(case: Case) -> Pose:
+    return case.pose(_name(case))
+
+
+def _release_s(case: Case) -> float:
+    """When the fingers are a little wider than they were during the carry, and stay so."""
+    time_s, gap_m = case.gaps
+    phases = case.phases
+    carried = (time_s >= phases.lifted_s) & (time_s <= phases.rest_s)
+    if not carried.any():
+        raise CaseError("the joints were not recorded during the carry")
+    held_m = float(np.median(gap_m[carried]))
+    closed = np.flatnonzero(carried & (gap_m <= held_m + 0.001))
+    return float(time_s[closed[-1]])
+
+
+def _poses(pose: Pose, at_s: Array) -> tuple[Array, Array]:
+    """(n, 3) positions and (n, 4) quaternions in between."""
+    columns = np.hstack([pose.position_m, pose.quaternion]).T
+    found = np.stack([np.interp(at_s, pose.time_s, column) for column in columns], axis=1)
+    return found[:, :3], found[:, 3:] / np.linalg.norm(found[:, 3:], axis=1, keepdims=True)
+
+
+def _inside(outer_m: Array, outer: Array, inner_m: Array, inner: Array) -> tuple[Array, Array]:
+    """Poses in the frame of others."""
+    back = inverse(outer)
+    return turned(back, inner_m - outer_m), product(back, inner)
