@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from decimal import Decimal
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -32,7 +33,7 @@ every_km = 0.002
 reward_iec = 50
 description = "Clean my wheels"
 """
-PNG = b"\x89PNG\r\n\x1a\n" + bytes(100)
+PNG = cv2.imencode(".png", np.full((48, 64, 3), 120, np.uint8))[1].tobytes()
 
 
 @pytest.fixture(scope="module")
