@@ -16,7 +16,7 @@ from rodeo import topics
 from rodeo.config import Site
 from rodeo.dao import CHARGING, CLEANING
 from rodeo.evidence import Attestation, EvidenceError, Proof, verify_attestation
-from rodeo.evidence.errors import BadAttestation
+from rodeo.evidence.errors import BadAttestation, LayoutChanged
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL
 from rodeo.evidence.series import Array, Table
 from rodeo.lab.config import ItemConfig, RobotConfig
@@ -88,6 +88,12 @@ class Payload:
 
 LATE_WALL_S = 5.0
 """What a busy recorder or bridge may be late, of wall time: more of site time where the clock is faster."""
+CLOCKS_S = 0.3
+"""What motion capture's clock may be off the robot's: disciplined clocks of one site stay within 0.2 s."""
+_TURN_S = 0.2
+_TURN_RAD = 0.02
+"""In `_TURN_S`, to tell when the base turned: ten times what motion capture repeats to."""
+_TURNS = 20
 FASTEST = 50.0
 """How many times faster than real time a simulated clock without a set speed goes."""
 
@@ -219,17 +225,53 @@ class Case:
     def pose(self, body: str) -> Pose:
         """A body's motion as motion capture signed it. Raises CaseError when it is nothing, BadStatement."""
         if body not in self._poses:
-            found = track(self._motions, body)
-            if found is None or len(found.time_us) < 2:
-                raise CaseError("motion capture signed no motion of it", body=body)
-            self._poses[body] = Pose(
-                found.time_us * 1e-6,
-                found.position_m,
-                continuous(found.quaternion),
-                tuple((start * 1e-6, end * 1e-6) for start, end in found.unseen_us),
-                found.statement,
+            seen, ahead_s = self._seen(body), self.clock_ahead_s
+            self._poses[body] = replace(
+                seen,
+                time_s=seen.time_s - ahead_s,
+                unseen_s=tuple((start_s - ahead_s, end_s - ahead_s) for start_s, end_s in seen.unseen_s),
             )
         return self._poses[body]
+
+    def _seen(self, body: str) -> Pose:
+        """The same by motion capture's own clock."""
+        found = track(self._motions, body)
+        if found is None or len(found.time_us) < 2:
+            raise CaseError("motion capture signed no motion of it", body=body)
+        return Pose(
+            found.time_us * 1e-6,
+            found.position_m,
+            continuous(found.quaternion),
+            tuple((start * 1e-6, end * 1e-6) for start, end in found.unseen_us),
+            found.statement,
+        )
+
+    @cached_property
+    def clock_ahead_s(self) -> float:
+        """By how much motion capture's clock is ahead of the robot's, at most `CLOCKS_S`: where the turns of
+        the base that it saw fit those of the odometry best. 0 if the base does not turn, or was not seen."""
+        try:
+            base, table = self._seen(self.robot.name), self.table(topics.ODOM, ns=self.robot.namespace)
+        except (CaseError, LayoutChanged):
+            return 0.0
+        z, w = table["pose.pose.orientation.z"], table["pose.pose.orientation.w"]
+        own_rad, time_s = np.unwrap(2 * np.arctan2(z, w)), increasing(table)
+        at_s = np.arange(time_s[0] + 1.0, time_s[-1] - 1.0, _TURN_S / 4)
+        own = np.interp(at_s + _TURN_S, time_s, own_rad) - np.interp(at_s, time_s, own_rad)
+        turning = np.abs(own) > _TURN_RAD
+        if not turning.sum() > _TURNS:
+            return 0.0
+        at_s, own, yaw_rad = at_s[turning], own[turning], base.yaw_rad
+
+        def off_rad(ahead_s: float) -> float:
+            ends, begins = (np.interp(at_s + one + ahead_s, base.time_s, yaw_rad) for one in (_TURN_S, 0.0))
+            return float(np.mean(np.abs(ends - begins - own)))
+
+        # The nearest to none, of those that fit equally well.
+        found = min(
+            np.arange(-30, 31) * (CLOCKS_S / 30), key=lambda ahead_s: (off_rad(ahead_s), abs(ahead_s))
+        )
+        return float(found) if off_rad(found) < 0.8 * off_rad(0.0) else 0.0
 
     @cached_property
     def base(self) -> Pose:

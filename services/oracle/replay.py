@@ -40,6 +40,8 @@ from services.oracle.phases import HELD_S, LIFTED_M, Phases
 BEFORE_CLOSING_S = 0.3
 HELD_SHARE = 0.9
 """Of the time after the lift with both pads on the item: a contact may flicker while it settles."""
+LAY_S = 1.0
+"""Over which it is looked at where the item lay, before the gripper closes."""
 BEFORE_RELEASE_S = 0.5
 SETTLE_S = 1.0
 """Replayed after the recorded item came to rest."""
@@ -205,7 +207,11 @@ def replay(case: Case) -> Replay:
         seen = np.flatnonzero(item.time_s <= phases.closing_s)
         if not len(seen):
             raise CaseError("motion capture did not sign where the item lay", before_s=phases.closing_s)
-        item_m, item_quat = item.position_m[seen[-1]], item.quaternion[seen[-1]]
+        # Of the last poses, as single ones are a little off.
+        last = seen[item.time_s[seen] > item.time_s[seen[-1]] - LAY_S]
+        item_m = np.median(item.position_m[last], axis=0)
+        item_quat = item.quaternion[last].mean(axis=0)
+        item_quat /= np.linalg.norm(item_quat)
     else:
         item_m, item_quat = case.sighting(phases.closing_s)
     known_s = case.kinematics.time_s

@@ -16,7 +16,18 @@ from rodeo.lab.body import JOINTS
 from rodeo.lab.config import ItemClass
 from services.oracle.case import Ledger
 from tests.support.assignments import BIN, BINDING, MOCAP, cleaning_ledger
-from tests.support.recordings import Sample, Take, Witnesses, film_cleaning, later, moved, without_mocap
+from tests.support.recordings import (
+    MOCAP_TOPIC,
+    SIGNED,
+    Sample,
+    Take,
+    Witnesses,
+    film_cleaning,
+    later,
+    moved,
+    shifted_by,
+    without_mocap,
+)
 from tests.support.site import LAB
 from tests.unit.services.oracle.conftest import Judge, failed
 
@@ -237,6 +248,33 @@ def test_messages_published_twice_and_a_stranger_among_them_are_no_loss(cleaning
     take = Take(samples)
     assert len(samples) == len(cleaning.samples) + 3
     report = judge(take, cleaning_ledger(take))
+    assert report.accepted, report.reason
+
+
+@pytest.mark.parametrize("ahead_s", [-0.2, 0.2])
+def test_a_clock_that_is_off_and_lost_messages_do_not_cost_the_verdict(
+    cleaning: Take, judge: Judge, ahead_s: float
+) -> None:
+    """Motion capture's clock is 0.2 s off, its poses by 2 mm, encoders by 10 mrad; 5 % of all is lost."""
+    chance = np.random.default_rng(5)
+    encoders_rad = chance.normal(0, 0.01, 6)
+
+    def noisy(sample: Sample) -> Sample | None:
+        if sample.topic in SIGNED or sample.topic == "itrash/camera/image/compressed":
+            return sample
+        if chance.random() < 0.05:
+            return None
+        if sample.topic == JOINT_STATES:
+            position = sample.message.position.copy()
+            position[:6] += encoders_rad
+            return with_joints(sample, position=position)
+        if MOCAP_TOPIC.fullmatch(sample.topic):
+            seen = shifted_by(shifted(sample, *chance.normal(0, 0.002, 3)), round(ahead_s * 1e9))
+            return replace(seen, time_ns=sample.time_ns)
+        return sample
+
+    take = Take([one for sample in cleaning.samples if (one := noisy(sample)) is not None])
+    report = judge(take, cleaning_ledger(cleaning))
     assert report.accepted, report.reason
 
 
