@@ -76,3 +76,8 @@ class WitnessChain:
         """What was signed after number `seq`, as it was signed then; the oldest first."""
         with self._lock:
             return self._journal.after(seq, limit)
+
+    def last(self, limit: int) -> list[Attestation]:
+        """The last `limit` statements, the oldest first."""
+        with self._lock:
+            return self._journal.after(self._journal.seq - limit, limit)

@@ -159,7 +159,53 @@ class Presentation(Header):
     attempt: int = Field(ge=1)
 
 
-Statement = Motion | Classification | Drop | Removal | Presentation
+class MeterRecord(Header):
+    """Where a dock's meter stands, after which readings. For a charge the seller's side."""
+
+    type: Literal["meter.record"] = "meter.record"
+    task_id: int = Field(ge=1)
+    attempt: int = Field(ge=1)
+    recording: Digest
+    """Digest of the opening seal of the dock's recording."""
+    robot: Name
+    """Whom it charges."""
+    page: int = Field(ge=1)
+    """Contiguous in the recording."""
+    reason: Literal["opening", "step", "pause", "close"]
+    contactor: Literal["open", "closed"]
+    begin_wh: float = Field(ge=0)
+    """The register when the session opened."""
+    register_wh: float = Field(ge=0)
+    """Never restarts."""
+    until_s: float
+    """Site time of the newest reading."""
+    since_ms: int = Field(ge=0)
+    readings: str = Field(max_length=24_000)
+    """Since the record before, from `since_ms` on (`rodeo.metering`)."""
+    soc: float | None = Field(ge=0, le=1)
+    """What the robot signed last."""
+
+
+class Receipt(Header):
+    """A robot signs for what a dock's meter recorded: the buyer's side of a charge."""
+
+    type: Literal["robot.receipt"] = "robot.receipt"
+    task_id: int = Field(ge=1)
+    attempt: int = Field(ge=1)
+    recording: Digest
+    """As the record says."""
+    meter: Name
+    meter_address: Address
+    record: Digest
+    """Of the `MeterRecord` that it countersigns."""
+    begin_wh: float = Field(ge=0)
+    register_wh: float = Field(ge=0)
+    soc: float = Field(ge=0, le=1)
+    """By its own gauge."""
+    reason: Literal["opening", "step", "close"]
+
+
+Statement = Motion | Classification | Drop | Removal | Presentation | MeterRecord | Receipt
 _STATEMENT: TypeAdapter[Statement] = TypeAdapter(Annotated[Statement, Field(discriminator="type")])
 
 

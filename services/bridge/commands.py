@@ -8,11 +8,11 @@ from concurrent.futures import Future
 from dataclasses import dataclass, field
 from decimal import Decimal
 from hashlib import sha256
-from typing import Annotated, Any
+from typing import Any
 
 from eth_account import Account
 from eth_utils import to_checksum_address
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 
 from rodeo.bus import validate
 from rodeo.chain import (
@@ -30,6 +30,7 @@ from rodeo.chain import (
     Verdict,
     to_wei,
 )
+from rodeo.charging import ChargingParams, Name, Number
 from rodeo.config import EconomyConfig
 from rodeo.dao import MACHINE_JUDGED
 from rodeo.errors import InvalidRequest
@@ -83,13 +84,6 @@ from services.bridge.projection import ZERO_ADDRESS
 _UNLIMITED = 2**256 - 1
 
 
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-"""Not a string or a truth value: parameters go on chain as they came, and their readers count on numbers."""
-
-Name = Annotated[str, Field(min_length=1, max_length=64)]
-
-Share = Annotated[Number, Field(ge=0, le=1)]
-
 MAX_TEXT_BYTES = 16 * 1024
 """Of parameters and description together: everybody keeps and lists them for ever."""
 
@@ -104,20 +98,9 @@ class WasteDisposalParams(BaseModel):
     y_m: Number
 
 
-class BatteryChargingParams(BaseModel):
-    """What a battery_charging task says beyond its reward."""
-
-    model_config = ConfigDict(extra="allow")
-
-    robot: Name
-    dock: Name
-    soc_from: Share
-    soc_target: Share
-
-
 KIND_PARAMS: dict[str, type[BaseModel]] = {
     "waste_disposal": WasteDisposalParams,
-    "battery_charging": BatteryChargingParams,
+    "battery_charging": ChargingParams,
 }
 """Kinds whose parameters have a schema; those of other kinds are the participants' own affair."""
 

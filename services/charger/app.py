@@ -21,19 +21,26 @@ from pydantic import ValidationError
 
 from rodeo import topics
 from rodeo.bus import DaoEvents
+from rodeo.charging import ChargingParams
 from rodeo.config import Site
 from rodeo.dao import CHARGING, Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError, RodeoError
-from rodeo.evidence import Store
+from rodeo.evidence import Binding, Store
 from rodeo.evidence.errors import RecordingSealed, StoreUnavailable
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Task
+from rodeo.recording import SealPublisher, StatementDoor, StatementListener
+from rodeo.recording.door import stamp_slack_s
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.ros2.types import new
 from rodeo.service import Service
-from services.charger.delivery import Delivery
-from services.charger.job import ChargingParams, Job
-from services.charger.session import End, SessionLimits, SessionState
+from rodeo.tls import bus_is_closed
+from rodeo.wallets import SiteDevice
+from rodeo.witness import Inputs, Scope, WitnessChain
+from rodeo.witness.witness import Witness
+from services.charger.delivery import Delivery, Order
+from services.charger.job import Job
+from services.charger.session import End, Phase, SessionLimits, SessionState
 
 log = logging.getLogger(__name__)
 
@@ -42,11 +49,12 @@ ARRIVAL_S = 1800.0
 """Site time that a robot has to reach the dock."""
 PROOF_SHARE = 0.05
 """Of the execution window, kept for sealing and submitting."""
-ENERGY_SHARE = 1.2
-"""No session delivers more than this share of the battery's capacity."""
+CLOSING_WALL_S = 15.0
+"""Wall time for which the robot is asked to sign the end. What it signed before counts without."""
 
 _RETRY_S = 1.0
 """Wall time before something that is away is asked again."""
+_CHAIN_WALL_S = 0.1
 _LOOK_S = 2.0
 """Wall time after which the index is asked for assignments even without an event."""
 _SILENCE_S = 10.0
@@ -83,6 +91,11 @@ class Charger:
             self._node.subscription(
                 battery.name(ns=robot.namespace), battery.type, self._battery_callback(robot.name)
             )
+        # It reads its terminals over the bus: on an open one anybody may have said what they say.
+        inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
+        self._witness = Witness(
+            service.bus, site.org, site.dock.name, self._account, service.data_dir, inputs
+        )
         self._dao_events = DaoEvents(service.bus, site.org, self._on_event)
 
     # -- bus -------------------------------------------------------------------------------------------
@@ -129,6 +142,7 @@ class Charger:
                         self._perform(job)
         finally:
             self._dao_events.close()
+            self._witness.close()
             self._node.close()
 
     def _offer(self) -> None:
@@ -172,18 +186,17 @@ class Charger:
         """Do the session; the SHA-256 of its sealed recording, None when asked to stop before its end."""
         bindings: list[Any] = []
         self._persist(lambda: bindings.append(self._organization.binding(job.task, self._site.dock.name)))
-        if not bindings:
+        chain = self._wait_chain()
+        if not bindings or chain is None:
             return None
-        limits, problem = self._limits(job.task)
-        robot = str(job.task.params.get("robot"))
-        # A robot that the site does not know publishes nothing, wherever that is; `problem` says it.
-        namespace = next((r.namespace for r in self._site.robots if r.name == robot), robot)
-        battery = topics.BATTERY_STATE.name(ns=namespace)
+        order, problem = self._order(job, path, bindings[0])
+        seals = SealPublisher(self._service.bus, self._site.org, self._site.dock.name)
         try:
             delivery = Delivery(
-                job, limits, path, bindings[0], self._account, self._service.clock, self._save, battery
+                order, chain, self._witness.publish, self._account, self._service.clock, self._save, seals
             )
         except RecordingSealed:  # killed between sealing and submitting
+            seals.close()
             with path.open("rb") as file:
                 return "0x" + file_digest(file, "sha256").hexdigest()
         with self._events_lock:
@@ -194,30 +207,60 @@ class Charger:
             if problem is not None:
                 log.warning("task %d cannot be done: %s", job.task.id, problem)
                 delivery.stop(End.BAD_TASK)
-            with closing(self._watch(robot, delivery)):
-                self._attend(delivery)
+            with closing(self._listen(order, delivery)) as listener:
+                self._attend(delivery, listener)
+                if delivery.session.ended:
+                    self._close(delivery, listener)
         finally:
             self._delivery = None
-        if not delivery.session.ended:
+            seals.close()
+        if self._service.stop.is_set():
             delivery.suspend()
             return None
-        log.info("%s ended: %s, %.1f Wh", job.name, job.session.end, delivery.energy_wh)
+        log.info(
+            "%s ended: %s, %.1f Wh, %.1f of them signed by the robot",
+            job.name,
+            job.session.end,
+            delivery.energy_wh,
+            delivery.receipted_wh,
+        )
         return delivery.seal().sha256
 
-    def _watch(self, robot: str, delivery: Delivery) -> Node:
-        """Listens to the motion capture of the robot, where there is one, until it is closed."""
-        bus, site = self._service.bus, self._site
-        node = Node(bus.session, "charger_watch", "", site.bus.domain_id, self._service.clock)
-        if site.lab.mocap:
-            pose = topics.MOCAP_POSE
-            node.raw_subscription(pose.name(body=robot), pose.type, delivery.on_pose)
-        return node
+    def _wait_chain(self) -> WitnessChain | None:
+        """None when asked to stop before it is known for which organization the meter signs."""
+        while (chain := self._witness.chain) is None and not self._service.stop.wait(_CHAIN_WALL_S):
+            self._service.not_ready("not known yet for which organization the meter signs")
+        return chain
 
-    def _attend(self, delivery: Delivery) -> None:
+    def _listen(self, order: Order, delivery: Delivery) -> StatementListener:
+        """To what the robot states, and to nobody else."""
+        binding, robot = order.binding, str(order.job.task.params.get("robot"))
+        scope = Scope(
+            chain_id=binding.chain_id, task_manager=binding.task_manager, organization=binding.organization
+        )
+        return StatementListener(
+            self._service.bus,
+            self._site.org,
+            lambda devices: StatementDoor(
+                devices.known,
+                [SiteDevice("robot", robot)],
+                lambda: scope,
+                self._service.clock,
+                order.slack_s,
+                delivery.refusals,
+                delivery.heard,
+            ),
+            delivery.on_receipt,
+            only=robot,
+        )
+
+    def _attend(self, delivery: Delivery, listener: StatementListener) -> None:
         """Move the contactor and tell the progress until the session is over or the process has to stop."""
         while not delivery.session.ended and not self._service.stop.is_set():
             self._tell(delivery)
             delivery.wait(timeout_s=_RETRY_S)
+            if delivery.job.session.phase is Phase.AWAITING_RECEIPT:
+                self._ask(delivery, listener)
             if self._wake.is_set():
                 self._wake.clear()
                 self._check_assignment(delivery)
@@ -226,6 +269,22 @@ class Charger:
         if self._service.stop.is_set() and delivery.session.contactor_wanted:
             # Nobody meters while this process is down. The session stays open and closes it again.
             self._command_contactor(False)
+
+    def _ask(self, delivery: Delivery, listener: StatementListener) -> None:
+        """Tell again what the robot did not sign, and ask for what it signed: either may have been lost."""
+        unanswered = delivery.unanswered
+        if unanswered is not None:
+            self._witness.publish(unanswered)
+            listener.catch_up()
+
+    def _close(self, delivery: Delivery, listener: StatementListener) -> None:
+        """Have the robot sign the end; what it signed before counts without."""
+        delivery.close_session()
+        deadline_s = time.monotonic() + CLOSING_WALL_S
+        while not delivery.wait_closed(_RETRY_S) and time.monotonic() < deadline_s:
+            if self._service.stop.is_set():
+                return
+            self._ask(delivery, listener)
 
     def _move_contactor(self, delivery: Delivery, closed: bool) -> None:
         if self._command_contactor(closed):
@@ -255,14 +314,15 @@ class Charger:
         if (now.state, now.attempt) != ("assigned", task.attempt):
             delivery.stop(End.CANCELLED)
 
-    def _limits(self, task: Task) -> tuple[SessionLimits, str | None]:
-        """What bounds the session, and what is wrong with the task."""
-        dock, problem = self._site.dock, None
-        soc_target, capacity_wh = 0.0, 0.0
+    def _order(self, job: Job, path: Path, binding: Binding) -> tuple[Order, str | None]:
+        """What is to be done, and what is wrong with the task."""
+        site, task, problem = self._site, job.task, None
+        dock, params = site.dock, None
+        # A robot that the site does not know publishes nothing, wherever that is; `problem` says it.
+        namespace = str(task.params.get("robot"))
         try:
             params = ChargingParams.model_validate(task.params)
-            soc_target = params.soc_target
-            capacity_wh = self._site.robot(params.robot).battery.capacity_wh
+            namespace = site.robot(params.robot).namespace
             if params.dock != dock.name:
                 problem = f"this charger serves {dock.name}, not {params.dock}"
         except (ValidationError, RodeoError) as error:
@@ -272,11 +332,21 @@ class Charger:
         limits = SessionLimits(
             voltage_v=dock.voltage_v,
             cutoff_a=dock.cutoff_a,
-            max_energy_wh=capacity_wh * ENERGY_SHARE,
-            soc_target=soc_target,
+            max_energy_wh=0.0 if params is None else params.energy_wh,
+            soc_target=0.0 if params is None else params.soc_target,
             deadline_s=assigned_s + window_s * (1 - PROOF_SHARE),
         )
-        return limits, problem
+        order = Order(
+            job=job,
+            params=params,
+            limits=limits,
+            binding=binding,
+            path=path,
+            register=self._service.data_dir / "register.json",
+            battery_topic=topics.BATTERY_STATE.name(ns=namespace),
+            slack_s=stamp_slack_s(max(site.clock.speed, site.clock.idle_speed)),
+        )
+        return order, problem
 
     # -- helpers ---------------------------------------------------------------------------------------
 
@@ -295,6 +365,7 @@ class Charger:
             progress,
             power_w=round(delivery.power_w, 1),
             energy_wh=round(delivery.energy_wh, 1),
+            receipted_wh=round(delivery.receipted_wh, 1),
         )
 
     def _persist(self, attempt: Any) -> None:

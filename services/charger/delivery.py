@@ -1,120 +1,204 @@
-"""A session in progress: readings into meter, session and recording; the contactor as wanted."""
+"""A session in progress: readings into meter, session and recording; records out, receipts in."""
 
 from __future__ import annotations
 
 import logging
-import math
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from eth_account.signers.local import LocalAccount
 
 from rodeo import topics
+from rodeo.charging import ChargingParams
 from rodeo.clock import Clock
 from rodeo.errors import RodeoError
-from rodeo.evidence import Binding, Recorder, SealedProof, attest
-from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.evidence import Attestation, Binding, Recorder, SealedProof
+from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL, OnSeal
 from rodeo.messages import DaoEvent
-from rodeo.metering import MeterStatement
-from rodeo.ros2 import MessageInfo, types
-from rodeo.ros2.errors import MalformedMessage
+from rodeo.metering import STEP_WH, Reading
+from rodeo.recording import Heard, MessageDoor, Refusals
+from rodeo.ros2 import MessageInfo
+from rodeo.witness import MeterRecord, Receipt, WitnessChain, parse
+from rodeo.witness.statement import digest
 from services.charger.job import Job, Recorded, recover, stamp_s
-from services.charger.meter import Meter, Register
+from services.charger.meter import Meter, load_register, store_register
 from services.charger.session import End, Phase, Session, SessionLimits
 
 log = logging.getLogger(__name__)
 
-_POSE_PERIOD_NS = 900_000_000
-"""A parked robot needs no more than one pose per second."""
+Reason = Literal["opening", "step", "pause", "close"]
 
-READINGS_PER_STATEMENT = 10
-"""At 1 Hz: what the meter signs is at most 10 s old."""
+
+@dataclass(frozen=True)
+class Order:
+    """What is to be done, and where it is kept."""
+
+    job: Job
+    params: ChargingParams | None
+    """None when the task does not say what to do."""
+    limits: SessionLimits
+    binding: Binding
+    path: Path
+    """Of the recording."""
+    register: Path
+    """Where the meter's register is stored at either end of a session."""
+    battery_topic: str
+    slack_s: float
+    """How far the stamp of a message may be off the site's clock."""
 
 
 class Delivery:
-    """One job being done. Readings and events come in the bus's threads; the rest is for the main thread."""
+    """One job being done. Readings, receipts and events come in the bus's threads; the rest is for the main
+    thread.
+
+    Args:
+        chain: signs what the meter shows.
+        publish: tells the bus what was signed.
+    """
 
     def __init__(
         self,
-        job: Job,
-        limits: SessionLimits,
-        path: Path,
-        binding: Binding,
+        order: Order,
+        chain: WitnessChain,
+        publish: Callable[[Attestation], None],
         account: LocalAccount,
         clock: Clock,
         save: Callable[[Job], None],
-        battery_topic: str,
+        on_seal: OnSeal | None = None,
     ) -> None:
-        """Start the recording at `path`, or go on with it. Raises RecordingSealed when it is finished."""
-        self.job = job
-        self.session = Session(job.session, limits)
+        """Start the recording, or go on with it. Raises RecordingSealed when it is finished."""
+        self.job = order.job
+        self.session = Session(order.job.session, order.limits)
         self.power_w = 0.0
-        self._account = account
+        self.refusals = Refusals()
+        self._order = order
+        self._chain = chain
+        self._publish = publish
         self._clock = clock
         self._save = save
         self._changed = threading.Condition()
         self._failure: RodeoError | None = None
         self._last_time_s = 0.0
-        self._last_pose_ns = 0
-        self._pose_topic = topics.MOCAP_POSE.name(body=str(job.task.params.get("robot")))
-        dock = str(job.task.params.get("dock"))
-        self._output_topic = topics.DOCK_OUTPUT.name(dock=dock)
-        self._battery_topic = battery_topic
-        resume = path.exists()
-        recorded = recover(path, "/" + self._output_topic) if resume else Recorded(Register(), 0)
+        output, battery = topics.DOCK_OUTPUT, topics.BATTERY_STATE
+        self._output_topic = output.name(dock=chain.device)
+        self._doors = {
+            self._output_topic: MessageDoor(output, order.slack_s),
+            order.battery_topic: MessageDoor(battery, order.slack_s),
+        }
+        resume = order.path.exists()
+        recorded = recover(order.path, "/" + self._output_topic) if resume else Recorded()
+        begin = Recorder.resume if resume else Recorder
+        self._recorder = begin(order.path, order.binding, account, clock, on_seal)
         self._events_seq = recorded.events_seq
-        self._recorder = (Recorder.resume if resume else Recorder)(path, binding, account, clock)
-        self._meter = Meter(dock, job.task.id, job.task.attempt, recorded.register, READINGS_PER_STATEMENT)
+        self._records: dict[str, float] = {}
+        """Digest -> register of each record of this session."""
+        self._receipted_wh: float | None = None
+        """The highest register that the robot signed."""
+        self._closed = False
+        """It signed that the session is over."""
+        self._last: Attestation | None = None
+        """The last record."""
+        self.heard: dict[str, int] = {}
+        """Address -> number of its last statement that is on record."""
+        self._meter = self._restore(recorded)
         if not resume:
-            self._note({"event": "assignment", "task": job.task.model_dump(mode="json")})
+            self._note({"event": "assignment", "task": self.job.task.model_dump(mode="json")})
+
+    def _restore(self, recorded: Recorded) -> Meter:
+        """The meter as it stood. What was signed and not recorded, because the process ended, is recorded."""
+        journal = self._chain.last(_REMEMBERED)
+        newest = max((int(one.payload["seq"]) for one in recorded.records), default=0)
+        register_wh, session = load_register(self._order.register), list[Attestation]()
+        for one in journal:
+            register_wh = max(register_wh, float(one.payload.get("register_wh", 0.0)))
+            if one.payload.get("recording") == self.recording and int(one.payload["seq"]) > newest:
+                self._recorder.write_json(ATTESTATION_CHANNEL, one.model_dump())
+                session.append(one)
+        begin_wh, page = None, 0
+        for one in [*recorded.records, *session]:
+            record = parse(one.payload)
+            assert isinstance(record, MeterRecord)  # `type` said so
+            self._records[digest(one)] = record.register_wh
+            begin_wh, page, self._last = record.begin_wh, record.page, one
+            register_wh = max(register_wh, record.register_wh)
+        until_s = 0.0 if self._last is None else float(self._last.payload["until_s"])
+        meter = Meter(register_wh, begin_wh, page, until_s)
+        for reading in recorded.unsaid:
+            if begin_wh is not None:
+                meter.restore(reading)
+        for one in recorded.receipts:
+            receipt = parse(one.payload)
+            assert isinstance(receipt, Receipt)  # nothing else is let in
+            self.heard[one.signer] = receipt.seq
+            self._count(receipt)
+        return meter
+
+    @property
+    def recording(self) -> str:
+        """0x digest of the recording's opening seal."""
+        return self._recorder.recording
 
     @property
     def energy_wh(self) -> float:
         """Delivered so far."""
-        return self._meter.energy_wh
+        return self._meter.delivered_wh
+
+    @property
+    def receipted_wh(self) -> float:
+        """The part of it that the robot signed."""
+        if self._receipted_wh is None or self._meter.begin_wh is None:
+            return 0.0
+        return self._receipted_wh - self._meter.begin_wh
+
+    @property
+    def unanswered(self) -> Attestation | None:
+        """The last record, while the robot did not sign for as much."""
+        last = self._last
+        if last is None or self._closed:
+            return None
+        shown_wh = float(last.payload["register_wh"])
+        signed = self._receipted_wh is not None and self._receipted_wh >= shown_wh
+        return None if signed and last.payload["reason"] != "close" else last
 
     # -- from the bus's threads ------------------------------------------------------------------------
 
     def on_output(self, message: Any, info: MessageInfo) -> None:
         """A reading of the dock's terminals."""
-        voltage_v, current_a = float(message.voltage), float(message.current)
-        if not (math.isfinite(voltage_v) and math.isfinite(current_a)):
-            log.warning("left out a reading that is not a number: %s V, %s A", voltage_v, current_a)
-            return
         with self._step():
-            self._last_time_s = stamp_s(message)
-            self._record(self._output_topic, topics.DOCK_OUTPUT.type, info)
-            self._say(self._meter.reading(self._last_time_s, voltage_v, current_a))
-            self.power_w = voltage_v * current_a
-            self.session.reading(
-                self._last_time_s, voltage_v, current_a, bool(message.present), self.energy_wh
-            )
+            if not self._let_in(self._output_topic, topics.DOCK_OUTPUT.type, info):
+                return
+            reading = Reading(stamp_s(message), float(message.voltage), float(message.current))
+            self._last_time_s = reading.time_s
+            if self.job.session.phase is not Phase.WAITING:
+                self._meter.reading(reading)
+            self.power_w = reading.power_w
+            self.session.reading(*reading, bool(message.present), self.energy_wh, self._covered)
+            if self.job.session.phase is Phase.CHARGING and self._meter.due:
+                self._say("step")
 
-    def on_battery(self, message: Any, info: MessageInfo) -> None:
-        """The robot's battery: on record from the moment that the robot is on the contacts, so that first and
-        last message tell what it gained here."""
+    def on_battery(self, _message: Any, info: MessageInfo) -> None:
+        """The robot's battery: on record from the moment that the robot is on the contacts, for people to see
+        what it gained here."""
         with self._step():
             if self.job.session.phase is not Phase.WAITING:
-                self._record(self._battery_topic, topics.BATTERY_STATE.type, info)
-                if math.isfinite(message.percentage):
-                    self.session.battery(float(message.percentage))
+                self._let_in(self._order.battery_topic, topics.BATTERY_STATE.type, info)
 
-    def on_pose(self, info: MessageInfo) -> None:
-        """Where motion capture sees the robot: on record once per second while it is on the contacts."""
-        try:
-            time_ns = types.stamp_ns(info.cdr)
-        except MalformedMessage as error:
-            log.warning("left out a pose: %s", error)
-            return
-        if time_ns - self._last_pose_ns < _POSE_PERIOD_NS:
+    def on_receipt(self, heard: Heard) -> None:
+        """The robot stated something, perhaps that it signs for a record of this session."""
+        receipt = heard.statement
+        if not isinstance(receipt, Receipt) or receipt.recording != self.recording:
             return
         with self._step():
-            if self.job.session.phase is not Phase.WAITING:
-                self._last_pose_ns = time_ns
-                self._record(self._pose_topic, topics.MOCAP_POSE.type, info)
+            if self._records.get(receipt.record) != receipt.register_wh:
+                log.warning("left out a receipt for what the meter did not record: %s", receipt.record)
+                return
+            self._recorder.write_json(ATTESTATION_CHANNEL, heard.attestation)
+            self._count(receipt)
+            self._changed.notify_all()
 
     def on_event(self, event: DaoEvent) -> None:
         """A contract event of this task."""
@@ -147,18 +231,34 @@ class Delivery:
         with self._step():
             self.session.stop(end)
 
-    def seal(self) -> SealedProof:
-        """Sign what is left to sign and finish the recording."""
+    def close_session(self) -> None:
+        """Record where the meter stands at the end, if the session ever opened."""
+        with self._step():
+            said = self._last is not None and self._last.payload["reason"] == "close"
+            if self._meter.begin_wh is not None and not said:
+                self._say("close")
+        if self._failure is not None:
+            raise self._failure
+
+    def wait_closed(self, timeout_s: float) -> bool:
+        """Whether the robot signed the end; waits at most `timeout_s` of wall time for it."""
         with self._changed:
-            self._say(self._meter.statement())
+            return self._changed.wait_for(lambda: self.unanswered is None, timeout_s)
+
+    def seal(self) -> SealedProof:
+        """Finish the recording."""
+        with self._changed:
             state = self.job.session
             self._note({
                 "event": "session_ended",
                 "reason": None if state.end is None else state.end.value,
                 "energy_wh": self.energy_wh,
+                "receipted_wh": self.receipted_wh,
+                "closed_by_robot": self._closed,
                 "started_s": state.started_s,
                 "ended_s": state.ended_s,
                 "soc": state.soc,
+                "left_out": self.refusals.summary(),
             })  # fmt: skip
             return self._recorder.close()
 
@@ -176,6 +276,7 @@ class Delivery:
             before = self._essence()
             try:
                 yield
+                self._follow(before[0])
             except RodeoError as error:
                 self._failure = error
             if self._essence() != before:
@@ -184,19 +285,71 @@ class Delivery:
             if self._failure or self.session.commands_contactor or self.session.ended:
                 self._changed.notify_all()
 
+    def _follow(self, before: Phase) -> None:
+        """Say where the meter stands when the contactor waits for the robot's signature."""
+        phase = self.job.session.phase
+        if phase is not Phase.AWAITING_RECEIPT or before is phase:
+            return
+        if self._last is None:
+            store_register(self._order.register, self._meter.register_wh)
+            self._say("opening")
+        elif not self._covered:
+            self._say("pause")
+
     def _essence(self) -> tuple[Any, ...]:
         state = self.job.session
         return state.phase, state.end, state.started_s
 
-    def _record(self, topic: str, typename: str, info: MessageInfo) -> None:
-        self._recorder.write_ros(
-            topic, typename, info.cdr, self._clock.now_ns(), info.source_time_ns, info.sequence
-        )
+    @property
+    def _covered(self) -> bool:
+        """Whether the robot signed for all that was delivered but a step."""
+        receipted_wh = self._receipted_wh
+        return receipted_wh is not None and self._meter.register_wh - receipted_wh < STEP_WH
 
-    def _say(self, statement: MeterStatement | None) -> None:
-        if statement is not None:
-            signed = attest(statement.model_dump(), self._account)
-            self._recorder.write_json(ATTESTATION_CHANNEL, signed.model_dump())
+    def _count(self, receipt: Receipt) -> None:
+        params = self._order.params
+        if self._receipted_wh is None and params is not None and not params.begins_at(receipt.soc):
+            log.warning("the robot is at %.0f %%, its task says otherwise", receipt.soc * 100)
+            self.session.stop(End.OTHER_CHARGE)
+        self._receipted_wh = max(self._receipted_wh or 0.0, receipt.register_wh)
+        self._closed = self._closed or receipt.reason == "close"
+        self.session.signed(receipt.soc)
+
+    def _let_in(self, topic: str, typename: str, info: MessageInfo) -> bool:
+        """Record a message, unless it is nonsense."""
+        now_ns = self._clock.now_ns()
+        refusal = self._doors[topic].refusal(info, now_ns)
+        if refusal is not None:
+            self.refusals.count("message", refusal)
+            return False
+        self._recorder.write_ros(topic, typename, info.cdr, now_ns, info.source_time_ns, info.sequence)
+        return True
+
+    def _say(self, reason: Reason) -> None:
+        """Sign where the meter stands, record it, tell it."""
+        state = self.job.session
+        signed = self._chain.sign(
+            MeterRecord,
+            self._clock.now_s(),
+            task_id=self.job.task.id,
+            attempt=self.job.task.attempt,
+            recording=self.recording,
+            robot=str(self.job.task.params.get("robot")),
+            reason=reason,
+            contactor="closed" if state.phase is Phase.CHARGING else "open",
+            soc=state.soc,
+            **self._meter.record(),
+        )
+        self._recorder.write_json(ATTESTATION_CHANNEL, signed.model_dump())
+        self._records[digest(signed)] = float(signed.payload["register_wh"])
+        self._last = signed
+        if reason != "step":
+            store_register(self._order.register, self._meter.register_wh)
+        self._publish(signed)
 
     def _note(self, payload: dict[str, Any]) -> None:
         self._recorder.write_json(EVENT_CHANNEL, payload)
+
+
+_REMEMBERED = 1000
+"""Statements of the meter that a new process looks at: more than a session has."""

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import json
 import logging
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ValidationError
 
 from rodeo import topics
 from rodeo.errors import RodeoError
+from rodeo.evidence import Attestation
 from rodeo.evidence.errors import ContainerError
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.files import replace_file
 from rodeo.messages import Task
-from rodeo.metering import MeterSample, MeterStatement
+from rodeo.metering import Reading
 from rodeo.ros2.types import deserialize
-from services.charger.meter import Meter, Register
 from services.charger.session import SessionState
 
 log = logging.getLogger(__name__)
@@ -32,17 +32,6 @@ def stamp_s(message: Any) -> float:
 
 class JobBroken(RodeoError):
     """The file is there and is not a job; starting anew could meter the same session twice."""
-
-
-class ChargingParams(BaseModel):
-    """What a charging task asks for."""
-
-    model_config = ConfigDict(extra="ignore", allow_inf_nan=False)
-
-    robot: str
-    dock: str
-    soc_from: float = Field(ge=0, le=1)
-    soc_target: float = Field(gt=0, le=1)
 
 
 class Job(BaseModel):
@@ -70,36 +59,37 @@ class Job(BaseModel):
         replace_file(path, self.model_dump_json())
 
 
-@dataclass(frozen=True)
+@dataclass
 class Recorded:
-    """Where a recording stands. It is the only place where this is kept, so nothing can disagree with it."""
+    """Where a recording stands, as far as it tells."""
 
-    register: Register
-    """Of the meter: the last signed statement, and the readings after it."""
-    events_seq: int
+    records: list[Attestation] = field(default_factory=list)
+    """Of the meter, in order."""
+    receipts: list[Attestation] = field(default_factory=list)
+    """Of the robot."""
+    unsaid: list[Reading] = field(default_factory=list)
+    """Readings after the last record, and the one before them."""
+    events_seq: int = 0
     """Sequence number of the last contract event."""
 
 
 def recover(path: Path, output_topic: str) -> Recorded:
     """Where the unfinished recording at `path` stands; `output_topic` carries the meter's readings."""
-    register = Register()
-    events_seq = 0
-    unsaid: list[bytes] = []
+    found = Recorded()
     try:
         for topic, _, message in SealedReader(path):
             if topic == output_topic:
-                unsaid.append(message.data)
+                output = deserialize(message.data, topics.DOCK_OUTPUT.type)
+                found.unsaid.append(Reading(stamp_s(output), float(output.voltage), float(output.current)))
             elif topic == ATTESTATION_CHANNEL:
-                said = MeterStatement.model_validate(json.loads(message.data)["payload"])
-                last = MeterSample.model_validate(said.model_dump(include=set(MeterSample.model_fields)))
-                register = Register(energy_wh=said.energy_wh, last=last, seq=said.seq, previous=said.digest())
-                unsaid.clear()
+                attestation = Attestation.model_validate_json(message.data)
+                if attestation.payload.get("type") == "meter.record":
+                    found.records.append(attestation)
+                    del found.unsaid[:-1]
+                else:
+                    found.receipts.append(attestation)
             elif topic == EVENT_CHANNEL:
-                events_seq = max(events_seq, json.loads(message.data).get("seq", 0))
+                found.events_seq = max(found.events_seq, json.loads(message.data).get("seq", 0))
     except ContainerError as error:
         log.info("the recording ends here: %s", error)  # cut off, which is what being killed looks like
-    meter = Meter("", 0, 0, register, readings_per_statement=len(unsaid) + 1)  # it only counts
-    for cdr in unsaid:
-        output = deserialize(cdr, topics.DOCK_OUTPUT.type)
-        meter.reading(stamp_s(output), float(output.voltage), float(output.current))
-    return Recorded(register, events_seq)
+    return found

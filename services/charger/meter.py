@@ -1,73 +1,119 @@
-"""The meter: readings of the dock's terminals into a register and a chain of statements to be signed."""
+"""The meter: readings of the dock's terminals into a register that never restarts, and into records."""
 
 from __future__ import annotations
 
-from pydantic import BaseModel
+import logging
+import math
+from pathlib import Path
+from typing import Any
 
-from rodeo.metering import MeterSample, MeterStatement, segment_wh
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from rodeo.errors import RodeoError
+from rodeo.files import replace_file
+from rodeo.metering import MAX_READINGS, RECORD_WH, REGISTER_DIGITS, Reading, pack, segment_wh
+
+log = logging.getLogger(__name__)
+
+MOST_READINGS = MAX_READINGS // 2
+"""Then a record is due although little flowed."""
 
 
-class Register(BaseModel):
-    """What the meter keeps across restarts."""
+class RegisterBroken(RodeoError):
+    """The register's file is there and does not say where it stands; to begin anew would count twice."""
 
-    energy_wh: float = 0.0
-    """Delivered since the session began."""
-    last: MeterSample | None = None
-    seq: int = 0
-    """Of the last statement."""
-    previous: str | None = None
-    """Its digest."""
-    unsaid: list[MeterSample] = []
-    """Readings that are in no statement yet."""
+
+class _Stored(BaseModel):
+    model_config = ConfigDict(extra="forbid")
+
+    register_wh: float = Field(ge=0, allow_inf_nan=False)
+
+
+def load_register(path: Path) -> float:
+    """Where the register stood when it was stored, 0 for a new meter. Raises RegisterBroken."""
+    try:
+        return _Stored.model_validate_json(path.read_bytes()).register_wh
+    except FileNotFoundError:
+        return 0.0
+    except (OSError, ValidationError) as error:
+        raise RegisterBroken("cannot read the register", path=str(path), reason=str(error)) from error
+
+
+def store_register(path: Path, register_wh: float) -> None:
+    replace_file(path, _Stored(register_wh=register_wh).model_dump_json())
 
 
 class Meter:
-    """Counts one session's energy."""
+    """Counts energy. `begin_wh` is the register when the session opened, None before.
+
+    Args:
+        register_wh: what it shows.
+        page: of the session's last record.
+        until_s: of the newest reading in it.
+    """
 
     def __init__(
-        self, name: str, task_id: int, attempt: int, register: Register, readings_per_statement: int
+        self, register_wh: float, begin_wh: float | None = None, page: int = 0, until_s: float = 0.0
     ) -> None:
-        self.register = register
-        self._name = name
-        self._task_id = task_id
-        self._attempt = attempt
-        self._readings = readings_per_statement
+        self._register_wh = self._recorded_wh = register_wh
+        self._last: Reading | None = None
+        self._said: Reading | None = None
+        """The newest that is in a record, after a restart."""
+        self._until_s = until_s
+        self._unsaid: list[Reading] = []
+        self.begin_wh = begin_wh
+        self.page = page
 
     @property
-    def energy_wh(self) -> float:
-        return self.register.energy_wh
+    def register_wh(self) -> float:
+        return round(self._register_wh, REGISTER_DIGITS)
 
-    def reading(self, time_s: float, voltage_v: float, current_a: float) -> MeterStatement | None:
-        """Count one reading; a statement when it is due. What is not newer than the last is left out."""
-        register = self.register
-        if register.last is not None and time_s <= register.last.time_s:
-            return None
-        sample = MeterSample(
-            time_s=time_s, voltage_v=voltage_v, current_a=current_a, power_w=voltage_v * current_a
-        )
-        if register.last is not None:
-            register.energy_wh += segment_wh(register.last, sample)
-        register.last = sample
-        register.unsaid.append(sample)
-        return self.statement() if len(register.unsaid) >= self._readings else None
+    @property
+    def delivered_wh(self) -> float:
+        """Since the session opened."""
+        return 0.0 if self.begin_wh is None else self.register_wh - self.begin_wh
 
-    def statement(self) -> MeterStatement | None:
-        """All readings that are in no statement yet; None when there are none."""
-        register = self.register
-        if not register.unsaid:
-            return None
-        *earlier, newest = register.unsaid
-        register.seq += 1
-        statement = MeterStatement(
-            **newest.model_dump(),
-            meter=self._name,
-            task_id=self._task_id,
-            attempt=self._attempt,
-            seq=register.seq,
-            previous=register.previous,
-            earlier=earlier,
-            energy_wh=register.energy_wh,
-        )
-        register.previous = statement.digest()
-        register.unsaid = []
-        return statement
+    @property
+    def due(self) -> bool:
+        """Whether a record is due."""
+        return self._register_wh - self._recorded_wh >= RECORD_WH or len(self._unsaid) >= MOST_READINGS
+
+    def reading(self, reading: Reading) -> None:
+        """Count it. What is not newer than the last is left out, and what is no reading raises ValueError."""
+        if not all(map(math.isfinite, reading)):
+            raise ValueError(f"a reading is not finite: {reading}")
+        if self._last is not None and reading.time_s <= self._last.time_s:
+            return
+        if self._last is not None:
+            self._register_wh += max(0.0, segment_wh(self._last, reading))
+        self._last = reading
+        self._until_s = reading.time_s
+        self._unsaid.append(reading)
+        if len(self._unsaid) > MAX_READINGS:
+            del self._unsaid[0]
+
+    def restore(self, reading: Reading) -> None:
+        """The same of what an earlier process read: what is in a record is counted already."""
+        if reading.time_s <= self._until_s and self._last is None:
+            self._said = reading
+            return
+        if self._last is None:
+            self._last = self._said
+        self.reading(reading)
+
+    def record(self) -> dict[str, Any]:
+        """What the next record says of the register; then all that was read is said."""
+        if self.begin_wh is None:
+            self.begin_wh = self.register_wh
+        since_ms, readings = pack(self._unsaid)
+        self.page += 1
+        self._recorded_wh = self._register_wh
+        self._unsaid = []
+        return {
+            "page": self.page,
+            "begin_wh": self.begin_wh,
+            "register_wh": self.register_wh,
+            "until_s": self._until_s,
+            "since_ms": since_ms,
+            "readings": readings,
+        }

@@ -1,7 +1,8 @@
 """One charging session: a state machine fed with stamped readings. It reads no clock and does no I/O.
 
-    waiting -> closing -> charging -> opening -> ended
-       ^___________________________________|  the robot slipped off the contacts and may come back
+    waiting -> awaiting_receipt -> closing -> charging -> opening -> ended
+       ^              ^_______________________________|  the robot did not sign for the last step
+       |______________________________________________|  it slipped off the contacts and may come back
 
 The caller moves the contactor as `contactor_wanted` says and reports how it stands; everything is keyed on
 the stamps of the dock's readings, which may come hundreds of times faster than real time.
@@ -22,6 +23,8 @@ do not resolve the rest."""
 class Phase(StrEnum):
     WAITING = "waiting"
     """For the robot to stand on the contacts."""
+    AWAITING_RECEIPT = "awaiting_receipt"
+    """The robot stands there; the contactor is open until it signs for what the meter shows."""
     CLOSING = "closing"
     """The contactor was told to close."""
     CHARGING = "charging"
@@ -37,6 +40,7 @@ class End(StrEnum):
     FULL = "full"
     """The current tapered off at the voltage limit."""
     ENERGY_LIMIT = "energy_limit"
+    """The ordered energy is delivered."""
     ROBOT_LEFT = "robot_left"
     """It was charging, left the contacts and did not come back."""
     NO_ROBOT = "no_robot"
@@ -46,6 +50,8 @@ class End(StrEnum):
     """The task is no longer assigned to us."""
     BAD_TASK = "bad_task"
     """The task names a robot or dock that this charger does not serve."""
+    OTHER_CHARGE = "other_charge"
+    """The robot arrived with another state of charge than its task says."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +90,9 @@ class SessionState(BaseModel):
     wait_until_s: float
     """While waiting: when to give up."""
     soc: float | None = None
-    """Last state of charge that the robot reported, 0..1."""
+    """Last state of charge that the robot signed, 0..1."""
+    paused: bool = False
+    """The contactor opens until the robot signs."""
 
 
 class Session:
@@ -122,15 +130,17 @@ class Session:
         if self.state.phase is Phase.CLOSING and closed:
             self.state.phase = Phase.CHARGING
         elif self.state.phase is Phase.OPENING and not closed:
-            if self.state.end is None:
-                self.state.phase = Phase.WAITING
-                self.state.wait_until_s = time_s + self._limits.return_s
+            if self.state.end is None and self.state.paused:
+                self.state.phase = Phase.AWAITING_RECEIPT
+                self.state.paused = False
+            elif self.state.end is None:
+                self._await_return(time_s)
             else:
                 self.state.phase = Phase.ENDED
                 self.state.ended_s = time_s
 
-    def battery(self, soc: float) -> None:
-        """What the robot says of its state of charge, 0..1."""
+    def signed(self, soc: float) -> None:
+        """What the robot signed of its state of charge, 0..1."""
         self.state.soc = soc
 
     def stop(self, end: End) -> None:
@@ -140,29 +150,53 @@ class Session:
             self.state.phase = Phase.OPENING
 
     def reading(
-        self, time_s: float, voltage_v: float, current_a: float, present: bool, energy_wh: float
+        self,
+        time_s: float,
+        voltage_v: float,
+        current_a: float,
+        present: bool,
+        energy_wh: float,
+        covered: bool,
     ) -> None:
-        """One reading of the dock's terminals, and the energy metered up to it."""
+        """One reading of the dock's terminals.
+
+        Args:
+            energy_wh: metered in this session up to it.
+            covered: whether the robot signed for all of it but a step.
+        """
         self._follow_presence(present, time_s)
-        if self.state.phase in (Phase.OPENING, Phase.ENDED):
+        state = self.state
+        if state.phase in (Phase.OPENING, Phase.ENDED):
             return
         if time_s >= self._limits.deadline_s:
             self.stop(End.DEADLINE)
-        elif self.state.phase is Phase.WAITING:
+        elif state.phase is Phase.WAITING:
             self._wait(time_s)
         elif self._lasted(self._absent_since_s, time_s, self._limits.absent_s):
-            self.state.phase = Phase.OPENING
-        elif self.state.phase is Phase.CHARGING:
+            if state.phase is Phase.AWAITING_RECEIPT:
+                self._await_return(time_s)
+            else:
+                state.phase = Phase.OPENING
+        elif state.phase is Phase.AWAITING_RECEIPT:
+            if covered:
+                state.phase = Phase.CLOSING
+                self._small_since_s = None
+        elif not covered:
+            state.phase, state.paused = Phase.OPENING, True
+        elif state.phase is Phase.CHARGING:
             self._charge(time_s, voltage_v, current_a, energy_wh)
 
     # -- inside ----------------------------------------------------------------------------------------
 
     def _wait(self, time_s: float) -> None:
         if self._lasted(self._present_since_s, time_s, self._limits.present_s):
-            self.state.phase = Phase.CLOSING
-            self._small_since_s = None
+            self.state.phase = Phase.AWAITING_RECEIPT
         elif time_s >= self.state.wait_until_s:
             self.stop(End.NO_ROBOT if self.state.started_s is None else End.ROBOT_LEFT)
+
+    def _await_return(self, time_s: float) -> None:
+        self.state.phase = Phase.WAITING
+        self.state.wait_until_s = time_s + self._limits.return_s
 
     def _charge(self, time_s: float, voltage_v: float, current_a: float, energy_wh: float) -> None:
         limits, state = self._limits, self.state

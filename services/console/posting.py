@@ -70,6 +70,9 @@ def _charging(site: Site, request: RegisterTask) -> dict[str, str]:
     soc_from, soc_target = request.params.get("soc_from"), request.params.get("soc_target")
     if not (_is_number(soc_from) and _is_number(soc_target)) or not 0 <= soc_from < soc_target <= 1:  # type: ignore[operator]
         wrong["params.soc_target"] = "charge to more than what is left, and to at most 100 %"
+    energy_wh = request.params.get("energy_wh")
+    if not _is_number(energy_wh) or energy_wh <= 0:  # type: ignore[operator]
+        wrong["params.energy_wh"] = "say how much energy is ordered"
     return wrong
 
 

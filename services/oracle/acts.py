@@ -79,9 +79,7 @@ def acts(case: Case) -> list[str]:
     if case.kind == CLEANING:
         return _cleaning(case)
     if case.kind == CHARGING:
-        statements = case.meter_statements
-        start_s = min(statement.samples[0].time_s for statement in statements)
-        return [f"meter/{case.site.dock.name}/time/{start_s:.3f}-{statements[-1].time_s:.3f}"]
+        return case.charge.acts
     return []
 
 

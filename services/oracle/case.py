@@ -21,12 +21,12 @@ from rodeo.evidence.recorder import ATTESTATION_CHANNEL
 from rodeo.evidence.series import Array, Table
 from rodeo.lab.config import ItemConfig, RobotConfig
 from rodeo.messages import Device, Task
-from rodeo.metering import MeterStatement
 from rodeo.witness import Motion, Statement, payload_digest
 from rodeo.witness.motion import track
 from services.oracle.statements import Said, Testimony, recorded, testimonies
 
 if TYPE_CHECKING:
+    from services.oracle.charge import Charge
     from services.oracle.kinematics import Kinematics
     from services.oracle.phases import Phases
     from services.oracle.replay import Replay, Vote
@@ -467,18 +467,11 @@ class Case:
         }
 
     @cached_property
-    def meter_statements(self) -> list[MeterStatement]:
-        """What a meter of this site signed, in order. Raises CaseError when there is nothing."""
-        statements = [
-            MeterStatement.model_validate(statement.payload)
-            for statement in self.stated("meter", "type", "meter", "energy_wh")
-            if statement.payload["type"] == "meter"
-        ]
-        if not statements:
-            raise CaseError(
-                "nothing signed by a meter is in the recording", meters=sorted(self.signers("meter") or ())
-            )
-        return statements
+    def charge(self) -> Charge:
+        """What both sides of a charge signed. Raises CaseError, ValidationError."""
+        from services.oracle.charge import charge_of
+
+        return charge_of(self)
 
     @cached_property
     def kinematics(self) -> Kinematics:

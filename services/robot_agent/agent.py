@@ -50,6 +50,7 @@ from services.robot_agent.memory import Held, Memory
 from services.robot_agent.navigation import Floor, Point
 from services.robot_agent.orders import Order, Orders
 from services.robot_agent.perception import Sighting
+from services.robot_agent.receipts import Receipts
 from services.robot_agent.recording import Recording, tells_of_disposal, when_released
 from services.robot_agent.upkeep import Upkeep
 
@@ -147,8 +148,16 @@ class Agent:
             self._announce,
         )
         self._upkeep = Upkeep(site, robot, self._node, self._body, self._dao, self._clock, service.data_dir)
+        self._receipts = Receipts(site, robot, self._witness, bus, self._node, self._clock)
         self._charging = Charging(
-            site, robot.name, self._dao, self._body, self._floor, self._memory, self._clock
+            site,
+            robot.name,
+            self._dao,
+            self._body,
+            self._floor,
+            self._memory,
+            self._clock,
+            self._receipts,
         )
         self._chance = random.Random()
         self._wake = threading.Event()
@@ -229,6 +238,7 @@ class Agent:
             self._orders.close()
             self._dao_events.close()
             self._bin.close()
+            self._receipts.close()
             self._witness.close()
             self._node.close()
 

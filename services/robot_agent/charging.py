@@ -7,6 +7,7 @@ import threading
 import time
 from typing import Protocol
 
+from rodeo.charging import order_wh
 from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.dao import CHARGING, CLEANING
@@ -19,6 +20,7 @@ from services.robot_agent.errors import MotionFailed
 from services.robot_agent.memory import Memory
 from services.robot_agent.navigation import Floor
 from services.robot_agent.parking import leave
+from services.robot_agent.receipts import Receipts
 
 log = logging.getLogger(__name__)
 
@@ -45,7 +47,15 @@ class Charging:
     """The robot's side of a charging session."""
 
     def __init__(
-        self, site: Site, robot: str, dao: Account, body: Body, floor: Floor, memory: Memory, clock: Clock
+        self,
+        site: Site,
+        robot: str,
+        dao: Account,
+        body: Body,
+        floor: Floor,
+        memory: Memory,
+        clock: Clock,
+        receipts: Receipts,
     ) -> None:
         self._site = site
         self._robot = robot
@@ -54,6 +64,7 @@ class Charging:
         self._floor = floor
         self._memory = memory
         self._clock = clock
+        self._receipts = receipts
 
     def buy(self, soc: float, ordered: bool = False) -> int:
         """Post the task and return its id.
@@ -76,6 +87,7 @@ class Charging:
                 "dock": self._site.dock.name,
                 "soc_from": round(soc, 4),
                 "soc_target": target,
+                "energy_wh": order_wh(self._site.robot(self._robot).battery, self._site.dock, soc, target),
             },
             description=f"Charge {self._robot} at {self._site.dock.name} to {target:.0%}",
             execution_window_s=self._site.economy.charging_window_s,
@@ -88,6 +100,7 @@ class Charging:
         Raises MotionFailed when the dock cannot be reached.
         """
         report("driving to the dock", 0.0)
+        self._receipts.begin(task)
         self._dock(checkpoint)
         soc_from = float(task.params["soc_from"])
         soc_target = float(task.params["soc_target"])
@@ -98,6 +111,9 @@ class Charging:
             begun = begun or now
             done = (battery.soc - soc_from) / max(soc_target - soc_from, 1e-6)
             report(f"charging, {battery.soc:.0%}", min(max(done, 0.0), 1.0), left_s(begun, now, soc_target))
+            self._receipts.begin(task)
+            if not battery.charging:
+                self._receipts.remind()
             current = self._dao.task(task.id)
             if current.state not in ("open", "assigned"):
                 break

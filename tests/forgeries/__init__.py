@@ -2,6 +2,7 @@
 that has to refuse it. Most are sealed with the executor's own key, which a dishonest executor has.
 """
 
+from tests.forgeries import charges as charges
 from tests.forgeries.catalogue import CATALOGUE, Forgery, listed
 from tests.forgeries.workshop import Submission, Workshop
 

@@ -16,24 +16,24 @@ from mcap.writer import MCAP0_MAGIC, Writer
 from rosbags.rosbag2 import StoragePlugin
 
 from rodeo.evidence import Attestation, Recorder, attest
-from rodeo.metering import MeterSample
 from rodeo.witness import Claimant, Scope, payload_digest
 from tests.forgeries.workshop import (
     ARM_STATE,
     FINGERS,
+<<<<<<< HEAD
     GAUGE,
     GRIPPER_POSE,
+=======
+>>>>>>> 77ec759 (Both sides of a charge sign step by step, and payment follows what both signed)
     GRIPPER_STATE,
     ITEM,
     ITEM_POSE,
     JOINT_STATES,
     ODOM,
-    OUTPUT,
     PICTURE,
     PLACE,
     ROBOT_POSE,
     SEEN,
-    STATED,
     STRANGER,
     WAIST,
     Edit,
@@ -48,8 +48,6 @@ from tests.forgeries.workshop import (
     middle_s,
     numbered,
     opened,
-    remetered,
-    restated,
     timed,
     told,
     turned,
@@ -1168,137 +1166,6 @@ def somebody_elses_drop(shop: Workshop) -> Submission:
 def never_presented(shop: Workshop) -> Submission:
     """A drop that the bin ascribes to nobody."""
     return shop.cleaned(shop.cleaning.without("robot/presentation"))
-
-
-# -- charging ------------------------------------------------------------------------------------------
-
-
-@forgery("signer")
-def charge_sealed_by_the_robot(shop: Workshop) -> Submission:
-    """The buyer's device in place of the seller's."""
-    return shop.charged(shop.charge, device=ROBOT)
-
-
-@forgery("meter_chain", "nothing signed by a meter")
-def invented_meter(shop: Workshop) -> Submission:
-    """Readings under a key that is no meter's."""
-    return shop.charged(restated(shop.charge, STRANGER, "energy_wh"))
-
-
-@forgery("meter_chain")
-def meter_statement_left_out(shop: Workshop) -> Submission:
-    """One statement of the meter missing."""
-    third = shop.charge.of(STATED)[2]
-    return shop.charged(shop.charge.edited(STATED, lambda s: None if s is third else s))
-
-
-@forgery("meter_chain", "of another task")
-def energy_of_another_task(shop: Workshop) -> Submission:
-    """What was delivered, and paid, before."""
-    return shop.charged(restated(shop.charge, METER, "energy_wh", task_id=99))
-
-
-@forgery("readings")
-def readings_beside_the_bus(shop: Workshop) -> Submission:
-    """Amperes on the bus that the meter did not sign."""
-    return shop.charged(shop.charge.edited(OUTPUT, lambda s: with_fields(s, current=s.message.current * 1.2)))
-
-
-@forgery("readings", "signed reading")
-def power_that_is_not_volts_times_amperes(shop: Workshop) -> Submission:
-    """A meter that signs, and counts, a third more than its own volts times its own amperes."""
-    more = remetered(shop.charge, METER, lambda r: r.model_copy(update={"power_w": r.power_w * 1.33}))
-    return shop.charged(more)
-
-
-@forgery("register")
-def a_register_that_runs_ahead(shop: Workshop) -> Submission:
-    """Honest readings, and a register that adds up to a fifth more."""
-    return shop.charged(remetered(shop.charge, METER, register=1.2))
-
-
-@forgery("power")
-def more_than_the_dock_can_give(shop: Workshop) -> Submission:
-    """Five times the amperes, on the bus and in the meter's statements."""
-    take = shop.charge.edited(OUTPUT, lambda s: with_fields(s, current=s.message.current * 5))
-
-    def more(reading: MeterSample) -> MeterSample:
-        changes = {"current_a": reading.current_a * 5, "power_w": reading.power_w * 5}
-        return reading.model_copy(update=changes)
-
-    return shop.charged(remetered(take, METER, more))
-
-
-@forgery("charging_topics", GAUGE)
-def a_battery_that_says_nothing(shop: Workshop) -> Submission:
-    """No word of the battery that was charged."""
-    return shop.charged(shop.charge.without(GAUGE))
-
-
-@forgery("charging_topics", "fastest")
-def a_sped_up_charge(shop: Workshop) -> Submission:
-    """An hour's energy in half an hour."""
-    return shop.charged(at_pace(shop.charge, 2.0))
-
-
-@forgery("charging_gaps")
-def a_charge_with_a_hole(shop: Workshop) -> Submission:
-    """A fifth of the dock's readings left out at a stretch; the numbers show no gap."""
-    begin_s, end_s = middle_s(shop.charge, 0.3), middle_s(shop.charge, 0.5)
-    take = shop.charge.edited(OUTPUT, lambda s: None if begin_s < s.time_ns * 1e-9 < end_s else s)
-    return shop.charged(numbered(take, OUTPUT))
-
-
-@forgery("charging_missed")
-def readings_left_out(shop: Workshop) -> Submission:
-    """Every fifth reading of the battery left out."""
-    return shop.charged(shop.charge.edited(GAUGE, lambda s: None if s.sequence % 5 == 3 else s))
-
-
-@forgery("readings_signed")
-def readings_that_nobody_signed(shop: Workshop) -> Submission:
-    """The meter was switched off for the second half."""
-    half = len(shop.charge.of(STATED)) // 2
-    kept = shop.charge.of(STATED)[:half]
-    return shop.charged(shop.charge.edited(STATED, lambda s: s if s in kept else None))
-
-
-@forgery("energy", "unexplained")
-def energy_that_went_elsewhere(shop: Workshop) -> Submission:
-    """A battery that gained half of what was metered."""
-    start = shop.charge.of(GAUGE)[0].message.percentage
-
-    def half(sample: Sample) -> Sample:
-        return with_fields(sample, percentage=start + (sample.message.percentage - start) * 0.5)
-
-    return shop.charged(shop.charge.edited(GAUGE, half), params=_CHARGE | {"soc_target": 0.9})
-
-
-@forgery("robot_docked")
-def a_robot_that_was_not_there(shop: Workshop) -> Submission:
-    """Another load on the dock's contacts."""
-    return shop.charged(shop.charge.edited(GAUGE, lambda s: with_fields(s, voltage=s.message.voltage - 1.5)))
-
-
-@forgery("robot_docked")
-def a_robot_beside_the_dock(shop: Workshop) -> Submission:
-    """Motion capture saw the robot half a metre away."""
-    return shop.charged(shop.charge.edited(ROBOT_POSE, lambda s: displaced(s, x=0.5)))
-
-
-@forgery("target")
-def half_a_charge(shop: Workshop) -> Submission:
-    """Less than was ordered."""
-    return shop.charged(shop.charge, params=_CHARGE | {"soc_target": 1.0})
-
-
-@forgery("tariff")
-def overpriced_energy(shop: Workshop) -> Submission:
-    """A session that costs more than the dock's tariff says."""
-    return shop.charged(shop.charge, price_iec=shop.site.economy.charging_reward_iec + 1)
-
-
-_CHARGE = {"robot": "panther1", "dock": "dock1", "soc_from": 0.9, "soc_target": 0.95}
 
 
 def listed() -> str:

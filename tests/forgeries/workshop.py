@@ -20,7 +20,7 @@ from rodeo.config import Site
 from rodeo.evidence import Attestation, Binding, Store, attest
 from rodeo.lab.body import JOINTS
 from rodeo.lab.config import FurnitureConfig, Pose2
-from rodeo.metering import MeterSample, MeterStatement, energy_wh
+from rodeo.messages import Device
 from rodeo.ros2.types import new
 from services.oracle.case import Ledger
 from services.oracle.report import Report
@@ -37,6 +37,7 @@ from tests.support.recordings import (
     MOCAP_TOPIC,
     SIGNED,
     Sample,
+    Sides,
     Take,
     Witnesses,
     film_charging,
@@ -97,7 +98,7 @@ class Workshop:
             if other.id != ITEM:
                 film = film.without(f"mocap/{other.id}/pose")
         self.cleaning = film
-        self.charge = film_charging(site, METER, CHARGE_BINDING, soc=0.94)
+        self.charge = film_charging(site, soc=0.86)
 
     # -- submitting ------------------------------------------------------------------------------------
 
@@ -140,9 +141,20 @@ class Workshop:
         site = self.site.model_copy(update={"lab": lab})
         return Submission(self.cleaning_ledger(), self.honest_file(), site=site)
 
-    def charged(self, take: Take, *, device: LocalAccount = METER, **task: Any) -> Submission:
-        """`take` as proof of the charging task, sealed with the meter's key."""
-        return Submission(charging_ledger(self.charge, **task), self.sealed(take, CHARGE_BINDING, device))
+    def charged(
+        self,
+        take: Take,
+        *,
+        device: LocalAccount = METER,
+        sides: Sides | None = None,
+        devices: Callable[[Device], Device] = lambda device: device,
+        **task: Any,
+    ) -> Submission:
+        """`take` as proof of the charge, sealed with the meter's key. `devices` may change the registry."""
+        ledger = charging_ledger(self.charge, **task)
+        ledger = ledger.model_copy(update={"devices": [devices(one) for one in ledger.devices]})
+        witnesses = Witnesses(charge=sides or Sides())
+        return Submission(ledger, self.sealed(take, CHARGE_BINDING, device, witnesses))
 
     def cleaning_ledger(self, **task: Any) -> Ledger:
         return cleaning_ledger(self.cleaning, **({"params": PLACE} | task))
@@ -292,30 +304,6 @@ def restated(take: Take, account: LocalAccount, having: str, **changes: Any) -> 
         if having not in payload:
             return sample
         return replace(sample, message=attest(payload | changes, account).model_dump())
-
-    return take.edited(STATED, sign)
-
-
-def remetered(
-    take: Take,
-    account: LocalAccount,
-    edit: Callable[[MeterSample], MeterSample] = lambda reading: reading,
-    register: float = 1.0,
-) -> Take:
-    """The meter's statements, chained and signed anew by `account`, with readings as `edit` returns them and
-    a register that counts `register` times as much."""
-    readings: list[MeterSample] = []
-    last: list[MeterStatement] = []
-
-    def sign(sample: Sample) -> Sample:
-        old = MeterStatement.model_validate(sample.message["payload"])
-        new = [edit(reading) for reading in old.samples]
-        readings.extend(new)
-        fields = old.model_dump() | new[-1].model_dump()
-        fields |= {"earlier": new[:-1], "energy_wh": register * energy_wh(readings)}
-        fields["previous"] = last[-1].digest() if last else None
-        last.append(MeterStatement.model_validate(fields))
-        return replace(sample, message=attest(last[-1].model_dump(), account).model_dump())
 
     return take.edited(STATED, sign)
 

@@ -89,6 +89,8 @@ def everything(dao: Dao) -> Any:
                 ("soc_from", -0.1),
                 ("soc_target", 1.1),
                 ("soc_target", "0.9"),
+                ("energy_wh", 0),
+                ("energy_wh", None),
             )
         ),
         ("register_task", TASK | {"description": "x" * 2001}, "description"),

@@ -1,21 +1,30 @@
-"""The charger on a real router, chain and bridge; the test plays the dock, the battery and the clock."""
+"""The charger on a real router, chain and bridge; the test plays the dock, the battery and the clock.
+
+The robot signs with what its agent uses.
+"""
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from rodeo import topics, wallets
+from rodeo.clock import Clock
 from rodeo.dao import CHARGING, Participant
 from rodeo.evidence import Proof, Store, open_proof
 from rodeo.messages import PostVerdict, RegisterTask, Task
-from rodeo.metering import MeterStatement, chain_breaks
+from rodeo.metering import STEP_WH, unpack
 from rodeo.ros2 import Node
 from rodeo.ros2.types import new
+from rodeo.witness import MeterRecord, Receipt, parse
+from rodeo.witness.witness import Witness
+from services.charger.app import PROOF_SHARE
+from services.robot_agent.receipts import Receipts
 from tests.support.site import WAIT_S, RunningSite, write_site
 
 TICK_S = 0.001
@@ -23,6 +32,7 @@ TICK_S = 0.001
 SLOW_TICK_S = 0.05
 """The same while the processes have to keep up, which on a busy machine takes them wall time."""
 TARGET_SOC = 0.9
+ORDERED_WH = 400.0
 
 
 class Hardware:
@@ -34,6 +44,10 @@ class Hardware:
         self.soc = 0.5
         self.energy_wh = 0.0
         self.commands: list[bool] = []
+        self.gauge = 1.0
+        """What the robot's gauge makes of an ampere."""
+        self.malformed = False
+        """Whether it says what is no number."""
         self._time_ns = 1_800_000_000_000_000_000
         dock, robot = site.site.dock.name, site.site.robots[0]
         self._supply, self._battery = site.site.dock, robot.battery
@@ -44,6 +58,9 @@ class Hardware:
         node.service(topics.DOCK_ENABLE.name(dock=dock), topics.DOCK_ENABLE.type, self._enable)
         self._node = node
         self.fast = True
+        """While current flows, and before."""
+        self.hurry_until_s = 0.0
+        """Whatever happens until then."""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
@@ -51,31 +68,45 @@ class Hardware:
     def now_ns(self) -> int:
         return self._time_ns
 
+    def now_s(self) -> float:
+        return self._time_ns * 1e-9
+
+    @property
+    def _hurries(self) -> bool:
+        if self.now_s() < self.hurry_until_s:
+            return True
+        # What comes after a session, sealing and submitting, must not take half its window.
+        return self.fast and (self.closed or not self.commands) and self.soc < TARGET_SOC
+
     def _enable(self, request: Any) -> Any:
         self.closed = bool(request.data)
-        # What comes after a session, sealing and submitting, must not take half its window.
-        self.fast = self.fast and self.closed
         self.commands.append(self.closed)
         return new("std_srvs/srv/SetBool_Response", success=True)
 
     def _run(self) -> None:
         # At the target a second of lag must not overcharge the battery.
-        while not self._stop.wait(TICK_S if self.fast and self.soc < TARGET_SOC else SLOW_TICK_S):
+        while not self._stop.wait(TICK_S if self._hurries else SLOW_TICK_S):
             self._time_ns += 1_000_000_000
             open_circuit_v = 32 + 10 * self.soc
             current_a = 0.0
+            load_a = self._battery.idle_power_w / open_circuit_v
             if self.closed and self.docked:
                 headroom_a = (self._supply.voltage_v - open_circuit_v) / self._battery.resistance_ohm
-                current_a = min(self._supply.current_a, headroom_a)
-            voltage_v = open_circuit_v + current_a * self._battery.resistance_ohm
-            self.soc += current_a / 3600 / self._battery.capacity_ah
+                current_a = min(self._supply.current_a, headroom_a + load_a)
+            net_a = current_a - load_a
+            voltage_v = open_circuit_v + net_a * self._battery.resistance_ohm
+            if self.closed and self.docked:
+                self.soc += net_a / 3600 / self._battery.capacity_ah
             self.energy_wh += voltage_v * current_a / 3600
             sec, nanosec = divmod(self._time_ns, 1_000_000_000)
             stamp = new("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
             header = new("std_msgs/msg/Header", stamp=stamp)
             battery = "sensor_msgs/msg/BatteryState"
             self._clock.publish(new("rosgraph_msgs/msg/Clock", clock=stamp))
-            self._state.publish(new(battery, header=header, voltage=voltage_v, percentage=self.soc))
+            gauge_v = math.nan if self.malformed else voltage_v
+            self._state.publish(
+                new(battery, header=header, voltage=gauge_v, current=net_a * self.gauge, percentage=self.soc)
+            )
             self._output.publish(
                 new(battery, header=header, voltage=voltage_v, current=current_a, present=self.docked)
             )
@@ -91,6 +122,38 @@ class Hardware:
     def close(self) -> None:
         self._stop.set()
         self._thread.join()
+        self._node.close()
+
+
+class Buyer:
+    """The robot's computer, while it is on: it signs for what the meter of its task shows."""
+
+    def __init__(self, running: RunningSite, clock: Hardware) -> None:
+        site, bus, robot = running.site, running.bus, running.site.robots[0]
+        self._node = Node(bus.session, "robot", "", site.bus.domain_id, clock)
+        account = wallets.load(site, f"{robot.name}-device")
+        folder = site.data_dir / "robot"
+        self._witness = Witness(bus, site.org, robot.name, account, folder, "closed_bus")
+        self._receipts = Receipts(site, robot, self._witness, bus, self._node, cast(Clock, clock))
+        self._task: Task | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def begin(self, task: Task) -> None:
+        self._task = task
+
+    def _run(self) -> None:
+        while not self._stop.wait(0.2):
+            if self._task is not None:
+                self._receipts.begin(self._task)
+                self._receipts.remind()
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._receipts.close()
+        self._witness.close()
         self._node.close()
 
 
@@ -112,6 +175,7 @@ class Organization:
             "dock": "dock1",
             "soc_from": 0.5,
             "soc_target": TARGET_SOC,
+            "energy_wh": ORDERED_WH,
             **params,
         }
         request = RegisterTask.model_validate({
@@ -149,8 +213,26 @@ class Organization:
         return proof
 
 
-def statements(proof: Proof) -> list[MeterStatement]:
-    return [MeterStatement.model_validate(a.payload) for a in proof.attestations()]
+def records(proof: Proof) -> list[MeterRecord]:
+    said = (parse(one.payload) for one in proof.attestations())
+    return [one for one in said if isinstance(one, MeterRecord)]
+
+
+def receipts(proof: Proof) -> list[Receipt]:
+    said = (parse(one.payload) for one in proof.attestations())
+    return [one for one in said if isinstance(one, Receipt)]
+
+
+def readings(proof: Proof) -> list[float]:
+    """When they were read, s."""
+    return [time_s for one in records(proof) for time_s in unpack(one.since_ms, one.readings).time_s]
+
+
+def delivered_wh(proof: Proof) -> float:
+    """What both signed."""
+    said = records(proof)
+    assert len({one.begin_wh for one in said}) == 1
+    return max(one.register_wh for one in receipts(proof)) - said[0].begin_wh
 
 
 def session_end(proof: Proof) -> dict[str, Any]:
@@ -186,9 +268,17 @@ def dao(organization: tuple[Organization, list[Hardware]]) -> Organization:
 def hardware(organization: tuple[Organization, list[Hardware]]) -> Iterator[Hardware]:
     one = organization[1][0]
     one.docked, one.closed, one.soc, one.energy_wh, one.fast = False, False, 0.5, 0.0, False
+    one.gauge, one.malformed, one.hurry_until_s = 1.0, False, 0.0
     one.commands.clear()
     yield one
     one.fast = False
+
+
+@pytest.fixture
+def buyer(dao: Organization, hardware: Hardware) -> Iterator[Buyer]:
+    one = Buyer(dao.running, hardware)
+    yield one
+    one.close()
 
 
 @pytest.fixture(autouse=True)
@@ -198,21 +288,53 @@ def charger(dao: Organization, hardware: Hardware) -> Iterator[None]:
     yield
 
 
-def test_a_charge_is_delivered_metered_sealed_and_submitted(dao: Organization, hardware: Hardware) -> None:
-    task_id = dao.buy()
+def docked(dao: Organization, hardware: Hardware, buyer: Buyer | None, **params: Any) -> int:
+    """A robot that bought a charge stands on the dock and, if its computer is on, is charged."""
+    task_id = dao.buy(**params)
+    if buyer is not None:
+        buyer.begin(dao.robot.task(task_id))
     hardware.docked = True
-    hardware.wait_for_command(True)
+    if buyer is not None:
+        hardware.wait_for_command(True)
+    return task_id
+
+
+def hurry_to_the_window(dao: Organization, hardware: Hardware, task_id: int) -> None:
+    task = dao.wait_for(task_id, "assigned")
+    assert task.assigned is not None
+    hardware.hurry_until_s = task.assigned + (1 - PROOF_SHARE) * task.execution_window_s - 30
+
+
+def wait_until(dao: Organization, done: Callable[[], bool]) -> None:
+    for _ in range(int(WAIT_S * 20)):
+        if done():
+            return
+        dao._changed.wait(0.05)
+        dao._changed.clear()
+    raise AssertionError(dao.running.log("charger"))
+
+
+def test_a_charge_is_delivered_metered_countersigned_sealed_and_submitted(
+    dao: Organization, hardware: Hardware, buyer: Buyer
+) -> None:
+    task_id = docked(dao, hardware, buyer)
     hardware.fast = True
     proof = dao.proof_of(task_id)
-    assert hardware.commands == [True, False]
+    assert hardware.commands[-1] is False
     assert TARGET_SOC <= hardware.soc < TARGET_SOC + 0.02
-    said = statements(proof)
-    assert chain_breaks(said) == []
-    assert {(s.task_id, s.attempt, s.meter) for s in said} == {(task_id, 1, "dock1")}
-    assert said[-1].energy_wh == pytest.approx(hardware.energy_wh, rel=0.002)
-    times = [sample.time_s for statement in said for sample in statement.samples]
+    said = records(proof)
+    assert {(s.task_id, s.attempt, s.device, s.recording) for s in said} == {
+        (task_id, 1, "dock1", proof.recording)
+    }
+    assert [one.page for one in said] == list(range(1, len(said) + 1))
+    assert (said[0].reason, said[-1].reason) == ("opening", "close")
+    assert said[-1].register_wh - said[0].begin_wh == pytest.approx(hardware.energy_wh, rel=0.002)
+    signed = receipts(proof)
+    assert (signed[0].reason, signed[-1].reason) == ("opening", "close")
+    assert delivered_wh(proof) == said[-1].register_wh - said[0].begin_wh
+    assert any(head.chain == proof.recording for head in signed[0].heads)
+    times = readings(proof)
     assert all(after - before == pytest.approx(1.0) for before, after in pairwise(times))
-    assert len(times) == proof.count("/dock1/output")
     gained = proof.table("/panther1/battery_state", topics.BATTERY_STATE.type)["percentage"]
     assert gained[0] == pytest.approx(0.5, abs=0.01)
     assert gained[-1] >= 0.9
@@ -221,31 +343,89 @@ def test_a_charge_is_delivered_metered_sealed_and_submitted(dao: Organization, h
     assert session_end(proof)["reason"] == "target_reached"
 
 
-def test_a_charger_killed_while_charging_goes_on_and_its_proof_is_whole(
-    dao: Organization, hardware: Hardware
+def test_a_charger_killed_while_charging_goes_on_and_its_register_too(
+    dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:
-    task_id = dao.buy()
-    hardware.docked = True
-    hardware.wait_for_command(True)
+    task_id = docked(dao, hardware, buyer)
     hardware.fast = True
-    while hardware.soc < 0.6:
-        dao._changed.wait(0.05)
+    wait_until(dao, lambda: hardware.soc >= 0.6)
     hardware.fast = False
     dao.running.kill("charger")
     dao.running.start("charger")
     hardware.fast = True
     proof = dao.proof_of(task_id)
-    said = statements(proof)
-    assert chain_breaks(said) == []
-    times = [sample.time_s for statement in said for sample in statement.samples]
-    assert len(times) == proof.count("/dock1/output")
+    said = records(proof)
+    assert [one.page for one in said] == list(range(1, len(said) + 1))
+    assert said[0].begin_wh > 0, "the register of the session before"
+    times = readings(proof)
     gap_s = max(after - before for before, after in pairwise(times))
     assert gap_s > 5.0
-    unmetered_wh = gap_s * 42.0 * 10.0 / 3600
-    assert hardware.energy_wh - unmetered_wh - 2.0 < said[-1].energy_wh < hardware.energy_wh
+    unmetered_wh = gap_s * 42.0 * 11.5 / 3600
+    assert hardware.energy_wh - unmetered_wh - 2.0 < delivered_wh(proof) < hardware.energy_wh
     assert "recording_resumed" in {event.get("event") for event in proof.events()}
     assert session_end(proof)["reason"] == "target_reached"
     assert hardware.commands[-1] is False
+
+
+def test_a_robot_that_signs_nothing_gets_nothing(dao: Organization, hardware: Hardware) -> None:
+    task_id = docked(dao, hardware, None)
+    wait_until(dao, lambda: "awaiting_receipt" in dao.running.log("charger").split(f"[task {task_id}]")[-1])
+    hurry_to_the_window(dao, hardware, task_id)
+    proof = dao.proof_of(task_id)
+    assert session_end(proof)["reason"] == "deadline"
+    assert hardware.energy_wh == 0.0
+    assert True not in hardware.commands
+
+
+def test_a_robot_that_falls_silent_costs_the_seller_a_step_and_goes_on_when_it_is_back(
+    dao: Organization, hardware: Hardware, buyer: Buyer
+) -> None:
+    task_id = docked(dao, hardware, buyer)
+    wait_until(dao, lambda: hardware.energy_wh > 2 * STEP_WH)
+    buyer.close()
+    hardware.wait_for_command(False)
+    silent_wh = hardware.energy_wh
+    back = Buyer(dao.running, hardware)
+    try:
+        back.begin(dao.robot.task(task_id))
+        hardware.wait_for_command(True)
+        hardware.fast = True
+        proof = dao.proof_of(task_id)
+    finally:
+        back.close()
+    assert session_end(proof)["reason"] == "target_reached"
+    before = [one for one in receipts(proof) if one.register_wh - records(proof)[0].begin_wh <= silent_wh]
+    assert silent_wh - (before[-1].register_wh - records(proof)[0].begin_wh) < 1.5 * STEP_WH
+    assert delivered_wh(proof) == pytest.approx(hardware.energy_wh, rel=0.005)
+
+
+def test_a_gauge_that_lies_costs_the_seller_a_step_and_what_both_signed_is_what_was_delivered(
+    dao: Organization, hardware: Hardware, buyer: Buyer
+) -> None:
+    task_id = docked(dao, hardware, buyer)
+    wait_until(dao, lambda: hardware.energy_wh > 2 * STEP_WH)
+    hardware.gauge = 0.5
+    hardware.wait_for_command(False)
+    hurry_to_the_window(dao, hardware, task_id)
+    proof = dao.proof_of(task_id)
+    assert session_end(proof)["reason"] == "deadline"
+    assert hardware.energy_wh > 2 * STEP_WH
+    assert hardware.energy_wh - delivered_wh(proof) < 2 * STEP_WH
+
+
+def test_a_malformed_message_of_the_battery_is_left_out(
+    dao: Organization, hardware: Hardware, buyer: Buyer
+) -> None:
+    task_id = docked(dao, hardware, buyer)
+    wait_until(dao, lambda: hardware.energy_wh > STEP_WH)
+    hardware.malformed = True
+    dao._changed.wait(3 * SLOW_TICK_S)
+    hardware.malformed = False
+    hardware.fast = True
+    proof = dao.proof_of(task_id)
+    assert session_end(proof)["reason"] == "target_reached"
+    assert session_end(proof)["left_out"].get("message:not_a_number", 0) > 0
+    assert delivered_wh(proof) == pytest.approx(hardware.energy_wh, rel=0.005)
 
 
 def test_a_robot_that_never_comes_is_said_so_and_nothing_is_switched_on(
@@ -255,25 +435,34 @@ def test_a_robot_that_never_comes_is_said_so_and_nothing_is_switched_on(
     hardware.fast = True
     proof = dao.proof_of(task_id)
     assert session_end(proof)["reason"] == "no_robot"
-    assert statements(proof)[-1].energy_wh == 0.0
+    assert records(proof) == []
     assert True not in hardware.commands
 
 
 def test_a_robot_that_leaves_early_gets_a_proof_of_what_was_delivered(
-    dao: Organization, hardware: Hardware
+    dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:
-    task_id = dao.buy()
-    hardware.docked = True
-    hardware.wait_for_command(True)
-    while hardware.soc < 0.51:
-        dao._changed.wait(0.05)
+    task_id = docked(dao, hardware, buyer)
+    wait_until(dao, lambda: hardware.soc >= 0.51)
     hardware.docked = False
     hardware.wait_for_command(False)
     hardware.fast = True
     proof = dao.proof_of(task_id)
     assert session_end(proof)["reason"] == "robot_left"
-    assert statements(proof)[-1].energy_wh == pytest.approx(hardware.energy_wh, rel=0.02)
-    assert hardware.commands == [True, False, False]
+    assert session_end(proof)["closed_by_robot"]
+    assert delivered_wh(proof) == pytest.approx(hardware.energy_wh, rel=0.02)
+    assert hardware.commands[-1] is False
+
+
+def test_a_robot_with_another_charge_than_its_task_says_is_not_served(
+    dao: Organization, hardware: Hardware, buyer: Buyer
+) -> None:
+    task_id = dao.buy(soc_from=0.2)
+    buyer.begin(dao.robot.task(task_id))
+    hardware.docked = True
+    proof = dao.proof_of(task_id)
+    assert session_end(proof)["reason"] == "other_charge"
+    assert True not in hardware.commands
 
 
 def test_a_task_for_another_dock_is_refused_on_record(dao: Organization, hardware: Hardware) -> None:

@@ -92,6 +92,10 @@ def cleaning_ledger(take: Take, params: dict[str, Any] | None = None, **task: An
     return ledger(take, CLEANING, params or {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}, **task)
 
 
+ORDERED_WH = 100.0
+
+
 def charging_ledger(take: Take, params: dict[str, Any] | None = None, **task: Any) -> Ledger:
-    wanted = {"robot": "panther1", "dock": "dock1", "soc_from": 0.5, "soc_target": 0.95}
-    return ledger(take, CHARGING, params or wanted, **task)
+    """Ordered from 86 % on, unless `params` say otherwise."""
+    ordered = {"robot": "panther1", "dock": "dock1", "soc_from": 0.86, "soc_target": 0.95}
+    return ledger(take, CHARGING, ordered | {"energy_wh": ORDERED_WH} | (params or {}), **task)

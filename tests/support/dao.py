@@ -16,7 +16,7 @@ from tests.support.clock import publish_clock
 from tests.support.site import WAIT_S, RunningSite
 
 PARAMS = {"item_id": "item1", "x_m": 1.0, "y_m": 2.0}
-CHARGING = {"robot": "panther1", "dock": "dock1", "soc_from": 0.5, "soc_target": 0.95}
+CHARGING = {"robot": "panther1", "dock": "dock1", "soc_from": 0.5, "soc_target": 0.95, "energy_wh": 421.0}
 
 
 class Dao:

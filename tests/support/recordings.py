@@ -25,14 +25,14 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from rodeo import topics
 from rodeo.config import Site
-from rodeo.evidence import Attestation, Binding, SealedProof, attest
+from rodeo.evidence import Attestation, Binding, SealedProof
 from rodeo.evidence.recorder import _Entry, _SealedFile
 from rodeo.evidence.seal import SealChain
 from rodeo.lab.body import JOINTS, Body, Twist2
 from rodeo.lab.config import Pose2, gripper_body
-from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, dock_parking, wrap
+from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, wrap
 from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, build_world
-from rodeo.metering import MeterSample, MeterStatement, segment_wh
+from rodeo.metering import Reading
 from rodeo.ros2.types import STORE, new, serialize
 from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo.witness import (
@@ -44,22 +44,24 @@ from rodeo.witness import (
     Header,
     Inputs,
     Journal,
+    MeterRecord,
     Motion,
     Presentation,
+    Receipt,
     Removal,
     Scope,
     WitnessChain,
     motion,
 )
 from rodeo.witness.statement import digest
+from services.charger.meter import Meter
 from services.robot_sim.battery import Battery, Supply
-from tests.support.assignments import BIN, BINDING, MOCAP, ROBOT
+from tests.support.assignments import BIN, BINDING, METER, MOCAP, ROBOT
 from tests.support.operator import READY_RAD, Operator
 
 RENDERINGS = Path(__file__).parents[1] / "unit" / "services" / "itrash" / "renderings"
 START_NS = 1_900_000_000 * 10**9
 ODOMETRY, JOINTS_TYPE = "nav_msgs/msg/Odometry", "sensor_msgs/msg/JointState"
-METER_STATEMENT_SAMPLES = 10
 CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 CONTROLLER_FRAMES = 5
 POSE, BATTERY = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/BatteryState"
@@ -132,6 +134,34 @@ _NOTHING = "0x" + "00" * 32
 _KEEP: Callable[[Attestation], Attestation | None] = lambda attestation: attestation  # noqa: E731
 
 
+METER_RECORD, ROBOT_RECEIPT = "meter/record", "robot/receipt"
+"""Of what meter and robot sign of a charge: such a sample's message is the statement without its header."""
+CHARGE_SIGNED: dict[str, type[Header]] = {METER_RECORD: MeterRecord, ROBOT_RECEIPT: Receipt}
+REGISTER_WH = 12_345.0
+"""Where a meter stands that delivered before."""
+
+
+@dataclass(frozen=True)
+class Sides:
+    """Who signs what happened while a charge is recorded.
+
+    `fields` may change what one of them signs: it gets the model and the fields, and returns them or None.
+    `keep` is what the recorder makes of each statement.
+    """
+
+    meter: LocalAccount = METER
+    robot: LocalAccount = ROBOT
+    meter_name: str = "dock1"
+    robot_name: str = "panther1"
+    inputs: Inputs = "closed_bus"
+    recording: str | None = None
+    """Digest of the recording that they were about, if another than this one."""
+    hears: bool = True
+    """Whether the robot hears the recording's heads."""
+    fields: Callable[[type[Header], dict[str, Any]], dict[str, Any] | None] = lambda _model, fields: fields
+    keep: Callable[[Attestation], Attestation | None] = lambda attestation: attestation
+
+
 @dataclass(frozen=True)
 class Witnesses:
     """Who signs what was felt while a take is recorded."""
@@ -154,6 +184,8 @@ class Witnesses:
     """From then on they heard heads of another version of it."""
     ago_s: float = 0.0
     """By how much the witnesses' times are earlier than those of the recording: it is of then."""
+    charge: Sides = field(default_factory=Sides)
+    """Of a charge: meter and robot."""
 
 
 class _Memory:
@@ -267,11 +299,74 @@ class _Scene:
         return self._witnesses.edit(attestation)
 
 
+class ChargeScene:
+    """Meter and robot of one recorded charge."""
+
+    def __init__(self, sides: Sides, binding: Binding, recording: str) -> None:
+        self._sides, self._binding, self._recording = sides, binding, recording
+        scope = Scope(
+            chain_id=binding.chain_id, task_manager=binding.task_manager, organization=binding.organization
+        )
+        self._chains: dict[type[Header], WitnessChain] = {
+            model: WitnessChain(name, account, scope, sides.inputs, cast(Journal, _Memory()), HeadBook())
+            for model, name, account in (
+                (MeterRecord, sides.meter_name, sides.meter),
+                (Receipt, sides.robot_name, sides.robot),
+            )
+        }
+        self._record: Attestation | None = None
+        if sides.hears:
+            opening = Head(
+                device=binding.device, address=sides.meter.address, chain=recording, index=0, digest=recording
+            )
+            self._chains[Receipt].heads.hear(opening)
+
+    def sign(self, sample: Sample) -> Attestation | None:
+        """What is recorded of it, if anything."""
+        model, binding = CHARGE_SIGNED[sample.topic], self._binding
+        fields: dict[str, Any] = {
+            "task_id": binding.task_id,
+            "attempt": binding.attempt,
+            "recording": self._sides.recording or self._recording,
+        }
+        if model is Receipt:
+            if self._record is None:
+                return None
+            record = self._record.payload
+            fields |= {name: record[name] for name in ("task_id", "attempt", "recording", *_COUNTED)} | {
+                "meter": record["device"],
+                "meter_address": self._record.signer,
+                "record": digest(self._record),
+            }
+        changed = self._sides.fields(model, fields | sample.message)
+        if changed is None:
+            return None
+        chain = self._chains[model]
+        signed = chain.sign(model, changed.pop("time_s", sample.time_ns * 1e-9), **changed)
+        if model is MeterRecord:
+            self._record = signed
+        other = self._chains[Receipt if model is MeterRecord else MeterRecord]
+        other.heads.hear(
+            Head(
+                device=chain.device,
+                address=chain.address,
+                chain=None,
+                index=int(signed.payload["seq"]),
+                digest=digest(signed),
+            )
+        )
+        return self._sides.keep(signed)
+
+
+_COUNTED = ("begin_wh", "register_wh")
+
+
 def recorded(
     take: Take, binding: Binding, witnesses: Witnesses, address: str, site_bin: str
 ) -> Generator[Sample, bytes | None, None]:
     """What a recorder hears, in order. It is sent each seal's bytes, the opening one first."""
     scene = _Scene(take, binding, witnesses, site_bin)
+    charge: ChargeScene | None = None
 
     def out(sample: Sample) -> Generator[Sample, bytes | None, None]:
         data = yield sample
@@ -293,6 +388,9 @@ def recorded(
             scene.see(sample, found["body"])
         elif sample.topic in SIGNED:
             yield from say(scene.sign(sample), sample.time_ns)
+        elif sample.topic in CHARGE_SIGNED:
+            charge = charge or ChargeScene(witnesses.charge, binding, scene.recording)
+            yield from say(charge.sign(sample), sample.time_ns)
         else:
             yield from out(sample)
     yield from say(scene.tick(now_ns, last=True), now_ns)
@@ -667,18 +765,30 @@ def moved(sample: Sample, **changes: float) -> Sample:
     )
 
 
-def film_charging(site: Site, meter_account: LocalAccount, binding: Binding, *, soc: float = 0.5) -> Take:
-    """A robot on the dock from `soc` to 96 %: constant current, then constant voltage, sampled at 1 Hz."""
+def film_charging(site: Site, *, soc: float = 0.5, register_wh: float = REGISTER_WH) -> Take:
+    """A robot on the dock from `soc` to 96 %: constant current, then constant voltage, sampled at 1 Hz.
+
+    What meter and robot sign is signed by `seal`, which knows the recording that it is about.
+    """
     dock, robot = site.dock, site.robots[0]
-    parked = dock_parking(dock)
     battery, supply = Battery(robot.battery, soc), Supply(dock)
+    meter = Meter(register_wh)
     supply.enable(True)
     samples: list[Sample] = []
-    statement: MeterStatement | None = None
-    earlier: list[MeterSample] = []
-    metered_wh, seconds, last = 0.0, 0, None
+    seconds = 0
+
+    def record(reason: str, now_ns: int) -> None:
+        contactor = "closed" if reason == "step" else "open"
+        fields = meter.record() | {"reason": reason, "contactor": contactor, "soc": battery.soc}
+        samples.append(Sample(METER_RECORD, "", fields | {"robot": robot.name}, now_ns))
+        signed_as = reason if reason in ("opening", "close") else "step"
+        samples.append(Sample(ROBOT_RECEIPT, "", {"soc": battery.soc, "reason": signed_as}, now_ns))
+
     while battery.soc < 0.96:
         now_ns = START_NS + seconds * 10**9
+        if seconds == 0:
+            meter.reading(Reading((now_ns - 10**9) * 1e-9, battery.voltage_v, 0.0))
+            record("opening", now_ns)
         current_a = supply.deliver(battery, robot.battery.idle_power_w)
         battery.step(robot.battery.idle_power_w, current_a, 1.0)
         terminal_v = supply.voltage_v
@@ -693,7 +803,7 @@ def film_charging(site: Site, meter_account: LocalAccount, binding: Binding, *, 
         gauge = new(
             BATTERY,
             voltage=terminal_v,
-            current=current_a,
+            current=battery.current_a,
             power_supply_status=1,
             present=True,
             percentage=battery.soc,
@@ -701,30 +811,9 @@ def film_charging(site: Site, meter_account: LocalAccount, binding: Binding, *, 
         )
         samples.append(Sample(f"{dock.name}/output", BATTERY, stamp(output, now_ns), now_ns, seconds))
         samples.append(Sample(f"{robot.name}/battery_state", BATTERY, stamp(gauge, now_ns), now_ns, seconds))
-        pose = new(POSE)
-        pose.pose.position.x, pose.pose.position.y = parked.x_m, parked.y_m
-        pose.pose.orientation.z = math.sin(parked.yaw_rad / 2)
-        pose.pose.orientation.w = math.cos(parked.yaw_rad / 2)
-        samples.append(Sample(f"mocap/{robot.name}/pose", POSE, stamp(pose, now_ns), now_ns, 50 * seconds))
-        reading = MeterSample(
-            time_s=now_ns * 1e-9, voltage_v=terminal_v, current_a=current_a, power_w=terminal_v * current_a
-        )
-        metered_wh += segment_wh(last, reading) if last else 0.0
-        last = reading
-        earlier.append(reading)
-        if len(earlier) == METER_STATEMENT_SAMPLES:
-            statement = MeterStatement(
-                **earlier.pop().model_dump(),
-                meter=dock.name,
-                task_id=binding.task_id,
-                attempt=binding.attempt,
-                seq=statement.seq + 1 if statement else 1,
-                previous=statement.digest() if statement else None,
-                earlier=earlier,
-                energy_wh=metered_wh,
-            )
-            attested = attest(statement.model_dump(), meter_account).model_dump()
-            samples.append(Sample("rodeo/attestation", "", attested, now_ns))
-            earlier = []
+        meter.reading(Reading(now_ns * 1e-9, terminal_v, current_a))
+        if meter.due:
+            record("step", now_ns)
         seconds += 1
+    record("close", START_NS + (seconds - 1) * 10**9)
     return Take(samples)

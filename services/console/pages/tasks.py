@@ -13,6 +13,7 @@ from urllib.parse import urlencode
 from nicegui import ui
 
 from rodeo.bus import decode_json, validate
+from rodeo.charging import order_wh
 from rodeo.dao import CHARGING, CLEANING
 from rodeo.errors import InvalidRequest, MalformedJson, QueryTimeout, RodeoError
 from rodeo.messages import RegisterTask, Task
@@ -323,12 +324,17 @@ class PostForm:
         if self.kind.value == CLEANING:
             params = {"item_id": self.item.value, "x_m": self.x.value, "y_m": self.y.value}
         elif self.kind.value == CHARGING:
+            site = self._console.site
+            soc_from, soc_target = (self.soc_from.value or 0) / 100, (self.soc_target.value or 0) / 100
             params = {
                 "robot": self.robot.value,
-                "dock": self._console.site.dock.name,
-                "soc_from": (self.soc_from.value or 0) / 100,
-                "soc_target": (self.soc_target.value or 0) / 100,
+                "dock": site.dock.name,
+                "soc_from": soc_from,
+                "soc_target": soc_target,
             }
+            if self.robot.value is not None:
+                battery = site.robot(self.robot.value).battery
+                params["energy_wh"] = order_wh(battery, site.dock, soc_from, soc_target)
         else:
             params = decode_json((self.params.value or "{}").encode())
         request: Json = {

@@ -68,11 +68,11 @@ CHECKS: dict[str, tuple[Stage, ...]] = {
     CHARGING: (
         PROVENANCE,
         (completeness.in_order, completeness.tallied),
-        (completeness.charging_topics,),
-        (completeness.charging_gaps, completeness.charging_missed),
-        (charging.meter_chain,),
-        (charging.readings, charging.readings_signed, charging.register),
-        (charging.robot_docked, charging.power, charging.energy, charging.target, charging.tariff),
+        (charging.same_names,),
+        (charging.both_signed,),
+        (charging.in_sequence, charging.fresh, charging.power, charging.soc_from, charging.tariff),
+        (charging.delivered,),
+        (charging.gauge,),
         (provenance.sealed,),
     ),
 }

@@ -1,208 +1,230 @@
-"""Did the energy that the meter counted go into the robot's battery?"""
+"""What did the dock deliver, by what its meter recorded and the robot signed for?
+
+Both sides signed the same register: what they agreed on is paid. Gauge, balance and target inform people and
+refuse nothing, so that neither a lying gauge nor a malformed message costs the seller what it delivered.
+"""
+
+from __future__ import annotations
+
+import math
+from fractions import Fraction
+from itertools import pairwise
 
 import numpy as np
 
-from rodeo.evidence.series import Array, Table
-from rodeo.lab.config import Pose2
-from rodeo.lab.layout import on_contacts
-from rodeo.metering import MAX_GAP_S, MeterSample, chain_breaks, energy_wh
-from rodeo.topics import BATTERY_STATE, DOCK_OUTPUT
-from services.oracle.case import Case, CaseError, increasing
-from services.oracle.report import Finding, at_least, at_most, equal, skipped
+from rodeo.chain.types import from_wei, to_wei
+from rodeo.charging import SOC_SLACK, SOC_USED, ChargingParams
+from rodeo.evidence import EvidenceError
+from rodeo.metering import METER_CLASS
+from rodeo.topics import BATTERY_STATE
+from rodeo.witness import Head, Receipt
+from services.oracle.case import Case, CaseError
+from services.oracle.charge import names
+from services.oracle.report import Finding, at_least, at_most, equal, skipped, undecided
+from services.oracle.statements import Testimony
 
-DELIVERING_A = 0.1
-"""Less current than this is the meter's noise."""
-METER_CLASS = 0.02
-"""Class 2 metering: readings within 2 %."""
-SIGNED_SHARE = 0.98
-"""Of the readings; the last few may come after the meter's last word."""
-SAME_TIME_S = 1e-3
-REGISTER_SHARE = 0.001
-"""A register and its readings are the same sum."""
-REST_GAP_S = 12.0
-"""Motion capture signs a body at rest every ten seconds."""
-DOCKED_SHARE = 0.98
-"""Of the time that current flows; the dock and the battery do not switch in the same instant."""
-BALANCE_SHARE = 0.05
-"""Of the metered charge that may be left unexplained: meter class, gauge resolution, coulombic losses."""
-TARGET_SLACK = 0.02
-"""Of the state of charge; what a battery gauge resolves."""
+PAGES_SHARE = 0.85
+"""Of the meter's pages: one may be lost, and registers are absolute."""
+
+_BOTH = "statements of meter and robot"
+_NO_CHAIN = "no chain to compare with"
 
 
-def meter_chain(case: Case) -> Finding:
-    """The meter's signed statements are whole and of this assignment."""
-    statements, binding = case.meter_statements, case.proof.binding
-    foreign = [
-        s.seq for s in statements if binding and (s.task_id, s.attempt) != (binding.task_id, binding.attempt)
-    ]
-    broken = chain_breaks(statements)
+def same_names(case: Case) -> Finding:
+    """Meter, dock and robot are the task's and this site's, and the meter that is paid for sealed it."""
+    if case.ledger is None:
+        return skipped(_NO_CHAIN)
+    who, signer = names(case), (case.proof.signer or "").lower()
+    devices = {device.address.lower(): device.name for device in case.ledger.devices}
+    robots = [robot.name for robot in case.site.robots]
+    robot = who.robot if who.robot in robots else f"not {who.robot}"
+    found = f"dock {case.site.dock.name}, meter {devices.get(signer)}, robot {robot}"
     return equal(
-        f"{len(broken)} breaks, {len(foreign)} of another task",
-        "0 breaks, 0 of another task",
-        source="the meter's signed statements",
-        detail=f"in {len(statements)} statements",
+        found,
+        f"dock {who.meter}, meter {who.meter}, robot {who.robot}",
+        source="the task and the device registry on chain",
+        detail="who takes part",
     )
 
 
-def readings(case: Case) -> Finding:
-    """Every signed reading is consistent in itself and with the one on the bus, share of full scale."""
-    table, time_s, volt, ampere = _output(case)
-    signed = np.array([(s.time_s, s.voltage_v, s.current_a, s.power_w) for s in _samples(case)])
-    if not (np.diff(signed[:, 0]) > 0).all():
-        raise CaseError("signed readings go back in time", topic=table.topic)
-    dock = case.site.dock
-    nearest = np.clip(np.searchsorted(time_s, signed[:, 0] - 1e-3), 0, len(time_s) - 1)
-    off = max(
-        float(np.abs(signed[:, 1] - volt[nearest]).max()) / dock.voltage_v,
-        float(np.abs(signed[:, 2] - ampere[nearest]).max()) / dock.current_a,
-        float(np.abs(signed[:, 1] * signed[:, 2] - signed[:, 3]).max()) / (dock.voltage_v * dock.current_a),
-    )
-    return at_most(
-        off, METER_CLASS, "", source="class 2 metering", detail="largest error of a signed reading"
-    )
+def both_signed(case: Case) -> Finding:
+    """The task's robot signed for what the task's meter recorded of this very session."""
+    charge, who = case.charge, names(case)
+    if charge.meter is None:
+        raise CaseError("nothing signed by the task's meter is in the recording", meter=who.meter)
+    if charge.robot is None:
+        raise CaseError("nothing signed by the task's robot is in the recording", robot=who.robot)
+    for side in (charge.meter, charge.robot):
+        if side.twice is not None:
+            detail = f"{side.address} signed two different statements with number {side.twice}"
+            return undecided(detail, f"the device {side.said[0].statement.device}", source=_BOTH)
+    if not charge.records:
+        raise CaseError("nothing that the meter signed is of this recording", meter=who.meter)
+    if not charge.signed:
+        raise CaseError("the robot signed for nothing of this recording", robot=who.robot)
+    if all(_open(side) for side in (charge.meter, charge.robot)):
+        return undecided(
+            "meter and robot both heard their readings over an open bus, where anybody may have said them",
+            "the site",
+            source="`inputs` of their statements",
+        )
+    return at_least(len(charge.signed), 1, "", source=_BOTH, detail="registers that both signed")
 
 
-def readings_signed(case: Case) -> Finding:
-    """Share of the readings on the bus, while current flowed, that the meter signed."""
-    _, time_s, _, ampere = _output(case)
-    flowing = time_s[ampere > DELIVERING_A]
-    if not len(flowing):
-        raise CaseError("the meter never saw a current")
-    signed_s = np.array([sample.time_s for sample in _samples(case)])
-    nearest = np.clip(np.searchsorted(signed_s, flowing - SAME_TIME_S), 0, len(signed_s) - 1)
+def in_sequence(case: Case) -> Finding:
+    """Pages of the meter are there, none twice; the register never falls."""
+    records = case.charge.records
+    pages = [record.page for record in records]
+    if len(set(pages)) != len(pages) or sorted(pages) != pages:
+        return equal("twice or out of order", "in order", source=_BOTH, detail="pages of the meter")
+    if len({record.begin_wh for record in records}) != 1:
+        return equal("several", "one", source=_BOTH, detail="registers at which the session opened")
+    registers = np.array([records[0].begin_wh, *(record.register_wh for record in records)])
+    if (np.diff(registers) < 0).any():
+        return equal("falls", "rises", source=_BOTH, detail="the meter's register")
     return at_least(
-        float((np.abs(signed_s[nearest] - flowing) <= SAME_TIME_S).mean()),
-        SIGNED_SHARE,
+        len(pages) / pages[-1],
+        PAGES_SHARE,
         "",
-        source="the meter signs every reading",
-        detail="share of the readings that is signed",
+        source=_BOTH,
+        detail=f"share of {pages[-1]} pages of the meter that are here",
     )
 
 
-def register(case: Case) -> Finding:
-    """The meter's register is the integral of its signed readings."""
-    claimed, integrated = case.meter_statements[-1].energy_wh, energy_wh(_samples(case))
-    if integrated <= 0:
-        raise CaseError("the meter counted no energy", energy_wh=integrated)
+def fresh(case: Case) -> Finding:
+    """The robot heard this recording begin before it signed for anything of it."""
+    charge, digests, own = case.charge, case.proof.seal_digests, (case.proof.signer or "").lower()
+    if not case.proof.sealed:
+        return skipped("a bag has no heads that others could list")
+    heads = [
+        head
+        for receipt in charge.receipts
+        for head in receipt.heads
+        if head.address.lower() == own and head.chain == case.proof.recording
+    ]
+    resumed = any(event.get("event") == "recording_resumed" for event in case.events)
+    forks = [one for one in heads if one.index >= len(digests) or digests[one.index] != one.digest]
+    if forks and not resumed:
+        return equal(
+            f"seal {forks[0].index} {forks[0].digest[:18]}",
+            None,
+            source="heads that the robot lists",
+            detail="a seal of this recording that the file does not have",
+        )
+    first = min((receipt.seq for receipt in charge.receipts if _lists(receipt, heads)), default=None)
+    if first is None:
+        raise CaseError("no receipt of the robot lists this recording")
+    last = max(receipt.seq for receipt in charge.receipts)
     return at_most(
-        abs(claimed - integrated) / integrated,
-        REGISTER_SHARE,
+        first,
+        last,
         "",
-        source="integral of the signed readings",
-        detail=f"register at {claimed:.1f} Wh, integral {integrated:.1f} Wh, apart by",
+        source="the robot's chain",
+        detail="number of its first receipt that lists this recording, of its last",
     )
-
-
-def robot_docked(case: Case) -> Finding:
-    """While current flowed, the robot was on the contacts: its battery had the terminals' voltage, and motion
-    capture, where there is one, saw it there."""
-    _, time_s, volt, ampere = _output(case)
-    flowing = time_s[ampere > DELIVERING_A]
-    if not len(flowing):
-        raise CaseError("the meter never saw a current")
-    # Only what is connected has the voltage of the terminals.
-    battery = case.table(BATTERY_STATE, ns=case.robot.namespace)
-    times = increasing(battery)
-    connected = np.abs(battery["voltage"] - np.interp(times, time_s, volt))
-    docked = _at(flowing, times, connected <= METER_CLASS * case.site.dock.voltage_v)
-    source = "voltage of the robot's battery (weaker: the site has no motion capture)"
-    if case.site.lab.mocap:
-        pose = case.pose(case.robot.name)
-        standing = [
-            on_contacts(case.site.dock, Pose2.model_construct(x_m=x, y_m=y, yaw_rad=yaw))
-            for (x, y, _), yaw in zip(pose.position_m.tolist(), pose.yaw_rad.tolist(), strict=True)
-        ]
-        docked = docked & _at(flowing, pose.time_s, np.array(standing), REST_GAP_S)
-        source = "motion capture of the robot and voltage of its battery"
-    return at_least(
-        float(docked.mean()),
-        DOCKED_SHARE,
-        "",
-        source=source,
-        detail="share of the charging time that the robot is docked",
-    )
-
-
-def _at(moments_s: Array, time_s: Array, values: Array, silence_s: float = MAX_GAP_S) -> Array:
-    """`values`, one per `time_s`, at each moment: of the first that is not earlier; False after a silence."""
-    nearest = np.clip(np.searchsorted(time_s, moments_s), 0, len(time_s) - 1)
-    return np.asarray(values[nearest] & (np.abs(time_s[nearest] - moments_s) <= silence_s))
 
 
 def power(case: Case) -> Finding:
-    """The dock never gave more than it can."""
-    _, _, volt, ampere = _output(case)
-    dock = case.site.dock
+    """The dock never gave more than it can, by its readings or by its register."""
+    dock, charge = case.site.dock, case.charge
+    readings = charge.readings()
+    highest_w = float(readings.power_w.max()) if len(readings.time_s) else 0.0
+    mean_w = 0.0
+    for before, after in pairwise(charge.records):
+        hours, wh = (after.until_s - before.until_s) / 3600, after.register_wh - before.register_wh
+        if wh > 0:
+            mean_w = max(mean_w, wh / hours if hours > 0 else math.inf)
     return at_most(
-        float((volt * ampere).max()),
+        max(highest_w, mean_w),
         dock.voltage_v * dock.current_a * (1 + METER_CLASS),
         "W",
         source="the dock's voltage and current limits",
-        detail="highest power",
+        detail="highest power, by the readings or by the register",
     )
 
 
-def energy(case: Case) -> Finding:
-    """The charge that the meter counted is what the battery gained and the robot consumed meanwhile.
-
-    Charge, not energy, is what a Li-ion pack keeps: hardly any of it is lost, at any voltage.
-    """
-    samples = np.array([(s.time_s, s.voltage_v, s.current_a) for s in _samples(case)])
-    seconds = np.diff(samples[:, 0])
-    seconds[seconds > MAX_GAP_S] = 0.0
-    metered_ah = float(((samples[1:, 2] + samples[:-1, 2]) / 2 * seconds).sum()) / 3600
-    if metered_ah <= 0:
-        raise CaseError("the meter counted no charge", charge_ah=metered_ah)
-    gauge = case.table(BATTERY_STATE, ns=case.robot.namespace)
-    soc, time_s = gauge["percentage"].astype(float), increasing(gauge)
-    battery = case.robot.battery
-    gained_ah = float(soc[-1] - soc[0]) * battery.capacity_ah
-    idle_ah = battery.idle_power_w * float(np.trapezoid(1 / gauge["voltage"].astype(float), time_s)) / 3600
-    arm_ah = idle_ah * battery.arm_power_w / battery.idle_power_w
-    least_ah, most_ah = gained_ah + idle_ah, gained_ah + idle_ah + arm_ah
-    return at_most(
-        max(least_ah - metered_ah, metered_ah - most_ah, 0.0) / metered_ah,
-        BALANCE_SHARE,
-        "",
-        source="the robot's battery and consumption",
-        detail=f"unexplained of {metered_ah:.2f} Ah, with {gained_ah:.2f} gained, "
-        f"{idle_ah:.2f} to {idle_ah + arm_ah:.2f} consumed",
-    )
-
-
-def target(case: Case) -> Finding:
-    """The battery ends where the task asked for."""
-    reached = float(case.table(BATTERY_STATE, ns=case.robot.namespace)["percentage"][-1])
+def soc_from(case: Case) -> Finding:
+    """The robot began at the state of charge that its task says."""
     if case.ledger is None:
-        wanted, source = case.site.agent.charge_target, "the site file"
-    else:
-        wanted, source = float(case.ledger.task.params["soc_target"]), "the task"
-    return at_least(reached, wanted - TARGET_SLACK, "", source=source, detail="state of charge at the end")
+        return skipped(_NO_CHAIN)
+    params, opening = _params(case), min(case.charge.receipts, key=lambda one: one.seq)
+    return Finding(
+        passed=params.begins_at(opening.soc),
+        measured=opening.soc,
+        limit=f"{params.soc_from - SOC_USED:.2f} to {params.soc_from + SOC_SLACK:.2f}",
+        source="the task and the robot's opening receipt",
+        detail="state of charge at the beginning",
+    )
+
+
+def delivered(case: Case) -> Finding:
+    """What both signed was delivered; a complete session earns the price, an incomplete one its share."""
+    charge, source = case.charge, _BOTH
+    if not charge.delivered_wh > 0:
+        raise CaseError("nothing was delivered that both signed", register_wh=charge.begin_wh)
+    wh = round(charge.delivered_wh, 1)
+    if case.ledger is None or (price := case.ledger.task.price_iec) is None:
+        return Finding(passed=True, measured=wh, unit="Wh", source=source, detail="energy that both signed")
+    params = _params(case)
+    if params.complete(charge.delivered_wh, charge.closing_soc):
+        detail = f"energy that both signed, of {params.energy_wh:.1f} Wh ordered: complete, the price is due"
+        return Finding(passed=True, measured=wh, unit="Wh", source=source, detail=detail)
+    # In whole wei, rounded down.
+    share = Fraction(charge.delivered_wh) / Fraction(params.energy_wh)
+    case.amount_iec = from_wei(math.floor(to_wei(price) * share))
+    return Finding(
+        passed=case.amount_iec > 0,
+        measured=wh,
+        unit="Wh",
+        source=source,
+        detail=f"energy that both signed, of {params.energy_wh:.1f} Wh ordered: "
+        f"{case.amount_iec:f} of {price:f} IEC are due",
+    )
 
 
 def tariff(case: Case) -> Finding:
     """The seller is paid no more for a session than its tariff says, whatever the buyer put into escrow."""
     price = case.ledger.task.price_iec if case.ledger else None
     if price is None:
-        return skipped("no chain to compare with")
-    delivered_kwh = case.meter_statements[-1].energy_wh / 1000
+        return skipped(_NO_CHAIN)
     return at_most(
         float(price),
         float(case.site.economy.charging_reward_iec),
         "IEC",
         source="the site's economy.charging_reward_iec",
-        detail=f"price of the session, in which {delivered_kwh:.3f} kWh were delivered",
+        detail="price of the session",
     )
 
 
-def _samples(case: Case) -> list[MeterSample]:
-    return [sample for statement in case.meter_statements for sample in statement.samples]
+def gauge(case: Case) -> Finding:
+    """What the recorded battery says of it, for people to see; it refuses nothing."""
+    try:
+        table = case.proof.table("/" + BATTERY_STATE.name(ns=case.robot.namespace), BATTERY_STATE.type)
+        soc = table["percentage"].astype(float)
+    except (EvidenceError, KeyError, ValueError) as error:
+        return skipped(f"the robot's battery is not on record: {error}")
+    soc = soc[np.isfinite(soc)]
+    if not len(soc):
+        return skipped("the robot's battery is not on record")
+    gained_wh = float(soc[-1] - soc[0]) * case.robot.battery.capacity_wh
+    return Finding(
+        passed=None,
+        measured=round(gained_wh, 1),
+        unit="Wh",
+        source="the robot's battery on record, which refuses nothing",
+        detail=f"gained by its gauge, from {soc[0]:.0%} to {soc[-1]:.0%}, "
+        f"where both signed {case.charge.delivered_wh:.1f} Wh",
+    )
 
 
-def _output(case: Case) -> tuple[Table, Array, Array, Array]:
-    """Table, times, volts and amperes at the dock's terminals."""
-    table = case.table(DOCK_OUTPUT, dock=case.site.dock.name)
-    volt, ampere = table["voltage"].astype(float), table["current"].astype(float)
-    if not (np.isfinite(volt).all() and np.isfinite(ampere).all()):
-        raise CaseError("a reading of the meter is not a number", topic=table.topic)
-    return table, increasing(table), volt, ampere
+def _params(case: Case) -> ChargingParams:
+    assert case.ledger is not None
+    return ChargingParams.model_validate(case.ledger.task.params)
+
+
+def _open(side: Testimony) -> bool:
+    return any(one.statement.inputs == "open_bus" for one in side.said)
+
+
+def _lists(receipt: Receipt, heads: list[Head]) -> bool:
+    return any(head in heads for head in receipt.heads)

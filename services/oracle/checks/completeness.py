@@ -4,14 +4,11 @@ import math
 
 import numpy as np
 
-from rodeo.dao import CHARGING
 from rodeo.evidence.recorder import CLOSED, Tally
 from rodeo.evidence.series import Table
 from rodeo.lab.layout import BinLayout
 from rodeo.topics import (
     ARM_STATE,
-    BATTERY_STATE,
-    DOCK_OUTPUT,
     GRIPPER_STATE,
     JOINT_STATES,
     ODOM,
@@ -42,18 +39,6 @@ def _cleaning(case: Case) -> list[tuple[Topic, str]]:
         (GRIPPER_STATE, GRIPPER_STATE.name(ns=namespace)),
     ]
     return own if case.mocap else [*own, (POSE, POSE.name(ns=namespace))]
-
-
-def _charging(case: Case) -> list[tuple[Topic, str]]:
-    return [
-        (DOCK_OUTPUT, DOCK_OUTPUT.name(dock=case.site.dock.name)),
-        (BATTERY_STATE, BATTERY_STATE.name(ns=case.robot.namespace)),
-    ]
-
-
-def streams(case: Case) -> list[tuple[Topic, str]]:
-    """What a recording of this kind of task must hold: topic of the key table, name."""
-    return _charging(case) if case.kind == CHARGING else _cleaning(case)
 
 
 def cleaning_topics(case: Case) -> Finding:
@@ -96,25 +81,6 @@ def cleaning_gaps(case: Case) -> Finding:
     return _least_covered(case, _cleaning(case), start_s, min(end_s, case.phases.rest_s))
 
 
-def charging_topics(case: Case) -> Finding:
-    """The dock's meter and the battery at their nominal rates."""
-    return _rates(case, _charging(case))
-
-
-def charging_gaps(case: Case) -> Finding:
-    """Few holes in them while current flows."""
-    return _least_covered(case, _charging(case), *_flowing(case))
-
-
-def _flowing(case: Case) -> tuple[float, float]:
-    """When current first and last flowed, s."""
-    output = case.table(DOCK_OUTPUT, dock=case.site.dock.name)
-    flowing = increasing(output)[output["current"] > 0]
-    if len(flowing) < 2:
-        raise CaseError("the meter never saw a current", topic=output.topic)
-    return float(flowing[0]), float(flowing[-1])
-
-
 def in_order(case: Case) -> Finding:
     """No topic's messages were recorded out of their order in time."""
     backwards = {
@@ -152,12 +118,6 @@ def tallied(case: Case) -> Finding:
 def cleaning_missed(case: Case) -> Finding:
     """Share of what was published on one topic up to the item's rest, and not recorded."""
     return _missed(case, _cleaning(case), end_s=case.phases.rest_s)
-
-
-def charging_missed(case: Case) -> Finding:
-    """Share of what was published on one topic while current flowed, and not recorded."""
-    start_s, end_s = _flowing(case)
-    return _missed(case, _charging(case), start_s, end_s)
 
 
 def _missed(

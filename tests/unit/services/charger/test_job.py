@@ -1,4 +1,4 @@
-"""What the charger remembers: the job in its file, the register in the recording itself."""
+"""What the charger remembers: the job in its file, what happened in the recording itself."""
 
 from __future__ import annotations
 
@@ -7,11 +7,9 @@ from pathlib import Path
 import pytest
 from eth_account import Account
 
-from rodeo.evidence import Binding, Recorder, attest
-from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
-from rodeo.ros2.types import new, serialize
+from rodeo.evidence import Binding, Recorder
+from rodeo.evidence.recorder import EVENT_CHANNEL
 from services.charger.job import Job, JobBroken, recover
-from services.charger.meter import Meter, Register
 
 ACCOUNT = Account.create()
 BINDING = Binding(
@@ -38,51 +36,12 @@ class FixedClock:
         return True
 
 
-def record(path: Path, readings: int) -> Register:
-    """A recording of 9 A at 40 V that is cut off after `readings`; the register at that moment."""
-    recorder = Recorder(path, BINDING, ACCOUNT, FixedClock())
-    meter = Meter("dock1", 7, 1, Register(), 10)
-    for second in range(readings):
-        stamp = new("builtin_interfaces/msg/Time", sec=START_S + second)
-        header = new("std_msgs/msg/Header", stamp=stamp)
-        cdr = serialize(
-            new("sensor_msgs/msg/BatteryState", header=header, voltage=40.0, current=9.0, present=True)
-        )
-        time_ns = (START_S + second) * 10**9
-        recorder.write_ros("dock1/output", "sensor_msgs/msg/BatteryState", cdr, time_ns, time_ns)
-        statement = meter.reading(START_S + second, 40.0, 9.0)
-        if statement is not None:
-            signed = attest(statement.model_dump(), ACCOUNT)
-            recorder.write_json(ATTESTATION_CHANNEL, signed.model_dump())
-    recorder.suspend()
-    return meter.register
-
-
-@pytest.mark.parametrize("readings", [1, 9, 10, 25])
-def test_the_register_is_recovered_from_the_recording(tmp_path: Path, readings: int) -> None:
-    kept = record(tmp_path / "task.mcap", readings)
-    recovered = recover(tmp_path / "task.mcap", "/dock1/output").register
-    assert recovered.energy_wh == pytest.approx(kept.energy_wh)
-    assert recovered.model_copy(update={"energy_wh": 0.0}) == kept.model_copy(update={"energy_wh": 0.0})
-
-
 def test_the_last_contract_event_is_recovered_too(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "task.mcap", BINDING, ACCOUNT, FixedClock())
     for event in ({"event": "assignment"}, {"seq": 5, "name": "TaskAssigned"}, {"event": "note"}):
         recorder.write_json(EVENT_CHANNEL, event)
     recorder.suspend()
     assert recover(tmp_path / "task.mcap", "/dock1/output").events_seq == 5
-
-
-def test_a_recording_cut_in_the_middle_gives_the_register_of_what_is_left(tmp_path: Path) -> None:
-    path = tmp_path / "task.mcap"
-    record(path, 100)
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    recovered = recover(path, "/dock1/output").register
-    assert recovered.last is not None
-    counted_s = recovered.last.time_s - START_S
-    assert 10 < counted_s < 90
-    assert recovered.energy_wh == pytest.approx(360.0 * counted_s / 3600)
 
 
 def test_no_file_is_no_job_and_a_broken_one_an_error(tmp_path: Path) -> None:

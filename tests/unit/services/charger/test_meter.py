@@ -1,91 +1,124 @@
-"""The meter adds up what it read, says so in a chain, and goes on after a restart."""
+"""The meter adds up what it read in a register that never restarts, and says so page by page."""
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
+from pathlib import Path
 
+import numpy as np
 import pytest
 
-from rodeo.metering import MeterSample, MeterStatement, chain_breaks, energy_wh
-from services.charger.meter import Meter, Register
+from rodeo.evidence.errors import BadStatement
+from rodeo.metering import MAX_READINGS, RECORD_WH, Reading, energy_wh, pack, unpack
+from services.charger.meter import MOST_READINGS, Meter, RegisterBroken, load_register, store_register
 
 
-def meter(register: Register | None = None, readings: int = 10) -> Meter:
-    return Meter("dock1", 7, 1, register or Register(), readings)
-
-
-def read(meter: Meter, seconds: int, start_s: float = 0.0, volt: float = 40.0, ampere: float = 9.0):
-    """1 Hz readings of constant power; the statements that come of them."""
-    said = [meter.reading(start_s + i, volt, ampere) for i in range(seconds)]
-    return [statement for statement in said if statement is not None]
+def read(meter: Meter, seconds: int, start_s: float = 0.0, volt: float = 40.0, ampere: float = 9.0) -> None:
+    """1 Hz readings of constant power."""
+    for second in range(seconds):
+        meter.reading(Reading(start_s + second, volt, ampere))
 
 
 def test_constant_power_adds_up_to_power_times_time() -> None:
-    m = meter()
-    read(m, 3601)
-    assert m.energy_wh == pytest.approx(360.0)
+    meter = Meter(1000.0)
+    read(meter, 3601)
+    assert meter.register_wh == pytest.approx(1360.0)
 
 
 def test_a_falling_current_is_integrated_by_the_trapezoidal_rule() -> None:
-    m = meter()
+    meter = Meter(0.0)
     for second in range(101):
-        m.reading(second, 42.0, 10.0 * math.exp(-second / 50))
+        meter.reading(Reading(second, 42.0, 10.0 * math.exp(-second / 50)))
     exact_wh = 42.0 * 10.0 * 50 * (1 - math.exp(-2)) / 3600
-    assert m.energy_wh == pytest.approx(exact_wh, rel=1e-4)
+    assert meter.register_wh == pytest.approx(exact_wh, rel=1e-4)
 
 
 def test_nothing_is_counted_across_a_gap_nor_for_a_reading_that_is_not_newer() -> None:
-    m = meter()
-    m.reading(0.0, 40.0, 9.0)
-    m.reading(60.0, 40.0, 9.0)
-    m.reading(60.0, 40.0, 9.0)
-    m.reading(30.0, 40.0, 9.0)
-    assert m.energy_wh == 0.0
-    m.reading(61.0, 40.0, 9.0)
-    assert m.energy_wh == pytest.approx(0.1)
+    meter = Meter(7.0)
+    for time_s in (0.0, 60.0, 60.0, 30.0):
+        meter.reading(Reading(time_s, 40.0, 9.0))
+    assert meter.register_wh == 7.0
+    meter.reading(Reading(61.0, 40.0, 9.0))
+    assert meter.register_wh == pytest.approx(7.1)
 
 
-def test_every_reading_is_in_exactly_one_statement_and_the_chain_is_whole() -> None:
-    m = meter()
-    said = read(m, 25)
-    last = m.statement()
-    assert last is not None
-    said.append(last)
-    assert m.statement() is None
-    samples = [sample for statement in said for sample in statement.samples]
-    assert [sample.time_s for sample in samples] == list(range(25))
-    assert [statement.seq for statement in said] == [1, 2, 3]
-    assert chain_breaks(said) == []
-    assert energy_wh(samples) == pytest.approx(said[-1].energy_wh)
+def test_a_register_never_runs_back() -> None:
+    meter = Meter(7.0)
+    read(meter, 100, ampere=-9.0)
+    assert meter.register_wh == 7.0
 
 
-def test_a_dropped_a_moved_and_a_changed_statement_break_the_chain() -> None:
-    said = read(meter(), 40)
-    changed = said[1].model_copy(update={"energy_wh": 99.0})
-    assert chain_breaks([said[0], *said[2:]]) == [3]
-    assert chain_breaks([said[0], said[2], said[1], said[3]]) == [3, 2, 4]
-    assert chain_breaks([said[0], changed, *said[2:]]) == [3]
-    assert chain_breaks(said[1:]) == [2]
+def test_a_record_is_due_after_half_a_step_and_after_many_readings() -> None:
+    meter = Meter(0.0)
+    meter.record()
+    read(meter, 26)
+    assert meter.due
+    assert meter.record()["register_wh"] == pytest.approx(RECORD_WH)
+    read(meter, MOST_READINGS - 1, start_s=26.0, ampere=0.0)
+    assert not meter.due
+    read(meter, 1, start_s=1000.0, ampere=0.0)
+    assert meter.due
 
 
-def test_a_restarted_meter_continues_register_and_chain() -> None:
-    first = meter()
-    said = read(first, 14)
-    restarted = meter(Register.model_validate_json(first.register.model_dump_json()))
-    said += read(restarted, 14, start_s=14.0)
-    assert chain_breaks(said) == []
-    assert restarted.energy_wh == pytest.approx(360.0 * 27 / 3600)
-    assert [s.time_s for statement in said for s in statement.samples] == list(range(20))
+def test_every_reading_is_in_exactly_one_record_and_pages_have_no_gap() -> None:
+    meter = Meter(500.0)
+    read(meter, 1)
+    said = [meter.record()]
+    for start in (1, 11, 21):
+        read(meter, 10, start_s=start)
+        said.append(meter.record())
+    assert [one["page"] for one in said] == [1, 2, 3, 4]
+    assert {one["begin_wh"] for one in said} == {500.0}
+    assert [one["until_s"] for one in said] == [0.0, 10.0, 20.0, 30.0]
+    found = [unpack(one["since_ms"], one["readings"]) for one in said]
+    assert [time_s for one in found for time_s in one.time_s] == list(range(31))
+    assert all((one.voltage_v == 40.0).all() and (one.current_a == 9.0).all() for one in found)
+
+
+def test_a_restarted_meter_goes_on_where_it_stood() -> None:
+    meter = Meter(503.0, begin_wh=500.0, page=4, until_s=30.0)
+    assert meter.delivered_wh == 3.0
+    said = meter.record()
+    assert (said["page"], said["begin_wh"], said["register_wh"], said["until_s"]) == (5, 500.0, 503.0, 30.0)
 
 
 def test_a_reading_that_is_not_a_number_is_refused() -> None:
-    with pytest.raises(ValueError, match="finite"):
-        meter().reading(0.0, math.nan, 1.0)
-    with pytest.raises(ValueError, match="finite"):
-        MeterSample(time_s=0.0, voltage_v=1.0, current_a=math.inf, power_w=1.0)
+    for reading in (Reading(0.0, math.nan, 1.0), Reading(0.0, 1.0, math.inf)):
+        with pytest.raises(ValueError, match="finite"):
+            Meter(0.0).reading(reading)
 
 
-def test_a_statement_is_itself_a_reading_with_its_power() -> None:
-    (statement,) = read(meter(readings=3), 3)
-    assert isinstance(statement, MeterStatement)
-    assert (statement.time_s, statement.power_w, len(statement.earlier)) == (2.0, 360.0, 2)
+def test_the_register_is_kept_and_one_that_cannot_be_read_is_not_begun_anew(tmp_path: Path) -> None:
+    path = tmp_path / "register.json"
+    assert load_register(path) == 0.0
+    store_register(path, 12_345.678)
+    assert load_register(path) == 12_345.678
+    path.write_text('{"register_wh": -1}')
+    with pytest.raises(RegisterBroken):
+        load_register(path)
+
+
+def test_packed_readings_are_read_back_to_a_thousandth() -> None:
+    rng = np.random.default_rng(1)
+    rows = [Reading(1.9e9 + i, v, a) for i, (v, a) in enumerate(rng.uniform(0, 60, (100, 2)))]
+    found = unpack(*pack(rows))
+    assert np.abs(found.time_s - [one.time_s for one in rows]).max() <= 1e-3
+    assert np.abs(found.voltage_v - [one.voltage_v for one in rows]).max() <= 1e-3
+    assert energy_wh(found) == pytest.approx(
+        sum((a.power_w + b.power_w) / 7200 for a, b in pairwise(rows)), rel=1e-4
+    )
+
+
+@pytest.mark.parametrize("text", ["!", "AAAA", "A" * (16 * (MAX_READINGS + 1))])
+def test_what_is_no_reading_is_refused(text: str) -> None:
+    with pytest.raises(BadStatement):
+        unpack(0, text)
+
+
+def test_readings_that_go_back_in_time_are_refused() -> None:
+    since_ms, text = pack([Reading(5.0, 1.0, 1.0)])
+    with pytest.raises(BadStatement):
+        unpack(since_ms, text + text)
+    with pytest.raises(ValueError, match="out of order"):
+        pack([Reading(5.0, 1.0, 1.0), Reading(4.0, 1.0, 1.0)])

@@ -14,6 +14,8 @@ class Dock:
 
     def __init__(self, state: SessionState | None = None, limits: SessionLimits = LIMITS) -> None:
         self.session = Session(state or SessionState(wait_until_s=1800.0), limits)
+        self.covered = True
+        """Whether the robot signed for all but a step."""
         self.time_s = 0.0
         self.present = False
         self.closed = False
@@ -42,8 +44,10 @@ class Dock:
             voltage_v = open_circuit_v + self.current_a * 0.15 if flows else 42.0 * self.closed
             self.soc = min(1.0, self.soc + self.current_a / 3600 / 20)
             self.energy_wh += voltage_v * self.current_a / 3600
-            self.session.battery(self.soc)
-            self.session.reading(self.time_s, voltage_v, self.current_a, self.present, self.energy_wh)
+            self.session.signed(self.soc)
+            self.session.reading(
+                self.time_s, voltage_v, self.current_a, self.present, self.energy_wh, self.covered
+            )
             if self.session.commands_contactor and self.answers:
                 self.closed = self.session.contactor_wanted
                 self.commands.append(self.closed)
@@ -96,7 +100,7 @@ def test_a_target_of_one_hundred_percent_ends_although_the_battery_only_comes_cl
 
 def test_a_tapered_current_at_the_voltage_limit_means_full() -> None:
     dock = charging()
-    dock.soc, dock.session.battery = 0.99, lambda soc: None  # type: ignore[method-assign]
+    dock.soc, dock.session.signed = 0.99, lambda soc: None  # type: ignore[method-assign]
     dock.run(2000)
     assert dock.end is End.FULL
 
@@ -178,7 +182,49 @@ def test_the_first_reason_to_stop_stays() -> None:
     assert dock.end is End.CANCELLED
 
 
-@pytest.mark.parametrize("phase", [Phase.WAITING, Phase.CLOSING, Phase.CHARGING, Phase.OPENING, Phase.ENDED])
+def test_the_contactor_stays_open_until_the_robot_signed() -> None:
+    dock = Dock()
+    dock.present, dock.covered = True, False
+    dock.run(500)
+    assert (dock.phase, dock.commands) == (Phase.AWAITING_RECEIPT, [])
+    dock.covered = True
+    dock.run(5)
+    assert (dock.phase, dock.commands) == (Phase.CHARGING, [True])
+
+
+def test_a_receipt_that_is_missing_is_a_pause_and_not_the_end() -> None:
+    dock = charging()
+    dock.covered = False
+    dock.run(3000)
+    assert (dock.phase, dock.end, dock.closed) == (Phase.AWAITING_RECEIPT, None, False)
+    dock.covered = True
+    dock.run(6000)
+    assert dock.end is End.TARGET_REACHED
+    assert dock.commands == [True, False, True, False]
+
+
+def test_a_robot_that_never_signs_again_ends_the_session_at_its_window() -> None:
+    dock = charging()
+    dock.covered = False
+    dock.run(14000)
+    assert (dock.phase, dock.end, dock.closed) == (Phase.ENDED, End.DEADLINE, False)
+
+
+def test_a_robot_that_leaves_while_the_dock_waits_for_its_receipt_may_come_back() -> None:
+    dock = charging()
+    dock.covered = False
+    dock.run(60)
+    dock.present = False
+    dock.run(10)
+    assert dock.phase is Phase.WAITING
+    dock.run(200)
+    assert dock.end is End.ROBOT_LEFT
+
+
+@pytest.mark.parametrize(
+    "phase",
+    [Phase.WAITING, Phase.AWAITING_RECEIPT, Phase.CLOSING, Phase.CHARGING, Phase.OPENING, Phase.ENDED],
+)
 def test_a_restarted_charger_goes_on_in_every_phase(phase: Phase) -> None:
     over = phase in (Phase.OPENING, Phase.ENDED)
     state = SessionState(phase=phase, wait_until_s=1800.0, end=End.TARGET_REACHED if over else None)

@@ -24,7 +24,14 @@ def cleaning(**fields: Any) -> RegisterTask:
 
 
 def charging(**params: Any) -> RegisterTask:
-    values = {"robot": "panther1", "dock": "dock1", "soc_from": 0.4, "soc_target": 0.9, **params}
+    values = {
+        "robot": "panther1",
+        "dock": "dock1",
+        "soc_from": 0.4,
+        "soc_target": 0.9,
+        "energy_wh": 420.0,
+        **params,
+    }
     return RegisterTask(kind="battery_charging", params=values, reward_iec=Decimal(200))
 
 
@@ -52,6 +59,8 @@ def test_what_can_be_done_here_is_not_objected_to(site: Site) -> None:
         (charging(soc_from=0.9, soc_target=0.9), "params.soc_target"),
         (charging(soc_target=1.5), "params.soc_target"),
         (charging(soc_from=None), "params.soc_target"),
+        (charging(energy_wh=None), "params.energy_wh"),
+        (charging(energy_wh=0), "params.energy_wh"),
     ],
 )
 def test_what_cannot_be_done_here_is_named_by_its_field(

@@ -13,7 +13,7 @@ from rodeo.evidence import Binding
 from services.oracle.case import Ledger
 from services.oracle.report import Report
 from services.oracle.verify import verify_file
-from tests.support.assignments import BINDING, CHARGE_BINDING, METER, ROBOT
+from tests.support.assignments import BINDING, ROBOT
 from tests.support.recordings import Take, Witnesses, film_charging, film_cleaning, seal
 from tests.support.site import LAB
 
@@ -32,7 +32,7 @@ def cleaning(site: Site) -> Take:
 
 @pytest.fixture(scope="session")
 def charge(site: Site) -> Take:
-    return film_charging(site, METER, CHARGE_BINDING, soc=0.86)
+    return film_charging(site, soc=0.86)
 
 
 Judge = Callable[..., Report]

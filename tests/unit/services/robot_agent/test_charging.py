@@ -7,8 +7,10 @@ from typing import Any
 
 import pytest
 
+from rodeo.charging import ChargingParams
 from rodeo.config import Site
 from rodeo.lab.layout import dock_parking, on_contacts
+from rodeo.messages import RegisterTask
 from services.robot_agent.charging import Charging, left_s
 from services.robot_agent.memory import Memory
 from services.robot_agent.navigation import Floor
@@ -20,8 +22,10 @@ SITE = Site.load(LAB)
 
 def charging(body: KinematicBody, folder: Path) -> Charging:
     dao: Any = None
+    receipts: Any = None
     memory = Memory(SITE, folder / "memory.json")
-    return Charging(SITE, "panther1", dao, body, Floor(SITE), memory, ManualClock())  # type: ignore[arg-type]
+    clock: Any = ManualClock()
+    return Charging(SITE, "panther1", dao, body, Floor(SITE), memory, clock, receipts)  # type: ignore[arg-type]
 
 
 def test_a_robot_on_the_contacts_leaves_them(tmp_path: Path) -> None:
@@ -42,3 +46,28 @@ def test_how_long_a_charge_takes_is_what_is_missing_at_the_pace_so_far() -> None
     assert left_s((100.0, 0.50), (160.0, 0.56), 0.95) == pytest.approx(390)
     assert left_s((100.0, 0.50), (160.0, 0.96), 0.95) == 0
     assert left_s((100.0, 0.50), (100.0, 0.50), 0.95) is None
+
+
+class Organization:
+    """Takes orders for charges."""
+
+    def __init__(self) -> None:
+        self.posted: list[RegisterTask] = []
+
+    def count(self, kind: str) -> int:
+        return len(self.posted)
+
+    def post(self, request: RegisterTask, now_s: float, cap_iec: object) -> int:
+        self.posted.append(request)
+        return len(self.posted)
+
+
+def test_a_robot_orders_the_energy_that_its_battery_takes_and_what_it_uses_meanwhile(tmp_path: Path) -> None:
+    organization: Any = Organization()
+    nothing: Any = None
+    Charging(SITE, "panther1", organization, nothing, nothing, nothing, ManualClock(), nothing).buy(0.5)  # type: ignore[arg-type]
+    params = ChargingParams.model_validate(organization.posted[0].params)
+    battery = SITE.robots[0].battery
+    stored_wh = (params.soc_target - 0.5) * battery.capacity_wh
+    assert params.soc_from == 0.5
+    assert stored_wh < params.energy_wh < 1.4 * stored_wh

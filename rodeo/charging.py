@@ -1,0 +1,57 @@
+"""What buyer and seller of a charge agree on: the task's parameters, and when a charge is as ordered."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from rodeo.lab.config import BatteryConfig, DockConfig
+
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+"""Not a string or a truth value: parameters go on chain as they came, and their readers count on numbers."""
+Name = Annotated[str, Field(min_length=1, max_length=64)]
+Share = Annotated[Number, Field(ge=0, le=1)]
+
+SOC_SLACK = 0.02
+"""What a battery gauge resolves."""
+SOC_USED = 0.1
+"""What a robot may use from its order until it stands on the dock: the way, and half an hour's wait."""
+COMPLETE_SHARE = 0.95
+"""Of the ordered energy."""
+REACHED_SHARE = 0.75
+"""The same for a robot that signs that it reached its target: an order is an upper estimate. With less it was
+nearly there before."""
+
+
+class ChargingParams(BaseModel):
+    """What a battery_charging task says beyond its reward."""
+
+    model_config = ConfigDict(extra="allow")
+
+    robot: Name
+    dock: Name
+    soc_from: Share
+    soc_target: Share
+    energy_wh: Annotated[Number, Field(gt=0)]
+    """Ordered, at the dock's terminals: the price is for so much, or for what reaches `soc_target`."""
+
+    def begins_at(self, soc: float) -> bool:
+        """Whether a robot that arrives with this state of charge is as the task says."""
+        return self.soc_from - SOC_USED <= soc <= self.soc_from + SOC_SLACK
+
+    def complete(self, delivered_wh: float, closing_soc: float | None) -> bool:
+        """Whether the whole price is due. `closing_soc` is what the robot signed at the end, if it did."""
+        reached = closing_soc is not None and closing_soc >= self.soc_target - SOC_SLACK
+        return delivered_wh >= (REACHED_SHARE if reached else COMPLETE_SHARE) * self.energy_wh
+
+
+def order_wh(battery: BatteryConfig, dock: DockConfig, soc_from: float, soc_target: float) -> float:
+    """What a robot orders to get from one state of charge to the other, at the dock's terminals.
+
+    An upper estimate: the charge at the voltage that the dock holds at the end, and what the robot consumes
+    meanwhile.
+    """
+    stored_wh = (soc_target - soc_from) * battery.capacity_ah * dock.voltage_v
+    share = battery.idle_power_w / (dock.voltage_v * dock.current_a)
+    return round(max(stored_wh / (1 - min(share, 0.5)), 1.0), 1)

@@ -1,0 +1,197 @@
+"""Both sides of a charge: what the dock's meter recorded, and which of it the robot signed for."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rodeo.charging import ChargingParams
+from rodeo.evidence import Binding
+from rodeo.metering import Reading, Readings, unpack
+from rodeo.witness import MeterRecord, Receipt, Scope
+from services.oracle.statements import Said, Testimony, recorded, testimonies
+
+if TYPE_CHECKING:
+    from services.oracle.case import Case
+
+
+@dataclass(frozen=True)
+class Names:
+    """Who takes part: of the task, or without a chain of the site and the recording."""
+
+    meter: str
+    robot: str
+
+
+@dataclass(frozen=True)
+class Signed:
+    """A record of the meter that the robot signed for."""
+
+    record: MeterRecord
+    receipt: Receipt
+
+
+@dataclass(frozen=True)
+class Charge:
+    """What was signed of one charge."""
+
+    meter: Testimony | None
+    robot: Testimony | None
+    records: tuple[MeterRecord, ...]
+    """Of this recording, in the order of the meter's chain."""
+    receipts: tuple[Receipt, ...]
+    """For these records, in the order of the robot's chain."""
+    signed: tuple[Signed, ...]
+    """By both, in the order of the register."""
+
+    @property
+    def begin_wh(self) -> float:
+        """The opening register that both signed."""
+        return self.signed[0].record.begin_wh
+
+    @property
+    def end_wh(self) -> float:
+        """The highest register that both signed."""
+        return self.signed[-1].record.register_wh
+
+    @property
+    def delivered_wh(self) -> float:
+        """What both signed; 0 without a single receipt."""
+        return round(self.end_wh - self.begin_wh, 4) if self.signed else 0.0
+
+    @property
+    def closing_soc(self) -> float | None:
+        """The state of charge that the robot signed at the end; None if it did not sign the end."""
+        closing = [one.receipt.soc for one in self.signed if one.receipt.reason == "close"]
+        return closing[-1] if closing else None
+
+    @property
+    def acts(self) -> list[str]:
+        """What can be paid for only once: the interval of the register."""
+        if self.meter is None or not self.signed:
+            return []
+        return [f"meter/{self.meter.address}/register/{self.begin_wh:.4f}-{self.end_wh:.4f}"]
+
+    def readings(self) -> Readings:
+        """All readings that the meter signed. Raises BadStatement."""
+        found = [unpack(one.since_ms, one.readings) for one in self.records]
+        if not found:
+            return Readings(*(np.array(()) for _ in Reading._fields))
+        return Readings(*(np.concatenate(column) for column in zip(*found, strict=True)))
+
+
+def names(case: Case) -> Names:
+    """Raises ValidationError for a task that does not say what to deliver, CaseError without a robot."""
+    if case.ledger is None:
+        return Names(case.site.dock.name, case.robot.name)
+    params = ChargingParams.model_validate(case.ledger.task.params)
+    return Names(params.dock, params.robot)
+
+
+def charge_of(case: Case) -> Charge:
+    """What the two sides of the task's charge signed; what anybody else did is passed over."""
+    who, ledger = names(case), case.ledger
+    executor = "" if ledger is None else (ledger.task.executor or "").lower()
+    meters = None if ledger is None else _signers(case, "meter", who.meter)
+    # A robot of the seller's is the seller's own word.
+    robots = None if ledger is None else _signers(case, "robot", who.robot, but_of=executor)
+    everybody = None if meters is None or robots is None else {*meters, *robots}
+    said = testimonies(recorded(case.proof, everybody))
+    meter = _of(said, meters, who.meter, MeterRecord)
+    robot = _of(said, robots, who.robot, Receipt)
+    records = {one.digest: one.statement for one in _here(case, meter, who) if _is_record(one)}
+    receipts, signed = [], []
+    for one in () if robot is None else robot.said:
+        receipt, record = one.statement, records.get(getattr(one.statement, "record", ""))
+        if isinstance(receipt, Receipt) and isinstance(record, MeterRecord) and _for(receipt, record, meter):
+            receipts.append(receipt)
+            signed.append(Signed(record, receipt))
+    return Charge(
+        meter,
+        robot,
+        tuple(one for one in records.values() if isinstance(one, MeterRecord)),
+        tuple(receipts),
+        tuple(sorted(signed, key=lambda one: (one.record.register_wh, one.record.page))),
+    )
+
+
+def _signers(case: Case, role: str, name: str, but_of: str | None = None) -> dict[str, float]:
+    """Lower-case address -> until when its signature counts (s)."""
+    assert case.ledger is not None
+    return {
+        device.address.lower(): math.inf if device.revoked is None else device.revoked
+        for device in case.ledger.devices
+        if (device.role, device.name) == (role, name) and device.owner.lower() != but_of
+    }
+
+
+def _of(
+    said: dict[str, Testimony],
+    signers: dict[str, float] | None,
+    name: str,
+    model: type[MeterRecord | Receipt],
+) -> Testimony | None:
+    """What the device of this name stated, by whichever of its keys said most."""
+    found = []
+    for one in said.values():
+        until_s = math.inf if signers is None else signers.get(one.address, -math.inf)
+        statements = [
+            each
+            for each in one.said
+            if isinstance(each.statement, model)
+            and each.statement.device == name
+            and each.statement.time_s <= until_s
+        ]
+        if statements:
+            found.append(Testimony(one.address, statements, one.twice))
+    return max(found, key=lambda one: len(one.said), default=None)
+
+
+def _is_record(one: Said) -> bool:
+    return isinstance(one.statement, MeterRecord)
+
+
+def _here(case: Case, meter: Testimony | None, who: Names) -> list[Said]:
+    """What the meter stated of this recording: a bag has no digest that could be named."""
+    binding, own = case.proof.binding, case.proof.recording
+    found: list[Said] = []
+    for one in () if meter is None else meter.said:
+        record = one.statement
+        assert isinstance(record, MeterRecord)
+        wanted = _scope(record if binding is None else binding)
+        bound = binding is None or (
+            (record.task_id, record.attempt) == (binding.task_id, binding.attempt) and record.recording == own
+        )
+        if bound and _scope(record) == wanted and record.robot == who.robot:
+            found.append(one)
+    return found
+
+
+def _for(receipt: Receipt, record: MeterRecord, meter: Testimony | None) -> bool:
+    """Whether a receipt that names a record says the same."""
+    return (
+        *_scope(receipt),
+        receipt.task_id,
+        receipt.attempt,
+        receipt.recording,
+        receipt.meter,
+        receipt.meter_address.lower(),
+        receipt.begin_wh,
+        receipt.register_wh,
+    ) == (
+        *_scope(record),
+        record.task_id,
+        record.attempt,
+        record.recording,
+        record.device,
+        "" if meter is None else meter.address,
+        record.begin_wh,
+        record.register_wh,
+    )
+
+
+def _scope(said: Scope | Binding) -> tuple[int, str, str]:
+    return said.chain_id, said.task_manager.lower(), said.organization.lower()

@@ -1,0 +1,263 @@
+"""Forged charges: what a seller with the meter's key submits, alone or with a key of a robot that is not the
+task's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+from rodeo.evidence import Attestation, attest
+from rodeo.messages import Device
+from rodeo.witness import Header, MeterRecord, Receipt
+from tests.forgeries.catalogue import forgery
+from tests.forgeries.workshop import STRANGER, Submission, Workshop
+from tests.support.assignments import METER, ORGANIZATION, ROBOT
+from tests.support.recordings import METER_RECORD, Sides
+
+Fields = dict[str, Any]
+Edit = Callable[[type[Header], Fields], Fields | None]
+
+_HONEST = Sides()
+_LAST_MONTH = "0x" + "5a" * 32
+
+
+def _sides(edit: Edit, **changes: Any) -> Sides:
+    return replace(_HONEST, fields=edit, **changes)
+
+
+def _only(model: type[Header], edit: Callable[[Fields], Fields | None]) -> Edit:
+    return lambda kind, fields: edit(fields) if kind is model else fields
+
+
+@forgery("signer")
+def charge_sealed_by_the_robot(shop: Workshop) -> Submission:
+    """The buyer's device in place of the seller's."""
+    return shop.charged(shop.charge, device=ROBOT)
+
+
+@forgery("both_signed", "nothing signed by the task's robot")
+def energy_that_never_flowed(shop: Workshop) -> Submission:
+    """A whole session, computed and signed with the meter's key; no robot, no dock."""
+    return shop.charged(shop.charge, sides=_sides(_only(Receipt, lambda _fields: None)))
+
+
+@forgery("both_signed", "nothing signed by the task's meter")
+def invented_meter(shop: Workshop) -> Submission:
+    """Records under a key that is no meter's."""
+    return shop.charged(shop.charge, sides=replace(_HONEST, meter=STRANGER))
+
+
+@forgery("both_signed", "nothing signed by the task's robot")
+def invented_robot(shop: Workshop) -> Submission:
+    """Receipts under a key that is no robot's."""
+    return shop.charged(shop.charge, sides=replace(_HONEST, robot=STRANGER))
+
+
+@forgery("both_signed", "nothing signed by the task's robot")
+def receipts_of_another_robot(shop: Workshop) -> Submission:
+    """Another robot of the organization signs for what it did not get."""
+
+    def renamed(device: Device) -> Device:
+        return device.model_copy(update={"name": "panther2"}) if device.role == "robot" else device
+
+    return shop.charged(shop.charge, devices=renamed)
+
+
+@forgery("both_signed", "nothing signed by the task's robot")
+def receipts_in_the_robots_name(shop: Workshop) -> Submission:
+    """Another robot of the organization signs under the name of the task's."""
+
+    def renamed(device: Device) -> Device:
+        return device.model_copy(update={"name": "panther2"}) if device.role == "robot" else device
+
+    return shop.charged(shop.charge, sides=replace(_HONEST, robot_name="panther1"), devices=renamed)
+
+
+@forgery("both_signed", "nothing signed by the task's robot")
+def a_robot_of_the_sellers(shop: Workshop) -> Submission:
+    """The seller owns meter and robot: its own word twice."""
+
+    def sold(device: Device) -> Device:
+        return device.model_copy(update={"owner": ORGANIZATION}) if device.role == "robot" else device
+
+    return shop.charged(shop.charge, devices=sold)
+
+
+@forgery("both_signed", "nothing signed by the task's robot")
+def receipts_under_a_revoked_key(shop: Workshop) -> Submission:
+    """The robot's key was revoked before the charge."""
+    before_s = shop.charge.start_s - 100
+
+    def revoked(device: Device) -> Device:
+        return device.model_copy(update={"revoked": before_s}) if device.role == "robot" else device
+
+    return shop.charged(shop.charge, devices=revoked)
+
+
+@forgery("same_names", "who takes part")
+def a_meter_of_another_name(shop: Workshop) -> Submission:
+    """Another meter of the seller's, which stands elsewhere."""
+
+    def elsewhere(device: Device) -> Device:
+        return device.model_copy(update={"name": "dock9"}) if device.role == "meter" else device
+
+    return shop.charged(shop.charge, devices=elsewhere)
+
+
+@forgery("both_signed", "nothing signed by the task's meter")
+def records_of_another_dock(shop: Workshop) -> Submission:
+    """The task's meter speaks for another dock."""
+    return shop.charged(shop.charge, sides=replace(_HONEST, meter_name="dock9"))
+
+
+@forgery("same_names", "who takes part")
+def a_task_for_another_dock(shop: Workshop) -> Submission:
+    """The charge was ordered elsewhere."""
+    return shop.charged(shop.charge, params={"dock": "dock9"})
+
+
+@forgery("same_names", "who takes part")
+def a_robot_that_is_not_there(shop: Workshop) -> Submission:
+    """The site has no such robot."""
+    return shop.charged(shop.charge, params={"robot": "panther9"})
+
+
+@forgery("both_signed", "nothing that the meter signed is of this recording")
+def last_months_charge(shop: Workshop) -> Submission:
+    """What meter and robot signed a month ago, sealed for today's task."""
+    return shop.charged(shop.charge, sides=replace(_HONEST, recording=_LAST_MONTH, hears=False))
+
+
+@forgery("both_signed", "the robot signed for nothing of this recording")
+def last_months_receipts(shop: Workshop) -> Submission:
+    """Today's records, and receipts for those of a month ago."""
+    old = _only(Receipt, lambda fields: fields | {"recording": _LAST_MONTH, "record": _LAST_MONTH})
+    return shop.charged(shop.charge, sides=_sides(old, hears=False))
+
+
+@forgery("fresh", "no receipt of the robot lists this recording")
+def receipts_that_nobody_could_expect(shop: Workshop) -> Submission:
+    """The robot signed, but never heard that this recording began."""
+    return shop.charged(shop.charge, sides=replace(_HONEST, hears=False))
+
+
+@forgery("both_signed", "nothing that the meter signed is of this recording")
+def energy_of_another_task(shop: Workshop) -> Submission:
+    """What was delivered, and paid, before."""
+    return shop.charged(
+        shop.charge, sides=_sides(_only(MeterRecord, lambda fields: fields | {"task_id": 99}))
+    )
+
+
+@forgery("both_signed", "nothing that the meter signed is of this recording")
+def energy_for_another_robot(shop: Workshop) -> Submission:
+    """The meter says that somebody else was charged."""
+    other = _only(MeterRecord, lambda fields: fields | {"robot": "panther2"})
+    return shop.charged(shop.charge, sides=_sides(other))
+
+
+@forgery("both_signed", "the robot signed for nothing of this recording")
+def receipts_for_less(shop: Workshop) -> Submission:
+    """The meter's records say a tenth more than what the robot signed for."""
+
+    def less(fields: Fields) -> Fields:
+        begin_wh = fields["begin_wh"]
+        return fields | {"register_wh": begin_wh + (fields["register_wh"] - begin_wh) / 1.1 - 1e-3}
+
+    return shop.charged(shop.charge, sides=_sides(_only(Receipt, less)))
+
+
+@forgery("both_signed", "the robot signed for nothing of this recording")
+def receipts_to_another_meter(shop: Workshop) -> Submission:
+    """The robot signed for what the meter of another dock showed."""
+    other = _only(Receipt, lambda fields: fields | {"meter_address": STRANGER.address})
+    return shop.charged(shop.charge, sides=_sides(other))
+
+
+@forgery("delivered", "nothing was delivered")
+def two_seconds(shop: Workshop) -> Submission:
+    """0.2 Wh at the full price: the robot signed that it stood there, and for nothing after it."""
+    only_opening = _only(Receipt, lambda fields: fields if fields["reason"] == "opening" else None)
+    return shop.charged(shop.charge, sides=_sides(only_opening))
+
+
+@forgery("in_sequence", "pages")
+def pages_left_out(shop: Workshop) -> Submission:
+    """A third of the meter's records is missing."""
+    take = shop.charge.edited(METER_RECORD, lambda s: s)
+    left_out = _only(MeterRecord, lambda fields: fields)
+    numbers = {10 * tens + one for tens in range(20) for one in (3, 6, 9)}
+
+    def keep(signed: Attestation) -> Attestation | None:
+        return None if signed.payload.get("page") in numbers else signed
+
+    return shop.charged(take, sides=_sides(left_out, keep=keep))
+
+
+@forgery("in_sequence", "pages of the meter")
+def a_page_twice(shop: Workshop) -> Submission:
+    """Two records of the meter have one number in the session."""
+    twice = _only(MeterRecord, lambda fields: fields | {"page": fields["page"] - (fields["page"] == 5)})
+    return shop.charged(shop.charge, sides=_sides(twice))
+
+
+@forgery("in_sequence", "the meter's register")
+def a_register_that_falls(shop: Workshop) -> Submission:
+    """The meter counted back in the middle of the session."""
+
+    def fall(fields: Fields) -> Fields:
+        return fields | {"register_wh": fields["register_wh"] - (8.0 if fields["page"] == 20 else 0.0)}
+
+    return shop.charged(shop.charge, sides=_sides(_only(MeterRecord, fall)))
+
+
+@forgery("in_sequence", "registers at which the session opened")
+def a_session_that_opened_twice(shop: Workshop) -> Submission:
+    """The opening register moves while energy flows."""
+
+    def moved(fields: Fields) -> Fields:
+        return fields | {"begin_wh": fields["begin_wh"] - (50.0 if fields["page"] > 20 else 0.0)}
+
+    return shop.charged(shop.charge, sides=_sides(_only(MeterRecord, moved)))
+
+
+@forgery("power")
+def more_than_the_dock_can_give(shop: Workshop) -> Submission:
+    """A register that runs five times as fast as the dock delivers; the buyer's robot signs it."""
+
+    def more(fields: Fields) -> Fields:
+        return fields | {"register_wh": fields["begin_wh"] + 5 * (fields["register_wh"] - fields["begin_wh"])}
+
+    return shop.charged(shop.charge, sides=_sides(_only(MeterRecord, more)))
+
+
+@forgery("soc_from", "at the beginning")
+def a_robot_that_was_full(shop: Workshop) -> Submission:
+    """The task says that the robot is nearly empty; it arrived nearly full."""
+    return shop.charged(shop.charge, params={"soc_from": 0.5})
+
+
+@forgery("both_signed", "two different statements")
+def one_number_twice(shop: Workshop) -> Submission:
+    """The meter signs two registers under one number: nobody knows which of them it meant."""
+    extra: list[Attestation] = []
+
+    def keep(signed: Attestation) -> Attestation:
+        if signed.payload.get("page") == 4:
+            extra.append(attest(signed.payload | {"register_wh": signed.payload["register_wh"] + 1}, METER))
+        return extra.pop() if signed.payload["type"] == "robot.receipt" and extra else signed
+
+    return shop.charged(shop.charge, sides=replace(_HONEST, keep=keep))
+
+
+@forgery("both_signed", "open bus")
+def readings_by_message(shop: Workshop) -> Submission:
+    """Terminals and battery on an open bus, fed with invented numbers: meter and robot sign correctly."""
+    return shop.charged(shop.charge, sides=replace(_HONEST, inputs="open_bus"))
+
+
+@forgery("tariff")
+def overpriced_energy(shop: Workshop) -> Submission:
+    """A session that costs more than the dock's tariff says."""
+    return shop.charged(shop.charge, price_iec=shop.site.economy.charging_reward_iec + 1)

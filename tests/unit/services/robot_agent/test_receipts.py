@@ -1,0 +1,206 @@
+"""The robot signs for what its own gauge shows, and for nothing else."""
+
+from __future__ import annotations
+
+from math import nan
+from typing import Any
+
+import pytest
+
+from rodeo.lab.config import BatteryConfig
+from rodeo.metering import STEP_WH
+from rodeo.witness import MeterRecord, Receipt
+from services.robot_agent.receipts import RESOLUTION_WH, Account, Gauge
+
+ADDRESS = "0x" + "11" * 20
+RECORDING, OTHER = "0x" + "22" * 32, "0x" + "33" * 32
+BATTERY = BatteryConfig()
+POWER_W = 441.0
+"""Of the dock."""
+HEADER = {
+    "chain_id": 1,
+    "task_manager": ADDRESS,
+    "organization": ADDRESS,
+    "seq": 1,
+    "previous": None,
+    "inputs": "closed_bus",
+}
+
+
+class Charge:
+    """A dock that delivers 441 W from second 0 on."""
+
+    def __init__(self, gauge: float = 1.0) -> None:
+        self.gauge = Gauge(BATTERY)
+        self.account = Account(self.gauge, "dock1", "panther1", task_id=7)
+        self.share = gauge
+        self.seconds = 0
+        self.soc = 0.5
+        self.gauge.reading(0.0, 40.0, 0.0, self.soc)
+        assert self.account.reason(self.record(0.0, reason="opening")) == "opening"
+
+    def run(self, seconds: int, every: int = 1) -> None:
+        net_w = POWER_W - BATTERY.idle_power_w
+        for _ in range(seconds):
+            self.seconds += 1
+            self.soc += self.share * net_w / 40.0 / 3600 / BATTERY.capacity_ah
+            if self.seconds % every == 0:
+                self.gauge.reading(float(self.seconds), 40.0, self.share * net_w / 40.0, self.soc)
+
+    @property
+    def delivered_wh(self) -> float:
+        return POWER_W * self.seconds / 3600
+
+    def record(self, wh: float, **fields: Any) -> MeterRecord:
+        said: dict[str, Any] = {
+            "device": "dock1",
+            "time_s": float(self.seconds),
+            "task_id": 7,
+            "attempt": 1,
+            "recording": RECORDING,
+            "robot": "panther1",
+            "page": 1,
+            "reason": "step",
+            "contactor": "closed",
+            "begin_wh": 1000.0,
+            "register_wh": 1000.0 + wh,
+            "until_s": float(self.seconds),
+            "since_ms": 0,
+            "readings": "",
+            "soc": None,
+        }
+        return MeterRecord.model_validate(HEADER | said | fields)
+
+    def reason(self, wh: float | None = None, **fields: Any) -> str | None:
+        return self.account.reason(self.record(self.delivered_wh if wh is None else wh, **fields))
+
+
+def test_what_the_gauge_shows_is_signed_step_by_step() -> None:
+    charge = Charge()
+    for _ in range(100):
+        charge.run(20)
+        assert charge.reason() == "step"
+    assert charge.reason(reason="close") == "close"
+    assert charge.reason(reason="step") is None, "that is over"
+
+
+@pytest.mark.parametrize("error", [0.98, 1.02])
+def test_a_meter_within_its_class_is_signed_for(error: float) -> None:
+    charge = Charge()
+    for _ in range(100):
+        charge.run(20)
+        assert charge.reason(error * charge.delivered_wh) == "step"
+
+
+@pytest.mark.parametrize("error", [0.8, 1.25])
+def test_a_meter_that_is_further_off_is_not_signed_for_and_costs_less_than_a_step(error: float) -> None:
+    charge, signed_wh = Charge(), 0.0
+    for _ in range(100):
+        charge.run(20)
+        if charge.reason(error * charge.delivered_wh) is not None:
+            signed_wh = charge.delivered_wh
+    assert abs(error - 1) * signed_wh < STEP_WH
+
+
+def test_a_meter_that_runs_while_nothing_flows_is_not_signed_for() -> None:
+    charge = Charge()
+    charge.run(20)
+    base = charge.reason()
+    assert base == "step"
+    assert charge.reason(charge.delivered_wh + 2 * RESOLUTION_WH) is None
+
+
+@pytest.mark.parametrize("lie", [0.0, 0.5, 2.0])
+def test_a_gauge_that_lies_stops_signing_within_two_steps(lie: float) -> None:
+    charge, signed_wh = Charge(lie), 0.0
+    for _ in range(50):
+        charge.run(20)
+        if charge.reason() is not None:
+            signed_wh = charge.delivered_wh
+    assert signed_wh < 2 * STEP_WH
+
+
+def test_messages_of_the_battery_that_are_lost_or_no_numbers_do_not_matter() -> None:
+    charge = Charge()
+    for second in range(50):
+        charge.run(20, every=3)
+        charge.gauge.reading(charge.seconds + 0.1, nan, 10.0, 0.5)
+        charge.gauge.reading(charge.seconds + 0.2, 40.0, 10.0, nan)
+        charge.gauge.reading(float(second), 40.0, 10.0, 0.5)
+    charge.run(1)
+    assert charge.reason() == "step"
+
+
+def test_where_the_battery_was_silent_the_state_of_charge_tells() -> None:
+    charge = Charge()
+    charge.run(20)
+    assert charge.reason() == "step"
+    charge.run(300, every=301)
+    charge.run(1)
+    assert charge.reason() == "step"
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [
+        {"device": "dock9"},
+        {"robot": "panther2"},
+        {"task_id": 8},
+        {"attempt": 2},
+        {"recording": OTHER},
+        {"begin_wh": 990.0},
+    ],
+    ids=str,
+)
+def test_records_of_anything_else_are_not_signed_for(fields: dict[str, Any]) -> None:
+    charge = Charge()
+    charge.run(20)
+    assert charge.reason(**fields) is None
+    assert charge.reason() == "step"
+
+
+def test_the_meter_cannot_begin_anew_in_the_middle_of_an_attempt() -> None:
+    charge = Charge()
+    charge.run(20)
+    assert charge.reason() == "step"
+    assert charge.reason(0.0, reason="opening", recording=OTHER) is None
+    assert charge.reason(0.0, reason="opening", recording=OTHER, attempt=2) == "opening"
+
+
+def test_a_register_that_falls_is_not_signed_for() -> None:
+    charge = Charge()
+    charge.run(60)
+    assert charge.reason() == "step"
+    assert charge.reason(charge.delivered_wh - 2) is None
+
+
+def test_an_opening_that_says_that_something_flowed_is_not_signed_for() -> None:
+    charge = Charge()
+    assert charge.reason(5.0, reason="opening", attempt=2) is None
+
+
+def test_a_new_process_goes_on_after_what_the_old_one_signed() -> None:
+    charge = Charge()
+    charge.run(60)
+    fields = {
+        "device": "panther1",
+        "time_s": float(charge.seconds),
+        "task_id": 7,
+        "attempt": 1,
+        "recording": RECORDING,
+        "meter": "dock1",
+        "meter_address": ADDRESS,
+        "record": OTHER,
+        "begin_wh": 1000.0,
+        "register_wh": 1000.0 + charge.delivered_wh,
+        "soc": charge.soc,
+        "reason": "step",
+    }
+    charge.gauge = Gauge(BATTERY)
+    charge.account = Account(charge.gauge, "dock1", "panther1", task_id=7)
+    charge.account.restore(Receipt.model_validate(HEADER | fields))
+    charge.run(300, every=300)
+    for _ in range(30):
+        charge.run(20)
+        assert charge.reason() == "step"
+    assert charge.reason(charge.delivered_wh + 4 * STEP_WH) is None
