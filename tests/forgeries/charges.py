@@ -61,7 +61,7 @@ def receipts_of_another_robot(shop: Workshop) -> Submission:
     def renamed(device: Device) -> Device:
         return device.model_copy(update={"name": "panther2"}) if device.role == "robot" else device
 
-    return shop.charged(shop.charge, devices=renamed)
+    return shop.charged(shop.charge, sides=replace(_HONEST, robot_name="panther2"), devices=renamed)
 
 
 @forgery("both_signed", "nothing signed by the task's robot")
