@@ -20,11 +20,7 @@ from rodeo.witness import Claimant, Scope, payload_digest
 from tests.forgeries.workshop import (
     ARM_STATE,
     FINGERS,
-<<<<<<< HEAD
-    GAUGE,
     GRIPPER_POSE,
-=======
->>>>>>> 77ec759 (Both sides of a charge sign step by step, and payment follows what both signed)
     GRIPPER_STATE,
     ITEM,
     ITEM_POSE,
