@@ -45,19 +45,19 @@ Reason = Literal["opening", "step", "close"]
 
 
 class Moment(NamedTuple):
-    """Where the gauge stood: what the robot took in since it counts, at least and at most."""
+    """Where the gauge stood."""
 
     time_s: float
-    least_wh: float
     most_wh: float
+    """That the robot took in since it counts."""
     soc: float
 
 
 class Gauge:
     """What the robot takes in, by its battery's voltage and current, and by what it consumes itself.
 
-    The battery tells what is left after the robot's own consumption, which is at least that of a robot that
-    stands still and at most that of one whose arm moves.
+    The battery tells what is left after the robot's own consumption, which is at most that of a robot whose
+    arm moves.
     """
 
     def __init__(self, battery: BatteryConfig) -> None:
@@ -68,7 +68,7 @@ class Gauge:
 
     def begin(self, time_s: float, soc: float) -> None:
         """Where it stood when nobody looked at voltage and current yet."""
-        self._moments = deque([Moment(time_s, 0.0, 0.0, soc)], maxlen=_KEPT)
+        self._moments = deque([Moment(time_s, 0.0, soc)], maxlen=_KEPT)
         self._power_w = None
 
     def reading(self, time_s: float, voltage_v: float, current_a: float, soc: float) -> None:
@@ -77,7 +77,7 @@ class Gauge:
             return
         power_w = voltage_v * current_a
         if not self._moments:
-            self._moments.append(Moment(time_s, 0.0, 0.0, soc))
+            self._moments.append(Moment(time_s, 0.0, soc))
         last = self._moments[-1]
         seconds = time_s - last.time_s
         if seconds <= 0:
@@ -86,11 +86,9 @@ class Gauge:
             stored_wh = (power_w + self._power_w) / 2 * seconds / 3600
         else:
             stored_wh = (soc - last.soc) * self._battery.capacity_ah * voltage_v
-        own_wh = self._battery.idle_power_w * seconds / 3600
-        arm_wh = self._battery.arm_power_w * seconds / 3600
-        least_wh = last.least_wh + max(0.0, stored_wh + own_wh)
-        most_wh = last.most_wh + max(0.0, stored_wh + own_wh + arm_wh)
-        self._moments.append(Moment(time_s, least_wh, most_wh, min(max(soc, 0.0), 1.0)))
+        own_wh = (self._battery.idle_power_w + self._battery.arm_power_w) * seconds / 3600
+        most_wh = last.most_wh + max(0.0, stored_wh + own_wh)
+        self._moments.append(Moment(time_s, most_wh, min(max(soc, 0.0), 1.0)))
         self._power_w = power_w
 
     @property
@@ -145,7 +143,7 @@ class Account:
             receipt.begin_wh,
             receipt.register_wh,
             receipt.register_wh,
-            Moment(receipt.time_s, 0.0, 0.0, receipt.soc),
+            Moment(receipt.time_s, 0.0, receipt.soc),
             RESTORED_WH,
             receipt.reason == "close",
         )
@@ -166,9 +164,9 @@ class Account:
             return None
         if record.register_wh < session.signed_wh:
             return None  # older than what was signed
-        off_wh = _off_wh(record.register_wh - session.base_wh, session.base, now)
-        if off_wh > session.resolution_wh:
-            log.warning("the meter and the gauge are apart by %.1f Wh more than both may err", off_wh)
+        ahead_wh = _ahead_wh(record.register_wh - session.base_wh, session.base, now)
+        if ahead_wh > session.resolution_wh:
+            log.warning("the meter is ahead of the gauge by %.1f Wh more than both may err", ahead_wh)
             return None
         closed = record.reason == "close"
         self._session = session._replace(signed_wh=record.register_wh, closed=closed)
@@ -191,11 +189,12 @@ class Account:
         return "opening"
 
 
-def _off_wh(metered_wh: float, base: Moment, now: Moment) -> float:
-    """By how much the meter is off what the gauge allows for."""
-    least_wh = (now.least_wh - base.least_wh) * (1 - TOLERANCE_SHARE)
-    most_wh = (now.most_wh - base.most_wh) * (1 + TOLERANCE_SHARE)
-    return max(least_wh - metered_wh, metered_wh - most_wh)
+def _ahead_wh(metered_wh: float, base: Moment, now: Moment) -> float:
+    """By how much the meter is ahead of what the gauge allows for.
+
+    A meter that is behind costs the seller: it was away while current flowed.
+    """
+    return metered_wh - (now.most_wh - base.most_wh) * (1 + TOLERANCE_SHARE)
 
 
 class Receipts:
