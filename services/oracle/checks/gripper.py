@@ -10,7 +10,7 @@ import numpy as np
 
 from rodeo.evidence.series import Array
 from rodeo.lab.config import gripper_body
-from services.oracle.case import NO_MOCAP, Case, CaseError, Pose
+from services.oracle.case import CLOCKS_S, NO_MOCAP, Case, CaseError, Pose
 from services.oracle.checks.witnesses import UNSEEN_S
 from services.oracle.kinematics import inverse, product, turned
 from services.oracle.report import Finding, at_most, skipped
@@ -20,8 +20,6 @@ AGREE_M = 0.05
 5, and poses repeat to 2 mm: an honest hand stays within half of this."""
 AGREE_SHARE = 0.99
 """Of the time: where motion capture missed a few poses of a fast arm, its way is only guessed."""
-CLOCK_S = 0.3
-"""Motion capture's clock against the robot's: the offset with which they agree best, at most this."""
 RIGID_M = 0.03
 """What an item may slip or tilt between pads of 4 cm, and what poses of 2 mm and 5 mrad leave uncertain."""
 RIGID_SHARE = 0.99
@@ -34,19 +32,24 @@ def gripper_agrees(case: Case) -> Finding:
     if (missing := _missing(case)) is not None:
         return missing
     base, gripper, kinematics = case.base, _gripper(case), case.kinematics
-    begin_s = max(kinematics.time_s[0], base.time_s[0], gripper.time_s[0]) + CLOCK_S
-    end_s = min(kinematics.time_s[-1], base.time_s[-1], gripper.time_s[-1]) - CLOCK_S
+    begin_s = max(kinematics.time_s[0], base.time_s[0], gripper.time_s[0]) + CLOCKS_S
+    end_s = min(kinematics.time_s[-1], base.time_s[-1], gripper.time_s[-1]) - CLOCKS_S
     at_s = np.arange(begin_s, end_s, _LOOK_S)
     if len(at_s) < 2:
         raise CaseError("gripper and joints were not recorded at the same time", body=_name(case))
     hand = kinematics.hand(at_s)
     said_m, _ = _inside(*_poses(base, at_s), hand.position_m, hand.quaternion)
-    # Both seen by one clock, the joints by another.
-    off = {}
-    for shift_s in np.arange(-CLOCK_S, CLOCK_S + 1e-9, 0.02):
+
+    def off_m(shift_s: float) -> float:
+        # Both seen by one clock, the joints by another.
         seen_m, _ = _inside(*_poses(base, at_s + shift_s), *_poses(gripper, at_s + shift_s))
-        off[float(shift_s)] = float(np.quantile(np.linalg.norm(seen_m - said_m, axis=1), AGREE_SHARE))
-    best_s = min(off, key=lambda shift_s: (off[shift_s], abs(shift_s)))
+        return float(np.quantile(np.linalg.norm(seen_m - said_m, axis=1), AGREE_SHARE))
+
+    off, best_s = {0.0: off_m(0.0)}, 0.0
+    if off[0.0] > AGREE_M:
+        # A base that never turned does not tell how far apart the clocks are.
+        off |= {float(shift_s): off_m(shift_s) for shift_s in np.arange(-15, 16) * (CLOCKS_S / 15)}
+        best_s = min(off, key=lambda shift_s: (off[shift_s], abs(shift_s)))
     return at_most(
         off[best_s],
         AGREE_M,
