@@ -150,6 +150,8 @@ class Buyer:
                 self._receipts.remind()
 
     def close(self) -> None:
+        if self._stop.is_set():
+            return
         self._stop.set()
         self._thread.join()
         self._receipts.close()
