@@ -164,6 +164,10 @@ class Delivery:
         signed = self._receipted_wh is not None and self._receipted_wh >= shown_wh
         return None if signed and last.payload["reason"] != "close" else last
 
+    @property
+    def _answered(self) -> bool:
+        return self._last is not None and self.unanswered is None
+
     # -- from the bus's threads ------------------------------------------------------------------------
 
     def on_output(self, message: Any, info: MessageInfo) -> None:
@@ -177,8 +181,12 @@ class Delivery:
                 self._meter.reading(reading)
             self.power_w = reading.power_w
             self.session.reading(*reading, bool(message.present), self.energy_wh, self._covered)
-            if self.job.session.phase is Phase.CHARGING and self._meter.due:
+            phase = self.job.session.phase
+            if phase is Phase.CHARGING and self._meter.due:
                 self._say("step")
+            elif phase is Phase.AWAITING_RECEIPT and self._answered and not self._covered:
+                # What was read before the contactor opened came after it was said to be open.
+                self._say("pause")
 
     def on_battery(self, _message: Any, info: MessageInfo) -> None:
         """The robot's battery: on record from the moment that the robot is on the contacts, for people to see

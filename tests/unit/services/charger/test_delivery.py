@@ -175,6 +175,24 @@ def test_the_contactor_closes_again_with_the_next_receipt(tmp_path: Path) -> Non
     assert (bench.phase, bench.closed) == (Phase.CHARGING, True)
 
 
+def test_readings_that_come_after_the_contactor_opened_are_signed_for_too(tmp_path: Path) -> None:
+    """A fast clock's readings are late: the dock says that it is open before the last of them are here."""
+    bench = Bench(tmp_path)
+    bench.run(100)
+    bench.signs = False
+    bench.run(300)
+    late_s = bench.clock.time_s
+    bench.closed = True  # for the readings that are on their way
+    bench.run(60)
+    assert bench.phase is Phase.AWAITING_RECEIPT
+    bench.closed = False
+    bench.signs = True
+    bench.answer(bench.published[-1])
+    bench.run(5)
+    assert bench.phase is Phase.CHARGING
+    assert bench.clock.time_s < late_s + 100
+
+
 @pytest.mark.parametrize(
     "lie", [{"register_wh": 9999.0}, {"record": "0x" + "11" * 32}, {"recording": "0x" + "11" * 32}]
 )
