@@ -50,8 +50,8 @@ def order_wh(battery: BatteryConfig, dock: DockConfig, soc_from: float, soc_targ
     """What a robot orders to get from one state of charge to the other, at the dock's terminals.
 
     An upper estimate: the charge at the voltage that the dock holds at the end, and what the robot consumes
-    meanwhile.
+    meanwhile with its arm held up.
     """
     stored_wh = (soc_target - soc_from) * battery.capacity_ah * dock.voltage_v
-    share = battery.idle_power_w / (dock.voltage_v * dock.current_a)
+    share = (battery.idle_power_w + battery.arm_power_w) / (dock.voltage_v * dock.current_a)
     return round(max(stored_wh / (1 - min(share, 0.5)), 1.0), 1)
