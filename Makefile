@@ -43,7 +43,7 @@ test: setup node_modules/.stamp postgresql  ## everything that checks the projec
 	@npm run --silent contracts:test
 	@$(BIN)/python -m pytest --chain $(CHAIN) --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder
 
-bench: setup node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, robot, itrash, bridge, autonomy, soak, console)
+bench: setup node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, honest, robot, itrash, bridge, autonomy, soak, console)
 	@$(BIN)/python -m bench $(ONLY)
 
 lint: setup node_modules/.stamp  ## linters, type checker, built contracts equal to their sources

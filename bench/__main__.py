@@ -16,6 +16,7 @@ AREAS = (
     "evidence",
     "oracle",
     "forgeries",
+    "honest",
     "robot",
     "itrash",
     "bridge",

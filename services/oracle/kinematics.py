@@ -14,9 +14,12 @@ from rodeo.evidence.series import Array
 from rodeo.lab.config import Pose2
 from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, world_spec
 from services.oracle.case import Case, CaseError, continuous, increasing
+from services.oracle.smoothing import smoothed
 
 RAMP_S = 0.2
 """In which errors of the encoders come up: no jerk may shake what the hand holds."""
+_JOINTS_HALF_WINDOW_S = 0.1
+"""Of the fit of the joints: stamps that jitter by 4 ms shake an arm that moves."""
 _LOOK_EVERY = 0.02
 """Motion in m or rad between two looks at what the links touch: finer than anything that stands in a lab."""
 
@@ -76,10 +79,12 @@ class Kinematics:
         if len(known) < 2:
             raise CaseError("joints and base were not recorded at the same time", topic=joints.topic)
         time_s = time_s[known]
-        standing = PchipInterpolator(base.time_s, np.hstack([base.position_m, base.quaternion]))(time_s)
+        standing = smoothed(base.time_s, np.hstack([base.position_m, base.quaternion]), time_s)
         moving = joints.named("position", [*ARM_JOINTS, *FINGER_JOINTS])[known]
         if not np.isfinite(moving).all():
             raise CaseError("a joint's position is not a number", topic=joints.topic)
+        arm = slice(len(ARM_JOINTS))
+        moving[:, arm] = smoothed(time_s, moving[:, arm], time_s, _JOINTS_HALF_WINDOW_S)
         rows = np.tile(self._data.qpos, (len(time_s), 1))
         rows[:, columns] = np.hstack([standing, moving])
         return time_s, rows

@@ -1179,8 +1179,7 @@ _HEAD = """\
 
 {count} forgeries, made from honest recordings by `tests/forgeries`, most of them sealed with the
 executor's own key; "for the motion capture, too" is a lab whose motion capture helps the forger. Each is
-refused by the check named, with these words in the reason. `make bench ONLY=forgeries` counts, and films 200
-honest runs.
+refused by the check named, with these words in the reason. `make bench ONLY=forgeries` counts.
 
 | forgery | what it is | check |
 |---|---|---|"""

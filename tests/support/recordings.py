@@ -182,6 +182,8 @@ class Witnesses:
     """Digest of the recording whose heads the witnesses heard, if another than this one."""
     forks_at_s: float = math.inf
     """From then on they heard heads of another version of it."""
+    mocap_clock_s: float = 0.0
+    """By how much the clock of the motion capture is ahead."""
     ago_s: float = 0.0
     """By how much the witnesses' times are earlier than those of the recording: it is of then."""
     charge: Sides = field(default_factory=Sides)
@@ -219,9 +221,9 @@ class _Scene:
         }
         seen = {found["body"] for s in take.samples if (found := MOCAP_TOPIC.fullmatch(s.topic))}
         self._ago_ns = round(witnesses.ago_s * 1e9)
-        start_us = (take.samples[0].time_ns - self._ago_ns) // 1000 - 20_000
+        self._mocap_ns = round((witnesses.mocap_clock_s - witnesses.ago_s) * 1e9)
+        start_us = (take.samples[0].time_ns + self._mocap_ns) // 1000 - 20_000
         self._motion = motion.MotionLog(sorted(seen), start_us) if seen else None
-        self._seen_us: dict[str, int] = {}
         self._claimants: tuple[Claimant, ...] = ()
         self.recording = _NOTHING
 
@@ -247,16 +249,14 @@ class _Scene:
     def see(self, sample: Sample, body: str) -> None:
         if self._motion is not None:
             at, turn = sample.message.pose.position, sample.message.pose.orientation
-            time_us = (stamped_ns(sample.message) - self._ago_ns) // 1000
+            time_us = (stamped_ns(sample.message) + self._mocap_ns) // 1000
             pose = motion.Sample(time_us, (at.x, at.y, at.z), (turn.w, turn.x, turn.y, turn.z))
-            if time_us > self._seen_us.get(body, 0):
-                self._seen_us[body] = time_us
-                self._motion.add(body, pose)
+            self._motion.add(body, pose)
 
     def tick(self, time_ns: int, last: bool = False) -> Attestation | None:
         """The statement of the motion capture that is due."""
         chain, log = self._chains["mocap"], self._motion
-        time_ns -= self._ago_ns
+        time_ns += self._mocap_ns
         if log is None or not (last or log.due(time_ns // 1000, bool(chain.heads))):
             return None
         return self._tell(
@@ -483,9 +483,10 @@ def stamp(message: Any, time_ns: int) -> Any:
 class _Camera:
     """Films one robot and its lab at 50 Hz."""
 
-    def __init__(self, site: Site) -> None:
+    def __init__(self, site: Site, reality: Callable[[mujoco.MjModel], None] = lambda _model: None) -> None:
         self.site = site
         self.model = build_world(site)
+        reality(self.model)
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
         self.robot = site.robots[0]
@@ -643,14 +644,15 @@ def film_cleaning(
     via: Sequence[tuple[float, float]] = ((4.7, 1.7), (5.2, 3.4)),
     linger_s: float = 0.0,
     sway_rad: float = 0.0,
+    reality: Callable[[mujoco.MjModel], None] = lambda _model: None,
 ) -> Take:
     """Fetch `item_id` and drop it into its compartment, or into `compartment`, whatever the bin asks for.
 
     The robot starts half a metre west of the item (or at `start`) and carries it `via` these points.
     It stands about for `linger_s` before it picks and while it carries. While it drives with the item all
-    joints of its arm sway by `sway_rad`.
+    joints of its arm sway by `sway_rad`. `reality` changes what the world is like beside the site file.
     """
-    camera = _Camera(site)
+    camera = _Camera(site, reality)
     operator = _FilmedOperator(camera)
     item = next(item for item in site.items if item.id == item_id)
     layout = BinLayout(site.bin)

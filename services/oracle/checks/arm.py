@@ -25,6 +25,9 @@ HELD_M = 0.003
 """Fingers that are as far apart as usual during the carry, to this, hold what is carried."""
 HELD_SHARE = 0.9
 """Of that; the command to open comes before they do."""
+COMPARED_S = 0.15
+"""A command is compared with joints that were recorded at most so far apart: an arm that moves goes 0.1 rad
+meanwhile."""
 NO_NUMBER_SHARE = 0.1
 """Of a controller's states: as many may be missing."""
 
@@ -168,7 +171,14 @@ def _commands(case: Case, topic: Topic, joints: tuple[str, ...]) -> tuple[Array,
         raise CaseError(
             "the controller's references are no numbers", topic=state.topic, share=float((~numbers).mean())
         )
-    return increasing(state)[numbers], wanted[numbers]
+    time_s, wanted = increasing(state)[numbers], wanted[numbers]
+    # Where joint states were lost nobody knows how the arm went; `cleaning_gaps` says how much that may be.
+    joints_s = increasing(case.joints)
+    after = np.clip(np.searchsorted(joints_s, time_s), 1, len(joints_s) - 1)
+    known = joints_s[after] - joints_s[after - 1] <= COMPARED_S
+    if not known.any():
+        raise CaseError("joints and commands were not recorded at the same time", topic=state.topic)
+    return time_s[known], wanted[known]
 
 
 def _measured(case: Case, at_s: Array, joints: tuple[str, ...]) -> Array:

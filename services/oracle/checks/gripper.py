@@ -24,6 +24,8 @@ RIGID_M = 0.03
 """What an item may slip or tilt between pads of 4 cm, and what poses of 2 mm and 5 mrad leave uncertain."""
 RIGID_SHARE = 0.99
 """Of the carry, for single poses that are off."""
+GUESSED_S = 0.2
+"""Between two messages of the joints: what a fast arm did in more than this is not known."""
 _LOOK_S = 0.1
 
 
@@ -35,6 +37,10 @@ def gripper_agrees(case: Case) -> Finding:
     begin_s = max(kinematics.time_s[0], base.time_s[0], gripper.time_s[0]) + CLOCKS_S
     end_s = min(kinematics.time_s[-1], base.time_s[-1], gripper.time_s[-1]) - CLOCKS_S
     at_s = np.arange(begin_s, end_s, _LOOK_S)
+    # Where joints were lost nobody knows where they had it; `cleaning_gaps` says how much that may be.
+    after = np.searchsorted(kinematics.time_s, at_s)
+    at_s = at_s[kinematics.time_s[after] - kinematics.time_s[after - 1] <= GUESSED_S]
+    at_s = _seen(at_s, base, gripper)
     if len(at_s) < 2:
         raise CaseError("gripper and joints were not recorded at the same time", body=_name(case))
     hand = kinematics.hand(at_s)
@@ -71,7 +77,7 @@ def item_in_gripper(case: Case) -> Finding:
         if lost_s > UNSEEN_S:
             return at_most(lost_s, UNSEEN_S, "s", _SOURCE, "over which nothing of the gripper is signed")
     at_s = item.time_s[(item.time_s >= phases.lifted_s) & (item.time_s <= release_s)]
-    at_s = np.union1d(at_s, np.arange(phases.lifted_s, release_s, _LOOK_S))
+    at_s = _seen(np.union1d(at_s, np.arange(phases.lifted_s, release_s, _LOOK_S)), gripper, item)
     if len(at_s) < 2:
         raise CaseError("motion capture did not see the item between lift and release")
     inside_m, _ = _inside(*_poses(gripper, at_s), *_poses(item, at_s))
@@ -86,6 +92,15 @@ def item_in_gripper(case: Case) -> Finding:
 
 
 _SOURCE = "statements of the motion capture"
+
+
+def _seen(at_s: Array, *poses: Pose) -> Array:
+    """Of these times those at which all are signed rather than guessed. How long the others may be is for
+    `seen_throughout` and `item_in_gripper` to say."""
+    for pose in poses:
+        for start_s, end_s in pose.unseen_s:
+            at_s = at_s[(at_s <= start_s) | (at_s >= end_s)]
+    return at_s
 
 
 def _missing(case: Case) -> Finding | None:
