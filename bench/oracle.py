@@ -9,6 +9,9 @@ second costs between 192 and 384 s, over what it costs between 96 and 192 s; 1 i
 `verify_peak_mb`: largest resident memory of a process that verifies the 192 s cleaning,
 `verify_charging_peak_mb` and `verify_cleaning_384s_peak_mb` of processes that verify the others.
 `verify_cpu_s` and `verify_charging_cpu_s`: CPU time of a verification without the start of its process.
+`proof_to_verdict_s`: on a running site (router, chain, bridge and oracle as processes), wall time from the
+event of a submission's block to that of its verdict's: the worst of `proof_to_verdict_first_s`, the first
+after the oracle's start, and of the median of later ones, `proof_to_verdict_later_s`.
 """
 
 from __future__ import annotations
@@ -24,8 +27,12 @@ from pathlib import Path
 from eth_account.signers.local import LocalAccount
 
 from bench.memory import peak_mb
+from rodeo import wallets
+from rodeo.bus import DaoEvents
 from rodeo.config import Site
+from rodeo.dao import CLEANING, Participant
 from rodeo.evidence import Binding, Store
+from rodeo.messages import DaoEvent
 from services.oracle.case import Ledger
 from services.oracle.verify import verify_submission
 from services.oracle.worker import verify_apart
@@ -37,7 +44,9 @@ from tests.support.assignments import (
     charging_ledger,
     cleaning_ledger,
 )
-from tests.support.recordings import Take, film_charging, film_cleaning, seal
+from tests.support.dao import Dao
+from tests.support.recordings import Take, film_charging, film_cleaning, later, seal
+from tests.support.site import RunningSite, write_site
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 CLEANING_S = 192.0
@@ -50,6 +59,7 @@ SWAY_RAD = 0.1
 CHARGED_FROM = 0.525
 """State of charge from which a charge takes 65 minutes."""
 REPEATS = 5
+SUBMISSIONS = 6
 
 
 def run() -> dict[str, float]:
@@ -89,7 +99,55 @@ def run() -> dict[str, float]:
         figures["verify_cpu_s"] = cpu_s[CLEANING_S]
         figures["verify_peak_mb"] = figures.pop("verify_cleaning_192s_peak_mb")
         figures["verify_growth"] = (cpu_s[384.0] - cpu_s[192.0]) / (cpu_s[192.0] - cpu_s[96.0]) / 2
-        return figures
+        return figures | proof_to_verdict()
+
+
+def proof_to_verdict() -> dict[str, float]:
+    """Submit honest proofs, one after another, on a site of real processes."""
+    with tempfile.TemporaryDirectory() as folder:
+        running = RunningSite(write_site(Path(folder)))
+        dao = Dao(running)
+        try:
+            dao.start()
+            running.start("oracle")
+            dao.command("panther1", "register_service", kind=CLEANING, price_iec="100")
+            devices = "itrash", "panther1", "mocap"
+            keys = {name: wallets.load(dao.site, f"{name}-device") for name in devices}
+            film = film_cleaning(dao.site, "item1", keys["itrash"])
+            films = [later(film, 120 * number, keys["itrash"]) for number in range(1, 1 + SUBMISSIONS)]
+            took_s = [_verdict_s(dao, keys, take) for take in films]
+        finally:
+            dao.stop()
+            running.stop()
+    later_s = statistics.median(took_s[1:])
+    return {
+        "proof_to_verdict_s": max(took_s[0], later_s),
+        "proof_to_verdict_first_s": took_s[0],
+        "proof_to_verdict_later_s": later_s,
+    }
+
+
+def _verdict_s(dao: Dao, keys: dict[str, LocalAccount], take: Take) -> float:
+    """Wall time from the block of a submission of `take` to that of its verdict."""
+    executor = Participant(dao.running.bus, dao.site.org, "panther1")
+    dao.set_clock(take.start_s - 5)
+    task = executor.task(dao.post(params={"item_id": "item1", "x_m": 4.6, "y_m": 1.2}))
+    with tempfile.TemporaryDirectory() as folder:
+        signed = signed_poses(take, keys["mocap"])
+        proof = seal(signed, Path(folder, "proof.mcap"), executor.binding(task, "panther1"), keys["panther1"])
+        uri = Store(dao.site).put(proof.path)
+    dao.set_clock(take.end_s + 5)
+    heard_s: dict[str, float] = {}
+
+    def on_event(event: DaoEvent) -> None:
+        if event.task_id == task.id:
+            heard_s.setdefault(event.name, time.perf_counter())
+
+    with DaoEvents(dao.running.bus, dao.site.org, on_event, after_seq=dao.events[-1].seq):
+        executor.submit_proof(task.id, task.attempt, proof.sha256, uri)
+        dao.wait_for(lambda: "TaskSettled" in dao.names_of(task.id), f"the payment of task {task.id}")
+        dao.catch_up()
+    return heard_s["VerdictPosted"] - heard_s["ProofSubmitted"]
 
 
 def _submitted(site: Site, take: Take, ledger: Ledger, binding: Binding, device: LocalAccount) -> Ledger:
