@@ -20,6 +20,10 @@ from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, Robot
 MiB = 1 << 20
 
 
+FASTEST_CLOCK = 50.0
+"""How many times faster than real time a simulated clock without a set speed goes."""
+
+
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
@@ -161,6 +165,9 @@ class OracleConfig(_Table):
     (`services.oracle.counts`). Beyond it, it is tried once more and then undecided."""
     time_limit_s: float = Field(default=600.0, gt=0)
     """Wall time of one verification, only to end one that hangs; what follows is the same."""
+    verdict_within_s: float = Field(default=240.0, gt=0)
+    """Wall time after which a submission has its verdict, if the worst comes: two verifications up to the
+    fuse, and as much for an earlier submission that it has to wait for."""
 
 
 class CameraConfig(_Table):
@@ -303,6 +310,14 @@ class Site(BaseSettings):
     @property
     def store_url(self) -> str:
         return self.store.url or (self.data_dir.absolute() / "store").as_uri()
+
+    @property
+    def min_verdict_window_s(self) -> float:
+        """The shortest verdict window, s of site time, in which an honest proof has its verdict: whoever does
+        work for less may lose it because the oracle is slow."""
+        clock = self.clock
+        speed = 1.0 if clock.source == "wall" else clock.speed or FASTEST_CLOCK
+        return self.oracle.verdict_within_s * max(speed, 1.0)
 
     @property
     def kinds(self) -> list[str]:

@@ -325,6 +325,8 @@ class Charger:
             namespace = site.robot(params.robot).namespace
             if params.dock != dock.name:
                 problem = f"this charger serves {dock.name}, not {params.dock}"
+            if task.verdict_window_s < self._site.min_verdict_window_s:
+                problem = f"its verdict window of {task.verdict_window_s} s is too short to be paid for it"
         except (ValidationError, RodeoError) as error:
             problem = str(error)
         assigned_s = task.assigned or 0.0

@@ -22,8 +22,7 @@ from typing import TYPE_CHECKING, Self
 
 from rodeo.dao import CHARGING, CLEANING
 from rodeo.errors import RodeoError
-from rodeo.messages import DaoEvent
-from services.oracle.report import Outcome
+from rodeo.messages import DaoEvent, Outcome
 
 if TYPE_CHECKING:
     from services.oracle.case import Case

@@ -17,6 +17,7 @@ import queue
 import tempfile
 import threading
 from collections.abc import Callable
+from decimal import Decimal
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -178,7 +179,7 @@ class Oracle:
             attempt=task.attempt,
             proof_sha256=task.proof_sha256 or "",
             outcome=report.outcome,
-            amount_iec=(report.amount_iec or task.price_iec) if report.accepted else None,
+            amount_iec=_amount_iec(task, report),
             reason=report.reason,
             report_sha256=report_sha256,
             report_uri=report_uri,
@@ -287,6 +288,13 @@ def is_ours(kind: str, rules: list[dict[str, Any]]) -> bool:
     """Whether the organization's rules have the oracle judge this kind of work. Never where the oracle has no
     checks of its own: that somebody says so is no check."""
     return not is_peoples(kind) and any(rule["kind"] == kind and rule["review"] == "oracle" for rule in rules)
+
+
+def _amount_iec(task: Task, report: Report) -> Decimal | None:
+    """What an accepted proof is paid: what its report says, which may be nothing, else the full price."""
+    if not report.accepted:
+        return None
+    return task.price_iec if report.amount_iec is None else report.amount_iec
 
 
 def _acts_unspent(claimed: list[str], found: Spent | None) -> Check:

@@ -33,6 +33,7 @@ from rodeo.lab.world import (
     world_spec,
 )
 from services.oracle.case import Case, CaseError, increasing
+from services.oracle.counts import COUNTS
 from services.oracle.grip import EVERY, STRETCH, Grip, Rows, Way
 from services.oracle.kinematics import HandPath, Kinematics, fixtures, reduce_to_solids
 from services.oracle.phases import HELD_S, LIFTED_M, Phases
@@ -45,8 +46,6 @@ LAY_S = 1.0
 BEFORE_RELEASE_S = 0.5
 SETTLE_S = 1.0
 """Replayed after the recorded item came to rest."""
-LONGEST_S = 600.0
-"""No carry across one room takes longer; bounds what a proof can make the oracle compute."""
 
 _STATE = mujoco.mjtState.mjSTATE_FULLPHYSICS
 _HAND = "hand"
@@ -217,8 +216,12 @@ def replay(case: Case) -> Replay:
     known_s = case.kinematics.time_s
     start_s = max(phases.closing_s - BEFORE_CLOSING_S, known_s[0])
     end_s = min(phases.rest_s + SETTLE_S, known_s[-1])
-    if not 0 < end_s - start_s <= LONGEST_S:
-        raise CaseError("the carry is absurdly long or not recorded", start_s=start_s, end_s=end_s)
+    if not 0 < end_s - start_s <= COUNTS.carried_s:
+        raise CaseError(
+            "the carry is not recorded, or of more seconds than a proof may hold",
+            carried_s=round(end_s - start_s, 2),
+            limit_s=COUNTS.carried_s,
+        )
     time_s = np.arange(start_s, end_s, TIMESTEP_S)
 
     fingers = PchipInterpolator(joint_time_s, fingers_m)
@@ -296,6 +299,7 @@ class World:
         self.model = spec.compile()
         self.model.stat.meaninertia = _SOLVED_KG
         self.data = mujoco.MjData(self.model)
+        self._replayed_s = 0.0
         self._grip = Grip(self.model, self.data, _HAND, self._fingers, item.id)
         self._sensor = {
             self.model.sensor(i).name: slice(a, a + d)
@@ -384,6 +388,9 @@ class World:
         state, begin = state.copy(), steps.start
         state[self._grip.hand_qpos] = (*way.hand.position_m[begin], *way.hand.quaternion[begin])
         state[self._grip.hand_qvel] = way.speed[max(begin - 1, 0)]
+        self._replayed_s += TIMESTEP_S * (steps.stop - begin)
+        if self._replayed_s > COUNTS.replayed_s:
+            raise CaseError("more replayed seconds than a proof may need", limit_s=COUNTS.replayed_s)
         states, sensors = rollout.rollout(self.model, self.data, state, way.control[None, steps])
         return Rows(len(states[0]), states[0, ::EVERY], sensors[0, ::EVERY], states[0, -1])
 

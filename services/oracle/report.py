@@ -15,13 +15,13 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from decimal import Decimal
-from typing import Any, Literal
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict
 
-Measured = float | int | str | None
+from rodeo.messages import Outcome
 
-Outcome = Literal["accepted", "rejected", "undecided"]
+Measured = float | int | str | None
 
 
 class Finding(BaseModel):

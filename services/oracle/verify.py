@@ -22,6 +22,7 @@ from rodeo.evidence.errors import CorruptProof, SealError, StoreUnavailable
 from services.oracle.acts import acts
 from services.oracle.case import Case, CaseError, Ledger
 from services.oracle.checks import CHECKS, STATEMENT, CheckFunction
+from services.oracle.counts import COUNTS
 from services.oracle.report import Check, Finding, Report, skipped
 
 log = logging.getLogger(__name__)
@@ -37,7 +38,7 @@ def verify_file(path: Path, site: Site, ledger: Ledger | None = None) -> Report:
     """
     checks: list[Check] = []
     try:
-        proof = _open(path, Limits(file_bytes=site.store.max_bytes))
+        proof = _open(path, Limits(file_bytes=site.store.max_bytes, messages=COUNTS.messages))
     except EvidenceError as error:
         return _report([_failed("readable_and_sealed", error)], ledger)
     by = f"under {proof.seals} seals by {proof.signer}" if proof.sealed else "of a bag"

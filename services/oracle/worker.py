@@ -122,11 +122,10 @@ def _once(
 
 @cache
 def _context() -> ForkServerContext:
-    """Children come from a process that has loaded MuJoCo already, and nothing else of ours."""
+    """Children come from a process that has loaded already what they need."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(
-        ["services.oracle.verify", "services.oracle.replay", "services.oracle.preload"]
-    )
+    loaded = ["worker", "verify", "replay", "preload"]
+    context.set_forkserver_preload([f"services.oracle.{name}" for name in loaded])
     return context
 
 

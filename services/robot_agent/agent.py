@@ -33,7 +33,7 @@ from services.robot_agent.bin import SmartBin
 from services.robot_agent.body import Body
 from services.robot_agent.charging import Charging
 from services.robot_agent.cleaning import AFTER_DROP_S, Cleaning
-from services.robot_agent.decision import Intent, Situation, decide, takes_work
+from services.robot_agent.decision import Intent, Situation, decide, require_time_for_verdict, takes_work
 from services.robot_agent.errors import (
     AgentError,
     Cancelled,
@@ -526,6 +526,7 @@ class Agent:
             if released_s is not None:
                 self._cleaning.confirm(released_s, checkpoint, self._report, recording)
             else:
+                require_time_for_verdict(task, self._site)
                 self._cleaning.dispose(item_id, _place(task), checkpoint, self._report, recording)
             duration_s = self._clock.now_s() - started_s
         except (TaskFailed, Cancelled) as error:

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
-from rodeo.config import AgentConfig
+from rodeo.config import AgentConfig, Site
 from rodeo.messages import Task
+from services.robot_agent.errors import TaskFailed
 
 
 class Intent(StrEnum):
@@ -32,6 +33,17 @@ class Situation:
     """Work on the assignment has begun."""
     paused: bool = False
     charge_ordered: bool = False
+
+
+def require_time_for_verdict(task: Task, site: Site) -> None:
+    """Before work is done for it: raises TaskFailed when an honest proof might not be judged in time, and so
+    not be paid, because the task's verdict window is too short for the oracle."""
+    if task.verdict_window_s < site.min_verdict_window_s:
+        raise TaskFailed(
+            "the task's verdict window is too short",
+            verdict_window_s=task.verdict_window_s,
+            needs_s=site.min_verdict_window_s,
+        )
 
 
 def takes_work(now: Situation) -> bool:

@@ -22,10 +22,13 @@ from services.oracle.checks import (
     statement,
     witnesses,
 )
+from services.oracle.counts import within_counts
 from services.oracle.report import Finding
 
 CheckFunction = Callable[[Case], Finding]
 Stage = tuple[CheckFunction, ...]
+
+COUNTED: Stage = (within_counts,)
 
 PROVENANCE: Stage = (
     provenance.task_binding,
@@ -37,6 +40,7 @@ PROVENANCE: Stage = (
 
 CHECKS: dict[str, tuple[Stage, ...]] = {
     CLEANING: (
+        COUNTED,
         (*PROVENANCE, provenance.executor_on_site),
         (declared.not_given_up,),
         (completeness.in_order, completeness.tallied),
@@ -66,6 +70,7 @@ CHECKS: dict[str, tuple[Stage, ...]] = {
         (provenance.sealed,),
     ),
     CHARGING: (
+        COUNTED,
         PROVENANCE,
         (completeness.in_order, completeness.tallied),
         (charging.same_names,),
@@ -78,6 +83,7 @@ CHECKS: dict[str, tuple[Stage, ...]] = {
 }
 
 STATEMENT: tuple[Stage, ...] = (
+    COUNTED,
     tuple(statement.executors_own_seal if check is provenance.signer else check for check in PROVENANCE),
     (declared.not_given_up,),
     (statement.stated,),

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import pytest
 
-from rodeo.config import AgentConfig
+from rodeo.config import AgentConfig, ClockConfig, Site
 from rodeo.messages import Task
-from services.robot_agent.decision import Intent, Situation, decide, takes_work
+from services.robot_agent.decision import Intent, Situation, decide, require_time_for_verdict, takes_work
+from services.robot_agent.errors import TaskFailed
+from tests.support.site import LAB
 
 AGENT = AgentConfig(charge_below=0.5, charge_target=0.95, explore_when_idle=True)
 
@@ -101,3 +103,26 @@ def test_the_service_is_open_only_while_the_robot_can_do_what_it_offers(
     situation: Situation, open_to_work: bool
 ) -> None:
     assert takes_work(situation) == open_to_work
+
+
+@pytest.mark.parametrize(
+    ("clock", "needs_s"),
+    [
+        (ClockConfig(source="wall", speed=1), 240.0),
+        (ClockConfig(speed=10), 2400.0),
+        (ClockConfig(speed=0.5), 240.0),
+        (ClockConfig(speed=0), 12_000.0),  # as fast as the machine allows
+    ],
+)
+def test_no_work_is_done_for_a_verdict_that_may_come_too_late(clock: ClockConfig, needs_s: float) -> None:
+    site = Site.load(LAB).model_copy(update={"clock": clock})
+    assert site.min_verdict_window_s == needs_s
+    require_time_for_verdict(JOB.model_copy(update={"verdict_window_s": needs_s}), site)
+    with pytest.raises(TaskFailed) as refused:
+        require_time_for_verdict(JOB.model_copy(update={"verdict_window_s": needs_s - 1}), site)
+    assert refused.value.details == {"verdict_window_s": needs_s - 1, "needs_s": needs_s}
+
+
+def test_the_sites_own_tasks_leave_time_for_the_verdict() -> None:
+    site = Site.load(LAB)
+    assert site.economy.verdict_window_s >= site.min_verdict_window_s
