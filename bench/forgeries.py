@@ -2,6 +2,7 @@
 
 `forgeries_accepted` of `forgeries`: the catalogue of tests/forgeries; `forgeries_misnamed` were refused for
 another reason than theirs.
+`hostile_proof_cpu_s`: what the worst proofs cost, see `bench.hostile`.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from bench.hostile import hostile_proof_cpu_s
 from rodeo.config import Site
 from tests.forgeries import CATALOGUE, Workshop
 
@@ -28,7 +30,7 @@ def run() -> dict[str, float]:
             misnamed += not report.reason.startswith(forgery.check)
             if not report.reason.startswith(forgery.check):
                 console.print(f"{name}: {report.reason}", markup=False)
-    return {
+    return hostile_proof_cpu_s() | {
         "forgeries": len(CATALOGUE),
         "forgeries_accepted": accepted,
         "forgeries_misnamed": misnamed,

@@ -28,12 +28,14 @@ from rich.console import Console
 
 from rodeo.config import Site
 from rodeo.evidence import attest
-from rodeo.evidence.recorder import ATTESTATION_CHANNEL
+from rodeo.evidence.recorder import ATTESTATION_CHANNEL, _Entry, _SealedFile
+from rodeo.evidence.seal import SealChain
+from rodeo.ros2.types import new, serialize
 from services.oracle.case import Ledger
 from services.oracle.counts import COUNTS
 from services.oracle.verify import verify_file
 from tests.support.assignments import BIN, BINDING, MOCAP, ROBOT, cleaning_ledger
-from tests.support.recordings import Sample, Take, film_cleaning, seal, signed_poses, without_mocap
+from tests.support.recordings import Sample, Take, film_cleaning, seal, signed_poses, stamp, without_mocap
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 
@@ -127,9 +129,7 @@ def swaying(site: Site, film: Take, folder: Path) -> Hostile:
 
 
 def _at(sample: Sample, time_ns: int) -> Sample:
-    from tests.support.recordings import stamp
-
-    header = replace(sample.message.header)
+    header = replace(sample.message.header, stamp=new("builtin_interfaces/msg/Time"))
     return replace(sample, message=stamp(replace(sample.message, header=header), time_ns), time_ns=time_ns)
 
 
@@ -166,9 +166,6 @@ def _tiny(count: int) -> Iterator[tuple[str, bytes]]:
 
 def _flooded(film: Take, folder: Path, more: Iterator[tuple[str, bytes]]) -> Path:
     """The film, and these messages while it began, sealed by the executor's device."""
-    from rodeo.evidence.recorder import _Entry, _SealedFile
-    from rodeo.evidence.seal import SealChain
-    from rodeo.ros2.types import serialize
 
     path = folder / "p.mcap"
     file = _SealedFile(path, SealChain(BINDING, ROBOT), None)
