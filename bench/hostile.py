@@ -119,7 +119,7 @@ def swaying(site: Site, film: Take, folder: Path) -> Hostile:
             if since_ns > 0:  # the turn before ended with it
                 samples.append(_at(sample, cut_ns + (turn - 1) * length_ns + since_ns + 1))
     rest_ns = SWAYS * length_ns + 1
-    samples += [_at(s, s.time_ns + rest_ns) for s in film.samples if s.time_ns > cut_ns and s.ros_type]
+    samples += [_at(s, s.time_ns + rest_ns) for s in film.samples if s.time_ns > cut_ns]
     take = _numbered(samples)
     return (
         site,
@@ -129,6 +129,10 @@ def swaying(site: Site, film: Take, folder: Path) -> Hostile:
 
 
 def _at(sample: Sample, time_ns: int) -> Sample:
+    if not sample.ros_type:  # what the bin says of its classification and of the drop
+        later_s, payload = (time_ns - sample.time_ns) * 1e-9, sample.message["payload"]
+        times = {key: payload[key] + later_s for key in ("after_s", "time_s") if key in payload}
+        return replace(sample, message=attest(payload | times, BIN).model_dump(), time_ns=time_ns)
     header = replace(sample.message.header, stamp=new("builtin_interfaces/msg/Time"))
     return replace(sample, message=stamp(replace(sample.message, header=header), time_ns), time_ns=time_ns)
 
