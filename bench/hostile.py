@@ -13,11 +13,9 @@ Files are not signed message by message: one signature that is well-formed serve
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import tempfile
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -28,30 +26,37 @@ from rich.console import Console
 
 from rodeo.config import Site
 from rodeo.evidence import attest
-from rodeo.evidence.recorder import ATTESTATION_CHANNEL, _Entry, _SealedFile
-from rodeo.evidence.seal import SealChain
-from rodeo.ros2.types import new, serialize
+from rodeo.ros2.types import new
 from services.oracle.case import Ledger
-from services.oracle.counts import COUNTS
+from services.oracle.counts import BURST_S, COUNTS
 from services.oracle.verify import verify_file
-from tests.support.assignments import BIN, BINDING, MOCAP, ROBOT, cleaning_ledger
-from tests.support.recordings import Sample, Take, film_cleaning, seal, signed_poses, stamp, without_mocap
+from tests.support.assignments import BINDING, ROBOT, cleaning_ledger
+from tests.support.recordings import (
+    ATTESTATION,
+    TIMES,
+    Sample,
+    Take,
+    film_cleaning,
+    seal,
+    shifted_by,
+    without_mocap,
+)
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 
 STRANGERS = 700_000
-MILLIONS = 2_000_000
+MANY = 1_000_000
 SIGHTINGS = 10_000
 SWAY_S = 10
 """Of the carry's end, which is done there and back again."""
-SWAYS = int(0.9 * COUNTS.carried_s / SWAY_S)
+SWAYS = int(0.85 * COUNTS.carried_s / SWAY_S / 2)
 STRANGER = Account.create()
 
 
 def hostile_proof_cpu_s() -> dict[str, float]:
     """CPU time of each, s, and the worst."""
     site = Site.load(SITE)
-    film = film_cleaning(site, "item1", BIN)
+    film = film_cleaning(site, "item1")
     figures = {}
     for make in (
         strangers,
@@ -75,27 +80,25 @@ Hostile = tuple[Site, Ledger, Path]
 
 
 def strangers(site: Site, film: Take, folder: Path) -> Hostile:
-    return site, cleaning_ledger(film), _flooded(film, folder, _statements(STRANGER, STRANGERS))
+    return _sealed(site, film, folder, [_statement(STRANGER, film)] * STRANGERS)
 
 
 def strangers_within_counts(site: Site, film: Take, folder: Path) -> Hostile:
-    count = COUNTS.statements - 1_000
-    return site, cleaning_ledger(film), _flooded(film, folder, _statements(STRANGER, count))
+    return _sealed(site, film, folder, [_statement(STRANGER, film)] * (COUNTS.statements - 1_000))
 
 
 def a_devices_statements(site: Site, film: Take, folder: Path) -> Hostile:
-    """As many as one registered key may have signed: the robot's own."""
-    count = int(COUNTS.statements_per_s * (film.end_s - film.start_s + 50))
-    return site, cleaning_ledger(film), _flooded(film, folder, _statements(ROBOT, count))
+    """As many as one registered key may have signed: the robot's own, with signatures that are not its."""
+    count = int(COUNTS.statements_per_s * (film.end_s - film.start_s + BURST_S)) - 100
+    return _sealed(site, film, folder, [_statement(ROBOT, film, number) for number in range(count)])
 
 
 def millions_of_messages(site: Site, film: Take, folder: Path) -> Hostile:
-    return site, cleaning_ledger(film), _flooded(film, folder, _tiny(MILLIONS))
+    return _sealed(site, film, folder, [_tiny(film)] * MANY)
 
 
 def tiny_messages(site: Site, film: Take, folder: Path) -> Hostile:
-    count = COUNTS.messages - 2 * len(film.samples)
-    return site, cleaning_ledger(film), _flooded(film, folder, _tiny(count))
+    return _sealed(site, film, folder, [_tiny(film)] * (COUNTS.messages - 2 * len(film.samples)))
 
 
 def many_sightings(site: Site, film: Take, folder: Path) -> Hostile:
@@ -107,34 +110,29 @@ def sightings_within_counts(site: Site, film: Take, folder: Path) -> Hostile:
 
 
 def swaying(site: Site, film: Take, folder: Path) -> Hostile:
-    """What was filmed while the item was carried, there and back again."""
-    cut_ns = film.of("rodeo/attestation")[0].time_ns - 10**9  # before the item is shown
-    there = [s for s in film.samples if s.ros_type and cut_ns - SWAY_S * 10**9 < s.time_ns <= cut_ns]
-    cut_ns = there[-1].time_ns
-    length_ns = there[-1].time_ns - there[0].time_ns
-    samples = [s for s in film.samples if s.time_ns <= cut_ns]
-    for turn in range(1, SWAYS + 1):
-        for sample in reversed(there) if turn % 2 else there:
-            since_ns = cut_ns - sample.time_ns if turn % 2 else sample.time_ns - there[0].time_ns
+    """What was filmed before the item was shown to the bin, there and back again."""
+    shown_ns = film.of("bin/classification")[0].time_ns - 2 * 10**9
+    there = [s for s in film.samples if s.ros_type and shown_ns - SWAY_S * 10**9 < s.time_ns <= shown_ns]
+    first_ns, cut_ns = there[0].time_ns, there[-1].time_ns
+    length_ns = cut_ns - first_ns
+    samples = [sample for sample in film.samples if sample.time_ns <= cut_ns]
+    for turn in range(2 * SWAYS):
+        for sample in there if turn % 2 else reversed(there):
+            since_ns = sample.time_ns - first_ns if turn % 2 else cut_ns - sample.time_ns
             if since_ns > 0:  # the turn before ended with it
-                samples.append(_at(sample, cut_ns + (turn - 1) * length_ns + since_ns + 1))
-    rest_ns = SWAYS * length_ns + 1
-    samples += [_at(s, s.time_ns + rest_ns) for s in film.samples if s.time_ns > cut_ns]
-    take = _numbered(samples)
-    return (
-        site,
-        cleaning_ledger(take),
-        seal(signed_poses(take, MOCAP), folder / "p.mcap", BINDING, ROBOT).path,
-    )
+                samples.append(_at(sample, cut_ns + turn * length_ns + since_ns))
+    rest = (sample for sample in film.samples if sample.time_ns > cut_ns)
+    samples += [_at(sample, sample.time_ns + 2 * SWAYS * length_ns) for sample in rest]
+    return _sealed(site, _numbered(samples), folder, [])
 
 
 def _at(sample: Sample, time_ns: int) -> Sample:
-    if not sample.ros_type:  # what the bin says of its classification and of the drop
-        later_s, payload = (time_ns - sample.time_ns) * 1e-9, sample.message["payload"]
-        times = {key: payload[key] + later_s for key in ("after_s", "time_s") if key in payload}
-        return replace(sample, message=attest(payload | times, BIN).model_dump(), time_ns=time_ns)
-    header = replace(sample.message.header, stamp=new("builtin_interfaces/msg/Time"))
-    return replace(sample, message=stamp(replace(sample.message, header=header), time_ns), time_ns=time_ns)
+    """The same, said at another time."""
+    if sample.ros_type:
+        return shifted_by(sample, time_ns - sample.time_ns)
+    later_s = (time_ns - sample.time_ns) * 1e-9
+    times = {key: sample.message[key] + later_s for key in TIMES if key in sample.message}
+    return replace(sample, message=sample.message | times, time_ns=time_ns)
 
 
 def _numbered(samples: list[Sample]) -> Take:
@@ -150,40 +148,25 @@ def _numbered(samples: list[Sample]) -> Take:
 def _sighted(site: Site, film: Take, folder: Path, count: int) -> Hostile:
     blind = without_mocap(film, "item1")
     seen = next(sample for sample in blind.samples if sample.topic.endswith("item_pose"))
-    more = [replace(seen, sequence=number) for number in range(count)]
     lab = site.model_copy(update={"lab": site.lab.model_copy(update={"mocap": False})})
-    take = Take([*blind.samples[:1], *more, *blind.samples[1:]])
-    return lab, cleaning_ledger(film), seal(take, folder / "p.mcap", BINDING, ROBOT).path
+    return _sealed(lab, blind, folder, [shifted_by(seen, number) for number in range(count)])
 
 
-def _statements(account: LocalAccount, count: int) -> Iterator[tuple[str, bytes]]:
-    signed = attest({"type": "mocap.motion", "number": 0, "time_s": 1.0}, account).model_dump()
-    before, after = json.dumps(signed).split('"number": 0')
-    for number in range(count):
-        yield ATTESTATION_CHANNEL, f'{before}"number": {number}{after}'.encode()
+def _statement(account: LocalAccount, film: Take, number: int = 0) -> Sample:
+    """Its signature is well-formed, but of the statement with number 0."""
+    signed = attest({"type": "mocap.motion", "seq": 0}, account).model_dump()
+    payload = {"type": "mocap.motion", "seq": number}
+    return Sample(ATTESTATION, "", signed | {"payload": payload}, film.samples[0].time_ns)
 
 
-def _tiny(count: int) -> Iterator[tuple[str, bytes]]:
-    for _ in range(count):
-        yield "/x", b"\x00\x01\x00\x00\x01\x00\x00\x00\x00"
+def _tiny(film: Take) -> Sample:
+    return Sample("x", "std_msgs/msg/Empty", new("std_msgs/msg/Empty"), film.samples[0].time_ns)
 
 
-def _flooded(film: Take, folder: Path, more: Iterator[tuple[str, bytes]]) -> Path:
-    """The film, and these messages while it began, sealed by the executor's device."""
-
-    path = folder / "p.mcap"
-    file = _SealedFile(path, SealChain(BINDING, ROBOT), None)
-    file.open_chain(film.samples[0].time_ns)
-    first_ns = film.samples[0].time_ns
-    for number, (topic, data) in enumerate(more):
-        kind = "std_msgs/msg/String" if topic.startswith("/") else ""
-        file.add(_Entry(topic, kind, number, first_ns, first_ns, data))
-    for sample in signed_poses(film, MOCAP).samples:
-        topic = "/" + sample.topic if sample.ros_type else sample.topic
-        data = serialize(sample.message) if sample.ros_type else json.dumps(sample.message).encode()
-        file.add(_Entry(topic, sample.ros_type, sample.sequence, sample.time_ns, sample.time_ns, data))
-    file.finish(final=True)
-    return path
+def _sealed(site: Site, film: Take, folder: Path, flood: list[Sample]) -> Hostile:
+    """The film with this at its beginning, sealed by the executor's device."""
+    take = Take([film.samples[0], *flood, *film.samples[1:]])
+    return site, cleaning_ledger(film), seal(take, folder / "proof.mcap", BINDING, ROBOT).path
 
 
 def _cost(site: Site, ledger: Ledger, path: Path) -> tuple[float, str]:

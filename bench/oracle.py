@@ -45,7 +45,7 @@ from tests.support.assignments import (
     cleaning_ledger,
 )
 from tests.support.dao import Dao
-from tests.support.recordings import Take, film_charging, film_cleaning, later, seal
+from tests.support.recordings import Take, Witnesses, film_charging, film_cleaning, later, seal
 from tests.support.site import RunningSite, write_site
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
@@ -113,8 +113,8 @@ def proof_to_verdict() -> dict[str, float]:
             dao.command("panther1", "register_service", kind=CLEANING, price_iec="100")
             devices = "itrash", "panther1", "mocap"
             keys = {name: wallets.load(dao.site, f"{name}-device") for name in devices}
-            film = film_cleaning(dao.site, "item1", keys["itrash"])
-            films = [later(film, 120 * number, keys["itrash"]) for number in range(1, 1 + SUBMISSIONS)]
+            film = film_cleaning(dao.site, "item1")
+            films = [later(film, 120 * number) for number in range(1, 1 + SUBMISSIONS)]
             took_s = [_verdict_s(dao, keys, take) for take in films]
         finally:
             dao.stop()
@@ -133,8 +133,9 @@ def _verdict_s(dao: Dao, keys: dict[str, LocalAccount], take: Take) -> float:
     dao.set_clock(take.start_s - 5)
     task = executor.task(dao.post(params={"item_id": "item1", "x_m": 4.6, "y_m": 1.2}))
     with tempfile.TemporaryDirectory() as folder:
-        signed = signed_poses(take, keys["mocap"])
-        proof = seal(signed, Path(folder, "proof.mcap"), executor.binding(task, "panther1"), keys["panther1"])
+        witnesses = Witnesses(mocap=keys["mocap"], bin=keys["itrash"], robot=keys["panther1"])
+        binding = executor.binding(task, "panther1")
+        proof = seal(take, Path(folder, "proof.mcap"), binding, keys["panther1"], witnesses)
         uri = Store(dao.site).put(proof.path)
     dao.set_clock(take.end_s + 5)
     heard_s: dict[str, float] = {}

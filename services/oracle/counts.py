@@ -14,6 +14,7 @@ from rodeo import topics
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from services.oracle.case import Case
 from services.oracle.report import Finding, at_most
+from services.oracle.statements import recorded
 
 BURST_S = 60.0
 """What a device may have signed while the recorder was away, and the recorder asked it for later."""
@@ -72,9 +73,9 @@ def _counted(case: Case) -> Iterator[tuple[str, float, float, str]]:
     seen = (proof.count("/" + topics.ITEM_POSE.name(ns=robot.namespace)) for robot in case.site.robots)
     yield "sightings", max(seen, default=0), COUNTS.sightings, ""
     if statements <= COUNTS.statements and size <= COUNTS.json_bytes:
-        signers = case.signers(None)
-        by = Counter(str(one.get("signer")).lower() for one in proof.json(ATTESTATION_CHANNEL))
-        most = max((n for signer, n in by.items() if signers is None or signer in signers), default=0)
+        signers = None if case.ledger is None else {one.address.lower() for one in case.ledger.devices}
+        by = Counter(one.attestation.signer.lower() for one in recorded(proof, signers))
+        most = max(by.values(), default=0)
         rate = most / (recorded_s + BURST_S)
         yield "statements per second and signer", rate, COUNTS.statements_per_s, "1/s"
 

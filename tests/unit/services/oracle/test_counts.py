@@ -15,7 +15,7 @@ from services.oracle import replay
 from services.oracle.counts import BURST_S, COUNTS
 from services.oracle.report import Report
 from tests.support.assignments import ROBOT, cleaning_ledger
-from tests.support.recordings import Sample, Take, without_mocap
+from tests.support.recordings import Sample, Take, shifted_by, without_mocap
 from tests.unit.services.oracle.conftest import Judge, failed
 
 
@@ -26,7 +26,7 @@ def flooded(take: Take, count: int, topic: str, message: dict[str, Any]) -> Take
 
 
 def statement(account: LocalAccount) -> dict[str, Any]:
-    return attest({"type": "mocap"}, account).model_dump()
+    return attest({"type": "mocap.motion"}, account).model_dump()
 
 
 def refused(report: Report, what: str) -> None:
@@ -64,7 +64,7 @@ def test_what_strangers_state_counts_for_nobody(cleaning: Take, judge: Judge) ->
 
 
 def test_more_events_than_a_proof_may_hold_are_refused(cleaning: Take, judge: Judge) -> None:
-    event = {"event": "something", "payload": {"type": "mocap"}}
+    event = {"event": "something", "payload": {"type": "mocap.motion"}}
     refused(
         judge(flooded(cleaning, COUNTS.events, "rodeo/event", event), cleaning_ledger(cleaning)), "events"
     )
@@ -73,10 +73,10 @@ def test_more_events_than_a_proof_may_hold_are_refused(cleaning: Take, judge: Ju
 def test_more_sightings_than_a_proof_may_hold_are_refused(cleaning: Take, site: Site, judge: Judge) -> None:
     blind = without_mocap(cleaning, "item1")
     seen = next(sample for sample in blind.samples if sample.topic.endswith("item_pose"))
-    more = [replace(seen, sequence=number) for number in range(COUNTS.sightings)]
+    more = [shifted_by(seen, number) for number in range(COUNTS.sightings)]
     take = Take([blind.samples[0], *more, *blind.samples[1:]])
     elsewhere = site.model_copy(update={"lab": site.lab.model_copy(update={"mocap": False})})
-    refused(judge(take, cleaning_ledger(cleaning), at=elsewhere, mocap=None), "sightings")
+    refused(judge(take, cleaning_ledger(cleaning), at=elsewhere), "sightings")
 
 
 def test_a_recording_of_more_than_a_day_is_refused(cleaning: Take, judge: Judge) -> None:
