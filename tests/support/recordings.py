@@ -191,11 +191,11 @@ class Witnesses:
 
 
 class _Memory:
-    """A journal that nobody asks."""
+    """A journal that nobody asks, with so many statements of before."""
 
-    def __init__(self) -> None:
-        self.seq = 0
-        self.previous: str | None = None
+    def __init__(self, seq: int) -> None:
+        self.seq = seq
+        self.previous: str | None = _NOTHING if seq else None
 
     def add(self, attestation: Attestation) -> None:
         self.seq, self.previous = self.seq + 1, digest(attestation)
@@ -211,8 +211,10 @@ class _Scene:
             task_manager=binding.task_manager,
             organization=binding.organization,
         )
+        # A device goes on counting from film to film: what is shot later has higher numbers.
+        self._before = before = max(0, take.samples[0].time_ns - START_NS) // 10**8
         self._chains = {
-            role: WitnessChain(name, account, scope, inputs, cast(Journal, _Memory()), HeadBook())
+            role: WitnessChain(name, account, scope, inputs, cast(Journal, _Memory(before)), HeadBook())
             for role, name, account, inputs in (
                 ("mocap", "mocap", witnesses.mocap, witnesses.mocap_inputs),
                 ("bin", site_bin, witnesses.bin, witnesses.bin_inputs),
@@ -268,6 +270,8 @@ class _Scene:
         """What a device says of what it felt."""
         model, ago_s = SIGNED[sample.topic], self._witnesses.ago_s
         fields = {name: one - ago_s if name in TIMES else one for name, one in sample.message.items()}
+        counted = {name: fields[name] for name in ("number", "classification") if fields.get(name)}
+        fields |= {name: number + self._before for name, number in counted.items()}
         time_s = fields.pop("time_s", sample.time_ns * 1e-9 - ago_s)
         chain = self._chains[sample.topic.partition("/")[0]]
         if model is Presentation:
