@@ -149,7 +149,7 @@ def _sighted(site: Site, film: Take, folder: Path, count: int) -> Hostile:
     blind = without_mocap(film, "item1")
     seen = next(sample for sample in blind.samples if sample.topic.endswith("item_pose"))
     lab = site.model_copy(update={"lab": site.lab.model_copy(update={"mocap": False})})
-    return _sealed(lab, blind, folder, [shifted_by(seen, number) for number in range(count)])
+    return _sealed(lab, blind, folder, [shifted_by(seen, number - count) for number in range(count)])
 
 
 def _statement(account: LocalAccount, film: Take, number: int = 0) -> Sample:
