@@ -1,4 +1,4 @@
-"""The newest head of every other device's chain, for the next statement of a witness."""
+"""The newest head of every other device's chain, for the next statements of a witness."""
 
 from __future__ import annotations
 
@@ -6,16 +6,23 @@ import threading
 
 from rodeo.witness.statement import MAX_HEADS, Head
 
+TOLD = 4
+"""In so many statements the newest head of a witness is listed: a recording that lacks what the witness said
+last lacks many statements, or shows it. Recorders speak every second anyway."""
+
 
 class HeadBook:
-    """What was heard since the last statement. Thread-safe."""
+    """What was heard. Thread-safe."""
 
     def __init__(self) -> None:
-        self._heads: dict[tuple[str, str | None], Head] = {}
+        self._heads: dict[tuple[str, str | None], tuple[Head, int]] = {}
+        """Each with how often it is still to be listed."""
+        self._fresh = False
         self._lock = threading.Lock()
 
     def __bool__(self) -> bool:
-        return bool(self._heads)
+        """Whether something was heard since the last statement."""
+        return self._fresh
 
     def hear(self, head: Head) -> None:
         """A verified head. Of one chain the highest index stays; more than `MAX_HEADS` are not kept."""
@@ -24,11 +31,14 @@ class HeadBook:
             known = self._heads.get(key)
             if known is None and len(self._heads) >= MAX_HEADS:
                 return
-            if known is None or head.index >= known.index:
-                self._heads[key] = head
+            if known is None or head.index >= known[0].index:
+                self._heads[key] = head, 1 if head.chain is not None else TOLD
+                self._fresh = True
 
     def take(self) -> tuple[Head, ...]:
-        """All that was heard since the last call."""
+        """What the next statement lists."""
         with self._lock:
-            heads, self._heads = tuple(self._heads.values()), {}
-        return heads
+            listed = tuple(head for head, _ in self._heads.values())
+            self._heads = {key: (head, left - 1) for key, (head, left) in self._heads.items() if left > 1}
+            self._fresh = False
+        return listed

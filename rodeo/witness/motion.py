@@ -53,6 +53,8 @@ class _Body:
         """Its last signed pose."""
         self.signed_in = 0
         """`seq` of the statement that has it."""
+        self.told_us = 0
+        """When a pose of it was signed last, as this one or as one at rest."""
         self.moved = False
         """Since then."""
         self.lost = False
@@ -137,7 +139,7 @@ class MotionLog:
                 body.keep(ahead)
                 continue
             newest = samples[-1]
-            if name in moved or body.signed is None or now_us - body.signed.time_us >= REST_PERIOD_US:
+            if name in moved or body.signed is None or now_us - body.told_us >= REST_PERIOD_US:
                 rested = body.signed is not None and _rests(body.signed, samples[0])
                 if body.signed is not None and rested and samples[0].time_us > self._start_us:
                     samples = [body.signed._replace(time_us=self._start_us), *samples]
@@ -146,7 +148,11 @@ class MotionLog:
                     np.array([one.position_m for one in samples]),
                     np.array([one.quaternion for one in samples]),
                 )
-                body.signed, body.signed_in = newest, seq
+                body.told_us = newest.time_us
+                if name in moved or body.signed is None:
+                    body.signed, body.signed_in = newest, seq
+                else:  # signed again at rest: who misses this statement understands the later ones
+                    resting[name] = body.signed_in
             else:
                 resting[name] = body.signed_in
             body.keep(ahead)
@@ -185,9 +191,11 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
     known_us: int | None = None
     """Up to when the body's pose is known without a break."""
     signed_in = 0
+    """Number of the statement in which the body came to rest."""
     for index, statement in enumerate(statements):
         if known_us is None:
             known_us = statement.start_us
+        rests = bool(times) and statement.resting.get(body) == signed_in
         if (text := statement.tracks.get(body)) is not None:
             offset_us, position_m, quaternion = unpack(text)
             time_us = statement.start_us + offset_us
@@ -195,17 +203,18 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
                 raise BadStatement(
                     "the times of a track do not fit its statement", seq=statement.seq, body=body
                 )
-            unseen += _holes(time_us, position_m)
-            if times and signed_in:
+            if not rests:
+                unseen += _holes(time_us, position_m)
+            if times and signed_in and not rests:
                 both_us, both_m = (
                     np.r_[times[-1][-1], time_us[0]],
                     np.stack([positions[-1][-1], position_m[0]]),
                 )
                 unseen += _holes(both_us, both_m)
-            if times and (not signed_in or statement.start_us > known_us):
+            if times and not rests and (not signed_in or statement.start_us > known_us):
                 unseen.append((known_us, int(time_us[0])))
-            signed_in = statement.seq
-        elif statement.resting.get(body) == signed_in and times:
+            signed_in = signed_in if rests else statement.seq
+        elif rests:
             time_us = np.array([statement.end_us])
             position_m, quaternion = positions[-1][-1:], quaternions[-1][-1:]
         else:

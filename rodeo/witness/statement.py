@@ -65,6 +65,8 @@ class Header(Scope):
     time_s: float
     """Site time of signing."""
     heads: tuple[Head, ...] = Field(default=(), max_length=MAX_HEADS)
+    """The newest of every other chain that was heard since the last statement; that of a witness also in the
+    following ones (`rodeo.witness.heads.TOLD`)."""
     inputs: Literal["sensor", "closed_bus", "open_bus"]
     """Where the device's readings came from. What came over an open bus anybody may have said."""
 
@@ -83,7 +85,7 @@ class Motion(Header):
     tracks: dict[str, str]
     """Body -> its poses (`rodeo.witness.poses`)."""
     resting: dict[str, Annotated[int, Field(ge=1)]]
-    """Body -> `seq` of the statement with its last track: ever since, it stayed within
+    """Body -> `seq` of the statement in which it came to rest: ever since, it stayed within
     `rodeo.witness.poses.REST_M` and `REST_RAD` of the last pose there."""
 
 

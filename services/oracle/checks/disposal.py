@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from rodeo.lab.config import ItemClass
 from rodeo.lab.layout import BinLayout
 from rodeo.witness import Classification, Drop, Motion, Presentation, Removal
+from rodeo.witness.heads import TOLD
 from services.oracle.case import Case, CaseError
 from services.oracle.checks import picture
 from services.oracle.checks.witnesses import compromised, unsound
@@ -27,6 +30,8 @@ NEAR_BIN_M = 1.2
 """A base whose arm drops something into the bin is no farther from its middle: an arm reaches 0.75 m."""
 BELOW_RIM_M = 0.1
 """An item that falls behind the walls may last be seen this deep below the rim."""
+LOST_IN_A_ROW = TOLD - 2
+"""Statements of motion capture that may be lost together."""
 CLOCKS_S = 0.5
 """Clocks of bin and motion capture."""
 
@@ -175,9 +180,8 @@ def pictured(case: Case) -> Finding:
 
 
 def nothing_left_out(case: Case) -> Finding:
-    """From the release on, the recording holds all that motion capture and the bin said.
-
-    The recorder asks their journals for what it missed, so what is missing was left out.
+    """From the release on, the recording holds what the bin said, and what motion capture said without a gap
+    in which it could have told of the bin: it lists each head of the bin `TOLD` times.
     """
     missing = {case.site.bin.name: _missing_of_bin(case)}
     if case.mocap:
@@ -186,7 +190,8 @@ def nothing_left_out(case: Case) -> Finding:
             for one in case.motion
             if isinstance(one.statement, Motion) and one.statement.end_us * 1e-6 >= case.replay.release_s
         ]
-        missing["motion capture"] = _gaps(released)
+        gap = max((later - one - 1 for one, later in pairwise(released)), default=0)
+        missing["motion capture"] = gap if gap > LOST_IN_A_ROW else 0
     return equal(
         sum(missing.values()),
         0,
@@ -267,6 +272,12 @@ def _lies_in(case: Case, drop: Drop) -> Finding:
     )
 
 
+def _mentioned(case: Case) -> bool:
+    """Whether motion capture says in the end where the item is, in a statement that is here or not."""
+    last = case.motion[-1].statement
+    return isinstance(last, Motion) and case.item.id in last.tracks.keys() | last.resting.keys()
+
+
 def _end(case: Case, drop: Drop) -> str:
     """The compartment that the item is in from the drop on, or what keeps it from being in one."""
     item, settled_s = case.pose(case.item.id), drop.settled_s + CLOCKS_S
@@ -277,6 +288,8 @@ def _end(case: Case, drop: Drop) -> str:
         return left or "left it"
     last_s, last_m = float(item.time_s[-1]), item.position_m[-1]
     if _hidden(case):
+        if _mentioned(case):
+            return "where a statement has it that was left out"
         if last_s < case.replay.release_s - EARLY_SLACK_S:
             return "out of sight before it was let go"
         x_m, y_m, z_m = last_m

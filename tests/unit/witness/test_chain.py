@@ -10,6 +10,7 @@ from eth_account import Account
 from rodeo.evidence.attestation import verify_attestation
 from rodeo.evidence.errors import BadStatement, BrokenJournal
 from rodeo.witness import Head, HeadBook, Journal, Removal, Scope, WitnessChain, parse, payload_digest
+from rodeo.witness.heads import TOLD
 
 KEY = Account.create()
 SCOPE = Scope(chain_id=31337, task_manager="0x" + "12" * 20, organization="0x" + "34" * 20)
@@ -78,6 +79,10 @@ def test_a_statement_lists_the_newest_head_of_each_chain_once(tmp_path: Path) ->
     heads = parse(removal(witness).payload).heads
     assert sorted((one.chain, one.index) for one in heads if one.chain is None) == [(None, 4)]
     assert [one.index for one in heads if one.chain is not None] == [7]
+    assert [one.index for one in parse(removal(witness).payload).heads] == [4], "of a witness also afterwards"
+    for _ in range(TOLD - 2):
+        assert not witness.heads, "nothing new was heard"
+        assert parse(removal(witness).payload).heads != ()
     assert parse(removal(witness).payload).heads == ()
 
 

@@ -102,6 +102,27 @@ def test_a_missing_statement_hides_what_moved_and_nothing_of_what_rested() -> No
     assert base.unseen_us == ()
 
 
+def test_a_pose_signed_again_at_rest_may_be_missing() -> None:
+    statements = filmed(moving, 45.0)
+    again = next(i for i, s in enumerate(statements) if s.start_us > START_US + 15_000_000 and s.tracks)
+    assert "item1" in statements[again].tracks
+    left = statements[:again] + statements[again + 1 :]
+    for body in ("item1", "panther1"):
+        seen = track(left, body)
+        assert seen is not None
+        assert seen.unseen_us == ()
+        assert seen.time_us[-1] == statements[-1].end_us
+
+
+def test_who_came_to_rest_in_a_missing_statement_is_not_known() -> None:
+    statements = filmed(moving, 25.0, heads=True)
+    moved = [i for i, s in enumerate(statements) if "item1" in s.tracks and "item1" not in s.resting]
+    came = moved[-1]
+    seen = track(statements[:came] + statements[came + 1 :], "item1")
+    assert seen is not None
+    assert sum(end - start for start, end in seen.unseen_us) > 5_000_000
+
+
 def test_a_body_that_nobody_saw_is_not_at_rest() -> None:
     statements = filmed(moving, 15.0, unseen=lambda t: 6.0 <= t < 9.0)
     seen = track(statements, "item1")

@@ -614,3 +614,19 @@ def test_a_bag_is_reported_on_and_never_paid_for(cleaning: Take, site: Site, tmp
     assert results["nonce"] is results["tallied"] is None
     assert results["compartment"] is results["ensemble"] is results["dropped"] is True
     assert report.outcome == "rejected"
+
+
+def test_one_statement_of_motion_capture_after_the_drop_may_be_lost(cleaning: Take, judge: Judge) -> None:
+    settled_s = cleaning.of("bin/drop")[0].message["settled_s"]
+    lost: list[int] = []
+
+    def lose(one: Attestation) -> Attestation | None:
+        late = one.payload["type"] == "mocap.motion" and one.payload["time_s"] > settled_s + 1.0
+        if late and not lost:
+            lost.append(one.payload["seq"])
+            return None
+        return one
+
+    report = judge(cleaning, cleaning_ledger(cleaning), witnesses=Witnesses(edit=lose))
+    assert lost
+    assert report.accepted, report.reason
