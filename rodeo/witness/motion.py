@@ -212,14 +212,15 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
                 )
                 unseen += _holes(both_us, both_m)
             if times and not rests and (not signed_in or statement.start_us > known_us):
-                unseen.append((known_us, int(time_us[0])))
+                unseen.append((int(times[-1][-1]), int(time_us[0])))
             signed_in = signed_in if rests else statement.seq
         elif rests:
             time_us = np.array([statement.end_us])
             position_m, quaternion = positions[-1][-1:], quaternions[-1][-1:]
         else:
             if times:
-                unseen.append((known_us, statement.end_us))
+                # A moving body may be lost well before the end of the statement that has its last pose.
+                unseen.append((int(times[-1][-1]), statement.end_us))
             known_us = statement.end_us
             signed_in = 0
             continue

@@ -130,6 +130,17 @@ def test_a_body_that_nobody_saw_is_not_at_rest() -> None:
     assert sum(b - a for a, b in seen.unseen_us) >= 1.9e6
 
 
+def test_what_a_moving_body_did_after_its_last_pose_is_not_known() -> None:
+    """Its way up to the end of that statement was taken for straight, 7 cm beside the real one."""
+    statements = filmed(moving, 15.0, unseen=lambda t: 5.5 <= t < 9.0)
+    seen = track(statements, "item1")
+    assert seen is not None
+    (gap,) = seen.unseen_us
+    last = START_US + 5_500_000 - STEP_US
+    assert gap[0] == last
+    assert min(s.end_us for s in statements if s.end_us >= last) > last + 200_000
+
+
 def test_a_track_whose_times_go_back_is_refused() -> None:
     statement = filmed(moving, 6.0)[-1]
     other = statement.model_copy(update={"end_us": statement.start_us})
