@@ -312,7 +312,7 @@ class ChargeScene:
             chain_id=binding.chain_id, task_manager=binding.task_manager, organization=binding.organization
         )
         self._chains: dict[type[Header], WitnessChain] = {
-            model: WitnessChain(name, account, scope, sides.inputs, cast(Journal, _Memory()), HeadBook())
+            model: WitnessChain(name, account, scope, sides.inputs, cast(Journal, _Memory(0)), HeadBook())
             for model, name, account in (
                 (MeterRecord, sides.meter_name, sides.meter),
                 (Receipt, sides.robot_name, sides.robot),
