@@ -15,6 +15,7 @@ from tests.support.noise import HEAVY, Noise, noisy
 from tests.support.recordings import Take, seal
 from tests.unit.services.oracle.conftest import Judge
 
+
 @pytest.mark.parametrize("draw", [0, 1, 2, 3])
 def test_a_cleaning_under_heavy_noise_is_accepted(cleaning: Take, judge: Judge, draw: int) -> None:
     take, witnesses = noisy(cleaning, HEAVY, np.random.default_rng(draw))
