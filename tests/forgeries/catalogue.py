@@ -1158,6 +1158,16 @@ def somebody_elses_drop(shop: Workshop) -> Submission:
     return shop.cleaned(told(take, "bin/drop", claimants=(theirs,)))
 
 
+@forgery("presented", "for task 9")
+def shown_for_another_task(shop: Workshop) -> Submission:
+    """The same robot showed the item, for another task and recording of its own."""
+    other = Claimant(
+        device="panther1", address=ROBOT.address, recording="0x" + "5a" * 32, task_id=9, attempt=1
+    )
+    take = told(told(shop.cleaning, "bin/classification", claimants=(other,)), "bin/drop", claimants=(other,))
+    return shop.cleaned(take)
+
+
 @forgery("presented", "nobody")
 def never_presented(shop: Workshop) -> Submission:
     """A drop that the bin ascribes to nobody."""

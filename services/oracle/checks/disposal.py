@@ -152,11 +152,13 @@ def presented(case: Case) -> Finding:
     )
     first = drop.claimants[:1]
     if not own or (own[0] not in first and not (case.mocap and said)):
-        return equal(
-            first[0].device if first else "nobody",
-            binding.device,
+        found = [f"{one.device} for task {one.task_id}, recording {one.recording[:18]}" for one in first]
+        return Finding(
+            passed=False,
+            measured=found[0] if found else "nobody",
+            limit=f"{binding.device} for task {binding.task_id}, recording {str(case.proof.recording)[:18]}",
             source="claimants in the bin's statement",
-            detail="who presented the recording before the item was shown",
+            detail="who presented itself before the item was shown",
         )
     return _at_bin(case)
 
