@@ -8,16 +8,19 @@ from typing import Any, Literal
 
 from eth_account.signers.local import LocalAccount
 
+from rodeo import ocmf
 from rodeo.evidence.attestation import Attestation, attest
 from rodeo.witness.heads import HeadBook
 from rodeo.witness.journal import Journal
-from rodeo.witness.statement import Header, Scope
+from rodeo.witness.statement import Header, MeterRecord, Scope
 
 Inputs = Literal["sensor", "closed_bus", "open_bus"]
 
 
 class WitnessChain:
     """Signs statements for `device`, each naming the one before and the heads heard since. Thread-safe.
+
+    A `MeterRecord` gets its OCMF text here, where its number and its heads are known.
 
     >>> chain.sign(Removal, now_s, compartment="blue", weight_n=0.4, after_s=t, settled_s=t + 1)
     """
@@ -58,16 +61,20 @@ class WitnessChain:
         """The same with fields that depend on the statement's `seq`."""
         with self._lock:
             seq = self._journal.seq + 1
-            statement = model(
+            said: dict[str, Any] = {
                 **self._scope.model_dump(),
-                device=self.device,
-                seq=seq,
-                previous=self._journal.previous,
-                time_s=time_s,
-                heads=self.heads.take(),
-                inputs=self._inputs,
+                "device": self.device,
+                "seq": seq,
+                "previous": self._journal.previous,
+                "time_s": time_s,
+                "heads": self.heads.take(),
+                "inputs": self._inputs,
                 **fields(seq),
-            )
+            }
+            if model is MeterRecord and "ocmf" not in said:
+                text = ocmf.data(MeterRecord(**said, ocmf=""))
+                said["ocmf"] = ocmf.sign(text, bytes(self._account.key))
+            statement = model(**said)
             attestation = attest(statement.model_dump(mode="json"), self._account)
             self._journal.add(attestation)
             return attestation

@@ -22,6 +22,8 @@ MAX_HEADS = 64
 """In one statement: more devices than a site has."""
 
 
+MAX_OCMF = 24_000
+"""Characters of a record's text with `MAX_HEADS` heads."""
 MAX_CLAIMANTS = 8
 """Of one showing: more robots than can stand around a bin."""
 
@@ -186,6 +188,8 @@ class MeterRecord(Header):
     """Since the record before, from `since_ms` on (`rodeo.metering`)."""
     soc: float | None = Field(ge=0, le=1)
     """What the robot signed last."""
+    ocmf: str = Field(max_length=MAX_OCMF)
+    """The same for other software (`rodeo.ocmf`)."""
 
 
 class Receipt(Header):

@@ -15,7 +15,9 @@ import numpy as np
 from rodeo.chain.types import from_wei, to_wei
 from rodeo.charging import SOC_SLACK, SOC_USED, ChargingParams
 from rodeo.evidence import EvidenceError
+from rodeo.evidence.errors import BadStatement
 from rodeo.metering import METER_CLASS
+from rodeo.ocmf import check
 from rodeo.topics import BATTERY_STATE
 from rodeo.witness import Head, Receipt
 from services.oracle.case import Case, CaseError
@@ -89,6 +91,22 @@ def in_sequence(case: Case) -> Finding:
         source=_BOTH,
         detail=f"share of {pages[-1]} pages of the meter that are here",
     )
+
+
+def ocmf(case: Case) -> Finding:
+    """Each record of the meter says the same in OCMF, signed by the same device."""
+    meter = case.charge.meter
+    assert meter is not None  # `both_signed` passed
+    wrong: list[str] = []
+    for record in case.charge.records:
+        try:
+            check(record, meter.address)
+        except BadStatement as error:
+            wrong.append(str(error))
+    detail = (
+        f"records whose OCMF text is another's: {wrong[0]}" if wrong else "records with another OCMF text"
+    )
+    return at_most(len(wrong), 0, "", source="the meter's own signature in OCMF", detail=detail)
 
 
 def fresh(case: Case) -> Finding:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from rodeo import ocmf
 from rodeo.witness import Header, MeterRecord, Receipt
 from services.oracle.acts import Act
 from services.oracle.report import Report
@@ -167,3 +168,16 @@ def test_a_dock_that_gives_more_than_it_can_is_refused(charge: Take, judge: Judg
     weak = site.model_copy(update={"dock": site.dock.model_copy(update={"current_a": 5.0})})
     report = judge(charge, charging_ledger(charge), binding=CHARGE_BINDING, device=METER, at=weak)
     assert failed(report) == "power"
+
+
+def test_a_record_whose_ocmf_says_otherwise_is_refused(charge: Take, judge: Judge) -> None:
+    """Other software would bill more than what the buyer signed for."""
+
+    def fields(model: type[Header], fields: Fields) -> Fields | None:
+        if model is MeterRecord and fields["page"] == 5:
+            return fields | {"ocmf": ocmf.sign('{"FV":"1.2","RD":[{"RV":99999.0}]}', bytes(METER.key))}
+        return fields
+
+    report = judged(judge, charge, replace(HONEST, fields=fields))
+    assert not report.accepted
+    assert not finding(report, "ocmf").passed

@@ -68,6 +68,7 @@ class Charge:
             "since_ms": 0,
             "readings": "",
             "soc": None,
+            "ocmf": "",
         }
         return MeterRecord.model_validate(HEADER | said | fields)
 
