@@ -20,6 +20,7 @@ from rodeo.bus import Bus
 from rodeo.clock import SimClock
 from rodeo.messages import Status
 from rodeo.tls import bus_is_closed
+from tests.integration.test_itrash import Office
 from tests.support.browser import chromium, log_in
 from tests.support.console import PASSPHRASE, WAIT_MS, Desk
 from tests.support.site import LAB, WAIT_S, RunningSite, free_port, write_site
@@ -157,7 +158,9 @@ def test_an_open_bus_is_told_of_on_the_consoles_pages(opened: RunningSite) -> No
 
 
 def test_nobody_else_moves_the_sites_clock_and_whoever_tries_is_told_of(running: RunningSite) -> None:
-    running.start("router", "robot_sim", "itrash")
+    running.start("router")
+    Office(running)
+    running.start("robot_sim", "itrash")
     domain, session = running.site.bus.domain_id, running.bus.session
     far_future = b"\x00\x01\x00\x00" + struct.pack("<iI", 2**31 - 1, 0)
     key = f"{domain}/{topics.CLOCK.name()}/rosgraph_msgs::msg::dds_::Clock_/RIHS01_test"
