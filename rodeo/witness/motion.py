@@ -213,7 +213,8 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
                 unseen += _holes(both_us, both_m)
             if times and not rests and (not signed_in or statement.start_us > known_us):
                 unseen.append((int(times[-1][-1]), int(time_us[0])))
-            signed_in = signed_in if rests else statement.seq
+            # It may have come to rest before the first statement that is here.
+            signed_in = statement.resting.get(body, statement.seq)
         elif rests:
             time_us = np.array([statement.end_us])
             position_m, quaternion = positions[-1][-1:], quaternions[-1][-1:]

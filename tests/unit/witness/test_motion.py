@@ -114,6 +114,14 @@ def test_a_pose_signed_again_at_rest_may_be_missing() -> None:
         assert seen.time_us[-1] == statements[-1].end_us
 
 
+def test_what_rested_before_the_first_statement_that_is_here_is_known_from_its_next_pose_on() -> None:
+    statements = filmed(lambda _t: 0.5, 45.0, heads=True)
+    seen = track(statements[6:], "item1")
+    assert seen is not None
+    assert seen.unseen_us == ()
+    assert seen.time_us[-1] == statements[-1].end_us
+
+
 def test_who_came_to_rest_in_a_missing_statement_is_not_known() -> None:
     statements = filmed(moving, 25.0, heads=True)
     moved = [i for i, s in enumerate(statements) if "item1" in s.tracks and "item1" not in s.resting]
