@@ -54,7 +54,10 @@ def test_tasks_that_wait_at_once_are_done_one_after_another(organization: Organi
     pose = organization.running.site.items[0].pose
     place = f"x {pose.x_m:.2f} y {pose.y_m:.2f}"
     for task_id, reason in [
-        (again, f"not_given_up: the executor reports: item1 was not found near {place}"),
+        (
+            again,
+            f"not_given_up: the executor reports: item1 was not found near {place}: the item is not there",
+        ),
         (unknown, "not_given_up: the executor reports: no such item on this site"),
     ]:
         task = ended(organization, "TaskFailed", task_id)
