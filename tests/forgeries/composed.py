@@ -575,16 +575,14 @@ of_charge(partial(_swapped, ["meter", "robot"], ["name", "revoked"]))
 
 @of_cleaning
 def other_words(chance: Chance) -> Step:
-    topic, changes = _one(
-        chance,
-        [
-            ("bin/classification", {"compartment": "green", "item_class": "glass"}),
-            ("bin/drop", {"compartment": "green", "expected_compartment": "blue", "correct": False}),
-            ("bin/drop", {"weight_n": float(chance.uniform(20, 200))}),
-            ("bin/drop", {"weight_n": float(chance.uniform(1e-4, 0.01))}),
-            ("bin/classification", {"image_sha256": "0x" + chance.bytes(32).hex()}),
-        ],
-    )
+    words: list[tuple[str, dict[str, Any]]] = [
+        ("bin/classification", {"compartment": "green", "item_class": "glass"}),
+        ("bin/drop", {"compartment": "green", "expected_compartment": "blue", "correct": False}),
+        ("bin/drop", {"weight_n": float(chance.uniform(20, 200))}),
+        ("bin/drop", {"weight_n": float(chance.uniform(1e-4, 0.01))}),
+        ("bin/classification", {"image_sha256": "0x" + chance.bytes(32).hex()}),
+    ]
+    topic, changes = _one(chance, words)
 
     def do(draft: Draft) -> None:
         draft.take = told(draft.take, topic, **changes)
