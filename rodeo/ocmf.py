@@ -94,21 +94,26 @@ def check(record: MeterRecord, address: str) -> None:
     parts = record.ocmf.split("|")
     if len(parts) != 3 or parts[:2] != ["OCMF", expected]:
         raise BadStatement("the OCMF text says otherwise", page=record.page, ocmf=record.ocmf[:64])
-    if address.lower() not in _signers(expected, parts[2]):
+    if not _is_signed(expected, parts[2], address):
         raise BadStatement("the OCMF text is not signed by its device", page=record.page, device=address)
 
 
-def _signers(text: str, signature: str) -> list[str]:
-    """The lower-case addresses of those who may have signed: two keys fit an ECDSA signature."""
-    found = []
+def _is_signed(text: str, signature: str, address: str) -> bool:
+    """Whether `address` may have signed: two keys fit an ECDSA signature."""
     try:
         fields = json.loads(signature)
         if (fields["SA"], fields["SE"], len(fields)) != (ALGORITHM, "hex", 3):
-            return []
+            return False
         compact = serialize_compact(der_to_cdata(bytes.fromhex(fields["SD"])))
-        for parity in (0, 1):
-            key = coincurve.PublicKey.from_signature_and_message(compact + bytes([parity]), text.encode())
-            found.append("0x" + keccak(key.format(compressed=False)[1:])[-20:].hex())
     except (ValueError, KeyError, TypeError, RecursionError):
-        return found  # what is no signature has no signer
-    return found
+        return False  # what is no signature has no signer
+    return any(_signer(text, compact + bytes([parity])) == address.lower() for parity in (0, 1))
+
+
+def _signer(text: str, recoverable: bytes) -> str | None:
+    """The lower-case address of the key that this signature fits; None if there is none."""
+    try:
+        key = coincurve.PublicKey.from_signature_and_message(recoverable, text.encode())
+    except ValueError:
+        return None
+    return "0x" + keccak(key.format(compressed=False)[1:])[-20:].hex()

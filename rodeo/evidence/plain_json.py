@@ -8,7 +8,7 @@ from typing import Any
 
 def read_json(data: bytes) -> dict[str, Any]:
     """The object in `data`: UTF-8, no name twice, finite numbers. Raises ValueError or RecursionError."""
-    value = json.loads(data.decode(), object_pairs_hook=_unique, parse_constant=_refuse)
+    value = _DECODER.decode(data.decode())
     if not isinstance(value, dict):
         raise ValueError("not a JSON object")
     return value
@@ -23,3 +23,7 @@ def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _refuse(constant: str) -> Any:
     raise ValueError(f"{constant} is not JSON")
+
+
+_DECODER = json.JSONDecoder(object_pairs_hook=_unique, parse_constant=_refuse)
+"""One for all: making one costs a third of reading a statement."""
