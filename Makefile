@@ -7,10 +7,10 @@ CHAIN ?= eth-tester
 # Test files that run at the same time.
 JOBS ?= 2
 
-.PHONY: help setup postgresql demo test bench lint contracts clean
+.PHONY: help setup postgresql demo test test-long bench lint contracts clean
 
 help:  ## show the targets
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
 
 # -- set-up ------------------------------------------------------------------------------------------
 
@@ -39,9 +39,14 @@ setup: $(VENV)/stamp  ## install what running needs (no Node)
 demo: setup  ## one cleaning task and one charging session, end to end
 	@$(BIN)/python -m deploy.demo
 
-test: setup node_modules/.stamp postgresql  ## everything that checks the project
+PYTEST = $(BIN)/python -m pytest --chain $(CHAIN) --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder
+
+test: setup node_modules/.stamp postgresql  ## everything that checks the project, but for what takes minutes
 	@npm run --silent contracts:test
-	@$(BIN)/python -m pytest --chain $(CHAIN) --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder
+	@$(PYTEST) -m "not long"
+
+test-long: setup node_modules/.stamp postgresql  ## the rest: whole sites that are killed, kept busy, or do without
+	@$(PYTEST) -m long
 
 bench: setup node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, honest, robot, itrash, bridge, autonomy, soak, console)
 	@$(BIN)/python -m bench $(ONLY)

@@ -9,6 +9,8 @@ from deploy.processes import PROCESSES
 from rodeo.messages import Status
 from tests.support.site import RunningSite
 
+pytestmark = pytest.mark.long
+
 LAST = ("chain", "router")
 
 

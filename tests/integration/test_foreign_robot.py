@@ -22,6 +22,8 @@ from rodeo.lab.world import robot_model
 from rodeo.messages import DaoEvent
 from tests.support.site import RunningSite, write_site
 
+pytestmark = pytest.mark.long
+
 WAIT_S = 170.0
 FOREIGN = Path(__file__).parents[1] / "foreign_robot"
 SITE = """clock.speed = 2

@@ -16,6 +16,8 @@ from rodeo.instance import lock_holder
 from tests.integration.test_demo import LIMIT_S, start_demo
 from tests.support.site import WAIT_S
 
+pytestmark = pytest.mark.long
+
 ASSIGNED, PROOF, CHARGING = "assigned to panther1", "proof submitted", "assigned to organization"
 
 

@@ -10,6 +10,8 @@ import pytest
 from tests.integration.test_agent import Organization
 from tests.support.site import RunningSite, write_site
 
+pytestmark = pytest.mark.long
+
 SITE = """clock.speed = 20
 clock.idle_speed = 400
 """

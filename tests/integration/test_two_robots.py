@@ -10,6 +10,8 @@ from rodeo.evidence import Store, open_proof
 from tests.integration.test_agent import Organization
 from tests.support.site import RunningSite, write_site
 
+pytestmark = pytest.mark.long
+
 ROBOTS = ("panther1", "panther2")
 SITE = """clock.speed = 20
 agent.explore_when_idle = false
