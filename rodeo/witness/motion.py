@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -206,11 +207,8 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
             if not rests:
                 unseen += _holes(time_us, position_m)
             if times and signed_in and not rests:
-                both_us, both_m = (
-                    np.r_[times[-1][-1], time_us[0]],
-                    np.stack([positions[-1][-1], position_m[0]]),
-                )
-                unseen += _holes(both_us, both_m)
+                both_us = np.array([times[-1][-1], time_us[0]])
+                unseen += _holes(both_us, np.array([positions[-1][-1], position_m[0]]))
             if times and not rests and (not signed_in or statement.start_us > known_us):
                 unseen.append((int(times[-1][-1]), int(time_us[0])))
             # It may have come to rest before the first statement that is here.
@@ -245,9 +243,11 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
 
 def _holes(time_us: Array, position_m: Array) -> list[tuple[int, int]]:
     """Steps of one track over which a body went somewhere unseen."""
-    far = np.linalg.norm(np.diff(position_m, axis=0), axis=1) > REST_M
-    steps = np.flatnonzero(far & (np.diff(time_us) > STEP_US))
-    return [(int(time_us[step]), int(time_us[step + 1])) for step in steps]
+    return [
+        (int(time_us[step]), int(time_us[step + 1]))
+        for step in np.flatnonzero(np.diff(time_us) > STEP_US)
+        if math.dist(position_m[step], position_m[step + 1]) > REST_M
+    ]
 
 
 def _merged(spans: list[tuple[int, int]]) -> tuple[tuple[int, int], ...]:
