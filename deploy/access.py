@@ -3,7 +3,8 @@
     everybody on the bus   may listen to everything and ask most things
     a process              may publish, serve and answer what the table says that it writes
     a device               speaks through the process that has its key
-    a wallet               is commanded by the process that works for it, and by operator and console
+    a wallet               is commanded by the process that works for it, and by operator and console;
+                           witnesses may have the organization's post the root of their day
     a motion               is asked for by the process that `_CALLERS` names, and by operator and console
 
 What the rules do not allow is denied.
@@ -19,6 +20,7 @@ from typing import Any
 from deploy.processes import processes_of
 from rodeo import topics
 from rodeo.config import Site, agent_process
+from rodeo.dao import ORGANIZATION
 from rodeo.tls import OPERATOR
 from rodeo.topics import TOPICS, Form, Plane, Topic
 from rodeo.wallets import MOCAP_NAME
@@ -37,6 +39,9 @@ _CALLERS: dict[str, str] = {
     topics.ROBOT_ORDER.key: OPERATOR,
 }
 """The one process that uses a service or action which moves or switches something."""
+
+_WITNESSES = ("itrash", "robot_sim")
+"""Work for the organization, and ask its wallet for nothing but the root of their day."""
 
 _EVERYBODY = "every process"
 _LISTEN = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
@@ -93,6 +98,8 @@ def _asked_by(site: Site, process: str) -> Iterator[str]:
         if topic.key == topics.COMMAND.key:
             for participant in _wallets_of(site, process):
                 yield f"rodeo/{site.org}/wallet/{participant}/**"
+            if process in _WITNESSES:
+                yield topics.COMMAND.name(org=site.org, participant=ORGANIZATION, command="post_root")
             continue
         asked = topic.form is not Form.TOPIC or topic.writer == _EVERYBODY
         if asked and (process in _PEOPLE or _CALLERS.get(topic.key, _job(process)) == _job(process)):

@@ -24,6 +24,9 @@ from rodeo.messages import (
 CLEANING = "waste_disposal"
 CHARGING = "battery_charging"
 
+ORGANIZATION = "organization"
+"""The participant that speaks for the organization: its operator's wallet."""
+
 MACHINE_JUDGED = frozenset({CLEANING, CHARGING})
 """Kinds with checks of their own. People judge every other kind: no oracle sees whether it was done."""
 

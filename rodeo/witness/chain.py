@@ -10,6 +10,7 @@ from eth_account.signers.local import LocalAccount
 
 from rodeo import ocmf
 from rodeo.evidence.attestation import Attestation, attest
+from rodeo.witness.days import Days
 from rodeo.witness.heads import HeadBook
 from rodeo.witness.journal import Journal
 from rodeo.witness.statement import Header, MeterRecord, Scope
@@ -33,6 +34,7 @@ class WitnessChain:
         inputs: Inputs,
         journal: Journal,
         heads: HeadBook,
+        days: Days | None = None,
     ) -> None:
         self.device = device
         self.heads = heads
@@ -40,6 +42,7 @@ class WitnessChain:
         self._scope = scope
         self._inputs = inputs
         self._journal = journal
+        self._days = days
         self._lock = threading.RLock()
 
     @property
@@ -77,6 +80,8 @@ class WitnessChain:
             statement = model(**said)
             attestation = attest(statement.model_dump(mode="json"), self._account)
             self._journal.add(attestation)
+            if self._days is not None:
+                self._days.add(attestation)
             return attestation
 
     def after(self, seq: int, limit: int) -> list[Attestation]:

@@ -23,6 +23,7 @@ from rodeo.evidence.errors import BadAttestation, BadStatement
 from rodeo.evidence.seal import SealHead
 from rodeo.metrics import HEADS_REFUSED
 from rodeo.witness.chain import Inputs, WitnessChain
+from rodeo.witness.days import Days, Unposted
 from rodeo.witness.devices import Device, DeviceTable
 from rodeo.witness.heads import HeadBook
 from rodeo.witness.journal import Journal
@@ -67,6 +68,7 @@ class Witness:
         self._inputs = inputs
         self._listener = listener
         self._journal = Journal(folder / "statements.jsonl")
+        self.days = Days(folder / "days", self._journal)
         self._chain: WitnessChain | None = None
         self._devices = DeviceTable(bus, org)
         self._checks: dict[str, Bucket] = {}
@@ -87,6 +89,15 @@ class Witness:
     def chain(self) -> WitnessChain | None:
         """None until it is known for which organization the device signs."""
         return self._chain
+
+    def day_log(self, one: Unposted) -> Attestation | None:
+        """The signed log of a day; None until it is known for which organization.
+
+        Raises what `Days.signed` raises.
+        """
+        if self._chain is None:
+            return None
+        return self.days.signed(one, self.device, self._chain.scope, self._account)
 
     def publish(self, attestation: Attestation) -> None:
         """Tell everybody what was signed."""
@@ -117,7 +128,7 @@ class Witness:
                 self._closed.wait(_RETRY_WALL_S)
                 continue
             self._chain = WitnessChain(
-                self.device, self._account, scope, self._inputs, self._journal, self.heads
+                self.device, self._account, scope, self._inputs, self._journal, self.heads, self.days
             )
             log.info("%s signs for the organization %s", self.device, scope.organization)
             return

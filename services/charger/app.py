@@ -23,7 +23,7 @@ from rodeo import topics
 from rodeo.bus import DaoEvents
 from rodeo.charging import ChargingParams
 from rodeo.config import Site
-from rodeo.dao import CHARGING, Participant
+from rodeo.dao import CHARGING, ORGANIZATION, Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError, RodeoError
 from rodeo.evidence import Binding, Store
 from rodeo.evidence.errors import RecordingSealed, StoreUnavailable
@@ -37,6 +37,7 @@ from rodeo.service import Service
 from rodeo.tls import bus_is_closed
 from rodeo.wallets import SiteDevice
 from rodeo.witness import Inputs, Scope, WitnessChain
+from rodeo.witness.roots import DailyRoots
 from rodeo.witness.witness import Witness
 from services.charger.delivery import Delivery, Order
 from services.charger.job import Job
@@ -44,7 +45,6 @@ from services.charger.session import End, Phase, SessionLimits, SessionState
 
 log = logging.getLogger(__name__)
 
-PARTICIPANT = "organization"
 ARRIVAL_S = 1800.0
 """Site time that a robot has to reach the dock."""
 PROOF_SHARE = 0.05
@@ -69,7 +69,7 @@ class Charger:
         site = service.site
         self._service = service
         self._site = site
-        self._organization = Participant(service.bus, site.org, PARTICIPANT)
+        self._organization = Participant(service.bus, site.org, ORGANIZATION)
         self._account = service.wait_account("meter-device")
         self._store = Store(site)
         self._job_path = service.data_dir / "job.json"
@@ -96,6 +96,7 @@ class Charger:
         self._witness = Witness(
             service.bus, site.org, site.dock.name, self._account, service.data_dir, inputs
         )
+        self._roots = DailyRoots(site, self._organization, self._witness)
         self._dao_events = DaoEvents(service.bus, site.org, self._on_event)
 
     # -- bus -------------------------------------------------------------------------------------------
@@ -142,6 +143,7 @@ class Charger:
                         self._perform(job)
         finally:
             self._dao_events.close()
+            self._roots.close()
             self._witness.close()
             self._node.close()
 

@@ -18,6 +18,7 @@ from typing import Any
 from rodeo import topics
 from rodeo.bus import Request
 from rodeo.config import Site
+from rodeo.dao import ORGANIZATION, Participant
 from rodeo.errors import RodeoError
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.service import Service
@@ -26,6 +27,7 @@ from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo.vision.classifier import Classifier
 from rodeo.witness import Claimant, Classification, Drop, Header, Inputs, Presentation, Removal, Statement
 from rodeo.witness.devices import Device
+from rodeo.witness.roots import DailyRoots
 from rodeo.witness.witness import Witness
 from services.itrash.behaviour import (
     Action,
@@ -74,6 +76,7 @@ class Itrash:
         self._witness = Witness(
             service.bus, site.org, site.bin.name, self._account, service.data_dir, inputs, self._on_statement
         )
+        self._roots = DailyRoots(site, Participant(service.bus, site.org, ORGANIZATION), self._witness)
         self._heard_s: dict[str, float] = {}
         """Wall (monotonic) time of each sensor's last reading."""
         node = Node(service.bus.session, site.bin.name, "", site.bus.domain_id, service.clock)
@@ -164,6 +167,7 @@ class Itrash:
                     continue
                 self._carry_out(action)
         finally:
+            self._roots.close()
             self._witness.close()
             self._camera.close()
             self._node.close()

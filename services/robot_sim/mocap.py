@@ -14,9 +14,11 @@ import numpy as np
 from rodeo import wallets
 from rodeo.bus import Bus
 from rodeo.config import Site
+from rodeo.dao import ORGANIZATION, Participant
 from rodeo.errors import KeystoreMissing
 from rodeo.witness import Motion
 from rodeo.witness.motion import MotionLog, Sample
+from rodeo.witness.roots import DailyRoots
 from rodeo.witness.witness import Witness
 
 log = logging.getLogger(__name__)
@@ -40,6 +42,7 @@ class MotionCapture:
         self._folder = folder
         self._bodies = bodies
         self._witness: Witness | None = None
+        self._roots: DailyRoots | None = None
         self._log: MotionLog | None = None
         self._ask_ns = 0
         self._said = False
@@ -68,6 +71,8 @@ class MotionCapture:
 
     def close(self) -> None:
         """Stop listening and answering."""
+        if self._roots is not None:
+            self._roots.close()
         if self._witness is not None:
             self._witness.close()
 
@@ -84,5 +89,7 @@ class MotionCapture:
                 self._said = True
             return None
         # Its cameras are its own: nothing that it signs came over the bus.
-        self._witness = Witness(self._bus, self._site.org, NAME, account, self._folder, "sensor")
-        return self._witness
+        witness = Witness(self._bus, self._site.org, NAME, account, self._folder, "sensor")
+        organization = Participant(self._bus, self._site.org, ORGANIZATION)
+        self._witness, self._roots = witness, DailyRoots(self._site, organization, witness)
+        return witness
