@@ -70,6 +70,22 @@ class Device(BaseModel):
     revoked_because: Literal["superseded", "compromised"] | None = None
 
 
+class Root(BaseModel):
+    """What fixes a key's statements of a day, as the chain's index tells it."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+    device: str
+    """Address of the key."""
+    day: int
+    """Counted from 1970-01-01 UTC."""
+    root: str
+    """0x SHA-256 of the log (`rodeo.witness.days`)."""
+    uri: str
+    block: int
+    """In which it was posted."""
+
+
 class Command(Message):
     """A request to the bridge; the same `request_id` twice gives the first answer again."""
 

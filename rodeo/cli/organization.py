@@ -6,7 +6,7 @@ import json
 from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -18,12 +18,16 @@ from rodeo.cli.common import (
     SiteOption,
     connected,
     console,
+    errors,
     print_json,
     reports_errors,
 )
 from rodeo.config import Site
-from rodeo.errors import InvalidRequest, MalformedJson
+from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
 from rodeo.photo_code import photo_code
+
+if TYPE_CHECKING:
+    from services.oracle.chain_view import View
 
 tasks = typer.Typer(help="Post, list, show and cancel tasks.", no_args_is_help=True)
 services = typer.Typer(help="What participants offer.", no_args_is_help=True)
@@ -202,18 +206,27 @@ def verify(
         Path, typer.Argument(help="A proof (MCAP), or a ROS 1 or ROS 2 bag.", metavar="FILE", exists=True)
     ],
     site: SiteOption = DEFAULT_SITE,
+    offline: Annotated[
+        bool, typer.Option("--offline", help="Skip what only the chain knows; do not ask the bridge.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Run the oracle's checks on a proof here and now. Exit status 1 when one fails.
 
-    What only the chain knows (who may sign, what was paid for before) is skipped.
+    What only the chain knows (who may sign, which days were posted) is taken as of the block of the verdict,
+    if there is one; what came later is a warning. Without a running site that is skipped, with a warning.
     """
     # Imported here: only this command needs MuJoCo and the readers of recordings.
+    from services.oracle.chain_view import View
     from services.oracle.verify import verify_file
 
-    report = verify_file(file, Site.load(site))
+    loaded = Site.load(site)
+    known = View(None, []) if offline else _chain_view(site, file)
+    report = verify_file(file, loaded, known.ledger)
+    for warning in known.warnings:
+        errors.print(f"[bold yellow]warning[/]: {escape(warning)}", highlight=False, soft_wrap=True)
     if as_json:
-        print_json(report.model_dump(mode="json"))
+        print_json(report.model_dump(mode="json") | {"warnings": known.warnings})
     else:
         table = Table(box=None)
         for column in ("check", "", "measured", "limit", "the limit's source", "about"):
@@ -224,6 +237,18 @@ def verify(
         console.print(f"[bold]{report.outcome}[/]: {escape(report.reason)}")
     if not report.accepted:
         raise typer.Exit(1)
+
+
+def _chain_view(site_path: Path, file: Path) -> View:
+    """What the running site's bridge says about a proof; if none answers, a warning that says so."""
+    from rodeo.dao import ORGANIZATION, Participant
+    from services.oracle.chain_view import View, view
+
+    try:
+        with connected(site_path) as (site, bus):
+            return view(file, site, Participant(bus, site.org, ORGANIZATION))
+    except (BusError, RemoteError) as error:
+        return View(None, [f"what only the chain knows is skipped: {error}"])
 
 
 def iec(amount: str) -> str:

@@ -89,11 +89,11 @@ def _cleaning(case: Case) -> list[str]:
     phases, item = case.phases, case.item.id
     if case.mocap:
         from_us, to_us = round(phases.closing_s * 1e6), round(phases.rest_s * 1e6)
-        claimed = [f"mocap/{case.motion_capture.address}/{item}/{from_us}-{to_us}"]
+        claimed = [f"mocap/{key}/{item}/{from_us}-{to_us}" for key in case.motion_capture.keys]
     else:
         claimed = [f"item/{item}/time/{phases.closing_s:.3f}-{phases.rest_s:.3f}"]
     if (drop := drop_of(case)) is not None:
-        claimed.append(f"bin/{case.bin_testimony.address}/drop/{drop.number}")
+        claimed += [f"bin/{key}/drop/{drop.number}" for key in case.bin_testimony.keys]
     return claimed
 
 

@@ -28,11 +28,11 @@ from rodeo.errors import BusError, RemoteError
 from rodeo.evidence import EvidenceError, Store
 from rodeo.evidence.errors import ProofNotFound, ProofUriNotAllowed, StoreUnavailable
 from rodeo.logs import about_task
-from rodeo.messages import DaoEvent, Device, PostVerdict, Task
+from rodeo.messages import DaoEvent, PostVerdict, Task
 from rodeo.service import Service
 from services.oracle import worker
 from services.oracle.acts import ConsumedActs, Spent, Submission, Wait
-from services.oracle.case import Ledger
+from services.oracle.chain_view import read_ledger
 from services.oracle.report import Check, Report
 
 log = logging.getLogger(__name__)
@@ -143,7 +143,7 @@ class Oracle:
 
         Raises StoreUnavailable, BusError, RemoteError.
         """
-        ledger = self._ledger(task_id)
+        ledger = read_ledger(self._wallet, task_id)
         if ledger.task.state != "submitted" or ledger.task.attempt != attempt:
             return None
         if not is_ours(ledger.task.kind, self._wallet.state("organization")["kinds"]):
@@ -159,16 +159,6 @@ class Oracle:
             scratch = self._service.data_dir / "verifying"
             report = worker.verify_apart(self._site, ledger, scratch, self._stop)
         return None if report is None else (ledger.task, report)
-
-    def _ledger(self, task_id: int) -> Ledger:
-        chain = self._wallet.state("chain")
-        return Ledger(
-            chain_id=chain["chain_id"],
-            task_manager=chain["contracts"]["TaskManager"],
-            organization=chain["contracts"]["Organization"],
-            task=self._wallet.task(task_id),
-            devices=[Device.model_validate(device) for device in self._wallet.state("devices")["devices"]],
-        )
 
     def _post(self, task: Task, report: Report, report_sha256: str, report_uri: str) -> bool:
         """Post the verdict; False when the task was decided meanwhile."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
@@ -20,10 +21,11 @@ from rodeo.evidence.errors import BadAttestation, LayoutChanged
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL
 from rodeo.evidence.series import Array, Table
 from rodeo.lab.config import ItemConfig, RobotConfig
-from rodeo.messages import Device, Task
+from rodeo.messages import Device, Root, Task
 from rodeo.witness import Motion, Statement, payload_digest
 from rodeo.witness.motion import track
-from services.oracle.statements import Said, Testimony, recorded, testimonies
+from services.oracle.keys import counts_until_s, taken
+from services.oracle.statements import Said, Testimony, joined, recorded, testimonies
 
 if TYPE_CHECKING:
     from services.oracle.charge import Charge
@@ -43,6 +45,8 @@ class Ledger(BaseModel):
     organization: str
     task: Task
     devices: list[Device]
+    roots: list[Root] = []
+    """Of the days of the assignment."""
 
     def signers(self, role: str | None) -> set[str]:
         """Lower-case addresses that may sign as `role` (None: as anything) now."""
@@ -282,26 +286,40 @@ class Case:
 
     # -- what others signed ----------------------------------------------------------------------------
 
-    def witnesses(self, role: str, name: str) -> dict[str, float] | None:
-        """Lower-case addresses of the devices that are this witness and not the executor's, each with the
-        time up to which its signature counts (s); without a chain None: anybody.
+    @property
+    def submitted_s(self) -> float:
+        """When the proof stood on chain, s of block time; infinite before."""
+        at_s = self.ledger.task.proof_submitted if self.ledger else None
+        return math.inf if at_s is None else at_s
 
-        A key that was superseded leaves what it signed before good; one that was compromised what stood on
-        chain before.
-        """
+    def keys(self, role: str, name: str) -> list[Device]:
+        """The keys that this device has or had, without those of the executor of a cleaning: a witness that
+        the executor owns is the executor's own word."""
         if self.ledger is None:
-            return None
-        task, known = self.ledger.task, {}
+            return []
+        executor = (self.ledger.task.executor or "").lower() if self.kind == CLEANING else None
+        return [
+            device
+            for device in self.ledger.devices
+            if (device.role, device.name) == (role, name) and device.owner.lower() != executor
+        ]
+
+    def vouching(self, role: str, name: str) -> list[tuple[Device, Testimony]]:
+        """What other witnesses than this device signed: none that the executor owns, and none whose key was
+        taken."""
+        if self.ledger is None:
+            return []
+        executor = (self.ledger.task.executor or "").lower()
+        found = []
         for device in self.ledger.devices:
-            own = device.owner.lower() == (task.executor or "").lower()
-            if (device.role, device.name) != (role, name) or (own and self.kind == CLEANING):
+            testimony = self._testimonies.get(device.address.lower())
+            same = (device.role, device.name) == (role, name)
+            if testimony is None or same or device.owner.lower() == executor:
                 continue
-            known[device.address.lower()] = math.inf
-            if device.revoked is not None:
-                submitted_s = task.proof_submitted or math.inf
-                stood = device.revoked_because == "compromised" and submitted_s < device.revoked
-                known[device.address.lower()] = math.inf if stood else device.revoked
-        return known
+            if not taken(device, self.submitted_s):
+                until_s = counts_until_s(device, self.submitted_s)
+                found.append((device, self._counting(testimony, device.name, until_s)))
+        return found
 
     @cached_property
     def _testimonies(self) -> dict[str, Testimony]:
@@ -314,21 +332,37 @@ class Case:
 
         Anything else is no evidence, and passed over. Raises CaseError when nothing is left.
         """
-        known = self.witnesses(role, name)
-        found = [self._counting(one, name, known) for one in self._testimonies.values()]
-        best = max(found, key=lambda one: len(one.said), default=None)
-        if best is None or not best.said:
+        best = joined(part for _, part in self.parts(role, name))
+        if self.ledger is None:
+            found = [self._counting(one, name, math.inf) for one in self._testimonies.values()]
+            best = max((one for one in found if one.said), key=lambda one: len(one.said), default=None)
+        if best is None:
             raise CaseError(
                 "nothing signed by this witness is in the recording",
                 witness=name,
                 role=role,
-                registered=None if known is None else sorted(known),
+                registered=None if self.ledger is None else [one.address for one in self.keys(role, name)],
             )
         return best
 
-    def _counting(self, testimony: Testimony, name: str, known: dict[str, float] | None) -> Testimony:
-        until_s = math.inf if known is None else known.get(testimony.address, -math.inf)
-        earliest_s, latest_s = self._assignment_s
+    def parts(self, role: str, name: str) -> list[tuple[Device, Testimony]]:
+        """The same by key: what each of them signed that counts (`services.oracle.keys`)."""
+        return [
+            (key, self._counting(testimony, name, counts_until_s(key, self.submitted_s)))
+            for key in self.keys(role, name)
+            if (testimony := self._testimonies.get(key.address.lower())) is not None
+        ]
+
+    def signed_by(self, roles: Collection[str]) -> list[tuple[Device, Testimony]]:
+        """What all registered devices in these roles signed that counts, by key."""
+        return [
+            (key, self._counting(testimony, key.name, counts_until_s(key, self.submitted_s)))
+            for key in (self.ledger.devices if self.ledger else ())
+            if key.role in roles and (testimony := self._testimonies.get(key.address.lower())) is not None
+        ]
+
+    def _counting(self, testimony: Testimony, name: str, until_s: float) -> Testimony:
+        earliest_s, latest_s = self.assignment_s
         said = [
             one
             for one in testimony.said
@@ -340,7 +374,7 @@ class Case:
         return replace(testimony, said=said)
 
     @property
-    def _assignment_s(self) -> tuple[float, float]:
+    def assignment_s(self) -> tuple[float, float]:
         """Between which times what others sign is about this assignment."""
         task = self.ledger.task if self.ledger else None
         if task is None or task.assigned is None:

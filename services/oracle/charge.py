@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rodeo.charging import ChargingParams
 from rodeo.evidence import Binding
+from rodeo.messages import Device
 from rodeo.metering import Reading, Readings, unpack
 from rodeo.witness import MeterRecord, Receipt, Scope
-from services.oracle.statements import Said, Testimony, recorded, testimonies
+from services.oracle.keys import counts_until_s
+from services.oracle.statements import Said, Testimony, joined, recorded, testimonies
 
 if TYPE_CHECKING:
     from services.oracle.case import Case
@@ -94,14 +96,21 @@ def names(case: Case) -> Names:
 def charge_of(case: Case) -> Charge:
     """What the two sides of the task's charge signed; what anybody else did is passed over."""
     who, ledger = names(case), case.ledger
-    executor = "" if ledger is None else (ledger.task.executor or "").lower()
-    meters = None if ledger is None else _signers(case, "meter", who.meter)
-    # A robot of the seller's is the seller's own word.
-    robots = None if ledger is None else _signers(case, "robot", who.robot, but_of=executor)
-    everybody = None if meters is None or robots is None else {*meters, *robots}
+    meters = None if ledger is None else case.keys("meter", who.meter)
+    robots = None
+    if ledger is not None:
+        executor = (ledger.task.executor or "").lower()
+        # A robot of the seller's is the seller's own word.
+        robots = [key for key in case.keys("robot", who.robot) if key.owner.lower() != executor]
+    everybody = None
+    if meters is not None and robots is not None:
+        everybody = {key.address.lower() for key in (*meters, *robots)}
     said = testimonies(recorded(case.proof, everybody))
-    meter = _of(said, meters, who.meter, MeterRecord)
-    robot = _of(said, robots, who.robot, Receipt)
+    meter = _of(case, said, meters, who.meter, MeterRecord)
+    if meter is not None and len(meter.keys) > 1:
+        # A recording is one key's.
+        meter = replace(meter, apart=f"it signed under its keys {' and '.join(meter.keys)}")
+    robot = _of(case, said, robots, who.robot, Receipt)
     records = {one.digest: one.statement for one in _here(case, meter, who) if _is_record(one)}
     receipts, signed = [], []
     for one in () if robot is None else robot.said:
@@ -118,36 +127,35 @@ def charge_of(case: Case) -> Charge:
     )
 
 
-def _signers(case: Case, role: str, name: str, but_of: str | None = None) -> dict[str, float]:
-    """Lower-case address -> until when its signature counts (s)."""
-    assert case.ledger is not None
-    return {
-        device.address.lower(): math.inf if device.revoked is None else device.revoked
-        for device in case.ledger.devices
-        if (device.role, device.name) == (role, name) and device.owner.lower() != but_of
-    }
-
-
 def _of(
+    case: Case,
     said: dict[str, Testimony],
-    signers: dict[str, float] | None,
+    keys: list[Device] | None,
     name: str,
     model: type[MeterRecord | Receipt],
 ) -> Testimony | None:
-    """What the device of this name stated, by whichever of its keys said most."""
-    found = []
-    for one in said.values():
-        until_s = math.inf if signers is None else signers.get(one.address, -math.inf)
-        statements = [
-            each
-            for each in one.said
-            if isinstance(each.statement, model)
-            and each.statement.device == name
-            and each.statement.time_s <= until_s
-        ]
-        if statements:
-            found.append(Testimony(one.address, statements, one.twice))
-    return max(found, key=lambda one: len(one.said), default=None)
+    """What the device of this name stated under its keys; without a chain, under whichever key said most."""
+    if keys is None:
+        until_s = dict.fromkeys(said, math.inf)
+    else:
+        until_s = {key.address.lower(): counts_until_s(key, case.submitted_s) for key in keys}
+    found = [
+        replace(
+            one,
+            said=[
+                each
+                for each in one.said
+                if isinstance(each.statement, model)
+                and each.statement.device == name
+                and each.statement.time_s <= until_s[address]
+            ],
+        )
+        for address, one in said.items()
+        if address in until_s
+    ]
+    if keys is not None:
+        return joined(found)
+    return max((one for one in found if one.said), key=lambda one: len(one.said), default=None)
 
 
 def _is_record(one: Said) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import NamedTuple
 
 from pydantic import ValidationError
@@ -48,6 +49,43 @@ class Testimony:
     said: list[Said] = field(default_factory=list)
     twice: int | None = None
     """A number under which it signed two different statements."""
+    addresses: tuple[str, ...] = ()
+    """`keys`, where there are several."""
+    apart: str | None = None
+    """Why what it signed under several keys is no one chain."""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Lower-case addresses of all keys that it signed with, the oldest first."""
+        return self.addresses or (self.address,)
+
+
+def joined(parts: Iterable[Testimony]) -> Testimony | None:
+    """What a device said under all of its keys, in the order of its chain; None if nothing.
+
+    A device that gets another key goes on with its chain under that one. Where the chains of two keys
+    overlap, or the later does not go on with the numbers of the earlier, the longest is left and `apart`
+    says so.
+    """
+    spoken = sorted((one for one in parts if one.said), key=lambda one: one.said[0].statement.time_s)
+    if not spoken:
+        return None
+    apart = next((why for pair in pairwise(spoken) if (why := _apart(*pair)) is not None), None)
+    twice = next((one.twice for one in spoken if one.twice is not None), None)
+    longest = max(spoken, key=lambda one: len(one.said))
+    said = longest.said if apart else [said for one in spoken for said in one.said]
+    return Testimony(longest.address, said, twice, tuple(one.address for one in spoken), apart)
+
+
+def _apart(before: Testimony, after: Testimony) -> str | None:
+    """Why the statements under a key do not go on with those under the key before; None if they do."""
+    last, first = before.said[-1], after.said[0]
+    keys = f"{before.address} and {after.address}"
+    if last.statement.time_s > first.statement.time_s or last.statement.seq >= first.statement.seq:
+        return f"the chains under its keys {keys} overlap"
+    if first.statement.seq == last.statement.seq + 1 and first.statement.previous != last.digest:
+        return f"the chain under its key {after.address} does not go on with that under {before.address}"
+    return None
 
 
 def recorded(proof: Proof, signers: Collection[str] | None) -> list[Recorded]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 from collections.abc import Iterator
@@ -9,10 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
 from rodeo import wallets
+from rodeo.cli import app
 from rodeo.dao import Participant
-from rodeo.evidence import Store
+from rodeo.evidence import Store, attest, open_proof
+from rodeo.messages import PostRoot
+from rodeo.witness import Scope
+from rodeo.witness.days import DayLog, day_of
 from services.oracle.report import Report
 from tests.support.dao import Dao
 from tests.support.recordings import Take, Witnesses, film_cleaning, later, seal
@@ -291,3 +297,56 @@ def test_a_copied_proof_hash_earns_nothing_and_costs_its_owner_nothing(
     executor.submit(other, "0x" + "ee" * 32, f"{dao.site.store_url}/{'ee' * 32}.mcap")
     assert executor.verdict(other, 1)["verdict"] == "rejected"
     dao.command("thief", "update_service", service_id=int(service), state="retired")
+
+
+# The last test: afterwards no bin of this site is believed any more.
+
+
+def test_what_comes_after_a_verdict_is_a_warning_and_before_one_a_doubt(
+    dao: Dao, executor: Executor, tmp_path: Path
+) -> None:
+    """The bin's own log of the day lacks its statements, and its key is revoked."""
+    task_id = executor.assigned()
+    path = executor.record(task_id)
+    uri = executor.store.put(path)
+    sha256 = "0x" + uri.rpartition("/")[2].removesuffix(".mcap")
+    assert executor.verdict(task_id, executor.submit(task_id, sha256, uri))["verdict"] == "accepted"
+    before = verified(dao, path)
+    assert (before["outcome"], before["warnings"]) == ("accepted", [])
+    assert {check["passed"] for check in before["checks"] if check["name"] in ("signer", "nonce")} == {True}
+
+    device = wallets.load(dao.site, "itrash-device")
+    said = next(one for one in open_proof(path).attestations() if one.signer == device.address)
+    scope = {name: said.payload[name] for name in Scope.model_fields}
+    log = DayLog(
+        **scope,
+        device="itrash",
+        address=device.address,
+        day=day_of(said.payload["time_s"]),
+        first=said.payload["seq"],
+        statements=("0x" + "ab" * 32,),
+    )
+    signed = attest(log.model_dump(mode="json"), device)
+    log_uri, root = executor.store.put_bytes(signed.model_dump_json().encode(), ".json")
+    organization = Participant(dao.running.bus, dao.site.org, "organization")
+    day = PostRoot(device=device.address, day=log.day, root=root, uri=log_uri)
+    organization.command("post_root", day)
+    after = verified(dao, path)
+    assert after["outcome"] == "accepted"
+    assert ["are not in the log of its day" in warning for warning in after["warnings"]] == [True]
+
+    doubted = honest(executor, executor.assigned())
+    assert doubted["verdict"] == "undecided"
+    assert "in_daily_log: 2 statements of the bin itrash" in doubted["reason"]
+
+    dao.command("organization", "revoke_device", device=device.address, reason="compromised")
+    later_on = verified(dao, path)
+    assert later_on["outcome"] == "accepted"
+    assert any("was revoked as compromised" in warning for warning in later_on["warnings"])
+
+
+def verified(dao: Dao, path: Path) -> dict[str, Any]:
+    """What `rodeo verify` says of a file."""
+    done = CliRunner().invoke(app, ["verify", str(path), "--site", str(dao.running.path), "--json"])
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found

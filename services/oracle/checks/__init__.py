@@ -48,6 +48,7 @@ CHECKS: dict[str, tuple[Stage, ...]] = {
         (witnesses.witnessed,),
         (completeness.item_outside_bin,),
         (completeness.carried, disposal.bin_witnessed),
+        (witnesses.in_daily_log,),
         (completeness.cleaning_gaps, completeness.cleaning_missed),
         (witnesses.order, witnesses.seen_throughout),
         (base.base_speed, base.base_acceleration, base.turning_speed, base.odometry, base.stays_in_room),
@@ -75,6 +76,7 @@ CHECKS: dict[str, tuple[Stage, ...]] = {
         (completeness.in_order, completeness.tallied),
         (charging.same_names,),
         (charging.both_signed,),
+        (witnesses.in_daily_log,),
         (
             charging.in_sequence,
             charging.ocmf,

@@ -22,6 +22,13 @@ from rodeo.topics import BATTERY_STATE
 from rodeo.witness import Head, Receipt
 from services.oracle.case import Case, CaseError
 from services.oracle.charge import names
+from services.oracle.checks.witnesses import (
+    compromised,
+    listed_otherwise,
+    revoked_in_assignment,
+    revoked_meanwhile,
+    signed_twice,
+)
 from services.oracle.report import Finding, at_least, at_most, equal, skipped, undecided
 from services.oracle.statements import Testimony
 
@@ -52,19 +59,22 @@ def same_names(case: Case) -> Finding:
 def both_signed(case: Case) -> Finding:
     """The task's robot signed for what the task's meter recorded of this very session."""
     charge, who = case.charge, names(case)
-    if charge.meter is None:
-        raise CaseError("nothing signed by the task's meter is in the recording", meter=who.meter)
-    if charge.robot is None:
-        raise CaseError("nothing signed by the task's robot is in the recording", robot=who.robot)
-    for side in (charge.meter, charge.robot):
-        if side.twice is not None:
-            detail = f"{side.address} signed two different statements with number {side.twice}"
-            return undecided(detail, f"the device {side.said[0].statement.device}", source=_BOTH)
+    for role, name in (("meter", who.meter), ("robot", who.robot)):
+        if (failed := compromised(case, role, name, f"the {role} {name}")) is not None:
+            return failed
+    for role, name, side in (("meter", who.meter, charge.meter), ("robot", who.robot, charge.robot)):
+        whose = f"the {role} {name}"
+        if side is None:
+            if (key := revoked_in_assignment(case, role, name)) is not None:
+                return revoked_meanwhile(key, whose)
+            raise CaseError(f"nothing signed by the task's {role} is in the recording", **{role: name})
+        if (alarm := signed_twice(side) or listed_otherwise(case, role, name)) is not None:
+            return undecided(alarm, whose, source=_BOTH)
     if not charge.records:
         raise CaseError("nothing that the meter signed is of this recording", meter=who.meter)
     if not charge.signed:
         raise CaseError("the robot signed for nothing of this recording", robot=who.robot)
-    if all(_open(side) for side in (charge.meter, charge.robot)):
+    if all(side is not None and _open(side) for side in (charge.meter, charge.robot)):
         return undecided(
             "meter and robot both heard their readings over an open bus, where anybody may have said them",
             "the site",

@@ -12,7 +12,7 @@ from rodeo.witness import Classification, Drop, Motion, Presentation, Removal
 from rodeo.witness.heads import TOLD
 from services.oracle.case import Case, CaseError
 from services.oracle.checks import picture
-from services.oracle.checks.witnesses import compromised, unsound
+from services.oracle.checks.witnesses import revoked_meanwhile, revoked_while_recorded, unsound
 from services.oracle.phases import REST_M
 from services.oracle.report import Finding, at_least, at_most, equal, skipped
 
@@ -73,11 +73,12 @@ def expected_compartment(case: Case) -> str:
 def bin_witnessed(case: Case) -> Finding:
     """This site's bin signed what it felt by its own sensors, in one chain."""
     name = case.site.bin.name
-    if (failed := compromised(case, "bin", name)) is not None:
+    if (failed := unsound(case, "bin", name, f"the bin {name}")) is not None:
         return failed
     testimony = case.bin_testimony
-    if (failed := unsound(testimony, f"the bin {name}")) is not None:
-        return failed
+    key = revoked_while_recorded(case, "bin", name)
+    if key is not None and not any(isinstance(one.statement, Drop) for one in testimony.said):
+        return revoked_meanwhile(key, f"the bin {name}")
     return Finding(
         passed=True,
         measured=len(testimony.said),
@@ -207,12 +208,12 @@ def _missing_of_bin(case: Case) -> int:
     """Statements of the bin since the classification that are not in the recording, though a later one is, or
     though motion capture heard of them."""
     own = [one.statement.seq for one in case.bin_said if one.statement.seq >= _classification(case).seq]
-    address = case.bin_testimony.address
+    keys = case.bin_testimony.keys
     heard = [
         head.index
         for said in (case.motion if case.mocap else ())
         for head in said.statement.heads
-        if head.address.lower() == address and head.chain is None
+        if head.address.lower() in keys and head.chain is None
     ]
     return _gaps(own) + max(max(heard, default=0) - max(own), 0)
 

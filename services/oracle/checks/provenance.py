@@ -1,11 +1,17 @@
 """Is this the proof of this assignment, sealed by the executor's own device while it worked?"""
 
 from rodeo.dao import CHARGING
+from rodeo.evidence.seal import SEAL_TOPIC
+from rodeo.messages import Device
 from services.oracle.case import Case
-from services.oracle.report import Finding, at_most, equal, skipped
+from services.oracle.keys import counts_until_s, heads_listed, taken
+from services.oracle.report import Finding, at_most, equal, skipped, undecided
 
 UNSEALED_LIMIT_S = 5.0
 """Twice the seal period and room for messages that arrive late."""
+UNLISTED_AT_END_S = 3.0
+"""From the last head that a witness lists to the recording's end: a seal and a statement come once a second
+each, and one of either may be lost."""
 
 _NO_CHAIN = "no chain to compare with"
 _NOT_SEALED = "a bag has no seal"
@@ -41,14 +47,13 @@ def signer(case: Case) -> Finding:
     owner = (case.ledger.task.executor or "").lower()
     for device in case.ledger.devices:
         if device.address.lower() == case.proof.signer.lower():
-            revoked = "" if device.revoked is None else " revoked"
-            return Finding(
-                passed=not revoked and device.role == role and device.owner.lower() == owner,
-                measured=f"{device.role} of {device.owner.lower()}{revoked}",
-                limit=f"{role} of {owner}",
+            found = equal(
+                f"{device.role} of {device.owner.lower()}",
+                f"{role} of {owner}",
                 source="device registry on chain",
                 detail="the sealing device",
             )
+            return _by_its_time(case, device, found) if found.passed else found
     return Finding(
         passed=False,
         measured=case.proof.signer,
@@ -56,6 +61,44 @@ def signer(case: Case) -> Finding:
         source="device registry on chain",
         detail="the sealing device is not registered",
     )
+
+
+def _by_its_time(case: Case, device: Device, found: Finding) -> Finding:
+    """The same where the key was revoked since: was the recording sealed before?"""
+    until_s = counts_until_s(device, case.submitted_s)
+    if case.proof.end_ns * 1e-9 <= until_s and not taken(device, case.submitted_s):
+        return found
+    whose = f"the {device.role} {device.name}"
+    if case.proof.start_ns * 1e-9 > until_s:
+        return found.model_copy(
+            update={"passed": False, "measured": f"{found.measured}, revoked before the recording"}
+        )
+    if not taken(device, case.submitted_s):
+        detail = f"its key {device.address} was superseded while it recorded"
+        return undecided(detail, whose, source=found.source)
+    if _stood(case, device):
+        return found
+    return undecided(
+        f"its key {device.address} was revoked as compromised before the proof was submitted, and no witness "
+        "lists the recording's last seals from before",
+        whose,
+        source=found.source,
+    )
+
+
+def _stood(case: Case, device: Device) -> bool:
+    """Whether another witness listed the recording, but for its last moment, before its key was revoked."""
+    assert device.revoked is not None
+    digests, seals_ns = case.proof.seal_digests, case.proof.topics[SEAL_TOPIC].log_ns
+    listed_ns = [
+        seals_ns[head.index]
+        for head in heads_listed((one for _, one in case.vouching(device.role, device.name)), device.revoked)
+        if head.chain is not None
+        and head.chain == case.proof.recording
+        and head.index < len(digests)
+        and digests[head.index] == head.digest
+    ]
+    return (case.proof.end_ns - max(listed_ns, default=0)) * 1e-9 <= UNLISTED_AT_END_S * case.speed
 
 
 def executor_on_site(case: Case) -> Finding:

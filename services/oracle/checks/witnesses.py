@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from rodeo.dao import CHARGING
 from rodeo.evidence.recorder import EVENT_CHANNEL, RESUMED
 from rodeo.evidence.seal import SEAL_TOPIC
 from rodeo.evidence.series import Array
+from rodeo.messages import Device
 from rodeo.topics import JOINT_STATES
-from rodeo.witness import Head
+from rodeo.witness import Head, Motion
 from services.oracle.case import MOTION_CAPTURE, NO_MOCAP, Case, CaseError, Pose
+from services.oracle.keys import counts_until_s, not_standing, taken
+from services.oracle.logs import logged
 from services.oracle.report import Finding, at_most, equal, skipped, undecided
 from services.oracle.statements import Testimony
 
@@ -30,13 +34,14 @@ does something else with it and puts it back in that time while the replay holds
 UNSEEN_M = 0.5
 """The sum of an item's ways against the robot's base over which nothing is signed."""
 _SOURCE = "statements of the motion capture"
+_WHOSE = "the site's motion capture"
 
 
 def witnessed(case: Case) -> Finding:
     """This site's motion capture signed what it saw, by its own cameras, in one chain."""
     if not case.mocap:
         return skipped(NO_MOCAP)
-    if (failed := compromised(case, "mocap", MOTION_CAPTURE)) is not None:
+    if (failed := unsound(case, "mocap", MOTION_CAPTURE, _WHOSE)) is not None:
         return failed
     try:
         testimony = case.motion_capture
@@ -44,45 +49,141 @@ def witnessed(case: Case) -> Finding:
         if _never_registered(case, "mocap", MOTION_CAPTURE):
             return undecided("the organization registered no motion capture of this site", "the site")
         raise
-    if (failed := unsound(testimony, "the site's motion capture")) is not None:
+    if (failed := _interrupted(case)) is not None:
         return failed
     return Finding(
         passed=bool(case.motion),
         measured=len(case.motion),
         limit=1,
         source="device registry on chain",
-        detail=f"statements signed by {testimony.address}",
+        detail=f"statements signed by {' and '.join(testimony.keys)}",
     )
 
 
-def unsound(testimony: Testimony, name: str) -> Finding | None:
-    """Why what a device signed cannot be believed; None if it can."""
-    if testimony.twice is not None:
-        detail = f"{testimony.address} signed two different statements with number {testimony.twice}"
-        return undecided(detail, name, source="one chain of statements per device")
+def unsound(case: Case, role: str, name: str, whose: str) -> Finding | None:
+    """Why what a device signed cannot be believed, or is missing for no party's failure; None if neither."""
+    if (failed := compromised(case, role, name, whose)) is not None:
+        return failed
+    try:
+        testimony = case.testimony(role, name)
+    except CaseError:
+        key = revoked_in_assignment(case, role, name)
+        return None if key is None else revoked_meanwhile(key, whose)
+    if (alarm := signed_twice(testimony) or listed_otherwise(case, role, name)) is not None:
+        return undecided(alarm, whose, source="one chain of statements per device")
     if any(one.statement.inputs == "open_bus" for one in testimony.said):
         return undecided(
             f"{testimony.address} says that its readings came over an open bus, where anybody speaks",
-            name,
+            whose,
             source="`inputs` of its statements",
         )
     return None
 
 
-def compromised(case: Case, role: str, name: str) -> Finding | None:
-    """An undecided finding if a key of this witness was taken before the proof stood on chain."""
-    if case.ledger is None:
-        return None
-    submitted_s = case.ledger.task.proof_submitted or np.inf
-    for device in case.ledger.devices:
-        taken = device.revoked_because == "compromised" and submitted_s >= (device.revoked or 0.0)
-        if taken and (device.role, device.name) == (role, name):
+def signed_twice(testimony: Testimony) -> str | None:
+    """Why what a device signed is no one chain; None if it is."""
+    if testimony.twice is not None:
+        return f"{testimony.address} signed two different statements with number {testimony.twice}"
+    return testimony.apart
+
+
+def listed_otherwise(case: Case, role: str, name: str) -> str | None:
+    """Which other witness heard a statement of this device that is not the one in the recording: the device
+    signed one number twice.
+
+    A party's word alone raises no alarm: neither the executor's, nor in a charge that of the robot, who would
+    not pay if people had to decide.
+    """
+    own = {
+        (key.address.lower(), said.statement.seq): said
+        for key, one in case.parts(role, name)
+        for said in one.said
+    }
+    for other, testimony in case.vouching(role, name):
+        if case.kind == CHARGING and other.role == "robot":
+            continue
+        for head in (head for said in testimony.said for head in said.statement.heads):
+            said = own.get((head.address.lower(), head.index)) if head.chain is None else None
+            if said is not None and said.digest != head.digest:
+                return (
+                    f"{other.name} lists number {head.index} of {name} ({head.address}) as "
+                    f"{head.digest[:18]}, the recording has {said.digest[:18]}: it was signed twice"
+                )
+    return None
+
+
+def compromised(case: Case, role: str, name: str, whose: str) -> Finding | None:
+    """An undecided finding if somebody else may have signed under a key of this witness, and what is here
+    stood in no other witness's chain before that was known."""
+    for key, testimony in case.parts(role, name):
+        if not taken(key, case.submitted_s):
+            continue
+        others = [one for _, one in case.vouching(role, name)]
+        if fallen := not_standing(testimony, key, others):
             return undecided(
-                f"its key {device.address} was revoked as compromised before the proof was submitted",
-                f"the {role} {name}",
+                f"its key {key.address} was revoked as compromised before the proof was submitted, and no "
+                f"other witness lists its statement {fallen[-1].statement.seq} from before",
+                whose,
                 source="device registry on chain",
             )
     return None
+
+
+def revoked_meanwhile(key: Device, whose: str) -> Finding:
+    """What is missing is missing because a key was revoked."""
+    return undecided(
+        f"its key {key.address} was revoked as {key.revoked_because} meanwhile, and what it had to say is "
+        "not signed under another",
+        whose,
+        source="device registry on chain",
+    )
+
+
+def revoked_while_recorded(case: Case, role: str, name: str) -> Device | None:
+    """A key of this device that was revoked between the recording's beginning and its end."""
+    return _revoked_between(case, role, name, case.proof.start_ns * 1e-9, case.proof.end_ns * 1e-9)
+
+
+def revoked_in_assignment(case: Case, role: str, name: str) -> Device | None:
+    """The same between the assignment and the submission."""
+    return _revoked_between(case, role, name, *case.assignment_s)
+
+
+def _revoked_between(case: Case, role: str, name: str, from_s: float, until_s: float) -> Device | None:
+    for key in case.keys(role, name):
+        if from_s <= counts_until_s(key, case.submitted_s) <= until_s:
+            return key
+    return None
+
+
+def _interrupted(case: Case) -> Finding | None:
+    """Motion capture's key was revoked while it watched, and for a while it signed under no other."""
+    key = revoked_while_recorded(case, "mocap", MOTION_CAPTURE)
+    if key is None:
+        return None
+    assert key.revoked is not None
+    motions = [one.statement for one in case.motion if isinstance(one.statement, Motion)]
+    before_s = [one.end_us * 1e-6 for one in motions if one.time_s <= key.revoked]
+    after_s = [one.start_us * 1e-6 for one in motions if one.time_s > key.revoked]
+    from_s = max(before_s, default=case.proof.start_ns * 1e-9)
+    until_s = min(after_s, default=case.proof.end_ns * 1e-9)
+    return revoked_meanwhile(key, _WHOSE) if until_s - from_s > UNSEEN_S else None
+
+
+def in_daily_log(case: Case) -> Finding:
+    """Where the log of a device's day is on chain, what it signed that day stands in it."""
+    if case.ledger is None:
+        return skipped("no chain to compare with")
+    found, source = logged(case, case.ledger.roots), "logs of days whose root is on chain"
+    if found.lacking:
+        whose, sentence = found.lacking[0]
+        return undecided(sentence, whose, source=source)
+    return Finding(
+        passed=True,
+        measured=found.statements,
+        source=source,
+        detail="; ".join(["statements that stand in the log of their day", *found.unread])[:300],
+    )
 
 
 def _never_registered(case: Case, role: str, name: str) -> bool:

@@ -1,0 +1,164 @@
+"""What the chain says about a proof, asked from the bridge's index: now, or as it was at a verdict."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import NamedTuple
+
+from rodeo.config import Site
+from rodeo.dao import Participant
+from rodeo.evidence import EvidenceError, Limits, Proof, open_proof
+from rodeo.messages import DaoEvent, Device, Root
+from rodeo.witness.days import day_of
+from services.oracle.case import Case, Ledger
+from services.oracle.counts import COUNTS
+from services.oracle.logs import logged
+
+_PAGE = 500
+
+
+def read_ledger(participant: Participant, task_id: int) -> Ledger:
+    """Raises BusError, RemoteError."""
+    chain, task = participant.state("chain"), participant.task(task_id)
+    from_s = task.assigned or task.registered
+    return Ledger(
+        chain_id=chain["chain_id"],
+        task_manager=chain["contracts"]["TaskManager"],
+        organization=chain["contracts"]["Organization"],
+        task=task,
+        devices=[Device.model_validate(one) for one in participant.state("devices")["devices"]],
+        # A slow clock's statement from before midnight is of the day before.
+        roots=list(_roots(participant, day_of(from_s) - 1)),
+    )
+
+
+def verdict_block(participant: Participant, task_id: int, attempt: int) -> int | None:
+    """Of the last verdict on an attempt; None before. Raises BusError, RemoteError."""
+    found = None
+    for event in _events(participant, name="VerdictPosted", task_id=task_id):
+        if int(event.args["attempt"]) == attempt:
+            found = event.block
+    return found
+
+
+class AsOf(NamedTuple):
+    """What the chain said in a block, and what came later."""
+
+    ledger: Ledger
+    revoked: list[Device]
+    """Keys that were revoked later."""
+    roots: list[Root]
+    """Posted later."""
+
+
+def as_of(ledger: Ledger, block: int, keys: dict[str, tuple[float, float]]) -> AsOf:
+    """`ledger` without what happened to keys and days after `block`: it changes no past verdict.
+
+    `keys`: lower-case address -> block in which it was registered, and in which it was revoked.
+    """
+    devices, later = [], []
+    for device in ledger.devices:
+        registered, revoked = keys.get(device.address.lower(), (0, math.inf))
+        if registered > block:
+            continue
+        if device.revoked is not None and revoked > block:
+            later.append(device)
+            device = device.model_copy(update={"revoked": None, "revoked_because": None})
+        devices.append(device)
+    return AsOf(
+        ledger.model_copy(
+            update={"devices": devices, "roots": [one for one in ledger.roots if one.block <= block]}
+        ),
+        later,
+        [one for one in ledger.roots if one.block > block],
+    )
+
+
+def _key_blocks(participant: Participant) -> dict[str, tuple[float, float]]:
+    """Raises BusError, RemoteError."""
+    blocks: dict[str, tuple[float, float]] = {}
+    for event in _events(participant, name="DeviceRegistered,DeviceRevoked"):
+        key = str(event.args["device"]).lower()
+        if event.name == "DeviceRegistered":
+            blocks[key] = event.block, math.inf
+        elif key in blocks:
+            blocks[key] = blocks[key][0], event.block
+    return blocks
+
+
+def _events(participant: Participant, **filters: str | int) -> Iterator[DaoEvent]:
+    after = 0
+    while True:
+        rows = participant.state("events", after=after, limit=_PAGE, **filters)["events"]
+        for row in rows:
+            yield DaoEvent.model_validate(row)
+        if len(rows) < _PAGE:
+            return
+        after = int(rows[-1]["seq"])
+
+
+def _roots(participant: Participant, from_day: int) -> Iterator[Root]:
+    """Of that day and later; the index gives the newest first."""
+    offset = 0
+    while True:
+        rows = participant.state("roots", limit=_PAGE, offset=offset)["roots"]
+        for row in rows:
+            root = Root.model_validate(row)
+            if root.day < from_day:
+                return
+            yield root
+        if len(rows) < _PAGE:
+            return
+        offset += _PAGE
+
+
+class View(NamedTuple):
+    """What the chain says about a file, and what people should know beside the verdict."""
+
+    ledger: Ledger | None
+    """As of the block of its verdict, if it has one; None if this chain knows nothing of it."""
+    warnings: list[str]
+
+
+def view(path: Path, site: Site, participant: Participant) -> View:
+    """What the chain says about the proof at `path`. Raises BusError, RemoteError."""
+    try:
+        proof = open_proof(path, Limits(file_bytes=site.store.max_bytes, messages=COUNTS.messages))
+    except EvidenceError:
+        return View(None, [])  # the report says what is wrong with it
+    binding = proof.binding
+    if binding is None:
+        return View(None, [])
+    chain = participant.state("chain")
+    here = chain["chain_id"], chain["contracts"]["TaskManager"].lower()
+    if (binding.chain_id, binding.task_manager.lower()) != here:
+        return View(None, ["it was recorded for another chain: what only that one knows is skipped"])
+    ledger = read_ledger(participant, binding.task_id)
+    if ledger.task.attempt != binding.attempt:
+        said = f"the chain is at attempt {ledger.task.attempt} of task {binding.task_id}, this is attempt"
+        return View(None, [f"{said} {binding.attempt}: what only the chain knows is skipped"])
+    block = verdict_block(participant, binding.task_id, binding.attempt)
+    if block is None:
+        return View(ledger, [])
+    then = as_of(ledger, block, _key_blocks(participant))
+    return View(then.ledger, later_warnings(proof, site, then))
+
+
+def later_warnings(proof: Proof, site: Site, then: AsOf) -> list[str]:
+    """What happened after the verdict to keys that signed something in this proof, and to their days."""
+    signers = {one.signer.lower() for one in proof.attestations()} | {(proof.signer or "").lower()}
+    warnings = [
+        f"after the verdict, at {_utc(device.revoked)}, the key {device.address} of the {device.role} "
+        f"{device.name} was revoked as {device.revoked_because}"
+        for device in then.revoked
+        if device.address.lower() in signers
+    ]
+    found = logged(Case(proof, site, then.ledger), then.roots)
+    return [*warnings, *(sentence for _, sentence in found.lacking), *found.unread]
+
+
+def _utc(time_s: float | None) -> str:
+    return datetime.fromtimestamp(time_s or 0.0, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
