@@ -17,6 +17,7 @@ AREAS = (
     "oracle",
     "forgeries",
     "honest",
+    "margins",
     "robot",
     "itrash",
     "bridge",

@@ -25,8 +25,8 @@ _REST_DOT = float(np.cos(REST_RAD / 2))
 
 
 LOST_US = 2_000_000
-"""A body that was not seen for so long was not seen throughout a statement. A simulated lab that skips idle
-time shows its bodies once a second."""
+"""Of a body that was not seen for so long nothing is known meanwhile, wherever it is then. A simulated lab
+that skips idle time shows its bodies once a second."""
 STEP_US = 200_000
 """Between two poses of a moving body: more shows nothing of the way."""
 
@@ -68,7 +68,9 @@ class _Body:
         if self.seen_us is not None:
             if sample.time_us <= self.seen_us:
                 return
-            self.lost |= sample.time_us - self.seen_us > LOST_US
+            if sample.time_us - self.seen_us > LOST_US:
+                # Its track begins anew where it is seen again.
+                self.lost, self.moved, self.samples = True, True, []
         self.seen_us = sample.time_us
         if not self.moved and self.signed is not None and _rests(self.signed, sample):
             self.samples = [sample]
@@ -135,8 +137,10 @@ class MotionLog:
         start_us = min([self._start_us, *first_us])
         for name, body in self._bodies.items():
             samples, ahead = taken[name]
-            if not samples or body.lost or now_us - samples[-1].time_us > LOST_US:
+            if body.lost:
                 body.signed, body.lost = None, False
+            if not samples or now_us - samples[-1].time_us > LOST_US:
+                body.signed = None
                 body.keep(ahead)
                 continue
             newest = samples[-1]
@@ -209,7 +213,8 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
             if times and signed_in and not rests:
                 both_us = np.array([times[-1][-1], time_us[0]])
                 unseen += _holes(both_us, np.array([positions[-1][-1], position_m[0]]))
-            if times and not rests and (not signed_in or statement.start_us > known_us):
+            lost = bool(times) and not rests and time_us[0] - times[-1][-1] > LOST_US
+            if lost or (times and not rests and (not signed_in or statement.start_us > known_us)):
                 unseen.append((int(times[-1][-1]), int(time_us[0])))
             # It may have come to rest before the first statement that is here.
             signed_in = statement.resting.get(body, statement.seq)

@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from rodeo import topics
 from rodeo.evidence import Attestation
 from rodeo.lab.world import ARM_JOINTS
 from rodeo.ros2.types import new
-from tests.support.recordings import Sample, Take, Witnesses, stamp, stamped_ns
+from tests.support.recordings import Sample, Sides, Take, Witnesses, stamp, stamped_ns
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,9 @@ class Noise:
     clock_s: float = 0.2
     """Most that the clock of the motion capture is off."""
     witness_lost_share: float = 0.05
-    """Of the statements of the motion capture. The recorder asks the journal twice more, whose answer may be
-    lost, too; those of the bin come in the end."""
+    """Of the statements of other devices, and of the recording's heads on their way to them. Of what motion
+    capture said the recorder asks the journal, when it sees the gap and once more at the end: either answer
+    may be lost, too. What the bin said comes at the end. Of a charge what is lost stays lost."""
     physics_share: float = 0.3
     """Most that friction and mass are off."""
     size_m: float = 0.005
@@ -62,7 +64,9 @@ def noisy(
     lost = _Lost(noise, chance)
     samples = []
     for sample in film.samples:
-        if not sample.ros_type:
+        # What devices sign is lost below. The bin's picture is no message: the robot asks for it until it
+        # comes.
+        if not sample.ros_type or sample.ros_type == topics.BIN_IMAGE.type:
             samples.append(sample)
             continue
         if lost(sample.topic):
@@ -72,11 +76,27 @@ def noisy(
         header = replace(message.header, stamp=new("builtin_interfaces/msg/Time"))
         samples.append(replace(sample, message=stamp(replace(message, header=header), stamp_ns)))
 
-    def heard(attestation: Attestation) -> Attestation | None:
-        moving = attestation.payload["type"] == "mocap.motion"
-        return None if moving and chance.random() < noise.witness_lost_share**3 else attestation
+    late: list[Attestation] = []
 
-    return Take(samples), Witnesses(edit=heard, mocap_clock_s=drawn_s if clock_s is None else clock_s)
+    def misses() -> bool:
+        return bool(chance.random() < noise.witness_lost_share)
+
+    def heard(attestation: Attestation) -> Attestation | None:
+        kind = attestation.payload["type"]
+        # What the robot signs itself, and records, is on no bus.
+        if kind == "robot.presentation" or not misses():
+            return attestation
+        if kind.startswith("bin.") or not (misses() and misses()):
+            late.append(attestation)
+        return None
+
+    return Take(samples), Witnesses(
+        edit=heard,
+        asked_for=late,
+        hears=lambda _time_s: not misses(),
+        mocap_clock_s=drawn_s if clock_s is None else clock_s,
+        charge=Sides(keep=lambda attestation: None if misses() else attestation),
+    )
 
 
 class _Lost:

@@ -31,7 +31,7 @@ from rodeo.evidence.seal import SealChain
 from rodeo.lab.body import JOINTS, Body, Twist2
 from rodeo.lab.config import Pose2, gripper_body
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, wrap
-from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, build_world
+from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, world_spec
 from rodeo.metering import Reading
 from rodeo.ros2.types import STORE, new, serialize
 from rodeo.vision.classification import model_sha256, thresholds_sha256
@@ -178,6 +178,8 @@ class Witnesses:
     """Whether the witnesses hear what the recorder says at this time."""
     edit: Callable[[Attestation], Attestation | None] = _KEEP
     """What the recorder makes of each statement; None leaves it out."""
+    asked_for: Sequence[Attestation] = ()
+    """What it gets from the witnesses' journals before it ends; `edit` may add to it."""
     recording: str | None = None
     """Digest of the recording whose heads the witnesses heard, if another than this one."""
     forks_at_s: float = math.inf
@@ -229,15 +231,13 @@ class _Scene:
         self._claimants: tuple[Claimant, ...] = ()
         self.recording = _NOTHING
 
-    def hear_seal(self, data: bytes, address: str) -> None:
-        """The recorder tells its newest head."""
+    def hear_seal(self, data: bytes, address: str) -> tuple[int, str]:
+        """The recorder tells its newest head: its index and digest."""
         seal = json.loads(data)["payload"]
         own = "0x" + hashlib.sha256(data).hexdigest()
         if seal["recording"] is None:
             self.recording = own
         time_s = int(seal["time_ns"]) * 1e-9
-        if not self._witnesses.hears(time_s):
-            return
         head = Head(
             device=seal["device"],
             address=address,
@@ -246,7 +246,9 @@ class _Scene:
             digest=own if time_s < self._witnesses.forks_at_s else _NOTHING,
         )
         for role in ("mocap", "bin"):
-            self._chains[role].heads.hear(head)
+            if self._witnesses.hears(time_s):
+                self._chains[role].heads.hear(head)
+        return seal["index"], own
 
     def see(self, sample: Sample, body: str) -> None:
         if self._motion is not None:
@@ -319,11 +321,19 @@ class ChargeScene:
             )
         }
         self._record: Attestation | None = None
-        if sides.hears:
-            opening = Head(
-                device=binding.device, address=sides.meter.address, chain=recording, index=0, digest=recording
+        self.hear_seal(0, recording)
+
+    def hear_seal(self, index: int, digest: str) -> None:
+        """The robot hears the recording's newest head."""
+        if self._sides.hears:
+            head = Head(
+                device=self._binding.device,
+                address=self._sides.meter.address,
+                chain=self._recording,
+                index=index,
+                digest=digest,
             )
-            self._chains[Receipt].heads.hear(opening)
+            self._chains[Receipt].heads.hear(head)
 
     def sign(self, sample: Sample) -> Attestation | None:
         """What is recorded of it, if anything."""
@@ -375,7 +385,9 @@ def recorded(
     def out(sample: Sample) -> Generator[Sample, bytes | None, None]:
         data = yield sample
         while data is not None:
-            scene.hear_seal(data, address)
+            index, digest = scene.hear_seal(data, address)
+            if charge is not None:
+                charge.hear_seal(index, digest)
             data = yield sample
 
     def say(attestation: Attestation | None, time_ns: int) -> Generator[Sample, bytes | None, None]:
@@ -398,6 +410,8 @@ def recorded(
         else:
             yield from out(sample)
     yield from say(scene.tick(now_ns, last=True), now_ns)
+    for attestation in witnesses.asked_for:
+        yield from say(attestation, now_ns)
 
 
 def seal(
@@ -487,10 +501,11 @@ def stamp(message: Any, time_ns: int) -> Any:
 class _Camera:
     """Films one robot and its lab at 50 Hz."""
 
-    def __init__(self, site: Site, reality: Callable[[mujoco.MjModel], None] = lambda _model: None) -> None:
+    def __init__(self, site: Site, reality: Callable[[mujoco.MjSpec], None] = lambda _spec: None) -> None:
         self.site = site
-        self.model = build_world(site)
-        reality(self.model)
+        spec = world_spec(site)
+        reality(spec)
+        self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         mujoco.mj_forward(self.model, self.data)
         self.robot = site.robots[0]
@@ -648,7 +663,7 @@ def film_cleaning(
     via: Sequence[tuple[float, float]] = ((4.7, 1.7), (5.2, 3.4)),
     linger_s: float = 0.0,
     sway_rad: float = 0.0,
-    reality: Callable[[mujoco.MjModel], None] = lambda _model: None,
+    reality: Callable[[mujoco.MjSpec], None] = lambda _spec: None,
 ) -> Take:
     """Fetch `item_id` and drop it into its compartment, or into `compartment`, whatever the bin asks for.
 

@@ -17,7 +17,9 @@ MOTION_CAPTURE_SHARE = 0.98
 """Of the carry: where poses of a fast arm are missing, its way is only guessed."""
 GUESSED_S = 0.2
 """Between two messages or poses: what a fast arm did in more than this is not known."""
-KNOWN_SHARE = 0.8
+KNOWN_SHARE = 0.65
+"""Of the carry: with 5 % of all messages lost, and 2 % in runs, item, base and joints together are known for
+nine tenths of it on average, and now and then for three quarters."""
 MOTION_CAPTURE_LIMIT_M = 0.05
 """Replays of honest recordings stay within a centimetre until the release."""
 

@@ -32,8 +32,9 @@ from services.oracle.checks.witnesses import (
 from services.oracle.report import Finding, at_least, at_most, equal, skipped, undecided
 from services.oracle.statements import Testimony
 
-PAGES_SHARE = 0.85
-"""Of the meter's pages: one may be lost, and registers are absolute."""
+PAGES_LOST, PAGES_LOST_SHARE = 2, 0.2
+"""Pages of the meter that may be missing: so many, and this share of them. Where one in 20 is lost, a charge
+of ten pages lacks more than that once in 10,000 times, and registers are absolute."""
 
 _BOTH = "statements of meter and robot"
 _NO_CHAIN = "no chain to compare with"
@@ -94,12 +95,12 @@ def in_sequence(case: Case) -> Finding:
     registers = np.array([records[0].begin_wh, *(record.register_wh for record in records)])
     if (np.diff(registers) < 0).any():
         return equal("falls", "rises", source=_BOTH, detail="the meter's register")
-    return at_least(
-        len(pages) / pages[-1],
-        PAGES_SHARE,
+    return at_most(
+        pages[-1] - len(pages),
+        PAGES_LOST + PAGES_LOST_SHARE * pages[-1],
         "",
         source=_BOTH,
-        detail=f"share of {pages[-1]} pages of the meter that are here",
+        detail=f"of {pages[-1]} pages of the meter so many are missing",
     )
 
 

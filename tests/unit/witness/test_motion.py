@@ -212,3 +212,19 @@ def test_poses_lost_where_two_statements_meet_are_not_made_up() -> None:
     wanted = np.array([moving((one - START_US) / 1e6) for one in seen.time_us])
     assert np.abs(seen.position_m[:, 0] - wanted).max() < 1.1e-3
     assert len(seen.unseen_us) == 1
+
+
+def test_a_body_that_is_seen_again_is_signed_from_then_on() -> None:
+    """It was lost until the end of the statement in which it came back."""
+    seen = track(filmed(moving, 15.0, unseen=lambda t: 5.1 <= t < 7.4), "item1")
+    assert seen is not None
+    assert seen.unseen_us == ((START_US + 5_080_000, START_US + 7_400_000),)
+
+
+def test_a_body_that_was_lost_for_long_is_not_said_to_have_rested_meanwhile() -> None:
+    """Though it is where it was."""
+    seen = track(filmed(lambda _t: 0.5, 25.0, unseen=lambda t: 13.0 <= t < 17.0), "item1")
+    assert seen is not None
+    (gap,) = seen.unseen_us
+    assert gap[0] <= START_US + 13_000_000
+    assert gap[1] >= START_US + 17_000_000
