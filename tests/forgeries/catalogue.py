@@ -1066,6 +1066,44 @@ def a_removal_left_out_with_who_heard_of_it(shop: Workshop) -> Submission:
     return shop.restated(_taken_out(shop), edit)
 
 
+@forgery("stays_in_bin", "left out")
+def taken_home_and_covered_later(shop: Workshop) -> Submission:
+    """The item goes home while a pebble falls, lies there, and is covered before it is signed again; the one
+    statement that saw it go is left out."""
+    begin_s = _last_above_the_bin_s(shop) + 0.05
+    take = _covered_from(_taken_home(shop, begin_s, 0.8), begin_s + 8.5)
+    return shop.restated(take, _motion_between(begin_s, begin_s + 2.0, lambda _: None))
+
+
+@forgery("nothing_left_out", "motion capture")
+def taken_home_while_it_falls(shop: Workshop) -> Submission:
+    """The same, covered at once; what is left out begins with the statement of the release itself."""
+    begin_s = _last_above_the_bin_s(shop) - 0.75
+    take = _covered_from(_taken_home(shop, begin_s, 1.5), begin_s + 1.5)
+    return shop.restated(take, _motion_between(begin_s - 0.2, begin_s + 2.8, lambda _: None))
+
+
+def _last_above_the_bin_s(shop: Workshop) -> float:
+    rim_m = shop.site.bin.rim_height_m
+    return max(s.time_ns for s in shop.cleaning.of(ITEM_POSE) if s.message.pose.position.z > rim_m) * 1e-9
+
+
+def _taken_home(shop: Workshop, begin_s: float, lasts_s: float) -> Take:
+    """From then on the item goes back to where it lay."""
+
+    def there(sample: Sample) -> Sample:
+        share = min(max((sample.time_ns * 1e-9 - begin_s) / lasts_s, 0.0), 1.0)
+        at = sample.message.pose.position
+        return displaced(sample, x=share * (PLACE["x_m"] - at.x), y=share * (PLACE["y_m"] - at.y))
+
+    return shop.cleaning.edited(ITEM_POSE, there)
+
+
+def _covered_from(take: Take, time_s: float) -> Take:
+    """From then on motion capture does not see the item."""
+    return take.edited(ITEM_POSE, lambda s: s if s.time_ns * 1e-9 <= time_s else None)
+
+
 def _taken_out(shop: Workshop) -> Take:
     drop = _drop(shop)
     removal = {

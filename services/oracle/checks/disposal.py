@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from itertools import pairwise
 
 import numpy as np
@@ -188,12 +189,11 @@ def nothing_left_out(case: Case) -> Finding:
     """
     missing = {case.site.bin.name: _missing_of_bin(case)}
     if case.mocap:
-        released = [
-            one.statement.seq
-            for one in case.motion
-            if isinstance(one.statement, Motion) and one.statement.end_us * 1e-6 >= case.replay.release_s
-        ]
-        gap = max((later - one - 1 for one, later in pairwise(released)), default=0)
+        numbers = [one.statement.seq for one in case.motion]
+        ends_s = [one.statement.end_us * 1e-6 for one in case.motion if isinstance(one.statement, Motion)]
+        # The one before the release, too: the gap may begin there.
+        before = max(bisect_left(ends_s, case.replay.release_s) - 1, 0)
+        gap = max((later - one - 1 for one, later in pairwise(numbers[before:])), default=0)
         missing["motion capture"] = gap if gap > LOST_IN_A_ROW else 0
     return equal(
         sum(missing.values()),
@@ -276,9 +276,14 @@ def _lies_in(case: Case, drop: Drop) -> Finding:
 
 
 def _mentioned(case: Case) -> bool:
-    """Whether motion capture says in the end where the item is, in a statement that is here or not."""
-    last = case.motion[-1].statement
-    return isinstance(last, Motion) and case.item.id in last.tracks.keys() | last.resting.keys()
+    """Whether motion capture says after the last pose that is here where the item is, by a statement that is
+    not here: then it saw it elsewhere, whether it sees it in the end or not."""
+    statement = case.pose(case.item.id).statement
+    assert statement is not None  # a site without motion capture has no such pose
+    later = [one.statement for one in case.motion[int(statement[-1]) + 1 :]]
+    return any(
+        isinstance(one, Motion) and case.item.id in one.tracks.keys() | one.resting.keys() for one in later
+    )
 
 
 def _end(case: Case, drop: Drop) -> str:
