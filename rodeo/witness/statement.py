@@ -210,6 +210,23 @@ class Receipt(Header):
     """By its own gauge."""
     reason: Literal["opening", "step", "close"]
 
+    def repeats(self, record: MeterRecord, meter_address: str) -> bool:
+        """Whether it says the same as the record that it names, which is of the meter with this address: only
+        then it counts for the seller."""
+        return (*_of(self), self.meter, self.meter_address.lower(), self.begin_wh, self.register_wh) == (
+            *_of(record),
+            record.device,
+            meter_address.lower(),
+            record.begin_wh,
+            record.register_wh,
+        )
+
+
+def _of(said: MeterRecord | Receipt) -> tuple[int, str, str, int, int, str]:
+    """What a statement about a charge is about."""
+    scope = said.chain_id, said.task_manager.lower(), said.organization.lower()
+    return *scope, said.task_id, said.attempt, said.recording
+
 
 Statement = Motion | Classification | Drop | Removal | Presentation | MeterRecord | Receipt
 _STATEMENT: TypeAdapter[Statement] = TypeAdapter(Annotated[Statement, Field(discriminator="type")])

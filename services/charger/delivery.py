@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,7 +25,7 @@ from rodeo.metering import STEP_WH, Reading
 from rodeo.recording import Heard, MessageDoor, Refusals
 from rodeo.ros2 import MessageInfo
 from rodeo.witness import MeterRecord, Receipt, WitnessChain, parse
-from rodeo.witness.statement import digest
+from rodeo.witness.statement import digest, payload_digest
 from services.charger.job import Job, Recorded, recover, stamp_s
 from services.charger.meter import Meter, load_register, store_register
 from services.charger.session import End, Phase, Session, SessionLimits
@@ -92,16 +94,26 @@ class Delivery:
         resume = order.path.exists()
         recorded = recover(order.path, "/" + self._output_topic) if resume else Recorded()
         begin = Recorder.resume if resume else Recorder
-        self._recorder = begin(order.path, order.binding, account, clock, on_seal)
+        self._resumed = resume
+        self._seals = recorded.seals
+        """Digests of those of the recording."""
+        self._tell_seal = on_seal
+        self._recorder = begin(order.path, order.binding, account, clock, self._on_seal)
         self._events_seq = recorded.events_seq
-        self._records: dict[str, float] = {}
-        """Digest -> register of each record of this session."""
+        self._records: dict[str, MeterRecord] = {}
+        """Digest -> each record of this session."""
+        self._receipts: dict[int, str] = {}
+        """Number -> digest of each receipt that is on record."""
+        self._listed = False
+        """The robot listed this recording: what it signs for counts."""
         self._receipted_wh: float | None = None
         """The highest register that the robot signed."""
         self._closed = False
         """It signed that the session is over."""
         self._last: Attestation | None = None
         """The last record."""
+        self._said_s = -math.inf
+        """When it was said."""
         self.heard: dict[str, int] = {}
         """Address -> number of its last statement that is on record."""
         self._meter = self._restore(recorded)
@@ -122,7 +134,7 @@ class Delivery:
         for one in [*recorded.records, *session]:
             record = parse(one.payload)
             assert isinstance(record, MeterRecord)  # `type` said so
-            self._records[digest(one)] = record.register_wh
+            self._records[digest(one)] = record
             begin_wh, page, self._last = record.begin_wh, record.page, one
             register_wh = max(register_wh, record.register_wh)
         until_s = 0.0 if self._last is None else float(self._last.payload["until_s"])
@@ -134,6 +146,7 @@ class Delivery:
             receipt = parse(one.payload)
             assert isinstance(receipt, Receipt)  # nothing else is let in
             self.heard[one.signer] = receipt.seq
+            self._receipts[receipt.seq] = digest(one)
             self._count(receipt)
         return meter
 
@@ -186,7 +199,7 @@ class Delivery:
                 self._say("step")
             elif phase is Phase.AWAITING_RECEIPT and self._answered and not self._covered:
                 # What was read before the contactor opened came after it was said to be open.
-                self._say("pause")
+                self._say_again(reading.time_s)
 
     def on_battery(self, _message: Any, info: MessageInfo) -> None:
         """The robot's battery: on record from the moment that the robot is on the contacts, for people to see
@@ -201,8 +214,9 @@ class Delivery:
         if not isinstance(receipt, Receipt) or receipt.recording != self.recording:
             return
         with self._step():
-            if self._records.get(receipt.record) != receipt.register_wh:
-                log.warning("left out a receipt for what the meter did not record: %s", receipt.record)
+            problem = self._wrong_with(receipt, payload_digest(heard.attestation["payload"]))
+            if problem is not None:
+                log.warning("left out a receipt of the robot's: %s", problem)
                 return
             self._recorder.write_json(ATTESTATION_CHANNEL, heard.attestation)
             self._count(receipt)
@@ -310,15 +324,45 @@ class Delivery:
 
     @property
     def _covered(self) -> bool:
-        """Whether the robot signed for all that was delivered but a step."""
-        receipted_wh = self._receipted_wh
-        return receipted_wh is not None and self._meter.register_wh - receipted_wh < STEP_WH
+        """Whether the robot signed for all that was delivered but a step; until it lists this recording, for
+        nothing but its beginning."""
+        signed_wh = self._receipted_wh if self._listed else self._meter.begin_wh
+        if self._receipted_wh is None or signed_wh is None:
+            return False
+        return self._meter.register_wh - signed_wh < STEP_WH
+
+    def _say_again(self, now_s: float) -> None:
+        if self._listed or now_s - self._said_s > _AGAIN_S:
+            self._say("pause")
+
+    def _wrong_with(self, receipt: Receipt, own: str) -> str | None:
+        """Why a receipt must not be on record: who pays must not be able to spoil the seller's proof by it.
+        `own` is its digest."""
+        record = self._records.get(receipt.record)
+        if record is None or not receipt.repeats(record, self._chain.address):
+            return f"it is for what the meter did not record: {receipt.record}"
+        lacking = [one for one in self._listed_seals(receipt) if one not in self._seals]
+        if lacking and not self._resumed:
+            return f"it lists a seal that the recording does not have: {lacking[0]}"
+        if self._receipts.setdefault(receipt.seq, own) != own:
+            return f"it signed another with number {receipt.seq}"
+        return None
+
+    def _listed_seals(self, receipt: Receipt) -> list[str]:
+        return [head.digest for head in receipt.heads if head.chain == self.recording]
+
+    def _on_seal(self, data: bytes) -> None:
+        """From the recording's thread."""
+        self._seals.add("0x" + sha256(data).hexdigest())
+        if self._tell_seal is not None:
+            self._tell_seal(data)
 
     def _count(self, receipt: Receipt) -> None:
         params = self._order.params
         if self._receipted_wh is None and params is not None and not params.begins_at(receipt.soc):
             log.warning("the robot is at %.0f %%, its task says otherwise", receipt.soc * 100)
             self.session.stop(End.OTHER_CHARGE)
+        self._listed = self._listed or not self._seals.isdisjoint(self._listed_seals(receipt))
         self._receipted_wh = max(self._receipted_wh or 0.0, receipt.register_wh)
         self._closed = self._closed or receipt.reason == "close"
         self.session.signed(receipt.soc)
@@ -349,8 +393,10 @@ class Delivery:
             **self._meter.record(),
         )
         self._recorder.write_json(ATTESTATION_CHANNEL, signed.model_dump())
-        self._records[digest(signed)] = float(signed.payload["register_wh"])
-        self._last = signed
+        record = parse(signed.payload)
+        assert isinstance(record, MeterRecord)  # it was just made
+        self._records[digest(signed)] = record
+        self._last, self._said_s = signed, self._last_time_s
         if reason != "step":
             store_register(self._order.register, self._meter.register_wh)
         self._publish(signed)
@@ -359,5 +405,7 @@ class Delivery:
         self._recorder.write_json(EVENT_CHANNEL, payload)
 
 
+_AGAIN_S = 10.0
+"""Between two records for a robot that does not list this recording."""
 _REMEMBERED = 1000
 """Statements of the meter that a new process looks at: more than a session has."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from dataclasses import dataclass, field
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from rodeo.evidence import Attestation
 from rodeo.evidence.errors import ContainerError
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
+from rodeo.evidence.seal import SEAL_TOPIC
 from rodeo.files import replace_file
 from rodeo.messages import Task
 from rodeo.metering import Reading
@@ -67,6 +69,8 @@ class Recorded:
     """Of the meter, in order."""
     receipts: list[Attestation] = field(default_factory=list)
     """Of the robot."""
+    seals: set[str] = field(default_factory=set)
+    """Their digests."""
     unsaid: list[Reading] = field(default_factory=list)
     """Readings after the last record, and the one before them."""
     events_seq: int = 0
@@ -81,6 +85,8 @@ def recover(path: Path, output_topic: str) -> Recorded:
             if topic == output_topic:
                 output = deserialize(message.data, topics.DOCK_OUTPUT.type)
                 found.unsaid.append(Reading(stamp_s(output), float(output.voltage), float(output.current)))
+            elif topic == SEAL_TOPIC:
+                found.seals.add("0x" + sha256(message.data).hexdigest())
             elif topic == ATTESTATION_CHANNEL:
                 attestation = Attestation.model_validate_json(message.data)
                 if attestation.payload.get("type") == "meter.record":

@@ -115,7 +115,9 @@ def charge_of(case: Case) -> Charge:
     receipts, signed = [], []
     for one in () if robot is None else robot.said:
         receipt, record = one.statement, records.get(getattr(one.statement, "record", ""))
-        if isinstance(receipt, Receipt) and isinstance(record, MeterRecord) and _for(receipt, record, meter):
+        if not (isinstance(receipt, Receipt) and isinstance(record, MeterRecord) and meter is not None):
+            continue
+        if receipt.repeats(record, meter.address):
             receipts.append(receipt)
             signed.append(Signed(record, receipt))
     return Charge(
@@ -176,29 +178,6 @@ def _here(case: Case, meter: Testimony | None, who: Names) -> list[Said]:
         if bound and _scope(record) == wanted and record.robot == who.robot:
             found.append(one)
     return found
-
-
-def _for(receipt: Receipt, record: MeterRecord, meter: Testimony | None) -> bool:
-    """Whether a receipt that names a record says the same."""
-    return (
-        *_scope(receipt),
-        receipt.task_id,
-        receipt.attempt,
-        receipt.recording,
-        receipt.meter,
-        receipt.meter_address.lower(),
-        receipt.begin_wh,
-        receipt.register_wh,
-    ) == (
-        *_scope(record),
-        record.task_id,
-        record.attempt,
-        record.recording,
-        record.device,
-        "" if meter is None else meter.address,
-        record.begin_wh,
-        record.register_wh,
-    )
 
 
 def _scope(said: Scope | Binding) -> tuple[int, str, str]:

