@@ -73,6 +73,8 @@ class Witness:
         self._devices = DeviceTable(bus, org)
         self._checks: dict[str, Bucket] = {}
         """Registered address -> signatures that may be checked now."""
+        self._newest: dict[str, int] = {}
+        """Registered address -> number of its newest statement that was heard."""
         self._closed = threading.Event()
         self._endpoints: list[zenoh.Subscriber[None] | zenoh.Queryable[None]] = [
             bus.subscribe_bytes(topics.SEAL.name(org=org, device="*"), self._on_seal),
@@ -144,7 +146,12 @@ class Witness:
     def _on_statement(self, _key: str, payload: bytes) -> None:
         try:
             spoken = unverified_statement(decode_json(payload))
+            address, seq = spoken.attestation.signer.lower(), spoken.head.index
+            if seq < self._newest.get(address, 0):
+                return  # anybody may say it again; what its device stated since stands
             device = self._on_head(spoken)
+            if device is not None:
+                self._newest[address] = seq
             if device is not None and self._listener is not None:
                 self._listener(device, parse(spoken.attestation.payload))
         except (MalformedJson, BadAttestation, BadStatement) as error:

@@ -15,6 +15,7 @@ from eth_account import Account
 from rodeo.errors import NoResponder
 from rodeo.evidence import Binding
 from rodeo.evidence.seal import RunningHash, SealChain
+from rodeo.witness import HeadBook, Journal, Presentation, WitnessChain
 from rodeo.witness import witness as witness_module
 from rodeo.witness.witness import Witness
 from tests.support.site import WAIT_S
@@ -148,3 +149,34 @@ def test_nonsense_is_left_out_without_a_line_for_each_in_the_log(
     for kind in ("seal", "witness"):
         bus.hear[kind]("key", payload)
     assert (witness.heads.take(), caplog.records) == ((), [])
+
+
+def test_an_old_presentation_that_somebody_says_again_counts_no_more(tmp_path: Path, bus: Bus) -> None:
+    """The bin would name the recording of yesterday, and the robot would show its item in vain."""
+    heard: list[int] = []
+    hearing = Witness(
+        bus,  # type: ignore[arg-type]
+        "lab",
+        "itrash",
+        MOCAP,
+        tmp_path,
+        "sensor",
+        lambda _device, statement: heard.append(statement.seq),
+    )
+    deadline_s = time.monotonic() + WAIT_S
+    while hearing.chain is None or hearing._devices.known(ROBOT.address) is None:
+        assert time.monotonic() < deadline_s
+        Event().wait(0.01)
+    robot = WitnessChain(
+        "panther1", ROBOT, hearing.chain.scope, "sensor", Journal(tmp_path / "robot"), HeadBook()
+    )
+    old, new = (
+        robot.sign(
+            Presentation, 5.0, bin="itrash", recording="0x" + digit * 64, task_id=7, attempt=1
+        ).model_dump_json()
+        for digit in "12"
+    )
+    for said in (old, new, old, new):
+        bus.hear["witness"]("key", said.encode())
+    hearing.close()
+    assert heard == [1, 2, 2]
