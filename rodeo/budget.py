@@ -12,12 +12,12 @@ class Bucket:
         self._left = most
         self._at_s: float | None = None
 
-    def take(self, now_s: float) -> bool:
-        """Whether one is left at `now_s`; takes it."""
+    def take(self, now_s: float, amount: float = 1.0) -> bool:
+        """Whether so much is left at `now_s`; takes it."""
         if self._at_s is not None and now_s > self._at_s:
             self._left = min(self._most, self._left + (now_s - self._at_s) * self._per_s)
         self._at_s = now_s if self._at_s is None else max(self._at_s, now_s)
-        if self._left < 1:
+        if self._left < amount:
             return False
-        self._left -= 1
+        self._left -= amount
         return True

@@ -39,6 +39,11 @@ _STATED_PER_S = 5.0
 """Statements of one device that are written per second of site time: it makes about one."""
 _STATED_AT_ONCE = 200.0
 """What was missed while the bus was away is written all at once."""
+_BYTES_PER_S, _BYTES_AT_ONCE = 2_000.0, 1e6
+"""What the statements of a device that watches no motion may hold, per second of site time and at once: many
+times what it has to say, and all of a site's devices together less than a proof may hold."""
+_MOTION_BYTES_PER_S, _MOTION_BYTES_AT_ONCE = 20_000.0, 1e7
+"""The same of motion capture: a kilobyte and a half for each body that moves."""
 _MOST_MISSED = 10_000
 """No device makes so many statements during one recording."""
 _KEPT = 20_000
@@ -59,6 +64,11 @@ class _Chain:
     def __init__(self) -> None:
         self.checks = Bucket(_CHECKS_PER_WALL_S, _CHECKS_PER_WALL_S)
         self.budget = Bucket(_STATED_PER_S, _STATED_AT_ONCE)
+        self._bytes = {
+            True: Bucket(_MOTION_BYTES_PER_S, _MOTION_BYTES_AT_ONCE),
+            False: Bucket(_BYTES_PER_S, _BYTES_AT_ONCE),
+        }
+        """By whether the device watches motion."""
         self.known: dict[int, set[str]] = {}
         """`seq` -> digests of what was let in under it: two are for the oracle to see."""
         self.through = 0
@@ -68,6 +78,10 @@ class _Chain:
         """Whether something may have been stated that was not looked at."""
         self.fruitless = 0
         """Times in a row that the journal did not tell what is missing."""
+
+    def afford(self, heard: Heard, now_s: float, size_bytes: int) -> bool:
+        """Whether its device may say so much more."""
+        return self.budget.take(now_s) and self._bytes[heard.device.role == "mocap"].take(now_s, size_bytes)
 
     @property
     def incomplete(self) -> bool:
@@ -244,7 +258,7 @@ class StatementDoor:
             raise _Refused(Refusal.BAD_SIGNATURE) from error
         if chain.newest and seq > chain.newest + _MOST_MISSED:
             raise _Refused(Refusal.ABSURD_NUMBER)
-        if not chain.budget.take(self._clock.now_s()):
+        if not chain.afford(heard, self._clock.now_s(), len(attestation.model_dump_json())):
             chain.overheard = True
             raise _Refused(Refusal.OVER_BUDGET)
         if known:

@@ -13,13 +13,14 @@ from rodeo.evidence.attestation import Attestation, attest
 from rodeo.recording import Refusal, Refusals, StatementDoor
 from rodeo.recording import statements as statements_module
 from rodeo.wallets import SiteDevice
-from rodeo.witness import HeadBook, Journal, Removal, Scope, WitnessChain
+from rodeo.witness import Head, HeadBook, Journal, Removal, Scope, WitnessChain
 from rodeo.witness.devices import Device
 from tests.unit.services.robot_agent.fakes import ManualClock
 
 BIN, MOCAP, STRANGER, ABROAD = (Account.create() for _ in range(4))
 SCOPE = Scope(chain_id=31337, task_manager="0x" + "12" * 20, organization="0x" + "34" * 20)
 ELSEWHERE = SCOPE.model_copy(update={"organization": "0x" + "35" * 20})
+LONG = "0x" + "22" * 32
 MEMBERS = {SiteDevice("bin", "itrash"), SiteDevice("mocap", "mocap")}
 REGISTERED = {
     account.address.lower(): Device(address=account.address, role=role, name=name, owner="0x" + "ee" * 20)
@@ -270,3 +271,23 @@ def test_a_device_that_goes_wild_has_a_budget_of_its_own(entrance: Entrance, tmp
         let_in.append(entrance.hear(one))
     assert sum(seq is not None for seq in let_in) == 199
     assert reasons(entrance) == {Refusal.OVER_BUDGET: 201}
+
+
+def test_a_device_that_says_much_in_few_statements_does_not_fill_the_recording(entrance: Entrance) -> None:
+    """Proofs that hold too many bytes are refused, whoever said them."""
+    for index in range(64):
+        entrance.bin.heads.hear(
+            Head(device="x" * 64, address=f"0x{index:040x}", chain="0x" + "11" * 32, index=1, digest=LONG)
+        )
+    heads = entrance.bin.heads.take()
+    written = 0
+    for _ in range(300):
+        entrance.clock.time_s += 1
+        entrance.wall_s += 1
+        now_s = entrance.clock.now_s()
+        said = entrance.bin.sign(
+            Removal, now_s, compartment="a", weight_n=1, after_s=now_s, settled_s=now_s, heads=heads
+        )
+        written += len(said.model_dump_json()) * (entrance.hear(said) is not None)
+    assert written <= 1e6 + 300 * 2000
+    assert Refusal.OVER_BUDGET in reasons(entrance)
