@@ -284,8 +284,8 @@ class Recording:
             lambda: self._recorder.write_json(ATTESTATION_CHANNEL, heard.attestation, urgent=urgent)
         )
         if isinstance(statement, Classification) and written:
-            own = self._recorder.recording, self._device.address.lower()
-            if any((one.recording, one.address.lower()) == own for one in statement.claimants):
+            us = self._recorder.recording, self._device.address.lower()
+            if any((one.recording, one.address.lower()) == us for one in statement.claimants):
                 self._pictures.want(statement)
         if not isinstance(statement, Motion):
             return
