@@ -7,7 +7,8 @@ the same request_id. `dropped`: it can never be mined any more.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ from sqlalchemy import (
     JSON,
     BigInteger,
     Column,
+    Connection,
+    Engine,
     Float,
     Integer,
     LargeBinary,
@@ -33,8 +36,10 @@ from sqlalchemy import (
     select,
     update,
 )
+from sqlalchemy.exc import DBAPIError
 
 from services.bridge.database import migrate, open_database, stamp
+from services.bridge.errors import JournalUnwritable
 from services.bridge.schema import Wei
 
 metadata = MetaData()
@@ -97,9 +102,11 @@ class Entry:
 
 
 class Journal:
-    """The journal in the file at `path`. Thread-safe."""
+    """The journal in the file at `path`. Thread-safe. What writes raises JournalUnwritable, and has then
+    written nothing."""
 
     def __init__(self, path: Path) -> None:
+        self._path = path
         # Synced at each commit: a transaction on the chain must be in the journal after a power cut as well.
         self._engine = open_database(f"sqlite:///{path}", durable=True)
         # An outcome that a power cut takes is asked of the node again: it need not wait for the disk.
@@ -146,14 +153,14 @@ class Journal:
             {"state": "sent", "replaced": []} | {name: one[name] for name in one if name != "replaces"}
             for one in transactions
         ]
-        with self._engine.begin() as connection:
+        with self._writing(self._engine) as connection:
             if old:
                 connection.execute(_dropped, old)
             return [_entry(row) for row in connection.execute(_added, rows)]
 
     def replace(self, entry: Entry, **values: Any) -> Entry:
         """Note the same transaction with a higher fee, before it is sent."""
-        with self._engine.begin() as connection:
+        with self._writing(self._engine) as connection:
             row = connection.execute(
                 update(_transactions)
                 .where(_transactions.c.id == entry.id)
@@ -166,18 +173,18 @@ class Journal:
         """Keep outcomes: `entry_id`, `state` (mined, failed), `outcome` (reply or error), `block`, `fee`."""
         rows = list(outcomes)
         if rows:
-            with self._outcomes.begin() as connection:
+            with self._writing(self._outcomes) as connection:
                 connection.execute(_finished, rows)
 
     def forget(self, entry: Entry) -> None:
         """The transaction can never be mined: its request may be made anew."""
-        with self._engine.begin() as connection:
+        with self._writing(self._engine) as connection:
             connection.execute(_dropped, {"entry_id": entry.id})
 
     def reopen(self, entries: Sequence[Entry]) -> None:
         """They are to be mined again."""
         if entries:
-            with self._engine.begin() as connection:
+            with self._writing(self._engine) as connection:
                 connection.execute(_reopened, [{"entry_id": entry.id} for entry in entries])
 
     def count(self, state: str) -> int:
@@ -188,6 +195,16 @@ class Journal:
     def close(self) -> None:
         self._outcomes.dispose()
         self._engine.dispose()
+
+    @contextmanager
+    def _writing(self, engine: Engine) -> Iterator[Connection]:
+        try:
+            with engine.begin() as connection:
+                yield connection
+        except DBAPIError as error:
+            raise JournalUnwritable(
+                "the journal cannot be written", path=str(self._path), cause=str(error.orig)
+            ) from error
 
     def _entries(self, condition: Any) -> list[Entry]:
         query = select(_transactions).where(condition).order_by(_transactions.c.id)

@@ -35,7 +35,13 @@ from rodeo.chain import (
     events,
 )
 from rodeo.errors import RemoteError, RequestError, RodeoError
-from services.bridge.errors import BridgeNotReady, RequestIdReused, TransactionDropped, WalletElsewhere
+from services.bridge.errors import (
+    BridgeNotReady,
+    JournalUnwritable,
+    RequestIdReused,
+    TransactionDropped,
+    WalletElsewhere,
+)
 from services.bridge.fees import GAS_HEADROOM, GAS_MARGIN, Fees, Limits, Market
 from services.bridge.index import Index
 from services.bridge.journal import Entry, Journal, decoded, nonce_of
@@ -98,6 +104,8 @@ class _Job:
     last_sent_s: float = 0.0
     due_s: float = 0.0
     """When it is to be looked for."""
+    ended: bool = False
+    """Whether who waited was told the outcome."""
 
 
 @dataclass
@@ -139,6 +147,8 @@ class Outbox:
         self._seen: set[str] = set()
         self._undone_after: int | None = None
         self._market: tuple[float, Market] | None = None
+        self.failure: RodeoError | None = None
+        """Why what waits is not sent, and its outcomes are not kept, for now."""
         self._thread = threading.Thread(target=self._run, name="outbox", daemon=True)
 
     # -- from any thread -----------------------------------------------------------------------------------
@@ -271,6 +281,11 @@ class Outbox:
                 # What was sent may or may not have arrived; only the node can tell, so ask until it answers.
                 log.debug("%s", error)
                 self._stop.wait(_TICK_S)
+            except JournalUnwritable as error:
+                if self.failure is None:
+                    log.error("nothing is sent for now: %s", error)
+                self.failure = error
+                self._stop.wait(_TICK_S)
             except Exception:
                 # What is journaled must be sent: one fault, said here, may not end everybody's transactions.
                 log.exception("the outbox failed; going on")
@@ -279,11 +294,12 @@ class Outbox:
             self._wake.clear()
 
     def step(self) -> None:
-        """Whatever is to be done now. Raises ChainUnavailable."""
+        """Whatever is to be done now. Raises ChainUnavailable or JournalUnwritable, and loses nothing by it."""
         try:
             self._reopen_undone()
             self._send_queued()
             self._look_for_outcomes()
+            self.failure = None
         finally:
             self._give_up_late()
 
@@ -293,7 +309,11 @@ class Outbox:
         if block is None:
             return
         entries = [entry for entry in self._journal.undone(block) if entry.wallet in self._wallets]
-        self._journal.reopen(entries)
+        try:
+            self._journal.reopen(entries)
+        except JournalUnwritable:
+            self.undone(block)
+            raise
         for entry in entries:
             log.warning(
                 "%s: %s was undone; sending it again",
@@ -338,12 +358,22 @@ class Outbox:
             for job in jobs:
                 if job.entry is None:
                     self._fail(job, error)
-            with self._lock:
-                for job in reversed(jobs):
-                    if job.entry is not None:  # it was promised before
-                        self._wallets[job.order.wallet].queue.appendleft(job)
+            self._put_back([job for job in jobs if job.entry is not None])  # they were promised before
             return
+        except BaseException:
+            self._put_back(jobs)
+            raise
         self._send(signed)
+
+    def _put_back(self, jobs: Sequence[_Job]) -> None:
+        """In front of what came since, as if they had not been taken out: but for those that have an end."""
+        with self._lock:
+            for job in reversed(jobs):
+                wallet = self._wallets[job.order.wallet]
+                wallet.next_nonce = None  # what was counted up for them is free again
+                on_its_way = job.entry is not None and job.entry.id in wallet.in_flight
+                if not job.ended and not on_its_way:
+                    wallet.queue.appendleft(job)
 
     def _sign(self, jobs: Sequence[_Job]) -> list[_Job]:
         """Those that the contracts and the limits let through, signed and in the journal."""
@@ -704,6 +734,7 @@ class Outbox:
     def _done(self, job: _Job) -> list[Future[Reply]]:
         """Who waits for the job, which from now on only the journal knows."""
         with self._lock:
+            job.ended = True
             if job.order.request_id is not None:
                 self._requests.pop((job.order.wallet, job.order.request_id), None)
             waiters, job.waiters = job.waiters, []
@@ -722,6 +753,7 @@ class Outbox:
                     "not mined in time; ask again with the same request_id",
                     tx_hash=None if job.entry is None else job.entry.tx_hash,
                     waited_s=OUTCOME_S,
+                    reason=None if self.failure is None else str(self.failure),
                 )
             )
 

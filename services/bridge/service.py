@@ -260,6 +260,8 @@ class Bridge:
                     continue
                 current_s = time.monotonic()
                 late = why_late(attachment.index.position, self._site.chain.max_block_age_s, time.time())
+                if late is None and attachment.outbox.failure is not None:
+                    late = str(attachment.outbox.failure)
                 if late is None:
                     self._ready(attachment)
                     self._expire_overdue(attachment)

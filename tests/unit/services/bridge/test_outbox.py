@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import sqlalchemy
 
 from deploy.chain.errors import InternalError, TransactionRejected
 from rodeo import wallets
@@ -22,6 +23,7 @@ from services.bridge.errors import (
     BridgeNotReady,
     DailyLimitReached,
     FeeTooHigh,
+    JournalUnwritable,
     RequestIdReused,
     TransactionDropped,
 )
@@ -150,6 +152,27 @@ def test_the_same_request_twice_is_one_transaction(robot: Robot) -> None:
     assert robot.paid() == before + 5
     with pytest.raises(RequestIdReused):
         robot.pay(6, request_id="once")
+
+
+def test_a_full_disk_keeps_what_waits_and_it_is_sent_once_when_there_is_room(robot: Robot) -> None:
+    before, full = robot.paid(), True
+
+    @sqlalchemy.event.listens_for(robot.journal._engine, "begin")
+    def grow_no_further(connection: sqlalchemy.Connection) -> None:
+        connection.exec_driver_sql(f"pragma max_page_count = {1 if full else 2**30}")
+
+    futures = [robot.outbox.submit(robot.order(amount, f"{amount}")) for amount in range(1, 31)]
+    for _ in range(3):
+        with pytest.raises(JournalUnwritable, match="full"):
+            robot.step()
+    assert robot.chain.node.calls.count(SEND) == 0 and not any(future.done() for future in futures)
+    assert robot.outbox.waiting("panther1") == 30
+    full = False
+    again = robot.outbox.submit(robot.order(1, "1"))
+    blocks = [robot.outcome(future)["block"] for future in futures]
+    assert blocks == sorted(blocks) and robot.outcome(again) == futures[0].result()
+    assert robot.paid() == before + sum(range(1, 31))
+    assert robot.outbox.failure is None
 
 
 def test_an_error_after_the_node_took_it_does_not_send_twice(robot: Robot) -> None:
