@@ -7,6 +7,7 @@
     │   ├── MethodNotFound      -32601
     │   ├── InvalidParams       -32602
     │   ├── InternalError       -32603
+    │   │   └── ChainStoreUnwritable  no room on the disk, or the like; nothing changed
     │   ├── TransactionRejected -32000, with the wording of geth, which clients match on
     │   ├── ExecutionFailed     -32000, out of gas, invalid opcode, ...
     │   └── ExecutionReverted   3, `data` carries the revert data
@@ -72,6 +73,10 @@ class InternalError(RpcError):
     """The node failed at a request; its log has the trace."""
 
     rpc_code = -32603
+
+
+class ChainStoreUnwritable(InternalError):
+    """The chain's file cannot be written now. Nothing of the block is kept, and it may be sent again."""
 
 
 class TransactionRejected(RpcError):

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from deploy.chain.anvil import Anvil
-from deploy.chain.errors import AnvilFailed
+from deploy.chain.errors import AnvilFailed, ChainStoreUnwritable
 from deploy.chain.ledger import Ledger
 from deploy.chain.methods import Methods
 from deploy.chain.server import RpcServer
@@ -59,8 +59,14 @@ def _run_embedded(site: Site, folder: Path, site_time: SiteTime, stop: threading
     store = Store(folder / "chain.sqlite")
     ledger = Ledger(store, LOCAL_CHAIN_ID, int(time.time()), site_time.now_s)
     log.info("chain %d at block %d on %s", LOCAL_CHAIN_ID, ledger.head.block_number, site.chain.url)
-    with RpcServer(site.chain.url, Methods(ledger)):
-        _keep_heartbeat(site, site_time, stop, lambda: ledger.head.block_number, stop.wait)
+    with RpcServer(site.chain.url, Methods(ledger)) as server:
+
+        def block_number() -> int:
+            if store.failure is not None:
+                server.do(store.try_to_write)
+            return ledger.head.block_number
+
+        _keep_heartbeat(site, site_time, stop, block_number, stop.wait)
     store.close()
 
 
@@ -88,7 +94,10 @@ def _keep_heartbeat(
     block_number: Callable[[], int],
     wait: Callable[[], object],
 ) -> None:
-    """Join the bus when there is one, for the clock and the heartbeat, while `wait()` runs."""
+    """Join the bus when there is one, for the clock and the heartbeat, while `wait()` runs.
+
+    The chain is not ready while `block_number()` raises AnvilFailed or ChainStoreUnwritable.
+    """
 
     def beat() -> None:
         with Service("chain", site, stop) as service:
@@ -98,8 +107,8 @@ def _keep_heartbeat(
                 try:
                     service.activity("serving blocks", block=block_number())
                     service.ready()
-                except AnvilFailed as error:
-                    # Busy; whether it has ended is watched by `wait`.
+                except (AnvilFailed, ChainStoreUnwritable) as error:
+                    # Anvil is busy; whether it has ended is watched by `wait`.
                     service.not_ready(str(error))
 
     with ThreadPoolExecutor(max_workers=1, thread_name_prefix="presence") as background:

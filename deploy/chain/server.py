@@ -8,7 +8,7 @@ import socket
 import threading
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
 import uvicorn
@@ -20,6 +20,8 @@ from starlette.routing import Route
 
 from deploy.chain.errors import InternalError, InvalidRpcRequest, ParseError, RpcError
 from rodeo.errors import ConfigError, PortUnavailable
+
+T = TypeVar("T")
 
 log = logging.getLogger(__name__)
 
@@ -126,6 +128,10 @@ class RpcServer:
         loop = asyncio.get_running_loop()
         reply = await loop.run_in_executor(self._worker, dispatch, payload, self._answer)
         return Response(status_code=204) if reply is None else JSONResponse(reply)
+
+    def do(self, function: Callable[[], T]) -> T:
+        """What `function` returns in the thread that answers."""
+        return self._worker.submit(function).result()
 
     def __enter__(self) -> RpcServer:
         self._thread.start()

@@ -7,16 +7,18 @@ after a SIGKILL or a power cut the file holds whole blocks only.
 from __future__ import annotations
 
 import sqlite3
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from eth.db.backends.base import BaseDB
 
-from deploy.chain.errors import ChainStoreCorrupted
+from deploy.chain.errors import ChainStoreCorrupted, ChainStoreUnwritable
 
 _SCHEMA = """
 create table if not exists state (key blob primary key, value blob not null) without rowid;
+create table if not exists tried (id integer primary key, room blob not null);
 create table if not exists logs (
     block_number integer not null,
     log_index integer not null,
@@ -30,6 +32,8 @@ create table if not exists logs (
     primary key (block_number, log_index)
 ) without rowid;
 """
+_TRIED_BYTES = 64 * 1024
+"""More than a block of a few transactions takes."""
 _LOG_COLUMNS = (
     "block_number, log_index, block_hash, block_timestamp, transaction_hash, transaction_index, "
     "address, topics, data"
@@ -54,7 +58,9 @@ class StoredLog:
 class Store(BaseDB):
     """py-evm's database. Writes belong to the current SQLite transaction until `commit` or `rollback`.
 
-    Raises ChainStoreCorrupted when the file at `path` is not such a database or is damaged.
+    Raises ChainStoreCorrupted when the file at `path` is not such a database or is damaged. What writes may
+    raise ChainStoreUnwritable; from then on nothing is written until `rollback`, because SQLite has ended the
+    transaction by itself and would keep each further write alone.
     """
 
     def __init__(self, path: Path) -> None:
@@ -74,6 +80,9 @@ class Store(BaseDB):
             self._connection.close()
             raise ChainStoreCorrupted("the chain's file is damaged", path=str(path), problem=problem)
         self._connection.execute("begin")
+        self._broken: ChainStoreUnwritable | None = None
+        self.failure: ChainStoreUnwritable | None = None
+        """Why the last commit failed; None since one succeeded. May be read from any thread."""
 
     # Key-value state, as py-evm asks for it
 
@@ -84,10 +93,12 @@ class Store(BaseDB):
         return row[0]
 
     def __setitem__(self, key: bytes, value: bytes) -> None:
-        self._connection.execute("insert or replace into state values (?, ?)", (key, value))
+        with self._writing() as connection:
+            connection.execute("insert or replace into state values (?, ?)", (key, value))
 
     def __delitem__(self, key: bytes) -> None:
-        self._connection.execute("delete from state where key = ?", (key,))
+        with self._writing() as connection:
+            connection.execute("delete from state where key = ?", (key,))
 
     def _exists(self, key: bytes) -> bool:
         return self._connection.execute("select 1 from state where key = ?", (key,)).fetchone() is not None
@@ -95,23 +106,24 @@ class Store(BaseDB):
     # Log index
 
     def add_logs(self, logs: Sequence[StoredLog]) -> None:
-        self._connection.executemany(
-            f"insert into logs ({_LOG_COLUMNS}) values (?, ?, ?, ?, ?, ?, ?, ?, ?)",
-            (
+        with self._writing() as connection:
+            connection.executemany(
+                f"insert into logs ({_LOG_COLUMNS}) values (?, ?, ?, ?, ?, ?, ?, ?, ?)",
                 (
-                    log.block_number,
-                    log.log_index,
-                    log.block_hash,
-                    log.block_timestamp,
-                    log.transaction_hash,
-                    log.transaction_index,
-                    log.address,
-                    b"".join(log.topics),
-                    log.data,
-                )
-                for log in logs
-            ),
-        )
+                    (
+                        log.block_number,
+                        log.log_index,
+                        log.block_hash,
+                        log.block_timestamp,
+                        log.transaction_hash,
+                        log.transaction_index,
+                        log.address,
+                        b"".join(log.topics),
+                        log.data,
+                    )
+                    for log in logs
+                ),
+            )
 
     def logs(self, first_block: int, last_block: int, addresses: Sequence[bytes] = ()) -> list[StoredLog]:
         """Logs of the inclusive block range in chain order; of any address when `addresses` is empty."""
@@ -140,14 +152,39 @@ class Store(BaseDB):
 
     def commit(self) -> None:
         """Make everything since the last commit durable."""
-        self._connection.execute("commit")
-        self._connection.execute("begin")
+        with self._writing() as connection:
+            connection.execute("commit")
+            connection.execute("begin")
+        self.failure = None
+
+    def try_to_write(self) -> None:
+        """Raises ChainStoreUnwritable unless a commit of `_TRIED_BYTES` succeeds now."""
+        try:
+            with self._writing() as connection:
+                connection.execute("insert or replace into tried values (0, zeroblob(?))", (_TRIED_BYTES,))
+            self.commit()
+        except ChainStoreUnwritable:
+            self.rollback()
+            raise
 
     def rollback(self) -> None:
         """Forget everything since the last commit."""
-        self._connection.execute("rollback")
+        if self._connection.in_transaction:
+            self._connection.execute("rollback")
         self._connection.execute("begin")
+        self._broken = None
 
     def close(self) -> None:
-        self._connection.execute("rollback")
+        if self._connection.in_transaction:
+            self._connection.execute("rollback")
         self._connection.close()
+
+    @contextmanager
+    def _writing(self) -> Iterator[sqlite3.Connection]:
+        if self._broken is not None:
+            raise self._broken
+        try:
+            yield self._connection
+        except sqlite3.DatabaseError as error:
+            self._broken = self.failure = ChainStoreUnwritable(f"the chain's file cannot be written: {error}")
+            raise self._broken from error

@@ -294,7 +294,7 @@ class Outbox:
             self._wake.clear()
 
     def step(self) -> None:
-        """Whatever is to be done now. Raises ChainUnavailable or JournalUnwritable, and loses nothing by it."""
+        """Whatever is to be done now. Raises ChainUnavailable or JournalUnwritable, losing nothing."""
         try:
             self._reopen_undone()
             self._send_queued()

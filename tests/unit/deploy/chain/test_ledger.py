@@ -12,6 +12,7 @@ from eth_account import Account
 
 from deploy.chain.errors import (
     ChainStoreCorrupted,
+    ChainStoreUnwritable,
     ExecutionFailed,
     ExecutionReverted,
     TransactionRejected,
@@ -138,6 +139,34 @@ def test_an_unfinished_block_is_not_there_after_a_crash(chain: EmbeddedChain) ->
     chain.reopen()
     assert b"half a block" not in chain.store
     assert chain("eth_blockNumber") == "0x1"
+
+
+def test_a_full_disk_keeps_no_part_of_a_block_and_the_chain_goes_on_when_there_is_room(
+    chain: EmbeddedChain, emit: Callable[[int, int], dict[str, Any]]
+) -> None:
+    emit(1, 1)
+    before = chain.methods.ledger.head
+    pages = chain.store._connection.execute("pragma max_page_count = 1").fetchone()[0]
+    kept = _rows(chain)
+    with pytest.raises(ChainStoreUnwritable, match="full"):
+        for number in range(200):  # what is free in the file's pages is used up first
+            before, kept = chain.methods.ledger.head, _rows(chain)
+            emit(2, number)
+    assert chain.store.failure is not None
+    assert chain.methods.ledger.head == before and _rows(chain) == kept
+    with pytest.raises(ChainStoreUnwritable):
+        chain.store.try_to_write()
+    chain.store._connection.execute(f"pragma max_page_count = {pages + 10_000}")
+    chain.store.try_to_write()
+    assert chain.store.failure is None
+    emit(3, 3)
+    assert chain.methods.ledger.head.block_number == before.block_number + 1
+    chain.reopen()
+    assert chain.methods.ledger.head.block_number == before.block_number + 1
+
+
+def _rows(chain: EmbeddedChain) -> int:
+    return int(chain.store._connection.execute("select count(*) from state").fetchone()[0])
 
 
 def test_another_chains_file_is_refused(tmp_path: Path, chain: EmbeddedChain) -> None:
