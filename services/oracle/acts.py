@@ -209,6 +209,11 @@ class ConsumedActs:
         with self._changed:
             return self._find(task_id, attempt)
 
+    def waiting(self) -> list[Submission]:
+        """Those whose first verdict is still to come."""
+        with self._changed:
+            return [one for one in self._all() if one.waits]
+
     def unread(self) -> list[Submission]:
         """Those with a report that has to be read: they were accepted, or may be yet."""
         with self._changed:

@@ -24,7 +24,7 @@ from typing import Any, TypeVar
 from rodeo.bus import DaoEvents
 from rodeo.config import Site
 from rodeo.dao import Participant, is_peoples
-from rodeo.errors import BusError, RemoteError
+from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.evidence import EvidenceError, Store
 from rodeo.evidence.errors import ProofNotFound, ProofUriNotAllowed, StoreUnavailable
 from rodeo.logs import about_task
@@ -41,6 +41,8 @@ RETRY_S = 1.0
 """Wall time between attempts to reach the bridge or the store."""
 SIDE_BY_SIDE = max(2, (os.cpu_count() or 1) - 1)
 """Proofs verified at the same time; one core stays for everybody else, but none waits for one that hangs."""
+SWEEP_S = 30.0
+"""Wall time between two looks for submissions that got no verdict, whatever kept them from it."""
 AT_ONCE = 16
 """Submissions in work, verified or waiting for a store, a bridge or the verdict of an earlier one."""
 _REPORT_BYTES = 16 << 20
@@ -48,6 +50,10 @@ _PASSING = frozenset({"bridge_not_ready", "chain_unavailable", "transaction_time
 """What the bridge answers while it cannot; everything else is its last word."""
 
 Answer = TypeVar("Answer")
+
+
+class IndexBehind(RodeoError):
+    """The bridge's answer is older than an event that it told before."""
 
 
 def run(site: Site, stop: threading.Event) -> None:
@@ -68,6 +74,8 @@ class Oracle:
         self._acts = ConsumedActs()
         self._verifying = threading.Semaphore(SIDE_BY_SIDE)
         self._running: dict[int, str] = {}
+        self._in_work: set[tuple[int, int]] = set()
+        """Submissions that are queued or being decided."""
         self._decided = 0
         self._for_auditors: set[tuple[int, int]] = set()
         """Submissions that were left to auditors since the start."""
@@ -82,6 +90,7 @@ class Oracle:
             for number in range(AT_ONCE)
         ]
         threads.append(threading.Thread(target=self._read_reports, name="reports", daemon=True))
+        threads.append(threading.Thread(target=self._sweep, name="sweep", daemon=True))
         for thread in threads:
             thread.start()
         self._service.ready()
@@ -96,7 +105,25 @@ class Oracle:
     def _on_event(self, event: DaoEvent) -> None:
         self._acts.on_event(event)
         if event.name == "ProofSubmitted" and event.task_id is not None:
-            self._submissions.put((event.task_id, int(event.args["attempt"])))
+            self._enqueue(event.task_id, int(event.args["attempt"]))
+
+    def _enqueue(self, task_id: int, attempt: int) -> None:
+        with self._lock:
+            if (task_id, attempt) in self._in_work:
+                return
+            self._in_work.add((task_id, attempt))
+        self._submissions.put((task_id, attempt))
+
+    def _sweep(self) -> None:
+        while not self._stop.wait(SWEEP_S):
+            for submission in self._acts.waiting():
+                if submission.key not in self._in_work | self._for_auditors:
+                    log.warning(
+                        "task %d attempt %d has no verdict yet; looking again",
+                        submission.task_id,
+                        submission.attempt,
+                    )
+                    self._enqueue(*submission.key)
 
     # -- verdicts --------------------------------------------------------------------------------------
 
@@ -111,6 +138,8 @@ class Oracle:
                     log.exception("task %d attempt %d got no verdict", task_id, attempt)
                     self._acts.judged(task_id, attempt, None)
                 finally:
+                    with self._lock:
+                        self._in_work.discard(next_one)
                     self._show(number, None)
 
     def _decide(self, number: int, task_id: int, attempt: int) -> None:
@@ -141,9 +170,22 @@ class Oracle:
     def _verified(self, number: int, task_id: int, attempt: int) -> tuple[Task, Report] | None:
         """What verification says; None when the submission is not ours to judge, or no longer waits.
 
-        Raises StoreUnavailable, BusError, RemoteError.
+        Raises StoreUnavailable, BusError, RemoteError or IndexBehind.
         """
+        submission = self._acts.submission(task_id, attempt)
+        if submission is None or not submission.waits:
+            return None
         ledger = read_ledger(self._wallet, task_id)
+        if ledger.task.attempt < attempt or (
+            ledger.task.attempt == attempt and ledger.task.state == "assigned"
+        ):
+            raise IndexBehind(
+                "the bridge's index does not know of the submission yet",
+                task_id=task_id,
+                attempt=attempt,
+                state=ledger.task.state,
+                submitted_in_block=submission.block,
+            )
         if ledger.task.state != "submitted" or ledger.task.attempt != attempt:
             return None
         if not is_ours(ledger.task.kind, self._wallet.state("organization")["kinds"]):
@@ -252,11 +294,11 @@ class Oracle:
     # -- what all of it needs --------------------------------------------------------------------------
 
     def _until_answered(self, ask: Callable[[], Answer]) -> Answer | None:
-        """The answer of `ask`, which is repeated while bridge or store are away; None when stopped."""
+        """The answer of `ask`, repeated while bridge or store are away or behind; None when stopped."""
         while not self._stop.is_set():
             try:
                 return ask()
-            except (BusError, RemoteError, StoreUnavailable) as error:
+            except (BusError, RemoteError, StoreUnavailable, IndexBehind) as error:
                 if isinstance(error, RemoteError) and error.code not in _PASSING:
                     raise
                 log.warning("waiting: %s", error)
