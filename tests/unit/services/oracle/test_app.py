@@ -40,12 +40,13 @@ class Bridge:
             return self.current.model_copy(update={"state": "assigned"})
         return self.current
 
-    def state(self, what: str) -> dict[str, Any]:
+    def state(self, what: str, **_filters: Any) -> dict[str, Any]:
         contracts = {"TaskManager": "0x" + "11" * 20, "Organization": "0x" + "22" * 20}
         return {
             "chain": {"chain_id": 1, "contracts": contracts},
             "organization": {"kinds": [{"kind": CLEANING, "review": "oracle"}]},
             "devices": {"devices": []},
+            "roots": {"roots": [], "next": None},
         }[what]
 
     def command(self, _name: str, request: Any) -> None:
