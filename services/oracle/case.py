@@ -312,7 +312,7 @@ class Case:
         executor = (self.ledger.task.executor or "").lower()
         found = []
         for device in self.ledger.devices:
-            testimony = self._testimonies.get(device.address.lower())
+            testimony = self.by_signer.get(device.address.lower())
             same = (device.role, device.name) == (role, name)
             if testimony is None or same or device.owner.lower() == executor:
                 continue
@@ -322,7 +322,7 @@ class Case:
         return found
 
     @cached_property
-    def _testimonies(self) -> dict[str, Testimony]:
+    def by_signer(self) -> dict[str, Testimony]:
         """What registered devices signed, by lower-case address."""
         signers = None if self.ledger is None else {d.address.lower() for d in self.ledger.devices}
         return testimonies(recorded(self.proof, signers))
@@ -334,7 +334,7 @@ class Case:
         """
         best = joined(part for _, part in self.parts(role, name))
         if self.ledger is None:
-            found = [self._counting(one, name, math.inf) for one in self._testimonies.values()]
+            found = [self._counting(one, name, math.inf) for one in self.by_signer.values()]
             best = max((one for one in found if one.said), key=lambda one: len(one.said), default=None)
         if best is None:
             raise CaseError(
@@ -350,7 +350,7 @@ class Case:
         return [
             (key, self._counting(testimony, name, counts_until_s(key, self.submitted_s)))
             for key in self.keys(role, name)
-            if (testimony := self._testimonies.get(key.address.lower())) is not None
+            if (testimony := self.by_signer.get(key.address.lower())) is not None
         ]
 
     def signed_by(self, roles: Collection[str]) -> list[tuple[Device, Testimony]]:
@@ -358,7 +358,7 @@ class Case:
         return [
             (key, self._counting(testimony, key.name, counts_until_s(key, self.submitted_s)))
             for key in (self.ledger.devices if self.ledger else ())
-            if key.role in roles and (testimony := self._testimonies.get(key.address.lower())) is not None
+            if key.role in roles and (testimony := self.by_signer.get(key.address.lower())) is not None
         ]
 
     def _counting(self, testimony: Testimony, name: str, until_s: float) -> Testimony:
@@ -415,7 +415,7 @@ class Case:
     @cached_property
     def own_said(self) -> list[Said]:
         """What the device that sealed the recording signed beside its seals, in the order of its chain."""
-        own = self._testimonies.get((self.proof.signer or "").lower())
+        own = self.by_signer.get((self.proof.signer or "").lower())
         return [] if own is None else own.said
 
     @property

@@ -14,7 +14,7 @@ from rodeo.messages import Device
 from rodeo.metering import Reading, Readings, unpack
 from rodeo.witness import MeterRecord, Receipt, Scope
 from services.oracle.keys import counts_until_s
-from services.oracle.statements import Said, Testimony, joined, recorded, testimonies
+from services.oracle.statements import Said, Testimony, joined
 
 if TYPE_CHECKING:
     from services.oracle.case import Case
@@ -102,15 +102,11 @@ def charge_of(case: Case) -> Charge:
         executor = (ledger.task.executor or "").lower()
         # A robot of the seller's is the seller's own word.
         robots = [key for key in case.keys("robot", who.robot) if key.owner.lower() != executor]
-    everybody = None
-    if meters is not None and robots is not None:
-        everybody = {key.address.lower() for key in (*meters, *robots)}
-    said = testimonies(recorded(case.proof, everybody))
-    meter = _of(case, said, meters, who.meter, MeterRecord)
+    meter = _of(case, meters, who.meter, MeterRecord)
     if meter is not None and len(meter.keys) > 1:
         # A recording is one key's.
         meter = replace(meter, apart=f"it signed under its keys {' and '.join(meter.keys)}")
-    robot = _of(case, said, robots, who.robot, Receipt)
+    robot = _of(case, robots, who.robot, Receipt)
     records = {one.digest: one.statement for one in _here(case, meter, who) if _is_record(one)}
     receipts, signed = [], []
     for one in () if robot is None else robot.said:
@@ -131,12 +127,12 @@ def charge_of(case: Case) -> Charge:
 
 def _of(
     case: Case,
-    said: dict[str, Testimony],
     keys: list[Device] | None,
     name: str,
     model: type[MeterRecord | Receipt],
 ) -> Testimony | None:
     """What the device of this name stated under its keys; without a chain, under whichever key said most."""
+    said = case.by_signer
     if keys is None:
         until_s = dict.fromkeys(said, math.inf)
     else:

@@ -69,6 +69,14 @@ def test_a_device_speaks_through_the_process_that_has_its_key(
     }
 
 
+@pytest.mark.parametrize("process", ["itrash", "robot_sim"])
+def test_a_witness_asks_the_organizations_wallet_for_the_root_of_its_day_and_nothing_else(
+    rules: dict[str, dict[str, list[str]]], process: str
+) -> None:
+    asked = [key for key in rules[f"{process} asks"]["key_exprs"] if "/wallet/" in key]
+    assert asked == ["rodeo/lab/wallet/organization/post_root"]
+
+
 def test_only_robot_sim_tells_the_time(rules: dict[str, dict[str, list[str]]]) -> None:
     clock = zenoh.KeyExpr("0/clock/**")
     speakers = {

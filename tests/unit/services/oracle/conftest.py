@@ -11,7 +11,7 @@ from eth_account.signers.local import LocalAccount
 from rodeo.config import Site
 from rodeo.evidence import Binding
 from services.oracle.case import Ledger
-from services.oracle.report import Report
+from services.oracle.report import Check, Report
 from services.oracle.verify import verify_file
 from tests.support.assignments import BINDING, ROBOT
 from tests.support.recordings import Take, Witnesses, film_charging, film_cleaning, seal
@@ -55,6 +55,11 @@ def judge(site: Site, tmp_path: Path) -> Judge:
         return verify_file(path, at or site, chain)
 
     return verdict
+
+
+def finding(report: Report, name: str) -> Check:
+    """The check of this name."""
+    return next(check for check in report.checks if check.name == name)
 
 
 def failed(report: Report) -> str:
