@@ -22,6 +22,8 @@ HELD_S = 1.0
 """For so long after the lift an item must stay in the gripper to count as picked up."""
 FALL_S = 1.0
 """From the opening of the fingers until the item lies, where nobody saw it."""
+HIDDEN_S = 2.5
+"""An item that is not seen for so long at the end is behind walls; a shorter time is a run of lost messages."""
 REST_M = 0.02
 """An item that stays this close to where it is last seen lies there."""
 
@@ -60,7 +62,8 @@ def find_phases(item: Pose, joint_time_s: Array, gripper_m: Array) -> Phases:
     closing_s = float(times[closes][np.flatnonzero(gaps[closes] > gaps[closes].max() - 0.0005)[-1]])
     moved = np.linalg.norm(item.position_m - item.position_m[-1], axis=1) > REST_M
     rest_s = float(item.time_s[np.flatnonzero(moved)[-1]])
-    if item.unseen_s and item.unseen_s[-1][0] >= item.time_s[-1]:
+    lost_s, end_s = item.unseen_s[-1] if item.unseen_s else (0.0, 0.0)
+    if lost_s >= item.time_s[-1] and end_s - lost_s > HIDDEN_S:
         # Walls hide where it fell to.
         rest_s = float(item.time_s[-1]) + FALL_S
     return Phases(closing_s, lifted_s, rest_s)

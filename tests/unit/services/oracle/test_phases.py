@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rodeo.evidence.series import Array
 from services.oracle.case import CaseError, Pose
-from services.oracle.phases import find_phases
+from services.oracle.phases import FALL_S, find_phases
 
 PERIOD_S = 0.02
 OPEN_M, CLOSED_M = 0.057, 0.03
@@ -40,3 +42,12 @@ def test_a_gripper_that_never_closes_lifts_nothing() -> None:
     pose, time_s, gap_m = recording(90.0, 50.0)
     with pytest.raises(CaseError, match="does not close before the item is lifted"):
         find_phases(pose, time_s, gap_m)
+
+
+@pytest.mark.parametrize(("unseen_s", "rests_s"), [(0.5, 11.5), (5.0, 100.0 - PERIOD_S + FALL_S)])
+def test_what_is_lost_for_a_moment_at_the_end_lay_where_it_was(unseen_s: float, rests_s: float) -> None:
+    """A run of lost messages is not the wall behind which an item fell."""
+    pose, time_s, gap_m = recording(10.0, 10.5)
+    end_s = float(pose.time_s[-1])
+    phases = find_phases(replace(pose, unseen_s=((end_s, end_s + unseen_s),)), time_s, gap_m)
+    assert phases.rest_s == pytest.approx(rests_s, abs=0.1)
