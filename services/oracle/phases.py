@@ -23,7 +23,7 @@ HELD_S = 1.0
 FALL_S = 1.0
 """From the opening of the fingers until the item lies, where nobody saw it."""
 HIDDEN_S = 2.5
-"""An item that is not seen for so long at the end is behind walls; a shorter time is a run of lost messages."""
+"""An item that is not seen for so long at the end is behind walls; less is a run of lost messages."""
 REST_M = 0.02
 """An item that stays this close to where it is last seen lies there."""
 
