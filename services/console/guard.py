@@ -18,6 +18,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from rodeo.charset import is_utf8
 from rodeo.config import ConsoleConfig
 from rodeo.errors import ConfigError
 from services.console.accounts import Accounts, Session
@@ -26,6 +27,8 @@ from services.console.errors import NotLoggedIn
 MAX_BODY_BYTES = 12 << 20
 """A photo of a finished task, and the form around it."""
 MAX_API_BODY_BYTES = 256 << 10
+MAX_LOGIN_BODY_BYTES = 16 << 10
+"""The longest name and passphrase, each byte of them escaped, and the form around them."""
 _WITH_PHOTOS = "/api/actions/submit-work"
 
 _SAFE_METHODS = {"GET", "HEAD", "OPTIONS"}
@@ -110,14 +113,15 @@ class Guard:
         except NotLoggedIn:
             session = None
         scope["state"]["session"] = session
-        small = path.startswith("/api/") and path != _WITH_PHOTOS
-        limit_bytes = MAX_API_BODY_BYTES if small else MAX_BODY_BYTES
+        limit_bytes = _limit_bytes(path)
         if headers.get("host") not in self._hosts:
             respond = _problem(421, "unknown_host", "the console does not serve this host name")
         elif path.startswith("/_nicegui_ws/"):
             respond = _problem(400, "websocket_only", "pages talk to the console over a websocket")
         elif not _size_stated_within(headers, limit_bytes):
             respond = _problem(413, "too_large", f"a request has at most {limit_bytes} bytes")
+        elif not is_utf8(headers.get("content-type", "")):
+            respond = _problem(415, "unknown_charset", "texts are UTF-8")
         elif (
             method not in _SAFE_METHODS
             and not path.startswith("/api/")
@@ -214,6 +218,13 @@ def _client_of(path: str) -> str | None:
 
 def _problem(status: int, code: str, message: str) -> Response:
     return JSONResponse({"code": code, "message": message, "details": {}}, status)
+
+
+def _limit_bytes(path: str) -> int:
+    """Of a request's body: everybody may send one to the login."""
+    if path in ("/login", "/logout"):
+        return MAX_LOGIN_BODY_BYTES
+    return MAX_API_BODY_BYTES if path.startswith("/api/") and path != _WITH_PHOTOS else MAX_BODY_BYTES
 
 
 def _size_stated_within(headers: Headers, limit_bytes: int) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import codecs
 import hashlib
 import socket
 import threading
@@ -20,12 +19,12 @@ import uvicorn
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
-from python_multipart.multipart import parse_options_header
 from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from rodeo.charset import is_utf8
 from rodeo.errors import PortUnavailable, snake_case
 from rodeo.vision.classification import Classification
 from rodeo.vision.classifier import Classifier
@@ -39,8 +38,6 @@ from rodeo.vision.images import (
 )
 
 _MULTIPART_OVERHEAD_BYTES = 64 * 1024
-_CHARSETS = ("utf-8", "ascii", "iso8859-1")
-"""Of a form's texts, by Python's names."""
 _DECODED_AT_ONCE = 2
 """Photos in memory as pixels: one at the network, one on its way. More would wait there, 48 MB each."""
 MAX_CONNECTIONS = 64
@@ -207,26 +204,14 @@ async def _photo_of(request: Request) -> bytes:
     if not request.headers.get("content-type", "").lower().startswith("multipart/form-data"):
         data = await request.body()
     else:
-        _refuse_odd_charset(request.headers["content-type"])
+        if not is_utf8(request.headers["content-type"]):
+            raise HTTPException(400, "the form's charset is not UTF-8")
         async with request.form(max_files=1, max_fields=8, max_part_size=_MULTIPART_OVERHEAD_BYTES) as form:
             files = [value for value in form.values() if isinstance(value, UploadFile)]
             data = await files[0].read() if files else b""
     if not data:
         raise MissingPhoto("the request carries no photo: send it as the body or as a form's file")
     return data
-
-
-def _refuse_odd_charset(content_type: str) -> None:
-    """Starlette decodes a form's texts by any codec of Python's that the header names, and some take minutes
-    for a megabyte, in which nobody is served. Raises HTTPException 400."""
-    _, options = parse_options_header(content_type)
-    name = options.get(b"charset", b"utf-8").decode("latin-1")
-    try:
-        known = codecs.lookup(name).name in _CHARSETS
-    except LookupError:
-        known = False
-    if not known:
-        raise HTTPException(400, f"the form's charset is {name!r}; it may be one of {', '.join(_CHARSETS)}")
 
 
 def _status_of(error: ImageError) -> int:

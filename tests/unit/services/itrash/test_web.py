@@ -119,7 +119,8 @@ FORM = b'--x\r\nContent-Disposition: form-data; name="file"; filename="a"\r\n\r\
     ("kind", "status"),
     [
         ("Multipart/Form-Data; boundary=x", 200),
-        ("multipart/form-data; boundary=x; charset=Latin-1", 200),
+        ("multipart/form-data; boundary=x; charset=UTF8", 200),
+        ("multipart/form-data; boundary=x; charset=Latin-1", 400),
         ("multipart/form-data; boundary=x; charset=undefined", 400),
         ("multipart/form-data; boundary=x; charset=punycode", 400),
         ("multipart/form-data; boundary=x; charset=rot13", 400),
