@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import difflib
+import os
 import tomllib
 from decimal import Decimal
 from pathlib import Path
@@ -18,6 +20,9 @@ from rodeo.errors import ConfigError
 from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, RobotConfig
 
 MiB = 1 << 20
+
+_PREFIX = "RODEO__"
+"""Of environment variables."""
 
 
 FASTEST_CLOCK = 50.0
@@ -235,7 +240,7 @@ class AgentConfig(_Table):
 class Site(BaseSettings):
     """Everything a process is told. Read-only once loaded."""
 
-    model_config = SettingsConfigDict(env_prefix="RODEO__", env_nested_delimiter="__", extra="forbid")
+    model_config = SettingsConfigDict(env_prefix=_PREFIX, env_nested_delimiter="__", extra="forbid")
 
     org: str = Field(pattern=r"^[a-z][a-z0-9-]*$")
     """Name of the organization; the first part of every DAO-plane key."""
@@ -283,11 +288,15 @@ class Site(BaseSettings):
 
     @classmethod
     def load(cls, path: Path | str) -> Site:
-        """The site in the TOML file at `path`. Raises ConfigError that names the file and each field.
+        """The site in the TOML file at `path`. Raises ConfigError that names the file and each field, or an
+        environment variable that means no field.
 
         `extends = "other.toml"` (relative to the file) starts from another site: tables are merged, and
         everything else, lists too, is replaced.
         """
+        for variable in os.environ:
+            if variable.upper().startswith(_PREFIX):
+                _check_variable(variable)
         try:
             return cls(**_read(Path(path)))
         except ValidationError as error:
@@ -335,6 +344,26 @@ class Site(BaseSettings):
 def agent_process(site: Site, robot: str) -> str:
     """Name of the process that is the mind of `robot`: plain `robot_agent` where there is only one robot."""
     return "robot_agent" if len(site.robots) == 1 else f"robot_agent.{robot}"
+
+
+def _check_variable(variable: str) -> None:
+    """Raises ConfigError where an environment variable means no field: pydantic would pass over it."""
+    model: type[BaseModel] = Site
+    known: list[str] = []
+    for name in variable[len(_PREFIX) :].lower().split("__"):
+        if name not in model.model_fields:
+            close = difflib.get_close_matches(name, model.model_fields, n=1)
+            meant = _PREFIX + "__".join([*known, *close]).upper()
+            raise ConfigError(
+                f"the environment variable {variable} means no field of the site"
+                + (f"; is {meant} meant?" if close else ""),
+                known=sorted(model.model_fields),
+            )
+        known.append(name)
+        inner = model.model_fields[name].annotation
+        if not (isinstance(inner, type) and issubclass(inner, BaseModel)):
+            return  # what is in lists and dictionaries is for pydantic to say
+        model = inner
 
 
 def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:

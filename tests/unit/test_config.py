@@ -55,6 +55,20 @@ def test_two_robots_cannot_be_called_the_same(field: str) -> None:
         Site.model_validate({**site.model_dump(by_alias=True), "robots": [first, second]})
 
 
+@pytest.mark.parametrize(
+    ("variable", "meant"),
+    [("RODEO__CHIAN__URL", "RODEO__CHAIN"), ("RODEO__CHAIN__ULR", "RODEO__CHAIN__URL"), ("RODEO__XYZ", None)],
+)
+def test_a_variable_that_means_no_field_is_an_error(
+    monkeypatch: pytest.MonkeyPatch, variable: str, meant: str | None
+) -> None:
+    monkeypatch.setenv(variable, "http://chain.example:1")
+    with pytest.raises(ConfigError, match=variable) as refused:
+        Site.load(LAB)
+    assert (meant is None) is ("meant" not in str(refused.value))
+    assert meant is None or f"is {meant} meant?" in str(refused.value)
+
+
 def test_the_environment_overrides_the_file(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RODEO__CHAIN__URL", "http://chain.example:1")
     assert Site.load(LAB).chain.url == "http://chain.example:1"
