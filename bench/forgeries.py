@@ -1,9 +1,12 @@
 """What the oracle refuses, over many forged proofs.
 
-`forgery_kinds`: those made by hand, the catalogue of tests/forgeries, charges included; `forgeries_misnamed`
-of them were refused for another reason than theirs. `forgeries_composed`: those that a seed puts together,
-see `tests.forgeries.composed`; FORGERIES_COMPOSED=100 makes fewer. `forgeries_refused_share`: of both. One
-that is accepted is printed with its name, or its seed and what it does.
+`forgery_kinds`: those made by hand, the catalogue of tests/forgeries, also by role; `forgeries_misnamed` of
+them were refused for another reason than theirs. `forgeries_spoiling`: ways to spoil an honest proof, which
+is paid in full all the same. `forgeries_under_noise`: both again at a site with moderate honest noise and
+losses. `forgeries_composed`: those that a seed puts together, see `tests.forgeries.composed`, every other one
+under such noise; FORGERIES_COMPOSED=100 makes fewer, FORGERIES_FIRST=1000 begins with another seed.
+`forgeries_refused_share`: of all of these, those by which nobody got what it wanted; each of the others is
+printed with its name, or its seed and what it does. `forgeries_s`: wall time of all that, s.
 `hostile_proof_cpu_s`: what the worst proofs cost, see `bench.hostile`.
 """
 
@@ -12,13 +15,14 @@ from __future__ import annotations
 import multiprocessing
 import os
 import tempfile
+import time
 from pathlib import Path
 
 from rich.console import Console
 
 from bench.hostile import hostile_proof_cpu_s
 from rodeo.config import Site
-from tests.forgeries import CATALOGUE, Workshop
+from tests.forgeries import CATALOGUE, ROLES, Workshop, kinds
 from tests.forgeries.composed import composed
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
@@ -31,27 +35,41 @@ _shops: list[Workshop] = []
 
 def run() -> dict[str, float]:
     console = Console()
-    count = int(os.environ.get("FORGERIES_COMPOSED", COMPOSED))
-    accepted = misnamed = 0
+    count, first = (
+        int(os.environ.get(name, default))
+        for name, default in (("FORGERIES_COMPOSED", COMPOSED), ("FORGERIES_FIRST", 0))
+    )
+    by_hand = [(name, noisy) for name in CATALOGUE for noisy in (False, True)]
+    worked = misnamed = 0
+    started_s = time.monotonic()
     with tempfile.TemporaryDirectory() as folder:
         spawn = multiprocessing.get_context("spawn")
         with spawn.Pool(WORKERS, initializer=_film, initargs=(Path(folder),)) as pool:
-            for name, was_accepted, reason in pool.imap_unordered(_by_hand, CATALOGUE):
-                named = reason.startswith(CATALOGUE[name].check)
-                accepted += was_accepted
-                misnamed += not named
-                if was_accepted or not named:
-                    console.print(f"{name}: {reason}", markup=False)
-            for seed, was_accepted in pool.imap_unordered(_by_seed, range(count), chunksize=4):
-                accepted += was_accepted
-                if was_accepted:
+            for name, noisy, succeeded, named, reason in pool.imap_unordered(_by_hand, by_hand, chunksize=4):
+                worked += succeeded
+                misnamed += not (named or noisy or succeeded)
+                if succeeded or not (named or noisy):
+                    under = ", under noise" if noisy else ""
+                    console.print(f"{name}{under}: {reason}", markup=False)
+            for seed, succeeded in pool.imap_unordered(_by_seed, range(first, first + count), chunksize=4):
+                worked += succeeded
+                if succeeded:
                     console.print(f"accepted: seed {seed}: {composed(seed).words}", markup=False)
-    return hostile_proof_cpu_s() | {
-        "forgery_kinds": len(CATALOGUE),
-        "forgeries_misnamed": misnamed,
-        "forgeries_composed": count,
-        "forgeries_refused_share": 1 - accepted / (len(CATALOGUE) + count),
-    }
+    taken_s = time.monotonic() - started_s
+    by_role = {f"forgery_kinds_{role.replace(' ', '_')}": kinds(role) for role in ROLES}
+    return (
+        hostile_proof_cpu_s()
+        | by_role
+        | {
+            "forgery_kinds": kinds(),
+            "forgeries_spoiling": len(CATALOGUE) - kinds(),
+            "forgeries_misnamed": misnamed,
+            "forgeries_under_noise": len(CATALOGUE),
+            "forgeries_composed": count,
+            "forgeries_refused_share": 1 - worked / (len(by_hand) + count),
+            "forgeries_s": taken_s,
+        }
+    )
 
 
 def _film(folder: Path) -> None:
@@ -61,15 +79,16 @@ def _film(folder: Path) -> None:
     _shops.append(Workshop(Site.load(SITE), own))
 
 
-def _by_hand(name: str) -> tuple[str, bool, str]:
-    shop = _shops[0]
-    report = shop.judged(CATALOGUE[name].make(shop))
-    return name, report.accepted, report.reason
+def _by_hand(job: tuple[str, bool]) -> tuple[str, bool, bool, bool, str]:
+    (name, noisy), shop = job, _shops[0]
+    forgery = CATALOGUE[name]
+    report = shop.judged(forgery.make(shop.under_noise(0) if noisy else shop))
+    shop.empty()
+    return name, noisy, forgery.worked(report), forgery.named(report), report.reason
 
 
 def _by_seed(seed: int) -> tuple[int, bool]:
     shop = _shops[0]
     accepted = shop.judged(composed(seed).make(shop)).accepted
-    for stored in (shop.site.data_dir / "store").iterdir():
-        stored.unlink()  # A thousand proofs are gigabytes.
+    shop.empty()
     return seed, accepted

@@ -5,6 +5,7 @@
 - statements: 0.7 million with well-formed signatures of keys that nobody registered, and as many as a proof
   may hold of the same, and of a registered key;
 - motion: a robot that sways with the item for about as long as a carry may take;
+- charge: a day on a dock whose current sways, with as many records and receipts as a proof may hold;
 - tiny messages: as many as a proof may hold, and millions;
 - sightings: 10,000, and as many as a proof may hold, at a site without motion capture.
 
@@ -13,6 +14,7 @@ Files are not signed message by message: one signature that is well-formed serve
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import tempfile
 import time
@@ -26,19 +28,34 @@ from rich.console import Console
 
 from rodeo.config import Site
 from rodeo.evidence import attest
+from rodeo.metering import Reading
 from rodeo.ros2.types import new
+from services.charger.meter import Meter
 from services.oracle.case import Ledger
 from services.oracle.counts import BURST_S, COUNTS
 from services.oracle.verify import verify_file
-from tests.support.assignments import BINDING, ROBOT, cleaning_ledger
+from tests.support.assignments import (
+    BINDING,
+    CHARGE_BINDING,
+    METER,
+    ROBOT,
+    charging_ledger,
+    cleaning_ledger,
+)
 from tests.support.recordings import (
     ATTESTATION,
+    BATTERY,
+    METER_RECORD,
+    REGISTER_WH,
+    ROBOT_RECEIPT,
+    START_NS,
     TIMES,
     Sample,
     Take,
     film_cleaning,
     seal,
     shifted_by,
+    stamp,
     without_mocap,
 )
 
@@ -50,6 +67,8 @@ SIGHTINGS = 10_000
 SWAY_S = 10
 """Of the carry's end, which is done there and back again."""
 SWAYS = int(0.85 * COUNTS.carried_s / SWAY_S / 2)
+RECORD_S = 6
+"""Between two records of a charge: more would be more bytes than a proof may hold."""
 STRANGER = Account.create()
 
 
@@ -63,6 +82,7 @@ def hostile_proof_cpu_s() -> dict[str, float]:
         strangers_within_counts,
         a_devices_statements,
         swaying,
+        swaying_charge,
         millions_of_messages,
         tiny_messages,
         many_sightings,
@@ -124,6 +144,35 @@ def swaying(site: Site, film: Take, folder: Path) -> Hostile:
     rest = (sample for sample in film.samples if sample.time_ns > cut_ns)
     samples += [_at(sample, sample.time_ns + 2 * SWAYS * length_ns) for sample in rest]
     return _sealed(site, _numbered(samples), folder, [])
+
+
+def swaying_charge(site: Site, _film: Take, folder: Path) -> Hostile:
+    """A day on the dock, with a record and a receipt every few seconds; both sides agree on all of them."""
+    dock, robot, meter = site.dock, site.robots[0], Meter(REGISTER_WH)
+    samples: list[Sample] = []
+
+    def record(reason: str, now_ns: int, soc: float) -> None:
+        fields = meter.record() | {"reason": reason, "contactor": "closed", "soc": soc, "robot": robot.name}
+        samples.append(Sample(METER_RECORD, "", fields, now_ns))
+        samples.append(Sample(ROBOT_RECEIPT, "", {"soc": soc, "reason": reason}, now_ns))
+
+    for second in range(int(0.98 * COUNTS.recorded_s)):
+        now_ns = START_NS + second * 10**9
+        soc = 0.9 + 0.04 * math.sin(second / 3600)
+        current_a = dock.current_a * (0.5 + 0.5 * math.sin(second / 7)) if second else 0.0
+        battery = new(BATTERY, voltage=dock.voltage_v, current=current_a, present=True, percentage=soc)
+        for number, topic in enumerate((f"{dock.name}/output", f"{robot.name}/battery_state")):
+            message = replace(
+                battery, header=replace(battery.header, stamp=new("builtin_interfaces/msg/Time"))
+            )
+            samples.append(Sample(topic, BATTERY, stamp(message, now_ns + number), now_ns + number, second))
+        meter.reading(Reading(now_ns * 1e-9, dock.voltage_v, current_a))
+        if second % RECORD_S == 0:
+            record("step" if second else "opening", now_ns + 2, soc)
+    record("close", now_ns + 2, soc)
+    take = Take(samples)
+    path = seal(take, folder / "proof.mcap", CHARGE_BINDING, METER).path
+    return site, charging_ledger(take, {"soc_from": 0.9}), path
 
 
 def _at(sample: Sample, time_ns: int) -> Sample:

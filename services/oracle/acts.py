@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Self
 from rodeo.dao import CHARGING, CLEANING
 from rodeo.errors import RodeoError
 from rodeo.messages import DaoEvent, Outcome
+from services.oracle.report import Check
 
 if TYPE_CHECKING:
     from services.oracle.case import Case
@@ -286,6 +287,23 @@ class ConsumedActs:
 
     def _acts(self, submission: Submission) -> list[Act]:
         return [act for _, sha256 in submission.reports for act in self._listed[sha256]]
+
+
+def acts_unspent(claimed: list[str], found: Spent | None) -> Check:
+    """Whether what a proof claims was paid for before, as the check that is asked last."""
+    source = "accepted verdicts on chain and their reports"
+    if found is None:
+        return Check(name="acts_unspent", passed=True, source=source, detail=", ".join(claimed)[:300])
+    by = f"task {found.by.task_id} attempt {found.by.attempt}"
+    return Check(
+        name="acts_unspent",
+        passed=False,
+        measured=found.act,
+        source=source,
+        detail=f"{found.act} was paid for in {by} as {found.theirs}"[:300],
+        # Who submitted first would have been paid, had its verdict come in time.
+        fault=None if found.earlier else "the oracle, which decided a later submission first",
+    )
 
 
 _TELLING = frozenset(

@@ -31,7 +31,7 @@ from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, PostVerdict, Task
 from rodeo.service import Service
 from services.oracle import worker
-from services.oracle.acts import ConsumedActs, Spent, Submission, Wait
+from services.oracle.acts import ConsumedActs, Submission, Wait, acts_unspent
 from services.oracle.chain_view import read_ledger
 from services.oracle.report import Check, Report
 
@@ -242,7 +242,7 @@ class Oracle:
                 return None
             found = self._acts.spent(task_id, attempt, claimed)
             if not isinstance(found, Wait):
-                return _acts_unspent(claimed, found)
+                return acts_unspent(claimed, found)
             why = f"waiting for task {found.on.task_id} attempt {found.on.attempt}: {found.why}"
             if why != said:
                 log.warning("task %d attempt %d: %s", task_id, attempt, why)
@@ -327,22 +327,6 @@ def _amount_iec(task: Task, report: Report) -> Decimal | None:
     if not report.accepted:
         return None
     return task.price_iec if report.amount_iec is None else report.amount_iec
-
-
-def _acts_unspent(claimed: list[str], found: Spent | None) -> Check:
-    source = "accepted verdicts on chain and their reports"
-    if found is None:
-        return Check(name="acts_unspent", passed=True, source=source, detail=", ".join(claimed)[:300])
-    by = f"task {found.by.task_id} attempt {found.by.attempt}"
-    return Check(
-        name="acts_unspent",
-        passed=False,
-        measured=found.act,
-        source=source,
-        detail=f"{found.act} was paid for in {by} as {found.theirs}"[:300],
-        # Who submitted first would have been paid, had its verdict come in time.
-        fault=None if found.earlier else "the oracle, which decided a later submission first",
-    )
 
 
 def _acts_listed(data: bytes, sha256: str) -> list[str]:

@@ -1,11 +1,11 @@
-"""The forgeries themselves. Each is one function: what it does is its docstring."""
+"""Forged cleanings that one makes who has the executor's key. Each is one function: what it does is its
+docstring."""
 
 from __future__ import annotations
 
 import os
 import struct
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from hashlib import sha256
 from typing import Any
 
@@ -17,6 +17,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from rodeo.evidence import Attestation, Recorder, attest
 from rodeo.witness import Claimant, Scope, payload_digest
+from tests.forgeries.registry import forgery
 from tests.forgeries.workshop import (
     ARM_STATE,
     FINGERS,
@@ -32,25 +33,33 @@ from tests.forgeries.workshop import (
     SEEN,
     STRANGER,
     WAIST,
+    WIDE,
     Edit,
     McapMessage,
     Submission,
     Workshop,
     at_pace,
     commanded,
+    cut,
     displaced,
+    edited_between,
     is_robots,
     middle_pose,
     middle_s,
     numbered,
     opened,
+    registered,
+    resting,
+    robots_at_pace,
     timed,
     told,
     turned,
+    waist_turned,
     with_fields,
     with_joints,
+    without_wheels,
 )
-from tests.support.assignments import BINDING, METER, ROBOT
+from tests.support.assignments import BINDING, EXECUTOR, METER, ROBOT
 from tests.support.recordings import (
     RENDERINGS,
     Sample,
@@ -62,36 +71,12 @@ from tests.support.recordings import (
     write_bag,
 )
 
-Make = Callable[[Workshop], Submission]
-
-
-@dataclass(frozen=True)
-class Forgery:
-    make: Make
-    check: str
-    """The check that the verdict names."""
-    says: str
-    """Part of the verdict's reason."""
-
-
-CATALOGUE: dict[str, Forgery] = {}
-
-
-def forgery(check: str, says: str = "") -> Callable[[Make], Make]:
-    def register(make: Make) -> Make:
-        assert make.__name__ not in CATALOGUE
-        CATALOGUE[make.__name__] = Forgery(make, check, says)
-        return make
-
-    return register
-
-
 # -- the URI -------------------------------------------------------------------------------------------
 
 _HASH = "0x" + "ab" * 32
 
 
-@forgery("fetched", "proof_uri_not_allowed")
+@forgery("fetched", "proof_uri_not_allowed", role="executor")
 def path_traversal(shop: Workshop) -> Submission:
     """A URI that climbs out of the store."""
     return Submission(
@@ -99,32 +84,32 @@ def path_traversal(shop: Workshop) -> Submission:
     )
 
 
-@forgery("fetched", "proof_uri_not_allowed")
+@forgery("fetched", "proof_uri_not_allowed", role="executor")
 def local_file(shop: Workshop) -> Submission:
     """A URI of a file of the oracle's machine."""
     return Submission(shop.cleaning_ledger(), uri="file:///etc/passwd", sha256=_HASH)
 
 
-@forgery("fetched", "proof_uri_not_allowed")
+@forgery("fetched", "proof_uri_not_allowed", role="executor")
 def loopback_url(shop: Workshop) -> Submission:
     """A URI of a service that only the oracle's machine reaches."""
     uri = f"http://127.0.0.1:8545/{'ab' * 32}.mcap"
     return Submission(shop.cleaning_ledger(), uri=uri, sha256=_HASH)
 
 
-@forgery("fetched", "proof_not_found")
+@forgery("fetched", "proof_not_found", role="executor")
 def nothing_there(shop: Workshop) -> Submission:
     """A file that was never stored."""
     return Submission(shop.cleaning_ledger(), uri=f"{shop.site.store_url}/{'ab' * 32}.mcap", sha256=_HASH)
 
 
-@forgery("fetched", "proof_hash_mismatch")
+@forgery("fetched", "proof_hash_mismatch", role="executor")
 def another_hash(shop: Workshop) -> Submission:
     """A hash on chain that is not the file's, so that the file could be chosen later."""
     return Submission(shop.cleaning_ledger(), path=shop.honest_file(), sha256=_HASH)
 
 
-@forgery("fetched", "proof_too_large")
+@forgery("fetched", "proof_too_large", role="executor")
 def gigabyte_file(shop: Workshop) -> Submission:
     """A file of four gigabytes, with holes."""
     target = shop.site.data_dir / "store" / f"{'ab' * 32}.mcap"
@@ -145,14 +130,14 @@ def _file(shop: Workshop, name: str, data: bytes) -> Submission:
     return Submission(shop.cleaning_ledger(), path)
 
 
-@forgery("readable_and_sealed", "truncated_proof")
+@forgery("readable_and_sealed", "truncated_proof", role="executor")
 def truncated_file(shop: Workshop) -> Submission:
     """Cut off in the middle."""
     data = shop.honest_file().read_bytes()
     return _file(shop, "truncated", data[: len(data) // 2])
 
 
-@forgery("readable_and_sealed", "corrupt_proof")
+@forgery("readable_and_sealed", "corrupt_proof", role="executor")
 def corrupted_chunk(shop: Workshop) -> Submission:
     """Bytes in a compressed chunk replaced."""
     data = bytearray(shop.honest_file().read_bytes())
@@ -161,13 +146,13 @@ def corrupted_chunk(shop: Workshop) -> Submission:
     return _file(shop, "corrupted", bytes(data))
 
 
-@forgery("readable_and_sealed", "corrupt_proof")
+@forgery("readable_and_sealed", "corrupt_proof", role="executor")
 def random_bytes(shop: Workshop) -> Submission:
     """Not a recording at all."""
     return _file(shop, "random", np.random.default_rng(1).bytes(100_000))
 
 
-@forgery("readable_and_sealed", "proof_too_large")
+@forgery("readable_and_sealed", "proof_too_large", role="executor")
 def decompression_bomb(shop: Workshop) -> Submission:
     """A chunk of some kilobytes that becomes gigabytes."""
     packer = zstandard.ZstdCompressor(level=1).compressobj(size=2 << 30)
@@ -180,7 +165,7 @@ def decompression_bomb(shop: Workshop) -> Submission:
     return _file(shop, "bomb", MCAP0_MAGIC + records)
 
 
-@forgery("readable_and_sealed", "proof_too_large")
+@forgery("readable_and_sealed", "proof_too_large", role="executor")
 def millions_of_topics(shop: Workshop) -> Submission:
     """Twenty thousand channels; more would only make the file longer that is not read to its end."""
     path = shop.folder / "topics.mcap"
@@ -194,7 +179,7 @@ def millions_of_topics(shop: Workshop) -> Submission:
     return Submission(shop.cleaning_ledger(), path)
 
 
-@forgery("readable_and_sealed", "absurd")
+@forgery("readable_and_sealed", "absurd", role="executor")
 def absurd_timestamps(shop: Workshop) -> Submission:
     """Messages from the year 2262."""
     path = shop.rewritten(
@@ -203,7 +188,7 @@ def absurd_timestamps(shop: Workshop) -> Submission:
     return Submission(shop.cleaning_ledger(), path)
 
 
-@forgery("readable_and_sealed", "broken_seal")
+@forgery("readable_and_sealed", "broken_seal", role="executor")
 def edited_message(shop: Workshop) -> Submission:
     """One byte of one message changed."""
 
@@ -216,7 +201,7 @@ def edited_message(shop: Workshop) -> Submission:
     return Submission(shop.cleaning_ledger(), shop.rewritten(edit))
 
 
-@forgery("readable_and_sealed", "broken_seal")
+@forgery("readable_and_sealed", "broken_seal", role="executor")
 def dropped_message(shop: Workshop) -> Submission:
     """One message taken out."""
     return Submission(
@@ -224,7 +209,7 @@ def dropped_message(shop: Workshop) -> Submission:
     )
 
 
-@forgery("readable_and_sealed", "broken_seal")
+@forgery("readable_and_sealed", "broken_seal", role="executor")
 def added_message(shop: Workshop) -> Submission:
     """One message put in twice."""
     return Submission(
@@ -232,7 +217,7 @@ def added_message(shop: Workshop) -> Submission:
     )
 
 
-@forgery("readable_and_sealed", "broken_seal")
+@forgery("readable_and_sealed", "broken_seal", role="executor")
 def reordered_messages(shop: Workshop) -> Submission:
     """Two messages swapped."""
 
@@ -243,7 +228,7 @@ def reordered_messages(shop: Workshop) -> Submission:
     return Submission(shop.cleaning_ledger(), shop.rewritten(swap))
 
 
-@forgery("readable_and_sealed", "broken_seal")
+@forgery("readable_and_sealed", "broken_seal", role="executor")
 def another_topic(shop: Workshop) -> Submission:
     """The same bytes under another name: the arm's commands as the gripper's and the other way round."""
     names = {"/" + ARM_STATE: "/" + GRIPPER_STATE, "/" + GRIPPER_STATE: "/" + ARM_STATE}
@@ -251,7 +236,7 @@ def another_topic(shop: Workshop) -> Submission:
     return Submission(shop.cleaning_ledger(), path)
 
 
-@forgery("readable_and_sealed", "broken_seal")
+@forgery("readable_and_sealed", "broken_seal", role="executor")
 def spliced_halves(shop: Workshop) -> Submission:
     """The first half of one run and the second half of another, each with its own seals."""
     half_ns = round(middle_s(shop.cleaning) * 1e9)
@@ -269,7 +254,7 @@ def _another_run(shop: Workshop) -> Take:
     return take.edited(ITEM_POSE, lambda s: displaced(s, y=0.6))
 
 
-@forgery("base_speed")
+@forgery("base_speed", role="holder of two keys")
 def spliced_and_sealed(shop: Workshop) -> Submission:
     """The same two halves under one seal, each with the motion capture's own statements."""
     half_ns = round(middle_s(shop.cleaning) * 1e9)
@@ -277,7 +262,7 @@ def spliced_and_sealed(shop: Workshop) -> Submission:
     return shop.cleaned(Take(first + [s for s in _another_run(shop).samples if s.time_ns >= half_ns]))
 
 
-@forgery("readable_and_sealed", "unsealed_proof")
+@forgery("readable_and_sealed", "unsealed_proof", role="executor")
 def never_sealed(shop: Workshop) -> Submission:
     """A recording without its final seal."""
     path = shop.folder / "unsealed.mcap"
@@ -291,54 +276,49 @@ def never_sealed(shop: Workshop) -> Submission:
 # -- whose proof of what -------------------------------------------------------------------------------
 
 
-@forgery("task_binding")
+@forgery("task_binding", role="executor")
 def other_task(shop: Workshop) -> Submission:
     """A proof of another task."""
     return shop.cleaned(shop.cleaning, binding=BINDING.model_copy(update={"task_id": 6}))
 
 
-@forgery("task_binding")
+@forgery("task_binding", role="executor")
 def other_attempt(shop: Workshop) -> Submission:
     """A proof of the attempt before."""
     return shop.cleaned(shop.cleaning, attempt=2)
 
 
-@forgery("task_binding")
+@forgery("task_binding", role="executor")
 def other_chain(shop: Workshop) -> Submission:
     """A proof of a task on a test network."""
     return shop.cleaned(shop.cleaning, binding=BINDING.model_copy(update={"chain_id": 11155111}))
 
 
-@forgery("nonce")
+@forgery("nonce", role="executor")
 def guessed_nonce(shop: Workshop) -> Submission:
     """Recorded and sealed before the assignment, whose nonce nobody knew."""
     return shop.cleaned(shop.cleaning, binding=BINDING.model_copy(update={"nonce": "0x" + "01" * 32}))
 
 
-@forgery("signer")
+@forgery("signer", role="executor")
 def another_robots_proof(shop: Workshop) -> Submission:
     """Sealed by a registered device of somebody else."""
     return shop.cleaned(shop.cleaning, device=METER)
 
 
-@forgery("signer", "not registered")
+@forgery("signer", "not registered", role="bystander")
 def unregistered_key(shop: Workshop) -> Submission:
     """Sealed by a key that nobody registered."""
     return shop.cleaned(shop.cleaning, device=STRANGER)
 
 
-@forgery("signer", "revoked")
+@forgery("signer", "revoked", role="executor")
 def revoked_key(shop: Workshop) -> Submission:
     """Sealed by a device that was revoked."""
-    ledger = shop.cleaning_ledger()
-    devices = [
-        device.model_copy(update={"revoked": 1.0}) if device.address == ROBOT.address else device
-        for device in ledger.devices
-    ]
-    return Submission(ledger.model_copy(update={"devices": devices}), shop.sealed(shop.cleaning))
+    return shop.cleaned(shop.cleaning, devices=registered("robot", revoked=1.0))
 
 
-@forgery("recorded_in_assignment")
+@forgery("recorded_in_assignment", role="executor")
 def old_recording_sealed_anew(shop: Workshop) -> Submission:
     """Last week's recording, sealed for today's task."""
     week_s = 7 * 86400
@@ -347,7 +327,7 @@ def old_recording_sealed_anew(shop: Workshop) -> Submission:
     )
 
 
-@forgery("sealed_while_recording")
+@forgery("sealed_while_recording", role="executor")
 def sealed_afterwards(shop: Workshop) -> Submission:
     """All messages under one seal, made when the work was long over."""
     from rodeo.evidence import recorder
@@ -361,14 +341,14 @@ def sealed_afterwards(shop: Workshop) -> Submission:
         recorder.SEAL_PERIOD_NS = period_ns
 
 
-@forgery("sealed", "a bag")
+@forgery("sealed", "a bag", role="executor")
 def a_bag_for_pay(shop: Workshop) -> Submission:
     """The same messages in a bag that nobody sealed."""
     bag = write_bag(shop.cleaning, shop.folder / "bag", StoragePlugin.MCAP)
     return Submission(shop.cleaning_ledger(), bag / "bag.mcap")
 
 
-@forgery("not_given_up", "the item is stuck")
+@forgery("not_given_up", "the item is stuck", role="executor")
 def given_up_and_submitted(shop: Workshop) -> Submission:
     """The robot noted itself that it failed."""
     noted = Sample("rodeo/event", "", _GIVEN_UP, shop.cleaning.samples[-1].time_ns)
@@ -390,113 +370,122 @@ def _of_then(shop: Workshop, ago_s: float, **task: Any) -> Submission:
     return shop.cleaned(shop.cleaning, witnesses=Witnesses(ago_s=ago_s, recording=_ANOTHER), **task)
 
 
-@forgery("witnessed", "nothing signed by this witness")
+@forgery("witnessed", "nothing signed by this witness", role="executor")
 def last_weeks_run(shop: Workshop) -> Submission:
     """Last week's run, sealed for today's task, its stamps and log times moved."""
     return _of_then(shop, 7 * 86400.0)
 
 
-@forgery("witnessed", "nothing signed by this witness")
+@forgery("witnessed", "nothing signed by this witness", role="executor")
 def yesterdays_run(shop: Workshop) -> Submission:
     """The same of yesterday."""
     return _of_then(shop, 86400.0)
 
 
-@forgery("carried", "were not recorded when the item was lifted")
+@forgery("carried", "were not recorded when the item was lifted", role="executor")
 def the_run_of_an_hour_ago(shop: Workshop) -> Submission:
     """A run of an hour ago, when the task was already assigned, sealed anew."""
     return _of_then(shop, 3600.0, assigned=shop.cleaning.start_s - 7200)
 
 
-@forgery("order", "lists this recording")
+@forgery("order", "lists this recording", role="executor")
 def another_recording_of_the_same_run(shop: Workshop) -> Submission:
     """Two recorders ran, and motion capture heard of the other."""
     return shop.cleaned(shop.cleaning, witnesses=Witnesses(recording=_ANOTHER))
 
 
-@forgery("order", "before it sees the item move")
+@forgery("order", "before it sees the item move", role="executor")
 def a_recording_that_begins_after_the_act(shop: Workshop) -> Submission:
     """Heads that motion capture heard only when the item was in the air."""
     half_s = middle_s(shop.cleaning)
     return shop.cleaned(shop.cleaning, witnesses=Witnesses(hears=lambda time_s: time_s > half_s))
 
 
-@forgery("order", "at worst")
+@forgery("order", "at worst", role="executor")
 def heads_that_nobody_heard(shop: Workshop) -> Submission:
     """From the grasp on the recorder told nobody how far it was: what it says is written afterwards."""
     begin_s, end_s = middle_s(shop.cleaning, 0.4), middle_s(shop.cleaning, 0.7)
     return shop.cleaned(shop.cleaning, witnesses=Witnesses(hears=lambda time_s: not begin_s < time_s < end_s))
 
 
-@forgery("order", "does not have")
+@forgery("order", "does not have", role="executor")
 def a_forked_recording(shop: Workshop) -> Submission:
     """A recorder that told the witnesses heads of another version of the same recording."""
-    return shop.cleaned(shop.cleaning, witnesses=Witnesses(forks_at_s=middle_s(shop.cleaning)))
+    half_s = middle_s(shop.cleaning)
+    return shop.cleaned(shop.cleaning, witnesses=Witnesses(forks=lambda time_s: time_s > half_s))
 
 
-@forgery("recorded_in_assignment")
+@forgery("order", "does not have", role="executor")
+def a_cut_noted_before_a_fork(shop: Workshop) -> Submission:
+    """The same, and a cut is noted long before, which excuses nothing."""
+    half_s = middle_s(shop.cleaning)
+    forked = Witnesses(forks=lambda time_s: time_s > half_s)
+    return shop.cleaned(cut(shop.cleaning, 0.1), witnesses=forked)
+
+
+@forgery("order", "does not have", role="executor")
+def cuts_noted_all_the_time(shop: Workshop) -> Submission:
+    """Two versions are recorded at once: every other head is of the other, and a cut is noted each second."""
+    forked = Witnesses(forks=lambda time_s: int(time_s) % 2 == 0)
+    return shop.cleaned(cut(shop.cleaning, *np.arange(0.05, 0.95, 0.02)), witnesses=forked)
+
+
+@forgery("recorded_in_assignment", role="creator")
 def posted_again_after_it_began(shop: Workshop) -> Submission:
     """The task was posted a second time 59 s after the recording began."""
     return shop.cleaned(shop.cleaning, assigned=shop.cleaning.start_s + 59)
 
 
-@forgery("cleaning_topics", "fastest")
+@forgery("cleaning_topics", "fastest", role="holder of two keys")
 def sped_up(shop: Workshop) -> Submission:
     """Everything played twice as fast."""
     return shop.cleaned(at_pace(shop.cleaning, 2.0))
 
 
-@forgery("cleaning_topics", "slowest")
+@forgery("cleaning_topics", "slowest", role="holder of two keys")
 def slowed_down(shop: Workshop) -> Submission:
     """Motion beyond the robot's limits, stretched until it is within."""
     return shop.cleaned(at_pace(shop.cleaning, 0.5), proof_submitted=shop.cleaning.end_s + 120)
 
 
-def _robot_at_pace(shop: Workshop, factor: float, *, stamps: bool) -> Take:
-    """What the robot says played faster, beside what the witnesses saw at its own pace."""
-    robots = at_pace(Take([s for s in shop.cleaning.samples if is_robots(s)]), factor, stamps=stamps)
-    others = [s for s in shop.cleaning.samples if not is_robots(s)]
-    return Take(sorted([*robots.samples, *others], key=lambda s: s.time_ns))
-
-
-@forgery("cleaning_gaps")
+@forgery("cleaning_gaps", role="executor")
 def sped_up_at_the_right_rates(shop: Workshop) -> Submission:
     """Played twice as fast, with every second message left out, beside the witnesses' own statements."""
-    fast = _robot_at_pace(shop, 2.0, stamps=True)
+    fast = robots_at_pace(shop.cleaning, 2.0)
     kept = Take([s for s in fast.samples if not is_robots(s) or s.sequence % 2 == 0])
     return shop.cleaned(
         Take([replace(s, sequence=s.sequence // 2) if is_robots(s) else s for s in kept.samples])
     )
 
 
-@forgery("carried")
+@forgery("carried", role="executor")
 def recorded_from_a_slow_replay(shop: Workshop) -> Submission:
     """An old bag played at a third of its speed into a recorder: stamps and log times drift apart."""
-    take = _robot_at_pace(shop, 1 / 3, stamps=False)
+    take = robots_at_pace(shop.cleaning, 1 / 3, stamps=False)
     return shop.cleaned(take, proof_submitted=shop.cleaning.end_s + 300)
 
 
-@forgery("cleaning_missed")
+@forgery("cleaning_missed", role="executor")
 def messages_left_out(shop: Workshop) -> Submission:
     """Every fifth message of the odometry left out."""
     return shop.cleaned(shop.cleaning.edited(ODOM, lambda s: None if s.sequence % 5 == 3 else s))
 
 
-@forgery("cleaning_gaps")
+@forgery("cleaning_gaps", role="executor")
 def a_stretch_left_out(shop: Workshop) -> Submission:
     """Where the robot did what it should not; the numbers show no gap."""
     begin_s, end_s = middle_s(shop.cleaning, 0.5), middle_s(shop.cleaning, 0.65)
-    take = shop.cleaning.edited(JOINT_STATES, lambda s: None if begin_s < s.time_ns * 1e-9 < end_s else s)
+    take = edited_between(shop.cleaning, JOINT_STATES, begin_s, end_s, lambda _: None)
     return shop.cleaned(numbered(take, JOINT_STATES))
 
 
-@forgery("cleaning_topics", "/panther1/odom")
+@forgery("cleaning_topics", "/panther1/odom", role="executor")
 def a_topic_left_out(shop: Workshop) -> Submission:
     """No odometry at all."""
     return shop.cleaned(shop.cleaning.without(ODOM))
 
 
-@forgery("in_order")
+@forgery("in_order", role="executor")
 def reordered_and_sealed(shop: Workshop) -> Submission:
     """Two stretches of the joints exchanged."""
     samples = list(shop.cleaning.samples)
@@ -507,7 +496,7 @@ def reordered_and_sealed(shop: Workshop) -> Submission:
     return shop.cleaned(Take(samples))
 
 
-@forgery("tallied")
+@forgery("tallied", role="executor")
 def false_counts(shop: Workshop) -> Submission:
     """A closing count of messages that are not there."""
     from rodeo.evidence.recorder import Tally
@@ -534,7 +523,7 @@ def _motion_between(begin_s: float, end_s: float, edit: Edit) -> Edit:
     return edited
 
 
-@forgery("seen_throughout", "over which nothing of")
+@forgery("seen_throughout", "over which nothing of", role="executor")
 def invented_motion(shop: Workshop) -> Submission:
     """What motion capture signed of the carry, altered: the item's way in place of the base's."""
 
@@ -547,162 +536,137 @@ def invented_motion(shop: Workshop) -> Submission:
     return shop.restated(shop.cleaning, _motion_between(begin_s, begin_s + 4.0, alter))
 
 
-@forgery("witnessed", "nothing signed by this witness")
+@forgery("witnessed", "nothing signed by this witness", role="executor")
 def motion_capture_signed_by_the_robot(shop: Workshop) -> Submission:
     """Statements about the motion under the robot's own key."""
     return shop.cleaned(shop.cleaning, witnesses=Witnesses(mocap=ROBOT))
 
 
-@forgery("witnessed", "nothing signed by this witness")
+@forgery("witnessed", "nothing signed by this witness", role="holder of two keys")
 def motion_capture_of_the_executor(shop: Workshop) -> Submission:
     """A motion capture that the executor registered as its own."""
-    ledger = shop.cleaning_ledger()
-    devices = [
-        device.model_copy(update={"owner": ledger.task.executor}) if device.role == "mocap" else device
-        for device in ledger.devices
-    ]
-    return Submission(ledger.model_copy(update={"devices": devices}), shop.honest_file())
+    return shop.cleaned(shop.cleaning, devices=registered("mocap", owner=EXECUTOR))
 
 
-@forgery("witnessed", "registered no motion capture of this site")
+@forgery("witnessed", "registered no motion capture of this site", role="executor")
 def motion_capture_of_another_room(shop: Workshop) -> Submission:
     """Signed by a motion capture that is registered under another name."""
-    ledger = shop.cleaning_ledger()
-    devices = [
-        device.model_copy(update={"name": "mocap2"}) if device.role == "mocap" else device
-        for device in ledger.devices
-    ]
-    return Submission(ledger.model_copy(update={"devices": devices}), shop.honest_file())
+    return shop.cleaned(shop.cleaning, devices=registered("mocap", name="mocap2"))
 
 
-@forgery("witnessed", "nothing signed by this witness")
+@forgery("witnessed", "nothing signed by this witness", role="executor")
 def statements_for_another_organization(shop: Workshop) -> Submission:
     """The same devices' words to another organization on the same chain."""
     scope = Scope(chain_id=BINDING.chain_id, task_manager=BINDING.task_manager, organization="0x" + "77" * 20)
     return shop.cleaned(shop.cleaning, witnesses=Witnesses(scope=scope))
 
 
-@forgery("order", "at worst")
+@forgery("order", "at worst", role="executor")
 def statements_left_out(shop: Workshop) -> Submission:
     """The motion capture's statements of ten seconds of the carry left out."""
     begin_s = middle_s(shop.cleaning, 0.45)
     return shop.restated(shop.cleaning, _motion_between(begin_s, begin_s + 10.0, lambda _: None))
 
 
-@forgery("carried", "never leaves the floor")
+@forgery("carried", "never leaves the floor", role="executor")
 def the_item_never_leaves_the_floor(shop: Workshop) -> Submission:
     """Motion capture saw the item lie there throughout; its statements of the carry are left out."""
-    take = motion_without_an_item_take(shop)
+    take = resting(shop.cleaning, ITEM_POSE, 0)
     begin_s = middle_s(take, 0.3)
     return shop.restated(take, _motion_between(begin_s, begin_s + 15.0, lambda _: None))
 
 
-@forgery("carried", "never leaves the floor")
+@forgery("carried", "never leaves the floor", role="executor")
 def nothing_ever_moves(shop: Workshop) -> Submission:
     """Neither robot nor item move, but joints and odometry say so."""
-    first = shop.cleaning.of(ROBOT_POSE)[0].message.pose
-    take = motion_without_an_item_take(shop)
-    return shop.cleaned(take.edited(ROBOT_POSE, lambda s: with_fields(s, pose=first)))
+    return shop.cleaned(resting(resting(shop.cleaning, ITEM_POSE, 0), ROBOT_POSE, 0))
 
 
-@forgery("seen_throughout", "over which nothing of item3")
+@forgery("seen_throughout", "over which nothing of item3", role="executor")
 def a_tossed_item(shop: Workshop) -> Submission:
     """A person takes the item behind a curtain while the robot mimes: for three seconds nobody saw it."""
     begin_s = middle_s(shop.cleaning, 0.45)
-    return shop.cleaned(
-        shop.cleaning.edited(ITEM_POSE, lambda s: None if begin_s < s.time_ns * 1e-9 < begin_s + 3.2 else s)
-    )
+    return shop.cleaned(edited_between(shop.cleaning, ITEM_POSE, begin_s, begin_s + 3.2, lambda _: None))
 
 
-@forgery("order", "at worst")
+@forgery("order", "at worst", role="executor")
 def seconds_left_out(shop: Workshop) -> Submission:
     """The motion capture's statements of four seconds of the carry left out."""
     begin_s = middle_s(shop.cleaning, 0.45)
     return shop.restated(shop.cleaning, _motion_between(begin_s, begin_s + 4.5, lambda _: None))
 
 
-@forgery("item_outside_bin")
+@forgery("item_outside_bin", role="executor")
 def already_in_the_bin(shop: Workshop) -> Submission:
     """Work that somebody had done before."""
-    lies = shop.cleaning.of(ITEM_POSE)[-1].message.pose
-    return shop.cleaned(shop.cleaning.edited(ITEM_POSE, lambda s: with_fields(s, pose=lies)))
+    return shop.cleaned(resting(shop.cleaning, ITEM_POSE, -1))
 
 
-@forgery("item_in_gripper")
+@forgery("item_in_gripper", role="executor")
 def carried_by_somebody_else(shop: Workshop) -> Submission:
     """A robot that carries something, and the task's item on another way to the bin."""
     begin_s, end_s = middle_s(shop.cleaning, 0.5), middle_s(shop.cleaning, 0.6)
-
-    def beside(sample: Sample) -> Sample:
-        return displaced(sample, x=0.2) if begin_s < sample.time_ns * 1e-9 < end_s else sample
-
-    return shop.cleaned(shop.cleaning.edited(ITEM_POSE, beside))
+    return shop.cleaned(
+        edited_between(shop.cleaning, ITEM_POSE, begin_s, end_s, lambda s: displaced(s, x=0.2))
+    )
 
 
-def _swaying(sample: Sample, begin_s: float, end_s: float, sway_m: float) -> Sample:
-    """To and fro across the way, once in four seconds."""
-    at_s = sample.time_ns * 1e-9
-    if not begin_s < at_s < end_s:
-        return sample
-    return displaced(sample, x=sway_m * float(np.sin((at_s - begin_s) * np.pi / 2)))
+def _swaying(take: Take, topic: str, begin: float, end: float, sway_m: float) -> Take:
+    """To and fro across the way, once in four seconds, between these shares of the time."""
+    begin_s, end_s = middle_s(take, begin), middle_s(take, end)
+
+    def sway(sample: Sample) -> Sample:
+        return displaced(sample, x=sway_m * float(np.sin((sample.time_ns * 1e-9 - begin_s) * np.pi / 2)))
+
+    return edited_between(take, topic, begin_s, end_s, sway)
 
 
-@forgery("item_in_gripper")
+@forgery("item_in_gripper", role="executor")
 def a_person_carries_the_item(shop: Workshop) -> Submission:
     """It sways by 4.5 cm against the robot that goes along; the arm is computed afterwards."""
-    begin_s, end_s = middle_s(shop.cleaning, 0.35), middle_s(shop.cleaning, 0.55)
-    return shop.cleaned(shop.cleaning.edited(ITEM_POSE, lambda s: _swaying(s, begin_s, end_s, 0.045)))
+    return shop.cleaned(_swaying(shop.cleaning, ITEM_POSE, 0.35, 0.55, 0.045))
 
 
-@forgery("gripper_agrees")
+@forgery("gripper_agrees", role="executor")
 def an_arm_computed_afterwards(shop: Workshop) -> Submission:
     """Joints that follow the item, which a person carried, while motion capture saw the gripper elsewhere."""
-    begin_s, end_s = middle_s(shop.cleaning, 0.3), middle_s(shop.cleaning, 0.6)
-    return shop.cleaned(shop.cleaning.edited(GRIPPER_POSE, lambda s: _swaying(s, begin_s, end_s, 0.087)))
+    return shop.cleaned(_swaying(shop.cleaning, GRIPPER_POSE, 0.3, 0.6, 0.087))
 
 
-@forgery("gripper_agrees", "signed no motion of it")
+@forgery("gripper_agrees", "signed no motion of it", role="executor")
 def a_gripper_that_nobody_saw(shop: Workshop) -> Submission:
     """Its markers were taken off."""
     return shop.cleaned(shop.cleaning.without(GRIPPER_POSE))
 
 
-def motion_without_an_item_take(shop: Workshop) -> Take:
-    """All motions of a cleaning, beside an item that stays where it is."""
-    lies = shop.cleaning.of(ITEM_POSE)[0].message.pose
-    return shop.cleaning.edited(ITEM_POSE, lambda s: with_fields(s, pose=lies))
-
-
-@forgery("carried", "never leaves the floor")
+@forgery("carried", "never leaves the floor", role="executor")
 def motion_without_an_item(shop: Workshop) -> Submission:
     """All motions of a cleaning, beside an item that stays where it is."""
-    return shop.cleaned(motion_without_an_item_take(shop))
+    return shop.cleaned(resting(shop.cleaning, ITEM_POSE, 0))
 
 
-@forgery("base_speed")
+@forgery("base_speed", role="holder of two keys")
 def teleport(shop: Workshop) -> Submission:
     """The base is somewhere else from one moment to the next, for the motion capture, too."""
     half_s = middle_s(shop.cleaning)
-
-    def jump(sample: Sample) -> Sample:
-        return displaced(sample, x=0.8) if sample.time_ns * 1e-9 > half_s else sample
-
-    return shop.cleaned(shop.cleaning.edited(ROBOT_POSE, jump).edited(ODOM, jump))
+    return shop.cleaned(_aside(shop.cleaning, half_s, shop.cleaning.end_s + 1, 0.8))
 
 
-@forgery("base_acceleration")
+def _aside(take: Take, begin_s: float, end_s: float, x: float) -> Take:
+    """The base is somewhere else in this time, for its wheels, too."""
+    for topic in (ROBOT_POSE, ODOM):
+        take = edited_between(take, topic, begin_s, end_s, lambda s: displaced(s, x=x))
+    return take
+
+
+@forgery("base_acceleration", role="holder of two keys")
 def instant_start(shop: Workshop) -> Submission:
     """Short of the speed limit at once, and back."""
     begin_s = middle_s(shop.cleaning)
-
-    def dash(sample: Sample) -> Sample:
-        passed_s = sample.time_ns * 1e-9 - begin_s
-        return displaced(sample, x=0.35 if 0 < passed_s < 5 else 0.0)
-
-    return shop.cleaned(shop.cleaning.edited(ROBOT_POSE, dash).edited(ODOM, dash))
+    return shop.cleaned(_aside(shop.cleaning, begin_s, begin_s + 5, 0.35))
 
 
-@forgery("turning_speed")
+@forgery("turning_speed", role="holder of two keys")
 def spinning(shop: Workshop) -> Submission:
     """A base that turns faster than its wheels could, for the motion capture, too."""
     begin_s = middle_s(shop.cleaning)
@@ -714,44 +678,41 @@ def spinning(shop: Workshop) -> Submission:
     return shop.cleaned(shop.cleaning.edited(ROBOT_POSE, spin))
 
 
-@forgery("odometry")
+@forgery("odometry", role="executor")
 def odometry_that_contradicts_motion_capture(shop: Workshop) -> Submission:
     """Wheels that never turned."""
-    first = shop.cleaning.of(ODOM)[0].message
-    return shop.cleaned(
-        shop.cleaning.edited(ODOM, lambda s: with_fields(s, pose=first.pose, twist=first.twist))
-    )
+    return shop.cleaned(without_wheels(shop.cleaning))
 
 
-@forgery("stays_in_room")
+@forgery("stays_in_room", role="holder of two keys")
 def through_the_wall(shop: Workshop) -> Submission:
     """A path on the other side of the wall, for the motion capture, too."""
     take = shop.cleaning.edited(ROBOT_POSE, lambda s: displaced(s, x=1.6))
     return shop.cleaned(take)
 
 
-@forgery("stays_in_room", "crate")
+@forgery("stays_in_room", "crate", role="executor")
 def through_the_furniture(shop: Workshop) -> Submission:
     """The base drives where something stands."""
     at = middle_pose(shop.cleaning.of(ROBOT_POSE))
     return shop.furnished(at.x, at.y, (0.3, 0.3, 0.3))
 
 
-@forgery("stays_clear", "crate")
+@forgery("stays_clear", "crate", role="executor")
 def arm_through_the_furniture(shop: Workshop) -> Submission:
     """The base keeps away from it, but the arm reaches through."""
     lies = shop.cleaning.of(ITEM_POSE)[0].message.pose.position
     return shop.furnished(lies.x, lies.y, (0.1, 0.1, 0.5))
 
 
-@forgery("carried")
+@forgery("carried", role="executor")
 def joints_that_are_no_numbers(shop: Workshop) -> Submission:
     """Positions that no comparison holds for."""
     nowhere = np.full(12, np.nan)
     return shop.cleaned(shop.cleaning.edited(JOINT_STATES, lambda s: with_joints(s, position=nowhere)))
 
 
-@forgery("joint_range")
+@forgery("joint_range", role="executor")
 def joints_beyond_their_range(shop: Workshop) -> Submission:
     """A shoulder that bends where it cannot."""
 
@@ -766,20 +727,16 @@ def joints_beyond_their_range(shop: Workshop) -> Submission:
 JOINT_SHOULDER = WAIST + 1
 
 
-@forgery("joint_speed")
+@forgery("joint_speed", role="executor")
 def joints_faster_than_the_arm(shop: Workshop) -> Submission:
     """The waist elsewhere from one moment to the next."""
-    half_s = middle_s(shop.cleaning)
-
-    def jump(sample: Sample) -> Sample:
-        position = sample.message.position.copy()
-        position[WAIST] += 1.5 if sample.time_ns * 1e-9 > half_s else 0.0
-        return with_joints(sample, position=position)
-
-    return shop.cleaned(shop.cleaning.edited(JOINT_STATES, jump))
+    half_s, end_s = middle_s(shop.cleaning), shop.cleaning.end_s + 1
+    return shop.cleaned(
+        edited_between(shop.cleaning, JOINT_STATES, half_s, end_s, lambda s: waist_turned(s, 1.5))
+    )
 
 
-@forgery("gripper_force")
+@forgery("gripper_force", role="executor")
 def a_grip_of_steel(shop: Workshop) -> Submission:
     """Fingers that press ten times harder than they can."""
     return shop.cleaned(
@@ -791,23 +748,17 @@ _STRONG = np.ones(12)
 _STRONG[FINGERS] = 10.0
 
 
-@forgery("gripper_agrees")
+@forgery("gripper_agrees", role="executor")
 def edited_trajectory(shop: Workshop) -> Submission:
     """An arm that moved elsewhere, its recording turned towards the item by a few degrees too few."""
-
-    def turn(sample: Sample) -> Sample:
-        position = sample.message.position.copy()
-        position[WAIST] += 0.12
-        return with_joints(sample, position=position)
-
     take = shop.cleaning.edited(ARM_STATE, lambda s: commanded(s, s.message.reference.positions + _TURNED))
-    return shop.cleaned(take.edited(JOINT_STATES, turn))
+    return shop.cleaned(take.edited(JOINT_STATES, lambda s: waist_turned(s, 0.12)))
 
 
 _TURNED = np.array([0.12, 0, 0, 0, 0, 0])
 
 
-@forgery("arm_commanded", "median")
+@forgery("arm_commanded", "median", role="executor")
 def motion_that_nobody_commanded(shop: Workshop) -> Submission:
     """The same in the joints alone: the commands were for elsewhere."""
     return shop.cleaned(
@@ -815,21 +766,21 @@ def motion_that_nobody_commanded(shop: Workshop) -> Submission:
     )
 
 
-@forgery("arm_commanded")
+@forgery("arm_commanded", role="executor")
 def commands_of_another_motion(shop: Workshop) -> Submission:
     """An arm that is told to stay where it is, while it is said to work."""
     first = shop.cleaning.of(ARM_STATE)[0].message.reference.positions
     return shop.cleaned(shop.cleaning.edited(ARM_STATE, lambda s: commanded(s, first)))
 
 
-@forgery("gripper_commanded")
+@forgery("gripper_commanded", role="executor")
 def a_grip_that_nobody_commanded(shop: Workshop) -> Submission:
     """Fingers that close while they are told to stay open."""
     first = shop.cleaning.of(GRIPPER_STATE)[0].message.reference.positions
     return shop.cleaned(shop.cleaning.edited(GRIPPER_STATE, lambda s: commanded(s, first)))
 
 
-@forgery("gripper_commanded")
+@forgery("gripper_commanded", role="executor")
 def commands_that_change_by_nothing(shop: Workshop) -> Submission:
     """Fingers that close while they are told to stay open, by a reference that changes 1e-9 m per message."""
     first = shop.cleaning.of(GRIPPER_STATE)[0].message.reference.positions
@@ -840,14 +791,14 @@ def commands_that_change_by_nothing(shop: Workshop) -> Submission:
     return shop.cleaned(shop.cleaning.edited(GRIPPER_STATE, open_still))
 
 
-@forgery("gripper_commanded", "no numbers")
+@forgery("gripper_commanded", "no numbers", role="executor")
 def commands_that_are_no_numbers(shop: Workshop) -> Submission:
     """Fingers whose controller wants nothing that compares."""
     nowhere = np.full(2, np.nan)
     return shop.cleaned(shop.cleaning.edited(GRIPPER_STATE, lambda s: commanded(s, nowhere)))
 
 
-@forgery("gripper_commanded", "wider than they were")
+@forgery("gripper_commanded", "wider than they were", role="executor")
 def commands_to_and_fro(shop: Workshop) -> Submission:
     """Fingers that are told to open and to close with every other message: each explains something."""
     first = shop.cleaning.of(GRIPPER_STATE)[0].message.reference.positions
@@ -858,36 +809,34 @@ def commands_to_and_fro(shop: Workshop) -> Submission:
     return shop.cleaned(shop.cleaning.edited(GRIPPER_STATE, to_and_fro))
 
 
-@forgery("arm_commanded", "no numbers")
+@forgery("arm_commanded", "no numbers", role="executor")
 def arm_commands_that_are_no_numbers(shop: Workshop) -> Submission:
     """The same of the arm."""
     nowhere = np.full(6, np.nan)
     return shop.cleaned(shop.cleaning.edited(ARM_STATE, lambda s: commanded(s, nowhere)))
 
 
-@forgery("cleaning_topics", "gripper_controller")
+@forgery("cleaning_topics", "gripper_controller", role="executor")
 def commands_left_out(shop: Workshop) -> Submission:
     """Measured positions alone."""
     return shop.cleaned(shop.cleaning.without(GRIPPER_STATE))
 
 
-@forgery("carried", "does not close")
+@forgery("carried", "does not close", role="executor")
 def gripper_never_closed(shop: Workshop) -> Submission:
     """Somebody else carried the item beside the robot."""
     return shop.cleaned(shop.cleaning.edited(JOINT_STATES, opened))
 
 
-@forgery("compartment", "outside the bin")
+@forgery("compartment", "outside the bin", role="executor")
 def dropped_on_the_way(shop: Workshop) -> Submission:
     """The fingers open half-way; a person took the item the rest of the way."""
-    share_s, wide = middle_s(shop.cleaning, 0.62), np.array([0.057, -0.057])
-    take = shop.cleaning.edited(
-        GRIPPER_STATE, lambda s: commanded(s, wide) if s.time_ns * 1e-9 > share_s else s
-    )
-    return shop.cleaned(take.edited(JOINT_STATES, lambda s: opened(s) if s.time_ns * 1e-9 > share_s else s))
+    begin_s, end_s = middle_s(shop.cleaning, 0.62), shop.cleaning.end_s + 1
+    take = edited_between(shop.cleaning, GRIPPER_STATE, begin_s, end_s, lambda s: commanded(s, WIDE))
+    return shop.cleaned(edited_between(take, JOINT_STATES, begin_s, end_s, opened))
 
 
-@forgery("item_place")
+@forgery("item_place", role="creator")
 def an_item_from_elsewhere(shop: Workshop) -> Submission:
     """Another piece of trash than the one that the task is about."""
     return shop.cleaned(shop.cleaning, params=PLACE | {"x_m": 4.6})
@@ -896,19 +845,19 @@ def an_item_from_elsewhere(shop: Workshop) -> Submission:
 # -- without motion capture, where the robot's own sight stands in --------------------------------------
 
 
-@forgery("item_place", "perception")
+@forgery("item_place", "perception", role="executor")
 def seen_elsewhere(shop: Workshop) -> Submission:
     """An item that the robot saw further from the task's place than the task allows."""
     return shop.blind(without_mocap(shop.cleaning, ITEM, off_m=(0.4, 0.0)))
 
 
-@forgery("grasp")
+@forgery("grasp", role="executor")
 def seen_beside_the_gripper(shop: Workshop) -> Submission:
     """A motion that was made up without an item, and an item said to be seen nearby."""
     return shop.blind(without_mocap(shop.cleaning, ITEM, off_m=(0.08, 0.08)))
 
 
-@forgery("replayed", "did not record where it saw the item")
+@forgery("replayed", "did not record where it saw the item", role="executor")
 def never_seen(shop: Workshop) -> Submission:
     """Arm and gripper moved as if there were an item, which nobody saw before."""
     take = without_mocap(shop.cleaning, ITEM)
@@ -917,7 +866,7 @@ def never_seen(shop: Workshop) -> Submission:
     return shop.blind(Take(sorted(late, key=lambda s: s.time_ns)))
 
 
-@forgery("carried", "never closes on something")
+@forgery("carried", "never closes on something", role="executor")
 def nothing_between_the_fingers(shop: Workshop) -> Submission:
     """A gripper that closes on nothing and rises."""
 
@@ -933,7 +882,7 @@ def nothing_between_the_fingers(shop: Workshop) -> Submission:
 # -- the bin -------------------------------------------------------------------------------------------
 
 
-@forgery("compartment")
+@forgery("compartment", role="executor")
 def wrong_compartment(shop: Workshop) -> Submission:
     """Done, but into the nearest compartment."""
     return shop.cleaned(film_cleaning(shop.site, ITEM, via=(), compartment="green"))
@@ -950,14 +899,14 @@ def _resigned(kind: str, account: LocalAccount, **changes: Any) -> Edit:
     return sign
 
 
-@forgery("compartment", "no classification signed by the bin")
+@forgery("compartment", "no classification signed by the bin", role="executor")
 def wrong_class(shop: Workshop) -> Submission:
     """A classification of the robot's own making."""
     words = {"class": "glass", "compartment": "green"}
     return shop.restated(shop.cleaning, _resigned("bin.classification", ROBOT, **words))
 
 
-@forgery("compartment", "no classification signed by the bin")
+@forgery("compartment", "no classification signed by the bin", role="executor")
 def altered_classification(shop: Workshop) -> Submission:
     """The bin's own signature under other words."""
 
@@ -969,47 +918,42 @@ def altered_classification(shop: Workshop) -> Submission:
     return shop.restated(shop.cleaning, alter)
 
 
-@forgery("classified")
+@forgery("classified", role="executor")
 def classification_of_another_item(shop: Workshop) -> Submission:
     """What the bin said of the item before, signed by the bin."""
     return shop.cleaned(told(shop.cleaning, "bin/classification", shown_s=shop.cleaning.start_s))
 
 
-@forgery("dropped", "no drop signed by the bin")
+@forgery("dropped", "no drop signed by the bin", role="executor")
 def spoofed_drop(shop: Workshop) -> Submission:
     """A drop that the robot signs itself."""
     return shop.restated(shop.cleaning, _resigned("bin.drop", ROBOT))
 
 
-@forgery("dropped")
+@forgery("dropped", role="executor")
 def drop_of_another_item(shop: Workshop) -> Submission:
     """The bin's word on another classification."""
     return shop.cleaned(told(shop.cleaning, "bin/drop", classification=2))
 
 
-@forgery("dropped")
+@forgery("dropped", role="executor")
 def drop_of_an_hour_ago(shop: Workshop) -> Submission:
     """The bin's word from before the release."""
     start_s = shop.cleaning.start_s
     return shop.cleaned(told(shop.cleaning, "bin/drop", after_s=start_s, settled_s=start_s + 5))
 
 
-@forgery("dropped", "no drop signed by the bin")
+@forgery("dropped", "no drop signed by the bin", role="executor")
 def a_statement_from_the_future(shop: Workshop) -> Submission:
     """A statement that was recorded before the bin made it: put in when the recording was sealed anew."""
     end_s = shop.cleaning.end_s
     return shop.cleaned(told(shop.cleaning, "bin/drop", time_s=end_s + 300))
 
 
-@forgery("bin_witnessed", "nothing signed by this witness")
+@forgery("bin_witnessed", "nothing signed by this witness", role="executor")
 def a_bin_of_another_site(shop: Workshop) -> Submission:
     """Signed by a bin that is registered under another name."""
-    ledger = shop.cleaning_ledger()
-    devices = [
-        device.model_copy(update={"name": "itrash2"}) if device.role == "bin" else device
-        for device in ledger.devices
-    ]
-    return Submission(ledger.model_copy(update={"devices": devices}), shop.honest_file())
+    return shop.cleaned(shop.cleaning, devices=registered("bin", name="itrash2"))
 
 
 # -- where the item ends -------------------------------------------------------------------------------
@@ -1025,7 +969,7 @@ def _homewards(sample: Sample, begin_s: float) -> Sample:
     return displaced(sample, x=share * (PLACE["x_m"] - at.x), y=share * (PLACE["y_m"] - at.y))
 
 
-@forgery("stays_in_bin")
+@forgery("stays_in_bin", role="executor")
 def a_pebble_falls(shop: Workshop) -> Submission:
     """The item goes home in a sleeve while a pebble falls; every pose of it is signed."""
     rim_m = shop.site.bin.rim_height_m
@@ -1033,26 +977,26 @@ def a_pebble_falls(shop: Workshop) -> Submission:
     return shop.cleaned(shop.cleaning.edited(ITEM_POSE, lambda s: _homewards(s, begin_s)))
 
 
-@forgery("stays_in_bin")
+@forgery("stays_in_bin", role="executor")
 def taken_out_again(shop: Workshop) -> Submission:
     """Two seconds after the bin felt it, somebody takes it home; every pose is signed."""
     begin_s = _drop(shop)["settled_s"] + 2.0
     return shop.cleaned(shop.cleaning.edited(ITEM_POSE, lambda s: _homewards(s, begin_s)))
 
 
-@forgery("stays_in_bin", "taken out")
+@forgery("stays_in_bin", "taken out", role="executor")
 def taken_out_where_nobody_sees_it(shop: Workshop) -> Submission:
     """The same behind the bin's walls: the bin feels it."""
     return shop.cleaned(_taken_out(shop))
 
 
-@forgery("nothing_left_out", "itrash")
+@forgery("nothing_left_out", "itrash", role="executor")
 def a_removal_left_out(shop: Workshop) -> Submission:
     """The same, and the bin's word of it is not in the recording; motion capture heard it."""
     return shop.restated(_taken_out(shop), lambda one: None if one.payload["type"] == "bin.removal" else one)
 
 
-@forgery("nothing_left_out", "motion capture")
+@forgery("nothing_left_out", "motion capture", role="executor")
 def a_removal_left_out_with_who_heard_of_it(shop: Workshop) -> Submission:
     """The same, and what motion capture signed when it heard of the removal is left out, too."""
     told: list[str] = []
@@ -1066,7 +1010,7 @@ def a_removal_left_out_with_who_heard_of_it(shop: Workshop) -> Submission:
     return shop.restated(_taken_out(shop), edit)
 
 
-@forgery("stays_in_bin", "left out")
+@forgery("stays_in_bin", "left out", role="executor")
 def taken_home_and_covered_later(shop: Workshop) -> Submission:
     """The item goes home while a pebble falls, lies there, and is covered before it is signed again; the one
     statement that saw it go is left out."""
@@ -1075,7 +1019,7 @@ def taken_home_and_covered_later(shop: Workshop) -> Submission:
     return shop.restated(take, _motion_between(begin_s, begin_s + 2.0, lambda _: None))
 
 
-@forgery("nothing_left_out", "motion capture")
+@forgery("nothing_left_out", "motion capture", role="executor")
 def taken_home_while_it_falls(shop: Workshop) -> Submission:
     """The same, covered at once; what is left out begins with the statement of the release itself."""
     begin_s = _last_above_the_bin_s(shop) - 0.75
@@ -1117,47 +1061,47 @@ def _taken_out(shop: Workshop) -> Take:
     return Take(sorted(samples, key=lambda s: s.time_ns))
 
 
-@forgery("stays_in_bin", "to the end of the recording")
+@forgery("stays_in_bin", "to the end of the recording", role="executor")
 def a_recording_that_ends_at_once(shop: Workshop) -> Submission:
     """Nobody knows what happened after the drop."""
     end_s = _drop(shop)["settled_s"] + 3.0
     return shop.cleaned(Take([s for s in shop.cleaning.samples if s.time_ns * 1e-9 < end_s]))
 
 
-@forgery("stays_in_bin", "to the end of the recording")
+@forgery("stays_in_bin", "to the end of the recording", role="executor")
 def statements_that_end_at_once(shop: Workshop) -> Submission:
     """The recording goes on, but without motion capture's statements."""
     end_s = _drop(shop)["settled_s"] + 3.0
     return shop.restated(shop.cleaning, _motion_between(end_s, shop.cleaning.end_s + 9, lambda _: None))
 
 
-@forgery("pictured", "not in the recording")
+@forgery("pictured", "not in the recording", role="executor")
 def no_picture(shop: Workshop) -> Submission:
     """What the bin looked at is left out."""
     return shop.cleaned(shop.cleaning.without(PICTURE))
 
 
-@forgery("pictured", "no picture")
+@forgery("pictured", "no picture", role="executor")
 def another_picture(shop: Workshop) -> Submission:
     """A nicer picture than the one that the bin signed."""
     nicer = np.frombuffer((RENDERINGS / "paper_2.jpg").read_bytes(), np.uint8)
     return shop.cleaned(shop.cleaning.edited(PICTURE, lambda s: with_fields(s, data=nicer)))
 
 
-@forgery("pictured", "no picture")
+@forgery("pictured", "no picture", role="holder of two keys")
 def the_hash_of_an_empty_picture(shop: Workshop) -> Submission:
     """The bin of somebody who holds its key signs the hash of nothing, and nothing is in the proof."""
     empty = shop.cleaning.edited(PICTURE, lambda s: with_fields(s, data=np.zeros(0, np.uint8)))
     return shop.cleaned(told(empty, "bin/classification", image_sha256="0x" + sha256(b"").hexdigest()))
 
 
-@forgery("weight", "0.01 N")
+@forgery("weight", "0.01 N", role="executor")
 def a_feather(shop: Workshop) -> Submission:
     """The bin felt a hundredth of a newton."""
     return shop.cleaned(told(shop.cleaning, "bin/drop", weight_n=0.01))
 
 
-@forgery("weight", "50.0 N")
+@forgery("weight", "50.0 N", role="executor")
 def a_brick(shop: Workshop) -> Submission:
     """The bin felt five kilograms."""
     return shop.cleaned(told(shop.cleaning, "bin/drop", weight_n=50.0))
@@ -1171,24 +1115,19 @@ def _drop(shop: Workshop) -> dict[str, Any]:
 # -- whose act it is -----------------------------------------------------------------------------------
 
 
-@forgery("executor_on_site")
+@forgery("executor_on_site", role="bystander")
 def a_member_without_a_body(shop: Workshop) -> Submission:
     """A member that is no robot of the site seals what another's robot did."""
     return shop.cleaned(shop.cleaning, executor_name="mallory")
 
 
-@forgery("executor_on_site")
+@forgery("executor_on_site", role="executor")
 def a_device_of_another_robot(shop: Workshop) -> Submission:
     """The executor's robot is one, what sealed the recording is another."""
-    ledger = shop.cleaning_ledger()
-    devices = [
-        device.model_copy(update={"name": "panther2"}) if device.role == "robot" else device
-        for device in ledger.devices
-    ]
-    return Submission(ledger.model_copy(update={"devices": devices}), shop.honest_file())
+    return shop.cleaned(shop.cleaning, devices=registered("robot", name="panther2"))
 
 
-@forgery("presented", "panther2")
+@forgery("presented", "panther2", role="executor")
 def somebody_elses_drop(shop: Workshop) -> Submission:
     """Another robot presented itself to the bin for the same act."""
     theirs = Claimant(device="panther2", address=STRANGER.address, recording=_ANOTHER, task_id=9, attempt=1)
@@ -1196,7 +1135,7 @@ def somebody_elses_drop(shop: Workshop) -> Submission:
     return shop.cleaned(told(take, "bin/drop", claimants=(theirs,)))
 
 
-@forgery("presented", "for task 9")
+@forgery("presented", "for task 9", role="executor")
 def shown_for_another_task(shop: Workshop) -> Submission:
     """The same robot showed the item, for another task and recording of its own."""
     other = Claimant(
@@ -1206,28 +1145,7 @@ def shown_for_another_task(shop: Workshop) -> Submission:
     return shop.cleaned(take)
 
 
-@forgery("presented", "nobody")
+@forgery("presented", "nobody", role="executor")
 def never_presented(shop: Workshop) -> Submission:
     """A drop that the bin ascribes to nobody."""
     return shop.cleaned(shop.cleaning.without("robot/presentation"))
-
-
-def listed() -> str:
-    """docs/forgeries.md"""
-    rows = []
-    for name, one in CATALOGUE.items():
-        what = " ".join((one.make.__doc__ or "").split())
-        says = f": {one.says}" if one.says else ""
-        rows.append(f"| {name.replace('_', ' ')} | {what} | `{one.check}`{says} |")
-    return "\n".join([_HEAD.format(count=len(CATALOGUE)), *rows, ""])
-
-
-_HEAD = """\
-# What was forged, and what refused it
-
-{count} forgeries, made from honest recordings by `tests/forgeries`, most of them sealed with the
-executor's own key; "for the motion capture, too" is a lab whose motion capture helps the forger. Each is
-refused by the check named, with these words in the reason. `make bench ONLY=forgeries` counts.
-
-| forgery | what it is | check |
-|---|---|---|"""

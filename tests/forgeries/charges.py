@@ -1,17 +1,20 @@
-"""Forged charges: what a seller with the meter's key submits, alone or with a key of a robot that is not the
-task's."""
+"""Forged charges: most are what a seller with the meter's key submits, alone or with a key of a robot that is
+not the task's."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
+from unittest.mock import patch
 
+import numpy as np
+
+from rodeo import ocmf
 from rodeo.evidence import Attestation, attest
-from rodeo.messages import Device
 from rodeo.witness import Header, MeterRecord, Receipt
-from tests.forgeries.catalogue import forgery
-from tests.forgeries.workshop import STRANGER, Submission, Workshop
+from tests.forgeries.registry import forgery
+from tests.forgeries.workshop import STRANGER, Submission, Workshop, cut, middle_s, registered
 from tests.support.assignments import METER, ORGANIZATION, ROBOT
 from tests.support.recordings import METER_RECORD, Sides
 
@@ -30,119 +33,100 @@ def _only(model: type[Header], edit: Callable[[Fields], Fields | None]) -> Edit:
     return lambda kind, fields: edit(fields) if kind is model else fields
 
 
-@forgery("signer")
+@forgery("signer", role="seller")
 def charge_sealed_by_the_robot(shop: Workshop) -> Submission:
     """The buyer's device in place of the seller's."""
     return shop.charged(shop.charge, device=ROBOT)
 
 
-@forgery("both_signed", "nothing signed by the task's robot")
+@forgery("both_signed", "nothing signed by the task's robot", role="seller")
 def energy_that_never_flowed(shop: Workshop) -> Submission:
     """A whole session, computed and signed with the meter's key; no robot, no dock."""
     return shop.charged(shop.charge, sides=_sides(_only(Receipt, lambda _fields: None)))
 
 
-@forgery("both_signed", "nothing signed by the task's meter")
+@forgery("both_signed", "nothing signed by the task's meter", role="seller")
 def invented_meter(shop: Workshop) -> Submission:
     """Records under a key that is no meter's."""
     return shop.charged(shop.charge, sides=replace(_HONEST, meter=STRANGER))
 
 
-@forgery("both_signed", "nothing signed by the task's robot")
+@forgery("both_signed", "nothing signed by the task's robot", role="seller")
 def invented_robot(shop: Workshop) -> Submission:
     """Receipts under a key that is no robot's."""
     return shop.charged(shop.charge, sides=replace(_HONEST, robot=STRANGER))
 
 
-@forgery("both_signed", "nothing signed by the task's robot")
+@forgery("both_signed", "nothing signed by the task's robot", role="seller")
 def receipts_of_another_robot(shop: Workshop) -> Submission:
     """Another robot of the organization signs for what it did not get."""
-
-    def renamed(device: Device) -> Device:
-        return device.model_copy(update={"name": "panther2"}) if device.role == "robot" else device
-
-    return shop.charged(shop.charge, sides=replace(_HONEST, robot_name="panther2"), devices=renamed)
+    other = replace(_HONEST, robot_name="panther2")
+    return shop.charged(shop.charge, sides=other, devices=registered("robot", name="panther2"))
 
 
-@forgery("both_signed", "nothing signed by the task's robot")
+@forgery("both_signed", "nothing signed by the task's robot", role="seller")
 def receipts_in_the_robots_name(shop: Workshop) -> Submission:
     """Another robot of the organization signs under the name of the task's."""
-
-    def renamed(device: Device) -> Device:
-        return device.model_copy(update={"name": "panther2"}) if device.role == "robot" else device
-
-    return shop.charged(shop.charge, sides=replace(_HONEST, robot_name="panther1"), devices=renamed)
+    return shop.charged(shop.charge, sides=_HONEST, devices=registered("robot", name="panther2"))
 
 
-@forgery("both_signed", "nothing signed by the task's robot")
+@forgery("both_signed", "nothing signed by the task's robot", role="holder of two keys")
 def a_robot_of_the_sellers(shop: Workshop) -> Submission:
     """The seller owns meter and robot: its own word twice."""
-
-    def sold(device: Device) -> Device:
-        return device.model_copy(update={"owner": ORGANIZATION}) if device.role == "robot" else device
-
-    return shop.charged(shop.charge, devices=sold)
+    return shop.charged(shop.charge, devices=registered("robot", owner=ORGANIZATION))
 
 
-@forgery("both_signed", "nothing signed by the task's robot")
+@forgery("both_signed", "nothing signed by the task's robot", role="seller")
 def receipts_under_a_revoked_key(shop: Workshop) -> Submission:
     """The robot's key was revoked before the charge."""
     before_s = shop.charge.start_s - 100
-
-    def revoked(device: Device) -> Device:
-        return device.model_copy(update={"revoked": before_s}) if device.role == "robot" else device
-
-    return shop.charged(shop.charge, devices=revoked)
+    return shop.charged(shop.charge, devices=registered("robot", revoked=before_s))
 
 
-@forgery("same_names", "who takes part")
+@forgery("same_names", "who takes part", role="seller")
 def a_meter_of_another_name(shop: Workshop) -> Submission:
     """Another meter of the seller's, which stands elsewhere."""
-
-    def elsewhere(device: Device) -> Device:
-        return device.model_copy(update={"name": "dock9"}) if device.role == "meter" else device
-
-    return shop.charged(shop.charge, devices=elsewhere)
+    return shop.charged(shop.charge, devices=registered("meter", name="dock9"))
 
 
-@forgery("both_signed", "nothing signed by the task's meter")
+@forgery("both_signed", "nothing signed by the task's meter", role="seller")
 def records_of_another_dock(shop: Workshop) -> Submission:
     """The task's meter speaks for another dock."""
     return shop.charged(shop.charge, sides=replace(_HONEST, meter_name="dock9"))
 
 
-@forgery("same_names", "who takes part")
+@forgery("same_names", "who takes part", role="creator")
 def a_task_for_another_dock(shop: Workshop) -> Submission:
     """The charge was ordered elsewhere."""
     return shop.charged(shop.charge, params={"dock": "dock9"})
 
 
-@forgery("same_names", "who takes part")
+@forgery("same_names", "who takes part", role="creator")
 def a_robot_that_is_not_there(shop: Workshop) -> Submission:
     """The site has no such robot."""
     return shop.charged(shop.charge, params={"robot": "panther9"})
 
 
-@forgery("both_signed", "nothing that the meter signed is of this recording")
+@forgery("both_signed", "nothing that the meter signed is of this recording", role="seller")
 def last_months_charge(shop: Workshop) -> Submission:
     """What meter and robot signed a month ago, sealed for today's task."""
     return shop.charged(shop.charge, sides=replace(_HONEST, recording=_LAST_MONTH, hears=False))
 
 
-@forgery("both_signed", "the robot signed for nothing of this recording")
+@forgery("both_signed", "the robot signed for nothing of this recording", role="seller")
 def last_months_receipts(shop: Workshop) -> Submission:
     """Today's records, and receipts for those of a month ago."""
     old = _only(Receipt, lambda fields: fields | {"recording": _LAST_MONTH, "record": _LAST_MONTH})
     return shop.charged(shop.charge, sides=_sides(old, hears=False))
 
 
-@forgery("fresh", "no receipt of the robot lists this recording")
+@forgery("fresh", "no receipt of the robot lists this recording", role="seller")
 def receipts_that_nobody_could_expect(shop: Workshop) -> Submission:
     """The robot signed, but never heard that this recording began."""
     return shop.charged(shop.charge, sides=replace(_HONEST, hears=False))
 
 
-@forgery("both_signed", "nothing that the meter signed is of this recording")
+@forgery("both_signed", "nothing that the meter signed is of this recording", role="seller")
 def energy_of_another_task(shop: Workshop) -> Submission:
     """What was delivered, and paid, before."""
     return shop.charged(
@@ -150,14 +134,14 @@ def energy_of_another_task(shop: Workshop) -> Submission:
     )
 
 
-@forgery("both_signed", "nothing that the meter signed is of this recording")
+@forgery("both_signed", "nothing that the meter signed is of this recording", role="seller")
 def energy_for_another_robot(shop: Workshop) -> Submission:
     """The meter says that somebody else was charged."""
     other = _only(MeterRecord, lambda fields: fields | {"robot": "panther2"})
     return shop.charged(shop.charge, sides=_sides(other))
 
 
-@forgery("both_signed", "the robot signed for nothing of this recording")
+@forgery("both_signed", "the robot signed for nothing of this recording", role="buyer")
 def receipts_for_less(shop: Workshop) -> Submission:
     """The meter's records say a tenth more than what the robot signed for."""
 
@@ -168,21 +152,21 @@ def receipts_for_less(shop: Workshop) -> Submission:
     return shop.charged(shop.charge, sides=_sides(_only(Receipt, less)))
 
 
-@forgery("both_signed", "the robot signed for nothing of this recording")
+@forgery("both_signed", "the robot signed for nothing of this recording", role="buyer")
 def receipts_to_another_meter(shop: Workshop) -> Submission:
     """The robot signed for what the meter of another dock showed."""
     other = _only(Receipt, lambda fields: fields | {"meter_address": STRANGER.address})
     return shop.charged(shop.charge, sides=_sides(other))
 
 
-@forgery("delivered", "nothing was delivered")
+@forgery("delivered", "nothing was delivered", role="seller")
 def two_seconds(shop: Workshop) -> Submission:
     """0.2 Wh at the full price: the robot signed that it stood there, and for nothing after it."""
     only_opening = _only(Receipt, lambda fields: fields if fields["reason"] == "opening" else None)
     return shop.charged(shop.charge, sides=_sides(only_opening))
 
 
-@forgery("in_sequence", "pages")
+@forgery("in_sequence", "pages", role="seller")
 def pages_left_out(shop: Workshop) -> Submission:
     """A third of the meter's records is missing."""
     take = shop.charge.edited(METER_RECORD, lambda s: s)
@@ -195,14 +179,14 @@ def pages_left_out(shop: Workshop) -> Submission:
     return shop.charged(take, sides=_sides(left_out, keep=keep))
 
 
-@forgery("in_sequence", "pages of the meter")
+@forgery("in_sequence", "pages of the meter", role="seller")
 def a_page_twice(shop: Workshop) -> Submission:
     """Two records of the meter have one number in the session."""
     twice = _only(MeterRecord, lambda fields: fields | {"page": fields["page"] - (fields["page"] == 5)})
     return shop.charged(shop.charge, sides=_sides(twice))
 
 
-@forgery("in_sequence", "the meter's register")
+@forgery("in_sequence", "the meter's register", role="seller")
 def a_register_that_falls(shop: Workshop) -> Submission:
     """The meter counted back in the middle of the session."""
 
@@ -212,7 +196,7 @@ def a_register_that_falls(shop: Workshop) -> Submission:
     return shop.charged(shop.charge, sides=_sides(_only(MeterRecord, fall)))
 
 
-@forgery("in_sequence", "registers at which the session opened")
+@forgery("in_sequence", "registers at which the session opened", role="seller")
 def a_session_that_opened_twice(shop: Workshop) -> Submission:
     """The opening register moves while energy flows."""
 
@@ -222,7 +206,7 @@ def a_session_that_opened_twice(shop: Workshop) -> Submission:
     return shop.charged(shop.charge, sides=_sides(_only(MeterRecord, moved)))
 
 
-@forgery("power")
+@forgery("power", role="holder of two keys")
 def more_than_the_dock_can_give(shop: Workshop) -> Submission:
     """A register that runs five times as fast as the dock delivers; the buyer's robot signs it."""
 
@@ -232,13 +216,13 @@ def more_than_the_dock_can_give(shop: Workshop) -> Submission:
     return shop.charged(shop.charge, sides=_sides(_only(MeterRecord, more)))
 
 
-@forgery("soc_from", "at the beginning")
+@forgery("soc_from", "at the beginning", role="creator")
 def a_robot_that_was_full(shop: Workshop) -> Submission:
     """The task says that the robot is nearly empty; it arrived nearly full."""
     return shop.charged(shop.charge, params={"soc_from": 0.5})
 
 
-@forgery("both_signed", "two different statements")
+@forgery("both_signed", "two different statements", role="seller")
 def one_number_twice(shop: Workshop) -> Submission:
     """The meter signs two registers under one number: nobody knows which of them it meant."""
     extra: list[Attestation] = []
@@ -251,13 +235,87 @@ def one_number_twice(shop: Workshop) -> Submission:
     return shop.charged(shop.charge, sides=replace(_HONEST, keep=keep))
 
 
-@forgery("both_signed", "open bus")
+@forgery("both_signed", "open bus", role="bystander")
 def readings_by_message(shop: Workshop) -> Submission:
     """Terminals and battery on an open bus, fed with invented numbers: meter and robot sign correctly."""
     return shop.charged(shop.charge, sides=replace(_HONEST, inputs="open_bus"))
 
 
-@forgery("tariff")
+@forgery("tariff", role="creator")
 def overpriced_energy(shop: Workshop) -> Submission:
     """A session that costs more than the dock's tariff says."""
     return shop.charged(shop.charge, price_iec=shop.site.economy.charging_reward_iec + 1)
+
+
+# -- the record as other software reads it -----------------------------------------------------------------
+
+
+def _ocmf(shop: Workshop, part: str, text: Callable[..., str]) -> Submission:
+    """The meter signs records whose OCMF text is made in another way: `part` of `rodeo.ocmf` is replaced."""
+    with patch.object(ocmf, part, text):
+        return shop.charged(shop.charge)
+
+
+@forgery("ocmf", "says otherwise", role="seller")
+def more_in_other_software(shop: Workshop) -> Submission:
+    """The OCMF text says much more than what the buyer signed for, correctly signed."""
+    honest = ocmf.data
+    return _ocmf(shop, "data", lambda one: honest(one.model_copy(update={"register_wh": 99_999.0})))
+
+
+@forgery("ocmf", "not signed by its device", role="seller")
+def signed_by_another_meter(shop: Workshop) -> Submission:
+    """The OCMF text is right, and signed with another key."""
+    honest = ocmf.sign
+    return _ocmf(shop, "sign", lambda text, _key: honest(text, bytes(STRANGER.key)))
+
+
+@forgery("ocmf", "says otherwise", role="seller")
+def another_page_in_other_software(shop: Workshop) -> Submission:
+    """The OCMF text has the number of the page before, so that other software misses none."""
+    honest = ocmf.data
+    return _ocmf(shop, "data", lambda one: honest(one.model_copy(update={"seq": max(one.seq - 1, 1)})))
+
+
+@forgery("ocmf", "says otherwise", role="seller")
+def another_robot_in_other_software(shop: Workshop) -> Submission:
+    """The OCMF text bills somebody else."""
+    honest = ocmf.data
+    return _ocmf(shop, "data", lambda one: honest(one.model_copy(update={"robot": "panther9"})))
+
+
+@forgery("ocmf", "says otherwise", role="seller")
+def no_text_for_other_software(shop: Workshop) -> Submission:
+    """Records without an OCMF text."""
+    return shop.charged(shop.charge, sides=_sides(_only(MeterRecord, lambda fields: fields | {"ocmf": ""})))
+
+
+# -- another version of the recording ----------------------------------------------------------------------
+
+
+@forgery("fresh", "does not have", role="seller")
+def a_forked_charge(shop: Workshop) -> Submission:
+    """From the middle on the robot heard heads of another version of the recording."""
+    half_s = middle_s(shop.charge)
+    return shop.charged(shop.charge, forks=lambda time_s: time_s > half_s)
+
+
+@forgery("fresh", "does not have", role="seller")
+def a_charge_that_was_cut_off_and_went_on_elsewhere(shop: Workshop) -> Submission:
+    """Cut off in the middle; what the robot heard afterwards went into another file."""
+    half_s = middle_s(shop.charge)
+    return shop.charged(cut(shop.charge, 0.5), forks=lambda time_s: time_s > half_s)
+
+
+@forgery("fresh", "does not have", role="seller")
+def a_cut_noted_to_excuse_a_fork(shop: Workshop) -> Submission:
+    """A cut is noted at the beginning, and the other version is of much later."""
+    late_s = middle_s(shop.charge, 0.7)
+    return shop.charged(cut(shop.charge, 0.1), forks=lambda time_s: time_s > late_s)
+
+
+@forgery("fresh", "does not have", role="seller")
+def cuts_noted_all_the_time_of_a_charge(shop: Workshop) -> Submission:
+    """Before every receipt a cut is noted, which excuses each head that the file lacks."""
+    take, begin_s = cut(shop.charge, *np.linspace(0.1, 0.9, 200)), middle_s(shop.charge, 0.1)
+    return shop.charged(take, forks=lambda time_s: time_s > begin_s)

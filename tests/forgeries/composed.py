@@ -1,7 +1,8 @@
 """Forgeries that a seed puts together from primitives: one to three of them, on an honest recording.
 
 Each primitive is material alone: it is larger than what honest sensors, buses and people do, or it signs
-with a key that is not the role's. What honest noise and losses do is added to some, and is none of the three.
+with a key that is not the role's. Each composition is made twice: as it is, and at a site with honest noise
+and losses.
 """
 
 from __future__ import annotations
@@ -15,7 +16,6 @@ import numpy as np
 from eth_account.signers.local import LocalAccount
 
 from rodeo.evidence import Attestation, Binding
-from rodeo.messages import Device
 from rodeo.witness import Header, MeterRecord, Receipt, Scope
 from services.oracle.case import Ledger
 from tests.forgeries.workshop import (
@@ -29,23 +29,28 @@ from tests.forgeries.workshop import (
     PLACE,
     ROBOT_POSE,
     STRANGER,
-    WAIST,
+    WIDE,
+    Registered,
     Submission,
     Workshop,
-    at_pace,
     commanded,
     displaced,
+    edited_between,
     is_robots,
     middle_s,
     numbered,
     opened,
+    registered,
+    resting,
+    robots_at_pace,
     timed,
     told,
-    with_fields,
+    waist_turned,
+    with_devices,
     with_joints,
+    without_wheels,
 )
 from tests.support.assignments import BIN, BINDING, CHARGE_BINDING, METER, MOCAP, ROBOT, charging_ledger
-from tests.support.noise import HEAVY, noisy
 from tests.support.recordings import Sample, Take, Witnesses
 
 T = TypeVar("T")
@@ -59,8 +64,8 @@ KEYS = {
 }
 LIFTED, RELEASED = 0.16, 0.80
 """Between these shares of its time the honest recording carries the item."""
-NOISY_SHARE = 0.3
-"""Of the compositions that are done under honest noise: a third of the heavy one."""
+NOISES = 4
+"""Moderately noisy sites at which compositions are made, too; each is filmed once."""
 CHARGES_SHARE = 0.35
 """Of the compositions that forge a charge."""
 
@@ -76,7 +81,7 @@ class Draft:
     task: dict[str, Any] = field(default_factory=dict)
     """Of the task on chain, what is not as it was."""
     params: dict[str, Any] = field(default_factory=dict)
-    registered: list[Callable[[Device], Device]] = field(default_factory=list)
+    registered: list[Registered] = field(default_factory=list)
 
     def edit(self, topic: str, edit: Callable[[Sample], Sample | None]) -> None:
         self.take = self.take.edited(topic, edit)
@@ -86,7 +91,7 @@ class Draft:
     ) -> None:
         """Of the samples in these shares of the recording's time."""
         begin_s, end_s = middle_s(self.take, begin), middle_s(self.take, end)
-        self.edit(topic, lambda s: edit(s) if begin_s < s.time_ns * 1e-9 < end_s else s)
+        self.take = edited_between(self.take, topic, begin_s, end_s, edit)
 
     def leave_out(self, left_out: Callable[[dict[str, Any]], bool]) -> None:
         """The signed statements of a cleaning whose payload is one of these."""
@@ -154,41 +159,23 @@ class Composition:
         return f"{what}: {steps}{'' if self.noise_seed is None else '; under honest noise and losses'}"
 
     def make(self, shop: Workshop) -> Submission:
-        draft = _draft(shop, self.charge, self.noise_seed)
+        at = shop if self.noise_seed is None else shop.under_noise(self.noise_seed)
+        draft = Draft(at.charge, CHARGE_BINDING, METER) if self.charge else Draft(at.cleaning, BINDING, ROBOT)
         for step in self.steps:
             step.do(draft)
-        path = shop.sealed(draft.take, draft.binding, draft.device, draft.witnesses)
-        return Submission(_ledger(shop, draft, self.charge), path)
+        path = at.sealed(draft.take, draft.binding, draft.device, draft.witnesses)
+        return Submission(_ledger(at, draft, self.charge), path)
 
 
 def composed(seed: int) -> Composition:
-    """The forgery that this seed stands for."""
-    chance = np.random.default_rng(seed)
+    """The forgery that this seed stands for: each once as it is, and once under honest noise and losses."""
+    chance = np.random.default_rng(seed // 2)
     charge = bool(chance.random() < CHARGES_SHARE)
     primitives = CHARGE if charge else CLEANING
     count = int(chance.choice([1, 2, 3], p=[0.5, 0.3, 0.2]))
     chosen = chance.choice(len(primitives), count, replace=False)
     steps = tuple(primitives[index](chance) for index in sorted(chosen))
-    noise_seed = int(chance.integers(2**32)) if chance.random() < NOISY_SHARE else None
-    return Composition(seed, charge, steps, noise_seed)
-
-
-def _draft(shop: Workshop, charge: bool, noise_seed: int | None) -> Draft:
-    if charge:
-        draft = Draft(shop.charge, CHARGE_BINDING, METER)
-        if noise_seed is not None:
-            chance = np.random.default_rng(noise_seed)
-            draft.sides(keep=lambda signed: None if _loses(chance, signed) else signed)
-        return draft
-    if noise_seed is None:
-        return Draft(shop.cleaning, BINDING, ROBOT)
-    take, witnesses = noisy(shop.cleaning, HEAVY.times(1 / 3), np.random.default_rng(noise_seed))
-    return Draft(take, BINDING, ROBOT, witnesses)
-
-
-def _loses(chance: Chance, signed: Attestation) -> bool:
-    """One in fifty of the statements in the middle of a charge."""
-    return signed.payload.get("reason") == "step" and bool(chance.random() < 0.02)
+    return Composition(seed, charge, steps, int(chance.integers(NOISES)) if seed % 2 else None)
 
 
 def _ledger(shop: Workshop, draft: Draft, charge: bool) -> Ledger:
@@ -196,10 +183,9 @@ def _ledger(shop: Workshop, draft: Draft, charge: bool) -> Ledger:
         ledger = charging_ledger(shop.charge, params=draft.params, **draft.task)
     else:
         ledger = shop.cleaning_ledger(params=PLACE | draft.params, **draft.task)
-    devices = ledger.devices
     for change in draft.registered:
-        devices = [change(device) for device in devices]
-    return ledger.model_copy(update={"devices": devices})
+        ledger = with_devices(ledger, change)
+    return ledger
 
 
 def _one(chance: Chance, choices: list[T]) -> T:
@@ -262,8 +248,7 @@ def item_stays(chance: Chance) -> Step:
     end = bool(chance.integers(2))
 
     def do(draft: Draft) -> None:
-        lies = draft.take.of(ITEM_POSE)[-1 if end else 0].message.pose
-        draft.edit(ITEM_POSE, lambda s: with_fields(s, pose=lies))
+        draft.take = resting(draft.take, ITEM_POSE, -1 if end else 0)
 
     return Step(f"the item lay {'in the bin' if end else 'where it was'} all the time", do)
 
@@ -309,13 +294,10 @@ def spliced_joints(chance: Chance) -> Step:
 @of_cleaning
 def turned_arm(chance: Chance) -> Step:
     turn_rad = chance.uniform(0.15, 0.8) * (1 if chance.integers(2) else -1)
-
-    def turn(sample: Sample) -> Sample:
-        position = sample.message.position.copy()
-        position[WAIST] += turn_rad
-        return with_joints(sample, position=position)
-
-    return Step(f"joints with the waist {turn_rad:.2f} rad off", lambda draft: draft.edit(JOINT_STATES, turn))
+    return Step(
+        f"joints with the waist {turn_rad:.2f} rad off",
+        lambda draft: draft.edit(JOINT_STATES, lambda s: waist_turned(s, turn_rad)),
+    )
 
 
 @of_cleaning
@@ -331,10 +313,9 @@ def other_commands(chance: Chance) -> Step:
 @of_cleaning
 def open_commands(chance: Chance) -> Step:
     begin = chance.uniform(0.0, 0.3)
-    wide = np.array([0.057, -0.057])
     return Step(
         f"the gripper was told to stay open from {begin:.0%} on",
-        lambda draft: draft.edit_between(GRIPPER_STATE, begin, 1.1, lambda s: commanded(s, wide)),
+        lambda draft: draft.edit_between(GRIPPER_STATE, begin, 1.1, lambda s: commanded(s, WIDE)),
     )
 
 
@@ -352,8 +333,7 @@ def frozen_wheels(chance: Chance) -> Step:
     begin = chance.uniform(0.0, 0.15)
 
     def do(draft: Draft) -> None:
-        first = draft.take.of(ODOM)[0].message
-        draft.edit_between(ODOM, begin, 1.1, lambda s: with_fields(s, pose=first.pose, twist=first.twist))
+        draft.take = without_wheels(draft.take, middle_s(draft.take, begin))
 
     return Step(f"the wheels stood still from {begin:.0%} on", do)
 
@@ -381,9 +361,7 @@ def robot_re_timed(chance: Chance) -> Step:
     factor = float(_one(chance, [chance.uniform(0.3, 0.6), chance.uniform(1.8, 4)]))
 
     def do(draft: Draft) -> None:
-        robots = at_pace(Take([s for s in draft.take.samples if is_robots(s)]), factor)
-        others = [s for s in draft.take.samples if not is_robots(s)]
-        draft.take = Take(sorted([*robots.samples, *others], key=lambda s: s.time_ns))
+        draft.take = robots_at_pace(draft.take, factor)
         draft.task["proof_submitted"] = draft.take.end_s + 10
 
     return Step(f"the robot's messages at {factor:.2f} times their pace", do)
@@ -473,7 +451,8 @@ def forked(chance: Chance) -> Step:
     at = chance.uniform(0.05, 0.7)
 
     def do(draft: Draft) -> None:
-        draft.witnesses = replace(draft.witnesses, forks_at_s=middle_s(draft.take, at))
+        begin_s = middle_s(draft.take, at)
+        draft.witnesses = replace(draft.witnesses, forks=lambda time_s: time_s > begin_s)
 
     return Step(f"the witnesses heard another version from {at:.0%} on", do)
 
@@ -556,11 +535,8 @@ of_charge(_other_binding)
 
 def _swapped(roles: list[str], changes: list[str], chance: Chance) -> Step:
     role, change = _one(chance, roles), _one(chance, changes)
-    values = {"name": f"{role}-of-elsewhere", "owner": "0x" + chance.bytes(20).hex(), "revoked": 1.0}
-
-    def swap(device: Device) -> Device:
-        return device.model_copy(update={change: values[change]}) if device.role == role else device
-
+    values = {"name": f"{role}-of-elsewhere", "revoked": 1.0}
+    swap = registered(role, **{change: values[change]})
     return Step(
         f"the {role} with another `{change}` in the registry", lambda draft: draft.registered.append(swap)
     )
@@ -729,7 +705,5 @@ def other_party(chance: Chance) -> Step:
 
 @of_charge
 def one_hand(_chance: Chance) -> Step:
-    def sold(device: Device) -> Device:
-        return device.model_copy(update={"owner": BINDING.organization}) if device.role == "robot" else device
-
+    sold = registered("robot", owner=BINDING.organization)
     return Step("the seller owns the robot", lambda draft: draft.registered.append(sold))

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from hashlib import file_digest
 from itertools import count
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,10 +22,12 @@ from scipy.spatial.transform import Rotation
 
 from rodeo.config import Site
 from rodeo.evidence import Attestation, Binding, Store, attest
+from rodeo.evidence.recorder import RESUMED
 from rodeo.lab.body import JOINTS
 from rodeo.lab.config import FurnitureConfig, Pose2
-from rodeo.messages import Device
+from rodeo.messages import DaoEvent, Device, Task
 from rodeo.ros2.types import new
+from services.oracle.acts import ConsumedActs, Wait, acts_unspent
 from services.oracle.case import Ledger
 from services.oracle.report import Report
 from services.oracle.verify import verify_submission
@@ -33,6 +39,7 @@ from tests.support.assignments import (
     charging_ledger,
     cleaning_ledger,
 )
+from tests.support.noise import HEAVY, losses, noisy
 from tests.support.recordings import (
     MOCAP_TOPIC,
     SIGNED,
@@ -57,10 +64,15 @@ SEEN = "panther1/item_pose"
 OUTPUT, GAUGE = "dock1/output", "panther1/battery_state"
 FINGERS = [JOINTS.index("left_finger"), JOINTS.index("right_finger")]
 WAIST = JOINTS.index("waist")
+WIDE = np.array([0.057, -0.057])
+"""Fingers wide open, m."""
 STRANGER = Account.create()
+MODERATE = HEAVY.times(1 / 3)
 
 
 Edit = Callable[[Attestation], Attestation | None]
+Registered = Callable[[Device], Device]
+"""What is made of each device of the registry."""
 
 
 class McapMessage(NamedTuple):
@@ -81,6 +93,8 @@ class Submission:
     """Of which it is said to be, if another than the workshop's."""
     uri: str | None = None
     sha256: str | None = None
+    spent: tuple[str, ...] = ()
+    """Acts that an earlier task's accepted verdict paid for."""
 
 
 class Workshop:
@@ -99,6 +113,19 @@ class Workshop:
                 film = film.without(f"mocap/{other.id}/pose")
         self.cleaning = film
         self.charge = film_charging(site, soc=0.86)
+        self._losses: Callable[[], Witnesses] | None = None
+        self._noisy: dict[int, Workshop] = {}
+
+    def under_noise(self, seed: int) -> Workshop:
+        """The same at a moderately noisy site, drawn by this seed, where every recording is made."""
+        if seed not in self._noisy:
+            shop = copy(self)
+            shop.cleaning, seen = noisy(self.cleaning, MODERATE, np.random.default_rng(seed))
+            clock_s = seen.mocap_clock_s
+            # The same for every recording that is made there.
+            shop._losses = lambda: losses(MODERATE, np.random.default_rng(seed), clock_s)
+            self._noisy[seed] = shop
+        return self._noisy[seed]
 
     # -- submitting ------------------------------------------------------------------------------------
 
@@ -109,6 +136,9 @@ class Workshop:
         device: LocalAccount = ROBOT,
         witnesses: Witnesses | None = None,
     ) -> Path:
+        witnesses = witnesses or Witnesses()
+        if self._losses is not None:
+            witnesses = _lossy(witnesses, self._losses())
         return seal(take, self.folder / f"{next(self._numbers)}.mcap", binding, device, witnesses).path
 
     def cleaned(
@@ -118,11 +148,14 @@ class Workshop:
         binding: Binding = BINDING,
         device: LocalAccount = ROBOT,
         witnesses: Witnesses | None = None,
+        devices: Registered = lambda device: device,
         **task: Any,
     ) -> Submission:
         """`take` as proof of the cleaning task, sealed with the robot's key. What motion capture and bin sign
-        is what the take holds: whatever a forger changes there, they helped."""
-        return Submission(self.cleaning_ledger(**task), self.sealed(take, binding, device, witnesses))
+        is what the take holds: whatever a forger changes there, they helped. `devices` may change the
+        registry."""
+        ledger = with_devices(self.cleaning_ledger(**task), devices)
+        return Submission(ledger, self.sealed(take, binding, device, witnesses))
 
     def restated(self, take: Take, edit: Edit, **task: Any) -> Submission:
         """`take` with the witnesses' signed statements as `edit` returns them."""
@@ -147,13 +180,14 @@ class Workshop:
         *,
         device: LocalAccount = METER,
         sides: Sides | None = None,
-        devices: Callable[[Device], Device] = lambda device: device,
+        forks: Callable[[float], bool] = lambda time_s: False,
+        devices: Registered = lambda device: device,
         **task: Any,
     ) -> Submission:
-        """`take` as proof of the charge, sealed with the meter's key. `devices` may change the registry."""
-        ledger = charging_ledger(self.charge, **task)
-        ledger = ledger.model_copy(update={"devices": [devices(one) for one in ledger.devices]})
-        witnesses = Witnesses(charge=sides or Sides())
+        """`take` as proof of the charge, sealed with the meter's key. `forks` is when the robot hears heads
+        of another version of it; `devices` may change the registry."""
+        ledger = with_devices(charging_ledger(self.charge, **task), devices)
+        witnesses = Witnesses(charge=sides or Sides(), forks=forks)
         return Submission(ledger, self.sealed(take, CHARGE_BINDING, device, witnesses))
 
     def cleaning_ledger(self, **task: Any) -> Ledger:
@@ -168,9 +202,14 @@ class Workshop:
             uri = uri or self.deposit(submission.path)
         ledger = submission.ledger
         task = ledger.task.model_copy(update={"proof_uri": uri, "proof_sha256": sha256})
-        folder = self.folder / f"verify-{next(self._numbers)}"
         site = submission.site or self.site
-        return verify_submission(site, ledger.model_copy(update={"task": task}), folder)
+        with TemporaryDirectory(dir=self.folder) as folder:
+            report = verify_submission(site, ledger.model_copy(update={"task": task}), Path(folder))
+        if not (report.accepted and submission.spent):
+            return report
+        found = _paid_before(submission.spent, task).spent(task.id, task.attempt, report.acts)
+        assert not isinstance(found, Wait)
+        return report.with_checks(acts_unspent(report.acts, found))
 
     def deposit(self, path: Path) -> str:
         """Put a file into the store's folder, past the store's own limits; its URI."""
@@ -180,6 +219,13 @@ class Workshop:
         target.parent.mkdir(parents=True, exist_ok=True)
         path.replace(target)
         return f"{self.site.store_url}/{digest}.mcap"
+
+    def empty(self) -> None:
+        """Forget what was stored: a thousand proofs are gigabytes."""
+        for folder in (self.site.data_dir / "store", self.folder):
+            for path in folder.glob("*"):
+                if path.is_file():
+                    path.unlink()
 
     # -- files -----------------------------------------------------------------------------------------
 
@@ -219,6 +265,50 @@ class Workshop:
         return path
 
 
+def with_devices(ledger: Ledger, change: Registered) -> Ledger:
+    return ledger.model_copy(update={"devices": [change(device) for device in ledger.devices]})
+
+
+def _lossy(witnesses: Witnesses, lost: Witnesses) -> Witnesses:
+    """What a forger has the witnesses do, where `lost` says what is lost of it."""
+
+    def edit(one: Attestation) -> Attestation | None:
+        kept = witnesses.edit(one)
+        return None if kept is None else lost.edit(kept)
+
+    def keep(one: Attestation) -> Attestation | None:
+        kept = witnesses.charge.keep(one)
+        return None if kept is None else lost.charge.keep(kept)
+
+    return replace(
+        witnesses,
+        edit=edit,
+        asked_for=lost.asked_for,
+        hears=lambda time_s: witnesses.hears(time_s) and lost.hears(time_s),
+        mocap_clock_s=witnesses.mocap_clock_s + lost.mocap_clock_s,
+        charge=replace(witnesses.charge, keep=keep),
+    )
+
+
+def _paid_before(acts: tuple[str, ...], task: Task) -> ConsumedActs:
+    """What the oracle knows when `task` is submitted and a task before was paid for these acts."""
+    known, before, report = ConsumedActs(), task.id + 1, "0x" + "00" * 32
+    told: list[tuple[str, int, dict[str, Any]]] = [
+        ("TaskRegistered", before, {"kind": task.kind}),
+        ("ProofSubmitted", before, {"attempt": 1}),
+        ("VerdictPosted", before, {"verdict": "accepted", "report_uri": "", "report_hash": report}),
+        ("TaskRegistered", task.id, {"kind": task.kind}),
+        ("ProofSubmitted", task.id, {"attempt": task.attempt}),
+    ]
+    for seq, (name, task_id, args) in enumerate(told, start=1):
+        event = DaoEvent(
+            seq=seq, name=name, block=seq, log_index=0, tx_hash="0x", time_s=0.0, task_id=task_id, args=args
+        )
+        known.on_event(event)
+    known.read(report, acts)
+    return known
+
+
 # -- tools ---------------------------------------------------------------------------------------------
 
 
@@ -237,7 +327,7 @@ def with_fields(sample: Sample, **fields: Any) -> Sample:
 def opened(sample: Sample) -> Sample:
     """With the fingers wide open."""
     position, effort = sample.message.position.copy(), sample.message.effort.copy()
-    position[FINGERS], effort[FINGERS] = (0.057, -0.057), 0.0
+    position[FINGERS], effort[FINGERS] = WIDE, 0.0
     return with_joints(sample, position=position, effort=effort)
 
 
@@ -278,6 +368,45 @@ def timed(sample: Sample, time_ns: int, *, stamps: bool = True) -> Sample:
     return replace(sample, message=stamp(replace(sample.message, header=header), time_ns), time_ns=time_ns)
 
 
+def edited_between(
+    take: Take, topic: str, begin_s: float, end_s: float, edit: Callable[[Sample], Sample | None]
+) -> Take:
+    """`topic`'s samples of this time as `edit` returns them."""
+    return take.edited(topic, lambda s: edit(s) if begin_s < s.time_ns * 1e-9 < end_s else s)
+
+
+def robots_at_pace(take: Take, factor: float, *, stamps: bool = True) -> Take:
+    """What the robot says played faster, beside what the witnesses saw at its own pace."""
+    robots = at_pace(Take([s for s in take.samples if is_robots(s)]), factor, stamps=stamps)
+    others = [s for s in take.samples if not is_robots(s)]
+    return Take(sorted([*robots.samples, *others], key=lambda s: s.time_ns))
+
+
+def waist_turned(sample: Sample, turn_rad: float) -> Sample:
+    """Joint states with the waist elsewhere."""
+    position = sample.message.position.copy()
+    position[WAIST] += turn_rad
+    return with_joints(sample, position=position)
+
+
+def resting(take: Take, topic: str, index: int) -> Take:
+    """A body that stays where its pose of this index has it."""
+    lies = take.of(topic)[index].message.pose
+    return take.edited(topic, lambda s: with_fields(s, pose=lies))
+
+
+def without_wheels(take: Take, begin_s: float = 0.0) -> Take:
+    """Odometry that stays what it was in the beginning, from `begin_s` on."""
+    first = take.of(ODOM)[0].message
+    still = partial(with_fields, pose=first.pose, twist=first.twist)
+    return edited_between(take, ODOM, begin_s, math.inf, still)
+
+
+def registered(role: str, **changes: Any) -> Registered:
+    """A registry where the device of this role is another's, of another name, or revoked."""
+    return lambda device: device.model_copy(update=changes) if device.role == role else device
+
+
 def at_pace(take: Take, factor: float, *, stamps: bool = True) -> Take:
     """Played `factor` times faster."""
     start_ns = take.samples[0].time_ns
@@ -294,6 +423,14 @@ def is_robots(sample: Sample) -> bool:
 def told(take: Take, topic: str, **changes: Any) -> Take:
     """What a device feels there, with other words, before it signs them."""
     return take.edited(topic, lambda s: replace(s, message=s.message | changes))
+
+
+def cut(take: Take, *shares: float) -> Take:
+    """With a note, at these shares of its time, that the recorder goes on after a cut."""
+    noted = [
+        Sample("rodeo/event", "", {"event": RESUMED}, round(middle_s(take, share) * 1e9)) for share in shares
+    ]
+    return Take(sorted([*take.samples, *noted], key=lambda sample: sample.time_ns))
 
 
 def restated(take: Take, account: LocalAccount, having: str, **changes: Any) -> Take:

@@ -3,9 +3,16 @@
 from __future__ import annotations
 
 from decimal import Decimal
+from secrets import token_bytes
 from typing import TYPE_CHECKING, Any
 
+import coincurve
 from eth_account import Account
+from eth_account.datastructures import SignedMessage
+from eth_account.messages import SignableMessage, _hash_eip191_message
+from eth_account.signers.local import LocalAccount
+from eth_keys import keys
+from hexbytes import HexBytes
 
 from rodeo.dao import CHARGING, CLEANING
 from rodeo.evidence import Binding
@@ -15,10 +22,24 @@ from services.oracle.case import Ledger
 if TYPE_CHECKING:
     from tests.support.recordings import Take
 
-ROBOT = Account.create()
-BIN = Account.create()
-METER = Account.create()
-MOCAP = Account.create()
+
+class DeviceKey(LocalAccount):
+    """A new key that signs the same as eth-account's, at a fifth of the cost: it is parsed once. A charge has
+    a thousand seals."""
+
+    def __init__(self) -> None:
+        super().__init__(keys.PrivateKey(token_bytes(32)), Account())
+        self._signing = coincurve.PrivateKey(bytes(self.key))
+
+    def sign_message(self, signable_message: SignableMessage) -> SignedMessage:
+        digest = _hash_eip191_message(signable_message)
+        signature = self._signing.sign_recoverable(digest, hasher=None)
+        r, s, v = signature[:32], signature[32:64], signature[64] + 27
+        numbers = int.from_bytes(r), int.from_bytes(s), v
+        return SignedMessage(HexBytes(digest), *numbers, HexBytes(signature[:64] + bytes([v])))
+
+
+ROBOT, BIN, METER, MOCAP = (DeviceKey() for _ in range(4))
 EXECUTOR = Account.create().address
 ORGANIZATION = Account.create().address
 

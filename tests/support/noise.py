@@ -76,6 +76,11 @@ def noisy(
         header = replace(message.header, stamp=new("builtin_interfaces/msg/Time"))
         samples.append(replace(sample, message=stamp(replace(message, header=header), stamp_ns)))
 
+    return Take(samples), losses(noise, chance, drawn_s if clock_s is None else clock_s)
+
+
+def losses(noise: Noise, chance: np.random.Generator, clock_s: float) -> Witnesses:
+    """Honest witnesses of one recording, of whose statements and of whose hearing something is lost."""
     late: list[Attestation] = []
 
     def misses() -> bool:
@@ -90,11 +95,11 @@ def noisy(
             late.append(attestation)
         return None
 
-    return Take(samples), Witnesses(
+    return Witnesses(
         edit=heard,
         asked_for=late,
         hears=lambda _time_s: not misses(),
-        mocap_clock_s=drawn_s if clock_s is None else clock_s,
+        mocap_clock_s=clock_s,
         charge=Sides(keep=lambda attestation: None if misses() else attestation),
     )
 

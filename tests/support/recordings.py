@@ -14,6 +14,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import nan
 from pathlib import Path
 from typing import Any, cast
@@ -76,6 +77,12 @@ class Sample:
     message: Any
     time_ns: int
     sequence: int = 0
+
+    @cached_property
+    def cdr(self) -> bytes:
+        """The ROS message as it goes over the bus. An edited sample is another one, so what many proofs have
+        in common is serialized once."""
+        return serialize(self.message)
 
 
 @dataclass(frozen=True)
@@ -182,8 +189,8 @@ class Witnesses:
     """What it gets from the witnesses' journals before it ends; `edit` may add to it."""
     recording: str | None = None
     """Digest of the recording whose heads the witnesses heard, if another than this one."""
-    forks_at_s: float = math.inf
-    """From then on they heard heads of another version of it."""
+    forks: Callable[[float], bool] = lambda time_s: False
+    """Whether what they hear at this time are heads of another version of it."""
     mocap_clock_s: float = 0.0
     """By how much the clock of the motion capture is ahead."""
     ago_s: float = 0.0
@@ -230,9 +237,11 @@ class _Scene:
         self._motion = motion.MotionLog(sorted(seen), start_us) if seen else None
         self._claimants: tuple[Claimant, ...] = ()
         self.recording = _NOTHING
+        self.charge: tuple[WitnessChain, ...] = ()
+        """Of those who hear the heads of a charge's recording."""
 
-    def hear_seal(self, data: bytes, address: str) -> tuple[int, str]:
-        """The recorder tells its newest head: its index and digest."""
+    def hear_seal(self, data: bytes, address: str) -> None:
+        """The recorder tells its newest head."""
         seal = json.loads(data)["payload"]
         own = "0x" + hashlib.sha256(data).hexdigest()
         if seal["recording"] is None:
@@ -243,12 +252,11 @@ class _Scene:
             address=address,
             chain=self._witnesses.recording or self.recording,
             index=seal["index"],
-            digest=own if time_s < self._witnesses.forks_at_s else _NOTHING,
+            digest=own if not self._witnesses.forks(time_s) else _NOTHING,
         )
-        for role in ("mocap", "bin"):
+        for chain in (self._chains["mocap"], self._chains["bin"], *self.charge):
             if self._witnesses.hears(time_s):
-                self._chains[role].heads.hear(head)
-        return seal["index"], own
+                chain.heads.hear(head)
 
     def see(self, sample: Sample, body: str) -> None:
         if self._motion is not None:
@@ -305,11 +313,11 @@ class _Scene:
         return self._witnesses.edit(attestation)
 
 
-class ChargeScene:
+class _ChargeScene:
     """Meter and robot of one recorded charge."""
 
-    def __init__(self, sides: Sides, binding: Binding, recording: str) -> None:
-        self._sides, self._binding, self._recording = sides, binding, recording
+    def __init__(self, sides: Sides, binding: Binding) -> None:
+        self._sides, self._binding = sides, binding
         scope = Scope(
             chain_id=binding.chain_id, task_manager=binding.task_manager, organization=binding.organization
         )
@@ -321,27 +329,16 @@ class ChargeScene:
             )
         }
         self._record: Attestation | None = None
-        self.hear_seal(0, recording)
+        self.listeners = (self._chains[Receipt],) if sides.hears else ()
+        """Who hears the heads of the recording."""
 
-    def hear_seal(self, index: int, digest: str) -> None:
-        """The robot hears the recording's newest head."""
-        if self._sides.hears:
-            head = Head(
-                device=self._binding.device,
-                address=self._sides.meter.address,
-                chain=self._recording,
-                index=index,
-                digest=digest,
-            )
-            self._chains[Receipt].heads.hear(head)
-
-    def sign(self, sample: Sample) -> Attestation | None:
+    def sign(self, sample: Sample, recording: str) -> Attestation | None:
         """What is recorded of it, if anything."""
         model, binding = CHARGE_SIGNED[sample.topic], self._binding
         fields: dict[str, Any] = {
             "task_id": binding.task_id,
             "attempt": binding.attempt,
-            "recording": self._sides.recording or self._recording,
+            "recording": self._sides.recording or recording,
         }
         if model is Receipt:
             if self._record is None:
@@ -380,14 +377,13 @@ def recorded(
 ) -> Generator[Sample, bytes | None, None]:
     """What a recorder hears, in order. It is sent each seal's bytes, the opening one first."""
     scene = _Scene(take, binding, witnesses, site_bin)
-    charge: ChargeScene | None = None
+    charge = _ChargeScene(witnesses.charge, binding)
+    scene.charge = charge.listeners
 
     def out(sample: Sample) -> Generator[Sample, bytes | None, None]:
         data = yield sample
         while data is not None:
-            index, digest = scene.hear_seal(data, address)
-            if charge is not None:
-                charge.hear_seal(index, digest)
+            scene.hear_seal(data, address)
             data = yield sample
 
     def say(attestation: Attestation | None, time_ns: int) -> Generator[Sample, bytes | None, None]:
@@ -405,8 +401,7 @@ def recorded(
         elif sample.topic in SIGNED:
             yield from say(scene.sign(sample), sample.time_ns)
         elif sample.topic in CHARGE_SIGNED:
-            charge = charge or ChargeScene(witnesses.charge, binding, scene.recording)
-            yield from say(charge.sign(sample), sample.time_ns)
+            yield from say(charge.sign(sample, scene.recording), sample.time_ns)
         else:
             yield from out(sample)
     yield from say(scene.tick(now_ns, last=True), now_ns)
@@ -441,9 +436,8 @@ def seal(
             sample = next(scene)
             ns = sample.time_ns
             if sample.ros_type:
-                cdr = serialize(sample.message)
                 topic = sample.topic if sample.topic.startswith("/") else "/" + sample.topic
-                file.add(_Entry(topic, sample.ros_type, sample.sequence & 0xFFFFFFFF, ns, ns, cdr))
+                file.add(_Entry(topic, sample.ros_type, sample.sequence & 0xFFFFFFFF, ns, ns, sample.cdr))
             else:
                 payload = sample.message.get("payload", {}) if isinstance(sample.message, dict) else {}
                 urgent = payload.get("type") != "mocap.motion"
@@ -481,8 +475,8 @@ def write_bag(
             topic, kind = "/" + sample.topic, sample.ros_type or text
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, kind, typestore=store)
-            message = sample.message if sample.ros_type else new(text, data=json.dumps(sample.message))
-            writer.write(connections[topic], sample.time_ns, serialize(message))
+            cdr = sample.cdr if sample.ros_type else serialize(new(text, data=json.dumps(sample.message)))
+            writer.write(connections[topic], sample.time_ns, cdr)
     return path
 
 

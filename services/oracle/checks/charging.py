@@ -29,6 +29,7 @@ from services.oracle.checks.witnesses import (
     revoked_meanwhile,
     signed_twice,
 )
+from services.oracle.heads import fork, listed
 from services.oracle.report import Finding, at_least, at_most, equal, skipped, undecided
 from services.oracle.statements import Testimony
 
@@ -122,24 +123,13 @@ def ocmf(case: Case) -> Finding:
 
 def fresh(case: Case) -> Finding:
     """The robot heard this recording begin before it signed for anything of it."""
-    charge, digests, own = case.charge, case.proof.seal_digests, (case.proof.signer or "").lower()
+    charge = case.charge
     if not case.proof.sealed:
         return skipped("a bag has no heads that others could list")
-    heads = [
-        head
-        for receipt in charge.receipts
-        for head in receipt.heads
-        if head.address.lower() == own and head.chain == case.proof.recording
-    ]
-    resumed = any(event.get("event") == "recording_resumed" for event in case.events)
-    forks = [one for one in heads if one.index >= len(digests) or digests[one.index] != one.digest]
-    if forks and not resumed:
-        return equal(
-            f"seal {forks[0].index} {forks[0].digest[:18]}",
-            None,
-            source="heads that the robot lists",
-            detail="a seal of this recording that the file does not have",
-        )
+    assert charge.robot is not None  # `both_signed` passed
+    if (forked := fork(case, charge.robot.said)) is not None:
+        return forked
+    heads = [head for _, head in listed(case, charge.robot.said)]
     first = min((receipt.seq for receipt in charge.receipts if _lists(receipt, heads)), default=None)
     if first is None:
         raise CaseError("no receipt of the robot lists this recording")

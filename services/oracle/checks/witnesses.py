@@ -5,29 +5,24 @@ from __future__ import annotations
 import numpy as np
 
 from rodeo.dao import CHARGING
-from rodeo.evidence.recorder import EVENT_CHANNEL, RESUMED
 from rodeo.evidence.seal import SEAL_TOPIC
 from rodeo.evidence.series import Array
 from rodeo.messages import Device
 from rodeo.topics import JOINT_STATES
-from rodeo.witness import Head, Motion
+from rodeo.witness import Motion
 from services.oracle.case import MOTION_CAPTURE, NO_MOCAP, Case, CaseError, Pose
+from services.oracle.heads import LISTED_S, fork, in_file, listed
 from services.oracle.keys import counts_until_s, not_standing, taken
 from services.oracle.logs import logged
-from services.oracle.report import Finding, at_most, equal, skipped, undecided
+from services.oracle.report import Finding, at_most, skipped, undecided
 from services.oracle.statements import Testimony
 
 MOVED_M = 0.03
 """An item this far from where it lay at first has been moved; motion capture repeats to a tenth of that."""
-LISTED_S = 3.0
-"""From when something was measured until motion capture lists a head that covers it: a seal and a statement
-come once a second each, and one of either may be lost."""
 LISTED_SHARE = 0.9
 """Of the time from the grasp to the item's rest; two may be lost in a row."""
 UNLISTED_S = 5.0
 """Never longer than this."""
-RESUMED_S = 1.0
-"""Recorded before a power cut and lost by it: what follows the last seal on disk."""
 UNSEEN_S = 2.5
 """Motion capture may lose a body behind the robot's arm for a moment. Nobody takes an item out of a gripper,
 does something else with it and puts it back in that time while the replay holds it throughout."""
@@ -199,7 +194,7 @@ def order(case: Case) -> Finding:
     if not case.proof.sealed:
         return skipped("a bag has no heads that others could list")
     heads = _heads(case)
-    if (forked := _fork(case)) is not None:
+    if (forked := fork(case, case.motion, case.bin_said)) is not None:
         return forked
     if not heads:
         raise CaseError("no statement of the motion capture lists this recording")
@@ -225,58 +220,9 @@ def _heads(case: Case) -> list[tuple[int, float, int]]:
     """(number and time of the statement, index of the seal) where motion capture lists this file."""
     return [
         (said.statement.seq, said.statement.time_s, head.index)
-        for said in case.motion
-        for head in said.statement.heads
-        if _of_this_recording(case, head) and _in_file(case, head)
+        for said, head in listed(case, case.motion)
+        if in_file(case, head)
     ]
-
-
-def _of_this_recording(case: Case, head: Head) -> bool:
-    own = (case.proof.signer or "").lower() == head.address.lower()
-    return own and head.chain is not None and head.chain == case.proof.recording
-
-
-def _in_file(case: Case, head: Head) -> bool:
-    digests = case.proof.seal_digests
-    return head.index < len(digests) and digests[head.index] == head.digest
-
-
-def _fork(case: Case) -> Finding | None:
-    """A head that a witness lists and the file lacks: there is another file. The last second before a power
-    cut may be lost, if the recorder notes it."""
-    resumes = _resumes(case)
-    for said in [*case.motion, *case.bin_said]:
-        time_s = said.statement.time_s
-        for head in said.statement.heads:
-            if not _of_this_recording(case, head) or _in_file(case, head):
-                continue
-            lost = any(
-                head.index >= kept
-                and kept_s - case.slack_s <= time_s <= kept_s + (RESUMED_S + LISTED_S) * case.speed
-                for kept, kept_s in resumes
-            )
-            if not lost:
-                return equal(
-                    f"seal {head.index} {head.digest[:18]}",
-                    None,
-                    source=f"heads that {said.statement.device} lists",
-                    detail="a seal of this recording that the file does not have",
-                )
-    return None
-
-
-def _resumes(case: Case) -> list[tuple[int, float]]:
-    """For each time that the recorder went on after a cut: how many seals it kept, and up to when (s)."""
-    seals = case.proof.topics[SEAL_TOPIC].log_ns
-    if EVENT_CHANNEL not in case.proof.topics:
-        return []
-    found = []
-    for event, log_ns in zip(case.events, case.proof.topics[EVENT_CHANNEL].log_ns, strict=True):
-        if event.get("event") == RESUMED:
-            kept = int(np.searchsorted(np.frombuffer(seals, np.uint64), log_ns))
-            kept_ns = seals[kept - 1] if kept else log_ns
-            found.append((kept, kept_ns * 1e-9))
-    return found
 
 
 def _listed_soon(case: Case, heads: list[tuple[int, float, int]]) -> Finding:

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from rodeo import ocmf
+from rodeo.evidence.recorder import RESUMED
 from rodeo.witness import Header, MeterRecord, Receipt
 from services.oracle.acts import Act
 from services.oracle.report import Report
@@ -24,13 +25,19 @@ Fields = dict[str, Any]
 # The forgeries are in tests/forgeries/charges.py.
 
 
-def judged(judge: Judge, take: Take, sides: Sides = HONEST, **task: Any) -> Report:
+def judged(
+    judge: Judge,
+    take: Take,
+    sides: Sides = HONEST,
+    forks: Callable[[float], bool] = lambda time_s: False,
+    **task: Any,
+) -> Report:
     return judge(
         take,
         charging_ledger(take, **task),
         binding=CHARGE_BINDING,
         device=METER,
-        witnesses=Witnesses(charge=sides),
+        witnesses=Witnesses(charge=sides, forks=forks),
     )
 
 
@@ -193,3 +200,33 @@ def test_a_record_whose_ocmf_says_otherwise_is_refused(charge: Take, judge: Judg
     report = judged(judge, charge, replace(HONEST, fields=fields))
     assert not report.accepted
     assert not finding(report, "ocmf").passed
+
+
+def heard(charge: Take, number: int, count: int) -> list[float]:
+    """When the robot signed these receipts, and heard the seals of their records, s."""
+    return [sample.time_ns * 1e-9 for sample in charge.of(ROBOT_RECEIPT)[number : number + count]]
+
+
+@pytest.mark.parametrize("before_s", [0.5, 15.0])
+def test_what_the_robot_heard_before_a_cut_and_signs_after_it_costs_nobody(
+    charge: Take, judge: Judge, before_s: float
+) -> None:
+    """The charger lost its last second, and says so; the robot's next receipt may be of much later."""
+    (lost_s,) = heard(charge, 10, 1)
+    take = cut(charge, lost_s - before_s)
+    assert judged(judge, take, forks=lambda time_s: time_s == lost_s).accepted
+
+
+@pytest.mark.parametrize(("cut_before_s", "count"), [(None, 1), (15.0, 2), (-5.0, 1)])
+def test_a_head_of_another_version_is_refused_unless_a_cut_explains_it(
+    charge: Take, judge: Judge, cut_before_s: float | None, count: int
+) -> None:
+    """No cut, a second receipt after it, or a cut of later: there is another file."""
+    lost_s = heard(charge, 10, count)
+    take = charge if cut_before_s is None else cut(charge, lost_s[0] - cut_before_s)
+    assert failed(judged(judge, take, forks=lambda time_s: time_s in lost_s)) == "fresh"
+
+
+def cut(take: Take, time_s: float) -> Take:
+    noted = Sample("rodeo/event", "", {"event": RESUMED}, round(time_s * 1e9))
+    return Take(sorted([*take.samples, noted], key=lambda sample: sample.time_ns))
