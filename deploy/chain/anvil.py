@@ -35,6 +35,7 @@ _STATE_INTERVAL_S = 60
 """anvil writes its whole state each time, and answers nobody meanwhile. It also does when it ends, even when
 this process is killed, so that only a power cut takes what came since."""
 
+STATE_FILE = "anvil.json"
 _PR_SET_PDEATHSIG = 1
 _LIBC = ctypes.CDLL(None, use_errno=True)
 
@@ -50,7 +51,7 @@ class Anvil:
     ) -> None:
         self._url = url
         self._host, self._port = host_and_port(url)
-        self._state = folder / "anvil.json"
+        self._state = folder / STATE_FILE
         self._folder = folder
         self._chain_id = chain_id
         self._genesis_time_s = genesis_time_s

@@ -13,6 +13,7 @@
     │   └── ExecutionReverted   3, `data` carries the revert data
     ├── ChainStoreCorrupted     the file cannot be read back
     ├── WrongGenesis            the file belongs to another chain
+    ├── ChainLost               the file is gone, and contracts are known to be in it
     └── AnvilFailed             the anvil child did not start or died
 
 Codes: JSON-RPC 2.0 section 5.1 and EIP-1474; code 3 as in geth and the execution-apis tests.
@@ -102,6 +103,10 @@ class ChainStoreCorrupted(RodeoError):
 
 class WrongGenesis(RodeoError):
     """The chain's file was made for another chain than the site file describes."""
+
+
+class ChainLost(RodeoError):
+    """The site's contracts are on a chain that is not in its file any more."""
 
 
 class AnvilFailed(RodeoError):

@@ -9,10 +9,11 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from deploy.chain.anvil import Anvil
+from deploy.chain.anvil import STATE_FILE, Anvil
 from deploy.chain.errors import AnvilFailed, ChainStoreUnwritable
 from deploy.chain.ledger import Ledger
 from deploy.chain.methods import Methods
+from deploy.chain.record import LOCAL_CHAIN_ID, check_not_lost
 from deploy.chain.server import RpcServer
 from deploy.chain.store import Store
 from rodeo.clock import Clock, WallClock
@@ -22,9 +23,6 @@ from rodeo.instance import HEARTBEAT_S, lock_instance
 from rodeo.service import Service
 
 log = logging.getLogger(__name__)
-
-LOCAL_CHAIN_ID = 31_337
-"""Chain id of every local chain here, the one that anvil and Hardhat use."""
 
 
 class SiteTime:
@@ -46,7 +44,7 @@ class SiteTime:
 def run(site: Site, stop: threading.Event) -> None:
     """Serve the site's chain until `stop`.
 
-    Raises WrongGenesis, ChainStoreCorrupted, AnvilFailed, AlreadyRunning or PortUnavailable.
+    Raises WrongGenesis, ChainStoreCorrupted, ChainLost, AnvilFailed, AlreadyRunning or PortUnavailable.
     """
     backend = _BACKENDS[site.chain.backend]
     folder = site.data_dir / "chain" / site.chain.backend
@@ -55,6 +53,7 @@ def run(site: Site, stop: threading.Event) -> None:
 
 
 def _run_embedded(site: Site, folder: Path, site_time: SiteTime, stop: threading.Event) -> None:
+    check_not_lost(site, folder / "chain.sqlite")
     lock_instance(folder)
     store = Store(folder / "chain.sqlite")
     ledger = Ledger(store, LOCAL_CHAIN_ID, int(time.time()), site_time.now_s)
@@ -71,6 +70,7 @@ def _run_embedded(site: Site, folder: Path, site_time: SiteTime, stop: threading
 
 
 def _run_anvil(site: Site, folder: Path, site_time: SiteTime, stop: threading.Event) -> None:
+    check_not_lost(site, folder / STATE_FILE)
     with Anvil(site.chain.url, folder, LOCAL_CHAIN_ID, int(time.time()), site_time.now_s) as anvil:
         log.info("anvil, chain %d at block %d on %s", LOCAL_CHAIN_ID, anvil.block_number(), site.chain.url)
         _keep_heartbeat(site, site_time, stop, anvil.block_number, lambda: anvil.wait(stop))

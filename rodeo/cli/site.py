@@ -20,6 +20,7 @@ from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
 
+from deploy.chain.record import give_up_chain
 from deploy.launcher import Launcher, log_tail, make_keys, stop_site
 from deploy.processes import processes_of
 from rodeo.bus import Bus, validate
@@ -69,9 +70,15 @@ def up(
     ] = None,
     services: Annotated[list[str] | None, typer.Argument(help="More names for --only.")] = None,
     detach: Annotated[bool, typer.Option("--detach", "-d", help="Return when the site is ready.")] = False,
+    new_chain: Annotated[
+        bool,
+        typer.Option("--new-chain", help="Begin a new local chain where the file of the old one is lost."),
+    ] = False,
 ) -> None:
     """Start the site's processes and keep them running until Ctrl-C, or in the background with --detach."""
     names = (*(only or []), *(services or []))
+    if new_chain and (record := give_up_chain(Site.load(site))) is not None:
+        console.print(f"the old chain is given up; its record is {record}", soft_wrap=True)
     if detach:
         _detach(site, names)
         return

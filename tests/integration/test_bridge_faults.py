@@ -15,7 +15,9 @@ import pytest
 from eth_account import Account
 
 from bench import soak
-from deploy.chain.errors import RpcError
+from deploy.chain.errors import ChainLost, RpcError
+from deploy.chain.process import run as serve_chain
+from deploy.chain.record import give_up_chain
 from deploy.chain.server import RpcServer
 from rodeo import wallets
 from rodeo.errors import NoResponder
@@ -173,6 +175,9 @@ def test_a_chain_that_was_made_anew_is_taken_for_another(running: RunningSite) -
     dao.stop()
     running.kill("chain")
     shutil.rmtree(running.site.data_dir / "chain")
+    with pytest.raises(ChainLost, match="--new-chain"):
+        serve_chain(running.site, threading.Event())
+    assert give_up_chain(running.site) is not None
     running.start("chain", ready=False)
     running.deploy_contracts()
     running.wait_ready("bridge")
