@@ -10,9 +10,16 @@ from typing import Any
 
 import pytest
 
+from rodeo import wallets
 from rodeo.bus import Bus, DaoEvents
+from rodeo.dao import Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError
+from rodeo.evidence import Store
 from rodeo.messages import DaoEvent, Status
+from rodeo.witness import Removal
+from rodeo.witness.days import SignedDay, day_of
+from rodeo.witness.roots import DailyRoots
+from rodeo.witness.witness import Witness
 from tests.support.dao import CHARGING, PARAMS, WAIT_S, Dao
 from tests.support.index import index_differences
 from tests.support.site import RunningSite, readyz, write_site
@@ -526,6 +533,30 @@ def test_the_root_of_a_day_is_posted_once_and_known(dao: Dao) -> None:
     assert refused.value.code == "root_already_posted"
     (root,) = dao.state("roots", device=device["address"])["roots"]
     assert {name: root[name] for name in fields} == fields and root["time_s"] > 0
+
+
+def test_a_witness_posts_the_root_of_its_day_over_the_bus_once(dao: Dao, tmp_path: Path) -> None:
+    account = wallets.load(dao.site, "itrash-device")
+    organization = Participant(dao.running.bus, dao.site.org, "organization")
+    now_s = dao.state("chain")["time_s"]
+    for _ in range(2):  # started twice
+        witness = Witness(dao.running.bus, dao.site.org, "itrash", account, tmp_path, "sensor")
+        roots = DailyRoots(dao.site, organization, witness)
+        deadline_s = time.monotonic() + WAIT_S
+        while (chain := witness.chain) is None:
+            assert time.monotonic() < deadline_s, "nobody told for which organization it signs"
+            threading.Event().wait(0.05)
+        for at_s in (now_s - 86_400, now_s):
+            fields = {"compartment": "blue", "weight_n": 0.4, "after_s": at_s - 1, "settled_s": at_s}
+            if len(chain.last(2)) < 2:
+                chain.sign(Removal, at_s, **fields)
+        roots.post_due()
+        roots.close()
+        witness.close()
+    (root,) = dao.state("roots", device=account.address)["roots"]
+    path = Store(dao.site).fetch(root["uri"], root["root"], folder=tmp_path / "fetched")
+    log = SignedDay.load(path).log
+    assert (log.device, log.day, log.first, log.count) == ("itrash", day_of(now_s - 86_400), 1, 1)
 
 
 def test_a_dry_run_tells_the_cost_and_changes_nothing(dao: Dao) -> None:
