@@ -313,6 +313,23 @@ def test_an_executor_raises_no_alarm(cleaning: Take, judge: Judge) -> None:
     assert report.accepted, report.reason
 
 
+def test_another_robot_raises_no_alarm(cleaning: Take, judge: Judge) -> None:
+    """Else it spoils what others did, or has people decide on what a friend invented."""
+    chain = cleaning_ledger(cleaning)
+    other = Device(address=NEXT.address, role="robot", owner="0x" + "77" * 20, name="panther2")
+    chain = chain.model_copy(update={"devices": [*chain.devices, other]})
+    listing = listing_another("robot.presentation", NEXT, MOCAP.address)
+
+    def edit(attestation: Attestation) -> Attestation | None:
+        said = attestation.payload
+        if said["type"] != "robot.presentation":
+            return attestation
+        return listing(attest(said | {"device": "panther2"}, NEXT))
+
+    report = judge(cleaning, chain, witnesses=Witnesses(edit=edit))
+    assert report.accepted, report.reason
+
+
 # -- charges ---------------------------------------------------------------------------------------------
 
 
