@@ -79,12 +79,17 @@ def _set_aside(recording: Path) -> None:
     recording.rename(recording.with_name(f"interrupted-{number}.mcap"))
 
 
+_FAR_M = 1e6
+"""No room is as large. Also numbers that are none, or no floats, are not below it."""
+
+
 def _place(task: Task) -> Point:
     """Where the task says that its item lies. Raises TaskFailed."""
     x_m, y_m = task.params.get("x_m"), task.params.get("y_m")
-    if not isinstance(x_m, int | float) or not isinstance(y_m, int | float):
-        raise TaskFailed("the task names no place", x_m=x_m, y_m=y_m)
-    return float(x_m), float(y_m)
+    place = [float(one) for one in (x_m, y_m) if isinstance(one, int | float) and abs(one) < _FAR_M]
+    if len(place) != 2:
+        raise TaskFailed("the task names no place", x_m=str(x_m), y_m=str(y_m))
+    return place[0], place[1]
 
 
 class AssignmentWatch:
