@@ -40,7 +40,7 @@ from rodeo.witness import Inputs, Scope, WitnessChain
 from rodeo.witness.roots import DailyRoots
 from rodeo.witness.witness import Witness
 from services.charger.delivery import Delivery, Order
-from services.charger.job import Job
+from services.charger.job import Job, wrong_order
 from services.charger.session import End, Phase, SessionLimits, SessionState
 
 log = logging.getLogger(__name__)
@@ -333,6 +333,8 @@ class Charger:
             problem = str(error)
         assigned_s = task.assigned or 0.0
         window_s = (task.execution_deadline or assigned_s) - assigned_s
+        if problem is None and params is not None:
+            problem = wrong_order(task, params, site)
         limits = SessionLimits(
             voltage_v=dock.voltage_v,
             cutoff_a=dock.cutoff_a,

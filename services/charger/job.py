@@ -12,6 +12,8 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from rodeo import topics
+from rodeo.charging import SOC_USED, ChargingParams, order_wh
+from rodeo.config import Site
 from rodeo.errors import RodeoError
 from rodeo.evidence import Attestation
 from rodeo.evidence.errors import ContainerError
@@ -99,3 +101,23 @@ def recover(path: Path, output_topic: str) -> Recorded:
     except ContainerError as error:
         log.info("the recording ends here: %s", error)  # cut off, which is what being killed looks like
     return found
+
+
+_MORE_SHARE = 1.1
+"""Of what a robot's own estimate orders."""
+
+
+def wrong_order(task: Task, params: ChargingParams, site: Site) -> str | None:
+    """Why the dock would not be paid for what it delivers, if so; to be asked before it delivers anything.
+
+    A session is paid by the share of its order, so who orders a thousand times what a battery takes would pay
+    next to nothing for a full one. And none that costs more than the tariff is paid at all.
+    """
+    price_iec, tariff_iec = task.price_iec, site.economy.charging_reward_iec
+    if price_iec is not None and price_iec > tariff_iec:
+        return f"it costs {price_iec} IEC, more than the {tariff_iec} IEC of a session here"
+    soc_from = max(params.soc_from - SOC_USED, 0.0)
+    most_wh = _MORE_SHARE * order_wh(site.robot(params.robot).battery, site.dock, soc_from, params.soc_target)
+    if params.energy_wh > most_wh:
+        return f"it orders {params.energy_wh:g} Wh, where its battery takes {most_wh:.0f} Wh at most"
+    return None

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import pytest
 from eth_account import Account
 
+from rodeo.charging import ChargingParams
+from rodeo.config import Site
 from rodeo.evidence import Binding, Recorder
 from rodeo.evidence.recorder import EVENT_CHANNEL
-from services.charger.job import Job, JobBroken, recover
+from services.charger.job import Job, JobBroken, recover, wrong_order
+from tests.support.assignments import charging_ledger
+from tests.support.recordings import Sample, Take
+from tests.support.site import LAB
 
 ACCOUNT = Account.create()
 BINDING = Binding(
@@ -50,3 +57,21 @@ def test_no_file_is_no_job_and_a_broken_one_an_error(tmp_path: Path) -> None:
     with pytest.raises(JobBroken) as broken:
         Job.load(tmp_path / "job.json")
     assert broken.value.details["path"].endswith("job.json")
+
+
+@pytest.mark.parametrize(
+    ("order", "price_iec", "says"),
+    [
+        pytest.param({}, 200, None, id="as the dock offers it"),
+        pytest.param({"energy_wh": 1e9}, 200, "Wh at most", id="its share of the price would be nothing"),
+        pytest.param({"soc_target": 0.2}, 200, "Wh at most", id="nothing is to be charged"),
+        pytest.param({}, Decimal("200.000001"), "more than the 200 IEC", id="above the tariff none is paid"),
+    ],
+)
+def test_what_would_not_be_paid_is_not_delivered(
+    order: dict[str, Any], price_iec: Decimal, says: str | None
+) -> None:
+    moment = Take([Sample("", "", None, START_S * 10**9)])
+    ordered = charging_ledger(moment, order, price_iec=Decimal(price_iec)).task
+    problem = wrong_order(ordered, ChargingParams.model_validate(ordered.params), Site.load(LAB))
+    assert problem is None if says is None else says in str(problem)
