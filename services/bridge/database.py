@@ -5,7 +5,9 @@ The index can be rebuilt from the chain and so may lose its last moments in a po
 
 from __future__ import annotations
 
+import sqlite3
 import threading
+from contextlib import closing
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -45,6 +47,22 @@ def open_database(url: str, schema: str = "", *, durable: bool = False) -> Engin
 
     sqlalchemy.event.listen(engine, "connect", configure)
     return engine
+
+
+_CONTENT = (sqlite3.SQLITE_CORRUPT, sqlite3.SQLITE_NOTADB)
+
+
+def damage(path: Path) -> str | None:
+    """What SQLite finds wrong with the content of the file at `path`; None if it is sound, or not there."""
+    if not path.exists():
+        return None
+    try:
+        with closing(sqlite3.connect(path)) as connection:
+            problem = str(connection.execute("pragma quick_check(1)").fetchone()[0])
+    except sqlite3.DatabaseError as error:
+        # What keeps it from being read at all, like rights or a full disk, says nothing about its content.
+        return str(error) if error.sqlite_errorcode & 0xFF in _CONTENT else None
+    return None if problem == "ok" else problem
 
 
 class Checkpointer:

@@ -17,6 +17,7 @@
     │   └── NotThisWallets        what is to be broadcast was signed by another key, or is for another chain
     ├── BridgeNotReady            no node, no contracts or not caught up yet; `reason` says which
     ├── IndexUnusable             the index's file is not a database
+    ├── JournalDamaged            the journal's file is not what was written
     ├── JournalUnwritable         the journal's file cannot be written now; what waits stays in the queue
     ├── TransactionDropped        the node forgot the transaction and used its nonce for another
     └── ChainReorganized          blocks that were indexed are not on the chain any more
@@ -91,6 +92,10 @@ class BridgeNotReady(RodeoError):
 
 class IndexUnusable(RodeoError):
     """The index's file is not a database. Deleting it is safe: it is rebuilt from the chain."""
+
+
+class JournalDamaged(RodeoError):
+    """The journal's file is not what was written: what the wallets have sent is not known from it."""
 
 
 class JournalUnwritable(RodeoError):

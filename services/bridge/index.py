@@ -7,6 +7,7 @@ rolled back, and each undone event becomes an event of its own: sequence numbers
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -31,10 +32,12 @@ from rodeo.chain import Log
 from rodeo.messages import LIVE_STATES, DaoEvent
 from services.bridge import schema
 from services.bridge.amounts import event_args
-from services.bridge.database import Checkpointer, migrate, open_database, upsert
+from services.bridge.database import Checkpointer, damage, migrate, open_database, upsert
 from services.bridge.errors import IndexUnusable
 from services.bridge.projection import Projection
 from services.bridge.rows import Rows, roll_back
+
+log = logging.getLogger(__name__)
 
 UNDONE = "EventUndone"
 """Name of the event that says that an earlier one is not on the chain any more."""
@@ -74,8 +77,8 @@ class Page:
 class Index:
     """The database at `url`, for the chain and contracts given; one that holds another chain is emptied.
 
-    On PostgreSQL it lives in `schema_name`. One thread applies, any thread reads. Raises IndexUnusable when
-    it cannot be opened.
+    On PostgreSQL it lives in `schema_name`. One thread applies, any thread reads. A damaged SQLite file
+    is set aside. Raises IndexUnusable when the database cannot be opened.
     """
 
     def __init__(
@@ -93,6 +96,7 @@ class Index:
             "contracts": dict(contracts),
         }
         self.genesis_hash = genesis_hash
+        _set_aside_if_damaged(url)
         try:
             self._engine = open_database(url, schema_name)
             self._migrate()
@@ -475,6 +479,22 @@ def _event_row(event: DaoEvent, undone: bool = False) -> Row:
 
 def _at(position: Position) -> Row:
     return asdict(position)
+
+
+def _set_aside_if_damaged(url: str) -> None:
+    """Move a damaged SQLite file out of the way: all that it held is read from the chain again."""
+    parsed = make_url(url)
+    if parsed.get_backend_name() != "sqlite" or not parsed.database:
+        return
+    path = Path(parsed.database)
+    if (problem := damage(path)) is None:
+        return
+    log.warning(
+        "the index is damaged and is made anew from the chain: %s", problem, extra={"path": str(path)}
+    )
+    path.replace(path.with_name(path.name + ".damaged"))
+    for suffix in ("-wal", "-shm"):
+        path.with_name(path.name + suffix).unlink(missing_ok=True)
 
 
 def _shown(url: str) -> str:

@@ -38,8 +38,8 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import DBAPIError
 
-from services.bridge.database import migrate, open_database, stamp
-from services.bridge.errors import JournalUnwritable
+from services.bridge.database import damage, migrate, open_database, stamp
+from services.bridge.errors import JournalDamaged, JournalUnwritable
 from services.bridge.schema import Wei
 
 metadata = MetaData()
@@ -103,10 +103,17 @@ class Entry:
 
 class Journal:
     """The journal in the file at `path`. Thread-safe. What writes raises JournalUnwritable, and has then
-    written nothing."""
+    written nothing. Raises JournalDamaged."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        if (problem := damage(path)) is not None:
+            raise JournalDamaged(
+                "the journal is damaged: put it back from a copy, or move it away once none of the wallets' "
+                "transactions waits to be mined; then a request_id of before counts as a new request",
+                path=str(path),
+                problem=problem,
+            )
         # Synced at each commit: a transaction on the chain must be in the journal after a power cut as well.
         self._engine = open_database(f"sqlite:///{path}", durable=True)
         # An outcome that a power cut takes is asked of the node again: it need not wait for the disk.

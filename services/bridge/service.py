@@ -36,7 +36,7 @@ from rodeo.messages import DaoEvent
 from rodeo.metrics import LATENCY_BUCKETS_S
 from rodeo.service import Service
 from services.bridge.commands import KNOWN, Wallet
-from services.bridge.errors import BridgeNotReady, ChainReorganized, UnknownParticipant
+from services.bridge.errors import BridgeNotReady, ChainReorganized, JournalDamaged, UnknownParticipant
 from services.bridge.fees import Limits
 from services.bridge.follower import BEHIND_GRACE_S, Follower
 from services.bridge.heads import SUBSCRIBED_CHECK_S, Header, Heads, PolledHeads, open_heads
@@ -142,7 +142,7 @@ class Bridge:
                 self._not_ready(f"deployment record does not fit: run python -m deploy.contracts ({error})")
             except (ChainUnavailable, RpcFailed) as error:
                 self._not_ready(f"no node at {self._site.chain.url}: {error}")
-            except (ChainError, ChainReorganized, WalletError) as error:
+            except (ChainError, ChainReorganized, JournalDamaged, WalletError) as error:
                 self._not_ready(str(error))
             except DBAPIError as error:
                 self._not_ready(f"the index's database does not answer: {error.orig}")
@@ -177,6 +177,8 @@ class Bridge:
         # Named after the genesis block: a chain that was made anew starts with an empty journal.
         chain = f"{deployment.chain_id}-{deployment.genesis_hash[2:18]}"
         folder = self._service.data_dir / chain
+        # The journal first: it may be refused again and again, and nothing else is open then.
+        journal = Journal(folder / "journal.sqlite")
         index = Index(
             self._config.database or sqlite_url(folder / "index.sqlite"),
             deployment.chain_id,
@@ -185,7 +187,6 @@ class Bridge:
             schema_name=f"{site.org}-{self._config.name}-{chain}" if self._config.database else "",
         )
         node = Node(site.chain.url)
-        journal = Journal(folder / "journal.sqlite")
         outbox = Outbox(
             node, deployment, index, journal, self._config.stuck_s, on_sent=lambda: self._heads.wake()
         )

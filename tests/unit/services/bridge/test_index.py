@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -111,8 +112,32 @@ def test_an_index_of_the_first_schema_is_read_from_the_chain_again(tmp_path: Pat
     assert (task(chain)["execution_window_s"], task(chain)["verdict_window_s"]) == (3600, 600)
 
 
-def test_a_file_that_is_no_database_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "index.sqlite").write_bytes(b"not a database" * 100)
+@pytest.mark.parametrize("spoil", [lambda data: b"not a database" * 100, lambda data: _flipped(data)])
+def test_a_damaged_file_is_set_aside_and_the_index_made_anew(
+    tmp_path: Path, spoil: Callable[[bytes], bytes]
+) -> None:
+    chain = Chain(open_index(tmp_path))
+    chain.block(registered(), offered())
+    chain.index.close()
+    path = tmp_path / "index.sqlite"
+    path.write_bytes(spoil(path.read_bytes()))
+    anew = Chain(open_index(tmp_path))
+    assert (anew.index.position, anew.index.last_seq()) == (NOWHERE, 0)
+    anew.block(registered(), offered())
+    assert path.with_name("index.sqlite.damaged").exists()
+
+
+def _flipped(data: bytes) -> bytes:
+    """With 40 bits changed in every page but the first."""
+    spoilt = bytearray(data)
+    for page in range(4096, len(data), 4096):
+        for number in range(40):
+            spoilt[page + 13 * number] ^= 1 << number % 8
+    return bytes(spoilt)
+
+
+def test_a_database_that_cannot_be_opened_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "index.sqlite").mkdir()
     with pytest.raises(IndexUnusable) as refused:
         open_index(tmp_path)
     assert refused.value.details["url"].endswith("index.sqlite")

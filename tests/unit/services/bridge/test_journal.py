@@ -7,6 +7,7 @@ import sqlalchemy
 from eth_account import Account
 
 from services.bridge.database import migrate, open_database
+from services.bridge.errors import JournalDamaged
 from services.bridge.journal import Journal, metadata
 
 KEY = "0xac0974bec39a17e36ba4a6b4d238ff944bacb478cbed5efcae784d7bf4f2ff80"
@@ -62,3 +63,16 @@ def test_what_the_migrations_make_is_what_the_code_uses(tmp_path: Path) -> None:
     columns = {one["name"] for one in sqlalchemy.inspect(engine).get_columns("transactions")}
     assert columns == set(metadata.tables["transactions"].columns.keys())
     engine.dispose()
+
+
+def test_a_damaged_journal_is_refused_by_its_own_name(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    Journal(path).close()
+    spoilt = bytearray(path.read_bytes())
+    for number in range(40):
+        spoilt[4096 + 13 * number] ^= 1 << number % 8
+    path.write_bytes(spoilt)
+    with pytest.raises(JournalDamaged) as refused:
+        Journal(path)
+    assert refused.value.details["path"] == str(path)
+    assert path.read_bytes() == spoilt, "nothing is done to it"
