@@ -362,12 +362,24 @@ def test_a_buyers_key_that_changes_meanwhile_signs_for_all_of_it(charge: Take, j
     assert report.amount_iec is None
 
 
-@pytest.mark.parametrize("role", ["robot", "meter"])
-def test_a_charge_with_a_key_that_was_taken_before_the_submission_is_left_to_people(
-    charge: Take, judge: Judge, role: str
+def test_a_buyers_key_that_was_taken_before_the_submission_leaves_it_to_people(
+    charge: Take, judge: Judge
 ) -> None:
     """The seller's own list of what the buyer signed vouches for nothing."""
-    report = judged_charge(judge, charge, lambda chain: revoked(chain, role, charge.end_s + 1, "compromised"))
+    at_s = charge.end_s + 1
+    report = judged_charge(judge, charge, lambda chain: revoked(chain, "robot", at_s, "compromised"))
+    assert report.outcome == "undecided"
+
+
+def test_what_the_buyer_listed_before_the_meters_key_was_taken_is_paid(charge: Take, judge: Judge) -> None:
+    at_s = charge.end_s + 1
+    report = judged_charge(judge, charge, lambda chain: revoked(chain, "meter", at_s, "compromised"))
+    assert report.accepted, report.reason
+
+
+def test_a_meters_key_that_was_taken_meanwhile_leaves_it_to_people(charge: Take, judge: Judge) -> None:
+    at_s = middle_s(charge)
+    report = judged_charge(judge, charge, lambda chain: revoked(chain, "meter", at_s, "compromised"))
     assert report.outcome == "undecided"
 
 
