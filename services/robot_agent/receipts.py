@@ -8,11 +8,12 @@ import threading
 from collections import deque
 from typing import Any, Literal, NamedTuple
 
-from rodeo import topics
+from rodeo import ocmf, topics
 from rodeo.bus import Bus
 from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.evidence import Attestation
+from rodeo.evidence.errors import BadStatement
 from rodeo.lab.config import BatteryConfig, RobotConfig
 from rodeo.messages import Task
 from rodeo.metering import METER_CLASS, STEP_WH
@@ -286,6 +287,14 @@ class Receipts:
             self._answer_pending()
 
     def _on_record(self, heard: Heard) -> None:
+        record = heard.statement
+        assert isinstance(record, MeterRecord)  # a meter states nothing else
+        try:
+            # Whoever reads the OCMF text must find in it what the robot signed for.
+            ocmf.check(record, heard.device.address)
+        except BadStatement as error:
+            log.warning("the meter's record %d is not signed for: %s", record.seq, error)
+            return
         with self._lock:
             self._pending.append(heard)
             self._answer_pending()

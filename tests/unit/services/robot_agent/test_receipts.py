@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Iterator
 from math import nan
-from typing import Any
+from pathlib import Path
+from threading import Event
+from typing import Any, cast
 
 import pytest
 
+from rodeo import ocmf
+from rodeo.config import Site
+from rodeo.evidence import Attestation, attest
 from rodeo.lab.config import BatteryConfig
 from rodeo.metering import STEP_WH
-from rodeo.witness import MeterRecord, Receipt
-from services.robot_agent.receipts import RESOLUTION_WH, Account, Gauge
+from rodeo.ros2.types import new
+from rodeo.witness import HeadBook, Journal, MeterRecord, Receipt, Scope, WitnessChain, parse
+from services.robot_agent.receipts import RESOLUTION_WH, Account, Gauge, Receipts
+from tests.support.assignments import METER, ROBOT, charging_ledger
+from tests.support.recordings import Sample, Take
+from tests.support.site import LAB, WAIT_S
+from tests.unit.services.robot_agent.fakes import ManualClock
 
 ADDRESS = "0x" + "11" * 20
 RECORDING, OTHER = "0x" + "22" * 32, "0x" + "33" * 32
@@ -214,3 +226,105 @@ def test_a_new_process_goes_on_after_what_the_old_one_signed() -> None:
         charge.run(20)
         assert charge.reason() == "step"
     assert charge.reason(charge.delivered_wh + 4 * STEP_WH) is None
+
+
+class Surroundings:
+    """Bus, ROS 2 node and witness of a robot that stands on a dock, and the dock's meter."""
+
+    def __init__(self, folder: Path) -> None:
+        self.clock = ManualClock()
+        self.clock.time_s = 1_900_000_000.0
+        scope = Scope(chain_id=1, task_manager=ADDRESS, organization=ADDRESS)
+        self.chain, self.meter = (
+            WitnessChain(name, key, scope, "closed_bus", Journal(folder / f"{name}.jsonl"), HeadBook())
+            for name, key in (("panther1", ROBOT), ("dock1", METER))
+        )
+        self.signed: list[Receipt] = []
+        self._callbacks: list[Callable[..., None]] = []
+        site, here = Site.load(LAB), cast(Any, self)
+        self.receipts = Receipts(site, site.robots[0], here, here, here, cast(Any, self.clock))
+        deadline_s = time.monotonic() + WAIT_S
+        while self.receipts._listener._devices.known(METER.address) is None:
+            assert time.monotonic() < deadline_s
+            Event().wait(0.01)
+        self.receipts.begin(JOB)
+        state = new("sensor_msgs/msg/BatteryState", voltage=40.0, percentage=0.86)
+        state.header.stamp.sec = int(self.clock.time_s)
+        self._callbacks[0](state, None)
+
+    def subscription(self, _name: str, _type: str, callback: Callable[..., None]) -> None:
+        self._callbacks.append(callback)
+
+    def subscribe_bytes(self, _key: str, callback: Callable[..., None]) -> Any:
+        self._callbacks.append(callback)
+        return self
+
+    def undeclare(self) -> None:
+        """Nobody calls back any more."""
+        self._callbacks.clear()
+
+    def query(self, _key: str, timeout_s: float) -> dict[str, Any]:
+        return {"devices": [{"address": METER.address, "role": "meter", "name": "dock1", "owner": ADDRESS}]}
+
+    def query_all(self, _key: str, **_options: Any) -> list[dict[str, Any]]:
+        return []
+
+    def publish(self, attestation: Attestation) -> None:
+        receipt = parse(attestation.payload)
+        assert isinstance(receipt, Receipt)
+        self.signed.append(receipt)
+
+    def opens(self, text: Callable[[MeterRecord], str]) -> None:
+        """The meter signs an opening record with this OCMF text, and everybody hears it."""
+        now_s = self.clock.now_s()
+        record = {
+            "task_id": JOB.id,
+            "attempt": JOB.attempt,
+            "recording": RECORDING,
+            "robot": "panther1",
+            "page": 1,
+            "reason": "opening",
+            "contactor": "open",
+            "begin_wh": 1000.0,
+            "register_wh": 1000.0,
+            "until_s": now_s,
+            "since_ms": 0,
+            "readings": "",
+            "soc": None,
+        }
+        signed = self.meter.sign(MeterRecord, now_s, **record)
+        said = parse(signed.payload)
+        assert isinstance(said, MeterRecord)
+        told = attest(signed.payload | {"ocmf": text(said)}, METER)
+        self._callbacks[1]("rodeo/lab/witness/dock1/statement", told.model_dump_json().encode())
+
+
+JOB = charging_ledger(Take([Sample("", "", None, 1_900_000_000 * 10**9)])).task
+
+
+@pytest.fixture
+def robot(tmp_path: Path) -> Iterator[Surroundings]:
+    surroundings = Surroundings(tmp_path)
+    yield surroundings
+    surroundings.receipts.close()
+
+
+def test_a_record_whose_ocmf_text_says_the_same_is_signed_for(robot: Surroundings) -> None:
+    robot.opens(lambda record: record.ocmf)
+    assert [one.reason for one in robot.signed] == ["opening"]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        pytest.param(lambda _: "", id="none"),
+        pytest.param(lambda record: record.ocmf.replace("1000.0", "1001.0"), id="another register"),
+        pytest.param(lambda record: ocmf.sign(ocmf.data(record), bytes(ROBOT.key)), id="another key"),
+    ],
+)
+def test_a_record_whose_ocmf_text_says_otherwise_is_not_signed_for(
+    robot: Surroundings, text: Callable[[MeterRecord], str]
+) -> None:
+    robot.opens(text)
+    robot.receipts.remind()
+    assert robot.signed == []
