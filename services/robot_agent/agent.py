@@ -20,6 +20,7 @@ from rodeo.errors import BusError, RemoteError
 from rodeo.evidence import EvidenceError, Recorder, Store
 from rodeo.evidence.errors import RecordingSealed
 from rodeo.lab.config import RobotConfig
+from rodeo.lab.drop import RECORDED_AFTER_DROP_S
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Task
 from rodeo.ros2 import Node, types
@@ -32,7 +33,7 @@ from services.robot_agent.arm import Arm
 from services.robot_agent.bin import SmartBin
 from services.robot_agent.body import Body
 from services.robot_agent.charging import Charging
-from services.robot_agent.cleaning import AFTER_DROP_S, Cleaning
+from services.robot_agent.cleaning import Cleaning
 from services.robot_agent.decision import Intent, Situation, decide, require_time_for_verdict, takes_work
 from services.robot_agent.errors import (
     AgentError,
@@ -444,7 +445,7 @@ class Agent:
         if (held := self._feel()) is not None:
             self._tidy(held)
         released_s = when_released(path) if path.exists() else None
-        if released_s is not None and tells_of_disposal(path, released_s, AFTER_DROP_S):
+        if released_s is not None and tells_of_disposal(path, released_s, RECORDED_AFTER_DROP_S):
             journal.advance(folder, Phase.EXECUTED)  # interrupted when everything was said
             return
         if held is not None:

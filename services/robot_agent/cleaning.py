@@ -17,6 +17,7 @@ import numpy as np
 from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.lab.config import ItemConfig, Pose2
+from rodeo.lab.drop import RECORDED_AFTER_DROP_S
 from rodeo.lab.items import NotGraspable, top_grasps
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, ahead, wrap
 from rodeo.lab.place import PLACE_LIMIT_M, TAKEN_LIMIT_M
@@ -120,8 +121,6 @@ _FALL_S = 0.6
 _HOLD_WALL_S = 5.0
 """How long the arm is held still for the bin to speak: what is missing from a recording while nothing moves
 is no loss."""
-AFTER_DROP_S = 10.0
-"""Site time for which the recording goes on after the bin felt the drop: what fell must stay in the bin."""
 _LOOK_AROUND_S = 1.0
 """Site time after which a robot that waits hears of orders."""
 _RETREAT_M = 0.08
@@ -546,7 +545,7 @@ class Cleaning:
         except (MotionFailed, Unreachable) as error:
             log.warning("the robot stays at the bin: %s", error)
         report("seeing that it stays in the bin", 0.94)
-        until_s = (released_s if drop is None else drop.settled_s) + AFTER_DROP_S
+        until_s = (released_s if drop is None else drop.settled_s) + RECORDED_AFTER_DROP_S
         while (now_s := self._clock.now_s()) < until_s:
             self._pause(min(until_s - now_s, _LOOK_AROUND_S), checkpoint)
         if drop is not None and (removal := self._bin.removed(drop.compartment, drop.after_s)) is not None:

@@ -31,6 +31,7 @@ from rodeo.evidence.recorder import _Entry, _SealedFile
 from rodeo.evidence.seal import SealChain
 from rodeo.lab.body import JOINTS, Body, Twist2
 from rodeo.lab.config import Pose2, gripper_body
+from rodeo.lab.drop import RECORDED_AFTER_DROP_S
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, wrap
 from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, world_spec
 from rodeo.metering import Reading
@@ -725,12 +726,8 @@ def film_cleaning(
             correct=inside[0] == wanted,
         )
     operator.wait(0.5)
-    camera.still(AFTER_DROP_S)
+    camera.still(RECORDED_AFTER_DROP_S)
     return Take(camera.samples)
-
-
-AFTER_DROP_S = 11.0
-"""A recording goes on for so long after the bin felt the item."""
 
 
 def without_mocap(take: Take, item_id: str, off_m: tuple[float, float] = (0.0, 0.0)) -> Take:

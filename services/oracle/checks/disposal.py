@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from rodeo.lab.config import ItemClass
+from rodeo.lab.drop import JUDGED_AFTER_DROP_S
 from rodeo.lab.layout import BinLayout
 from rodeo.witness import Classification, Drop, Motion, Presentation, Removal
 from rodeo.witness.heads import TOLD
@@ -21,8 +22,6 @@ DROP_SLACK_S = 10.0
 """Between the release and the change of weight in the compartment: the fall, and what slips late."""
 EARLY_SLACK_S = 1.0
 """Clocks of bin and robot, and pads that touch the item a little longer than they hold it."""
-AFTER_DROP_S = 10.0
-"""So long after the bin felt it, the recording goes on: nobody takes it out again at once."""
 AWAY_M = 0.15
 """Of the hand from the item in the end: farther than its fingers reach."""
 OPEN_M = 0.003
@@ -227,7 +226,7 @@ def stays_in_bin(case: Case) -> Finding:
     the fingers are open, the hand is away, nobody takes anything out, and that for a while."""
     drop = _drop(case)
     end_s = case.proof.end_ns * 1e-9
-    source = f"recorded and signed for {AFTER_DROP_S:g} s after the bin's drop"
+    source = f"recorded and signed for {JUDGED_AFTER_DROP_S:g} s after the bin's drop"
     if case.mocap:
         end_s = min(end_s, case.motion[-1].statement.time_s)
     taken = [
@@ -244,9 +243,13 @@ def stays_in_bin(case: Case) -> Finding:
             source="statement of the bin",
             detail=f"after the drop something was taken out of {taken[0].compartment}",
         )
-    if end_s - drop.settled_s < AFTER_DROP_S - CLOCKS_S:
+    if end_s - drop.settled_s < JUDGED_AFTER_DROP_S - CLOCKS_S:
         return at_least(
-            end_s - drop.settled_s, AFTER_DROP_S, "s", source, "from the drop to the end of the recording"
+            end_s - drop.settled_s,
+            JUDGED_AFTER_DROP_S,
+            "s",
+            source,
+            "from the drop to the end of the recording",
         )
     if not case.mocap:
         return Finding(passed=True, source=source, detail="nothing was taken out of it")
@@ -303,7 +306,7 @@ def _end(case: Case, drop: Drop) -> str:
         x_m, y_m, z_m = last_m
         above = z_m >= case.site.bin.rim_height_m - BELOW_RIM_M
         return _compartment(layout, np.array([x_m, y_m, 0.0 if above else z_m])) or "out of sight elsewhere"
-    still = item.time_s >= last_s - AFTER_DROP_S / 2
+    still = item.time_s >= last_s - JUDGED_AFTER_DROP_S / 2
     if (np.linalg.norm(item.position_m[still] - last_m, axis=1) > REST_M).any():
         return "still moving"
     return _compartment(layout, last_m) or "elsewhere"

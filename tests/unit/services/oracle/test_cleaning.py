@@ -616,6 +616,20 @@ def test_a_bag_is_reported_on_and_never_paid_for(cleaning: Take, site: Site, tmp
     assert report.outcome == "rejected"
 
 
+def test_a_robot_that_recorded_long_enough_does_not_lose_by_motion_captures_last_statements(
+    cleaning: Take, judge: Judge
+) -> None:
+    """They are as old as its period, one more was lost, and it was not there to be asked again."""
+
+    def away(attestation: Attestation) -> Attestation | None:
+        said = attestation.payload
+        late = said["type"] == "mocap.motion" and said["time_s"] > cleaning.end_s - 4.0
+        return None if late else attestation
+
+    report = judge(cleaning, cleaning_ledger(cleaning), witnesses=Witnesses(edit=away))
+    assert report.accepted, report.reason
+
+
 def test_one_statement_of_motion_capture_after_the_drop_may_be_lost(cleaning: Take, judge: Judge) -> None:
     settled_s = cleaning.of("bin/drop")[0].message["settled_s"]
     lost: list[int] = []

@@ -1,0 +1,12 @@
+"""How long a cleaning is recorded after the bin felt the drop: one time for robot and oracle, in that order.
+
+Whoever did the work must not find out afterwards that its recording ended too soon. So the robot records for
+longer than the oracle asks for, by what the last statement of motion capture may be older than the end.
+"""
+
+JUDGED_AFTER_DROP_S = 10.0
+"""So long after the bin felt it, recording and statements of motion capture go on: nobody takes it out again
+at once."""
+RECORDED_AFTER_DROP_S = JUDGED_AFTER_DROP_S + 5.0
+"""So long the robot records. Motion capture states something every 2 s while nothing moves, one statement may
+be lost, and its clock may be off the bin's."""
