@@ -91,7 +91,7 @@ class EconomyConfig(_Table):
     cleaning_window_s: int = 2 * 3600
     """Long enough for a robot that must charge before it can do the work."""
     charging_window_s: int = 4 * 3600
-    verdict_window_s: int = 24 * 3600
+    verdict_window_s: int = 48 * 3600
     """Long against a verification: it only rescues the money when the oracle never answers. A simulated
     site skips hours in seconds while the robot charges."""
     audit_window_s: int = Field(default=7 * 24 * 3600, ge=60, le=30 * 24 * 3600)
@@ -323,10 +323,10 @@ class Site(BaseSettings):
     @property
     def min_verdict_window_s(self) -> float:
         """The shortest verdict window, s of site time, in which an honest proof has its verdict: whoever does
-        work for less may lose it because the oracle is slow."""
+        work for less may lose it because the oracle is slow. While it is awaited a robot may charge."""
         clock = self.clock
-        speed = 1.0 if clock.source == "wall" else clock.speed or FASTEST_CLOCK
-        return self.oracle.verdict_within_s * max(speed, 1.0)
+        speeds = [] if clock.source == "wall" else [clock.speed, clock.idle_speed]
+        return self.oracle.verdict_within_s * max([1.0, *(speed or FASTEST_CLOCK for speed in speeds)])
 
     @property
     def kinds(self) -> list[str]:

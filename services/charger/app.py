@@ -40,7 +40,7 @@ from rodeo.witness import Inputs, Scope, WitnessChain
 from rodeo.witness.roots import DailyRoots
 from rodeo.witness.witness import Witness
 from services.charger.delivery import Delivery, Order
-from services.charger.job import Job, wrong_order
+from services.charger.job import Job, require_payable, wrong_order
 from services.charger.session import End, Phase, SessionLimits, SessionState
 
 log = logging.getLogger(__name__)
@@ -325,10 +325,7 @@ class Charger:
         try:
             params = ChargingParams.model_validate(task.params)
             namespace = site.robot(params.robot).namespace
-            if params.dock != dock.name:
-                problem = f"this charger serves {dock.name}, not {params.dock}"
-            if task.verdict_window_s < self._site.min_verdict_window_s:
-                problem = f"its verdict window of {task.verdict_window_s} s is too short to be paid for it"
+            require_payable(task, params, site)
         except (ValidationError, RodeoError) as error:
             problem = str(error)
         assigned_s = task.assigned or 0.0

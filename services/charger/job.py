@@ -34,6 +34,23 @@ def stamp_s(message: Any) -> float:
     return message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
 
 
+class BadTask(RodeoError):
+    """Whoever delivered for this task might not be paid."""
+
+
+def require_payable(task: Task, params: ChargingParams, site: Site) -> None:
+    """Before anything is delivered. Raises BadTask when it is for another dock, and when an honest proof may
+    not be judged within its verdict window."""
+    if params.dock != site.dock.name:
+        raise BadTask("this charger serves another dock", serves=site.dock.name, dock=params.dock)
+    if task.verdict_window_s < site.min_verdict_window_s:
+        raise BadTask(
+            "the task's verdict window is too short",
+            verdict_window_s=task.verdict_window_s,
+            needs_s=site.min_verdict_window_s,
+        )
+
+
 class JobBroken(RodeoError):
     """The file is there and is not a job; starting anew could meter the same session twice."""
 

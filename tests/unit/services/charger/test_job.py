@@ -10,10 +10,11 @@ import pytest
 from eth_account import Account
 
 from rodeo.charging import ChargingParams
-from rodeo.config import Site
+from rodeo.config import ClockConfig, Site
 from rodeo.evidence import Binding, Recorder
 from rodeo.evidence.recorder import EVENT_CHANNEL
-from services.charger.job import Job, JobBroken, recover, wrong_order
+from rodeo.messages import Task
+from services.charger.job import BadTask, Job, JobBroken, recover, require_payable, wrong_order
 from tests.support.assignments import charging_ledger
 from tests.support.recordings import Sample, Take
 from tests.support.site import LAB
@@ -30,6 +31,14 @@ BINDING = Binding(
     nonce="0x" + "33" * 32,
 )
 START_S = 1_800_000_000
+
+
+def task(**fields: Any) -> Task:
+    take = Take([Sample("", "", None, START_S * 10**9)])
+    return charging_ledger(take, **{"verdict_window_s": 30 * 86_400, **fields}).task
+
+
+PARAMS = ChargingParams.model_validate(task().params)
 
 
 class FixedClock:
@@ -49,6 +58,28 @@ def test_the_last_contract_event_is_recovered_too(tmp_path: Path) -> None:
         recorder.write_json(EVENT_CHANNEL, event)
     recorder.suspend()
     assert recover(tmp_path / "task.mcap", "/dock1/output").events_seq == 5
+
+
+@pytest.mark.parametrize("clock", [ClockConfig(speed=10, idle_speed=400), ClockConfig(source="wall")])
+def test_nothing_is_delivered_for_a_verdict_that_may_come_too_late(clock: ClockConfig) -> None:
+    """Also where the clock only hurries while a robot charges."""
+    site = Site.load(LAB).model_copy(update={"clock": clock})
+    enough_s = 240 * 400 if clock.source == "sim" else 240
+    require_payable(task(verdict_window_s=enough_s), PARAMS, site)
+    with pytest.raises(BadTask) as refused:
+        require_payable(task(verdict_window_s=enough_s - 1), PARAMS, site)
+    assert refused.value.details == {"verdict_window_s": enough_s - 1, "needs_s": enough_s}
+
+
+def test_the_sites_own_charges_leave_time_for_the_verdict() -> None:
+    site = Site.load(LAB)
+    require_payable(task(verdict_window_s=site.economy.verdict_window_s), PARAMS, site)
+
+
+def test_nothing_is_delivered_for_another_docks_task() -> None:
+    with pytest.raises(BadTask) as refused:
+        require_payable(task(), PARAMS.model_copy(update={"dock": "dock9"}), Site.load(LAB))
+    assert refused.value.details == {"serves": "dock1", "dock": "dock9"}
 
 
 def test_no_file_is_no_job_and_a_broken_one_an_error(tmp_path: Path) -> None:

@@ -111,6 +111,9 @@ def test_the_service_is_open_only_while_the_robot_can_do_what_it_offers(
         (ClockConfig(source="wall", speed=1), 240.0),
         (ClockConfig(speed=10), 2400.0),
         (ClockConfig(speed=0.5), 240.0),
+        (ClockConfig(speed=10, idle_speed=400), 96_000.0),  # while it is judged, somebody may charge
+        (ClockConfig(speed=10, idle_speed=0), 12_000.0),
+        (ClockConfig(source="wall", speed=10, idle_speed=400), 240.0),
         (ClockConfig(speed=0), 12_000.0),  # as fast as the machine allows
     ],
 )
