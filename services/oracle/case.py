@@ -17,7 +17,7 @@ from rodeo import topics
 from rodeo.config import Site
 from rodeo.dao import CHARGING, CLEANING
 from rodeo.evidence import Attestation, EvidenceError, Proof, verify_attestation
-from rodeo.evidence.errors import BadAttestation, LayoutChanged
+from rodeo.evidence.errors import BadAttestation, BadStatement, LayoutChanged
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL
 from rodeo.evidence.series import Array, Table
 from rodeo.lab.config import ItemConfig, RobotConfig
@@ -53,11 +53,23 @@ class Ledger(BaseModel):
         return {d.address.lower() for d in self.devices if role in (None, d.role) and d.revoked is None}
 
 
+THE_MOTION_CAPTURE = "the site's motion capture"
+"""As one that failed."""
 NO_MOCAP = "not applicable: the site has no motion capture"
 
 
 class CaseError(EvidenceError):
     """The recording does not say what a check needs to know."""
+
+
+class WitnessFailed(EvidenceError):
+    """What a witness signed is nonsense, or it was off: neither party's failure, so a check that meets it is
+    undecided."""
+
+    def __init__(self, message: str, fault: str, **details: Any) -> None:
+        """`fault` names the witness."""
+        super().__init__(message, **details)
+        self.fault = fault
 
 
 @dataclass(frozen=True)
@@ -227,7 +239,8 @@ class Case:
         return "motion capture" if self.mocap else "perception"
 
     def pose(self, body: str) -> Pose:
-        """A body's motion as motion capture signed it. Raises CaseError when it is nothing, BadStatement."""
+        """A body's motion as motion capture signed it. Raises CaseError when that is nothing, WitnessFailed
+        when it is nonsense."""
         if body not in self._poses:
             seen, ahead_s = self._seen(body), self.clock_ahead_s
             self._poses[body] = replace(
@@ -239,7 +252,10 @@ class Case:
 
     def _seen(self, body: str) -> Pose:
         """The same by motion capture's own clock."""
-        found = track(self._motions, body)
+        try:
+            found = track(self._motions, body)
+        except BadStatement as error:
+            raise WitnessFailed(error.message, THE_MOTION_CAPTURE, **error.details) from error
         if found is None or len(found.time_us) < 2:
             raise CaseError("motion capture signed no motion of it", body=body)
         return Pose(
@@ -419,9 +435,32 @@ class Case:
         own = self.by_signer.get((self.proof.signer or "").lower())
         return [] if own is None else own.said
 
-    @property
+    @cached_property
     def _motions(self) -> list[Motion]:
-        return [one.statement for one in self.motion if isinstance(one.statement, Motion)]
+        """Raises CaseError, WitnessFailed."""
+        motions = [one.statement for one in self.motion if isinstance(one.statement, Motion)]
+        before_us = -1
+        for one in motions:
+            off_s = abs(one.end_us * 1e-6 - one.time_s)
+            if not (one.start_us <= one.end_us and before_us < one.end_us) or off_s > self.slack_s:
+                raise WitnessFailed(
+                    "the times of a statement contradict themselves, or those of the one before",
+                    THE_MOTION_CAPTURE,
+                    seq=one.seq,
+                )
+            before_us = one.end_us
+        return motions
+
+    @cached_property
+    def silences_s(self) -> list[tuple[float, float]]:
+        """Over which motion capture itself was off, by the robot's clock: no statement of its chain is
+        missing there, so nobody left one out. Raises CaseError, WitnessFailed."""
+        ahead_s = self.clock_ahead_s
+        return [
+            (before.end_us * 1e-6 - ahead_s, after.start_us * 1e-6 - ahead_s)
+            for said, (before, after) in zip(self.motion[:-1], pairwise(self._motions), strict=True)
+            if (before.seq + 1, said.digest) == (after.seq, after.previous) and after.start_us > before.end_us
+        ]
 
     @cached_property
     def phases(self) -> Phases:

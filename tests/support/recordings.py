@@ -194,6 +194,12 @@ class Witnesses:
     """Whether what they hear at this time are heads of another version of it."""
     mocap_clock_s: float = 0.0
     """By how much the clock of the motion capture is ahead."""
+    mocap_says: Callable[[dict[str, Any]], dict[str, Any]] = lambda fields: fields
+    """What motion capture makes of the fields of a statement before it signs them."""
+    mocap_off_s: tuple[float, float] = (math.inf, math.inf)
+    """Between which times the process of the motion capture did not run."""
+    mocap_forgets: bool = False
+    """Whether it lost its journal by that, so that its chain begins anew."""
     ago_s: float = 0.0
     """By how much the witnesses' times are earlier than those of the recording: it is of then."""
     charge: Sides = field(default_factory=Sides)
@@ -222,7 +228,7 @@ class _Scene:
             organization=binding.organization,
         )
         # A device goes on counting from film to film: what is shot later has higher numbers.
-        self._before = before = max(0, take.samples[0].time_ns - START_NS) // 10**8
+        self.before = before = max(0, take.samples[0].time_ns - START_NS) // 10**8
         self._chains = {
             role: WitnessChain(name, account, scope, inputs, cast(Journal, _Memory(before)), HeadBook())
             for role, name, account, inputs in (
@@ -236,6 +242,7 @@ class _Scene:
         self._mocap_ns = round((witnesses.mocap_clock_s - witnesses.ago_s) * 1e9)
         start_us = (take.samples[0].time_ns + self._mocap_ns) // 1000 - 20_000
         self._motion = motion.MotionLog(sorted(seen), start_us) if seen else None
+        self._seen, self._runs = sorted(seen), True
         self._claimants: tuple[Claimant, ...] = ()
         self.recording = _NOTHING
         self.charge: tuple[WitnessChain, ...] = ()
@@ -256,11 +263,31 @@ class _Scene:
             digest=own if not self._witnesses.forks(time_s) else _NOTHING,
         )
         for chain in (self._chains["mocap"], self._chains["bin"], *self.charge):
-            if self._witnesses.hears(time_s):
+            off = chain is self._chains["mocap"] and self._off(time_s)
+            if self._witnesses.hears(time_s) and not off:
                 chain.heads.hear(head)
 
+    def _off(self, time_s: float) -> bool:
+        """Whether motion capture does not run then."""
+        start_s, end_s = self._witnesses.mocap_off_s
+        return start_s <= time_s < end_s
+
+    def _begin_again(self, time_us: int) -> None:
+        """The process of the motion capture is started again."""
+        old = self._chains["mocap"]
+        journal = _Memory(0) if self._witnesses.mocap_forgets else old._journal
+        account, scope, inputs = self._witnesses.mocap, old.scope, self._witnesses.mocap_inputs
+        self._chains["mocap"] = WitnessChain(
+            old.device, account, scope, inputs, cast(Journal, journal), HeadBook()
+        )
+        self._motion = motion.MotionLog(self._seen, time_us)
+
     def see(self, sample: Sample, body: str) -> None:
-        if self._motion is not None:
+        runs = not self._off(sample.time_ns * 1e-9)
+        if runs and not self._runs:
+            self._begin_again((sample.time_ns + self._mocap_ns) // 1000)
+        self._runs = runs
+        if self._motion is not None and runs:
             at, turn = sample.message.pose.position, sample.message.pose.orientation
             time_us = (stamped_ns(sample.message) + self._mocap_ns) // 1000
             pose = motion.Sample(time_us, (at.x, at.y, at.z), (turn.w, turn.x, turn.y, turn.z))
@@ -270,19 +297,20 @@ class _Scene:
         """The statement of the motion capture that is due."""
         chain, log = self._chains["mocap"], self._motion
         time_ns += self._mocap_ns
-        if log is None or not (last or log.due(time_ns // 1000, bool(chain.heads))):
+        if log is None or not self._runs or not (last or log.due(time_ns // 1000, bool(chain.heads))):
             return None
-        return self._tell(
-            chain,
-            chain.sign_next(Motion, time_ns * 1e-9, lambda seq: log.take(time_ns // 1000, seq)._asdict()),
+        says = self._witnesses.mocap_says
+        signed = chain.sign_next(
+            Motion, time_ns * 1e-9, lambda seq: says(log.take(time_ns // 1000, seq)._asdict())
         )
+        return self._tell(chain, signed)
 
     def sign(self, sample: Sample) -> Attestation | None:
         """What a device says of what it felt."""
         model, ago_s = SIGNED[sample.topic], self._witnesses.ago_s
         fields = {name: one - ago_s if name in TIMES else one for name, one in sample.message.items()}
         counted = {name: fields[name] for name in ("number", "classification") if fields.get(name)}
-        fields |= {name: number + self._before for name, number in counted.items()}
+        fields |= {name: number + self.before for name, number in counted.items()}
         time_s = fields.pop("time_s", sample.time_ns * 1e-9 - ago_s)
         chain = self._chains[sample.topic.partition("/")[0]]
         if model is Presentation:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from rodeo.dao import CHARGING
 from rodeo.evidence.seal import SEAL_TOPIC
 from rodeo.evidence.series import Array
+from rodeo.lab.config import gripper_body
 from rodeo.messages import Device
 from rodeo.topics import JOINT_STATES
 from rodeo.witness import Motion
-from services.oracle.case import MOTION_CAPTURE, NO_MOCAP, Case, CaseError, Pose
+from services.oracle.case import MOTION_CAPTURE, NO_MOCAP, THE_MOTION_CAPTURE, Case, CaseError, Pose
 from services.oracle.heads import LISTED_S, fork, in_file, listed
 from services.oracle.keys import counts_until_s, not_standing, taken
 from services.oracle.logs import logged
@@ -29,14 +32,13 @@ does something else with it and puts it back in that time while the replay holds
 UNSEEN_M = 0.5
 """The sum of an item's ways against the robot's base over which nothing is signed."""
 _SOURCE = "statements of the motion capture"
-_WHOSE = "the site's motion capture"
 
 
 def witnessed(case: Case) -> Finding:
     """This site's motion capture signed what it saw, by its own cameras, in one chain."""
     if not case.mocap:
         return skipped(NO_MOCAP)
-    if (failed := unsound(case, "mocap", MOTION_CAPTURE, _WHOSE)) is not None:
+    if (failed := unsound(case, "mocap", MOTION_CAPTURE, THE_MOTION_CAPTURE)) is not None:
         return failed
     try:
         testimony = case.motion_capture
@@ -46,6 +48,9 @@ def witnessed(case: Case) -> Finding:
         raise
     if (failed := _interrupted(case)) is not None:
         return failed
+    for body in (case.robot.name, gripper_body(case.robot.name), case.item.id):
+        with suppress(CaseError):  # what it did not see is for other checks to say
+            case.pose(body)
     return Finding(
         passed=bool(case.motion),
         measured=len(case.motion),
@@ -162,7 +167,7 @@ def _interrupted(case: Case) -> Finding | None:
     after_s = [one.start_us * 1e-6 for one in motions if one.time_s > key.revoked]
     from_s = max(before_s, default=case.proof.start_ns * 1e-9)
     until_s = min(after_s, default=case.proof.end_ns * 1e-9)
-    return revoked_meanwhile(key, _WHOSE) if until_s - from_s > UNSEEN_S else None
+    return revoked_meanwhile(key, THE_MOTION_CAPTURE) if until_s - from_s > UNSEEN_S else None
 
 
 def in_daily_log(case: Case) -> Finding:
@@ -238,6 +243,19 @@ def _listed_soon(case: Case, heads: list[tuple[int, float, int]]) -> Finding:
         first_s[index] = min(first_s[index], time_s)
     first_s = np.minimum.accumulate(first_s[::-1])[::-1]
     late_s = (first_s[next_seal] - measured_s) / case.speed
+    found = _listed(late_s)
+    if found.passed:
+        return found
+    # What was measured while motion capture was off, or so short before that its statement was to come.
+    off = np.zeros(len(measured_s), bool)
+    for start_s, end_s in case.silences_s:
+        off |= (measured_s > start_s - LISTED_S * case.speed) & (measured_s < end_s)
+    if off.any() and (off.all() or _listed(late_s[~off]).passed):
+        return _was_off(case)
+    return found
+
+
+def _listed(late_s: Array) -> Finding:
     soon = np.abs(late_s) <= LISTED_S
     worst = float(late_s[np.abs(late_s).argmax()])
     if abs(worst) > UNLISTED_S or np.isnan(worst):
@@ -275,21 +293,65 @@ def seen_throughout(case: Case) -> Finding:
     if not case.mocap:
         return skipped(NO_MOCAP)
     phases, item, base = case.phases, case.pose(case.item.id), case.base
-    total_m = 0.0
+    total_m = silent_m = 0.0
+    was_off = False
     for name, pose in ((case.robot.name, base), (case.item.id, item)):
         for start_s, end_s in _unseen(pose, phases.closing_s, min(phases.rest_s, float(item.time_s[-1]))):
-            if end_s - start_s > UNSEEN_S:
+            off_s = sum(_within(case.silences_s, start_s, end_s))
+            if end_s - start_s - off_s > UNSEEN_S:
                 return at_most(
-                    end_s - start_s, UNSEEN_S, "s", _SOURCE, f"over which nothing of {name} is signed"
+                    end_s - start_s - off_s, UNSEEN_S, "s", _SOURCE, f"over which nothing of {name} is signed"
                 )
-            if pose is item:
+            if end_s - start_s > UNSEEN_S:
+                was_off = True
+            elif pose is item and off_s:
+                silent_m += _way_m(item, base, start_s, end_s)
+            elif pose is item:
                 total_m += _way_m(item, base, start_s, end_s)
-    return at_most(
+    found = at_most(
         total_m,
         UNSEEN_M,
         "m",
         _SOURCE,
         f"unsigned ways of {case.item.id} against the base, in all",
+    )
+    if not found.passed:
+        return found
+    if was_off or total_m + silent_m > UNSEEN_M:
+        return _was_off(case)
+    return silent_while_moving(case) or found
+
+
+def silent_while_moving(case: Case) -> Finding | None:
+    """An undecided finding if motion capture itself was off for long between the item's first place and its
+    last, as far as it saw it. Nobody else can make it so: the statements before and after are linked, so none
+    was left out of the recording."""
+    if not case.mocap:
+        return None
+    off_s = _within(case.silences_s, *_moves(case.pose(case.item.id)))
+    return _was_off(case) if max(off_s, default=0.0) > UNSEEN_S else None
+
+
+def _within(spans_s: list[tuple[float, float]], from_s: float, until_s: float) -> list[float]:
+    """How much of each span lies in this time."""
+    return [max(0.0, min(end_s, until_s) - max(start_s, from_s)) for start_s, end_s in spans_s]
+
+
+def _moves(item: Pose) -> tuple[float, float]:
+    """When the item was last seen at its first place, and when first at its last."""
+    left = np.linalg.norm(item.position_m - item.position_m[0], axis=1) > MOVED_M
+    comes = np.linalg.norm(item.position_m - item.position_m[-1], axis=1) > MOVED_M
+    if not (left.any() and comes.any()):
+        return float(item.time_s[-1]), float(item.time_s[-1])
+    return float(item.time_s[left.argmax() - 1]), float(item.time_s[np.flatnonzero(comes)[-1] + 1])
+
+
+def _was_off(case: Case) -> Finding:
+    longest_s = max(end_s - start_s for start_s, end_s in case.silences_s)
+    return undecided(
+        f"motion capture was off for {longest_s:.1f} s, from one of its statements to the very next",
+        THE_MOTION_CAPTURE,
+        source="chain of the motion capture",
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +15,7 @@ from rodeo.config import Site
 from rodeo.evidence import Attestation, Binding, attest
 from rodeo.lab.body import JOINTS
 from rodeo.lab.config import ItemClass
+from rodeo.witness.poses import pack, unpack
 from services.oracle.case import Ledger
 from tests.support.assignments import BIN, BINDING, MOCAP, cleaning_ledger
 from tests.support.recordings import (
@@ -310,6 +312,121 @@ def test_one_number_signed_twice_is_left_to_people(cleaning: Take, judge: Judge)
     report = judge(cleaning, cleaning_ledger(cleaning), witnesses=Witnesses(edit=again))
     assert report.outcome == "undecided"
     assert "signed two different statements with number 20" in report.reason
+
+
+def carry_s(take: Take) -> tuple[float, float]:
+    """When the item is first and last seen on its way."""
+    at_m = [s.message.pose.position for s in take.of(ITEM_POSE)]
+    far = [
+        s.time_ns * 1e-9
+        for s, at in zip(take.of(ITEM_POSE), at_m, strict=True)
+        if all(math.dist((at.x, at.y, at.z), (end.x, end.y, end.z)) > 0.05 for end in (at_m[0], at_m[-1]))
+    ]
+    return far[0], far[-1]
+
+
+@pytest.mark.parametrize(
+    ("after_lift_s", "before_rest_s"),
+    [
+        pytest.param(2.0, 2.0, id="on the way"),
+        pytest.param(-8.0, -3.0, id="from before the grasp to after the drop"),
+        pytest.param(-8.0, 10.0, id="over the grasp"),
+        pytest.param(10.0, -3.0, id="over the drop"),
+    ],
+)
+def test_a_motion_capture_that_was_off_while_the_item_was_carried_leaves_it_to_people(
+    cleaning: Take, judge: Judge, after_lift_s: float, before_rest_s: float
+) -> None:
+    """Its process was killed and began again: neither side failed."""
+    lift_s, rest_s = carry_s(cleaning)
+    off_s = (lift_s + after_lift_s, rest_s - before_rest_s)
+    report = judge(cleaning, cleaning_ledger(cleaning), witnesses=Witnesses(mocap_off_s=off_s))
+    assert report.outcome == "undecided", report.reason
+    assert report.fault == "the site's motion capture"
+    assert "was off for" in report.reason
+
+
+def test_a_motion_capture_that_was_off_before_the_grasp_costs_nothing(cleaning: Take, judge: Judge) -> None:
+    off_s = (cleaning.start_s + 2.0, cleaning.start_s + 6.0)
+    assert off_s[1] < carry_s(cleaning)[0] - 3.0
+    report = judge(cleaning, cleaning_ledger(cleaning), witnesses=Witnesses(mocap_off_s=off_s))
+    assert report.accepted, report.reason
+
+
+@pytest.mark.parametrize("left_out", [1, 5])
+def test_who_leaves_statements_of_motion_capture_out_cannot_say_that_it_was_off(
+    cleaning: Take, judge: Judge, left_out: int
+) -> None:
+    """Their numbers are missing in its chain, also around a time in which it was off."""
+    lift_s, _ = carry_s(cleaning)
+    seen: list[float] = []
+
+    def without(attestation: Attestation) -> Attestation | None:
+        time_s = attestation.payload["time_s"]
+        if attestation.payload["type"] == "mocap.motion" and time_s > lift_s + 2.0:
+            seen.append(time_s)
+            if len(seen) <= left_out:
+                return None
+        return attestation
+
+    off_s = (lift_s + 2.0 + left_out, lift_s + 7.0)
+    report = judge(cleaning, cleaning_ledger(cleaning), witnesses=Witnesses(edit=without, mocap_off_s=off_s))
+    assert report.outcome == "rejected", report.reason
+
+
+def test_a_motion_capture_whose_chain_begins_anew_leaves_it_to_people(cleaning: Take, judge: Judge) -> None:
+    """It lost its journal: what it says later has lower numbers."""
+    take = later(cleaning, 3600)
+    lift_s, rest_s = carry_s(take)
+    witnesses = Witnesses(mocap_off_s=(lift_s + 2.0, rest_s - 2.0), mocap_forgets=True)
+    report = judge(take, cleaning_ledger(take), witnesses=witnesses)
+    assert report.outcome == "undecided", report.reason
+    assert report.fault == "the site's motion capture"
+
+
+def nonsense(fields: dict[str, Any], body: str) -> dict[str, dict[str, Any]]:
+    """What a motion capture might sign instead."""
+    tracks = fields["tracks"]
+    offset_us, position_m, quaternion = unpack(tracks[body])
+    backwards = pack(offset_us[::-1], position_m, quaternion)
+    return {
+        "no base64": {"tracks": tracks | {body: "?"}},
+        "half a pose": {"tracks": tracks | {body: tracks[body][:24]}},
+        "times that go back": {"tracks": tracks | {body: backwards}},
+        "an end before its begin": {"start_us": fields["end_us"] + 1},
+        "an end of last year": {"end_us": 1, "start_us": 0},
+        "times of the year 2255": {"end_us": 2**53 - 1},
+    }
+
+
+@pytest.mark.parametrize("body", ["item1", "panther1", "panther1/gripper"])
+@pytest.mark.parametrize(
+    "what",
+    [
+        "no base64",
+        "half a pose",
+        "times that go back",
+        "an end before its begin",
+        "an end of last year",
+        "times of the year 2255",
+    ],
+)
+def test_nonsense_that_motion_capture_signed_itself_leaves_it_to_people(
+    cleaning: Take, judge: Judge, what: str, body: str
+) -> None:
+    lift_s, _ = carry_s(cleaning)
+    broken: list[int] = []
+
+    def says(fields: dict[str, Any]) -> dict[str, Any]:
+        if body in fields["tracks"] and fields["end_us"] > (lift_s + 2.0) * 1e6 and not broken:
+            broken.append(fields["end_us"])
+            return fields | nonsense(fields, body)[what]
+        return fields
+
+    report = judge(cleaning, cleaning_ledger(cleaning), witnesses=Witnesses(mocap_says=says))
+    assert broken
+    assert report.outcome == "undecided", report.reason
+    assert report.fault == "the site's motion capture"
 
 
 def mocap_revoked(chain: Ledger, at_s: float, because: str) -> Ledger:
