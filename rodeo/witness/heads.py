@@ -10,6 +10,10 @@ TOLD = 4
 """In so many statements the newest head of a witness is listed: a recording that lacks what the witness said
 last lacks many statements, or shows it. Recorders speak every second anyway."""
 
+RECORDINGS = 2
+"""Of one device whose newest heads are kept: it makes one after the other, and a witness may state nothing
+for many of them."""
+
 
 class HeadBook:
     """What was heard. Thread-safe."""
@@ -25,10 +29,15 @@ class HeadBook:
         return self._fresh
 
     def hear(self, head: Head) -> None:
-        """A verified head. Of one chain the highest index stays; more than `MAX_HEADS` are not kept."""
+        """A verified head. Of one chain the highest index stays; of one device's recordings the newest
+        `RECORDINGS`; more than `MAX_HEADS` in all are not kept."""
         key = head.address.lower(), head.chain
         with self._lock:
             known = self._heads.get(key)
+            if known is None and head.chain is not None:
+                own = [one for one in self._heads if one[0] == key[0] and one[1] is not None]
+                for one in own[: len(own) + 1 - RECORDINGS]:
+                    del self._heads[one]
             if known is None and len(self._heads) >= MAX_HEADS:
                 return
             if known is None or head.index >= known[0].index:

@@ -63,6 +63,7 @@ CHECKS: dict[str, tuple[Stage, ...]] = {
         (disposal.classified, disposal.dropped),
         (
             disposal.presented,
+            disposal.heard,
             disposal.pictured,
             disposal.nothing_left_out,
             disposal.stays_in_bin,

@@ -7,6 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from rodeo.evidence.seal import SEAL_TOPIC
 from rodeo.lab.config import ItemClass
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S
 from rodeo.lab.layout import BinLayout
@@ -14,7 +15,13 @@ from rodeo.witness import Classification, Drop, Motion, Presentation, Removal
 from rodeo.witness.heads import TOLD
 from services.oracle.case import Case, CaseError
 from services.oracle.checks import picture
-from services.oracle.checks.witnesses import revoked_meanwhile, revoked_while_recorded, unsound
+from services.oracle.checks.witnesses import (
+    UNLISTED_S,
+    revoked_meanwhile,
+    revoked_while_recorded,
+    unsound,
+)
+from services.oracle.heads import fork, in_file, listed
 from services.oracle.phases import REST_M
 from services.oracle.report import Finding, at_least, at_most, equal, skipped
 
@@ -174,6 +181,31 @@ def _at_bin(case: Case) -> Finding:
         "m",
         source=case.base_source,
         detail="from the bin to the robot that presented itself, when it lets go",
+    )
+
+
+def heard(case: Case) -> Finding:
+    """The bin heard this recording go on just before it was shown the item: its own chain says so, also where
+    there is no motion capture."""
+    if not case.proof.sealed:
+        return skipped("a bag has no heads that others could list")
+    if (forked := fork(case, case.bin_said)) is not None:
+        return forked
+    shown = _classification(case)
+    indexes = [
+        head.index
+        for one, head in listed(case, case.bin_said)
+        if one.statement.seq <= shown.seq and in_file(case, head)
+    ]
+    if not indexes:
+        raise CaseError("the bin lists this recording nowhere before it was shown the item", seq=shown.seq)
+    sealed_s = case.proof.topics[SEAL_TOPIC].log_ns[max(indexes)] * 1e-9
+    return at_most(
+        abs(shown.time_s - sealed_s) / case.speed,
+        UNLISTED_S,
+        "s",
+        source="chain of the bin",
+        detail="from the newest seal of this recording that it lists to its statement about the item",
     )
 
 

@@ -11,6 +11,7 @@ from rodeo.evidence.attestation import verify_attestation
 from rodeo.evidence.errors import BadStatement, BrokenJournal
 from rodeo.witness import Head, HeadBook, Journal, Removal, Scope, WitnessChain, parse, payload_digest
 from rodeo.witness.heads import TOLD
+from rodeo.witness.statement import MAX_HEADS
 
 KEY = Account.create()
 SCOPE = Scope(chain_id=31337, task_manager="0x" + "12" * 20, organization="0x" + "34" * 20)
@@ -84,6 +85,14 @@ def test_a_statement_lists_the_newest_head_of_each_chain_once(tmp_path: Path) ->
         assert not witness.heads, "nothing new was heard"
         assert parse(removal(witness).payload).heads != ()
     assert parse(removal(witness).payload).heads == ()
+
+
+def test_who_states_seldom_still_lists_the_recording_of_now() -> None:
+    """A bin hears a recording for each charge, and states nothing for all of them."""
+    heads = HeadBook()
+    for number in range(3 * MAX_HEADS):
+        heads.hear(head(7, f"0x{number:064x}", "dock1"))
+    assert [one.chain for one in heads.take()] == [f"0x{3 * MAX_HEADS - back:064x}" for back in (2, 1)]
 
 
 def test_what_fits_no_statement_is_refused_by_field(tmp_path: Path) -> None:

@@ -602,6 +602,37 @@ def test_without_motion_capture_the_robots_own_sight_stands_in_and_is_marked_as_
     assert "weaker" in next(check.source for check in report.checks if check.name == "ensemble")
 
 
+@pytest.mark.parametrize(
+    ("witnesses", "why"),
+    [
+        pytest.param({"recording": "0x" + "ab" * 32}, "lists this recording nowhere", id="last week's run"),
+        pytest.param({"hears": lambda time_s: False}, "lists this recording nowhere", id="unheard"),
+        pytest.param(
+            {"forks": lambda time_s: True}, "a seal of this recording", id="another version of the file"
+        ),
+    ],
+)
+def test_without_motion_capture_the_bins_own_chain_tells_the_order(
+    cleaning: Take, judge: Judge, site: Site, witnesses: dict[str, Any], why: str
+) -> None:
+    """Clocks and the names in its statements are as they should be."""
+    take = without_mocap(cleaning, "item1")
+    blind, chain = without_motion_capture(site), cleaning_ledger(cleaning)
+    report = judge(take, chain, at=blind, witnesses=Witnesses(**witnesses))
+    assert failed(report) == "heard"
+    assert why in report.reason
+
+
+def test_a_bin_that_heard_the_recording_long_before_it_was_shown_something_is_not_enough(
+    cleaning: Take, judge: Judge, site: Site
+) -> None:
+    shown_s = cleaning.of("bin/classification")[0].message["shown_s"]
+    take = without_mocap(cleaning, "item1")
+    deaf = Witnesses(hears=lambda time_s: time_s < shown_s - 10)
+    report = judge(take, cleaning_ledger(cleaning), at=without_motion_capture(site), witnesses=deaf)
+    assert failed(report) == "heard"
+
+
 def test_what_the_robot_says_that_it_saw_elsewhere_is_not_the_tasks_item(
     cleaning: Take, judge: Judge, site: Site
 ) -> None:
