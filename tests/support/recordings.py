@@ -343,15 +343,17 @@ class _Scene:
 
 
 class _ChargeScene:
-    """Meter and robot of one recorded charge."""
+    """Meter and robot of one recorded charge, who signed so many statements before."""
 
-    def __init__(self, sides: Sides, binding: Binding) -> None:
+    def __init__(self, sides: Sides, binding: Binding, before: int) -> None:
         self._sides, self._binding = sides, binding
         scope = Scope(
             chain_id=binding.chain_id, task_manager=binding.task_manager, organization=binding.organization
         )
         self._chains: dict[type[Header], WitnessChain] = {
-            model: WitnessChain(name, account, scope, sides.inputs, cast(Journal, _Memory(0)), HeadBook())
+            model: WitnessChain(
+                name, account, scope, sides.inputs, cast(Journal, _Memory(before)), HeadBook()
+            )
             for model, name, account in (
                 (MeterRecord, sides.meter_name, sides.meter),
                 (Receipt, sides.robot_name, sides.robot),
@@ -406,7 +408,7 @@ def recorded(
 ) -> Generator[Sample, bytes | None, None]:
     """What a recorder hears, in order. It is sent each seal's bytes, the opening one first."""
     scene = _Scene(take, binding, witnesses, site_bin)
-    charge = _ChargeScene(witnesses.charge, binding)
+    charge = _ChargeScene(witnesses.charge, binding, scene.before)
     scene.charge = charge.listeners
 
     def out(sample: Sample) -> Generator[Sample, bytes | None, None]:
@@ -805,8 +807,17 @@ def moved(sample: Sample, **changes: float) -> Sample:
     )
 
 
-def film_charging(site: Site, *, soc: float = 0.5, register_wh: float = REGISTER_WH) -> Take:
+def register_after(take: Take) -> float:
+    """Where the meter of a filmed charge stands at its end, Wh."""
+    return float(take.of(METER_RECORD)[-1].message["register_wh"])
+
+
+def film_charging(
+    site: Site, *, soc: float = 0.5, register_wh: float = REGISTER_WH, after_s: int = 0
+) -> Take:
     """A robot on the dock from `soc` to 96 %: constant current, then constant voltage, sampled at 1 Hz.
+
+    A later charge by the same meter begins `after_s` later, where its register stands then.
 
     What meter and robot sign is signed by `seal`, which knows the recording that it is about.
     """
@@ -815,7 +826,7 @@ def film_charging(site: Site, *, soc: float = 0.5, register_wh: float = REGISTER
     meter = Meter(register_wh)
     supply.enable(True)
     samples: list[Sample] = []
-    seconds = 0
+    begin_ns, seconds = START_NS + after_s * 10**9, 0
 
     def record(reason: str, now_ns: int) -> None:
         contactor = "closed" if reason == "step" else "open"
@@ -825,7 +836,7 @@ def film_charging(site: Site, *, soc: float = 0.5, register_wh: float = REGISTER
         samples.append(Sample(ROBOT_RECEIPT, "", {"soc": battery.soc, "reason": signed_as}, now_ns))
 
     while battery.soc < 0.96:
-        now_ns = START_NS + seconds * 10**9
+        now_ns = begin_ns + seconds * 10**9
         if seconds == 0:
             meter.reading(Reading((now_ns - 10**9) * 1e-9, battery.voltage_v, 0.0))
             record("opening", now_ns)
@@ -855,5 +866,5 @@ def film_charging(site: Site, *, soc: float = 0.5, register_wh: float = REGISTER
         if meter.due:
             record("step", now_ns)
         seconds += 1
-    record("close", START_NS + (seconds - 1) * 10**9)
+    record("close", begin_ns + (seconds - 1) * 10**9)
     return Take(samples)

@@ -2,21 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from decimal import Decimal
 from math import nan
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rodeo import ocmf
+from rodeo.config import Site
+from rodeo.dao import CHARGING
+from rodeo.evidence import open_proof
 from rodeo.evidence.recorder import RESUMED
+from rodeo.messages import DaoEvent
 from rodeo.witness import Header, MeterRecord, Receipt
-from services.oracle.acts import Act
+from services.oracle.acts import Act, ConsumedActs, Spent
+from services.oracle.case import Ledger
 from services.oracle.report import Report
 from tests.support.assignments import CHARGE_BINDING, METER, ORDERED_WH, ROBOT, charging_ledger
-from tests.support.recordings import REGISTER_WH, ROBOT_RECEIPT, Sample, Sides, Take, Witnesses
+from tests.support.recordings import (
+    ATTESTATION,
+    CHARGE_SIGNED,
+    REGISTER_WH,
+    ROBOT_RECEIPT,
+    Sample,
+    Sides,
+    Take,
+    Witnesses,
+    film_charging,
+    register_after,
+    seal,
+)
 from tests.unit.services.oracle.conftest import Judge, failed
 
 GAUGE = "panther1/battery_state"
@@ -163,6 +181,79 @@ def test_a_buyer_that_signs_its_beginning_twice_pays_all_the_same(
     report = judged(judge, Take([*charge.samples[:first], other, *charge.samples[first:]]))
     assert report.accepted, report.reason
     assert report.amount_iec is None
+
+
+SECOND = CHARGE_BINDING.model_copy(update={"task_id": 8, "nonce": "0x" + "ef" * 32})
+"""The next task of the same robot at the same dock."""
+
+
+@pytest.fixture(scope="module")
+def next_charge(charge: Take, site: Site) -> Take:
+    """By the same meter two hours later, whose register went on."""
+    return film_charging(site, soc=0.86, register_wh=register_after(charge), after_s=7200)
+
+
+def second_ledger(take: Take) -> Ledger:
+    return charging_ledger(take, id=SECOND.task_id, nonce=SECOND.nonce)
+
+
+def test_two_charges_by_one_meter_are_both_accepted_and_have_nothing_in_common(
+    charge: Take, next_charge: Take, judge: Judge
+) -> None:
+    first = judged(judge, charge)
+    second = judge(next_charge, second_ledger(next_charge), binding=SECOND, device=METER)
+    assert (first.accepted, second.accepted) == (True, True), (first.reason, second.reason)
+    spent = ConsumedActs()
+    tell(spent, CHARGE_BINDING.task_id, first.acts)
+    tell(spent, SECOND.task_id)
+    assert spent.spent(SECOND.task_id, 1, second.acts) is None
+
+
+def test_what_was_signed_of_one_charge_is_no_proof_of_the_next(
+    charge: Take, next_charge: Take, judge: Judge, site: Site, tmp_path: Path
+) -> None:
+    """The seller seals it again for the second task, with every statement as it was signed then."""
+    first = seal(charge, tmp_path / "first.mcap", CHARGE_BINDING, METER)
+    said = iter(open_proof(first.path).attestations())
+    samples = [
+        replace(one, topic=ATTESTATION, message=next(said).model_dump())
+        if one.topic in CHARGE_SIGNED
+        else one
+        for one in charge.samples
+    ]
+    report = judge(Take(samples), second_ledger(charge), binding=SECOND, device=METER)
+    assert failed(report) == "both_signed"
+    assert "of this recording" in report.reason
+
+
+def test_an_interval_of_the_register_that_was_paid_for_is_spent_whoever_signs_it_again(
+    charge: Take, judge: Judge, site: Site
+) -> None:
+    """Meter and robot in one hand let the same charge happen twice on paper."""
+    first = judged(judge, charge)
+    again = film_charging(site, soc=0.86, after_s=7200)
+    second = judge(again, second_ledger(again), binding=SECOND, device=METER)
+    spent = ConsumedActs()
+    tell(spent, CHARGE_BINDING.task_id, first.acts)
+    tell(spent, SECOND.task_id)
+    found = spent.spent(SECOND.task_id, 1, second.acts)
+    assert isinstance(found, Spent)
+    assert found.by.task_id == CHARGE_BINDING.task_id
+
+
+def tell(spent: ConsumedActs, task_id: int, paid_for: Sequence[str] | None = None) -> None:
+    """What the chain says of a charge that was submitted, and paid for if it lists acts."""
+    registered: list[tuple[str, Fields]] = [("TaskRegistered", {"kind": CHARGING})]
+    registered.append(("ProofSubmitted", {"attempt": 1}))
+    if paid_for is not None:
+        sha256 = f"0x{task_id:064x}"
+        spent.read(sha256, paid_for)
+        verdict = {"attempt": 1, "verdict": "accepted", "report_hash": sha256, "report_uri": ""}
+        registered.append(("VerdictPosted", verdict))
+    for number, (name, args) in enumerate(registered):
+        block = 10 * task_id + number
+        event = {"seq": block, "block": block, "log_index": 0, "tx_hash": "0x", "time_s": 0.0}
+        spent.on_event(DaoEvent(name=name, task_id=task_id, args=args, **event))
 
 
 def test_the_executors_meter_seals_it(charge: Take, judge: Judge) -> None:
