@@ -32,6 +32,7 @@ from rodeo.errors import (
     QueryTimeout,
     RemoteError,
     RodeoError,
+    wrong_fields,
 )
 from rodeo.messages import DaoEvent
 from rodeo.metrics import REQUESTS
@@ -95,7 +96,7 @@ def validate(model: type[Model], data: Any) -> Model:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        fields = {".".join(map(str, e["loc"])) or "(whole)": e["msg"] for e in error.errors()}
+        fields = wrong_fields(error)
         raise InvalidRequest(f"the request does not fit {model.__name__}", fields=fields) from error
 
 

@@ -13,6 +13,8 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1, max_length=64)]
 Share = Annotated[Number, Field(ge=0, le=1)]
 
+LARGEST_ORDER_WH = 100_000.0
+"""More than any mobile robot's battery holds."""
 SOC_SLACK = 0.02
 """What a battery gauge resolves."""
 SOC_USED = 0.1
@@ -33,7 +35,7 @@ class ChargingParams(BaseModel):
     dock: Name
     soc_from: Share
     soc_target: Share
-    energy_wh: Annotated[Number, Field(gt=0)]
+    energy_wh: Annotated[Number, Field(gt=0, le=LARGEST_ORDER_WH)]
     """Ordered, at the dock's terminals: the price is for so much, or for what reaches `soc_target`."""
 
     def begins_at(self, soc: float) -> bool:

@@ -27,10 +27,17 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from pydantic import ValidationError
+
 
 def snake_case(name: str) -> str:
     """`InsufficientFunds` -> `insufficient_funds`: how a Python or Solidity error name becomes a code."""
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
+
+
+def wrong_fields(error: ValidationError) -> dict[str, str]:
+    """Field -> what is wrong with it."""
+    return {".".join(map(str, e["loc"])) or "(whole)": e["msg"] for e in error.errors()}
 
 
 class RodeoError(Exception):

@@ -12,7 +12,7 @@ from typing import Any
 
 from eth_account import Account
 from eth_utils import to_checksum_address
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel
 
 from rodeo.bus import validate
 from rodeo.chain import (
@@ -30,7 +30,8 @@ from rodeo.chain import (
     Verdict,
     to_wei,
 )
-from rodeo.charging import ChargingParams, Name, Number
+from rodeo.charging import ChargingParams
+from rodeo.cleaning import CleaningParams
 from rodeo.config import EconomyConfig
 from rodeo.dao import MACHINE_JUDGED
 from rodeo.errors import InvalidRequest
@@ -88,18 +89,8 @@ MAX_TEXT_BYTES = 16 * 1024
 """Of parameters and description together: everybody keeps and lists them for ever."""
 
 
-class WasteDisposalParams(BaseModel):
-    """What a waste_disposal task says beyond its reward."""
-
-    model_config = ConfigDict(extra="allow")
-
-    item_id: Name
-    x_m: Number
-    y_m: Number
-
-
 KIND_PARAMS: dict[str, type[BaseModel]] = {
-    "waste_disposal": WasteDisposalParams,
+    "waste_disposal": CleaningParams,
     "battery_charging": ChargingParams,
 }
 """Kinds whose parameters have a schema; those of other kinds are the participants' own affair."""

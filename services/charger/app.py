@@ -52,6 +52,9 @@ PROOF_SHARE = 0.05
 CLOSING_WALL_S = 15.0
 """Wall time for which the robot is asked to sign the end. What it signed before counts without."""
 
+NOBODY = "nobody"
+"""In place of a robot that the site does not have: whatever its name, nothing is heard of it."""
+
 _RETRY_S = 1.0
 """Wall time before something that is away is asked again."""
 _CHAIN_WALL_S = 0.1
@@ -236,7 +239,9 @@ class Charger:
 
     def _listen(self, order: Order, delivery: Delivery) -> StatementListener:
         """To what the robot states, and to nobody else."""
-        binding, robot = order.binding, str(order.job.task.params.get("robot"))
+        binding, robot = order.binding, order.job.task.params.get("robot")
+        if robot not in [one.name for one in self._site.robots]:
+            robot = NOBODY
         scope = Scope(
             chain_id=binding.chain_id, task_manager=binding.task_manager, organization=binding.organization
         )

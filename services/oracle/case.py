@@ -8,14 +8,17 @@ from dataclasses import dataclass, replace
 from decimal import Decimal
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from rodeo import topics
+from rodeo.charging import ChargingParams
+from rodeo.cleaning import CleaningParams
 from rodeo.config import Site
 from rodeo.dao import CHARGING, CLEANING
+from rodeo.errors import wrong_fields
 from rodeo.evidence import Attestation, EvidenceError, Proof, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BadStatement, LayoutChanged
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL
@@ -37,6 +40,9 @@ MOTION_CAPTURE = "mocap"
 """Name of a site's motion capture."""
 
 
+Params = TypeVar("Params", CleaningParams, ChargingParams)
+
+
 class Ledger(BaseModel):
     """What the chain says about a submitted proof."""
 
@@ -54,7 +60,8 @@ class Ledger(BaseModel):
 
 
 THE_MOTION_CAPTURE = "the site's motion capture"
-"""As one that failed."""
+THE_CREATOR = "the task's creator"
+"""As those who failed."""
 NO_MOCAP = "not applicable: the site has no motion capture"
 
 
@@ -62,12 +69,12 @@ class CaseError(EvidenceError):
     """The recording does not say what a check needs to know."""
 
 
-class WitnessFailed(EvidenceError):
-    """What a witness signed is nonsense, or it was off: neither party's failure, so a check that meets it is
-    undecided."""
+class OthersFailed(EvidenceError):
+    """A witness signed nonsense, or the task's creator posted it: not the executor's failure, so a check that
+    meets it is undecided."""
 
     def __init__(self, message: str, fault: str, **details: Any) -> None:
-        """`fault` names the witness."""
+        """`fault` names who failed."""
         super().__init__(message, **details)
         self.fault = fault
 
@@ -162,7 +169,7 @@ class Case:
         """The item that the task names; without a chain, the one that moved farthest. Raises CaseError."""
         items = {item.id: item for item in self.site.items}
         if self.ledger is not None:
-            item_id = str(self.ledger.task.params.get("item_id"))
+            item_id = self.ordered(CleaningParams).item_id
             if item_id not in items:
                 raise CaseError("the site has no such item", item_id=item_id)
             return items[item_id]
@@ -176,6 +183,18 @@ class Case:
         if not tracked:
             raise CaseError("motion capture signed no item of this site", items=list(items))
         return items[max(tracked, key=lambda i: float(np.ptp(self.pose(i).position_m, axis=0).max()))]
+
+    def ordered(self, model: type[Params]) -> Params:
+        """The task's parameters, which its creator may have filled with anything.
+
+        Raises OthersFailed when they order nothing that could be done. Only for a case with a ledger.
+        """
+        assert self.ledger is not None
+        try:
+            return model.model_validate(self.ledger.task.params)
+        except ValidationError as error:
+            wrong = ", ".join(f"{field}: {why}" for field, why in wrong_fields(error).items())
+            raise OthersFailed(f"the task cannot be done as it is posted: {wrong}", THE_CREATOR) from error
 
     @property
     def speed(self) -> float:
@@ -239,7 +258,7 @@ class Case:
         return "motion capture" if self.mocap else "perception"
 
     def pose(self, body: str) -> Pose:
-        """A body's motion as motion capture signed it. Raises CaseError when that is nothing, WitnessFailed
+        """A body's motion as motion capture signed it. Raises CaseError when that is nothing, OthersFailed
         when it is nonsense."""
         if body not in self._poses:
             seen, ahead_s = self._seen(body), self.clock_ahead_s
@@ -255,7 +274,7 @@ class Case:
         try:
             found = track(self._motions, body)
         except BadStatement as error:
-            raise WitnessFailed(error.message, THE_MOTION_CAPTURE, **error.details) from error
+            raise OthersFailed(error.message, THE_MOTION_CAPTURE, **error.details) from error
         if found is None or len(found.time_us) < 2:
             raise CaseError("motion capture signed no motion of it", body=body)
         return Pose(
@@ -437,13 +456,13 @@ class Case:
 
     @cached_property
     def _motions(self) -> list[Motion]:
-        """Raises CaseError, WitnessFailed."""
+        """Raises CaseError, OthersFailed."""
         motions = [one.statement for one in self.motion if isinstance(one.statement, Motion)]
         before_us = -1
         for one in motions:
             off_s = abs(one.end_us * 1e-6 - one.time_s)
             if not (one.start_us <= one.end_us and before_us < one.end_us) or off_s > self.slack_s:
-                raise WitnessFailed(
+                raise OthersFailed(
                     "the times of a statement contradict themselves, or those of the one before",
                     THE_MOTION_CAPTURE,
                     seq=one.seq,
@@ -454,7 +473,7 @@ class Case:
     @cached_property
     def silences_s(self) -> list[tuple[float, float]]:
         """Over which motion capture itself was off, by the robot's clock: no statement of its chain is
-        missing there, so nobody left one out. Raises CaseError, WitnessFailed."""
+        missing there, so nobody left one out. Raises CaseError, OthersFailed."""
         ahead_s = self.clock_ahead_s
         return [
             (before.end_us * 1e-6 - ahead_s, after.start_us * 1e-6 - ahead_s)
@@ -542,7 +561,7 @@ class Case:
 
     @cached_property
     def charge(self) -> Charge:
-        """What both sides of a charge signed. Raises CaseError, ValidationError."""
+        """What both sides of a charge signed. Raises CaseError, OthersFailed."""
         from services.oracle.charge import charge_of
 
         return charge_of(self)

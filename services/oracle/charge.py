@@ -86,10 +86,10 @@ class Charge:
 
 
 def names(case: Case) -> Names:
-    """Raises ValidationError for a task that does not say what to deliver, CaseError without a robot."""
+    """Raises OthersFailed for a task that does not say what to deliver, CaseError without a robot."""
     if case.ledger is None:
         return Names(case.site.dock.name, case.robot.name)
-    params = ChargingParams.model_validate(case.ledger.task.params)
+    params = case.ordered(ChargingParams)
     return Names(params.dock, params.robot)
 
 

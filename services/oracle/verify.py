@@ -20,7 +20,7 @@ from rodeo.evidence import (
 )
 from rodeo.evidence.errors import CorruptProof, SealError, StoreUnavailable
 from services.oracle.acts import acts
-from services.oracle.case import Case, CaseError, Ledger, WitnessFailed
+from services.oracle.case import Case, CaseError, Ledger, OthersFailed
 from services.oracle.checks import CHECKS, STATEMENT, CheckFunction
 from services.oracle.counts import COUNTS
 from services.oracle.report import Check, Finding, Report, skipped, undecided
@@ -102,8 +102,8 @@ def _run(function: CheckFunction, case: Case) -> Check:
     name = function.__name__
     try:
         finding = function(case)
-    except WitnessFailed as error:
-        finding = undecided(str(error)[:300], error.fault, source="what it signed")
+    except OthersFailed as error:
+        finding = undecided(str(error)[:300], error.fault, source="what others signed and posted")
     except EvidenceError as error:
         return _failed(name, error)
     except _UNFORESEEN as error:

@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from eth_account.signers.local import LocalAccount
+from pydantic import ValidationError
 
 from rodeo import topics
 from rodeo.bus import DaoEvents
+from rodeo.cleaning import CleaningParams
 from rodeo.dao import CHARGING, CLEANING
-from rodeo.errors import BusError, RemoteError
+from rodeo.errors import BusError, RemoteError, wrong_fields
 from rodeo.evidence import EvidenceError, Recorder, Store
 from rodeo.evidence.errors import RecordingSealed
 from rodeo.lab.config import RobotConfig
@@ -80,17 +82,13 @@ def _set_aside(recording: Path) -> None:
     recording.rename(recording.with_name(f"interrupted-{number}.mcap"))
 
 
-_FAR_M = 1e6
-"""No room is as large. Also numbers that are none, or no floats, are not below it."""
-
-
 def _place(task: Task) -> Point:
     """Where the task says that its item lies. Raises TaskFailed."""
-    x_m, y_m = task.params.get("x_m"), task.params.get("y_m")
-    place = [float(one) for one in (x_m, y_m) if isinstance(one, int | float) and abs(one) < _FAR_M]
-    if len(place) != 2:
-        raise TaskFailed("the task names no place", x_m=str(x_m), y_m=str(y_m))
-    return place[0], place[1]
+    try:
+        params = CleaningParams.model_validate(task.params)
+    except ValidationError as error:
+        raise TaskFailed("the task names no item and place", fields=wrong_fields(error)) from error
+    return params.x_m, params.y_m
 
 
 class AssignmentWatch:

@@ -9,7 +9,10 @@ import time
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from rodeo import topics
+from rodeo.cleaning import CleaningParams
 from rodeo.clock import Clock
 from rodeo.config import MaintenanceConfig, Site
 from rodeo.errors import RemoteError
@@ -120,9 +123,11 @@ class Upkeep:
         """From `start` over the item to the bin."""
         places: list[Point] = [(item.pose.x_m, item.pose.y_m) for item in self._site.items]
         if task is not None:
-            x_m, y_m = task.params.get("x_m"), task.params.get("y_m")
-            if isinstance(x_m, int | float) and isinstance(y_m, int | float):
-                places = [(float(x_m), float(y_m))]
+            try:
+                params = CleaningParams.model_validate(task.params)
+                places = [(params.x_m, params.y_m)]
+            except ValidationError as error:  # it is given up later; until then the farthest item counts
+                log.info("task %d names no item and place: %s", task.id, error)
         length_m, width_m = self._site.lab.size_m
         return max(
             (math.dist(start, place) + math.dist(place, end) for place in places),

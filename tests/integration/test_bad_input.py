@@ -76,6 +76,7 @@ def everything(dao: Dao) -> Any:
                 ("y_m", True),
                 ("y_m", None),
                 ("x_m", 10**400),
+                ("y_m", 1e300),
                 ("item_id", 1),
                 ("item_id", ""),
                 ("item_id", "x" * 65),
@@ -90,6 +91,7 @@ def everything(dao: Dao) -> Any:
                 ("soc_target", 1.1),
                 ("soc_target", "0.9"),
                 ("energy_wh", 0),
+                ("energy_wh", 1e300),
                 ("energy_wh", None),
             )
         ),

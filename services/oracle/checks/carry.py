@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rodeo.cleaning import CleaningParams
 from rodeo.lab.place import JUDGED_LIMIT_M
 from services.oracle.case import NO_MOCAP, Case, CaseError
 from services.oracle.counts import COUNTS
@@ -47,8 +48,8 @@ def item_place(case: Case) -> Finding:
         place = case.item.pose
         x_m, y_m = place.x_m, place.y_m
     else:
-        params = case.ledger.task.params
-        x_m, y_m = float(params["x_m"]), float(params["y_m"])
+        params = case.ordered(CleaningParams)
+        x_m, y_m = params.x_m, params.y_m
     return at_most(
         float(np.hypot(placed[0] - x_m, placed[1] - y_m)),
         JUDGED_LIMIT_M,

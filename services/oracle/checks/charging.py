@@ -244,8 +244,7 @@ def gauge(case: Case) -> Finding:
 
 
 def _params(case: Case) -> ChargingParams:
-    assert case.ledger is not None
-    return ChargingParams.model_validate(case.ledger.task.params)
+    return case.ordered(ChargingParams)
 
 
 def _open(side: Testimony) -> bool:

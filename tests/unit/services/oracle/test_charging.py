@@ -265,7 +265,33 @@ def test_the_executors_meter_seals_it(charge: Take, judge: Judge) -> None:
 def test_a_task_that_does_not_say_what_to_deliver_is_not_judged(
     charge: Take, judge: Judge, missing: str
 ) -> None:
-    assert failed(judged(judge, charge, params={missing: None})) == "same_names"
+    report = judged(judge, charge, params={missing: None})
+    assert failed(report) == "same_names"
+
+
+@pytest.mark.parametrize(
+    "params",
+    [
+        pytest.param({"energy_wh": nan}, id="not a number"),
+        pytest.param({"energy_wh": 1e300}, id="beyond any battery"),
+        pytest.param({"energy_wh": -1.0}, id="less than nothing"),
+        pytest.param({"energy_wh": "100"}, id="text"),
+        pytest.param({"soc_from": 7}, id="seven times full"),
+        pytest.param({"robot": None}, id="null"),
+        pytest.param({"dock": ["dock1"]}, id="a list"),
+        pytest.param(None, id="no object"),
+    ],
+)
+def test_what_the_buyer_posts_as_nonsense_is_not_the_sellers_failure(
+    charge: Take, judge: Judge, params: Fields | None
+) -> None:
+    chain = charging_ledger(charge)
+    posted = {} if params is None else chain.task.params | params
+    task = chain.task.model_copy(update={"params": posted})
+    chain = chain.model_copy(update={"task": task})
+    report = judge(charge, chain, binding=CHARGE_BINDING, device=METER)
+    assert report.outcome == "undecided", report.reason
+    assert report.fault == "the task's creator"
 
 
 def test_without_a_chain_what_both_signed_is_told(charge: Take, judge: Judge) -> None:

@@ -225,6 +225,36 @@ def test_an_item_that_is_already_in_the_bin_is_the_one_reason(cleaning: Take, ju
     assert not_asked["dropped"].detail == "not asked: item_outside_bin did not pass"
 
 
+@pytest.mark.parametrize("gives_up", [False, True])
+@pytest.mark.parametrize(
+    "params",
+    [
+        pytest.param({"x_m": math.nan}, id="not a number"),
+        pytest.param({"x_m": math.inf}, id="infinity"),
+        pytest.param({"x_m": 1e300}, id="beyond the world"),
+        pytest.param({"x_m": 10**400}, id="no float"),
+        pytest.param({"y_m": "1.2"}, id="text"),
+        pytest.param({"y_m": True}, id="a truth value"),
+        pytest.param({"y_m": None}, id="null"),
+        pytest.param({"item_id": ["item1"]}, id="a list"),
+        pytest.param({"item_id": "x" * 10_000}, id="a long name"),
+        pytest.param(None, id="no object"),
+    ],
+)
+def test_what_the_creator_posts_as_nonsense_is_not_the_executors_failure(
+    cleaning: Take, judge: Judge, params: dict[str, Any] | None, gives_up: bool
+) -> None:
+    """Also where the robot says so: it can do nothing with it. What is no JSON object has no parameters."""
+    chain = cleaning_ledger(cleaning)
+    posted = {} if params is None else chain.task.params | params
+    task = chain.task.model_copy(update={"params": posted})
+    said = Sample("rodeo/event", "", {"event": "execution_failed", "message": "no place"}, 0)
+    failing = [replace(said, time_ns=cleaning.samples[-1].time_ns)] if gives_up else []
+    report = judge(Take([*cleaning.samples, *failing]), chain.model_copy(update={"task": task}))
+    assert report.outcome == "undecided", report.reason
+    assert report.fault == "the task's creator"
+
+
 def test_an_item_that_the_site_does_not_have_is_the_one_reason(cleaning: Take, judge: Judge) -> None:
     report = judge(cleaning, cleaning_ledger(cleaning, {"item_id": "item99", "x_m": 1.0, "y_m": 1.0}))
     assert report.reason == "cleaning_topics: the site has no such item (item_id='item99')"
