@@ -146,8 +146,13 @@ def sealed_while_recording(case: Case) -> Finding:
 
 def sealed(case: Case) -> Finding:
     """Somebody vouches for it with a key; asked last, so that a bag is reported on all the same."""
+    return vouched_for(case.proof.sealed)
+
+
+def vouched_for(is_sealed: bool) -> Finding:
+    """What `sealed` finds."""
     return equal(
-        "sealed" if case.proof.sealed else "a bag without a seal",
+        "sealed" if is_sealed else "a bag without a seal",
         "sealed",
         source="docs/evidence.md",
         detail="who vouches for the recording",

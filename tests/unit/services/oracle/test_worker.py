@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import hashlib
 import socket
 import threading
 from pathlib import Path
 
 import pytest
+from rosbags.rosbag2 import StoragePlugin
 
 from rodeo.config import OracleConfig, Site
 from rodeo.evidence import Store
 from rodeo.evidence.errors import StoreUnavailable
 from services.oracle.app import SIDE_BY_SIDE
 from services.oracle.report import Report
+from services.oracle.verify import verify_file, verify_submission
 from services.oracle.worker import ATTEMPTS, MEMORY_BYTES, verify_apart
 from tests.support.assignments import BINDING, ROBOT, cleaning_ledger
-from tests.support.recordings import Take, seal
+from tests.support.recordings import Take, Witnesses, seal, write_bag
 
 MIB = 1 << 20
 
@@ -46,6 +49,24 @@ def test_an_honest_proof_is_fetched_and_accepted(site: Site, cleaning: Take, tmp
     assert report.accepted, report.reason
     assert [check.name for check in report.checks][:2] == ["fetched", "readable_and_sealed"]
     assert list((tmp_path / "work").iterdir()) == []
+
+
+def test_a_bag_is_rejected_whatever_keeps_the_oracle_from_deciding_it(
+    site: Site, cleaning: Take, tmp_path: Path
+) -> None:
+    """Else a witness that failed, or a file that breaks its reader, would leave it to people."""
+    doubtful = Witnesses(mocap_inputs="open_bus")
+    bag = write_bag(cleaning, tmp_path / "bag", StoragePlugin.MCAP, witnesses=doubtful) / "bag.mcap"
+    assert verify_file(bag, site, cleaning_ledger(cleaning)).outcome == "rejected"
+    broken = tmp_path / "broken.bag"
+    broken.write_bytes(b"#ROSBAG V2.0\n" + bytes(1000))
+    for file in (bag, broken):
+        at = site.model_copy(update={"data_dir": tmp_path / "data"})
+        sha256 = "0x" + hashlib.sha256(file.read_bytes()).hexdigest()
+        chain = cleaning_ledger(cleaning, proof_uri=Store(at).put(file), proof_sha256=sha256)
+        report = verify_submission(at, chain, tmp_path)
+        assert report.outcome == "rejected"
+        assert report.reason.startswith("sealed: ")
 
 
 def test_another_hash_than_the_submitted_is_a_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:
