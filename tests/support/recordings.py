@@ -31,7 +31,7 @@ from rodeo.evidence.recorder import _Entry, _SealedFile
 from rodeo.evidence.seal import SealChain
 from rodeo.lab.body import JOINTS, Body, Twist2
 from rodeo.lab.config import Pose2, gripper_body
-from rodeo.lab.drop import RECORDED_AFTER_DROP_S
+from rodeo.lab.drop import JUDGED_AFTER_DROP_S
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout, wrap
 from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, world_spec
 from rodeo.metering import Reading
@@ -688,13 +688,15 @@ def film_cleaning(
     via: Sequence[tuple[float, float]] = ((4.7, 1.7), (5.2, 3.4)),
     linger_s: float = 0.0,
     sway_rad: float = 0.0,
+    after_drop_s: float = JUDGED_AFTER_DROP_S + 1.0,
     reality: Callable[[mujoco.MjSpec], None] = lambda _spec: None,
 ) -> Take:
     """Fetch `item_id` and drop it into its compartment, or into `compartment`, whatever the bin asks for.
 
     The robot starts half a metre west of the item (or at `start`) and carries it `via` these points.
     It stands about for `linger_s` before it picks and while it carries. While it drives with the item all
-    joints of its arm sway by `sway_rad`. `reality` changes what the world is like beside the site file.
+    joints of its arm sway by `sway_rad`. The film ends `after_drop_s` after the drop. `reality` changes what
+    the world is like beside the site file.
     """
     camera = _Camera(site, reality)
     operator = _FilmedOperator(camera)
@@ -756,7 +758,7 @@ def film_cleaning(
             correct=inside[0] == wanted,
         )
     operator.wait(0.5)
-    camera.still(RECORDED_AFTER_DROP_S)
+    camera.still(after_drop_s)
     return Take(camera.samples)
 
 

@@ -15,6 +15,7 @@ from rodeo.config import Site
 from rodeo.evidence import Attestation, Binding, attest
 from rodeo.lab.body import JOINTS
 from rodeo.lab.config import ItemClass
+from rodeo.lab.drop import RECORDED_AFTER_DROP_S
 from rodeo.witness.poses import pack, unpack
 from services.oracle.case import Ledger
 from tests.support.assignments import BIN, BINDING, MOCAP, cleaning_ledger
@@ -795,9 +796,10 @@ def test_a_bag_is_reported_on_and_never_paid_for(cleaning: Take, site: Site, tmp
 
 
 def test_a_robot_that_recorded_long_enough_does_not_lose_by_motion_captures_last_statements(
-    cleaning: Take, judge: Judge
+    site: Site, judge: Judge
 ) -> None:
     """They are as old as its period, one more was lost, and it was not there to be asked again."""
+    cleaning = film_cleaning(site, "item1", after_drop_s=RECORDED_AFTER_DROP_S)
 
     def away(attestation: Attestation) -> Attestation | None:
         said = attestation.payload
