@@ -13,8 +13,8 @@ Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
 Name = Annotated[str, Field(min_length=1, max_length=64)]
 Share = Annotated[Number, Field(ge=0, le=1)]
 
-LARGEST_ORDER_WH = 100_000.0
-"""More than any mobile robot's battery holds."""
+LARGEST_ORDER_WH = 1e12
+"""A terawatt-hour; what a dock delivers for is for its owner to say."""
 SOC_SLACK = 0.02
 """What a battery gauge resolves."""
 SOC_USED = 0.1
