@@ -5,7 +5,7 @@
 - statements: 0.7 million with well-formed signatures of keys that nobody registered, and as many as a proof
   may hold of the same, and of a registered key;
 - motion: a robot that sways with the item for about as long as a carry may take;
-- charge: a day on a dock whose current sways, with as many records and receipts as a proof may hold;
+- charge: hours on a dock whose current sways, with a record and a receipt every other second;
 - tiny messages: as many as a proof may hold, and millions;
 - sightings: 10,000, and as many as a proof may hold, at a site without motion capture.
 
@@ -67,8 +67,9 @@ SIGHTINGS = 10_000
 SWAY_S = 10
 """Of the carry's end, which is done there and back again."""
 SWAYS = int(0.85 * COUNTS.carried_s / SWAY_S / 2)
-RECORD_S = 6
-"""Between two records of a charge: more would be more bytes than a proof may hold."""
+CHARGE_S = 4 * 3600
+RECORD_S = 2
+"""Between two records of a charge, a tenth of what an honest meter takes."""
 STRANGER = Account.create()
 
 
@@ -147,7 +148,7 @@ def swaying(site: Site, film: Take, folder: Path) -> Hostile:
 
 
 def swaying_charge(site: Site, _film: Take, folder: Path) -> Hostile:
-    """A day on the dock, with a record and a receipt every few seconds; both sides agree on all of them."""
+    """Hours on the dock, with a record and a receipt every other second; both sides agree on all of them."""
     dock, robot, meter = site.dock, site.robots[0], Meter(REGISTER_WH)
     samples: list[Sample] = []
 
@@ -156,7 +157,7 @@ def swaying_charge(site: Site, _film: Take, folder: Path) -> Hostile:
         samples.append(Sample(METER_RECORD, "", fields, now_ns))
         samples.append(Sample(ROBOT_RECEIPT, "", {"soc": soc, "reason": reason}, now_ns))
 
-    for second in range(int(0.98 * COUNTS.recorded_s)):
+    for second in range(CHARGE_S):
         now_ns = START_NS + second * 10**9
         soc = 0.9 + 0.04 * math.sin(second / 3600)
         current_a = dock.current_a * (0.5 + 0.5 * math.sin(second / 7)) if second else 0.0

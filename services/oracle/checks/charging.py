@@ -19,7 +19,6 @@ from rodeo.evidence.errors import BadStatement
 from rodeo.metering import METER_CLASS
 from rodeo.ocmf import check
 from rodeo.topics import BATTERY_STATE
-from rodeo.witness import Head, Receipt
 from services.oracle.case import Case, CaseError
 from services.oracle.charge import names
 from services.oracle.checks.witnesses import (
@@ -129,8 +128,8 @@ def fresh(case: Case) -> Finding:
     assert charge.robot is not None  # `both_signed` passed
     if (forked := fork(case, charge.robot.said)) is not None:
         return forked
-    heads = [head for _, head in listed(case, charge.robot.said)]
-    first = min((receipt.seq for receipt in charge.receipts if _lists(receipt, heads)), default=None)
+    lists = {said.statement.seq for said, _ in listed(case, charge.robot.said)}
+    first = min((receipt.seq for receipt in charge.receipts if receipt.seq in lists), default=None)
     if first is None:
         raise CaseError("no receipt of the robot lists this recording")
     last = max(receipt.seq for receipt in charge.receipts)
@@ -249,7 +248,3 @@ def _params(case: Case) -> ChargingParams:
 
 def _open(side: Testimony) -> bool:
     return any(one.statement.inputs == "open_bus" for one in side.said)
-
-
-def _lists(receipt: Receipt, heads: list[Head]) -> bool:
-    return any(head in heads for head in receipt.heads)
