@@ -9,6 +9,7 @@ for. What honest noise reaches of the same limits is printed by `bench.honest`; 
 
 from __future__ import annotations
 
+import math
 import multiprocessing
 import os
 import tempfile
@@ -144,7 +145,8 @@ def run() -> dict[str, float]:
     with multiprocessing.get_context("spawn").Pool(os.cpu_count() or 1) as pool:
         for name, least, reason in pool.imap(margin, names, chunksize=1):
             one = DISTURBANCES[name]
-            figures[f"margin_{name}"] = least
+            if not math.isnan(least):
+                figures[f"margin_{name}"] = least
             refused = f"refused from {least:.3g} {one.unit} on ({one.check}): {reason[:100]}"
             console.print(f"{one.words} {refused}", markup=False, soft_wrap=True)
     return figures
