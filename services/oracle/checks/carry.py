@@ -4,8 +4,11 @@ import numpy as np
 
 from rodeo.cleaning import CleaningParams
 from rodeo.lab.place import JUDGED_LIMIT_M
+from rodeo.lab.world import TIMESTEP_S
 from services.oracle.case import NO_MOCAP, Case, CaseError
+from services.oracle.checks.gripper import most_of
 from services.oracle.counts import COUNTS
+from services.oracle.grip import EVERY
 from services.oracle.phases import LIFTED_M
 from services.oracle.replay import compartment_at
 from services.oracle.report import Finding, at_least, at_most, equal, skipped
@@ -16,6 +19,8 @@ SLIP_LIMIT_M = 0.04
 """Within the pads' own 4 cm, so the item is still between them."""
 MOTION_CAPTURE_SHARE = 0.98
 """Of the carry: where poses of a fast arm are missing, its way is only guessed."""
+MOTION_CAPTURE_OFF_S = 3.0
+"""And off for no more than this in all, however long it takes."""
 GUESSED_S = 0.2
 """Between two messages or poses: what a fast arm did in more than this is not known."""
 KNOWN_SHARE = 0.65
@@ -100,7 +105,12 @@ def motion_capture(case: Case) -> Finding:
     pose = case.pose(case.item.id)
     seen = np.stack([np.interp(replay.time_s[carried], pose.time_s, c) for c in pose.position_m.T], axis=1)
     return at_most(
-        float(np.quantile(np.linalg.norm(replay.item_m[carried] - seen, axis=1), MOTION_CAPTURE_SHARE)),
+        most_of(
+            np.linalg.norm(replay.item_m[carried] - seen, axis=1),
+            EVERY * TIMESTEP_S,
+            MOTION_CAPTURE_SHARE,
+            MOTION_CAPTURE_OFF_S,
+        ),
         MOTION_CAPTURE_LIMIT_M,
         "m",
         source="motion capture of the item",

@@ -24,9 +24,11 @@ RIGID_M = 0.03
 """What an item may slip or tilt between pads of 4 cm, and what poses of 2 mm and 5 mrad leave uncertain."""
 RIGID_SHARE = 0.99
 """Of the carry, for single poses that are off."""
+LONGEST_OFF_S = 1.5
+"""And no more than this in all, however long it takes: in six of ten minutes' seconds a person carries it."""
 GUESSED_S = 0.2
 """Between two messages of the joints: what a fast arm did in more than this is not known."""
-_LOOK_S = 0.1
+_LOOK_S, _LOOK_CLOSELY_S = 0.1, 0.02
 
 
 def gripper_agrees(case: Case) -> Finding:
@@ -49,7 +51,7 @@ def gripper_agrees(case: Case) -> Finding:
     def off_m(shift_s: float) -> float:
         # Both seen by one clock, the joints by another.
         seen_m, _ = _inside(*_poses(base, at_s + shift_s), *_poses(gripper, at_s + shift_s))
-        return float(np.quantile(np.linalg.norm(seen_m - said_m, axis=1), AGREE_SHARE))
+        return most_of(np.linalg.norm(seen_m - said_m, axis=1), _LOOK_S, AGREE_SHARE)
 
     off, best_s = {0.0: off_m(0.0)}, 0.0
     if off[0.0] > AGREE_M:
@@ -76,19 +78,24 @@ def item_in_gripper(case: Case) -> Finding:
         lost_s = min(end_s, release_s) - max(start_s, phases.closing_s)
         if lost_s > UNSEEN_S:
             return at_most(lost_s, UNSEEN_S, "s", _SOURCE, "over which nothing of the gripper is signed")
-    at_s = item.time_s[(item.time_s >= phases.lifted_s) & (item.time_s <= release_s)]
-    at_s = _seen(np.union1d(at_s, np.arange(phases.lifted_s, release_s, _LOOK_S)), gripper, item)
+    at_s = _seen(np.arange(phases.lifted_s, release_s, _LOOK_CLOSELY_S), gripper, item)
     if len(at_s) < 2:
         raise CaseError("motion capture did not see the item between lift and release")
     inside_m, _ = _inside(*_poses(gripper, at_s), *_poses(item, at_s))
     middle_m = np.median(inside_m, axis=0)
     return at_most(
-        float(np.quantile(np.linalg.norm(inside_m - middle_m, axis=1), RIGID_SHARE)),
+        most_of(np.linalg.norm(inside_m - middle_m, axis=1), _LOOK_CLOSELY_S, RIGID_SHARE),
         RIGID_M,
         "m",
         source="length of the pads",
         detail="the item moves against the gripper by",
     )
+
+
+def most_of(off: Array, step_s: float, share: float, longest_s: float = LONGEST_OFF_S) -> float:
+    """What is not exceeded for this share of the time, nor for longer than `longest_s` in all, of values
+    `step_s` apart (n,)."""
+    return float(np.quantile(off, max(share, 1 - longest_s / (len(off) * step_s))))
 
 
 _SOURCE = "statements of the motion capture"
