@@ -1010,6 +1010,17 @@ def a_removal_left_out_with_who_heard_of_it(shop: Workshop) -> Submission:
     return shop.restated(_taken_out(shop), edit)
 
 
+@forgery("stays_in_bin", "left it", role="executor")
+def picked_up_beside_the_bin(shop: Workshop) -> Submission:
+    """It falls beside the bin, where a person picks it up and throws it in before the bin feels it."""
+    begin_s = _last_above_the_bin_s(shop)
+
+    def beside(sample: Sample) -> Sample:
+        return displaced(sample, x=-0.8) if begin_s < sample.time_ns * 1e-9 < begin_s + 2.5 else sample
+
+    return shop.cleaned(shop.cleaning.edited(ITEM_POSE, beside))
+
+
 @forgery("stays_in_bin", "left out", role="executor")
 def taken_home_and_covered_later(shop: Workshop) -> Submission:
     """The item goes home while a pebble falls, lies there, and is covered before it is signed again; the one

@@ -23,7 +23,7 @@ from services.oracle.checks.witnesses import (
 )
 from services.oracle.heads import fork, in_file, listed
 from services.oracle.phases import REST_M
-from services.oracle.report import Finding, at_least, at_most, equal, skipped
+from services.oracle.report import Finding, at_least, at_most, equal, skipped, undecided
 
 DROP_SLACK_S = 10.0
 """Between the release and the change of weight in the compartment: the fall, and what slips late."""
@@ -159,6 +159,13 @@ def presented(case: Case) -> Finding:
         for one in case.own_said
     )
     first = drop.claimants[:1]
+    if own and own[0] not in first and not case.mocap:
+        # Anybody may have said so while this robot showed its item.
+        return undecided(
+            f"{first[0].device} presented itself after this robot did, and nobody saw who stood at the bin",
+            "the site",
+            source="claimants in the bin's statement",
+        )
     if not own or (own[0] not in first and not (case.mocap and said)):
         found = [f"{one.device} for task {one.task_id}, recording {one.recording[:18]}" for one in first]
         return Finding(
@@ -326,7 +333,8 @@ def _end(case: Case, drop: Drop) -> str:
     item, settled_s = case.pose(case.item.id), drop.settled_s + CLOCKS_S
     layout = BinLayout(case.site.bin)
     names = [_compartment(layout, place) for place in item.position_m[item.time_s >= settled_s]]
-    left = next((name for name in names if name != drop.compartment), drop.compartment)
+    names += [_fallen_into(case, layout, place) for place in _falling(case, settled_s)]
+    left = next((name for name in names if name not in (drop.compartment, _ABOVE)), drop.compartment)
     if left != drop.compartment:
         return left or "left it"
     last_s, last_m = float(item.time_s[-1]), item.position_m[-1]
@@ -342,6 +350,24 @@ def _end(case: Case, drop: Drop) -> str:
     if (np.linalg.norm(item.position_m[still] - last_m, axis=1) > REST_M).any():
         return "still moving"
     return _compartment(layout, last_m) or "elsewhere"
+
+
+_ABOVE = "above the bin"
+
+
+def _falling(case: Case, settled_s: float) -> np.ndarray:
+    """(n, 3) where the item was from its release until the bin was sure of the drop."""
+    item = case.pose(case.item.id)
+    between = (item.time_s > case.replay.release_s + EARLY_SLACK_S) & (item.time_s < settled_s)
+    return item.position_m[between]
+
+
+def _fallen_into(case: Case, layout: BinLayout, point_m: np.ndarray) -> str | None:
+    """`_ABOVE` for what is not below the bin's rim yet, else whose walls are around it; None for nobody's: a
+    person may put it in from there."""
+    x_m, y_m, z_m = point_m
+    above = z_m >= case.site.bin.rim_height_m - BELOW_RIM_M
+    return _ABOVE if above else _compartment(layout, np.array([x_m, y_m, 0.0]))
 
 
 def _compartment(layout: BinLayout, point_m: np.ndarray) -> str | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,13 +13,14 @@ from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
 from rodeo.config import Site
-from rodeo.evidence import Attestation, Binding, attest
+from rodeo.evidence import Attestation, Binding, attest, open_proof
 from rodeo.lab.body import JOINTS
 from rodeo.lab.config import ItemClass
 from rodeo.lab.drop import RECORDED_AFTER_DROP_S
+from rodeo.witness import Claimant
 from rodeo.witness.poses import pack, unpack
 from services.oracle.case import Ledger
-from tests.support.assignments import BIN, BINDING, MOCAP, cleaning_ledger
+from tests.support.assignments import BIN, BINDING, MOCAP, ROBOT, cleaning_ledger
 from tests.support.recordings import (
     MOCAP_TOPIC,
     SIGNED,
@@ -28,6 +30,7 @@ from tests.support.recordings import (
     film_cleaning,
     later,
     moved,
+    seal,
     shifted_by,
     without_mocap,
 )
@@ -824,3 +827,28 @@ def test_one_statement_of_motion_capture_after_the_drop_may_be_lost(cleaning: Ta
     report = judge(cleaning, cleaning_ledger(cleaning), witnesses=Witnesses(edit=lose))
     assert lost
     assert report.accepted, report.reason
+
+
+@pytest.mark.parametrize(("mocap", "outcome"), [(True, "accepted"), (False, "undecided")])
+def test_another_robot_that_claims_the_showing_does_not_have_it_rejected(
+    cleaning: Take, judge: Judge, site: Site, tmp_path: Path, mocap: bool, outcome: str
+) -> None:
+    """Where nobody sees who stands at the bin, its message alone must not cost the honest robot its pay."""
+    take = cleaning if mocap else without_mocap(cleaning, "item1")
+    ours = Claimant(
+        device="panther1",
+        address=ROBOT.address,
+        recording=str(open_proof(seal(take, tmp_path / "first.mcap", BINDING, ROBOT).path).recording),
+        task_id=BINDING.task_id,
+        attempt=BINDING.attempt,
+    )
+    theirs = ours.model_copy(update={"device": "panther2", "address": MOCAP.address, "task_id": 9})
+
+    def claimed(sample: Sample) -> Sample:
+        return replace(sample, message=sample.message | {"claimants": (theirs, ours)})
+
+    take = take.edited("bin/classification", claimed).edited("bin/drop", claimed)
+    elsewhere = site.model_copy(update={"lab": site.lab.model_copy(update={"mocap": mocap})})
+    report = judge(take, cleaning_ledger(cleaning), at=elsewhere)
+    assert report.outcome == outcome, report.reason
+    assert report.fault == (None if mocap else "the site")
