@@ -46,6 +46,7 @@ class MotionFields(NamedTuple):
     end_us: int
     tracks: dict[str, str]
     resting: dict[str, int]
+    unseen_us: dict[str, int]
 
 
 class _Body:
@@ -130,6 +131,7 @@ class MotionLog:
         """What was seen since the last call, for the statement with this number."""
         tracks: dict[str, str] = {}
         resting: dict[str, int] = {}
+        unseen_us: dict[str, int] = {}
         moved = {name for name, body in self._bodies.items() if body.moved}
         taken = {name: body.until(now_us) for name, body in self._bodies.items()}
         # What is stamped before the last statement's end, and came after it, is signed all the same.
@@ -160,8 +162,10 @@ class MotionLog:
                     resting[name] = body.signed_in
             else:
                 resting[name] = body.signed_in
+                if now_us - newest.time_us > STEP_US:
+                    unseen_us[name] = now_us - newest.time_us
             body.keep(ahead)
-        fields = MotionFields(start_us, now_us, tracks, resting)
+        fields = MotionFields(start_us, now_us, tracks, resting, unseen_us)
         self._start_us = now_us
         return fields
 
@@ -219,7 +223,8 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
             # It may have come to rest before the first statement that is here.
             signed_in = statement.resting.get(body, statement.seq)
         elif rests:
-            time_us = np.array([statement.end_us])
+            # Only as far as it was seen: who waits for a moment without cameras gains nothing.
+            time_us = np.array([statement.end_us - statement.unseen_us.get(body, 0)])
             position_m, quaternion = positions[-1][-1:], quaternions[-1][-1:]
         else:
             if times:

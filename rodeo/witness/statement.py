@@ -89,6 +89,9 @@ class Motion(Header):
     resting: dict[str, Annotated[int, Field(ge=1)]]
     """Body -> `seq` of the statement in which it came to rest: ever since, it stayed within
     `rodeo.witness.poses.REST_M` and `REST_RAD` of the last pose there."""
+    unseen_us: dict[str, Annotated[int, Field(ge=1)]] = {}
+    """Resting body -> how long before `end_us` it was seen last, where that is longer than
+    `rodeo.witness.motion.STEP_US`."""
 
 
 class Claimant(_Model):

@@ -228,3 +228,16 @@ def test_a_body_that_was_lost_for_long_is_not_said_to_have_rested_meanwhile() ->
     (gap,) = seen.unseen_us
     assert gap[0] <= START_US + 13_000_000
     assert gap[1] >= START_US + 17_000_000
+
+
+@pytest.mark.parametrize("since_s", [13.0, 13.3, 13.9, 14.5, 19.9, 20.1])
+def test_who_waits_until_nobody_looks_is_unseen_for_as_long_as_nobody_does(since_s: float) -> None:
+    """Whatever the statements say meanwhile of a body that rested when it was seen last."""
+
+    def tossed(t: float) -> float:
+        return 0.5 if t < since_s + 1.0 else 3.5
+
+    seen = track(filmed(tossed, 30.0, heads=True, unseen=lambda t: since_s <= t < since_s + 1.9), "item1")
+    assert seen is not None
+    (gap,) = seen.unseen_us
+    assert gap[0] <= START_US + since_s * 1e6 and gap[1] >= START_US + (since_s + 1.9) * 1e6
