@@ -344,7 +344,7 @@ def sealed_afterwards(shop: Workshop) -> Submission:
 @forgery("sealed", "a bag", role="executor")
 def a_bag_for_pay(shop: Workshop) -> Submission:
     """The same messages in a bag that nobody sealed."""
-    bag = write_bag(shop.cleaning, shop.folder / "bag", StoragePlugin.MCAP)
+    bag = write_bag(shop.cleaning, shop.new_path(), StoragePlugin.MCAP)
     return Submission(shop.cleaning_ledger(), bag / "bag.mcap")
 
 

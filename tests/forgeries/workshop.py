@@ -139,7 +139,7 @@ class Workshop:
         witnesses = witnesses or Witnesses()
         if self._losses is not None:
             witnesses = _lossy(witnesses, self._losses())
-        return seal(take, self.folder / f"{next(self._numbers)}.mcap", binding, device, witnesses).path
+        return seal(take, self.new_path().with_suffix(".mcap"), binding, device, witnesses).path
 
     def cleaned(
         self,
@@ -229,6 +229,10 @@ class Workshop:
 
     # -- files -----------------------------------------------------------------------------------------
 
+    def new_path(self) -> Path:
+        """Of a file or folder that is not there yet, without an ending."""
+        return self.folder / str(next(self._numbers))
+
     def honest_file(self) -> Path:
         return self.sealed(self.cleaning)
 
@@ -250,7 +254,7 @@ class Workshop:
             summary = make_reader(file).get_summary()
         assert summary is not None
         kinds = {channel.topic: channel for channel in summary.channels.values()}
-        path = self.folder / f"{next(self._numbers)}.mcap"
+        path = self.new_path().with_suffix(".mcap")
         with path.open("wb") as file:
             writer = Writer(file)
             writer.start(profile="ros2", library="rodeo")
