@@ -345,7 +345,7 @@ def sealed_afterwards(shop: Workshop) -> Submission:
 def a_bag_for_pay(shop: Workshop) -> Submission:
     """The same messages in a bag that nobody sealed."""
     bag = write_bag(shop.cleaning, shop.new_path(), StoragePlugin.MCAP)
-    return Submission(shop.cleaning_ledger(), bag / "bag.mcap")
+    return Submission(shop.cleaning_ledger(), bag / f"{bag.name}.mcap")
 
 
 @forgery("not_given_up", "the item is stuck", role="executor")
