@@ -2,7 +2,7 @@
 
 Subscribers only append to a queue; a thread of its own writes, hashes, seals and flushes, so a slow disk
 never blocks the bus. Every seal closes a chunk, so a killed process loses at most what came after the last
-one (`SEAL_PERIOD_NS` of recorded time).
+one (`SEAL_PERIOD_NS` of recorded time by default).
 """
 
 from __future__ import annotations
@@ -117,21 +117,33 @@ class Recorder:
     """
 
     def __init__(
-        self, path: Path, binding: Binding, account: LocalAccount, clock: Clock, on_seal: OnSeal | None = None
+        self,
+        path: Path,
+        binding: Binding,
+        account: LocalAccount,
+        clock: Clock,
+        on_seal: OnSeal | None = None,
+        seal_period_ns: int | None = None,
     ) -> None:
         """Start a new recording. Raises RecordingExists rather than overwrite.
 
         `on_seal` gets each seal but the final one as it is in the file, from the writing
-        thread, once it is there.
+        thread, once it is there. A seal leaves `seal_period_ns` (default `SEAL_PERIOD_NS`) unsigned at most.
         """
         if path.exists():
             raise RecordingExists("there is a recording already; resume it", path=str(path))
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._begin(path, path, binding, account, clock, on_seal, restored=[])
+        self._begin(path, path, binding, account, clock, on_seal, seal_period_ns, restored=[])
 
     @classmethod
     def resume(
-        cls, path: Path, binding: Binding, account: LocalAccount, clock: Clock, on_seal: OnSeal | None = None
+        cls,
+        path: Path,
+        binding: Binding,
+        account: LocalAccount,
+        clock: Clock,
+        on_seal: OnSeal | None = None,
+        seal_period_ns: int | None = None,
     ) -> Recorder:
         """Continue a recording that was cut off, keeping every message up to its last valid chunk.
 
@@ -139,7 +151,7 @@ class Recorder:
         Raises RecordingSealed when it is finished, BrokenSeal when it belongs to another assignment or was
         changed, OSError when it cannot be read.
         """
-        recorder, restored = cls._reopen(path, binding, account, clock, on_seal)
+        recorder, restored = cls._reopen(path, binding, account, clock, on_seal, seal_period_ns)
         recorder.write_json(
             EVENT_CHANNEL,
             {
@@ -153,18 +165,25 @@ class Recorder:
     @classmethod
     def finish(cls, path: Path, binding: Binding, account: LocalAccount, clock: Clock) -> SealedProof:
         """Seal a suspended or cut off recording as it is. Raises like `resume`."""
-        recorder, _ = cls._reopen(path, binding, account, clock, None)
+        recorder, _ = cls._reopen(path, binding, account, clock, None, None)
         return recorder.close()
 
     @classmethod
     def _reopen(
-        cls, path: Path, binding: Binding, account: LocalAccount, clock: Clock, on_seal: OnSeal | None
+        cls,
+        path: Path,
+        binding: Binding,
+        account: LocalAccount,
+        clock: Clock,
+        on_seal: OnSeal | None,
+        seal_period_ns: int | None,
     ) -> tuple[Recorder, list[_Entry]]:
         restored = _restore(path, binding, account)
         recorder = cls.__new__(cls)
         path.parent.mkdir(parents=True, exist_ok=True)
         # The old file stays in place until all of it is in the new one: being killed here loses nothing.
-        recorder._begin(path.with_suffix(".resuming"), path, binding, account, clock, on_seal, restored)
+        part = path.with_suffix(".resuming")
+        recorder._begin(part, path, binding, account, clock, on_seal, seal_period_ns, restored)
         return recorder, restored
 
     def _begin(
@@ -175,6 +194,7 @@ class Recorder:
         account: LocalAccount,
         clock: Clock,
         on_seal: OnSeal | None,
+        seal_period_ns: int | None,
         restored: list[_Entry],
     ) -> None:
         self.path = path
@@ -185,7 +205,7 @@ class Recorder:
         self._sealing = False
         self._failure: Exception | None = None
         self._sequences: dict[str, int] = {}
-        self._file = _SealedFile(write_path, SealChain(binding, account), on_seal)
+        self._file = _SealedFile(write_path, SealChain(binding, account), on_seal, seal_period_ns)
         if restored:
             self._file.restore(restored)
         else:
@@ -282,8 +302,15 @@ class Recorder:
 class _SealedFile:
     """The MCAP file behind a recorder; one thread at a time."""
 
-    def __init__(self, path: Path, chain: SealChain, on_seal: OnSeal | None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        chain: SealChain,
+        on_seal: OnSeal | None,
+        seal_period_ns: int | None = None,
+    ) -> None:
         self.running = RunningHash()
+        self._seal_period_ns = SEAL_PERIOD_NS if seal_period_ns is None else seal_period_ns
         self._chain = chain
         self._on_seal = on_seal
         self._stream = path.open("wb")
@@ -315,7 +342,8 @@ class _SealedFile:
         self._flush()
 
     def add(self, entry: _Entry) -> None:
-        if self._unsealed_since_ns is not None and entry.log_ns - self._unsealed_since_ns >= SEAL_PERIOD_NS:
+        since_ns = self._unsealed_since_ns
+        if since_ns is not None and entry.log_ns - since_ns >= self._seal_period_ns:
             self.seal()
         self._write(entry)
         if entry.urgent:

@@ -35,6 +35,9 @@ from rodeo.evidence.plain_json import read_json
 SEAL_TOPIC = "rodeo/seal"
 SEAL_PERIOD_NS = 1_000_000_000
 """Longest stretch of recorded time that one seal leaves unsigned."""
+QUIET_SEAL_PERIOD_NS = 3_000_000_000
+"""The same of a recording whose statements, which are signed at once, are all that matters: a charge's. Every
+seal costs whoever opens the file."""
 
 # Remembered: every seal of a file names the same few, and hashing is slow.
 _checksummed = lru_cache(maxsize=1024)(to_checksum_address)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rodeo.evidence.errors import BadStatement
-from rodeo.witness.poses import LARGEST_M, REST_M, REST_PERIOD_US, REST_RAD, pack, unpack
+from rodeo.witness.poses import LARGEST_M, REST_M, REST_PERIOD_US, REST_RAD, pack, unpack_all
 from rodeo.witness.statement import Motion
 
 Array = np.ndarray[Any, Any]
@@ -201,12 +201,13 @@ def track(statements: Sequence[Motion], body: str) -> Track | None:
     """Up to when the body's pose is known without a break."""
     signed_in = 0
     """Number of the statement in which the body came to rest."""
+    unpacked = iter(unpack_all([one.tracks[body] for one in statements if body in one.tracks]))
     for index, statement in enumerate(statements):
         if known_us is None:
             known_us = statement.start_us
         rests = bool(times) and statement.resting.get(body) == signed_in
-        if (text := statement.tracks.get(body)) is not None:
-            offset_us, position_m, quaternion = unpack(text)
+        if body in statement.tracks:
+            offset_us, position_m, quaternion = next(unpacked)
             time_us = statement.start_us + offset_us
             if (np.diff(time_us) <= 0).any() or time_us[-1] > statement.end_us:
                 raise BadStatement(

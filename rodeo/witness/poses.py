@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -64,17 +65,15 @@ def unpack(text: str) -> tuple[Array, Array, Array]:
 
     Raises BadStatement when it is no track, or longer than `MAX_POSES`.
     """
-    if len(text) > MAX_POSES * POSE_BYTES * 4 // 3 + 4:
-        raise BadStatement("a track is too long", characters=len(text), limit_poses=MAX_POSES)
-    try:
-        data = base64.b64decode(text, validate=True)
-    except (binascii.Error, ValueError) as error:
-        raise BadStatement("a track is not base64", cause=str(error)) from error
-    if not data or len(data) % POSE_BYTES:
-        raise BadStatement(
-            "a track is not made of whole poses", length_bytes=len(data), pose_bytes=POSE_BYTES
-        )
-    records = np.frombuffer(data, _RECORD)
+    return unpack_all([text])[0]
+
+
+def unpack_all(texts: Sequence[str]) -> list[tuple[Array, Array, Array]]:
+    """The same of each of several tracks, at once: one by one most of the time goes into small arrays."""
+    if not texts:
+        return []
+    parts = [_raw(text) for text in texts]
+    records = np.frombuffer(b"".join(parts), _RECORD)
     wide = np.zeros((len(records), 3, 4), "u1")
     wide[..., 1:] = records["position"]
     position_m = (wide.view("<i4")[..., 0] >> 8) * STEP_M
@@ -85,16 +84,34 @@ def unpack(text: str) -> tuple[Array, Array, Array]:
     for column in (2, 1, 0):
         rest, value = np.divmod(rest, _LEVELS)
         small[:, column] = (value.astype(float) - _HALF) / _SCALE
-    if (rest > 3).any():
-        raise BadStatement("an orientation is none", index=int((rest > 3).argmax()))
     square = (small**2).sum(axis=1)
-    if (square > 1.0).any():
-        raise BadStatement("an orientation is none", index=int((square > 1.0).argmax()))
+    if (none := (rest > 3) | (square > 1.0)).any():
+        raise BadStatement("an orientation is none", index=int(none.argmax()))
     quaternion = np.empty((len(records), 4))
     rows, largest = np.arange(len(records)), rest.astype(int)
     quaternion[rows[:, None], _OTHERS[largest]] = small
     quaternion[rows, largest] = np.sqrt(1.0 - square)
-    return records["offset_us"].astype(np.int64), position_m, quaternion
+    offset_us = records["offset_us"].astype(np.int64)
+    ends = np.cumsum([len(part) // POSE_BYTES for part in parts])
+    return [
+        (offset_us[begin:end], position_m[begin:end], quaternion[begin:end])
+        for begin, end in zip([0, *ends], ends, strict=False)
+    ]
+
+
+def _raw(text: str) -> bytes:
+    """The bytes of a track. Raises BadStatement."""
+    if len(text) > MAX_POSES * POSE_BYTES * 4 // 3 + 4:
+        raise BadStatement("a track is too long", characters=len(text), limit_poses=MAX_POSES)
+    try:
+        data = base64.b64decode(text, validate=True)
+    except (binascii.Error, ValueError) as error:
+        raise BadStatement("a track is not base64", cause=str(error)) from error
+    if not data or len(data) % POSE_BYTES:
+        raise BadStatement(
+            "a track is not made of whole poses", length_bytes=len(data), pose_bytes=POSE_BYTES
+        )
+    return data
 
 
 _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])

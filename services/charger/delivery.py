@@ -20,6 +20,7 @@ from rodeo.clock import Clock
 from rodeo.errors import RodeoError
 from rodeo.evidence import Attestation, Binding, Recorder, SealedProof
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL, OnSeal
+from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS
 from rodeo.messages import DaoEvent
 from rodeo.metering import STEP_WH, Reading
 from rodeo.recording import Heard, MessageDoor, Refusals
@@ -98,7 +99,7 @@ class Delivery:
         self._seals = recorded.seals
         """Digests of those of the recording."""
         self._tell_seal = on_seal
-        self._recorder = begin(order.path, order.binding, account, clock, self._on_seal)
+        self._recorder = begin(order.path, order.binding, account, clock, self._on_seal, QUIET_SEAL_PERIOD_NS)
         self._events_seq = recorded.events_seq
         self._records: dict[str, MeterRecord] = {}
         """Digest -> each record of this session."""

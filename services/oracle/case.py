@@ -134,6 +134,8 @@ class Case:
         """What the proof claims to have done, for checks to say (`services.oracle.acts`)."""
         self._genuine: dict[int, bool] = {}
         self._poses: dict[str, Pose] = {}
+        self._tracks: dict[str, Pose] = {}
+        self._parts: dict[tuple[str, str], list[tuple[Device, Testimony]]] = {}
         self._tables: dict[str, Table] = {}
 
     @cached_property
@@ -271,6 +273,11 @@ class Case:
 
     def _seen(self, body: str) -> Pose:
         """The same by motion capture's own clock."""
+        if body not in self._tracks:
+            self._tracks[body] = self._track(body)
+        return self._tracks[body]
+
+    def _track(self, body: str) -> Pose:
         try:
             found = track(self._motions, body)
         except BadStatement as error:
@@ -383,11 +390,13 @@ class Case:
 
     def parts(self, role: str, name: str) -> list[tuple[Device, Testimony]]:
         """The same by key: what each of them signed that counts (`services.oracle.keys`)."""
-        return [
-            (key, self._counting(testimony, name, counts_until_s(key, self.submitted_s)))
-            for key in self.keys(role, name)
-            if (testimony := self.by_signer.get(key.address.lower())) is not None
-        ]
+        if (role, name) not in self._parts:
+            self._parts[role, name] = [
+                (key, self._counting(testimony, name, counts_until_s(key, self.submitted_s)))
+                for key in self.keys(role, name)
+                if (testimony := self.by_signer.get(key.address.lower())) is not None
+            ]
+        return self._parts[role, name]
 
     def signed_by(self, roles: Collection[str]) -> list[tuple[Device, Testimony]]:
         """What all registered devices in these roles signed that counts, by key."""
@@ -399,13 +408,14 @@ class Case:
 
     def _counting(self, testimony: Testimony, name: str, until_s: float) -> Testimony:
         earliest_s, latest_s = self.assignment_s
+        latest_s, slack_s, scope = min(latest_s, until_s), self.slack_s, self._scope
         said = [
             one
             for one in testimony.said
             if one.statement.device == name
-            and earliest_s <= one.statement.time_s <= min(latest_s, until_s)
-            and one.statement.time_s <= one.log_s + self.slack_s
-            and (self._scope is None or _scope(one.statement) == self._scope)
+            and earliest_s <= one.statement.time_s <= latest_s
+            and one.statement.time_s <= one.log_s + slack_s
+            and (scope is None or _scope(one.statement) == scope)
         ]
         return replace(testimony, said=said)
 

@@ -28,7 +28,7 @@ from rodeo import topics
 from rodeo.config import Site
 from rodeo.evidence import Attestation, Binding, SealedProof
 from rodeo.evidence.recorder import _Entry, _SealedFile
-from rodeo.evidence.seal import SealChain
+from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS, SealChain
 from rodeo.lab.body import JOINTS, Body, Twist2
 from rodeo.lab.config import Pose2, gripper_body
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S
@@ -455,7 +455,9 @@ def seal(
     """
     seals: list[bytes] = []
     path.parent.mkdir(parents=True, exist_ok=True)
-    file = _SealedFile(path, SealChain(binding, account), seals.append)
+    of_charge = any(sample.topic == METER_RECORD for sample in take.samples)
+    period_ns = QUIET_SEAL_PERIOD_NS if of_charge else None
+    file = _SealedFile(path, SealChain(binding, account), seals.append, period_ns)
     file.open_chain(take.samples[0].time_ns)
     scene = recorded(take, binding, witnesses or Witnesses(), account.address, site_bin)
     sequences: Counter[str] = Counter()
