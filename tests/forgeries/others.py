@@ -96,13 +96,13 @@ def a_pin_that_is_off(shop: Workshop) -> Submission:
     return _place(shop, x_m=float(PLACE["x_m"]) + 0.3)  # type: ignore[arg-type]
 
 
-@forgery("item_place", role="creator")
+@forgery("cleaning_topics", "that of the task's creator", role="creator")
 def a_place_that_is_no_number(shop: Workshop) -> Submission:
     """A place that no distance compares with."""
     return _place(shop, x_m=nan)
 
 
-@forgery("item_place", "could not be computed", role="creator")
+@forgery("cleaning_topics", "that of the task's creator", role="creator")
 def a_place_in_words(shop: Workshop) -> Submission:
     """A place that is a text."""
     return _place(shop, x_m="over there")
@@ -114,7 +114,7 @@ def an_item_that_is_not_there(shop: Workshop) -> Submission:
     return _place(shop, item_id="item99")
 
 
-@forgery("cleaning_topics", "no such item", role="creator")
+@forgery("cleaning_topics", "that of the task's creator", role="creator")
 def no_item_at_all(shop: Workshop) -> Submission:
     """A task that names no item, so that any would do."""
     return _place(shop, item_id=None)

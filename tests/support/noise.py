@@ -36,7 +36,8 @@ class Noise:
     witness_lost_share: float = 0.05
     """Of the statements of other devices, and of the recording's heads on their way to them. Of what motion
     capture said the recorder asks the journal, when it sees the gap and once more at the end: either answer
-    may be lost, too. What the bin said comes at the end. Of a charge what is lost stays lost."""
+    may be lost, too. What the bin said comes at the end. Of a charge what is lost stays lost, but for its
+    opening."""
     physics_share: float = 0.3
     """Most that friction and mass are off."""
     size_m: float = 0.005
@@ -95,12 +96,17 @@ def losses(noise: Noise, chance: np.random.Generator, clock_s: float) -> Witness
             late.append(attestation)
         return None
 
+    def on_record(attestation: Attestation) -> Attestation | None:
+        # A dock begins once the opening is signed by both and is on its own record.
+        opening = attestation.payload.get("reason") == "opening"
+        return attestation if opening or not misses() else None
+
     return Witnesses(
         edit=heard,
         asked_for=late,
         hears=lambda _time_s: not misses(),
         mocap_clock_s=clock_s,
-        charge=Sides(keep=lambda attestation: None if misses() else attestation),
+        charge=Sides(keep=on_record),
     )
 
 
