@@ -45,7 +45,7 @@ test: setup node_modules/.stamp postgresql  ## everything that checks the projec
 	@npm run --silent contracts:test
 	@$(PYTEST) -m "not long"
 
-test-long: setup node_modules/.stamp postgresql  ## the rest: whole sites that are killed, kept busy, or do without
+test-long: setup node_modules/.stamp postgresql  ## the rest: the forgeries, and whole sites that are killed, kept busy, or do without
 	@$(PYTEST) -m long
 
 bench: setup node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, honest, margins, robot, itrash, bridge, autonomy, soak, console)

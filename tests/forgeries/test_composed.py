@@ -9,6 +9,8 @@ from tests.forgeries import Workshop
 from tests.forgeries.composed import NOISES, Composition, composed
 from tests.support.site import LAB
 
+pytestmark = pytest.mark.long
+
 SEEDS = range(12)
 """Each second one under honest noise."""
 

@@ -10,6 +10,8 @@ from rodeo.config import Site
 from tests.forgeries import CATALOGUE, ROLES, Submission, Workshop, kinds, listed
 from tests.support.site import LAB
 
+pytestmark = pytest.mark.long
+
 DOCUMENT = Path(__file__).parents[2] / "docs" / "forgeries.md"
 
 SOME = list(CATALOGUE)[::12]

@@ -369,6 +369,7 @@ def test_a_charger_killed_while_charging_goes_on_and_its_register_too(
     assert hardware.commands[-1] is False
 
 
+@pytest.mark.long
 def test_a_robot_that_signs_nothing_gets_nothing(dao: Organization, hardware: Hardware) -> None:
     task_id = docked(dao, hardware, None)
     wait_until(dao, lambda: "awaiting_receipt" in dao.running.log("charger").split(f"[task {task_id}]")[-1])
@@ -401,6 +402,7 @@ def test_a_robot_that_falls_silent_costs_the_seller_a_step_and_goes_on_when_it_i
     assert delivered_wh(proof) == pytest.approx(hardware.energy_wh, rel=0.005)
 
 
+@pytest.mark.long
 def test_a_gauge_that_lies_costs_the_seller_a_step_and_what_both_signed_is_what_was_delivered(
     dao: Organization, hardware: Hardware, buyer: Buyer
 ) -> None:

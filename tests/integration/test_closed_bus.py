@@ -176,6 +176,7 @@ def test_nobody_else_moves_the_sites_clock_and_whoever_tries_is_told_of(running:
     assert "second speaker on /clock" in running.log("itrash")
 
 
+@pytest.mark.long
 def test_the_clock_is_followed_again_after_the_router_was_restarted(running: RunningSite) -> None:
     running.start("router", "robot_sim")
     clock = SimClock(running.bus.session, running.site.bus.domain_id)

@@ -14,6 +14,8 @@ from rodeo.messages import DaoEvent
 from services.oracle.report import Report
 from tests.support.site import RunningSite, write_site
 
+pytestmark = pytest.mark.long
+
 WAIT_S = 350.0
 SITE = """lab.mocap = false
 lab.furniture = []
