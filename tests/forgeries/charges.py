@@ -228,7 +228,8 @@ def one_number_twice(shop: Workshop) -> Submission:
     extra: list[Attestation] = []
 
     def keep(signed: Attestation) -> Attestation:
-        if signed.payload.get("page") == 4:
+        # Of several numbers, because of one alone either statement may be lost.
+        if signed.payload.get("page") in (4, 5, 6):
             extra.append(attest(signed.payload | {"register_wh": signed.payload["register_wh"] + 1}, METER))
         return extra.pop() if signed.payload["type"] == "robot.receipt" and extra else signed
 
