@@ -116,8 +116,10 @@ class Oracle:
 
     def _sweep(self) -> None:
         while not self._stop.wait(SWEEP_S):
+            with self._lock:
+                known = self._in_work | self._for_auditors
             for submission in self._acts.waiting():
-                if submission.key not in self._in_work | self._for_auditors:
+                if submission.key not in known:
                     log.warning(
                         "task %d attempt %d has no verdict yet; looking again",
                         submission.task_id,
