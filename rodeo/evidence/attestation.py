@@ -52,7 +52,8 @@ def _plain(value: Any) -> Any:
     if kind is float:
         if value.is_integer() and -_EXACT < value < _EXACT:
             return int(value)
-        if 1e-4 <= abs(value) < 1e16:  # both write these without an exponent, with the same digits
+        # With a fraction (below 2^53, that is) and without an exponent: both write the same digits.
+        if 1e-4 <= abs(value) < _EXACT:
             return value
     elif kind is str:
         if value.isascii():
