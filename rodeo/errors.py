@@ -25,7 +25,7 @@
 from __future__ import annotations
 
 import re
-from typing import Any
+from typing import Any, ClassVar
 
 from pydantic import ValidationError
 
@@ -42,6 +42,9 @@ def wrong_fields(error: ValidationError) -> dict[str, str]:
 
 class RodeoError(Exception):
     """An error with a stable code, one sentence for a person and the values that explain it."""
+
+    restart_cures: ClassVar[bool] = True
+    """Whether a process that ended on it may do better when it is started again."""
 
     def __init__(self, message: str, **details: Any) -> None:
         super().__init__(message)
@@ -65,9 +68,13 @@ class RodeoError(Exception):
 class ConfigError(RodeoError):
     """The site file or the environment does not describe a valid site."""
 
+    restart_cures = False
+
 
 class UnsafeSocketFolder(RodeoError):
     """The folder of the bus's socket belongs to another user, or is open to others."""
+
+    restart_cures = False
 
 
 class RequestError(RodeoError):
@@ -126,9 +133,13 @@ class ClockUnavailable(RodeoError):
 class WalletError(RodeoError):
     """A keystore is missing, or its passphrase does not open it."""
 
+    restart_cures = False
+
 
 class KeystoreMissing(WalletError):
     """There is no keystore of this name yet."""
+
+    restart_cures = True
 
 
 class Interrupted(RodeoError):
@@ -137,3 +148,5 @@ class Interrupted(RodeoError):
 
 class AlreadyRunning(RodeoError):
     """Another instance of this process works on the same data directory."""
+
+    restart_cures = False

@@ -11,6 +11,9 @@ from rodeo.errors import AlreadyRunning
 HEARTBEAT_S = 1.0
 """Wall time between two states that a running process publishes."""
 
+GAVE_UP = 78
+"""Exit status of a process that no restart can cure: EX_CONFIG of sysexits.h."""
+
 PARENT_VARIABLE = "RODEO_PARENT"
 """Set by a launcher to its own process id: the process then ends when that one does, however it ends."""
 

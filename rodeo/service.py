@@ -28,7 +28,7 @@ from rodeo.errors import (
     KeystoreMissing,
     RodeoError,
 )
-from rodeo.instance import HEARTBEAT_S, PARENT_VARIABLE, lock_instance
+from rodeo.instance import GAVE_UP, HEARTBEAT_S, PARENT_VARIABLE, lock_instance
 from rodeo.messages import Status
 from rodeo.metrics import BUS_CONNECTED, NOT_READY, READY, MetricsServer
 from rodeo.tls import identity
@@ -234,8 +234,9 @@ STOP_S = 6.0
 def supervise(name: str, body: Callable[[threading.Event], None], stop_s: float = STOP_S) -> int:
     """Run `body(stop)` with logging and signals set up; returns the process's exit status.
 
-    0 when it ended or was asked to stop, 1 with the reason in the log when it failed. A process that was
-    asked to stop is gone `stop_s` later, whatever it still waits for.
+    0 when it ended or was asked to stop; else the reason is in the log, and it is GAVE_UP when a restart
+    cannot cure it, 1 when it may. A process that was asked to stop is gone `stop_s` later, whatever it still
+    waits for.
     """
     faulthandler.enable()
     logs.configure(name)
@@ -294,7 +295,7 @@ def _guarded(body: Callable[[threading.Event], None], stop: threading.Event) -> 
         return 1
     except RodeoError as error:
         log.error("%s: %s", error.code, error)
-        return 1
+        return 1 if error.restart_cures else GAVE_UP
     except Exception:
         # The process's outermost frame: said in its log and in its exit status.
         log.exception("failed")

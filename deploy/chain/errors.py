@@ -100,13 +100,19 @@ class ExecutionReverted(RpcError):
 class ChainStoreCorrupted(RodeoError):
     """The chain's file cannot be read back. Nothing is served from it."""
 
+    restart_cures = False
+
 
 class WrongGenesis(RodeoError):
     """The chain's file was made for another chain than the site file describes."""
 
+    restart_cures = False
+
 
 class ChainLost(RodeoError):
     """The site's contracts are on a chain that is not in its file any more."""
+
+    restart_cures = False
 
 
 class AnvilFailed(RodeoError):

@@ -97,6 +97,8 @@ class IndexUnusable(RodeoError):
 class JournalDamaged(RodeoError):
     """The journal's file is not what was written: what the wallets have sent is not known from it."""
 
+    restart_cures = False
+
 
 class JournalUnwritable(RodeoError):
     """The journal cannot be written now. Nothing is sent that it does not hold; what waits stays queued."""

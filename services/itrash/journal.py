@@ -20,6 +20,8 @@ _KEPT_ENTRIES = 50
 class JournalBroken(RodeoError):
     """The file is there and is not a journal; going on without it would lose what was weighed."""
 
+    restart_cures = False
+
 
 class Entry(BaseModel):
     """One attestation as it was published."""

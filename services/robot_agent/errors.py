@@ -43,6 +43,8 @@ class Cancelled(AgentError):
 class JournalBroken(AgentError):
     """A file that must survive restarts cannot be read; starting without it could do things twice."""
 
+    restart_cures = False
+
 
 class CapReached(AgentError):
     """The wallet has spent what the site file allows within 24 hours."""

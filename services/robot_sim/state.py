@@ -25,9 +25,13 @@ _MAGIC = b"RODEOSIM"
 class AnotherWorld(RodeoError):
     """The saved state is of a world that was built differently."""
 
+    restart_cures = False
+
 
 class WorldLost(RodeoError):
     """There is a saved state, but no whole copy of it."""
+
+    restart_cures = False
 
 
 class StateFile:
