@@ -105,6 +105,7 @@ class Submission:
     task_id: int
     attempt: int
     kind: str
+    executor: str
     block: int
     log_index: int
     outcome: Outcome | None = None
@@ -128,10 +129,15 @@ class Submission:
         """Whether its first verdict is still to come."""
         return self.outcome is None and not self.over
 
+    @property
+    def with_auditors(self) -> bool:
+        """Whether people may still accept what could not be decided; their silence may, too."""
+        return self.outcome == "undecided" and not self.over
+
 
 @dataclass(frozen=True)
 class Spent:
-    """An act that was paid for before."""
+    """An act that was paid for before, or that its executor already has somebody decide on."""
 
     act: str
     by: Submission
@@ -248,7 +254,8 @@ class ConsumedActs:
         """Whether any of the acts that a submission claims was paid for; None if none was.
 
         What was submitted earlier goes first: while it waits for its verdict and may claim one of these acts,
-        the later one waits, too.
+        the later one waits, too. What its own executor has auditors decide on is spent as well: they may
+        accept it, and no honest executor claims one act twice. Somebody else's claim there holds nobody up.
         """
         wanted: dict[str, list[Act]] = defaultdict(list)
         for text in claimed:
@@ -263,7 +270,7 @@ class ConsumedActs:
                 if other.kind != own.kind or other.key == own.key:
                     continue
                 earlier = other.place < own.place
-                if other.outcome == "accepted":
+                if other.outcome == "accepted" or (other.with_auditors and other.executor == own.executor):
                     if self._unread(other):
                         wait = wait or Wait(other, "the report of its verdict could not be read yet")
                     elif (both := _overlap(wanted, self._acts(other))) is not None:
@@ -295,14 +302,16 @@ def acts_unspent(claimed: list[str], found: Spent | None) -> Check:
     if found is None:
         return Check(name="acts_unspent", passed=True, source=source, detail=", ".join(claimed)[:300])
     by = f"task {found.by.task_id} attempt {found.by.attempt}"
+    said = "is with auditors" if found.by.with_auditors else "was paid for"
+    # Who submitted first would have been paid, had its verdict come in time.
+    overtaken = not found.earlier and not found.by.with_auditors
     return Check(
         name="acts_unspent",
         passed=False,
         measured=found.act,
         source=source,
-        detail=f"{found.act} was paid for in {by} as {found.theirs}"[:300],
-        # Who submitted first would have been paid, had its verdict come in time.
-        fault=None if found.earlier else "the oracle, which decided a later submission first",
+        detail=f"{found.act} {said} in {by} as {found.theirs}"[:300],
+        fault="the oracle, which decided a later submission first" if overtaken else None,
     )
 
 
@@ -329,7 +338,8 @@ def _submissions(events: Iterable[DaoEvent]) -> Iterator[Submission]:
             kind = str(args["kind"])
         elif event.name == "ProofSubmitted":
             attempt = int(args["attempt"])
-            made.append(Submission(event.task_id or 0, attempt, kind, event.block, event.log_index))
+            executor = str(args["executor"])
+            made.append(Submission(event.task_id or 0, attempt, kind, executor, event.block, event.log_index))
         elif not made:
             continue
         elif event.name == "VerdictPosted":

@@ -153,9 +153,8 @@ class Oracle:
         if found is None:
             return
         task, report = found
-        claimed = report.acts if report.accepted else []
-        self._acts.judged(task_id, attempt, claimed)
-        if report.accepted:
+        self._acts.judged(task_id, attempt, report.acts)
+        if report.outcome != "rejected":  # what is undecided may yet be accepted by people
             check = self._unspent(number, task_id, attempt, report.acts)
             if check is None:
                 return

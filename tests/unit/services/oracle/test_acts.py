@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rodeo.messages import DaoEvent
-from services.oracle.acts import Act, ConsumedActs, MalformedAct, Spent, Wait
+from services.oracle.acts import Act, ConsumedActs, MalformedAct, Spent, Wait, acts_unspent
 
 DROP = "bin/itrash/drop/7"
 STORE = "file:///store"
@@ -68,12 +68,14 @@ class Chain:
         self.acts.on_event(event)
         return event
 
-    def submitted(self, task_id: int, attempt: int = 1) -> DaoEvent:
+    def submitted(self, task_id: int, attempt: int = 1, executor: str = "panther1") -> DaoEvent:
         if not any(e.name == "TaskRegistered" and e.task_id == task_id for e in self.told):
             self.event("TaskRegistered", task_id, kind=self.kind)
-        return self.event("ProofSubmitted", task_id, attempt=attempt)
+        return self.event("ProofSubmitted", task_id, attempt=attempt, executor=executor)
 
-    def accepted(self, task_id: int, *acts: str, attempt: int = 1, read: bool = True) -> DaoEvent:
+    def accepted(
+        self, task_id: int, *acts: str, attempt: int = 1, read: bool = True, verdict: str = "accepted"
+    ) -> DaoEvent:
         sha256 = f"0x{task_id:062x}{attempt:02x}"
         self._reports[sha256] = list(acts)
         if read:
@@ -82,7 +84,7 @@ class Chain:
             "VerdictPosted",
             task_id,
             attempt=attempt,
-            verdict="accepted",
+            verdict=verdict,
             report_hash=sha256,
             report_uri=f"{STORE}/{sha256[2:]}.json",
         )
@@ -237,6 +239,44 @@ def test_a_submission_that_was_taken_off_the_chain_is_waited_for_no_longer(chain
     assert spent_by(chain.acts, 2, DROP) is None
 
 
+def test_what_auditors_decide_on_is_not_claimed_again_by_the_same_executor(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.accepted(1, DROP, verdict="undecided")
+    chain.submitted(2)
+    found = chain.acts.spent(2, 1, [DROP])
+    assert isinstance(found, Spent)
+    check = acts_unspent([DROP], found)
+    assert check.passed is False
+    assert check.fault is None
+    assert "is with auditors in task 1 attempt 1" in check.detail
+    assert spent_by(chain.rebuilt(), 2, DROP) == 1
+
+
+def test_both_submitted_at_once_the_later_waits_until_the_earlier_is_undecided(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.submitted(2)
+    chain.acts.judged(1, 1, [DROP])
+    assert isinstance(chain.acts.spent(2, 1, [DROP]), Wait)
+    chain.accepted(1, DROP, verdict="undecided")
+    assert spent_by(chain.acts, 2, DROP) == 1
+
+
+def test_somebody_elses_undecided_claim_takes_nothing_from_who_proves_it(chain: Chain) -> None:
+    chain.submitted(1, executor="a thief")
+    chain.accepted(1, DROP, verdict="undecided")
+    chain.submitted(2)
+    assert spent_by(chain.acts, 2, DROP) is None
+
+
+@pytest.mark.parametrize("end", ["TaskRequeued", "TaskFailed"])
+def test_what_auditors_refused_may_be_claimed(chain: Chain, end: str) -> None:
+    chain.submitted(1)
+    chain.accepted(1, DROP, verdict="undecided")
+    chain.event(end, 1)
+    chain.submitted(2)
+    assert spent_by(chain.acts, 2, DROP) is None
+
+
 def test_kinds_have_nothing_in_common(chain: Chain) -> None:
     chain.submitted(1)
     chain.accepted(1, DROP)
@@ -251,7 +291,7 @@ def test_a_new_chain_begins_with_nothing_spent(chain: Chain) -> None:
     fresh = Chain()
     for event in (
         fresh.event("TaskRegistered", 1, kind="waste_disposal"),
-        fresh.event("ProofSubmitted", 1, attempt=1),
+        fresh.event("ProofSubmitted", 1, attempt=1, executor="panther1"),
     ):
         chain.acts.on_event(event.model_copy(update={"chain": "0xother"}))
     assert spent_by(chain.acts, 1, DROP) is None

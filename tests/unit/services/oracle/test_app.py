@@ -127,7 +127,7 @@ def event(task: Task, seq: int, name: str, **args: Any) -> DaoEvent:
 
 def submit(oracle: Oracle, task: Task) -> None:
     oracle._on_event(event(task, 1, "TaskRegistered", kind=task.kind))
-    oracle._on_event(event(task, 2, "ProofSubmitted", attempt=task.attempt))
+    oracle._on_event(event(task, 2, "ProofSubmitted", attempt=task.attempt, executor="panther1"))
 
 
 def test_a_submission_that_the_index_does_not_know_yet_gets_its_verdict_when_it_does(
