@@ -84,7 +84,7 @@ def hundred_participants(
     tasks: int = TASKS, participants: int = PARTICIPANTS, limit_s: float = _LIMIT_S
 ) -> dict[str, float]:
     names = [f"participant{number}" for number in range(participants)]
-    listed = ", ".join(f'{{ name = "{name}" }}' for name in names)
+    listed = ", ".join(f'{{ name = "{name}", kinds = ["{CLEANING}"] }}' for name in names)
     with _Site("anvil", f"participants = [{listed}]\n", limit_s=limit_s) as site:
 
         def prepare(name: str) -> None:

@@ -144,6 +144,9 @@ class ParticipantConfig(_Table):
     address: str | None = Field(default=None, pattern=r"^0x[0-9a-fA-F]{40}$")
     """Of a wallet that lives elsewhere: its owner signs, the bridge only broadcasts. Without one the bridge
     has its keystore."""
+    kinds: list[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]] | None = None
+    """Kinds of work that it may offer. Left out, those that people judge: a person has no machine for the
+    others. Name them for a participant whose own program does them."""
 
 
 class MetricsConfig(_Table):

@@ -9,6 +9,7 @@ from eth_account.signers.local import LocalAccount
 
 from rodeo import topics
 from rodeo.bus import Bus, validate
+from rodeo.config import Site
 from rodeo.evidence import Binding
 from rodeo.messages import (
     Broadcast,
@@ -35,6 +36,32 @@ def is_peoples(kind: str) -> bool:
     """Whether a proof of this kind of work is people's word, which an auditor judges: the oracle has checks
     of its own for the other kinds only."""
     return kind not in MACHINE_JUDGED
+
+
+def cannot_do(site: Site, participant: str, kind: str) -> str:
+    """Why `participant` of the site cannot do work of this kind, as a sentence; empty where it can.
+
+    A robot's mind does cleaning, the organization's dock sells charging, and the oracle judges. People, which
+    the organization has, too, do the kinds that people judge. The site file says what else a participant's
+    own program does.
+    """
+    if participant in [robot.name for robot in site.robots]:
+        able, does = kind == CLEANING, f"is a robot, and robots do {CLEANING} only"
+    elif participant == "oracle":
+        able, does = False, "judges work, and so does none"
+    elif participant == ORGANIZATION:
+        able = kind == CHARGING or is_peoples(kind)
+        does = f"sells {CHARGING} at its dock, and its people do what no machine judges"
+    else:
+        declared = next((one.kinds for one in site.participants if one.name == participant), None)
+        able = is_peoples(kind) if declared is None else kind in declared
+        does = (
+            f"has no machine that does it (`kinds` of a participant in the site file says which kinds its "
+            f"program does; without it, those that people judge: not {' and '.join(sorted(MACHINE_JUDGED))})"
+            if declared is None
+            else f"does {', '.join(declared) or 'nothing'}, as the site file says"
+        )
+    return "" if able else f"{participant} cannot do {kind}: it {does}"
 
 
 class Participant:

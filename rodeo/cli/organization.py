@@ -179,6 +179,83 @@ def list_services(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) 
     console.print(table)
 
 
+ServiceArgument = Annotated[
+    int, typer.Argument(min=1, help="The service, by its number in `rodeo service list`.")
+]
+ProviderOption = Annotated[str | None, typer.Option("--as", help="Its provider; found if left out.")]
+
+
+@services.command("price")
+@reports_errors
+def price(
+    service_id: ServiceArgument,
+    price: Annotated[str, typer.Argument(help="What a task costs from the next one on, in IEC.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ProviderOption = None,
+) -> None:
+    """Change what a service costs, for the tasks after the one that it does now."""
+    service = _change_service(site, service_id, participant, price_iec=price)
+    console.print(f"service {service_id} costs {iec(service['price_iec'])} from the next task on")
+
+
+@services.command("pause")
+@reports_errors
+def pause(
+    service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
+) -> None:
+    """Take no new tasks; the one that is being done goes on."""
+    _change_service(site, service_id, participant, state="paused")
+    console.print(f"service {service_id} is paused; `rodeo service resume {service_id}` ends that")
+
+
+@services.command("resume")
+@reports_errors
+def resume(
+    service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
+) -> None:
+    """Take tasks again."""
+    _change_service(site, service_id, participant, state="active")
+    console.print(f"service {service_id} takes tasks again")
+
+
+@services.command("withdraw")
+@reports_errors
+def withdraw(
+    service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
+) -> None:
+    """End an offer for good; what is left of its bond comes back. The task that is being done goes on."""
+    _change_service(site, service_id, participant, state="retired")
+    console.print(f"service {service_id} is withdrawn for good; `rodeo service offer` makes another one")
+
+
+def _change_service(site: Path, service_id: int, participant: str | None, **change: str) -> dict[str, Any]:
+    """Update the service in its provider's name; returns it as it was, with the change.
+
+    Raises InvalidRequest when there is none, or its provider has no name here.
+    """
+    with connected(site) as (loaded, bus):
+        # They are numbered from 1 and told in that order.
+        one_page = {"offset": service_id - 1, "limit": 1}
+        services = bus.query(f"rodeo/{loaded.org}/state/services", parameters=one_page)["services"]
+        service = next((one for one in services if one["id"] == service_id), None)
+        if service is None:
+            raise InvalidRequest(
+                f"there is no service {service_id}; `rodeo service list` shows them", service_id=service_id
+            )
+        provider = service["provider_name"]
+        if provider is None or participant not in (None, provider):
+            raise InvalidRequest(
+                f"service {service_id} is not {participant}'s to change"
+                if participant
+                else f"service {service_id} belongs to somebody whose key is not on this site",
+                service_id=service_id,
+                provider=provider or service["provider"],
+            )
+        request = {"service_id": service_id, **change}
+        bus.query(f"rodeo/{loaded.org}/wallet/{provider}/update_service", request, timeout_s=30)
+    return {**service, **change}
+
+
 @reports_errors
 def wallet(
     name: Annotated[str | None, typer.Argument(help="One participant; all by default.")] = None,

@@ -21,6 +21,7 @@ from rodeo.cli.common import (
     reports_errors,
 )
 from rodeo.cli.organization import ParticipantOption, iec
+from rodeo.errors import InvalidRequest
 from rodeo.messages import Policy, RoleName
 
 rules = typer.Typer(
@@ -85,7 +86,8 @@ def kind(
     name: Annotated[str, typer.Argument(help="The kind of task.")],
     allowed: Annotated[bool, typer.Option("--allow/--disallow")] = True,
     review: Annotated[
-        str | None, typer.Option(help="Who judges it, needed to allow it: oracle or auditor.")
+        str | None,
+        typer.Option(help="Who judges it, which must be said to allow it: auditor (people), or oracle."),
     ] = None,
     min_window_s: Annotated[
         int | None, typer.Option("--min-window", help="Shortest execution window, in seconds.")
@@ -100,7 +102,12 @@ def kind(
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:
-    """Accept a kind of work, or no longer."""
+    """Accept a kind of work, or no longer. Nobody judges it unless you say who."""
+    if allowed and review is None:
+        raise InvalidRequest(
+            f"say who judges {name}: --review auditor for people, or --review oracle where it has checks",
+            kind=name,
+        )
     fields = {
         "kind": name,
         "allowed": allowed,

@@ -43,7 +43,10 @@ def offer(
     participant: AsOption = None,
     description: Annotated[str, typer.Option(help="A sentence for people.")] = "",
 ) -> None:
-    """Offer to do tasks of a kind: from then on they may be assigned to the participant."""
+    """Offer to do tasks of a kind: from then on they may be assigned to the participant.
+
+    `rodeo service price`, `pause`, `resume` and `withdraw` change the offer.
+    """
     with connected(site) as (loaded, bus):
         name = _name(loaded, participant)
         request = {"kind": kind, "price_iec": price, "description": description}

@@ -68,6 +68,8 @@ from rodeo.messages import (
 )
 from services.bridge.amounts import iec
 from services.bridge.errors import (
+    AlreadyOffered,
+    CannotDo,
     InsufficientFunds,
     KindWithoutChecks,
     NotThisWallets,
@@ -117,6 +119,8 @@ class Wallet:
     store: Store
     economy: EconomyConfig
     _approved: set[str] = field(default_factory=set)
+    _offering: dict[str, tuple[str | None, Future[Reply]]] = field(default_factory=dict)
+    """Kind -> `request_id` and reply of the last offer of it that this process has sent."""
 
     def execute(self, name: str, data: dict[str, Any]) -> Reply | Future[Reply]:
         """Carry out the command `name`; its reply, now or once mined.
@@ -139,7 +143,10 @@ class Wallet:
         *before, order = self._orders(name, command, build)
         for first in before:
             self.outbox.submit(first).result()
-        return self.outbox.submit(order)
+        sent = self.outbox.submit(order)
+        if isinstance(command, RegisterService):
+            self._offering[command.kind] = command.request_id, sent
+        return sent
 
     def _parse(self, name: str, data: dict[str, Any]) -> tuple[Command, Build]:
         if name not in _COMMANDS:
@@ -295,6 +302,8 @@ class Wallet:
 
     def _register_service(self, command: RegisterService) -> list[Call]:
         self._require_kind(command.kind)
+        self._require_able(command.kind)
+        self._require_first_offer(command)
         price = to_wei(command.price_iec)
         bond = self._bond()
         self._require_funds(self.address, bond)
@@ -306,6 +315,8 @@ class Wallet:
         service = self.index.service(command.service_id)
         if service is None:
             raise UnknownService("no such service", service_id=command.service_id)
+        if command.state == "active":
+            self._require_able(service["kind"])
         price = service["price"] if command.price_iec is None else to_wei(command.price_iec)
         state = ServiceState[(command.state or service["state"]).upper()]
         return [self.calls.update_service(command.service_id, price, state)]
@@ -406,6 +417,29 @@ class Wallet:
         if kind not in self.index.kinds() and not self.client.is_kind_allowed(kind):
             raise UnknownKind(
                 "the organization does not accept this kind", kind=kind, known=self.index.kinds()
+            )
+
+    def _require_able(self, kind: str) -> None:
+        if reason := self.names.cannot_do(self.participant, kind):
+            raise CannotDo(reason, participant=self.participant, kind=kind)
+
+    def _require_first_offer(self, command: RegisterService) -> None:
+        kind = command.kind
+        request_id, sent = self._offering.get(kind, (None, None))
+        if sent is not None and not sent.done():
+            if request_id is not None and request_id == command.request_id:
+                return  # the same one again, which the outbox knows
+            raise AlreadyOffered(
+                f"{self.participant} is offering {kind} already; the chain has not answered yet", kind=kind
+            )
+        for service in self.index.offers(self.address, kind):
+            raise AlreadyOffered(
+                f"{self.participant} offers {kind} already, as service {service['id']}, which is "
+                f"{service['state']}: change that one's price or state, or withdraw it first",
+                kind=kind,
+                service_id=service["id"],
+                state=service["state"],
+                price_iec=iec(service["price"]),
             )
 
     def _require_affordable_service(self, kind: str, reward: int) -> None:

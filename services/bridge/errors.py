@@ -8,6 +8,8 @@
     │   ├── UnknownKind           the organization does not accept this kind of work
     │   ├── UnknownTask
     │   ├── UnknownService
+    │   ├── CannotDo              the participant has nothing that does this kind of work
+    │   ├── AlreadyOffered        the participant has a service of this kind
     │   ├── UnknownParticipant
     │   ├── InsufficientFunds     the wallet has less than the command needs
     │   ├── RewardBelowPrice      every service on offer costs more
@@ -56,6 +58,14 @@ class KindWithoutChecks(RequestError):
 
 class UnknownService(RequestError):
     """No such service was ever registered."""
+
+
+class CannotDo(RequestError):
+    """The participant has nothing that does this kind of work: its service would let every task pass."""
+
+
+class AlreadyOffered(RequestError):
+    """The participant has a service of this kind, which can be changed."""
 
 
 class UnknownParticipant(RequestError):

@@ -314,6 +314,12 @@ class Index:
     def service(self, service_id: int) -> Row | None:
         return self._first(select(schema.services).where(schema.services.c.id == service_id))
 
+    def offers(self, provider: str, kind: str) -> list[Row]:
+        """The services of `kind` that the account at `provider` has not retired."""
+        services = schema.services.c
+        mine = (services.provider == provider) & (services.kind == kind) & (services.state != "retired")
+        return self._rows(select(schema.services).where(mine).order_by(services.id))
+
     def active_prices(self, kind: str) -> list[int]:
         """What the services of `kind` that take tasks cost, wei."""
         services = schema.services.c

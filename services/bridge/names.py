@@ -7,6 +7,7 @@ from eth_utils import is_address, to_checksum_address
 from rodeo import wallets
 from rodeo.chain import Deployment, Policy
 from rodeo.config import Site
+from rodeo.dao import cannot_do
 from services.bridge.errors import UnknownParticipant
 
 ORGANIZATION = "organization"
@@ -47,6 +48,10 @@ class Names:
         if name in (ORGANIZATION, "oracle"):
             return name
         return "robot" if name in [robot.name for robot in self._site.robots] else "participant"
+
+    def cannot_do(self, name: str, kind: str) -> str:
+        """Why the participant cannot do work of this kind; empty where it can."""
+        return cannot_do(self._site, name, kind)
 
     def address(self, who: str) -> str:
         """The address of a participant, or `who` itself where it is one. Raises UnknownParticipant."""

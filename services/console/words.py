@@ -46,6 +46,8 @@ _ADVICE = {
     "device_name_taken": "Revoke the key that has this name first, or choose another name.",
     "invalid_amount": "Pay more than nothing and at most the agreed price.",
     "bad_amount": "Pay more than nothing and at most the agreed price.",
+    "cannot_do": "Let somebody offer it who can do it.",
+    "already_offered": "Change the price or the state of that service under Services.",
     "judge_is_party": "Another auditor has to judge it.",
     "judged_before": "Another auditor has to judge it.",
     "robot_unavailable": "Check on the overview that the robot's agent is running.",

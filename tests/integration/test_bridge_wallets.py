@@ -28,8 +28,8 @@ LIMITS = '[bridge.limits.oracle]\ndaily_iec = "10"\n'
 
 @pytest.fixture(scope="module")
 def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
-    participants = f'participants = [{{ name = "alice", address = "{ALICE.address}" }}, {{ name = "bob" }}]'
-    extra = f"{participants}\n{LIMITS}"
+    alice, bob = f'name = "alice", address = "{ALICE.address}"', 'name = "bob", kinds = ["waste_disposal"]'
+    extra = f"participants = [{{ {alice} }}, {{ {bob} }}]\n{LIMITS}"
     running = RunningSite(write_site(tmp_path_factory.mktemp("wallets"), chain_backend, extra))
     organization = Dao(running)
     try:

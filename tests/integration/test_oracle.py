@@ -30,7 +30,7 @@ PLACE = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
 
 @pytest.fixture(scope="module")
 def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
-    extra = 'participants = [{ name = "thief" }]'
+    extra = 'participants = [{ name = "thief", kinds = ["waste_disposal"] }]'
     running = RunningSite(write_site(tmp_path_factory.mktemp("oracle"), chain_backend, extra))
     organization = Dao(running)
     try:

@@ -38,6 +38,40 @@ def rodeo(dao: Dao, *arguments: str, status: int = 0) -> str:
     return " ".join(str(done.output).split())
 
 
+def test_an_offer_is_priced_paused_resumed_and_withdrawn_and_made_once(dao: Dao) -> None:
+    told = rodeo(dao, "organization", "kind", "raking", status=1)
+    assert "say who judges raking: --review auditor for people, or --review oracle" in told
+    rodeo(dao, "organization", "kind", "raking", "--review", "auditor")
+    told = rodeo(dao, "service", "offer", "raking", "--price", "5", "--as", "alice")
+    number = told.split()[-1]
+
+    def now() -> tuple[str, str]:
+        (service,) = dao.state("services", provider="alice", kind="raking")["services"]
+        return service["state"], service["price_iec"]
+
+    told = rodeo(dao, "service", "offer", "raking", "--price", "6", "--as", "alice", status=1)
+    assert f"alice offers raking already, as service {number}, which is active" in told
+    rodeo(dao, "service", "price", number, "7.5")
+    assert now() == ("active", "7.5")
+    rodeo(dao, "service", "pause", number, "--as", "alice")
+    assert now() == ("paused", "7.5")
+    rodeo(dao, "service", "resume", number)
+    assert now() == ("active", "7.5")
+    told = rodeo(dao, "service", "withdraw", number, "--as", "bob", status=1)
+    assert f"service {number} is not bob's to change" in told
+    rodeo(dao, "service", "withdraw", number)
+    assert now() == ("retired", "7.5")
+    assert "there is no service 999" in rodeo(dao, "service", "pause", "999", status=1)
+
+
+@pytest.mark.parametrize(("who", "kind"), [("panther1", "raking"), ("alice", "waste_disposal")])
+def test_nobody_offers_from_the_terminal_what_they_cannot_do(dao: Dao, who: str, kind: str) -> None:
+    rodeo(dao, "organization", "kind", "raking", "--review", "auditor")
+    told = rodeo(dao, "service", "offer", kind, "--price", "5", "--as", who, status=1)
+    assert f"{who} cannot do {kind}" in told
+    assert dao.state("services", provider=who, kind=kind)["services"] == []
+
+
 def handed_in(dao: Dao, kind: str, who: str, note: str, photo: Path) -> int:
     """A task of this kind, done by the only one who offers it now; its id."""
     rodeo(dao, "service", "offer", kind, "--price", "5", "--as", who)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable
 from functools import partial
 from typing import Any
 
 from nicegui import ui
 
-from rodeo.dao import MACHINE_JUDGED
+from rodeo.dao import MACHINE_JUDGED, cannot_do
 from rodeo.errors import RodeoError
 from services.console.actions import ORGANIZATION, speaks_for
 from services.console.pages.frame import (
@@ -40,6 +41,8 @@ from services.console.words import iec, kind, moment, party, share, short, span
 
 Json = dict[str, Any]
 
+_UNSAID = "unsaid"
+"""The choice that is none."""
 _MEMBERSHIP = {"admit": "is a member", "dismiss": "is no member any more"}
 POLICIES = {
     "first_come": "First come, first served",
@@ -198,7 +201,15 @@ class ServicesPage:
         if not participant:
             ui.notify("Your account works as no participant; an administrator can say which", type="warning")
             return
-        allowed = [one["kind"] for one in self._organization["kinds"] if one["allowed"]]
+        site = self._console.site
+        allowed = [
+            one["kind"]
+            for one in self._organization["kinds"]
+            if one["allowed"] and not cannot_do(site, participant, one["kind"])
+        ]
+        if not allowed:
+            ui.notify(f"The organization accepts no kind of work that {participant} can do", type="warning")
+            return
         await ask_form(
             f"Offer a service of {participant}",
             {
@@ -311,37 +322,44 @@ class ServicesPage:
         if user().has(Role.ADMINISTRATOR):
             with ui.element("div").classes("line tight"):
                 ui.button("Change rules", on_click=self._change_rules).props("outline dense")
-                ui.button("Allow a kind", on_click=self._allow_kind).props("outline dense")
+                ui.button("Allow a kind", on_click=partial(self._allow_kind, "")).props("outline dense")
                 ui.button("Undecided work", on_click=self._change_audit).props("outline dense")
                 ui.button("Membership", on_click=self._membership).props("outline dense")
 
     def _kind_end(self, one: Json) -> None:
         if not user().has(Role.ADMINISTRATOR):
             return
-        word, allowed = ("Forbid", False) if one["allowed"] else ("Allow", True)
-        request = {"kind": one["kind"], "allowed": allowed}
-        if allowed:
-            request["review"] = one["review"] if one["review"] != "none" else "auditor"
-        done = f"{kind(one['kind'])} is {'allowed' if allowed else 'forbidden'}"
-        ui.button(word, on_click=partial(self._act, "allow_kind", request, done)).props(
-            f'flat dense aria-label="{word} {kind(one["kind"])}"'
-        )
+        click: Callable[[], Awaitable[Any]]
+        if one["allowed"]:
+            word = "Forbid"
+            request = {"kind": one["kind"], "allowed": False}
+            click = partial(self._act, "allow_kind", request, f"{kind(one['kind'])} is forbidden")
+        else:
+            word, click = "Allow", partial(self._allow_kind, one["kind"])
+        ui.button(word, on_click=click).props(f'flat dense aria-label="{word} {kind(one["kind"])}"')
 
     @on_page
-    async def _allow_kind(self) -> None:
+    async def _allow_kind(self, name: str) -> None:
+        """Who judges it is said each time: nothing is meant by saying nothing."""
+        judges = {_UNSAID: "Choose who judges it", "auditor": "an auditor"}
+        if not name or name in MACHINE_JUDGED:
+            judges["oracle"] = "the oracle, where it has checks for it"
+
+        async def allow(answer: dict[str, str]) -> bool:
+            if answer["review"] == _UNSAID:
+                ui.notify("Say who judges this kind of work", type="warning")
+                return False
+            done = f"{kind(answer['kind'])} is allowed"
+            return await self._act("allow_kind", {"allowed": True, **answer}, done)
+
         await ask_form(
-            "Allow a kind of work",
+            f"Allow {kind(name)}" if name else "Allow a kind of work",
             {
-                "kind": Field("Name, for example window_cleaning"),
-                "review": Field(
-                    "Judged by",
-                    choices={"auditor": "an auditor", "oracle": "the oracle, where it has checks for it"},
-                ),
+                "kind": Field("Name, for example window_cleaning", name),
+                "review": Field("Judged by", choices=judges),
             },
             "Allow it",
-            lambda answer: self._act(
-                "allow_kind", {"allowed": True, **answer}, f"{kind(answer['kind'])} is allowed"
-            ),
+            allow,
         )
 
     @on_page
