@@ -48,7 +48,7 @@ test: setup node_modules/.stamp postgresql  ## everything that checks the projec
 test-long: setup node_modules/.stamp postgresql  ## the rest: the forgeries, and whole sites that are killed, kept busy, or do without
 	@$(PYTEST) -m long
 
-bench: setup node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, honest, margins, robot, itrash, bridge, autonomy, soak, console)
+bench: setup node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, honest, margins, robot, itrash, bridge, autonomy, soak, faults, console)
 	@$(BIN)/python -m bench $(ONLY)
 
 lint: setup node_modules/.stamp  ## linters, type checker, built contracts equal to their sources

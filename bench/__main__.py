@@ -23,6 +23,7 @@ AREAS = (
     "bridge",
     "autonomy",
     "soak",
+    "faults",
     "console",
 )
 OUT = Path("out/bench.json")

@@ -1,0 +1,186 @@
+"""Faults while a robot is charged: dock, battery and time are played, everything else is real."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from bench.faults.case import BASE, Case, Script, add, case
+from bench.faults.disks import FULL
+from bench.faults.files import CHAIN, remove, stopped
+from bench.faults.lab import Lab, need
+from bench.faults.net import Link
+from rodeo.dao import Participant
+from tests.support.dock import Buyer, Hardware
+from tests.support.site import free_port
+
+DOCK = (*BASE, "charger")
+HALF_WH = 40.0
+ORDER = {"robot": "panther1", "dock": "dock1", "soc_from": 0.5, "soc_target": 0.6, "energy_wh": 100.0}
+
+
+class Charge:
+    """One order, from the plug to the payment."""
+
+    def __init__(self, lab: Lab) -> None:
+        self.lab = lab
+        self.hardware = Hardware(lab)
+        self.buyer = Buyer(lab, self.hardware)
+        self.hardware.target_soc = 0.6
+
+    def begin(self) -> None:
+        """Buy, dock, and charge until it is half done."""
+        lab = self.lab
+        lab.wait(lambda: lab.ready("charger"), "the charger is not ready", 120.0)
+        lab.order("charge", "panther1", kind="battery_charging", reward_iec="100", params=ORDER)
+        lab.assigned("charge")
+        self.buyer.begin(Participant(lab.bus, lab.site.org, "panther1").task(lab.asked["charge"]))
+        self.hardware.docked = True
+        lab.wait(lambda: self.hardware.energy_wh > HALF_WH, "nothing is delivered", 120.0)
+
+    def finish(self) -> None:
+        """Until the proof is there; judge it as an oracle would."""
+        self.hardware.fast = True
+        lab = self.lab
+        task_id = lab.asked["charge"]
+        lab.wait(
+            lambda: lab.state(f"task/{task_id}")["state"] == "submitted", "no proof of the charge came", 120.0
+        )
+        lab.judge("charge")
+        task = lab.wait_ended("charge")
+        need(task["state"] == "settled", f"the charge is {task['state']}: {task['reason']}")
+
+    def close(self) -> None:
+        self.buyer.close()
+        self.hardware.close()
+
+
+@contextmanager
+def charging(lab: Lab) -> Iterator[Charge]:
+    charge = Charge(lab)
+    try:
+        charge.begin()
+        yield charge
+    finally:
+        charge.close()
+
+
+def _killed(*names: str) -> Script:
+    def script(lab: Lab) -> Iterator[None]:
+        with charging(lab) as charge:
+            lab.mark()
+            lab.kill(*names)
+            yield
+            yield
+            charge.finish()
+
+    return script
+
+
+def _frozen(name: str) -> Script:
+    def script(lab: Lab) -> Iterator[None]:
+        with charging(lab) as charge:
+            lab.mark()
+            pid = lab.pid(name)
+            lab.signal(signal.SIGSTOP, name)
+            yield
+            lab.resume(pid)
+            yield
+            charge.finish()
+
+    return script
+
+
+for _names in (("charger",), ("router",), ("chain", "bridge")):
+    add(
+        Case(
+            name=f"killed_{'_and_'.join(_names)}_while_charging",
+            area="dock",
+            breaks=f"SIGKILL to {', '.join(_names)} while a robot is charged",
+            script=_killed(*_names),
+            processes=DOCK,
+        )
+    )
+
+for _name in ("charger", "bridge"):
+    add(
+        Case(
+            name=f"frozen_{_name}_while_charging",
+            area="dock",
+            breaks=f"the {_name} hangs (SIGSTOP) for 8 s while a robot is charged",
+            script=_frozen(_name),
+            processes=DOCK,
+            held_s=8.0,
+        )
+    )
+
+
+@case(
+    "nothing gets through between charger and router for 20 s while a robot is charged",
+    processes=DOCK,
+    extra=f'bus.router = "tcp/127.0.0.1:{free_port()}"\nbus.open = true\n',
+    works=False,
+    held_s=20.0,
+)
+def charger_cut_from_the_bus(lab: Lab) -> Iterator[None]:
+    with Link(int(lab.site.bus.router.rpartition(":")[2])) as link:
+        lab.sites["charger"] = lab.variant("cut", f'bus.router = "tcp/127.0.0.1:{link.port}"\n', data=False)
+        lab.start()
+        with charging(lab) as charge:
+            lab.mark()
+            link.cut()
+            yield
+            link.heal()
+            yield
+            charge.finish()
+
+
+@case(
+    "the disk with the charger's folder is full while a robot is charged",
+    said=FULL,
+    processes=DOCK,
+    small_disk="charger",
+    held_s=6.0,
+)
+def disk_full_charger(lab: Lab) -> Iterator[None]:
+    assert lab.disk is not None
+    with charging(lab) as charge:
+        lab.mark()
+        lab.disk.fill()
+        yield
+        lab.disk.free()
+        yield
+        charge.finish()
+
+
+@case("the charger's job is cut while a robot is charged", said=r"job\.json", processes=DOCK)
+def charger_job_cut(lab: Lab) -> Iterator[None]:
+    with charging(lab) as charge:
+        lab.mark()
+        lab.down("charger")
+        path = lab.data / "charger" / "job.json"
+        text = path.read_text()
+        path.write_text(text[: len(text) // 2])
+        lab.up("charger")
+        yield
+        path.write_text(text)
+        lab.restart_if_down("charger")
+        yield
+        charge.finish()
+
+
+@case("the chain is given up and a new one begun: the service is offered again", processes=DOCK, asks=False)
+def new_chain_under_the_charger(lab: Lab) -> Iterator[None]:
+    path = stopped(lab, "chain", CHAIN)
+    remove(path)
+    Path(path.with_name("kept")).unlink()
+    lab.new_chain()
+    yield
+    yield
+    lab.wait(
+        lambda: any(one["kind"] == "battery_charging" for one in lab.state("services")["services"]),
+        "the charger does not offer its service on the new chain",
+        60.0,
+    )

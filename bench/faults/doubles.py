@@ -1,0 +1,107 @@
+"""A second one of what there may be once: the same key or device name, from another machine's folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import Future
+
+from bench.faults.case import BASE, Case, Script, add, case
+from bench.faults.lab import Lab, need
+
+REFUSED = (
+    r"(already|another|second).{0,120}(serve|run|hold|held|work|answer|command|name|key|one)|"
+    r"(serve|run|hold|held|taken|at work).{0,60}(already|elsewhere|another|second)"
+)
+
+
+@case("a second bridge with the same wallets, from another machine", said=REFUSED)
+def second_bridge(lab: Lab) -> Iterator[None]:
+    elsewhere = lab.variant("elsewhere", "")
+    lab.up("bridge", site=elsewhere)
+    # It has refused, or serves by now.
+    lab.wait_for_log("elsewhere", "bridge", REFUSED + r"|: ready$")
+    labels = [f"post {number}" for number in range(20)]
+    posted: list[Future[int]] = [lab.post_beside(label) for label in labels]
+    for one in posted:
+        one.result(timeout=120.0)
+    yield
+    lab.down("bridge", site=elsewhere)
+    yield
+    need(len({one.result() for one in posted}) == len(labels), "two requests got one task")
+    for label in labels:
+        lab.cancel_if_open(label)
+
+
+def _second(name: str) -> Script:
+    def script(lab: Lab) -> Iterator[None]:
+        elsewhere = lab.variant("elsewhere", "console.port = 0\nitrash.http_port = 0\n")
+        lab.up(name, site=elsewhere)
+        lab.wait_for_log("elsewhere", name, REFUSED)
+        need(lab.ready(name), f"the first {name} is not ready")
+        yield
+        lab.down(name, site=elsewhere)
+        yield
+
+    return script
+
+
+WHOLE = (*BASE, "oracle", "itrash", "charger", "robot_sim", "robot_agent")
+
+for _name, _processes in (
+    ("oracle", (*BASE, "oracle")),
+    ("console", (*BASE, "console")),
+    ("itrash", (*BASE, "itrash")),
+    ("charger", (*BASE, "charger")),
+    ("robot_sim", (*BASE, "robot_sim")),
+    ("robot_agent", (*BASE, "itrash", "robot_sim", "robot_agent")),
+):
+    add(
+        Case(
+            name=f"second_{_name}",
+            area="doubles",
+            breaks=f"a second {_name} with the same keys and names, from another machine",
+            script=_second(_name),
+            said=REFUSED,
+            processes=_processes,
+            extra="" if "robot_sim" in _processes else 'clock.source = "wall"\n',
+        )
+    )
+
+
+def _same_folder(name: str) -> Script:
+    def script(lab: Lab) -> Iterator[None]:
+        status, output = lab.program(f"services.{name}", "--site", str(lab.path), timeout_s=90.0)
+        need(status != 0, f"a second {name} ran beside the first")
+        lab.say(output)
+        yield
+        yield
+
+    return script
+
+
+for _name in ("bridge", "oracle"):
+    add(
+        Case(
+            name=f"second_{_name}_same_folder",
+            area="doubles",
+            breaks=f"the {_name} is started twice on one data directory",
+            script=_same_folder(_name),
+            said=r"already running",
+            processes=(*BASE, "oracle") if _name == "oracle" else BASE,
+        )
+    )
+
+
+@case("two bridges that share the wallets between them: nothing is wrong", asks=False, works=False)
+def two_bridges_two_wallets(lab: Lab) -> Iterator[None]:
+    lab.sites["bridge"] = lab.variant("most", 'bridge.wallets = ["organization", "oracle"]\n', data=False)
+    other = lab.variant(
+        "own", 'bridge.name = "bridge-panther1"\nbridge.wallets = ["panther1"]\nbridge.public = false\n'
+    )
+    lab.up("router", "chain")
+    lab.up("bridge")
+    lab.up("bridge", site=other)
+    lab.start()
+    yield
+    yield
+    lab.work("shared")

@@ -1,0 +1,744 @@
+"""A site of real processes that a case breaks: launchers that keep them running, small disks, money that is
+counted in the contracts.
+
+The launchers live in the process's main thread, as in `rodeo up`, because the kernel ends children with the
+thread that started them; the case's script runs beside it and may block.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import queue
+import re
+import resource
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from concurrent.futures import Future
+from contextlib import suppress
+from dataclasses import dataclass
+from decimal import Decimal
+from pathlib import Path
+from typing import Any, TypeVar
+
+from bench.faults.case import BASE, Case
+from deploy.chain.record import give_up_chain
+from deploy.launcher import Launcher
+from rodeo.bus import Bus
+from rodeo.chain import ChainClient, Deployment, TaskState, from_wei
+from rodeo.chain.events import TaskRegistered, TaskSettled
+from rodeo.config import Site
+from rodeo.errors import BusError, RemoteError, RodeoError
+from rodeo.instance import lock_holder
+from rodeo.messages import Status
+from rodeo.tls import OPERATOR, identity
+from rodeo.wallets import ensure_wallets
+from tests.support.index import index_differences
+from tests.support.site import write_site
+
+T = TypeVar("T")
+
+CHAIN_ID = 31_337
+POLL_S = 0.25
+"""Wall time between two looks at the children, as in `rodeo up`."""
+PAUSE_S = 0.1
+ASK_S = 3.0
+"""Wall time for one answer; whoever gets none asks again with the same request_id."""
+REASON_S = 40.0
+"""Wall time in which the reason must be said, on a machine that is busy."""
+RECOVERED_S = 90.0
+"""Wall time after which a site does not come back any more."""
+START_S = 180.0
+DISK_BYTES = 24 << 20
+REWARD_IEC = Decimal(10)
+PLACE = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
+"""Of item1 in the lab's site file."""
+
+_AGAIN = frozenset(
+    {
+        "bridge_not_ready",
+        "chain_unavailable",
+        "journal_unwritable",
+        "rpc_failed",
+        "transaction_dropped",
+        "transaction_timeout",
+    }
+)
+"""What may be asked again with the same request_id."""
+_DONE = (TaskState.SETTLED, TaskState.FAILED, TaskState.CANCELLED)
+
+
+class NotSurvived(AssertionError):
+    """What the case expected did not come true."""
+
+
+def need(holds: object, why: str) -> None:
+    """Raises NotSurvived."""
+    if not holds:
+        raise NotSurvived(why)
+
+
+@dataclass
+class _Up:
+    name: str
+    launcher: Launcher
+
+
+class Lab:
+    """One running site. `serve` belongs to the main thread, everything else to the script's."""
+
+    def __init__(self, case: Case, folder: Path, template: Path | None = None) -> None:
+        self.case = case
+        self.folder = folder
+        path = write_site(folder, case.backend, case.extra)
+        self.path = path
+        self.site = Site.load(path)
+        self.data = self.site.data_dir
+        if template is not None:
+            shutil.copytree(template, self.data)
+        ensure_wallets(self.site)
+        (self.data / "logs").mkdir(parents=True, exist_ok=True)
+        self.disk: SmallDisk | None = None
+        if case.small_disk:
+            self.disk = SmallDisk((self.data / case.small_disk).resolve(), self._writers)
+        self.clients: list[subprocess.Popen[bytes]] = []
+        self.asked: dict[str, int] = {}
+        """Label of a task that was posted -> its id."""
+        self.unfinished: set[str] = set()
+        """Labels of tasks that the case leaves open on purpose."""
+        self._orders: queue.SimpleQueue[Callable[[], None] | None] = queue.SimpleQueue()
+        self._ups: list[_Up] = []
+        self._started: Counter[str] = Counter()
+        self._pids: dict[str, int] = {}
+        self._said: list[str] = []
+        self._marks: dict[Path, int] = {}
+        self._statuses: dict[str, Status] = {}
+        self._lock = threading.Lock()
+        self._bus: Bus | None = None
+        self.closing = threading.Event()
+        self._marked_s = time.monotonic()
+        self.sites: dict[str, Path] = {}
+        """Site files of processes that are not started from the lab's own."""
+
+    # -- the main thread's part ----------------------------------------------------------------------------
+
+    def serve(self) -> None:
+        """Start, watch and stop children as the script orders, until `close`."""
+        try:
+            while not self.closing.is_set():
+                try:
+                    order = self._orders.get(timeout=POLL_S)
+                except queue.Empty:
+                    order = None
+                if order is not None:
+                    order()
+                for up in list(self._ups):
+                    self._poll(up)
+        finally:
+            for up in reversed(self._ups):
+                up.launcher.__exit__(None, None, None)
+            for client in self.clients:
+                client.kill()
+                client.wait()
+
+    def _poll(self, up: _Up) -> None:
+        try:
+            up.launcher.poll()
+        except RodeoError as error:
+            self.say(f"rodeo up {up.name}: {error}")
+            self._ups.remove(up)
+            up.launcher.__exit__(None, None, None)
+            return
+        for name, pid in up.launcher.running().items():
+            if self._pids.get(name) != pid:
+                self._pids[name] = pid
+                self._started[name] += 1
+        for name, problem in up.launcher.problems().items():
+            self.say(f"rodeo up: {name} {problem}")
+
+    def _order(self, do: Callable[[], T]) -> T:
+        done: Future[T] = Future()
+
+        def order() -> None:
+            try:
+                done.set_result(do())
+            except BaseException as error:  # noqa: BLE001 - whoever gave the order hears of it
+                done.set_exception(error)
+
+        self._orders.put(order)
+        return done.result(timeout=START_S)
+
+    def close(self) -> None:
+        if self._bus is not None:
+            self._bus.close()
+        self.closing.set()
+
+    # -- processes -----------------------------------------------------------------------------------------
+
+    def up(self, *names: str, site: Path | None = None) -> None:
+        """`rodeo up NAME` for each; returns at once. Says why when one does not start."""
+
+        def start(name: str) -> None:
+            launcher = Launcher(site or self.sites.get(name, self.path), (name,))
+            try:
+                launcher.__enter__()
+            except RodeoError as error:
+                self.say(f"rodeo up {name}: {error}")
+                return
+            self._ups.append(_Up(name, launcher))
+
+        for name in names:
+            self._order(lambda name=name: start(name))  # type: ignore[misc]
+
+    def down(self, *names: str, site: Path | None = None) -> None:
+        """Ctrl-C for each of these; with `site` only those that were started from this file."""
+
+        def end(name: str) -> None:
+            for up in list(self._ups):
+                if up.name == name and site in (None, up.launcher.site_path):
+                    self._ups.remove(up)
+                    up.launcher.__exit__(None, None, None)
+
+        for name in names:
+            self._order(lambda name=name: end(name))  # type: ignore[misc]
+
+    def pid(self, name: str, site: Site | None = None) -> int:
+        pid = lock_holder((site or self.site).data_dir / name)
+        need(pid is not None, f"{name} does not run")
+        assert pid is not None
+        return pid
+
+    def kill(self, *names: str) -> None:
+        """SIGKILL to all of them at once; their launchers start them again."""
+        for pid in [self.pid(name) for name in names]:
+            os.kill(pid, signal.SIGKILL)
+
+    def resume(self, pid: int) -> None:
+        """SIGCONT."""
+        os.kill(pid, signal.SIGCONT)
+
+    def signal(self, number: signal.Signals, *names: str) -> None:
+        for name in names:
+            os.kill(self.pid(name), number)
+
+    def restart_if_down(self, name: str) -> None:
+        """What the operator does for a process that gave up; one that waits goes on by itself."""
+        if lock_holder(self.data / name) is None:
+            self.down(name)
+            self.up(name)
+
+    def starts(self, name: str) -> int:
+        """How often the process was started since the mark."""
+        return self._started[name]
+
+    def rodeo(self, *arguments: str, timeout_s: float = 60.0, env: dict[str, str] | None = None) -> str:
+        """What `rodeo ARGUMENTS` prints, whatever its exit status."""
+        return self.program("rodeo", *arguments, timeout_s=timeout_s, env=env)[1]
+
+    def program(
+        self, module: str, *arguments: str, timeout_s: float = 60.0, env: dict[str, str] | None = None
+    ) -> tuple[int, str]:
+        """Exit status and output of `python -m MODULE ARGUMENTS`; 124 where it took longer than it may."""
+        try:
+            done = subprocess.run(
+                [sys.executable, "-m", module, *arguments],
+                stdin=subprocess.DEVNULL,
+                capture_output=True,
+                text=True,
+                timeout=timeout_s,
+                env={**os.environ, "COLUMNS": "400", **(env or {})},
+                check=False,
+            )
+        except subprocess.TimeoutExpired as error:
+            output = b"".join(part for part in (error.stdout, error.stderr) if isinstance(part, bytes))
+            return 124, output.decode(errors="replace")
+        return done.returncode, done.stdout + done.stderr
+
+    def new_chain(self) -> None:
+        """`rodeo up --new-chain`, where the old chain's file is gone."""
+        give_up_chain(self.site)
+        self.up("chain")
+        self.deploy()
+        self.asked.clear()
+        self.wait(lambda: self.ready("bridge"), "the bridge does not follow the new chain", START_S)
+        if "robot_agent" not in self.case.processes:
+            self.offer("panther1")
+
+    def deploy(self) -> None:
+        status, output = self.program("deploy.contracts", "--site", str(self.path), timeout_s=START_S)
+        need(status == 0, f"the contracts were not deployed: {output[-400:]}")
+
+    def variant(self, name: str, extra: str, wallets: bool = True, data: bool = True) -> Path:
+        """A site file that differs from the lab's own by `extra`; with `data` from another machine: a data
+        directory of its own, which has the keystores of the first."""
+        path = self.folder / f"{name}.toml"
+        text = f"extends = {json.dumps(str(self.path))}\n"
+        if data:
+            elsewhere = self.folder / name
+            text += f"data_dir = {json.dumps(str(elsewhere))}\n"
+            if "bus.router" not in extra:
+                text += f"bus.router = {json.dumps(self.site.bus.router)}\n"
+            elsewhere.mkdir(exist_ok=True)
+            if wallets:
+                shutil.copytree(self.data / "keys", elsewhere / "keys")
+            shutil.copytree(self.data / "deployments", elsewhere / "deployments")
+        path.write_text(text + extra + "\n")
+        return path
+
+    # -- what is said --------------------------------------------------------------------------------------
+
+    def say(self, text: str) -> None:
+        with self._lock:
+            if not self._said or self._said[-1] != text:
+                self._said.append(text)
+
+    def _logs(self) -> list[Path]:
+        return sorted(self.folder.glob("*/logs/*.log"))
+
+    def _writers(self) -> list[int]:
+        """Of the processes that write to the small disk."""
+        names = [name for name in self.case.processes if name == self.case.small_disk]
+        if not names:
+            names = ["oracle"] if self.case.small_disk == "store" else list(self.case.processes)
+        return [self.pid(name) for name in names]
+
+    def mark(self) -> None:
+        """From now on `said` tells what is new."""
+        with self._lock:
+            self._said.clear()
+            self._started.clear()
+        self._marks = {path: path.stat().st_size for path in self._logs()}
+        self._marked_s = time.monotonic()
+
+    def said(self) -> str:
+        """Everything that processes and launchers have said since the mark."""
+        parts = []
+        for path in self._logs():
+            with path.open("rb") as log:
+                log.seek(self._marks.get(path, 0))
+                parts.append(log.read().decode(errors="replace"))
+        with self._lock:
+            return "\n".join([*self._said, *parts])
+
+    def log(self, name: str) -> str:
+        path = self.data / "logs" / f"{name}.log"
+        return path.read_text(errors="replace") if path.exists() else ""
+
+    def wait_for_log(self, folder: str, name: str, pattern: str, within_s: float = START_S) -> None:
+        """Until the process with the data directory `folder` has logged this."""
+        path = self.folder / folder / "logs" / f"{name}.log"
+        wanted = re.compile(pattern, re.IGNORECASE | re.MULTILINE)
+        self.wait(
+            lambda: path.exists() and wanted.search(path.read_text(errors="replace")),
+            f"the {name} of {folder} did not say /{pattern}/",
+            within_s,
+        )
+
+    def wait_said(self, pattern: str, within_s: float = REASON_S) -> None:
+        wanted = re.compile(pattern, re.IGNORECASE)
+        self.wait(lambda: wanted.search(self.said()), f"nobody said /{pattern}/", within_s)
+
+    # -- the bus -------------------------------------------------------------------------------------------
+
+    @property
+    def bus(self) -> Bus:
+        if self._bus is None:
+            shown = identity(self.site, OPERATOR)
+            self._bus = Bus.open(self.site.bus.router, timeout_s=START_S, identity=shown)
+            self._bus.subscribe_json(f"rodeo/{self.site.org}/status/*", self._on_status)
+        return self._bus
+
+    def _on_status(self, _key: str, data: dict[str, Any]) -> None:
+        status = Status.model_validate(data)
+        self._statuses[status.process] = status
+        for text in (status.reason, *status.warnings, status.activity):
+            if text:
+                self.say(f"{status.process}: {text}")
+
+    def ready(self, name: str) -> bool:
+        """What the process answers now."""
+        try:
+            answer = self.bus.query(f"rodeo/{self.site.org}/status/{name}", timeout_s=ASK_S)
+        except (BusError, RemoteError):
+            return False
+        status = Status.model_validate(answer)
+        if not status.ready:
+            self.say(f"{name}: {status.reason}")
+        return status.ready and status.pid == lock_holder(self.data / name)
+
+    def all_ready(self) -> bool:
+        return all(self.ready(name) for name in self.case.processes)
+
+    def not_ready(self) -> str:
+        return ", ".join(
+            f"{name}: {self._statuses[name].reason if name in self._statuses else 'never heard'}"
+            for name in self.case.processes
+            if not self.ready(name)
+        )
+
+    def wait(self, holds: Callable[[], object], why: str, within_s: float) -> None:
+        deadline_s = time.monotonic() + within_s
+        while not holds():
+            if self.closing.wait(PAUSE_S) or time.monotonic() > deadline_s:
+                raise NotSurvived(f"{why} within {within_s:.0f} s")
+
+    def pause(self, seconds: float) -> None:
+        self.closing.wait(seconds)
+
+    def state(self, what: str, **parameters: Any) -> dict[str, Any]:
+        return self.patiently(f"rodeo/{self.site.org}/state/{what}", None, parameters)
+
+    def command(
+        self, participant: str, name: str, within_s: float = RECOVERED_S, **fields: Any
+    ) -> dict[str, Any]:
+        """The reply, however often it has to be asked for: the fields hold a request_id."""
+        assert "request_id" in fields
+        return self.patiently(f"rodeo/{self.site.org}/wallet/{participant}/{name}", fields, within_s=within_s)
+
+    def patiently(
+        self,
+        key: str,
+        payload: dict[str, Any] | None,
+        parameters: dict[str, Any] | None = None,
+        within_s: float = RECOVERED_S,
+    ) -> dict[str, Any]:
+        """Raises NotSurvived when nobody answers in time, and RemoteError for an answer that is final."""
+        deadline_s = time.monotonic() + within_s
+        last: Exception | None = None
+        while time.monotonic() < deadline_s and not self.closing.is_set():
+            try:
+                return self.bus.query(key, payload, parameters=parameters, timeout_s=ASK_S)
+            except BusError as error:
+                last = error
+            except RemoteError as error:
+                if error.code not in _AGAIN:
+                    raise
+                last = error
+            self.pause(PAUSE_S)
+        raise NotSurvived(f"no answer on {key} within {within_s:.0f} s: {last}")
+
+    # -- work ----------------------------------------------------------------------------------------------
+
+    def offer(self, participant: str, kind: str = "waste_disposal") -> None:
+        """Room for as many tasks as a case has at once."""
+        for number in range(3):
+            self.command(
+                participant,
+                "register_service",
+                kind=kind,
+                price_iec=str(REWARD_IEC),
+                request_id=f"service {kind} {number}",
+            )
+
+    def post(self, label: str, within_s: float = RECOVERED_S, **fields: Any) -> int:
+        """A cleaning task of the organization, which is described by its label."""
+        request = {
+            "kind": "waste_disposal",
+            "reward_iec": str(REWARD_IEC),
+            "params": PLACE,
+            "description": label,
+            "request_id": f"task {label}",
+            "max_attempts": 1,
+            **fields,
+        }
+        self.asked.setdefault(label, 0)
+        answer = self.command("organization", "register_task", within_s=within_s, **request)
+        task_id = int(answer["task_id"])
+        self.asked[label] = task_id
+        return task_id
+
+    def order(self, label: str, creator: str, **fields: Any) -> int:
+        """A task of somebody else than the organization, and of another kind."""
+        request = {"request_id": f"task {label}", "max_attempts": 1, "description": label, **fields}
+        self.asked.setdefault(label, 0)
+        task_id = int(self.command(creator, "register_task", **request)["task_id"])
+        self.asked[label] = task_id
+        return task_id
+
+    def cancel(self, label: str) -> None:
+        self.command("organization", "cancel_task", task_id=self.asked[label], request_id=f"cancel {label}")
+
+    def cancel_if_open(self, label: str) -> None:
+        """Cancel it, or end what somebody has to do already."""
+        if self.state(f"task/{self.asked[label]}")["state"] == "open":
+            try:
+                self.cancel(label)
+            except RemoteError as error:
+                if error.code != "wrong_state":
+                    raise
+        if self.state(f"task/{self.asked[label]}")["state"] == "assigned":
+            self.end(label)
+
+    def finish(self, label: str) -> None:
+        """Prove and judge a task in the executor's and the oracle's name."""
+        sha256 = f"{self.asked[label]:064x}"
+        self.submit(label, "0x" + sha256, f"{self.site.store_url}/{sha256}.mcap")
+        self.judge(label)
+
+    def judge(self, label: str) -> None:
+        """Accept the proof that was submitted."""
+        task_id = self.asked[label]
+        # The index may hear of the proof a moment later than its sender.
+        self.wait(
+            lambda: self.state(f"task/{task_id}")["state"] not in ("open", "assigned"),
+            f"no proof of {label} is in the index",
+            RECOVERED_S,
+        )
+        task = self.state(f"task/{task_id}")
+        self.command(
+            "oracle",
+            "post_verdict",
+            request_id=f"verdict {label}",
+            task_id=task_id,
+            attempt=task["attempt"],
+            proof_sha256=task["proof_sha256"],
+            outcome="accepted",
+            amount_iec=task["price_iec"],
+            reason="as it should be",
+            report_sha256="0x" + "b" * 64,
+            report_uri="",
+        )
+
+    def work(self, label: str) -> None:
+        """One task, from the post to the payment; where robots work, which takes them a minute, a payment."""
+        if "robot_agent" in self.case.processes:
+            self.command("organization", "transfer", to="oracle", amount_iec="1", request_id=label)
+            return
+        self.post(label)
+        self.end(label)
+
+    def end(self, label: str) -> None:
+        """Bring a posted task to its end."""
+        if "oracle" in self.case.processes:
+            self.ask_the_oracle(label)
+        else:
+            self.finish(label)
+
+    def ask_the_oracle(self, label: str) -> None:
+        """Submit what is no recording, which the oracle rejects: the quickest honest end of a task."""
+        self.submit(label, *self.store(f"no recording: {label}".encode()))
+        self.wait_ended(label)
+
+    def submit(self, label: str, sha256: str, uri: str, task: dict[str, Any] | None = None) -> dict[str, Any]:
+        """A proof in the executor's name; the task as it was before."""
+        task = task or self.assigned(label)
+        self.command(
+            task["executor_name"],
+            "submit_proof",
+            request_id=f"proof {label}",
+            task_id=task["id"],
+            attempt=task["attempt"],
+            proof_sha256=sha256,
+            proof_uri=uri,
+        )
+        return task
+
+    def assigned(self, label: str) -> dict[str, Any]:
+        """The task once somebody has it."""
+        task_id = self.asked[label]
+        self.wait(
+            lambda: self.state(f"task/{task_id}")["state"] != "open",
+            f"task {task_id} ({label}) was not assigned",
+            RECOVERED_S,
+        )
+        return self.state(f"task/{task_id}")
+
+    def store(self, data: bytes, suffix: str = ".mcap") -> tuple[str, str]:
+        """Put bytes into the site's store; their hash and URI."""
+        # Imported here: most cases put nothing into a store.
+        from rodeo.evidence import Store
+
+        uri, sha256 = Store(self.site).put_bytes(data, suffix)
+        return sha256, uri
+
+    def wait_ended(self, label: str, within_s: float = RECOVERED_S) -> dict[str, Any]:
+        """The task once it is settled, failed or cancelled."""
+        task_id = self.asked[label]
+        ended = ("settled", "failed", "cancelled")
+        self.wait(
+            lambda: self.state(f"task/{task_id}")["state"] in ended,
+            f"task {task_id} ({label}) did not end",
+            within_s,
+        )
+        return self.state(f"task/{task_id}")
+
+    # -- money ---------------------------------------------------------------------------------------------
+
+    def client(self) -> ChainClient:
+        return ChainClient(self.site.chain.url, Deployment.load(self.data, CHAIN_ID))
+
+    def count_money(self) -> None:
+        """Every task once, ended, and paid exactly once or not at all; the escrow holds the rest. Raises
+        NotSurvived. Read from the contracts, and the bridge's index is held against them."""
+        client = self.client()
+        tasks = {number: client.task(number) for number in range(1, client.task_count() + 1)}
+        head = int(self.state("chain")["head"])
+        logs = client.logs(client.deployment.block, head)
+        settled = Counter(log.event.task_id for log in logs if isinstance(log.event, TaskSettled))
+        posted = Counter(
+            json.loads(log.event.params)["description"]
+            for log in logs
+            if isinstance(log.event, TaskRegistered)
+        )
+        for label, task_id in self.asked.items():
+            need(posted[label] == (1 if task_id else 0), f"task {label} was posted {posted[label]} times")
+        for number, task in tasks.items():
+            need(
+                settled[number] == (1 if task.state is TaskState.SETTLED else 0),
+                f"task {number} is {task.state.name} and was paid {settled[number]} times",
+            )
+        left = {self.asked[label] for label in self.unfinished}
+        open_ones = {number for number, task in tasks.items() if task.state not in _DONE}
+        need(open_ones == left, f"tasks that did not end: {sorted(open_ones - left)}")
+        escrow = client.balance(client.task_manager)
+        held = sum(task.reward for number, task in tasks.items() if number in open_ones)
+        owed = sum(client.owed(entry["address"]) for entry in self.state("wallets")["wallets"])
+        need(
+            escrow == held + owed,
+            f"the escrow holds {from_wei(escrow)} IEC instead of {from_wei(held + owed)}",
+        )
+        # The index may be a block behind for a moment.
+        differing: list[str] = []
+
+        def agrees() -> bool:
+            differing[:] = index_differences(self.state, client)
+            return not differing
+
+        try:
+            self.wait(agrees, "the index and the contracts do not agree", 10.0)
+        except NotSurvived as error:
+            raise NotSurvived(f"{error}: {'; '.join(differing[:3])}") from None
+
+    # -- the whole run -------------------------------------------------------------------------------------
+
+    def run(self) -> float:
+        """Wall time, s, from the end of the fault until everything worked. Raises NotSurvived."""
+        case = self.case
+        if self.disk is not None:
+            self.disk.mount()
+        if case.works:
+            self.start()
+        script = case.script(self)
+        next(script)
+        asker = self.post_beside("meanwhile") if case.asks else None
+        problems: list[str] = []
+        if case.said:
+            try:
+                self.wait_said(case.said)
+            except NotSurvived as error:
+                problems.append(str(error))
+        self.pause(max(0.0, case.held_s - (time.monotonic() - self._marked_s)))
+        next(script)
+        ended_s = time.monotonic()
+        # What ended is wanted back by then; more waiting only tells how late it is.
+        self.work("afterwards")
+        self.wait(self.all_ready, "not ready again", RECOVERED_S)
+        recovery_s = time.monotonic() - ended_s
+        if asker is not None:
+            asker.result(timeout=RECOVERED_S)
+            self.end("meanwhile")
+        next(script, None)
+        self.count_money()
+        need(not problems, "; ".join(problems))
+        return recovery_s
+
+    def start(self) -> None:
+        """Everything that the case needs, and one task done."""
+        self.up(*(name for name in self.case.processes if name in BASE))
+        if not Deployment.path(self.data, CHAIN_ID).exists():
+            self.deploy()
+        self.up(*(name for name in self.case.processes if name not in BASE))
+        self.wait(self.all_ready, "the site did not start", START_S)
+        if "robot_agent" not in self.case.processes:
+            self.offer("panther1")
+        self.work("before")
+        self.mark()
+
+    def post_beside(self, label: str) -> Future[int]:
+        """Post a task, asking until it is answered, while the script goes on."""
+        done: Future[int] = Future()
+
+        def ask() -> None:
+            try:
+                done.set_result(self.post(label, within_s=self.case.limit_s))
+            except BaseException as error:  # noqa: BLE001 - raised where the result is asked for
+                done.set_exception(error)
+
+        threading.Thread(target=ask, name="asker", daemon=True).start()
+        return done
+
+
+# -- disks -------------------------------------------------------------------------------------------------
+
+_CLONE_NEWNS, _CLONE_NEWUSER = 0x00020000, 0x10000000
+_MS_REC, _MS_PRIVATE = 0x4000, 0x40000
+
+
+def own_mounts() -> bool:
+    """Let this process mount what nobody else sees and what goes with it; whether the machine allows that."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    if os.geteuid() == 0:
+        allowed = libc.unshare(_CLONE_NEWNS) == 0
+    else:
+        user, group = os.geteuid(), os.getegid()
+        allowed = libc.unshare(_CLONE_NEWUSER | _CLONE_NEWNS) == 0
+        if allowed:
+            Path("/proc/self/setgroups").write_text("deny")
+            Path("/proc/self/uid_map").write_text(f"{user} {user} 1")
+            Path("/proc/self/gid_map").write_text(f"{group} {group} 1")
+    return allowed and libc.mount(None, b"/", None, _MS_REC | _MS_PRIVATE, None) == 0
+
+
+class SmallDisk:
+    """A folder on a tmpfs of its own that can be filled to the last byte.
+
+    Where nothing can be mounted, `fill` limits the files of the processes instead, which then get EFBIG for
+    whatever they write: their own folder's, and everything else.
+    """
+
+    def __init__(self, folder: Path, pids: Callable[[], list[int]]) -> None:
+        self.folder = folder
+        self._pids = pids
+        self._filling = folder / "filling"
+        self._limited: dict[int, tuple[int, int]] = {}
+        self.mounted = False
+
+    def mount(self) -> None:
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if not own_mounts():
+            return
+        kept = self.folder.with_name(self.folder.name + "-kept")
+        self.folder.rename(kept)
+        self.folder.mkdir()
+        options = f"size={DISK_BYTES},mode=0700".encode()
+        libc = ctypes.CDLL(None, use_errno=True)
+        mounted = libc.mount(b"tmpfs", os.fsencode(self.folder), b"tmpfs", 0, options)
+        self.mounted = mounted == 0
+        shutil.copytree(kept, self.folder, dirs_exist_ok=True)
+        shutil.rmtree(kept)
+
+    def fill(self) -> None:
+        if not self.mounted:
+            for pid in self._pids():
+                self._limited[pid] = resource.prlimit(pid, resource.RLIMIT_FSIZE)
+                resource.prlimit(pid, resource.RLIMIT_FSIZE, (0, self._limited[pid][1]))
+            return
+        with self._filling.open("ab", buffering=0) as file:
+            for size in (1 << 16, 1 << 12, 1 << 9, 1):
+                with suppress(OSError):  # it is full for pieces of this size
+                    while file.write(bytes(size)) == size:
+                        pass
+
+    def free(self) -> None:
+        for pid, limits in self._limited.items():
+            with suppress(ProcessLookupError):  # it has ended meanwhile
+                resource.prlimit(pid, resource.RLIMIT_FSIZE, limits)
+        self._limited.clear()
+        self._filling.unlink(missing_ok=True)
