@@ -6,6 +6,7 @@ from decimal import Decimal
 from typing import Any
 
 from eth_account.signers.local import LocalAccount
+from pydantic import BaseModel, ConfigDict
 
 from rodeo import topics
 from rodeo.bus import Bus, validate
@@ -64,6 +65,24 @@ def cannot_do(site: Site, participant: str, kind: str) -> str:
     return "" if able else f"{participant} cannot do {kind}: it {does}"
 
 
+class Assignment(BaseModel):
+    """One attempt at a task, as no other chain, contracts or assignment has it.
+
+    Task and attempt alone do not tell: a new chain counts from 1 again, and what a reorganization took back
+    is assigned again, with another nonce.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    genesis_hash: str
+    chain_id: int
+    task_manager: str
+    organization: str
+    task_id: int
+    attempt: int
+    nonce: str
+
+
 class Participant:
     """One wallet's commands and questions.
 
@@ -115,6 +134,19 @@ class Participant:
             nonce=task.nonce or "",
         )
 
+    def assignment(self, task: Task) -> Assignment:
+        """Which attempt `task` is in now; what is remembered of an attempt is remembered under this."""
+        chain = self.state("chain")
+        return Assignment(
+            genesis_hash=chain["genesis_hash"],
+            chain_id=int(chain["chain_id"]),
+            task_manager=chain["contracts"]["TaskManager"],
+            organization=chain["contracts"]["Organization"],
+            task_id=task.id,
+            attempt=task.attempt,
+            nonce=task.nonce or "",
+        )
+
     def state(self, what: str, **parameters: Any) -> dict[str, Any]:
         """The index's answer to `state/<what>`."""
         return self._bus.query(topics.STATE.name(org=self._org, what=what), parameters=parameters)
@@ -144,7 +176,10 @@ class Participant:
             )
         return service
 
-    def submit_proof(self, task_id: int, attempt: int, sha256: str, uri: str) -> None:
+    def submit_proof(
+        self, task_id: int, attempt: int, sha256: str, uri: str, nonce: str | None = None
+    ) -> None:
+        """`nonce` is that of the assignment that was worked on: another one refuses the proof."""
         self.command(
             "submit_proof",
             SubmitProof(
@@ -153,6 +188,7 @@ class Participant:
                 attempt=attempt,
                 proof_sha256=sha256,
                 proof_uri=uri,
+                nonce=nonce,
             ),
         )
 

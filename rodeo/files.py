@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from itertools import count
 from pathlib import Path
 
 
@@ -14,3 +15,11 @@ def replace_file(path: Path, text: str) -> None:
         file.flush()
         os.fsync(file.fileno())
     part.replace(path)
+
+
+def set_aside(path: Path, why: str) -> Path:
+    """Rename file or folder `path` to `<name>.<why>-<number>`, which nothing has yet; where it lies now."""
+    aside = next(
+        one for number in count(1) if not (one := path.with_name(f"{path.name}.{why}-{number}")).exists()
+    )
+    return path.rename(aside)

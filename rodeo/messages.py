@@ -119,6 +119,9 @@ class SubmitProof(Command):
     attempt: Attempt
     proof_sha256: Hex32
     proof_uri: str = Field(min_length=1, max_length=2048)
+    nonce: Hex32 | None = None
+    """Of the assignment that the proof is for; where the task has another by now, nothing is sent. A
+    reorganization may assign it again."""
 
 
 Outcome = Literal["accepted", "rejected", "undecided"]

@@ -54,6 +54,11 @@ class WitnessChain:
         """For which organization it signs."""
         return self._scope
 
+    def sign_for(self, scope: Scope) -> None:
+        """From now on: the organization is on another chain."""
+        with self._lock:
+            self._scope = scope
+
     def sign(self, model: type[Header], time_s: float, **fields: Any) -> Attestation:
         """The next statement, journaled and not yet published. Raises BrokenJournal, ValidationError."""
         return self.sign_next(model, time_s, lambda _seq: fields)

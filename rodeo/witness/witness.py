@@ -36,6 +36,8 @@ _CHECKS_PER_WALL_S = 100.0
 wall's clock, and less than a tenth of a core."""
 _RETRY_WALL_S = 1.0
 _ANSWER_WALL_S = 2.0
+_LOOK_WALL_S = 10.0
+"""How often it is asked for which organization to sign: a site may get another chain while it runs."""
 Listener = Callable[[Device, Statement], None]
 MAX_STATEMENTS = 200
 """In one answer."""
@@ -126,14 +128,23 @@ class Witness:
                     organization=contracts["Organization"],
                 )
             except (BusError, RemoteError, KeyError, TypeError, ValidationError) as error:
-                log.debug("%s does not know yet for whom it signs: %s", self.device, error)
+                log.debug("%s is not told for whom it signs: %s", self.device, error)
                 self._closed.wait(_RETRY_WALL_S)
                 continue
-            self._chain = WitnessChain(
-                self.device, self._account, scope, self._inputs, self._journal, self.heads, self.days
-            )
-            log.info("%s signs for the organization %s", self.device, scope.organization)
-            return
+            if self._chain is None:
+                log.info("%s signs for the organization %s", self.device, scope.organization)
+                self._chain = WitnessChain(
+                    self.device, self._account, scope, self._inputs, self._journal, self.heads, self.days
+                )
+            elif self._chain.scope != scope:
+                log.warning(
+                    "%s signs for another organization from now on: %s on chain %d",
+                    self.device,
+                    scope.organization,
+                    scope.chain_id,
+                )
+                self._chain.sign_for(scope)
+            self._closed.wait(_LOOK_WALL_S)
 
     def _on_seal(self, _key: str, payload: bytes) -> None:
         try:

@@ -69,6 +69,7 @@ from rodeo.messages import (
 from services.bridge.amounts import iec
 from services.bridge.errors import (
     AlreadyOffered,
+    AssignmentChanged,
     CannotDo,
     InsufficientFunds,
     KindWithoutChecks,
@@ -167,8 +168,16 @@ class Wallet:
                 _content_sha256(name, command),
                 getattr(command, "task_id", None),
                 self._spends(command),
+                *self._assignment(command),
             ),
         ]
+
+    def _assignment(self, command: Command) -> tuple[int | None, str | None]:
+        """Attempt and nonce of the assignment that a proof is for."""
+        if not isinstance(command, SubmitProof):
+            return None, None
+        task = self.index.task(command.task_id)
+        return command.attempt, command.nonce or (None if task is None else task["nonce"])
 
     def _before(self, name: str, command: Command) -> Order | None:
         """The order of the same request when it was made before: its checks do not hold any more."""
@@ -279,6 +288,14 @@ class Wallet:
 
     def _submit_proof(self, command: SubmitProof) -> list[Call]:
         uri = self.store.check(command.proof_uri)
+        task = self.index.task(command.task_id)
+        if command.nonce is not None and task is not None and task["nonce"] != command.nonce:
+            raise AssignmentChanged(
+                "the proof is for another assignment than the task has now",
+                task_id=command.task_id,
+                nonce=command.nonce,
+                nonce_now=task["nonce"],
+            )
         return [
             self.calls.submit_proof(command.task_id, command.attempt, _bytes32(command.proof_sha256), uri)
         ]
@@ -518,5 +535,6 @@ def _bytes32(value: str) -> bytes:
 
 
 def _content_sha256(name: str, command: Command) -> str:
-    content = command.model_dump_json(exclude={"request_id", "dry_run"})
+    # The nonce of a proof's assignment is in the proof.
+    content = command.model_dump_json(exclude={"request_id", "dry_run", "nonce"})
     return sha256(f"{name} {content}".encode()).hexdigest()

@@ -15,6 +15,7 @@
     │   ├── RewardBelowPrice      every service on offer costs more
     │   ├── FeeTooHigh            the chain asks for more than the wallet may pay
     │   ├── DailyLimitReached     the wallet has spent what it may in a day
+    │   ├── AssignmentChanged     the proof is for an assignment that the task does not have any more
     │   ├── WalletElsewhere       the participant signs for itself: prepare and broadcast
     │   └── NotThisWallets        what is to be broadcast was signed by another key, or is for another chain
     ├── BridgeNotReady            no node, no contracts or not caught up yet; `reason` says which
@@ -86,6 +87,10 @@ class FeeTooHigh(RequestError):
 
 class DailyLimitReached(RequestError):
     """The wallet has spent what its limits allow in a day."""
+
+
+class AssignmentChanged(RequestError):
+    """The task is not assigned as it was when the work was done: another nonce binds another proof."""
 
 
 class WalletElsewhere(RequestError):

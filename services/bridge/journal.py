@@ -64,6 +64,8 @@ _transactions = Table(
     Column("raw", LargeBinary, nullable=False),
     Column("replaced", JSON, doc="hashes of the same transaction with lower fees"),
     Column("state", String(8), nullable=False, index=True),
+    Column("attempt", Integer, doc="that a proof is for"),
+    Column("assignment", String(66), doc="nonce of the assignment without which it must not be mined"),
     Column("outcome", JSON),
     Column("block", BigInteger, index=True),
     Column("made_s", Float, doc="block time when it was signed"),
@@ -87,6 +89,8 @@ class Entry:
     max_fee: int | None
     priority_fee: int | None
     spends: int | None
+    attempt: int | None
+    assignment: str | None
     tx_hash: str
     raw: bytes
     replaced: list[str]

@@ -22,7 +22,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from eth_account.signers.local import LocalAccount
-from eth_utils import keccak
+from eth_typing import HexStr
+from eth_utils import keccak, to_checksum_address
 
 from rodeo.chain import (
     Call,
@@ -88,6 +89,10 @@ class Order:
     task_id: int | None = None
     spends: int = 0
     """Wei of IECoin that leave the wallet."""
+    attempt: int | None = None
+    """That a proof is for."""
+    assignment: str | None = None
+    """Nonce of the assignment that it is for: it must not be mined for another one."""
 
 
 @dataclass
@@ -104,6 +109,10 @@ class _Job:
     last_sent_s: float = 0.0
     due_s: float = 0.0
     """When it is to be looked for."""
+    held_until_s: float | None = None
+    """It is not sent before its task is assigned as it was; when the waiting for that ends."""
+    undone: bool = False
+    """It was mined before, in a block that a reorganization took away."""
     ended: bool = False
     """Whether who waited was told the outcome."""
 
@@ -297,6 +306,7 @@ class Outbox:
         """Whatever is to be done now. Raises ChainUnavailable or JournalUnwritable, losing nothing."""
         try:
             self._reopen_undone()
+            self._look_at_held()
             self._send_queued()
             self._look_for_outcomes()
             self.failure = None
@@ -321,9 +331,57 @@ class Outbox:
                 entry.command,
                 extra={"task": entry.task_id},
             )
-            self._take_up(entry)
+            self._take_up(entry, undone=True)
 
-    def _take_up(self, entry: Entry) -> None:
+    def _look_at_held(self) -> None:
+        """Send what is for the assignment that its task has, take back what is for another one.
+
+        A proof is bound to its assignment. What was assigned anew after a reorganization has another nonce:
+        the old proof would be refused, and its executor would be the one who failed.
+        """
+        for job in self._all_jobs():
+            until_s, entry = job.held_until_s, job.entry
+            if until_s is None or entry is None or entry.task_id is None or entry.attempt is None:
+                continue
+            task, late = self._index.task(entry.task_id), time.monotonic() > until_s
+            nonce = None if task is None else task["nonce"]
+            # An index that is being read anew may tell of an earlier attempt.
+            other = task is not None and nonce is not None and task["attempt"] >= entry.attempt
+            if nonce == entry.assignment or (late and not job.undone and not other):
+                job.held_until_s = None
+                self._send([job])
+            elif other or late:
+                self._take_back(job)
+
+    def _take_back(self, job: _Job) -> None:
+        """Put a transaction that does nothing in the place of one that must not be mined any more: what the
+        wallet sent after it waits for its nonce. Raises ChainUnavailable."""
+        entry, wallet = _entry_of(job), self._wallets[_entry_of(job).wallet]
+        log.warning(
+            "%s: %s is not sent again: its task is not assigned as it was",
+            entry.wallet,
+            entry.command,
+            extra=_extra(job),
+        )
+        lost = TransactionDropped(
+            "a reorganization undid the assignment that it was for", tx_hash=entry.tx_hash
+        )
+        if wallet.account is None:
+            self._forget(job, lost)
+            return
+        itself = to_checksum_address(wallet.address)
+        nothing = Order(entry.wallet, "nothing", Call(itself, HexStr("0x"), "nothing"))
+        market = self._current_market(now=True)
+        fees = market.fees()
+        if entry.max_fee is not None and entry.priority_fee is not None:
+            fees = market.bumped(Fees(entry.max_fee, entry.priority_fee))
+        signed = self._signed(wallet, nothing, entry.nonce, int(decoded(entry.raw)["gas"]), fees)
+        replaced = self._journal.replace(entry, **signed)
+        self._fail(job, lost)
+        with self._lock:
+            wallet.in_flight[entry.id] = _Job(nothing, entry=replaced)
+
+    def _take_up(self, entry: Entry, undone: bool = False) -> None:
         call = Call(entry.to, "0x" + entry.data.hex(), entry.command)  # type: ignore[arg-type]
         order = Order(
             entry.wallet,
@@ -333,12 +391,16 @@ class Outbox:
             entry.content_sha256,
             entry.task_id,
             entry.spends or 0,
+            entry.attempt,
+            entry.assignment,
         )
         with self._lock:
             wallet = self._wallets[entry.wallet]
             wallet.next_nonce = None
             if entry.id not in wallet.in_flight:
-                job = _Job(order, entry=entry)
+                job = _Job(order, entry=entry, undone=undone)
+                if entry.assignment is not None:
+                    job.held_until_s = time.monotonic() + self._stuck_s
                 wallet.in_flight[entry.id] = job
                 self._remember(job)
 
@@ -507,7 +569,11 @@ class Outbox:
         done = [job for job in jobs if _block_of(mined.get(_entry_of(job).id)) <= indexed]
         self._conclude([(job, mined[_entry_of(job).id]) for job in done])
         missing = [
-            job for job in jobs if _entry_of(job).id not in mined and now_s - job.last_sent_s >= REBROADCAST_S
+            job
+            for job in jobs
+            if _entry_of(job).id not in mined
+            and job.held_until_s is None
+            and now_s - job.last_sent_s >= REBROADCAST_S
         ]
         if missing:
             self._send_again(missing, now_s)
@@ -770,6 +836,8 @@ def _columns(order: Order) -> dict[str, Any]:
         "content_sha256": order.content_sha256,
         "task_id": order.task_id,
         "spends": order.spends,
+        "attempt": order.attempt,
+        "assignment": order.assignment,
         "to": order.call.to,
         "data": bytes.fromhex(order.call.data.removeprefix("0x")),
     }

@@ -23,7 +23,7 @@ from rodeo import topics
 from rodeo.bus import DaoEvents
 from rodeo.charging import ChargingParams
 from rodeo.config import Site
-from rodeo.dao import CHARGING, ORGANIZATION, Participant
+from rodeo.dao import CHARGING, ORGANIZATION, Assignment, Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError, RodeoError
 from rodeo.evidence import Binding, Store
 from rodeo.evidence.errors import RecordingSealed, StoreUnavailable
@@ -76,6 +76,8 @@ class Charger:
         self._account = service.wait_account("meter-device")
         self._store = Store(site)
         self._job_path = service.data_dir / "job.json"
+        self._offered_on: tuple[str, str] | None = None
+        """Genesis and contract of the chain that the service was offered on."""
         self._delivery: Delivery | None = None
         self._wake = threading.Event()
         """Something happened on chain."""
@@ -134,9 +136,9 @@ class Charger:
     def run(self) -> None:
         """Until the process is asked to stop."""
         try:
-            self._persist(self._offer)
             while not self._service.stop.is_set():
-                job = Job.load(self._job_path) or self._next_job()
+                self._persist(self._offer)
+                job = self._own_job() or self._next_job()
                 if job is None:
                     self._service.activity("idle")
                     self._wake.wait(_LOOK_S)
@@ -151,21 +153,75 @@ class Charger:
             self._node.close()
 
     def _offer(self) -> None:
+        """Once on each chain; on the same one an operator may have changed the offer since."""
+        chain = self._organization.state("chain")
+        here = chain["genesis_hash"], chain["contracts"]["ServiceManager"]
+        if here == self._offered_on:
+            return
         price_iec = self._site.economy.charging_reward_iec
         self._organization.offer_service(CHARGING, price_iec, f"charging at {self._site.dock.name}")
+        self._offered_on = here
+
+    def _own_job(self) -> Job | None:
+        """The job on disk, if it is of this chain and of the assignment that the task has."""
+        job = Job.load(self._job_path)
+        if job is None:
+            return None
+        owns: list[bool] = []
+        self._persist(lambda: owns.append(self._is_own(job)))
+        if not owns:  # asked to stop
+            return None
+        if owns[0]:
+            return job
+        # Whoever is on the contacts does not pay by that job.
+        self._command_contactor(False)
+        job.set_aside(self._job_path, self._recording(job))
+        return None
+
+    def _is_own(self, job: Job) -> bool:
+        if job.assignment != self._organization.assignment(job.task):
+            return False
+        now = self._task_now(job.task.id)
+        # One that is over ends as always: it is submitted, and refused.
+        return now is not None and (now.attempt != job.task.attempt or now.nonce in (None, job.task.nonce))
+
+    def _task_now(self, task_id: int) -> Task | None:
+        """None when the chain has no such task (any more)."""
+        try:
+            return self._organization.task(task_id)
+        except RemoteError as error:
+            if error.code != "unknown_task":
+                raise
+            return None
+
+    def _is_ours(self, task: Task) -> bool:
+        """Whether the assignment still stands."""
+        now = self._task_now(task.id)
+        standing = ("assigned", task.attempt, task.nonce)
+        return now is not None and (now.state, now.attempt, now.nonce) == standing
+
+    def _recording(self, job: Job) -> Path:
+        return self._service.data_dir / f"{job.name}.mcap"
 
     def _next_job(self) -> Job | None:
-        tasks: list[Task] = []
-        self._persist(lambda: tasks.extend(self._organization.assignments(CHARGING)))
-        if not tasks:
+        found: list[tuple[Task, Assignment]] = []
+        self._persist(
+            lambda: found.extend(
+                (task, self._organization.assignment(task))
+                for task in self._organization.assignments(CHARGING)[:1]
+            )
+        )
+        if not found:
             return None
+        task, assignment = found[0]
         now_s = self._service.clock.now_s()
-        job = Job(task=tasks[0], session=SessionState(wait_until_s=now_s + ARRIVAL_S))
+        state = SessionState(wait_until_s=now_s + ARRIVAL_S)
+        job = Job(task=task, session=state, assignment=assignment)
         job.save(self._job_path)
         return job
 
     def _perform(self, job: Job) -> None:
-        path = self._service.data_dir / f"{job.name}.mcap"
+        path = self._recording(job)
         sha256 = self._deliver(job, path)
         if sha256 is None:  # asked to stop; the next process goes on
             return
@@ -178,10 +234,9 @@ class Charger:
     def _submit(self, job: Job, path: Path, sha256: str) -> None:
         uri = self._store.put(path)
         try:
-            self._organization.submit_proof(job.task.id, job.task.attempt, sha256, uri)
+            self._organization.submit_proof(job.task.id, job.task.attempt, sha256, uri, job.task.nonce)
         except RemoteError as error:
-            task = self._organization.task(job.task.id)
-            if task.state == "assigned" and task.attempt == job.task.attempt:
+            if self._is_ours(job.task):
                 raise
             log.warning("the assignment of %s is over: %s", job.name, error)
 
@@ -311,14 +366,13 @@ class Charger:
 
     def _check_assignment(self, delivery: Delivery) -> None:
         """End the session when the task is not ours to do any more."""
-        task = delivery.job.task
         try:
-            now = self._organization.task(task.id)
-        except (NoResponder, QueryTimeout) as error:
+            ours = self._is_ours(delivery.job.task)
+        except (NoResponder, QueryTimeout, RemoteError) as error:
             log.info("the index does not answer: %s", error)
             self._wake.set()
             return
-        if (now.state, now.attempt) != ("assigned", task.attempt):
+        if not ours:
             delivery.stop(End.CANCELLED)
 
     def _order(self, job: Job, path: Path, binding: Binding) -> tuple[Order, str | None]:

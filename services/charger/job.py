@@ -14,13 +14,14 @@ from pydantic import BaseModel, ValidationError
 from rodeo import topics
 from rodeo.charging import SOC_USED, ChargingParams, order_wh
 from rodeo.config import Site
+from rodeo.dao import Assignment
 from rodeo.errors import RodeoError
 from rodeo.evidence import Attestation
 from rodeo.evidence.errors import ContainerError
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.evidence.seal import SEAL_TOPIC
-from rodeo.files import replace_file
+from rodeo.files import replace_file, set_aside
 from rodeo.messages import Task
 from rodeo.metering import Reading
 from rodeo.ros2.types import deserialize
@@ -51,6 +52,10 @@ def require_payable(task: Task, params: ChargingParams, site: Site) -> None:
         )
 
 
+FOREIGN = "of-another-assignment"
+"""In the name of a file that was set aside."""
+
+
 class JobBroken(RodeoError):
     """The file is there and is not a job; starting anew could meter the same session twice."""
 
@@ -60,6 +65,8 @@ class Job(BaseModel):
 
     task: Task
     session: SessionState
+    assignment: Assignment | None = None
+    """Which one it is; None in a file of before this was noted."""
 
     @property
     def name(self) -> str:
@@ -74,6 +81,16 @@ class Job(BaseModel):
             return None
         except (OSError, ValidationError) as error:
             raise JobBroken("cannot read the charger's job", path=str(path), reason=str(error)) from error
+
+    def set_aside(self, path: Path, recording: Path) -> None:
+        """Put the job at `path`, which is of another chain or another assignment, and its recording away."""
+        kept = [set_aside(one, FOREIGN) for one in (path, recording) if one.exists()]
+        log.warning(
+            "the job %s is of another chain or another assignment (%s); it is kept in %s",
+            self.name,
+            self.assignment or "it does not say which",
+            ", ".join(map(str, kept)),
+        )
 
     def save(self, path: Path) -> None:
         """Replace the file at `path` as a whole."""

@@ -111,7 +111,11 @@ class AssignmentWatch:
             log.debug("cannot ask for the assignment: %s", error)
             return
         self._checked_seq = seq
-        if (current.state, current.attempt) != ("assigned", self._task.attempt):
+        if (current.state, current.attempt, current.nonce) != (
+            "assigned",
+            self._task.attempt,
+            self._task.nonce,
+        ):
             raise Revoked("the assignment is gone", task_id=self._task.id, state=current.state)
 
 
@@ -166,7 +170,7 @@ class Agent:
         self._chance = random.Random()
         self._wake = threading.Event()
         self._doing: dict[str, Any] = {"activity": "starting"}
-        self._attempt: tuple[int, int] | None = None
+        self._attempt: Task | None = None
         self._expected_s = 0.0
         self._recording: Recording | None = None
         self._recorded_task: int | None = None
@@ -211,8 +215,8 @@ class Agent:
         attempt = self._attempt
         return {
             "robot": self._robot.name,
-            "task_id": attempt and attempt[0],
-            "attempt": attempt and attempt[1],
+            "task_id": attempt and attempt.id,
+            "attempt": attempt and attempt.attempt,
             **self._doing,
             **self._body.vitals(),
             **self._upkeep.state(),
@@ -256,7 +260,7 @@ class Agent:
             assignment=assignment,
             charge=charge,
             lasts=self._upkeep.lasts(soc, assignment, self._body.base_pose(self._checkpoint)),
-            begun=assignment is not None and self._task_folder(assignment).exists(),
+            begun=assignment is not None and self._has_begun(assignment),
             paused=standing.paused,
             charge_ordered=standing.charge,
         )
@@ -404,8 +408,8 @@ class Agent:
         task = situation.assignment
         assert task is not None  # decide() says CLEAN only with an assignment
         folder = self._task_folder(task)
-        journal = Journal.open(folder, task.id, task.attempt)
-        self._attempt = task.id, task.attempt
+        journal = Journal.open(folder, self._dao.assignment(task))
+        self._attempt = task
         try:
             with about_task(task.id):
                 self._advance(task, journal, folder)
@@ -415,10 +419,14 @@ class Agent:
     def _task_folder(self, task: Task) -> Path:
         return self._service.data_dir / "tasks" / f"{task.id}-{task.attempt}"
 
+    def _has_begun(self, task: Task) -> bool:
+        folder = self._task_folder(task)
+        return folder.exists() and Journal.find(folder, self._dao.assignment(task)) is not None
+
     def _advance(self, task: Task, journal: Journal, folder: Path) -> None:
         """Bring the attempt from the phase that it is in to its end."""
         if journal.phase == Phase.EXECUTING:
-            self._orders.working_on(self._attempt)
+            self._orders.working_on(task.nonce)
             try:
                 self._record(task, journal, folder)
             finally:
@@ -431,6 +439,10 @@ class Agent:
             self._cleaning.clear_the_bin(self._checkpoint)
         if journal.phase == Phase.SUBMITTED:
             self._wait_for_news()  # the index is about to say so
+            if (now := self._dao.task(task.id)).state == "assigned" and now.nonce == task.nonce:
+                # A reorganization took the proof back. One that is on its way is not sent twice.
+                log.warning("the chain has no proof of task %d yet; submitting it again", task.id)
+                self._submit(task, journal, folder)
 
     def _record(self, task: Task, journal: Journal, folder: Path) -> None:
         """Do the work while it is recorded.
@@ -518,7 +530,7 @@ class Agent:
             self._checkpoint()
             recording.check()
             watch.check()
-            if self._orders.cancelled((task.id, task.attempt)):
+            if self._orders.cancelled(task.nonce):
                 raise Cancelled("given up by an operator", task_id=task.id)
 
         item_id = str(task.params.get("item_id"))
@@ -558,6 +570,6 @@ class Agent:
         self._report("submitting the proof" + failure, 0.97)
         uri = self._store.put(folder / "recording.mcap")
         sha256 = "0x" + uri.rsplit("/", 1)[1].removesuffix(".mcap")
-        self._dao.submit_proof(task.id, task.attempt, sha256, uri)
+        self._dao.submit_proof(task.id, task.attempt, sha256, uri, task.nonce)
         journal.advance(folder, Phase.SUBMITTED, sha256)
         self._report("proof submitted" + failure, 1.0)

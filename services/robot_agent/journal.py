@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import logging
 from enum import StrEnum
 from pathlib import Path
 
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 
-from rodeo.files import replace_file
+from rodeo.dao import Assignment
+from rodeo.files import replace_file, set_aside
+from services.robot_agent.errors import JournalBroken
+
+log = logging.getLogger(__name__)
+
+_FILE = "journal.json"
+_FOREIGN = "of-another-assignment"
 
 
 class Phase(StrEnum):
@@ -25,28 +33,63 @@ class Journal(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    task_id: int
-    attempt: int
+    assignment: Assignment
     phase: Phase = Phase.EXECUTING
     failure: str | None = None
     """Why the work could not be done; the recording is submitted all the same and says so."""
     proof_sha256: str | None = None
 
     @classmethod
-    def open(cls, folder: Path, task_id: int, attempt: int) -> Journal:
-        """The assignment's journal, new if there is none."""
-        path = folder / "journal.json"
-        if path.exists():
-            return cls.model_validate_json(path.read_text())
-        folder.mkdir(parents=True, exist_ok=True)
-        journal = cls(task_id=task_id, attempt=attempt)
-        journal.save(folder)
+    def find(cls, folder: Path, assignment: Assignment) -> Journal | None:
+        """The assignment's journal, None when there is none. Raises JournalBroken.
+
+        A folder that belongs to another assignment of the same number (on another chain, or before a
+        reorganization) is set aside, with its recording.
+        """
+        path = folder / _FILE
+        try:
+            said = path.read_bytes()
+        except FileNotFoundError:
+            return None
+        except OSError as error:
+            raise JournalBroken("cannot read the journal", path=str(path), reason=str(error)) from error
+        try:
+            whose = _Whose.model_validate_json(said)
+            journal = cls.model_validate_json(said) if whose.assignment == assignment else None
+        except ValidationError as error:
+            raise JournalBroken("this is no journal", path=str(path), reason=str(error)) from error
+        if journal is None:
+            log.warning(
+                "what is remembered of task %d attempt %d is of another chain or another assignment "
+                "(%s, this is %s); it is kept in %s",
+                assignment.task_id,
+                assignment.attempt,
+                whose.assignment or "it does not say which",
+                assignment,
+                set_aside(folder, _FOREIGN),
+            )
+        return journal
+
+    @classmethod
+    def open(cls, folder: Path, assignment: Assignment) -> Journal:
+        """The assignment's journal, new if there is none. Raises JournalBroken."""
+        journal = cls.find(folder, assignment)
+        if journal is None:
+            folder.mkdir(parents=True, exist_ok=True)
+            journal = cls(assignment=assignment)
+            journal.save(folder)
         return journal
 
     def save(self, folder: Path) -> None:
-        replace_file(folder / "journal.json", self.model_dump_json())
+        replace_file(folder / _FILE, self.model_dump_json())
 
     def advance(self, folder: Path, phase: Phase, proof_sha256: str | None = None) -> None:
         self.phase = phase
         self.proof_sha256 = proof_sha256 or self.proof_sha256
         self.save(folder)
+
+
+class _Whose(BaseModel):
+    """Whose journal it is, by what any version of it said."""
+
+    assignment: Assignment | None = None

@@ -16,7 +16,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
 from rodeo import topics
 from rodeo.bus import Bus, Request
@@ -48,8 +48,14 @@ class Standing(BaseModel):
     stopped: bool = False
     charge: bool = False
     """Until the charge is bought."""
-    cancel: tuple[int, int] | None = None
-    """Task and attempt to give up."""
+    cancel: str | None = None
+    """Nonce of the assignment to give up. Task and attempt would be another one's on another chain."""
+
+    @field_validator("cancel", mode="before")
+    @classmethod
+    def _of_before(cls, value: Any) -> Any:
+        # Task and attempt, as it was written once: which chain's nobody knows.
+        return None if isinstance(value, list) else value
 
 
 class Orders:
@@ -75,7 +81,7 @@ class Orders:
         self._state = state
         self._lock = threading.Lock()
         self._standing = _load(path)
-        self._attempt: tuple[int, int] | None = None
+        self._nonce: str | None = None
         key = topics.ROBOT_ORDER.name(org=org, robot=robot, order="{}")
         self._queryables = [
             *(bus.serve(key.format(order), self._taker(order)) for order in Order),
@@ -87,13 +93,14 @@ class Orders:
         with self._lock:
             return self._standing
 
-    def working_on(self, attempt: tuple[int, int] | None) -> None:
-        """What `cancel` would give up."""
+    def working_on(self, nonce: str | None) -> None:
+        """Nonce of the assignment that `cancel` would give up."""
         with self._lock:
-            self._attempt = attempt
+            self._nonce = nonce
 
-    def cancelled(self, attempt: tuple[int, int]) -> bool:
-        return self.standing.cancel == attempt
+    def cancelled(self, nonce: str | None) -> bool:
+        """Whether the assignment with this nonce is to be given up."""
+        return nonce is not None and self.standing.cancel == nonce
 
     def charge_bought(self) -> None:
         with self._lock:
@@ -116,10 +123,10 @@ class Orders:
                 self._keep(charge=True)
             elif order is Order.STOP:
                 self._keep(stopped=True)
-            elif self._attempt is None:
+            elif self._nonce is None:
                 raise NothingToCancel("the robot has no attempt under way")
             else:
-                self._keep(cancel=self._attempt)
+                self._keep(cancel=self._nonce)
         log.info("ordered: %s", order)
         self._on_change(order)
         return self._answer()

@@ -215,6 +215,8 @@ class Receipts:
         self._lock = threading.RLock()
         self._gauge = Gauge(robot.battery)
         self._account: Account | None = None
+        self._begun: tuple[int, float] | None = None
+        """Task and when it was registered: another chain has a task of the same number."""
         self._pending: deque[Heard] = deque(maxlen=_WAITING)
         """Records that the gauge is not up to yet, or that came before their task was known."""
         self._refused: Heard | None = None
@@ -247,11 +249,12 @@ class Receipts:
         with self._lock:
             if self._witness.chain is None:
                 return  # not yet known for which organization to sign
-            if self._account is not None and self._account.task_id == task.id:
+            if self._begun == (task.id, task.registered):
                 return
+            self._begun = task.id, task.registered
             self._refused = None
             self._account = Account(self._gauge, self._site.dock.name, self._robot.name, task.id)
-            self._restore(self._account)
+            self._restore(self._account, task.registered)
             self._answer_pending()
 
     def remind(self) -> None:
@@ -269,10 +272,13 @@ class Receipts:
 
     # -- inside ----------------------------------------------------------------------------------------
 
-    def _restore(self, account: Account) -> None:
+    def _restore(self, account: Account, since_s: float) -> None:
+        """`since_s`: what was signed earlier was for a task of the same number on another chain."""
         chain = self._witness.chain
         for attestation in () if chain is None else reversed(chain.last(_LOOKED_AT)):
             statement = parse(attestation.payload)
+            if statement.time_s < since_s:
+                return
             if isinstance(statement, Receipt) and statement.task_id == account.task_id:
                 account.restore(statement)
                 self._last = attestation

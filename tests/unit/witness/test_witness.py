@@ -39,6 +39,7 @@ class Bus:
 
     def __init__(self) -> None:
         self.slow = Event()
+        self.contracts = CONTRACTS
         self.hear: dict[str, Callable[[str, Any], None]] = {}
 
     def subscribe_bytes(self, key: str, callback: Callable[[str, Any], None]) -> Any:
@@ -56,7 +57,7 @@ class Bus:
             Event().wait(timeout_s)
             raise NoResponder("nobody serves this key", key=key)
         if key.endswith("/chain"):
-            return {"chain_id": 31337, "contracts": CONTRACTS}
+            return {"chain_id": 31337, "contracts": self.contracts}
         owner = "0x" + "56" * 20
         return {"devices": [{"address": ROBOT.address, "role": "robot", "name": "panther1", "owner": owner}]}
 
@@ -180,3 +181,19 @@ def test_an_old_presentation_that_somebody_says_again_counts_no_more(tmp_path: P
         bus.hear["witness"]("key", said.encode())
     hearing.close()
     assert heard == [1, 2, 2]
+
+
+def test_on_another_chain_it_signs_for_the_organization_there(
+    bus: Bus, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(witness_module, "_LOOK_WALL_S", 0.01)
+    witness = Witness(bus, "lab", "mocap", MOCAP, tmp_path, "sensor")  # type: ignore[arg-type]
+    bus.contracts = CONTRACTS | {"Organization": "0x" + "99" * 20}
+    deadline_s = time.monotonic() + WAIT_S
+    while witness.chain is None or witness.chain.scope.organization == CONTRACTS["Organization"]:
+        assert time.monotonic() < deadline_s
+        Event().wait(0.01)
+    said = {"bin": "itrash", "recording": "0x" + "ab" * 32, "task_id": 7, "attempt": 1}
+    signed = witness.chain.sign(Presentation, 1.9e9, **said)
+    assert signed.payload["organization"] == "0x" + "99" * 20
+    witness.close()

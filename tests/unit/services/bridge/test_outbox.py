@@ -30,7 +30,7 @@ from services.bridge.errors import (
 from services.bridge.fees import Limits
 from services.bridge.follower import Follower
 from services.bridge.index import Index, sqlite_url
-from services.bridge.journal import Journal
+from services.bridge.journal import Journal, decoded
 from services.bridge.node import Node
 from services.bridge.outbox import Order, Outbox
 from tests.support.chain import Answer
@@ -447,6 +447,53 @@ def test_what_a_reorganization_takes_back_is_sent_again(robot: Robot) -> None:
     robot.until(lambda: robot.waiting() == 0)
     assert robot.paid() == before + 5
     assert robot.pay(request_id="r")["tx_hash"] == entry.tx_hash
+
+
+OURS, OTHER = "0x" + "01" * 32, "0x" + "02" * 32
+
+
+def proof(robot: Robot) -> Order:
+    """What is for the first attempt at task 1, as it was assigned."""
+    return replace(robot.order(request_id="proof"), task_id=1, attempt=1, assignment=OURS)
+
+
+def undo(robot: Robot, reply: dict[str, Any]) -> None:
+    """A reorganization takes off the chain what is said to be in this block."""
+    robot.outbox.undone(reply["block"] - 1)
+    robot.outbox._reopen_undone()
+
+
+def test_a_proof_that_was_undone_is_sent_again_where_its_task_is_assigned_as_it_was(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assigned: dict[str, Any] = {"nonce": OURS, "attempt": 1}
+    monkeypatch.setattr(robot.index, "task", lambda _id: assigned)
+    reply = robot.outcome(robot.outbox.submit(proof(robot)))
+    undo(robot, reply)
+    sent = robot.chain.node.calls.count(SEND)
+    assigned["nonce"] = None
+    robot.outbox.step()
+    assert robot.chain.node.calls.count(SEND) == sent
+    assigned |= {"nonce": OURS, "attempt": 1}
+    robot.until(lambda: robot.waiting() == 0)
+    assert robot.outcome(robot.outbox.submit(proof(robot))) == reply
+
+
+def test_a_proof_that_was_undone_is_taken_back_where_its_task_is_assigned_anew(
+    robot: Robot, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(robot.index, "task", lambda _id: {"nonce": OTHER, "attempt": 1})
+    reply = robot.outcome(robot.outbox.submit(proof(robot)))
+    undo(robot, reply)
+    nonce = robot.journal.find("panther1", "proof").nonce  # type: ignore[union-attr]
+    robot.outbox._look_at_held()
+    (instead,) = robot.journal.unfinished()
+    assert (instead.command, instead.data, instead.to) == ("nothing", b"", robot.account.address)
+    assert instead.nonce == nonce == decoded(instead.raw)["nonce"]
+    # What the wallet sends later does not wait for a nonce that nobody uses.
+    robot.until(lambda: robot.waiting() == 0)
+    assert robot.pay(7)["tx_hash"]
+    assert robot.journal.find("panther1", "proof") is None
 
 
 def test_what_was_signed_elsewhere_for_a_nonce_that_is_gone_is_told_to_be_dropped(robot: Robot) -> None:

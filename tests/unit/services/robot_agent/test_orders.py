@@ -81,11 +81,11 @@ def test_cancel_means_the_attempt_under_way_and_no_other(start: Any) -> None:
     wire, orders, _ = start()
     with pytest.raises(NothingToCancel):
         wire.ask("cancel")
-    orders.working_on((3, 1))
+    orders.working_on("0xaa")
     wire.ask("cancel")
-    assert orders.cancelled((3, 1))
-    assert not orders.cancelled((3, 2))
-    assert start()[1].cancelled((3, 1))
+    assert orders.cancelled("0xaa")
+    assert not orders.cancelled("0xbb")  # the same task and attempt on another chain
+    assert start()[1].cancelled("0xaa")
 
 
 def test_damaged_orders_are_not_taken_for_none(start: Any, tmp_path: Path) -> None:

@@ -328,3 +328,15 @@ def test_a_record_whose_ocmf_text_says_otherwise_is_not_signed_for(
     robot.opens(text)
     robot.receipts.remind()
     assert robot.signed == []
+
+
+def test_a_task_of_the_same_number_on_another_chain_is_signed_for_from_its_beginning(
+    robot: Surroundings,
+) -> None:
+    robot.opens(lambda record: record.ocmf)
+    robot.receipts.begin(JOB)
+    assert robot.receipts._account is not None and robot.receipts._account._session is not None
+
+    robot.clock.time_s += 100
+    robot.receipts.begin(JOB.model_copy(update={"registered": robot.clock.time_s}))
+    assert robot.receipts._account._session is None

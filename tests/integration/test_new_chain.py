@@ -1,0 +1,45 @@
+"""A local chain that is begun anew under a running site: nobody takes its first task for the one it knew."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from deploy.chain.record import give_up_chain
+from rodeo.dao import CHARGING, ORGANIZATION, Participant
+from tests.integration.test_agent import SITE, Organization
+from tests.support.site import RunningSite, write_site
+
+
+@pytest.mark.long
+def test_task_1_of_a_new_chain_is_done_and_paid_and_the_charger_offers_again(tmp_path: Path) -> None:
+    running = RunningSite(write_site(tmp_path, extra=SITE))
+    organization = None
+    try:
+        running.start("router", "chain")
+        running.deploy_contracts()
+        running.start("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
+        organization = Organization(running)
+        assert organization.post("item1") == 1
+        organization.wait_for_event("TaskSettled", 1)
+
+        running.kill("chain")
+        shutil.rmtree(running.site.data_dir / "chain")
+        assert give_up_chain(running.site) is not None
+        running.start("chain", ready=False)
+        running.deploy_contracts()
+        running.wait_ready("bridge", "charger", "robot_agent")
+        organization.events.clear()
+
+        assert organization.post("item2") == 1
+        organization.wait_for_event("TaskSettled", 1)
+        assert Participant(running.bus, running.site.org, ORGANIZATION).own_service(CHARGING) is not None
+        assert "of another chain" in running.log("robot_agent")
+        attempts = {path.name for path in (running.site.data_dir / "robot_agent" / "tasks").iterdir()}
+        assert attempts == {"1-1", "1-1.of-another-assignment-1"}
+    finally:
+        if organization is not None:
+            organization.close()
+        running.stop()

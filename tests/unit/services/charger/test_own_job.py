@@ -1,0 +1,119 @@
+"""What the charger finds on disk is its job only on the chain and for the assignment that it was taken on."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from rodeo.config import Site
+from rodeo.dao import Assignment
+from rodeo.errors import RemoteError
+from rodeo.messages import Task
+from services.charger.app import Charger
+from services.charger.job import FOREIGN, Job
+from services.charger.session import SessionState
+from tests.support.assignments import charging_ledger
+from tests.support.recordings import Sample, Take
+from tests.support.site import LAB
+
+TASK = charging_ledger(Take([Sample("", "", None, 1_800_000_000 * 10**9)])).task
+
+
+class Organization:
+    """The organization on a chain that may be another one than before."""
+
+    def __init__(self) -> None:
+        self.genesis_hash = "0x" + "01" * 32
+        self.now: Task | None = TASK
+        self.offers = 0
+
+    def state(self, what: str) -> dict[str, Any]:
+        return {"genesis_hash": self.genesis_hash, "contracts": {"ServiceManager": "0x" + "05" * 20}}
+
+    def assignment(self, task: Task) -> Assignment:
+        return Assignment(
+            genesis_hash=self.genesis_hash,
+            chain_id=31_337,
+            task_manager="0x" + "02" * 20,
+            organization="0x" + "03" * 20,
+            task_id=task.id,
+            attempt=task.attempt,
+            nonce=task.nonce or "",
+        )
+
+    def task(self, task_id: int) -> Task:
+        if self.now is None:
+            raise RemoteError("unknown_task", "no such task")
+        return self.now
+
+    def offer_service(self, *_offer: Any) -> None:
+        self.offers += 1
+
+
+@pytest.fixture
+def charger(tmp_path: Path) -> Charger:
+    made: Any = Charger.__new__(Charger)
+    made._site = Site.load(LAB)
+    made._organization = Organization()
+    made._service = SimpleNamespace(
+        stop=threading.Event(), data_dir=tmp_path, ready=lambda: None, not_ready=lambda _why: None
+    )
+    made._job_path = tmp_path / "job.json"
+    made._offered_on = None
+    made._heard_s = 0.0
+    made.switched = []
+    made._command_contactor = made.switched.append
+    job = Job(
+        task=TASK,
+        session=SessionState(wait_until_s=0.0),
+        assignment=made._organization.assignment(TASK),
+    )
+    job.save(made._job_path)
+    (tmp_path / f"{job.name}.mcap").write_bytes(b"a recording")
+    return made  # type: ignore[no-any-return]
+
+
+def test_a_job_of_this_chain_is_gone_on_with(charger: Any) -> None:
+    assert charger._own_job().task == TASK
+    assert charger.switched == []
+
+
+@pytest.mark.parametrize(
+    ("genesis_hash", "now"),
+    [
+        pytest.param("0x" + "09" * 32, TASK, id="a chain that was wiped, with a task of the same number"),
+        pytest.param("0x" + "01" * 32, None, id="a task that a reorganization took back"),
+        pytest.param(
+            "0x" + "01" * 32, TASK.model_copy(update={"nonce": "0x" + "77" * 32}), id="assigned again"
+        ),
+    ],
+)
+def test_a_job_of_another_chain_or_assignment_is_kept_aside_and_nothing_flows_for_it(
+    charger: Any, tmp_path: Path, genesis_hash: str, now: Task | None, caplog: pytest.LogCaptureFixture
+) -> None:
+    charger._organization.genesis_hash, charger._organization.now = genesis_hash, now
+    assert charger._own_job() is None
+    assert charger.switched == [False]
+    assert not charger._job_path.exists()
+    kept = sorted(path.name for path in tmp_path.iterdir())
+    assert kept == [f"job.json.{FOREIGN}-1", f"task-{TASK.id}-{TASK.attempt}.mcap.{FOREIGN}-1"]
+    assert all(name in caplog.text for name in kept)
+
+
+def test_an_attempt_that_is_over_ends_as_always(charger: Any) -> None:
+    """Its recording is submitted, refused and forgotten."""
+    charger._organization.now = TASK.model_copy(update={"state": "open", "nonce": None})
+    assert charger._own_job() is not None
+
+
+def test_the_service_is_offered_once_on_each_chain(charger: Any) -> None:
+    for _ in range(3):
+        charger._offer()
+    assert charger._organization.offers == 1
+    charger._organization.genesis_hash = "0x" + "09" * 32
+    charger._offer()
+    assert charger._organization.offers == 2
