@@ -41,7 +41,7 @@ from rodeo.chain import (
     to_wei,
     transactions,
 )
-from rodeo.chain.client import connect
+from rodeo.chain.client import connect, require_chain
 from rodeo.chain.errors import translated
 from rodeo.config import Site
 from rodeo.dao import CHARGING, CLEANING, MACHINE_JUDGED
@@ -64,7 +64,7 @@ class WithoutGasMoney(RodeoError):
 def run(site: Site, stop: threading.Event) -> None:
     """Deploy what is missing; running it again after an error goes on from there.
 
-    Raises ChainError, WalletError or WithoutGasMoney.
+    Raises ChainError, WalletError or WithoutGasMoney; WrongChain before anything is sent there.
     """
     local = site.chain.backend != "external"
     if local:
@@ -72,6 +72,7 @@ def run(site: Site, stop: threading.Event) -> None:
     w3 = connect(site.chain.url)
     if not _wait_for_node(w3, stop):
         return
+    require_chain(w3, site.chain)
     if local:
         _fund(w3, [wallets.address(site, name) for name in wallets.wallet_names(site)])
     administrator = wallets.load(site, "organization")

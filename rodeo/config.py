@@ -58,9 +58,16 @@ class ClockConfig(_Table):
     """The same while every robot is parked and charging, when nothing moves."""
 
 
+LOCAL_CHAIN_ID = 31_337
+"""Chain id of local chains, the one that anvil and Hardhat use."""
+
+
 class ChainConfig(_Table):
     backend: Literal["eth-tester", "anvil", "external"] = "eth-tester"
     """Which local chain `deploy.chain` starts; external starts none and uses `url` as it is."""
+    id: int = Field(default=LOCAL_CHAIN_ID, gt=0)
+    """Which chain it is (EIP-155). A node that answers with another one is not used, and nothing is deployed
+    there."""
     url: str = "http://127.0.0.1:8545"
     websocket_url: str | None = None
     """Where the node tells of new blocks (eth_subscribe). None tries the address of `url`; with an empty

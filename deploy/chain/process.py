@@ -13,7 +13,7 @@ from deploy.chain.anvil import STATE_FILE, Anvil
 from deploy.chain.errors import AnvilFailed, ChainStoreUnwritable
 from deploy.chain.ledger import Ledger
 from deploy.chain.methods import Methods
-from deploy.chain.record import LOCAL_CHAIN_ID, check_not_lost
+from deploy.chain.record import check_not_lost
 from deploy.chain.server import RpcServer
 from deploy.chain.store import Store
 from rodeo.clock import Clock, WallClock
@@ -56,8 +56,8 @@ def _run_embedded(site: Site, folder: Path, site_time: SiteTime, stop: threading
     check_not_lost(site, folder / "chain.sqlite")
     lock_instance(folder)
     store = Store(folder / "chain.sqlite")
-    ledger = Ledger(store, LOCAL_CHAIN_ID, int(time.time()), site_time.now_s)
-    log.info("chain %d at block %d on %s", LOCAL_CHAIN_ID, ledger.head.block_number, site.chain.url)
+    ledger = Ledger(store, site.chain.id, int(time.time()), site_time.now_s)
+    log.info("chain %d at block %d on %s", site.chain.id, ledger.head.block_number, site.chain.url)
     with RpcServer(site.chain.url, Methods(ledger)) as server:
 
         def block_number() -> int:
@@ -71,8 +71,8 @@ def _run_embedded(site: Site, folder: Path, site_time: SiteTime, stop: threading
 
 def _run_anvil(site: Site, folder: Path, site_time: SiteTime, stop: threading.Event) -> None:
     check_not_lost(site, folder / STATE_FILE)
-    with Anvil(site.chain.url, folder, LOCAL_CHAIN_ID, int(time.time()), site_time.now_s) as anvil:
-        log.info("anvil, chain %d at block %d on %s", LOCAL_CHAIN_ID, anvil.block_number(), site.chain.url)
+    with Anvil(site.chain.url, folder, site.chain.id, int(time.time()), site_time.now_s) as anvil:
+        log.info("anvil, chain %d at block %d on %s", site.chain.id, anvil.block_number(), site.chain.url)
         _keep_heartbeat(site, site_time, stop, anvil.block_number, lambda: anvil.wait(stop))
 
 

@@ -9,30 +9,27 @@ from deploy.chain.errors import ChainLost
 from rodeo.chain import Deployment, NotDeployed
 from rodeo.config import Site
 
-LOCAL_CHAIN_ID = 31_337
-"""Chain id of every local chain here, the one that anvil and Hardhat use."""
-
 
 def check_not_lost(site: Site, path: Path) -> None:
     """Raises ChainLost where a new chain would take the place of one that holds the site's contracts."""
     if path.exists() and path.stat().st_size:
         return
     try:
-        record = Deployment.load(site.data_dir, LOCAL_CHAIN_ID)
+        record = Deployment.load(site.data_dir, site.chain.id)
     except NotDeployed:
         return
     raise ChainLost(
         "the chain's file is empty or gone, with all tasks and money in it: put it back from a copy, or "
         "begin a new chain with `rodeo up --new-chain`",
         path=str(path),
-        record=str(Deployment.path(site.data_dir, LOCAL_CHAIN_ID)),
+        record=str(Deployment.path(site.data_dir, site.chain.id)),
         genesis_hash=record.genesis_hash,
     )
 
 
 def give_up_chain(site: Site) -> Path | None:
     """Put the record of the local chain aside, so that a new one may begin; where it lies now."""
-    record = Deployment.path(site.data_dir, LOCAL_CHAIN_ID)
+    record = Deployment.path(site.data_dir, site.chain.id)
     if not record.exists():
         return None
     aside = record.with_name(f"{record.stem}-given-up-{int(time.time())}.json")

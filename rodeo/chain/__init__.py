@@ -24,6 +24,7 @@ from rodeo.chain.errors import (
     RpcFailed,
     TransactionFailed,
     TransactionTimeout,
+    WrongChain,
 )
 from rodeo.chain.events import Event, Log
 from rodeo.chain.types import (
@@ -78,6 +79,7 @@ __all__ = [
     "TransactionFailed",
     "TransactionTimeout",
     "Verdict",
+    "WrongChain",
     "from_wei",
     "to_wei",
 ]

@@ -14,14 +14,28 @@ from web3.types import TxReceipt
 from rodeo.chain import artifacts, events, transactions
 from rodeo.chain.calls import Call, Calls, OrganizationCalls
 from rodeo.chain.deployment import Deployment
-from rodeo.chain.errors import translated
+from rodeo.chain.errors import WrongChain, translated
 from rodeo.chain.types import Device, KindRules, Role, Service, Task, Terms, kind_to_bytes32, value
+from rodeo.config import ChainConfig
 
 
 def connect(url: str, timeout_s: float = 10.0) -> Web3:
     """A node behind JSON-RPC over HTTP. Nothing is sent yet."""
     # Retrying is the caller's affair: it alone knows whether the answer still matters.
     return Web3(HTTPProvider(url, request_kwargs={"timeout": timeout_s}, exception_retry_configuration=None))
+
+
+def require_chain(w3: Web3, config: ChainConfig) -> None:
+    """Raises WrongChain unless the node's chain is the one that the site file names, and ChainUnavailable."""
+    with translated():
+        found = w3.eth.chain_id
+    if found != config.id:
+        raise WrongChain(
+            f"the node at {config.url} is one of chain {found}, and the site's chain is {config.id}: see "
+            f"that chain.url of the site file is the site's own node, or say `chain.id = {found}` there",
+            node_chain_id=found,
+            site_chain_id=config.id,
+        )
 
 
 class ChainClient:

@@ -8,6 +8,7 @@ RodeoError
     ├── TransactionFailed   mined without success for another reason than a revert (gas)
     ├── TransactionTimeout  not mined in time; it may still be
     ├── NotDeployed         no record of the contracts for this chain
+    ├── WrongChain          the node's chain is not the one that the site file names
     └── DeploymentMismatch  the record is of other contracts than the chain has
 """
 
@@ -69,6 +70,12 @@ class TransactionTimeout(ChainError):
 
 class NotDeployed(ChainError):
     """There is no record of the contracts on this chain; `python -m deploy.contracts` makes it."""
+
+
+class WrongChain(ChainError):
+    """The node is one of another chain than the site file names. Nothing is sent there."""
+
+    restart_cures = False
 
 
 class DeploymentMismatch(ChainError):

@@ -144,7 +144,7 @@ class Executor:
             recorder.close()
         uri = Store(self._site).put(path)
         digest = "0x" + uri.rsplit("/", 1)[1].removesuffix(".mcap")
-        self._dao.submit_proof(task.id, task.attempt, digest, uri)
+        self._dao.submit_proof(task.id, task.attempt, digest, uri, task.nonce)
         return digest
 
     def _assigned(self, task_id: int) -> Task:
@@ -159,7 +159,9 @@ class Executor:
 
     def _path(self, task: Task) -> Path:
         folder = self._site.data_dir / "statements" / self._dao.name
-        return folder / f"{task.id}-{task.attempt}" / "recording.mcap"
+        # With the nonce: on another chain, or after a reorganization, the same number is another assignment.
+        nonce = (task.nonce or "").removeprefix("0x")[:16]
+        return folder / f"{task.id}-{task.attempt}-{nonce}" / "recording.mcap"
 
 
 def judge(

@@ -7,7 +7,7 @@ the same request_id. `dropped`: it can never be mined any more.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -197,6 +197,15 @@ class Journal:
         if entries:
             with self._writing(self._engine) as connection:
                 connection.execute(_reopened, [{"entry_id": entry.id} for entry in entries])
+
+    def free_requests(self, contracts: Collection[str]) -> int:
+        """Let the request_ids of what went to others than `contracts` count as new ones; how many there were.
+
+        Contracts that were deployed anew on the same chain know nothing of what the old ones were told.
+        """
+        foreign = _transactions.c.to.not_in(list(contracts)) & _transactions.c.request_id.is_not(None)
+        with self._writing(self._engine) as connection:
+            return connection.execute(update(_transactions).where(foreign).values(request_id=None)).rowcount
 
     def count(self, state: str) -> int:
         query = select(func.count()).select_from(_transactions).where(_transactions.c.state == state)

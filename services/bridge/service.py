@@ -27,8 +27,7 @@ from rodeo.chain import (
     NotDeployed,
     RpcFailed,
 )
-from rodeo.chain.client import connect
-from rodeo.chain.errors import translated
+from rodeo.chain.client import connect, require_chain
 from rodeo.config import Site, WalletLimits
 from rodeo.errors import ClockUnavailable, ConfigError, RodeoError, WalletError
 from rodeo.evidence import Store
@@ -157,9 +156,8 @@ class Bridge:
     def _attach(self) -> _Attachment:
         """Find node and contracts. Raises ChainError or WalletError."""
         w3 = connect(self._site.chain.url)
-        with translated():
-            chain_id = w3.eth.chain_id
-        deployment = Deployment.load(self._site.data_dir, chain_id)
+        require_chain(w3, self._site.chain)
+        deployment = Deployment.load(self._site.data_dir, self._site.chain.id)
         deployment.verify(w3)
         if self._attachment is None or self._attachment.deployment != deployment:
             if self._attachment is not None:
@@ -179,6 +177,8 @@ class Bridge:
         folder = self._service.data_dir / chain
         # The journal first: it may be refused again and again, and nothing else is open then.
         journal = Journal(folder / "journal.sqlite")
+        if freed := journal.free_requests(deployment.contracts.values()):
+            log.warning("%d requests of before were made to other contracts: they count no more", freed)
         index = Index(
             self._config.database or sqlite_url(folder / "index.sqlite"),
             deployment.chain_id,

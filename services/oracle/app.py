@@ -79,6 +79,8 @@ class Oracle:
         self._decided = 0
         self._for_auditors: set[tuple[int, int]] = set()
         """Submissions that were left to auditors since the start."""
+        self._chain = ""
+        """Genesis hash of the chain that they are on."""
         self._lock = threading.Lock()
 
     def serve(self) -> None:
@@ -103,6 +105,10 @@ class Oracle:
             thread.join(timeout=2 * RETRY_S)
 
     def _on_event(self, event: DaoEvent) -> None:
+        if event.chain != self._chain:
+            with self._lock:
+                self._chain = event.chain
+                self._for_auditors.clear()
         self._acts.on_event(event)
         if event.name == "ProofSubmitted" and event.task_id is not None:
             self._enqueue(event.task_id, int(event.args["attempt"]))

@@ -19,7 +19,10 @@ from deploy.chain.errors import ChainLost, RpcError
 from deploy.chain.process import run as serve_chain
 from deploy.chain.record import give_up_chain
 from deploy.chain.server import RpcServer
+from deploy.contracts import run as deploy
 from rodeo import wallets
+from rodeo.chain import WrongChain
+from rodeo.chain.client import connect
 from rodeo.errors import NoResponder
 from services.bridge.node import Node
 from tests.support.chain import Answer, EmbeddedChain, FaultyNode
@@ -166,6 +169,24 @@ def test_bridge_node_and_router_killed_at_random_moments_settle_every_task_once(
     assert found.pop("faults_s") > 0
     assert [found.pop(f"faults_kills_{name}") for name in soak.KILLED] == [2, 2, 2]
     assert set(found.values()) == {0}, found
+
+
+def test_nothing_is_deployed_on_a_chain_that_the_site_file_does_not_name(
+    running: RunningSite, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as stranger:
+        stranger.setenv("RODEO__CHAIN__ID", "4242")
+        running.start("router", "chain")
+    running.start("bridge", ready=False)
+    status = running.wait_for_status("bridge", lambda one: "4242" in one.reason)
+    assert not status.ready
+    assert "is one of chain 4242, and the site's chain is 31337" in status.reason
+    assert "deploy.contracts" not in status.reason
+
+    with pytest.raises(WrongChain) as wrong:
+        deploy(running.site, threading.Event())
+    assert wrong.value.details == {"node_chain_id": 4242, "site_chain_id": 31_337}
+    assert connect(running.site.chain.url).eth.block_number == 0
 
 
 def test_a_chain_that_was_made_anew_is_taken_for_another(running: RunningSite) -> None:

@@ -76,7 +76,9 @@ class Dao:
     def binding(self, _task: Any, _device: str) -> Binding:
         return BINDING
 
-    def submit_proof(self, task_id: int, attempt: int, sha256: str, uri: str) -> None:
+    def submit_proof(
+        self, task_id: int, attempt: int, sha256: str, uri: str, nonce: str | None = None
+    ) -> None:
         if self.down:
             self.down -= 1
             raise ConnectionError

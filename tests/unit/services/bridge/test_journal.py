@@ -76,3 +76,26 @@ def test_a_damaged_journal_is_refused_by_its_own_name(tmp_path: Path) -> None:
         Journal(path)
     assert refused.value.details["path"] == str(path)
     assert path.read_bytes() == spoilt, "nothing is done to it"
+
+
+def test_requests_that_were_made_to_other_contracts_may_be_made_anew(tmp_path: Path) -> None:
+    journal = Journal(tmp_path / "journal.sqlite")
+    old, new = "0x" + "11" * 20, "0x" + "22" * 20
+    sent = {
+        "wallet": "panther1",
+        "command": "register_service",
+        "content_sha256": "",
+        "data": b"",
+        "raw": b"",
+    }
+    journal.add(
+        [
+            {**sent, "request_id": request_id, "to": to, "nonce": nonce, "tx_hash": f"0x{nonce}"}
+            for nonce, (request_id, to) in enumerate([("service", old), ("charge", new)])
+        ]
+    )
+    assert journal.free_requests([new]) == 1
+    assert journal.find("panther1", "service") is None
+    assert journal.find("panther1", "charge") is not None
+    assert len(journal.unfinished()) == 2
+    journal.close()
