@@ -23,7 +23,14 @@ from typing import Self
 from deploy.processes import Process, processes_of
 from rodeo.config import Site
 from rodeo.errors import RodeoError
-from rodeo.instance import PARENT_VARIABLE, lock_holder, lock_instance
+from rodeo.instance import (
+    GAVE_UP,
+    PARENT_VARIABLE,
+    forget_ending,
+    last_ending,
+    lock_holder,
+    lock_instance,
+)
 from rodeo.tls import wants_certificates
 
 log = logging.getLogger(__name__)
@@ -34,15 +41,22 @@ LAUNCHER = "launcher"
 _STOP_S = 8.0
 """Wall time that a process has to end by itself after SIGTERM."""
 
-_RESTART_S = (0.5, 5.0)
-"""Shortest and longest wall time before a process that ended is started again."""
+_FIRST_PAUSE_S = 0.5
+"""Wall time before a process that ended is started again; doubled each time, up to LONGEST_PAUSE_S."""
+
+LONGEST_PAUSE_S = 5.0
+"""Short enough that a process is back soon after what it lacks is there."""
 
 _STEADY_S = 30.0
-"""A process that ran this long is healthy: its next restart is prompt again."""
+"""A process that ran this long (wall) is healthy: its next restart is prompt again."""
 
 
 class LaunchFailed(RodeoError):
     """A one-time step of the start ended with an error; its log's last lines are in the message."""
+
+
+class AllGaveUp(RodeoError):
+    """Every process has ended for a reason that no restart cures."""
 
 
 class UnknownProcess(RodeoError):
@@ -54,10 +68,12 @@ class _Child:
     process: Process
     popen: subprocess.Popen[bytes]
     started_s: float
-    delay_s: float = _RESTART_S[0]
+    delay_s: float = _FIRST_PAUSE_S
     restart_at_s: float | None = None
     problem: str = ""
     """How it ended the last time."""
+    gave_up: bool = False
+    """It is not started again."""
 
 
 @dataclass
@@ -117,27 +133,46 @@ class Launcher:
 
     def running(self) -> dict[str, int]:
         """The process id of each child that has not ended."""
-        return {name: c.popen.pid for name, c in self.children.items() if c.restart_at_s is None}
+        return {
+            name: child.popen.pid
+            for name, child in self.children.items()
+            if child.restart_at_s is None and not child.gave_up
+        }
 
     def problems(self) -> dict[str, str]:
-        """How the children that had to be started again ended the last time."""
+        """How the children that ended by themselves did so the last time."""
         return {name: child.problem for name, child in self.children.items() if child.problem}
 
+    def given_up(self) -> dict[str, str]:
+        """The children that are not started again, and for what reason."""
+        return {name: child.problem for name, child in self.children.items() if child.gave_up}
+
     def poll(self) -> None:
-        """Start again what ended. Raises LaunchFailed when the contracts could not be deployed."""
+        """Start again what ended and may do better then.
+
+        Raises LaunchFailed when the contracts could not be deployed, and AllGaveUp when no child is left.
+        """
         if self._deployment is not None and self._deployment.poll() not in (None, 0):
             last = "\n".join(log_tail(self.site, "contracts"))
             raise LaunchFailed(f"the contracts could not be deployed:\n{last}")
         now_s = time.monotonic()
         for name, child in self.children.items():
+            if child.gave_up:
+                continue
             if child.restart_at_s is not None:
                 if now_s >= child.restart_at_s:
                     self._restart(name, child)
             elif (status := child.popen.poll()) is not None:
+                child.problem = self._ending(name, child.popen.pid, status)
+                if status == GAVE_UP:
+                    child.gave_up = True
+                    continue
                 if now_s - child.started_s > _STEADY_S:
-                    child.delay_s = _RESTART_S[0]
-                child.problem = self._ending(name, status)
+                    child.delay_s = _FIRST_PAUSE_S
                 child.restart_at_s = now_s + child.delay_s
+        if self.children and all(child.gave_up for child in self.children.values()):
+            reasons = "; ".join(f"{name}: {reason}" for name, reason in self.given_up().items())
+            raise AllGaveUp(f"no restart cures what ended: {reasons}")
 
     def stop(self) -> None:
         """End every child: SIGTERM in reverse order of the table, SIGKILL for those that stay."""
@@ -159,25 +194,31 @@ class Launcher:
             self.children.clear()
 
     def _start(self, process: Process) -> None:
+        if lock_holder(folder := self.site.data_dir / process.name) is None:
+            forget_ending(folder)
         with _signals_held():
             popen = self._spawn(process.name, process.module, process.arguments)
             self.children[process.name] = _Child(process, popen, time.monotonic())
 
     def _restart(self, name: str, child: _Child) -> None:
-        delay_s = min(2 * child.delay_s, _RESTART_S[1])
+        delay_s = min(2 * child.delay_s, LONGEST_PAUSE_S)
         with _signals_held():
             popen = self._spawn(name, child.process.module, child.process.arguments)
             self.children[name] = _Child(
                 child.process, popen, time.monotonic(), delay_s, problem=child.problem
             )
 
-    def _ending(self, name: str, status: int) -> str:
+    def _ending(self, name: str, pid: int, status: int) -> str:
         if status < 0:
             return f"ended on {signal.Signals(-status).name}"
-        # What stands before the process's own name is the time.
-        (last,) = log_tail(self.site, name, lines=1) or [""]
-        last = last.partition(f" {name}: ")[2] or last
-        return f"ended with status {status}: {last}"
+        ending = last_ending(self.site.data_dir / name)
+        if ending is not None and ending.pid == pid:
+            reason = ending.reason
+        else:
+            # What stands before the process's own name is the time.
+            (last,) = log_tail(self.site, name, lines=1) or [""]
+            reason = last.partition(f" {name}: ")[2] or last
+        return reason if status == GAVE_UP else f"ended with status {status}: {reason}"
 
     def _spawn(self, name: str, module: str, arguments: tuple[str, ...] = ()) -> subprocess.Popen[bytes]:
         with open(self.logs / f"{name}.log", "ab") as output:

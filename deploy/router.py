@@ -24,20 +24,25 @@ CONFIG = Path(__file__).parent / "zenoh" / "router.json5"
 
 
 def run(site: Site, stop: threading.Event) -> None:
-    """Route until `stop`. Raises PortUnavailable when the endpoint is taken, and UnsafeSocketFolder."""
+    """Route until `stop`. Raises AlreadyRunning, PortUnavailable when the endpoint is taken, and
+    UnsafeSocketFolder.
+    """
     make_socket_folder(site.bus.router)
     config = zenoh.Config.from_file(str(CONFIG))
     config.insert_json5("listen/endpoints", json.dumps([site.bus.router]))
     if (shown := identity(site, "router")) is not None:
         config.insert_json5("transport/link/tls", json.dumps(shown.zenoh()))
         config.insert_json5("access_control", json.dumps(access_control(site)))
-    try:
-        session = zenoh.open(config)
-    except zenoh.ZError as error:
-        # The library names the lines of its own source.
-        reason = re.sub(r" at /\S+", "", str(error))
-        raise PortUnavailable(f"cannot listen: {reason}", endpoint=site.bus.router) from error
-    with Service("router", site, stop, session) as service:
+
+    def listen() -> zenoh.Session:
+        try:
+            return zenoh.open(config)
+        except zenoh.ZError as error:
+            # The library names the lines of its own source.
+            reason = re.sub(r" at /\S+", "", str(error))
+            raise PortUnavailable(f"cannot listen: {reason}", endpoint=site.bus.router) from error
+
+    with Service("router", site, stop, listen) as service:
         if warning := openness(site):
             log.warning("%s", warning)
             service.warn(warning)

@@ -1,12 +1,19 @@
-"""One process of a kind per site: the lock on its data, by which others see that it runs."""
+"""One process of a kind per site: the lock on its data, by which others see that it runs, and its ending."""
 
 from __future__ import annotations
 
 import fcntl
+import logging
 import os
+import threading
+import time
 from pathlib import Path
 
+from pydantic import BaseModel, ValidationError
+
 from rodeo.errors import AlreadyRunning
+
+log = logging.getLogger(__name__)
 
 HEARTBEAT_S = 1.0
 """Wall time between two states that a running process publishes."""
@@ -18,11 +25,47 @@ PARENT_VARIABLE = "RODEO_PARENT"
 """Set by a launcher to its own process id: the process then ends when that one does, however it ends."""
 
 
-def lock_instance(data_dir: Path) -> int:
+PREDECESSOR_S = 8.0
+"""Wall time for which a process waits for one that is ending, which takes `rodeo.service.STOP_S` at most."""
+
+_LOOK_S = 0.1
+"""Wall time between two looks whether it has ended."""
+
+_ENDING = "ended.json"
+
+
+class Ending(BaseModel):
+    """How a process ended by itself the last time."""
+
+    pid: int
+    time_s: float
+    """Wall time."""
+    reason: str
+    gave_up: bool
+    """Whether no restart can cure it."""
+
+
+def lock_instance(data_dir: Path, wait_s: float = 0.0, stop: threading.Event | None = None) -> int:
     """Hold `data_dir` for this process alone; the kernel lets go of it however the process ends.
 
-    Returns the descriptor that holds the lock. Raises AlreadyRunning.
+    A holder may need `wait_s` of wall time for its end. Returns the descriptor that holds the lock. Raises
+    AlreadyRunning, at once when `stop` is set.
     """
+    deadline_s = time.monotonic() + wait_s
+    said = False
+    while True:
+        try:
+            return _lock(data_dir)
+        except AlreadyRunning as error:
+            if time.monotonic() >= deadline_s or (stop is not None and stop.is_set()):
+                raise
+            if not said:
+                log.info("%s; waiting up to %.0f s for its end", error.message, wait_s)
+                said = True
+        (stop or threading.Event()).wait(_LOOK_S)
+
+
+def _lock(data_dir: Path) -> int:
     data_dir.mkdir(parents=True, exist_ok=True)
     path = data_dir / "lock"
     descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
@@ -53,3 +96,30 @@ def lock_holder(data_dir: Path) -> int | None:
         return None
     finally:
         os.close(descriptor)
+
+
+def note_ending(data_dir: Path, reason: str, gave_up: bool) -> None:
+    """Keep how this process ends where `last_ending` finds it, unless another one is at work there."""
+    if lock_holder(data_dir) not in (None, os.getpid()):
+        return
+    ending = Ending(pid=os.getpid(), time_s=time.time(), reason=reason, gave_up=gave_up)
+    try:
+        data_dir.mkdir(parents=True, exist_ok=True)
+        (data_dir / _ENDING).write_text(ending.model_dump_json())
+    except OSError as error:
+        # The reason is in the log as well, and the disk may be what the process ends for.
+        log.warning("how it ended cannot be kept: %s", error)
+
+
+def last_ending(data_dir: Path) -> Ending | None:
+    """How the process of `data_dir` ended, or None when it did not end by itself since its last start."""
+    try:
+        return Ending.model_validate_json((data_dir / _ENDING).read_bytes())
+    except (OSError, ValidationError):
+        # Nobody needs it to go on: one that was cut off by a full disk is none.
+        return None
+
+
+def forget_ending(data_dir: Path) -> None:
+    """The process starts again."""
+    (data_dir / _ENDING).unlink(missing_ok=True)

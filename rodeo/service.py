@@ -10,7 +10,8 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
@@ -28,7 +29,15 @@ from rodeo.errors import (
     KeystoreMissing,
     RodeoError,
 )
-from rodeo.instance import GAVE_UP, HEARTBEAT_S, PARENT_VARIABLE, lock_instance
+from rodeo.instance import (
+    GAVE_UP,
+    HEARTBEAT_S,
+    PARENT_VARIABLE,
+    PREDECESSOR_S,
+    forget_ending,
+    lock_instance,
+    note_ending,
+)
 from rodeo.messages import Status
 from rodeo.metrics import BUS_CONNECTED, NOT_READY, READY, MetricsServer
 from rodeo.tls import identity
@@ -47,9 +56,10 @@ class Service:
     ...     service.ready()
     ...     service.stop.wait()
 
-    `data_dir` is the process's own folder: what must survive a restart lives there. `session` stands in
-    for a client session of our own (the router has one). Entering raises AlreadyRunning when another
-    instance holds the folder, and BusUnavailable when stopped before a router was there.
+    `data_dir` is the process's own folder: what must survive a restart lives there. `open_session` makes
+    what stands in for a client session of our own (the router has one). Entering raises AlreadyRunning when
+    another instance holds the folder and does not let go of it within PREDECESSOR_S, and BusUnavailable when
+    stopped before a router was there.
     """
 
     def __init__(
@@ -57,13 +67,13 @@ class Service:
         name: str,
         site: Site,
         stop: threading.Event | None = None,
-        session: zenoh.Session | None = None,
+        open_session: Callable[[], zenoh.Session] | None = None,
     ) -> None:
         self.name = name
         self.site = site
         self.stop = stop or threading.Event()
         self.data_dir: Path = site.data_dir / name
-        self._session = session
+        self._open_session = open_session
         self.bus: Bus
         self.clock: Clock
         self._started_s = time.time()
@@ -77,9 +87,10 @@ class Service:
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
-        self._instance = lock_instance(self.data_dir)
-        if self._session is not None:
-            self.bus = Bus(self._session)
+        self._instance = lock_instance(self.data_dir, PREDECESSOR_S, self.stop)
+        forget_ending(self.data_dir)
+        if self._open_session is not None:
+            self.bus = Bus(self._open_session())
         else:
             shown = identity(self.site, self.name)
             self.bus = Bus.open(self.site.bus.router, self.stop, identity=shown)
@@ -163,7 +174,7 @@ class Service:
             self._warnings.append(text)
 
     def status(self) -> Status:
-        connected = self._session is not None or self.bus.connected
+        connected = self._open_session is not None or self.bus.connected
         with self._lock:
             reason = self._reason
             if self._ready and self._ready_until_s is not None and time.monotonic() > self._ready_until_s:
@@ -202,12 +213,43 @@ class Service:
             self.bus.put_json(key, self.status())
 
 
-def main(name: str, run: Callable[[Site, threading.Event], None], description: str) -> int:
-    """The body of every `__main__.py`: arguments -> site -> `run(site, stop)`; returns the exit status."""
+def main(
+    name: str,
+    run: Callable[[Site, threading.Event], None],
+    description: str,
+    process: Callable[[Site], str] | None = None,
+) -> int:
+    """The body of every `__main__.py`: arguments -> site -> `run(site, stop)`; returns the exit status.
+
+    `process(site)` is the name of its folder and status, `name` by default.
+    """
     parser = argparse.ArgumentParser(prog=name, description=description)
     parser.add_argument("--site", type=Path, required=True, help="site file (TOML)")
     arguments = parser.parse_args()
-    return supervise(name, lambda stop: run(Site.load(arguments.site), stop))
+
+    def body(stop: threading.Event) -> None:
+        site = Site.load(arguments.site)
+        with noting_its_end(site.data_dir / (process(site) if process is not None else name), stop):
+            run(site, stop)
+
+    return supervise(name, body)
+
+
+@contextmanager
+def noting_its_end(data_dir: Path, stop: threading.Event) -> Iterator[None]:
+    """Around all that a process does: `rodeo status` then finds in `data_dir` for what error it ended."""
+    try:
+        yield
+    except (BusUnavailable, ClockUnavailable, Interrupted) as error:
+        if not stop.is_set():
+            note_ending(data_dir, str(error), gave_up=False)
+        raise
+    except RodeoError as error:
+        note_ending(data_dir, f"{error.code}: {error}", gave_up=not error.restart_cures)
+        raise
+    except Exception as error:
+        note_ending(data_dir, repr(error), gave_up=False)
+        raise
 
 
 _PR_SET_PDEATHSIG = 1

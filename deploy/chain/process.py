@@ -19,7 +19,7 @@ from deploy.chain.store import Store
 from rodeo.clock import Clock, WallClock
 from rodeo.config import Site
 from rodeo.errors import ClockUnavailable
-from rodeo.instance import HEARTBEAT_S, lock_instance
+from rodeo.instance import HEARTBEAT_S, PREDECESSOR_S, lock_instance
 from rodeo.service import Service
 
 log = logging.getLogger(__name__)
@@ -54,7 +54,7 @@ def run(site: Site, stop: threading.Event) -> None:
 
 def _run_embedded(site: Site, folder: Path, site_time: SiteTime, stop: threading.Event) -> None:
     check_not_lost(site, folder / "chain.sqlite")
-    lock_instance(folder)
+    lock_instance(folder, PREDECESSOR_S, stop)
     store = Store(folder / "chain.sqlite")
     ledger = Ledger(store, site.chain.id, int(time.time()), site_time.now_s)
     log.info("chain %d at block %d on %s", site.chain.id, ledger.head.block_number, site.chain.url)

@@ -77,6 +77,8 @@ class Demo:
                     f"gave up while {what}", limit_s=self.limit_s, problems=self.launcher.problems()
                 )
             self.launcher.poll()
+            if given_up := self.launcher.given_up():
+                raise DemoFailed(f"gave up while {what}", problems=given_up)
             live.update(self.view())
             self.changed.wait(0.2)
             self.changed.clear()

@@ -27,14 +27,14 @@ from rodeo.bus import Bus, validate
 from rodeo.cli.common import DEFAULT_SITE, JsonOption, SiteOption, console, print_json, reports_errors
 from rodeo.config import Site
 from rodeo.errors import BusUnavailable, RodeoError
-from rodeo.instance import HEARTBEAT_S, lock_holder
+from rodeo.instance import HEARTBEAT_S, forget_ending, last_ending, lock_holder
 from rodeo.messages import Status
 from rodeo.tls import OPERATOR, bus_is_closed, identity, openness
 
 LOST_S = 3 * HEARTBEAT_S
 """A heartbeat older than this says nothing about now."""
 
-COLOURS = {"ready": "green", "not ready": "yellow", "lost": "red", "down": "red"}
+COLOURS = {"ready": "green", "not ready": "yellow", "lost": "red", "down": "red", "gave up": "red"}
 
 _REFRESH_S = 0.25
 
@@ -49,9 +49,9 @@ class Row:
 
     name: str
     state: str
-    """ready, not ready, lost (its heartbeat stopped) or down"""
+    """ready, not ready, lost (its heartbeat stopped), down, or gave up (no restart cures it)"""
     reason: str = ""
-    """Why it is not ready."""
+    """Why it is not ready, or for what it ended."""
     status: Status | None = None
     """Its last heartbeat."""
     here: bool = True
@@ -147,8 +147,17 @@ def read_rows(site: Site, timeout_s: float = 5.0) -> list[Row]:
         elif pid is not None:
             rows.append(Row(process.name, "not ready", f"process {pid} runs, but {silence}"))
         else:
-            rows.append(Row(process.name, "down", "not running"))
+            rows.append(_ended(site, process.name))
     return rows
+
+
+def _ended(site: Site, name: str) -> Row:
+    ending = last_ending(site.data_dir / name)
+    if ending is None:
+        return Row(name, "down", "not running")
+    if ending.gave_up:
+        return Row(name, "gave up", ending.reason)
+    return Row(name, "down", f"ended: {ending.reason}")
 
 
 def _ask(bus: Bus, org: str, timeout_s: float) -> dict[str, Status]:
@@ -209,6 +218,7 @@ def launcher_rows(launcher: Launcher, watcher: StatusWatcher) -> list[Row]:
     Heartbeats of others are left out: another site on the same router has processes of the same names.
     """
     statuses, running, problems = watcher.statuses(), launcher.running(), launcher.problems()
+    given_up = launcher.given_up()
     starting = "starting"
     if "router" not in running and not watcher.connected:
         starting += f"; no router at {launcher.site.bus.router}"
@@ -216,7 +226,9 @@ def launcher_rows(launcher: Launcher, watcher: StatusWatcher) -> list[Row]:
     for process in launcher.selected():
         name = process.name
         status, pid, problem = statuses.get(name), running.get(name), problems.get(name)
-        if pid is None:
+        if name in given_up:
+            rows.append(Row(name, "gave up", given_up[name]))
+        elif pid is None:
             rows.append(Row(name, "down", problem or ""))
         elif status is not None and status.pid == pid:
             rows.append(_heard(name, status))
@@ -261,6 +273,7 @@ def _row_json(site: Site, row: Row) -> dict[str, Any]:
         "pid": pid,
         "here": row.here,
         "ready": row.state == "ready",
+        "gave_up": row.state == "gave up",
         "reason": row.reason,
         "activity": status and status.activity,
         "warnings": status.warnings if status is not None else [],
@@ -315,6 +328,9 @@ def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 120.0) -
     if any(lock_holder(folder) is None for folder in launcher.lock_folders()):
         make_keys(launcher.site)
         launcher.logs.mkdir(parents=True, exist_ok=True)
+        for name in wanted:
+            if lock_holder(folder := launcher.site.data_dir / name) is None:
+                forget_ending(folder)
         with open(launcher.logs / "launcher.log", "ab") as output:
             child = subprocess.Popen(
                 [sys.executable, "-m", "rodeo", "up", "--site", str(site_path), *names],
@@ -327,6 +343,11 @@ def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 120.0) -
     deadline_s = time.monotonic() + timeout_s
     while True:
         rows = [row for row in read_rows(launcher.site) if row.name in wanted]
+        if reasons := [f"{row.name}: {row.reason}" for row in rows if row.state == "gave up"]:
+            console.print(status_table(rows))
+            going_on = any(lock_holder(folder) is not None for folder in launcher.lock_folders())
+            rest = "; the others go on until `rodeo down`" if going_on else ""
+            raise NotUp(f"no restart cures what ended: {'; '.join(reasons)}{rest}")
         if child is not None and child.poll() is not None:
             last = "\n".join(log_tail(launcher.site, "launcher"))
             raise NotUp(f"the launcher ended; its log ends so:\n{last}")

@@ -26,6 +26,8 @@ Vec3 = tuple[float, float, float]
 class UnknownShape(RodeoError):
     """The item's class has no such shape."""
 
+    restart_cures = False
+
 
 class NotGraspable(RodeoError):
     """No pair of opposite sides of the item, as it lies, fits between the fingers from above."""

@@ -397,10 +397,19 @@ def _add_item(spec: mujoco.MjSpec, item: ItemConfig) -> None:
 
 
 def robot_spec(robot: RobotConfig) -> mujoco.MjSpec:
-    """The robot as the lab has it, its base fixed at the origin, names without prefix, open to changes."""
+    """The robot as the lab has it, its base fixed at the origin, names without prefix, open to changes.
+
+    Raises ConfigError when its file describes no robot with a base_link.
+    """
     # A URDF has no actuators and no contact parameters.
     mjcf = robot.kinematics if robot.kinematics and robot.kinematics.suffix == ".xml" else ROBOT_XML
-    return mujoco.MjSpec.from_file(str(mjcf))
+    try:
+        spec = mujoco.MjSpec.from_file(str(mjcf))
+    except ValueError as error:
+        raise ConfigError(f"not a usable robot: {error}", kinematics=str(mjcf)) from error
+    if spec.body("base_link") is None:
+        raise ConfigError("not a usable robot: it has no body base_link", kinematics=str(mjcf))
+    return spec
 
 
 def _add_robot(spec: mujoco.MjSpec, robot: RobotConfig) -> None:

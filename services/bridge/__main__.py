@@ -6,4 +6,6 @@ from rodeo.service import main
 from services.bridge.service import run
 
 if __name__ == "__main__":
-    sys.exit(main("bridge", run, "Signs, sends and indexes for the site's participants."))
+    sys.exit(
+        main("bridge", run, "Signs, sends and indexes for the participants.", lambda site: site.bridge.name)
+    )

@@ -29,7 +29,7 @@ from rodeo.chain import (
 )
 from rodeo.chain.client import connect, require_chain
 from rodeo.config import Site, WalletLimits
-from rodeo.errors import ClockUnavailable, ConfigError, RodeoError, WalletError
+from rodeo.errors import ClockUnavailable, ConfigError, KeystoreMissing, RodeoError, WalletError
 from rodeo.evidence import Store
 from rodeo.messages import DaoEvent
 from rodeo.metrics import LATENCY_BUCKETS_S
@@ -141,7 +141,12 @@ class Bridge:
                 self._not_ready(f"deployment record does not fit: run python -m deploy.contracts ({error})")
             except (ChainUnavailable, RpcFailed) as error:
                 self._not_ready(f"no node at {self._site.chain.url}: {error}")
-            except (ChainError, ChainReorganized, JournalDamaged, WalletError) as error:
+            except KeystoreMissing as error:
+                self._not_ready(str(error))
+            except WalletError:
+                # The passphrase comes with the environment: this process will not see another one.
+                raise
+            except (ChainError, ChainReorganized, JournalDamaged) as error:
                 self._not_ready(str(error))
             except DBAPIError as error:
                 self._not_ready(f"the index's database does not answer: {error.orig}")

@@ -2,10 +2,11 @@
 
 import argparse
 import sys
+import threading
 from pathlib import Path
 
-from rodeo.config import Site
-from rodeo.service import supervise
+from rodeo.config import Site, agent_process
+from rodeo.service import noting_its_end, supervise
 from services.robot_agent.process import run
 
 
@@ -15,7 +16,14 @@ def main() -> int:
     parser.add_argument("--robot", help="the robot to drive; the site's first by default")
     arguments = parser.parse_args()
     name = f"robot_agent {arguments.robot}" if arguments.robot else "robot_agent"
-    return supervise(name, lambda stop: run(Site.load(arguments.site), arguments.robot, stop))
+
+    def body(stop: threading.Event) -> None:
+        site = Site.load(arguments.site)
+        process = agent_process(site, arguments.robot or site.robots[0].name)
+        with noting_its_end(site.data_dir / process, stop):
+            run(site, arguments.robot, stop)
+
+    return supervise(name, body)
 
 
 if __name__ == "__main__":

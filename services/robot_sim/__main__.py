@@ -1,9 +1,10 @@
 import argparse
 import sys
+import threading
 from pathlib import Path
 
 from rodeo.config import Site
-from rodeo.service import supervise
+from rodeo.service import noting_its_end, supervise
 from services.robot_sim.process import run
 
 parser = argparse.ArgumentParser(
@@ -14,10 +15,18 @@ parser.add_argument(
     "--fresh", action="store_true", help="begin a new world instead of going on with the saved one"
 )
 arguments = parser.parse_args()
+
+
+def body(stop: threading.Event) -> None:
+    site = Site.load(arguments.site)
+    with noting_its_end(site.data_dir / "robot_sim", stop):
+        run(site, stop, fresh=arguments.fresh)
+
+
 sys.exit(
     supervise(
         "robot_sim",
-        lambda stop: run(Site.load(arguments.site), stop, fresh=arguments.fresh),
+        body,
         stop_s=2.5,  # the world is on disk after every control period
     )
 )

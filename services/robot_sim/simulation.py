@@ -76,11 +76,12 @@ class SimRobot:
 
     @property
     def description(self) -> str:
-        """Its URDF: the site's, or the model's as one."""
+        """Its URDF: the site's, or the model's as one. Raises ConfigError for what a mind could not use."""
         kinematics = self.config.kinematics
+        model = robot_model(kinematics)
         if kinematics is not None and kinematics.suffix == ".urdf":
             return kinematics.read_text()
-        return to_urdf(robot_model(kinematics), self.config.name)
+        return to_urdf(model, self.config.name)
 
     def command(self, twist: Twist2, now_s: float) -> None:
         """A velocity command; while the emergency stop is engaged it is not heard."""

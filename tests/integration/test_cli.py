@@ -8,6 +8,7 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
@@ -163,6 +164,23 @@ def test_a_port_that_is_taken_is_said_where_the_user_looks(site_path: Path) -> N
         line = line_with(command.stdout, "router down")
         command.terminate()
     assert "port_unavailable" in line and str(port) in line and "in use" in line
+
+
+def test_what_no_restart_cures_is_told_at_once_and_stays_in_status(site_path: Path) -> None:
+    with site_path.open("a") as file:
+        file.write(
+            '[[items]]\nid = "cup"\nclass = "metal"\nshape = "teapot"\npose = { x_m = 3.0, y_m = 1.0 }\n'
+        )
+    started_s = time.monotonic()
+    told = rodeo(site_path, "up", "--detach", "router", "robot_sim", status=1)
+    assert time.monotonic() - started_s < 60.0
+    assert "unknown_shape" in told.stderr and "teapot" in told.stderr and "rodeo down" in told.stderr
+    row = processes(site_path, status=1)["robot_sim"]
+    assert row["gave_up"] and "teapot" in row["reason"]
+    log = (Site.load(site_path).data_dir / "logs" / "robot_sim.log").read_text()
+    assert log.count("teapot") == 1 and "ready" not in log
+    rodeo(site_path, "down")
+    assert processes(site_path, status=1)["robot_sim"]["gave_up"]
 
 
 def test_down_also_ends_the_launcher_of_a_single_process(site_path: Path) -> None:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from rodeo.errors import ConfigError
+from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.urdf import to_urdf
-from rodeo.lab.world import CAMERA_SITE, GRASP_SITE, robot_model
+from rodeo.lab.world import CAMERA_SITE, GRASP_SITE, robot_model, robot_spec
 
 
 @pytest.fixture
@@ -52,4 +53,15 @@ def test_a_file_without_a_usable_robot_is_refused(tmp_path: Path, text: str) -> 
     path.write_text(text)
     with pytest.raises(ConfigError) as refused:
         robot_model(path)
+    assert refused.value.details["kinematics"] == str(path)
+
+
+@pytest.mark.parametrize(
+    "text", ["<mujoco/>", "<mujoco", "", "<mujoco><worldbody><body name='base'/></worldbody></mujoco>"]
+)
+def test_a_body_that_no_lab_can_hold_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "robot.xml"
+    path.write_text(text)
+    with pytest.raises(ConfigError) as refused:
+        robot_spec(RobotConfig(kinematics=path, pose=Pose2(x_m=1, y_m=1)))
     assert refused.value.details["kinematics"] == str(path)
