@@ -243,9 +243,9 @@ class AllowKind(Command):
     @model_validator(mode="after")
     def _has_a_judge(self) -> Self:
         if self.allowed != (self.review is not None):
-            raise ValueError("allowing a kind says who judges it (review), and disallowing it does not")
+            raise ValueError("review is needed to allow a kind, and only then")
         if (self.audit_window_s is None) != (self.at_silence is None):
-            raise ValueError("audit_window_s and at_silence go together")
+            raise ValueError("audit_window_s and at_silence go together: say both or none")
         return self
 
 

@@ -14,12 +14,16 @@ RodeoError
 
 from __future__ import annotations
 
+import os
+import socket
+import ssl
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from typing import Any
 
 import requests
+import urllib3
 from eth_abi import decode
 from eth_abi.exceptions import DecodingError
 from eth_utils import to_bytes
@@ -27,7 +31,7 @@ from eth_utils.abi import abi_to_signature, collapse_if_tuple, function_signatur
 from web3.exceptions import ContractLogicError, Web3Exception, Web3RPCError
 
 from rodeo.chain import artifacts
-from rodeo.chain.types import to_json, values
+from rodeo.chain.types import from_wei, to_json, values
 from rodeo.errors import RodeoError, snake_case
 
 
@@ -43,15 +47,30 @@ class RpcFailed(ChainError):
     """The node answered with an error that is no revert; `details` has its code and sentence."""
 
 
+_AMOUNTS = frozenset({"price", "amount", "bond", "penalty", "balance", "needed", "allowance"})
+"""Arguments of errors that are wei of IECoin, whichever error it is."""
+_AMOUNTS_OF = {
+    "InvalidPrice": {"unit", "max"},
+    "InvalidAmount": {"max"},
+    "WrongAmountReceived": {"expected", "received"},
+}
+"""The same where another error's argument of that name is something else."""
+
+
 class ContractReverted(ChainError):
     """A contract refused. Nothing changed.
 
     `code` is the error's name in snake case (`wrong_state`), `args` its values in the types of
-    `rodeo.chain.types`, `details` the same for JSON.
+    `rodeo.chain.types`, `details` the same for JSON, where amounts are decimal strings named `..._iec`.
     """
 
     def __init__(self, name: str, args: dict[str, Any]) -> None:
-        super().__init__(f"the contract refused: {name}", **{key: to_json(arg) for key, arg in args.items()})
+        amounts = _AMOUNTS | _AMOUNTS_OF.get(name, set())
+        details = {
+            f"{key}_iec" if key in amounts else key: f"{from_wei(arg):f}" if key in amounts else to_json(arg)
+            for key, arg in args.items()
+        }
+        super().__init__(f"the contract refused: {name}", **details)
         self.name = name
         self.args_by_name = args
 
@@ -87,6 +106,10 @@ _BUILT_IN: dict[bytes, dict[str, Any]] = {
     bytes.fromhex("4e487b71"): {"name": "Panic", "inputs": [{"name": "panicCode", "type": "uint256"}]},
 }
 """What Solidity itself reverts with: `require(condition, "sentence")`, and failed assertions."""
+
+
+_LONGEST_REASON = 120
+"""Characters of another library's sentence."""
 
 
 @cache
@@ -129,7 +152,28 @@ def translated() -> Iterator[None]:
     except Web3Exception as error:
         raise RpcFailed("the node's answer cannot be used", reason=str(error)) from error
     except (requests.RequestException, OSError) as error:
-        raise ChainUnavailable("the node does not answer", reason=str(error)) from error
+        raise ChainUnavailable("the node does not answer", reason=why_unanswered(error)) from error
+
+
+def why_unanswered(error: BaseException) -> str:
+    """Why there was no answer, in a few words: what lies at the bottom of the HTTP libraries' exceptions."""
+    causes = [error]
+    for cause in causes:
+        inner = (*cause.args, getattr(cause, "reason", None), cause.__cause__, cause.__context__)
+        causes += [one for one in inner if isinstance(one, BaseException) and one not in causes]
+    for cause in reversed(causes):
+        if isinstance(cause, socket.gaierror):
+            return "nobody knows this host name"
+        if isinstance(cause, ssl.SSLError):
+            return "TLS failed: " + (cause.reason or "no secure connection").lower().replace("_", " ")
+        if isinstance(cause, TimeoutError | urllib3.exceptions.TimeoutError | requests.Timeout):
+            return "no answer in time"
+        if isinstance(cause, OSError) and cause.errno is not None:
+            return os.strerror(cause.errno).lower()
+        if isinstance(cause, ValueError) and not isinstance(cause, OSError | urllib3.exceptions.HTTPError):
+            return "what answers there is no Ethereum node"
+    first = str(causes[-1]).partition("\n")[0]
+    return first[:_LONGEST_REASON] or type(error).__name__
 
 
 def _revert_data(error: ContractLogicError) -> bytes:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,9 +16,11 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from rodeo import topics
 from rodeo.bus import Bus
+from rodeo.cli import words
 from rodeo.config import Site
-from rodeo.errors import RodeoError
+from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.tls import OPERATOR, identity
 
 P = ParamSpec("P")
@@ -33,6 +36,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for program
 DEFAULT_SITE = Path("deploy/sites/lab.toml")
 
 _CONNECT_S = 3.0
+_ADDRESS = re.compile(r"^0x[0-9a-fA-F]{40}$")
 
 _HINTS = {
     "bus_unavailable": "`rodeo up` starts the site; --site FILE or RODEO_SITE names another",
@@ -40,6 +44,7 @@ _HINTS = {
     "bridge_not_ready": "`rodeo status` tells what is missing",
     "config_error": "--site FILE or RODEO_SITE names the site file",
     "already_running": "`rodeo status` shows it, `rodeo down` stops it",
+    "reward_below_price": "offer more with --reward, or say --wait to queue the task until somebody takes it",
 }
 """What to do about an error, by its code."""
 
@@ -53,7 +58,8 @@ def reports_errors(command: Callable[P, T]) -> Callable[P, T]:
         try:
             return command(*args, **kwargs)
         except RodeoError as error:
-            errors.print(f"[bold red]{error.code}[/]: {escape(str(error))}", highlight=False, soft_wrap=True)
+            sentence = words.explain(error, words.options_of(command))
+            errors.print(f"[bold red]{error.code}[/]: {escape(sentence)}", highlight=False, soft_wrap=True)
             if (hint := _HINTS.get(error.code)) is not None:
                 errors.print(f"[dim]{hint}[/]", highlight=False, soft_wrap=True)
             raise typer.Exit(1) from error
@@ -66,7 +72,30 @@ def connected(site_path: Path) -> Iterator[tuple[Site, Bus]]:
     """The site and a bus session on it. Raises ConfigError or BusUnavailable."""
     site = Site.load(site_path)
     with Bus.open(site.bus.router, timeout_s=_CONNECT_S, identity=identity(site, OPERATOR)) as bus:
-        yield site, bus
+        try:
+            yield site, bus
+        except RemoteError as error:
+            error.details = _named(bus, site.org, error.details)
+            raise
+
+
+def _named(bus: Bus, org: str, details: dict[str, Any]) -> dict[str, Any]:
+    """`details` with the names of participants for their addresses, as far as the bridge knows them."""
+    if not any(isinstance(value, str) and _ADDRESS.match(value) for value in details.values()):
+        return details
+    try:
+        reply = bus.query(topics.STATE.name(org=org, what="participants"), timeout_s=_CONNECT_S)
+    except (BusError, RemoteError):
+        return details  # the error itself is what the caller has to hear of
+    names = {one["address"]: one["name"] for one in reply["participants"] if one["name"]}
+    return {
+        key: names.get(value, value) if isinstance(value, str) else value for key, value in details.items()
+    }
+
+
+def say(sentence: str) -> None:
+    """A line for people; whatever stands in it is text, never markup."""
+    console.print(escape(sentence), highlight=False, soft_wrap=True)
 
 
 def print_json(value: Any) -> None:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from datetime import UTC, datetime
+import textwrap
+from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
-from rich.table import Table
+from rich.text import Text
 
+from rodeo.cli import words
 from rodeo.cli.common import (
     DEFAULT_SITE,
     JsonOption,
@@ -21,13 +23,18 @@ from rodeo.cli.common import (
     errors,
     print_json,
     reports_errors,
+    say,
 )
+from rodeo.cli.layout import Row, lines
+from rodeo.cli.words import iec, plain
 from rodeo.config import Site
 from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
 from rodeo.photo_code import photo_code
+from services.console.words import count, span
 
 if TYPE_CHECKING:
     from services.oracle.chain_view import View
+    from services.oracle.report import Report
 
 tasks = typer.Typer(help="Post, list, show and cancel tasks.", no_args_is_help=True)
 services = typer.Typer(help="What participants offer.", no_args_is_help=True)
@@ -42,12 +49,7 @@ STATE_COLOURS = {
     "failed": "red",
 }
 
-RESULT_COLOURS = {
-    "passed": "[green]passed[/]",
-    "FAILED": "[bold red]FAILED[/]",
-    "undecided": "[bold yellow]undecided[/]",
-    "skipped": "[dim]skipped[/]",
-}
+RESULT_STYLES = {"passed": "green", "FAILED": "bold red", "undecided": "bold yellow", "skipped": "dim"}
 
 ParticipantOption = Annotated[str, typer.Option("--as", help="Whose wallet pays and signs.")]
 
@@ -81,7 +83,7 @@ def create(
     if as_json:
         print_json(reply)
     else:
-        console.print(f"task [bold]{reply['task_id']}[/] posted in block {reply['block']}")
+        say(f"Task {reply['task_id']} is posted, and {iec(reward)} are in escrow for it.")
 
 
 @tasks.command("list")
@@ -104,20 +106,34 @@ def list_tasks(
     if as_json:
         print_json(reply)
         return
-    table = Table("id", "kind", "state", "attempt", "creator", "executor", "reward", "paid", box=None)
-    for task in reply["tasks"]:
-        table.add_row(
-            str(task["id"]),
-            task["kind"],
-            _coloured(task["state"]),
-            f"{task['attempt']}/{task['max_attempts']}",
-            _party(task, "creator"),
-            _party(task, "executor"),
-            iec(task["reward_iec"]),
-            iec(task["paid_iec"]),
-        )
-    console.print(table)
-    console.print(f"[dim]{len(reply['tasks'])} of {reply['total']}[/]")
+    columns = ("id", "kind", "state", "try", "creator", "executor", "reward", "paid")
+    rows = [_task_row(task) for task in reply["tasks"]]
+    for line in lines(columns, rows, console.width, folds=(1, 4, 5)):
+        console.print(line, soft_wrap=True)
+    say(f"{len(reply['tasks'])} of {count(reply['total'], 'task')}")
+
+
+def _task_row(task: dict[str, Any]) -> Row:
+    cells = (
+        str(task["id"]),
+        task["kind"],
+        task["state"],
+        f"{task['attempt']}/{task['max_attempts']}",
+        _party(task, "creator"),
+        _party(task, "executor"),
+        iec(task["reward_iec"]),
+        iec(task["paid_iec"]) if Decimal(task["paid_iec"]) else "",
+    )
+    return Row(cells, {2: STATE_COLOURS.get(task["state"], "")}, _why(task))
+
+
+def _why(task: dict[str, Any]) -> str:
+    """Why the last attempt did not succeed, where it did not."""
+    if task["verdict"] in ("rejected", "undecided") and task["reason"]:
+        return str(task["reason"])
+    if task["verdict"] == "expired":
+        return str(task["reason"] or "the executor handed in no proof in time, or nobody judged it in time")
+    return ""
 
 
 @tasks.command("show")
@@ -129,22 +145,55 @@ def show(task_id: int, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = Fa
     if as_json:
         print_json(task)
         return
+    rows = [Row((label, text), {0: "bold"}) for label, text in _told(task, loaded) if text]
+    for line in lines(("", ""), rows, console.width, folds=(1,))[1:]:
+        console.print(line, soft_wrap=True)
+
+
+def _told(task: dict[str, Any], site: Site) -> list[tuple[str, str]]:
+    """All that is known of a task, in words and in the order in which it happens."""
     from rodeo.dao import is_peoples  # takes its time to import
 
-    table = Table(box=None, show_header=False)
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
-    for name, value in task.items():
-        if value is None or value == "":
-            continue
-        if name in ("registered", "assigned", "proof_submitted", "settled") or name.endswith("_deadline"):
-            value = datetime.fromtimestamp(value, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
-        elif isinstance(value, dict):
-            value = json.dumps(value)
-        table.add_row(name, _coloured(value) if name == "state" else escape(str(value)))
+    def moment(name: str) -> str:
+        return "" if task[name] is None else words.moment(task[name], site)
+
+    state = task["state"]
+    ended = state in ("settled", "failed", "cancelled")
+    due = {"assigned": "execution_deadline", "submitted": "verdict_deadline", "undecided": "audit_deadline"}
+    verdict = task["verdict"] or ""
+    own = task["reason"] and task["reason"] != verdict
+    told = [
+        ("task", str(task["id"])),
+        ("kind", task["kind"]),
+        ("description", task["description"]),
+        ("parameters", plain(task["params"])),
+        ("state", state),
+        ("due by", moment(due[state]) if state in due else ""),
+        ("attempt", f"{task['attempt']} of {task['max_attempts']}" if task["attempt"] else ""),
+        ("attempts", "" if task["attempt"] else f"none yet, {task['max_attempts']} at most"),
+        ("verdict", f"{verdict}: {task['reason']}" if own else verdict),
+        ("reward", f"{iec(task['reward_iec'])} by {_party(task, 'creator')}"),
+        ("executor", _party(task, "executor")),
+        ("service", "" if task["service_id"] is None else str(task["service_id"])),
+        ("price", iec(task["price_iec"]) if task["price_iec"] is not None else ""),
+        ("paid", iec(task["paid_iec"]) if ended else ""),
+        ("refunded", iec(task["refunded_iec"]) if ended else ""),
+        ("posted", moment("registered")),
+        ("assigned", moment("assigned")),
+        ("proof handed in", moment("proof_submitted")),
+        ("settled", moment("settled")),
+        ("time to work", span(task["execution_window_s"])),
+        ("time to judge", span(task["verdict_window_s"])),
+        ("without a word", f"the {task['at_silence']} wins" if task["at_silence"] else ""),
+        ("proof", task["proof_sha256"] or ""),
+        ("proof at", task["proof_uri"] or ""),
+        ("report", task["report_sha256"] or ""),
+        ("report at", task["report_uri"] or ""),
+        ("nonce", task["nonce"] or ""),
+    ]
     if task["nonce"] and is_peoples(task["kind"]):
-        table.add_row("photo_code", photo_code(task["nonce"]))
-    console.print(table)
+        told.append(("photo code", photo_code(task["nonce"])))
+    return told
 
 
 @tasks.command("cancel")
@@ -155,7 +204,7 @@ def cancel(
     """Cancel a task that nobody has been assigned; its reward comes back."""
     with connected(site) as (loaded, bus):
         bus.query(f"rodeo/{loaded.org}/wallet/{participant}/cancel_task", {"task_id": task_id}, timeout_s=30)
-    console.print(f"task {task_id} cancelled")
+    say(f"Task {task_id} is cancelled; its reward is back with {participant}.")
 
 
 @services.command("list")
@@ -167,16 +216,12 @@ def list_services(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) 
     if as_json:
         print_json(reply)
         return
-    table = Table("id", "kind", "provider", "price", "state", box=None)
-    for service in reply["services"]:
-        table.add_row(
-            str(service["id"]),
-            service["kind"],
-            _party(service, "provider"),
-            iec(service["price_iec"]),
-            service["state"],
-        )
-    console.print(table)
+    rows = [
+        Row((str(one["id"]), one["kind"], _party(one, "provider"), iec(one["price_iec"]), one["state"]))
+        for one in reply["services"]
+    ]
+    for line in lines(("id", "kind", "provider", "price", "state"), rows, console.width, folds=(1, 2)):
+        console.print(line, soft_wrap=True)
 
 
 ServiceArgument = Annotated[
@@ -271,10 +316,9 @@ def wallet(
     if as_json:
         print_json(wallets if name is None else wallets[0])
         return
-    table = Table("name", "address", "balance", box=None)
-    for entry in wallets:
-        table.add_row(entry["name"], entry["address"], iec(entry["balance_iec"]))
-    console.print(table)
+    rows = [Row((one["name"], iec(one["balance_iec"]), one["address"])) for one in wallets]
+    for line in lines(("name", "balance", "address"), rows, console.width, folds=(0,)):
+        console.print(line, soft_wrap=True)
 
 
 @reports_errors
@@ -285,6 +329,10 @@ def verify(
     site: SiteOption = DEFAULT_SITE,
     offline: Annotated[
         bool, typer.Option("--offline", help="Skip what only the chain knows; do not ask the bridge.")
+    ] = False,
+    verbose: Annotated[
+        bool,
+        typer.Option("--verbose", "-v", help="Say of each check its limit, where that comes from, and more."),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -305,15 +353,46 @@ def verify(
     if as_json:
         print_json(report.model_dump(mode="json") | {"warnings": known.warnings})
     else:
-        table = Table(box=None)
-        for column in ("check", "", "measured", "limit", "the limit's source", "about"):
-            table.add_column(column, no_wrap=column == "check")
-        for name, result, *values in report.rows():
-            table.add_row(name, RESULT_COLOURS[result], *map(escape, values))
-        console.print(table)
-        console.print(f"[bold]{report.outcome}[/]: {escape(report.reason)}")
+        for line in _check_lines(report, console.width, verbose):
+            console.print(line, soft_wrap=True)
+        console.print(
+            f"[bold]{report.outcome}[/]: {escape(_outcome(report))}", highlight=False, soft_wrap=True
+        )
     if not report.accepted:
         raise typer.Exit(1)
+
+
+def _check_lines(report: Report, width: int, verbose: bool) -> Iterator[Text]:
+    """A line for each check; with `verbose` what it compared with follows in full."""
+    names = max((len(check.name) for check in report.checks), default=0)
+    for check, (name, result, measured, limit, source, about) in zip(
+        report.checks, report.rows(), strict=True
+    ):
+        line = Text(f"{result:9}  ", style=RESULT_STYLES[result]) + Text(f"{name:{names}}  ", style="")
+        if not verbose:
+            told = "  ".join(text for text in (measured, about) if text)
+            line.append(told, style="bold" if check.passed is False else "dim")
+            line.truncate(width, overflow="ellipsis")
+            line.rstrip()
+            yield line
+            continue
+        line.append(measured)
+        yield line
+        indent = " " * 11
+        against = f"limit {limit}" if limit else ""
+        whence = f"from: {source}" if source else ""
+        for text in (about, "; ".join(one for one in (against, whence) if one)):
+            for part in textwrap.wrap(text, width, initial_indent=indent, subsequent_indent=indent):
+                yield Text(part, style="dim")
+
+
+def _outcome(report: Report) -> str:
+    """Why, or how much was asked where nothing failed."""
+    if not report.accepted:
+        return report.reason
+    skipped = sum(check.passed is None for check in report.checks)
+    passed = count(len(report.checks) - skipped, "check") + " passed"
+    return passed + (f", {skipped} were skipped" if skipped else "")
 
 
 def _chain_view(site_path: Path, file: Path) -> View:
@@ -326,11 +405,6 @@ def _chain_view(site_path: Path, file: Path) -> View:
             return view(file, site, Participant(bus, site.org, ORGANIZATION))
     except (BusError, RemoteError) as error:
         return View(None, [f"what only the chain knows is skipped: {error}"])
-
-
-def iec(amount: str) -> str:
-    """A decimal string of IEC for people."""
-    return f"{Decimal(amount):,.2f}".rstrip("0").rstrip(".") + " IEC"
 
 
 def _task_params(site: Site, item_id: str | None, params: str | None) -> dict[str, Any]:
@@ -349,10 +423,6 @@ def _task_params(site: Site, item_id: str | None, params: str | None) -> dict[st
             raise MalformedJson("--params is not a JSON object")
         values |= given
     return values
-
-
-def _coloured(state: str) -> str:
-    return f"[{STATE_COLOURS.get(state, 'white')}]{state}[/]"
 
 
 def _party(entry: dict[str, Any], role: str) -> str:

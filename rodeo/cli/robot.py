@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.markup import escape
-from rich.table import Table
 
 from rodeo import topics
 from rodeo.cli.common import (
@@ -19,7 +17,11 @@ from rodeo.cli.common import (
     console,
     print_json,
     reports_errors,
+    say,
 )
+from rodeo.cli.layout import Row, lines
+from rodeo.cli.words import plain
+from services.console.words import span
 
 robots = typer.Typer(help="Order robots, and see how they are.", no_args_is_help=True)
 
@@ -42,10 +44,29 @@ def _ask(site: Path, name: str, order: str) -> dict[str, Any]:
 
 def _command(order: str) -> Callable[..., None]:
     def command(name: NameArgument, site: SiteOption = DEFAULT_SITE) -> None:
-        state = _ask(site, name, order)
-        console.print(f"{name}: {order} ordered; {escape(str(state['activity']))}", highlight=False)
+        say(_taken(name, order, _ask(site, name, order)))
 
     return command
+
+
+def _taken(name: str, order: str, state: dict[str, Any]) -> str:
+    """What the robot does now that it took the order."""
+    task_id = state.get("task_id")
+    resume = f"`rodeo robot resume {name}` lets it work again."
+    match order:
+        case "pause" if task_id is not None:
+            return f"{name} finishes task {task_id} and takes no new work then. {resume}"
+        case "pause":
+            return f"{name} is paused and takes no new work. {resume}"
+        case "resume":
+            return f"{name} may work again."
+        case "charge" if task_id is not None:
+            return f"{name} buys a charge as soon as it has finished task {task_id}."
+        case "charge":
+            return f"{name} buys a charge now."
+        case "cancel":
+            return f"{name} gives up its attempt at task {task_id}."
+    return f"{name} stands still. {resume}"
 
 
 for _order, _help in ORDERS.items():
@@ -60,10 +81,36 @@ def state(name: NameArgument, site: SiteOption = DEFAULT_SITE, as_json: JsonOpti
     if as_json:
         print_json(answer)
         return
-    table = Table(box=None, show_header=False)
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
-    for key, value in answer.items():
-        if value is not None:
-            table.add_row(key, escape(str(value)))
-    console.print(table)
+    rows = [Row((label, text), {0: "bold"}) for label, text in _told(answer) if text]
+    for line in lines(("", ""), rows, console.width, folds=(1,))[1:]:
+        console.print(line, soft_wrap=True)
+
+
+def _told(state: dict[str, Any]) -> list[tuple[str, str]]:
+    """The robot's answer in words; a number that it does not know is left out."""
+    orders = {"paused": "take no new work", "stopped": "stand still", "charge_ordered": "buy a charge"}
+    standing = ", ".join(words for name, words in orders.items() if state.pop(name, False)) or "none"
+    known = [
+        ("robot", "{}", "robot"),
+        ("does", "{}", "activity"),
+        ("done", "{:.0%}", "progress"),
+        ("task", "{}", "task_id"),
+        ("attempt", "{}", "attempt"),
+        ("battery", "{:.0%}", "soc"),
+        ("on the dock", "{}", "docked"),
+        ("driven", "{:.3f} km", "driven_km"),
+        ("power at work", "{:.0f} W", "working_w"),
+    ]
+    if (left_s := state.pop("eta_s", None)) is not None:
+        state["time left"] = span(left_s)
+    told = [(label, _text(form, state.pop(name, None))) for label, form, name in known]
+    told.insert(2, ("orders", standing))
+    return told + [
+        (name.replace("_", " "), plain(value)) for name, value in state.items() if value is not None
+    ]
+
+
+def _text(form: str, value: Any) -> str:
+    if value is None:
+        return ""
+    return plain(value) if form == "{}" else form.format(value)

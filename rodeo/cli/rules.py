@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
 import typer
-from rich.markup import escape
-from rich.table import Table
 
 from rodeo import topics
 from rodeo.cli.common import (
@@ -19,10 +16,14 @@ from rodeo.cli.common import (
     console,
     print_json,
     reports_errors,
+    say,
 )
-from rodeo.cli.organization import ParticipantOption, iec
+from rodeo.cli.layout import Row, lines
+from rodeo.cli.organization import ParticipantOption
+from rodeo.cli.words import iec, moment
 from rodeo.errors import InvalidRequest
 from rodeo.messages import Policy, RoleName
+from services.console.words import count, span
 
 rules = typer.Typer(
     help="The organization's rules, members, devices and treasury: for whoever has the role on its contract.",
@@ -43,30 +44,52 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
     if as_json:
         print_json(state)
         return
-    table = Table(box=None, show_header=False)
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
     terms = state["terms"]
-    table.add_row("address", state["address"])
-    table.add_row("treasury", iec(state["treasury_iec"]))
-    table.add_row("policy", state["policy"])
-    table.add_row(
-        "terms of new services",
-        f"bond {iec(terms['bond_iec'])}, penalty {iec(terms['penalty_iec'])}, "
-        f"suspended after {terms['max_failures'] or 'any number of'} failures",
-    )
-    table.add_row("open to", "members" if state["members_only"] else "everybody")
-    for kind in state["kinds"]:
-        allowed = "judged by " + kind["review"] if kind["allowed"] else "not accepted"
-        audit = (
-            f", {kind['audit_window_s']} s for auditors, then the {kind['silence']} wins"
-            if kind["review"] == "oracle"
-            else ""
-        )
-        table.add_row(kind["kind"], f"{allowed}, window of at least {kind['min_window_s']} s{audit}")
-    for role, holders in sorted(state["roles"].items()):
-        table.add_row(role, ", ".join(one["name"] or one["address"] for one in holders))
-    console.print(table, highlight=False)
+    told = [
+        ("address", state["address"]),
+        ("treasury", iec(state["treasury_iec"])),
+        ("policy", state["policy"]),
+        (
+            "terms of new services",
+            f"bond {iec(terms['bond_iec'])}, penalty {iec(terms['penalty_iec'])}, "
+            + (
+                f"suspended after {count(terms['max_failures'], 'failure')}"
+                if terms["max_failures"]
+                else "never suspended"
+            ),
+        ),
+        ("open to", "members" if state["members_only"] else "everybody"),
+        *((kind["kind"], _kind_in_words(kind)) for kind in state["kinds"]),
+        *(
+            (_ROLES.get(role, role), ", ".join(one["name"] or one["address"] for one in holders))
+            for role, holders in sorted(state["roles"].items())
+        ),
+    ]
+    for line in lines(("", ""), [Row(one, {0: "bold"}) for one in told], console.width, folds=(1,))[1:]:
+        console.print(line, soft_wrap=True)
+
+
+_ROLES = {
+    "DEFAULT_ADMIN_ROLE": "administrators",
+    "OPERATOR_ROLE": "operators",
+    "TREASURER_ROLE": "treasurers",
+    "ORACLE_ROLE": "oracles",
+    "AUDITOR_ROLE": "auditors",
+    "MEMBER_ROLE": "members",
+}
+"""Holders of a role that the contract knows by this name."""
+
+
+def _kind_in_words(kind: dict[str, Any]) -> str:
+    if not kind["allowed"]:
+        return "not accepted"
+    told = f"judged by {'an auditor' if kind['review'] == 'auditor' else 'the oracle'}"
+    if kind["min_window_s"]:
+        told += f"; at least {span(kind['min_window_s'])} to work"
+    if kind["review"] == "oracle" and kind["audit_window_s"]:
+        told += f"; where it cannot decide, auditors have {span(kind['audit_window_s'])}"
+        told += f", then the {kind['silence']} wins"
+    return told
 
 
 @rules.command("policy")
@@ -77,7 +100,7 @@ def policy(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Say how a service is chosen for a task."""
-    _send(site, participant, "set_policy", policy=name)
+    _send(site, participant, "set_policy", f"Services are now chosen by {name}.", policy=name)
 
 
 @rules.command("kind")
@@ -116,7 +139,14 @@ def kind(
         "audit_window_s": audit_window_s,
         "at_silence": at_silence,
     }
-    _send(site, participant, "allow_kind", **fields)
+    accepted = f"judged by the {review}" if allowed else "no longer accepted"
+    _send(
+        site,
+        participant,
+        "allow_kind",
+        f"{name} is {'accepted and ' if allowed else ''}{accepted}.",
+        **fields,
+    )
 
 
 @rules.command("terms")
@@ -130,7 +160,7 @@ def terms(
 ) -> None:
     """Say what services agree to that are offered from now on."""
     fields = {"bond_iec": bond, "penalty_iec": penalty, "max_failures": max_failures}
-    _send(site, participant, "set_terms", **fields)
+    _send(site, participant, "set_terms", "Services offered from now on agree to these terms.", **fields)
 
 
 @rules.command("members-only")
@@ -141,7 +171,8 @@ def members_only(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Let only members offer services and post tasks, or everybody."""
-    _send(site, participant, "set_members_only", enabled=enabled)
+    who = "Only members may" if enabled else "Everybody may"
+    _send(site, participant, "set_members_only", f"{who} offer services and post tasks now.", enabled=enabled)
 
 
 @rules.command("admit")
@@ -152,7 +183,7 @@ def admit(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Make somebody a member."""
-    _send(site, participant, "admit", account=account)
+    _send(site, participant, "admit", f"{account} is a member now.", account=account)
 
 
 @rules.command("dismiss")
@@ -163,7 +194,7 @@ def dismiss(
     participant: ParticipantOption = "organization",
 ) -> None:
     """End a membership."""
-    _send(site, participant, "dismiss", account=account)
+    _send(site, participant, "dismiss", f"{account} is no member any more.", account=account)
 
 
 @rules.command("grant")
@@ -175,7 +206,7 @@ def grant(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Give somebody a role."""
-    _send(site, participant, "grant_role", role=role, account=account)
+    _send(site, participant, "grant_role", f"{account} is {role} now.", role=role, account=account)
 
 
 @rules.command("revoke")
@@ -187,7 +218,7 @@ def revoke(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Take a role back."""
-    _send(site, participant, "revoke_role", role=role, account=account)
+    _send(site, participant, "revoke_role", f"{account} is {role} no more.", role=role, account=account)
 
 
 @rules.command("suspend")
@@ -196,7 +227,13 @@ def suspend(
     service_id: int, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
 ) -> None:
     """Give a service no more tasks."""
-    _send(site, participant, "suspend_service", service_id=service_id)
+    _send(
+        site,
+        participant,
+        "suspend_service",
+        f"Service {service_id} gets no more tasks until it is reinstated.",
+        service_id=service_id,
+    )
 
 
 @rules.command("reinstate")
@@ -205,7 +242,13 @@ def reinstate(
     service_id: int, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
 ) -> None:
     """Let a suspended service return: paused, until its provider activates it."""
-    _send(site, participant, "reinstate_service", service_id=service_id)
+    _send(
+        site,
+        participant,
+        "reinstate_service",
+        f"Service {service_id} may return: it is paused until its provider activates it.",
+        service_id=service_id,
+    )
 
 
 @rules.command("deposit")
@@ -214,7 +257,7 @@ def deposit(
     amount: AmountArgument, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
 ) -> None:
     """Pay into the treasury from the account of whose key signs."""
-    _send(site, participant, "deposit", amount_iec=amount)
+    _send(site, participant, "deposit", f"{amount} IEC are in the treasury now.", amount_iec=amount)
 
 
 @rules.command("withdraw")
@@ -226,7 +269,14 @@ def withdraw(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Pay out of the treasury."""
-    _send(site, participant, "withdraw", to=to, amount_iec=amount)
+    _send(
+        site,
+        participant,
+        "withdraw",
+        f"{amount} IEC of the treasury are {to}'s now.",
+        to=to,
+        amount_iec=amount,
+    )
 
 
 @rules.command("devices")
@@ -238,11 +288,14 @@ def devices(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> Non
     if as_json:
         print_json(reply)
         return
-    table = Table("address", "role", "name", "owner", "", box=None)
+    rows = []
     for one in reply["devices"]:
-        gone = "" if one["revoked"] is None else f"[red]revoked: {one['revoked_because']}[/]"
-        table.add_row(one["address"], one["role"], one["name"], one["owner_name"] or one["owner"], gone)
-    console.print(table)
+        gone = "" if one["revoked"] is None else f"revoked: {one['revoked_because']}"
+        cells = (one["role"], one["name"], one["owner_name"] or one["owner"], one["address"], gone)
+        rows.append(Row(cells, {4: "red"}))
+    columns = ("role", "name", "owner", "address", "")
+    for line in lines(columns, rows, console.width, folds=(4, 2, 1)):
+        console.print(line, soft_wrap=True)
 
 
 @rules.command("roots")
@@ -256,14 +309,22 @@ def roots(
     parameters = {} if device is None else {"device": device}
     with connected(site) as (loaded, bus):
         reply = bus.query(topics.STATE.name(org=loaded.org, what="roots"), parameters=parameters)
+        known = bus.query(topics.STATE.name(org=loaded.org, what="devices"))["devices"]
     if as_json:
         print_json(reply)
         return
-    table = Table("day", "device", "root", "log", box=None)
-    for one in reply["roots"]:
-        day = datetime.fromtimestamp(one["day"] * 86_400, UTC).strftime("%Y-%m-%d")
-        table.add_row(day, one["device"], one["root"], escape(one["uri"]))
-    console.print(table)
+    if not reply["roots"]:
+        say("No root of a day is on chain yet.")
+        return
+    names = {one["address"]: f"{one['role']} {one['name']}" for one in known}
+    rows = [
+        Row((moment(one["day"] * 86_400, loaded)[:10], names.get(one["device"], one["device"]), one["root"]),
+            note=one["uri"])
+        for one in reply["roots"]
+    ]  # fmt: skip
+    day = "day (UTC)" if loaded.clock.source == "wall" else "day of the simulated time"
+    for line in lines((day, "device", "root"), rows, console.width, folds=(0, 1, 2)):
+        console.print(line, soft_wrap=True)
 
 
 @rules.command("register-device")
@@ -277,7 +338,16 @@ def register_device(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Let a key sign evidence. Revoke the key that has this role and name first, if there is one."""
-    _send(site, participant, "register_device", device=address, role=role, owner=owner, name=name)
+    _send(
+        site,
+        participant,
+        "register_device",
+        f"{address} signs as {role} {name} of {owner} from now on.",
+        device=address,
+        role=role,
+        owner=owner,
+        name=name,
+    )
 
 
 @rules.command("revoke-device")
@@ -294,13 +364,20 @@ def revoke_device(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Reject everything that a key signs from now on; of what it signed before, the reason decides."""
-    _send(site, participant, "revoke_device", device=address, reason=reason)
+    _send(
+        site,
+        participant,
+        "revoke_device",
+        f"Nothing that {address} signs from now on counts.",
+        device=address,
+        reason=reason,
+    )
 
 
-def _send(site: Path, participant: str, command: str, **fields: Any) -> None:
-    """Do it and say in which block. Fields that are None are left out."""
+def _send(site: Path, participant: str, command: str, done: str, **fields: Any) -> None:
+    """Do it, and say the sentence `done` when it is. Fields that are None are left out."""
     request = {name: value for name, value in fields.items() if value is not None}
     with connected(site) as (loaded, bus):
         key = topics.COMMAND.name(org=loaded.org, participant=participant, command=command)
-        reply = bus.query(key, request, timeout_s=30)
-    console.print(f"{command.replace('_', ' ')}: done in block {reply['block']}", highlight=False)
+        bus.query(key, request, timeout_s=30)
+    say(done)

@@ -37,6 +37,8 @@ LOST_S = 3 * HEARTBEAT_S
 COLOURS = {"ready": "green", "not ready": "yellow", "lost": "red", "down": "red", "gave up": "red"}
 
 _REFRESH_S = 0.25
+_WIDE = 100
+"""Characters from which on there is room for a bar."""
 
 
 class NotUp(RodeoError):
@@ -244,22 +246,37 @@ def _heard(name: str, status: Status, here: bool = True) -> Row:
 
 
 def status_table(rows: list[Row]) -> Table:
+    """A table of the width of the terminal; what a process does or lacks is told in full."""
+    shown = [_cells(row) for row in rows]
+    columns = ("process", "state", "doing", "progress", "heartbeat")
+    kept = [n for n, name in enumerate(columns) if name != "progress" or any(cells[n] for cells in shown)]
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for column in ("process", "state", "doing", "progress", "heartbeat"):
-        table.add_column(column, no_wrap=column != "doing")
-    for row in rows:
-        doing, progress, age = row.reason, "", ""
-        if row.status is not None:
-            doing = doing or row.status.activity
-            progress = bar(row.status.progress)
-            age = f"{max(0.0, time.time() - row.status.time_s):.1f} s ago"
-        table.add_row(row.name, row.coloured, escape(doing), progress, age)
+    for n in kept:
+        table.add_column(columns[n], no_wrap=columns[n] != "doing", overflow="fold")
+    for cells in shown:
+        table.add_row(*(cells[n] for n in kept))
     return table
+
+
+def _cells(row: Row) -> tuple[str, str, str, str, str]:
+    if row.status is None:
+        return row.name, row.coloured, escape(row.reason), "", ""
+    age = f"{max(0.0, time.time() - row.status.time_s):.1f} s ago"
+    room = 16 if console.width >= _WIDE else 0
+    return (
+        row.name,
+        row.coloured,
+        escape(row.reason or row.status.activity),
+        bar(row.status.progress, room),
+        age,
+    )
 
 
 def bar(progress: float | None, width: int = 16) -> str:
     if progress is None:
         return ""
+    if not width:
+        return f"{progress:.0%}"
     full = round(progress * width)
     return f"[cyan]{'━' * full}[/][dim]{'─' * (width - full)}[/] {progress:4.0%}"
 

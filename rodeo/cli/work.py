@@ -19,7 +19,9 @@ from rodeo.cli.common import (
     console,
     print_json,
     reports_errors,
+    say,
 )
+from rodeo.cli.words import iec
 from rodeo.clock import Clock, SimClock, WallClock
 from rodeo.config import Site
 from rodeo.errors import ClockUnavailable, InvalidRequest
@@ -51,7 +53,7 @@ def offer(
         name = _name(loaded, participant)
         request = {"kind": kind, "price_iec": price, "description": description}
         reply = bus.query(f"rodeo/{loaded.org}/wallet/{name}/register_service", request, timeout_s=30)
-    console.print(f"{name} offers {kind} for {price} IEC: service {reply['service_id']}")
+    say(f"{name} offers {kind} for {iec(price)}: service {reply['service_id']}.")
 
 
 @reports_errors
@@ -59,8 +61,8 @@ def accept(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption 
     """Begin a task that is assigned to a person: opens the sealed recording of the assignment."""
     with connected(site) as (loaded, bus):
         task = _executor(loaded, bus, participant).accept(task_id)
-    console.print(f"task {task_id} accepted: {task.description or task.kind}", highlight=False)
-    console.print(f"let a photo show this code: {photo_code(task.nonce or '')}", highlight=False)
+    say(f"You have begun task {task_id}: {task.description or task.kind}")
+    say(f"Let a photo show this code: {photo_code(task.nonce or '')}")
 
 
 @reports_errors
@@ -78,7 +80,7 @@ def submit(
     photos = [path.read_bytes() for path in photo or []]
     with connected(site) as (loaded, bus):
         sha256 = _executor(loaded, bus, participant).submit(task_id, note, photos)
-    console.print(f"task {task_id}: proof {sha256} submitted")
+    say(f"What you did for task {task_id} is handed in, and waits to be judged. Proof: {sha256}")
 
 
 @reports_errors
@@ -126,7 +128,7 @@ def judge(
     with connected(site) as (loaded, bus):
         auditor = Participant(bus, loaded.org, participant)
         statement.judge(loaded, auditor, task_id, accepted, reason, _amount(amount))
-    console.print(f"task {task_id} {'accepted' if accepted else 'rejected'}")
+    say(f"Your verdict on task {task_id} is on chain: {'accepted' if accepted else 'rejected'}.")
 
 
 def _amount(text: str | None) -> Decimal | None:
@@ -143,7 +145,7 @@ def _name(site: Site, participant: str | None) -> str:
         return participant
     names = [one.name for one in site.participants]
     if len(names) != 1:
-        raise InvalidRequest("say who with --as", participants=names)
+        raise InvalidRequest("say who with --as NAME", participants=names)
     return names[0]
 
 

@@ -463,7 +463,7 @@ class Wallet:
         prices = self.index.active_prices(kind)
         if prices and min(prices) > reward:
             raise RewardBelowPrice(
-                "every service of this kind costs more; allow_wait queues the task anyway",
+                "every service of this kind costs more than the reward",
                 kind=kind,
                 reward_iec=iec(reward),
                 lowest_price_iec=iec(min(prices)),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from rodeo.chain import to_wei
+from rodeo.chain import from_wei, to_wei
 from rodeo.config import WalletLimits
 from services.bridge.errors import DailyLimitReached, FeeTooHigh
 
@@ -87,10 +87,12 @@ class Limits:
         }
         for what, (limit, before, more) in limits.items():
             if limit is not None and more and before + more > limit:
+                unit = "iec" if what == "IEC" else "eth"
                 raise DailyLimitReached(
                     "the wallet has spent what it may in a day",
                     what=what,
-                    limit_wei=str(limit),
-                    spent_wei=str(before),
-                    more_wei=str(more),
+                    **{
+                        f"{name}_{unit}": f"{from_wei(wei):f}"
+                        for name, wei in (("limit", limit), ("spent", before), ("more", more))
+                    },
                 )

@@ -16,7 +16,7 @@ from eth_utils import to_bytes
 from urllib3.exceptions import HTTPError
 
 from rodeo.chain import ChainError, ChainUnavailable, RpcFailed
-from rodeo.chain.errors import decode_revert
+from rodeo.chain.errors import decode_revert, why_unanswered
 
 Call = tuple[str, list[Any]]
 """Method and parameters."""
@@ -66,7 +66,7 @@ class Node:
             )
             answer = json.loads(response.data)
         except (HTTPError, OSError, ValueError) as error:
-            raise ChainUnavailable("the node does not answer", reason=str(error)) from error
+            raise ChainUnavailable("the node does not answer", reason=why_unanswered(error)) from error
         by_id = {one.get("id"): one for one in (answer if isinstance(answer, list) else [answer])}
         missing: dict[str, Any] = next(iter(by_id.values()), {})
         return [_result(by_id.get(number, missing)) for number in ids]

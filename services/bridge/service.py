@@ -140,7 +140,8 @@ class Bridge:
             except DeploymentMismatch as error:
                 self._not_ready(f"deployment record does not fit: run python -m deploy.contracts ({error})")
             except (ChainUnavailable, RpcFailed) as error:
-                self._not_ready(f"no node at {self._site.chain.url}: {error}")
+                reason = error.details.get("reason") or error.message
+                self._not_ready(f"no node at {self._site.chain.url}: {reason}")
             except KeystoreMissing as error:
                 self._not_ready(str(error))
             except WalletError:

@@ -67,7 +67,7 @@ _UNFIT = "the request does not fit"
 
 _AMOUNT = "enter an amount of IEC, for example 12.5"
 _PARTY = "enter a participant's name or an address (0x and 40 hex digits)"
-_FIELD_ADVICE = {
+FIELD_ADVICE = {
     "reward_iec": _AMOUNT,
     "price_iec": _AMOUNT,
     "amount_iec": _AMOUNT,
@@ -100,7 +100,7 @@ def explain(error: RodeoError) -> str:
     if isinstance(fields, dict):
         advice: dict[str, str] = {}
         if sentence.startswith(_UNFIT):
-            sentence, advice = "mend this and try again", _FIELD_ADVICE
+            sentence, advice = "mend this and try again", FIELD_ADVICE
         wrong = "; ".join(
             f"{name.replace('_iec', '').replace('_', ' ')}: {advice.get(name, text)}"
             for name, text in fields.items()

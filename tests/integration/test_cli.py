@@ -250,11 +250,11 @@ def test_a_task_is_posted_shown_listed_and_cancelled(up: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--reward", "1", "--item", "item1"), ("reward_below_price", "100")),
+        (("--reward", "1", "--item", "item1"), ("reward_below_price", "100 IEC", "--wait")),
         (("--reward", "100000", "--item", "item1"), ("insufficient_funds",)),
-        (("--reward", "ten", "--item", "item1"), ("invalid_request", "reward_iec")),
+        (("--reward", "ten", "--item", "item1"), ("invalid_request", "--reward: enter an amount of IEC")),
         (("--reward", "100", "--item", "item99"), ("no such item", "item1")),
-        (("--reward", "100"), ("invalid_request", "item_id", "x_m")),
+        (("--reward", "100"), ("invalid_request", "say --item ITEM")),
         (("--reward", "100", "--params", "{"), ("malformed_json", "--params")),
         (("--reward", "100", "--item", "item1", "--as", "bob"), ("unknown_participant", "organization")),
         (("--reward", "100", "--item", "item1", "--as", ""), ("invalid_request",)),

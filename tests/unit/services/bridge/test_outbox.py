@@ -15,7 +15,7 @@ import sqlalchemy
 
 from deploy.chain.errors import InternalError, TransactionRejected
 from rodeo import wallets
-from rodeo.chain import ChainUnavailable, ContractReverted, RpcFailed, TransactionTimeout
+from rodeo.chain import ChainUnavailable, ContractReverted, RpcFailed, TransactionTimeout, from_wei
 from rodeo.config import WalletLimits
 from rodeo.errors import RemoteError
 from services.bridge import outbox as outbox_module
@@ -367,7 +367,7 @@ def test_what_is_mined_as_a_failure_says_which_contract_error_it_was(robot: Robo
     with pytest.raises(ContractReverted) as refused:
         robot.outcome(second)
     assert refused.value.code == "erc20_insufficient_balance"
-    assert refused.value.details["needed"] == most
+    assert refused.value.details["needed_iec"] == f"{from_wei(most):f}"
     with pytest.raises(RemoteError) as again:
         robot.pay(most, "second")
     assert again.value.code == "erc20_insufficient_balance"
@@ -422,9 +422,9 @@ def test_a_wallet_spends_no_more_than_it_may_in_a_day_of_block_time(robot: Robot
         robot.outcome(both[1])
     assert refused.value.details == {
         "what": "IEC",
-        "limit_wei": "12",
-        "spent_wei": "10",
-        "more_wei": "5",
+        "limit_iec": "0.000000000000000012",
+        "spent_iec": "0.00000000000000001",
+        "more_iec": "0.000000000000000005",
     }
     robot.restart()
     with pytest.raises(DailyLimitReached):
