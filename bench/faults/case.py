@@ -38,6 +38,8 @@ class Case:
     """A task is posted while the fault stands, again and again with one request_id, until it is answered."""
     works: bool = True
     """The site is up before the script begins; else the script calls `Lab.start`."""
+    workers: bool = True
+    """Others than the robot offer to work, too, so that there is work beside a task that hangs."""
     waits: bool = False
     """It spends its time waiting: it runs beside the others."""
     limit_s: float = 300.0

@@ -125,16 +125,16 @@ for _name in ("charger", "bridge"):
     held_s=20.0,
 )
 def charger_cut_from_the_bus(lab: Lab) -> Iterator[None]:
-    with Link(int(lab.site.bus.router.rpartition(":")[2])) as link:
-        lab.sites["charger"] = lab.variant("cut", f'bus.router = "tcp/127.0.0.1:{link.port}"\n', data=False)
-        lab.start()
-        with charging(lab) as charge:
-            lab.mark()
-            link.cut()
-            yield
-            link.heal()
-            yield
-            charge.finish()
+    link = lab.enter(Link(int(lab.site.bus.router.rpartition(":")[2])))
+    lab.sites["charger"] = lab.variant("cut", f'bus.router = "tcp/127.0.0.1:{link.port}"\n', data=False)
+    lab.start()
+    with charging(lab) as charge:
+        lab.mark()
+        link.cut()
+        yield
+        link.heal()
+        yield
+        charge.finish()
 
 
 @case(

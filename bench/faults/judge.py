@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import zenoh
 
 from bench.faults.case import BASE, case
-from bench.faults.lab import PLACE, Lab, need
+from bench.faults.lab import PLACE, WORKERS, Lab, need
 from rodeo import wallets
 from rodeo.config import Site
 from rodeo.dao import Participant
@@ -56,6 +56,8 @@ class Executor:
         self.set_clock(take.start_s - 5)
         self.lab.post(label, params=PLACE)
         task = self.wallet.task(self.lab.assigned(label)["id"])
+        # The work afterwards is for others: this one may hang.
+        self.lab.offer(*WORKERS)
         path = self.lab.folder / f"{label}.mcap"
         witnesses = Witnesses(
             mocap=wallets.load(self.lab.site, "mocap-device"),
@@ -96,6 +98,7 @@ def _accepted(lab: Lab, label: str) -> None:
     said=r"damaged|other bytes|not those|waiting for .*proof",
     processes=JUDGED,
     asks=False,
+    workers=False,
 )
 def proof_damaged_in_store(lab: Lab) -> Iterator[None]:
     executor = Executor(lab)
@@ -115,6 +118,7 @@ def proof_damaged_in_store(lab: Lab) -> Iterator[None]:
     said=r"no such file|not in the store|gone|lost|waiting for .*proof",
     processes=JUDGED,
     asks=False,
+    workers=False,
 )
 def proof_missing_in_store(lab: Lab) -> Iterator[None]:
     executor = Executor(lab)
@@ -132,6 +136,7 @@ def proof_missing_in_store(lab: Lab) -> Iterator[None]:
     said=r"allowed|may not read|another store|not a file of",
     processes=JUDGED,
     asks=False,
+    workers=False,
 )
 def store_that_the_oracle_may_not_read(lab: Lab) -> Iterator[None]:
     executor = Executor(lab)
@@ -148,7 +153,7 @@ def store_that_the_oracle_may_not_read(lab: Lab) -> Iterator[None]:
     _accepted(lab, "meanwhile")
 
 
-@case("the oracle is killed while it verifies", processes=JUDGED, asks=False)
+@case("the oracle is killed while it verifies", processes=JUDGED, asks=False, workers=False)
 def killed_oracle_while_verifying(lab: Lab) -> Iterator[None]:
     executor = Executor(lab)
     sha256, uri, _stored = executor.put(executor.record("meanwhile"))
@@ -165,6 +170,7 @@ def killed_oracle_while_verifying(lab: Lab) -> Iterator[None]:
     said=r"does not know of the submission|behind",
     processes=JUDGED,
     asks=False,
+    workers=True,
     held_s=15.0,
 )
 def index_behind(lab: Lab) -> Iterator[None]:
@@ -190,6 +196,7 @@ def index_behind(lab: Lab) -> Iterator[None]:
     said=r"gone|lost|missing|no such file|damaged",
     processes=JUDGED,
     asks=False,
+    workers=False,
     extra="store.scrub_days = 0.00005\n",
 )
 def proof_lost_after_the_verdict(lab: Lab) -> Iterator[None]:
@@ -204,7 +211,7 @@ def proof_lost_after_the_verdict(lab: Lab) -> Iterator[None]:
     lab.wait(stored.exists, "the proof was not put again from its executor's copy", 60.0)
 
 
-@case("the report of a verdict is lost from the store", processes=JUDGED, asks=False)
+@case("the report of a verdict is lost from the store", processes=JUDGED, asks=False, workers=False)
 def report_lost(lab: Lab) -> Iterator[None]:
     executor = Executor(lab)
     sha256, uri, _stored = executor.put(executor.record("judged"))

@@ -22,7 +22,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -34,6 +34,7 @@ from deploy.launcher import Launcher
 from rodeo.bus import Bus
 from rodeo.chain import ChainClient, Deployment, TaskState, from_wei
 from rodeo.chain.events import TaskRegistered, TaskSettled
+from rodeo.cli.site import read_rows
 from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.instance import lock_holder
@@ -51,6 +52,7 @@ POLL_S = 0.25
 PAUSE_S = 0.1
 ASK_S = 3.0
 """Wall time for one answer; whoever gets none asks again with the same request_id."""
+_LOOK_S = 2.0
 REASON_S = 40.0
 """Wall time in which the reason must be said, on a machine that is busy."""
 RECOVERED_S = 90.0
@@ -58,6 +60,13 @@ RECOVERED_S = 90.0
 START_S = 180.0
 DISK_BYTES = 24 << 20
 REWARD_IEC = Decimal(10)
+WORKERS = ("worker1", "worker2")
+"""Who works beside the robot, so that a task that hangs keeps no other."""
+PARTICIPANTS = """participants = [
+    { name = "worker1", kinds = ["waste_disposal"] },
+    { name = "worker2", kinds = ["waste_disposal"] },
+]
+"""
 PLACE = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
 """Of item1 in the lab's site file."""
 
@@ -97,7 +106,7 @@ class Lab:
     def __init__(self, case: Case, folder: Path, template: Path | None = None) -> None:
         self.case = case
         self.folder = folder
-        path = write_site(folder, case.backend, case.extra)
+        path = write_site(folder, case.backend, PARTICIPANTS + case.extra)
         self.path = path
         self.site = Site.load(path)
         self.data = self.site.data_dir
@@ -124,8 +133,13 @@ class Lab:
         self._bus: Bus | None = None
         self.closing = threading.Event()
         self._marked_s = time.monotonic()
+        self._opened = ExitStack()
         self.sites: dict[str, Path] = {}
         """Site files of processes that are not started from the lab's own."""
+
+    def enter(self, thing: AbstractContextManager[T]) -> T:
+        """Open it until the end of the case."""
+        return self._opened.enter_context(thing)
 
     # -- the main thread's part ----------------------------------------------------------------------------
 
@@ -176,6 +190,7 @@ class Lab:
         return done.result(timeout=START_S)
 
     def close(self) -> None:
+        self._opened.close()
         if self._bus is not None:
             self._bus.close()
         self.closing.set()
@@ -269,7 +284,7 @@ class Lab:
         self.asked.clear()
         self.wait(lambda: self.ready("bridge"), "the bridge does not follow the new chain", START_S)
         if "robot_agent" not in self.case.processes:
-            self.offer("panther1")
+            self.offer("panther1", *WORKERS)
 
     def deploy(self) -> None:
         status, output = self.program("deploy.contracts", "--site", str(self.path), timeout_s=START_S)
@@ -343,7 +358,24 @@ class Lab:
 
     def wait_said(self, pattern: str, within_s: float = REASON_S) -> None:
         wanted = re.compile(pattern, re.IGNORECASE)
-        self.wait(lambda: wanted.search(self.said()), f"nobody said /{pattern}/", within_s)
+        look_s = time.monotonic() + _LOOK_S
+
+        def heard() -> bool:
+            nonlocal look_s
+            if wanted.search(self.said()):
+                return True
+            if time.monotonic() >= look_s:
+                self.look()
+                look_s = time.monotonic() + _LOOK_S
+            return False
+
+        self.wait(heard, f"nobody said /{pattern}/", within_s)
+
+    def look(self) -> None:
+        """What `rodeo status` shows of processes that are not ready."""
+        for row in read_rows(self.site, timeout_s=ASK_S):
+            if row.state != "ready" and row.name in self.case.processes:
+                self.say(f"{row.name} {row.state}: {row.reason}")
 
     # -- the bus -------------------------------------------------------------------------------------------
 
@@ -426,15 +458,15 @@ class Lab:
 
     # -- work ----------------------------------------------------------------------------------------------
 
-    def offer(self, participant: str, kind: str = "waste_disposal") -> None:
-        """Room for as many tasks as a case has at once."""
-        for number in range(3):
+    def offer(self, *participants: str) -> None:
+        """Let them have work, one task at a time each."""
+        for name in participants:
             self.command(
-                participant,
+                name,
                 "register_service",
-                kind=kind,
+                kind="waste_disposal",
                 price_iec=str(REWARD_IEC),
-                request_id=f"service {kind} {number}",
+                request_id=f"service of {name}",
             )
 
     def post(self, label: str, within_s: float = RECOVERED_S, **fields: Any) -> int:
@@ -657,7 +689,7 @@ class Lab:
         self.up(*(name for name in self.case.processes if name not in BASE))
         self.wait(self.all_ready, "the site did not start", START_S)
         if "robot_agent" not in self.case.processes:
-            self.offer("panther1")
+            self.offer("panther1", *(WORKERS if self.case.workers else ()))
         self.work("before")
         self.mark()
 

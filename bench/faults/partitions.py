@@ -19,25 +19,25 @@ NO_NODE = r"no node|node does not answer|blocks behind|it hangs|node refused"
 def _cut_from_the_bus(process: str) -> Script:
     def script(lab: Lab) -> Iterator[None]:
         router = int(lab.site.bus.router.rpartition(":")[2])
-        with Link(router) as link:
-            lab.sites[process] = lab.variant("cut", f'bus.router = "tcp/127.0.0.1:{link.port}"\n', data=False)
-            lab.start()
-            link.cut()
-            yield
-            link.heal()
-            yield
-
-    return script
-
-
-def _cut_from_the_node(lab: Lab) -> Iterator[None]:
-    with Link(int(urlsplit(lab.site.chain.url).port or 0)) as link:
-        lab.sites["bridge"] = lab.variant("cut", f'chain.url = "http://127.0.0.1:{link.port}"\n', data=False)
+        link = lab.enter(Link(router))
+        lab.sites[process] = lab.variant("cut", f'bus.router = "tcp/127.0.0.1:{link.port}"\n', data=False)
         lab.start()
         link.cut()
         yield
         link.heal()
         yield
+
+    return script
+
+
+def _cut_from_the_node(lab: Lab) -> Iterator[None]:
+    link = lab.enter(Link(int(urlsplit(lab.site.chain.url).port or 0)))
+    lab.sites["bridge"] = lab.variant("cut", f'chain.url = "http://127.0.0.1:{link.port}"\n', data=False)
+    lab.start()
+    link.cut()
+    yield
+    link.heal()
+    yield
 
 
 for _process, _seconds in (("bridge", 10), ("bridge", 60), ("bridge", 300), ("oracle", 30)):
@@ -90,12 +90,12 @@ def node_refuses(lab: Lab) -> Iterator[None]:
     def refuse(_method: str, _params: Sequence[Any], _answer: Answer) -> Any:
         raise InternalError("out of order")
 
-    with NodeBetween(lab.site.chain.url) as between:
-        _bridge_asks(lab, between)
-        between.fault = refuse
-        yield
-        between.fault = None
-        yield
+    between = lab.enter(NodeBetween(lab.site.chain.url))
+    _bridge_asks(lab, between)
+    between.fault = refuse
+    yield
+    between.fault = None
+    yield
 
 
 @case("the node takes transactions, says their hash and forgets them", works=False, held_s=6.0)
@@ -103,12 +103,12 @@ def node_forgets_transactions(lab: Lab) -> Iterator[None]:
     def forget(method: str, params: Sequence[Any], answer: Answer) -> Any:
         return "0x" + "ab" * 32 if method == "eth_sendRawTransaction" else answer(method, params)
 
-    with NodeBetween(lab.site.chain.url) as between:
-        _bridge_asks(lab, between)
-        between.fault = forget
-        yield
-        between.fault = None
-        yield
+    between = lab.enter(NodeBetween(lab.site.chain.url))
+    _bridge_asks(lab, between)
+    between.fault = forget
+    yield
+    between.fault = None
+    yield
 
 
 @case("the node sends transactions on, but says that it failed", works=False, held_s=4.0)
@@ -119,12 +119,12 @@ def node_denies_transactions(lab: Lab) -> Iterator[None]:
             raise InternalError("something went wrong")
         return result
 
-    with NodeBetween(lab.site.chain.url) as between:
-        _bridge_asks(lab, between)
-        between.fault = deny
-        yield
-        between.fault = None
-        yield
+    between = lab.enter(NodeBetween(lab.site.chain.url))
+    _bridge_asks(lab, between)
+    between.fault = deny
+    yield
+    between.fault = None
+    yield
 
 
 @case("the node hangs at every question", said=NO_NODE, works=False, held_s=4.0)
@@ -135,13 +135,13 @@ def node_hangs(lab: Lab) -> Iterator[None]:
         goes_on.wait(60.0)
         return answer(method, params)
 
-    with NodeBetween(lab.site.chain.url) as between:
-        _bridge_asks(lab, between)
-        between.fault = hang
-        yield
-        between.fault = None
-        goes_on.set()
-        yield
+    between = lab.enter(NodeBetween(lab.site.chain.url))
+    _bridge_asks(lab, between)
+    between.fault = hang
+    yield
+    between.fault = None
+    goes_on.set()
+    yield
 
 
 @case(
@@ -160,14 +160,14 @@ def node_hides_events(lab: Lab) -> Iterator[None]:
             return []
         return answer(method, params)
 
-    with NodeBetween(lab.site.chain.url) as between:
-        _bridge_asks(lab, between)
-        between.fault = hide
-        threading.Timer(30.0, hidden.set).start()
-        posted = lab.post_beside("hidden")
-        hidden.wait(60.0)
-        between.fault = None
-        yield
-        yield
-        posted.result(timeout=60.0)
-        lab.finish("hidden")
+    between = lab.enter(NodeBetween(lab.site.chain.url))
+    _bridge_asks(lab, between)
+    between.fault = hide
+    threading.Timer(30.0, hidden.set).start()
+    posted = lab.post_beside("hidden")
+    hidden.wait(60.0)
+    between.fault = None
+    yield
+    yield
+    posted.result(timeout=60.0)
+    lab.finish("hidden")

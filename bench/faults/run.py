@@ -21,7 +21,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 from bench.faults.case import CASES, Case
-from bench.faults.lab import Lab, NotSurvived
+from bench.faults.lab import PARTICIPANTS, Lab, NotSurvived
 from rodeo.service import die_with
 from tests.support.site import RunningSite, write_site
 
@@ -119,7 +119,7 @@ def run_cases(cases: Sequence[Case], at_once: int = AT_ONCE) -> list[Result]:
 def _prepare(template: Path) -> None:
     """The data directory of a site with its contracts deployed, from which the others are copied."""
     template.mkdir()
-    running = RunningSite(write_site(template))
+    running = RunningSite(write_site(template, extra=PARTICIPANTS))
     try:
         running.start("router", "chain")
         running.deploy_contracts()

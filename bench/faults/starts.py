@@ -97,22 +97,22 @@ def other_chain_on_the_port(lab: Lab) -> Iterator[None]:
     def other(method: str, params: object, answer: Answer) -> object:
         return hex(4242) if method == "eth_chainId" else answer(method, params)  # type: ignore[arg-type]
 
-    with NodeBetween(lab.site.chain.url) as between:
-        lab.sites["bridge"] = lab.variant(
-            "between", f'chain.url = "{between.url}"\nchain.websocket_url = ""\n', data=False
-        )
-        lab.start()
-        between.fault = other
-        lab.kill("bridge")
-        lab.wait_said(r"4242")
-        said = lab.said()
-        need("31337" in said, "the id that the site expects is not said")
-        need("run python -m deploy.contracts" not in said, "it is told to deploy on the stranger's chain")
-        status, output = lab.program("deploy.contracts", "--site", str(lab.sites["bridge"]), timeout_s=90.0)
-        need(status != 0 and "4242" in output, f"deployed on a stranger's chain: {output[-300:]}")
-        yield
-        between.fault = None
-        yield
+    between = lab.enter(NodeBetween(lab.site.chain.url))
+    lab.sites["bridge"] = lab.variant(
+        "between", f'chain.url = "{between.url}"\nchain.websocket_url = ""\n', data=False
+    )
+    lab.start()
+    between.fault = other
+    lab.kill("bridge")
+    lab.wait_said(r"4242")
+    said = lab.said()
+    need("31337" in said, "the id that the site expects is not said")
+    need("run python -m deploy.contracts" not in said, "it is told to deploy on the stranger's chain")
+    status, output = lab.program("deploy.contracts", "--site", str(lab.sites["bridge"]), timeout_s=90.0)
+    need(status != 0 and "4242" in output, f"deployed on a stranger's chain: {output[-300:]}")
+    yield
+    between.fault = None
+    yield
 
 
 @case(

@@ -24,7 +24,6 @@ def _frozen(name: str) -> Script:
     def script(lab: Lab) -> Iterator[None]:
         pid = lab.pid(name)
         lab.signal(signal.SIGSTOP, name)
-        lab.say(lab.rodeo("status", "--site", str(lab.path)))
         yield
         lab.resume(pid)
         yield
@@ -37,7 +36,6 @@ def _stopped(name: str) -> Script:
 
     def script(lab: Lab) -> Iterator[None]:
         lab.down(name)
-        lab.say(lab.rodeo("status", "--site", str(lab.path)))
         yield
         lab.up(name)
         yield
