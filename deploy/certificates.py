@@ -118,9 +118,15 @@ def _write(path: Path, data: bytes) -> None:
         file.write(data)
 
 
+def report(folder: Path, made: list[str]) -> str:
+    """What was made in `folder`, as a sentence."""
+    if not made:
+        return f"Every certificate of this site is in {folder} already; none had to be made."
+    return f"Made in {folder}: {', '.join(made)}."
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(prog="certificates", description=__doc__)
     parser.add_argument("--site", type=Path, required=True, help="site file (TOML)")
     loaded = Site.load(parser.parse_args().site)
-    made = ", ".join(ensure_certificates(loaded)) or "nothing"
-    print(f"made in {tls.files(loaded, 'ca').authority.parent}: {made}")
+    print(report(tls.files(loaded, "ca").authority.parent, ensure_certificates(loaded)))

@@ -10,11 +10,19 @@ from __future__ import annotations
 
 import argparse
 import ctypes
+import importlib.util
 import logging
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+if __name__ == "__main__" and importlib.util.find_spec("torch") is None:
+    sys.exit(
+        "Training needs packages that running does not. Install them first:\n\n"
+        '    pip install --constraint constraints.txt -e ".[train]"'
+    )
 
 import cv2
 import numpy as np
