@@ -39,7 +39,8 @@ setup: $(VENV)/stamp  ## install what running needs (no Node)
 demo: setup  ## one cleaning task and one charging session, end to end
 	@$(BIN)/python -m deploy.demo
 
-PYTEST = $(BIN)/python -m pytest --chain $(CHAIN) --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder
+PYTEST = $(BIN)/python -m pytest --chain $(CHAIN) --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder \
+	--durations 25 --durations-min 5
 
 test: setup node_modules/.stamp postgresql  ## everything that checks the project, but for what takes minutes
 	@npm run --silent contracts:test
