@@ -14,6 +14,7 @@ import logging
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -81,10 +82,13 @@ def run(site: Site, stop: threading.Event) -> None:
         _require_gas_money(site, w3)
         deployment = _deploy(site, w3, administrator)
     client = ChainClient(site.chain.url, deployment)
+    sent: Counter[str] = Counter()
     for account, call in _missing_rules(site, client, administrator):
         client.send(account, call)
+        sent[account.address] += 1
         log.info("%s sent by %s", call.name, account.address)
     # Only now, so that whoever finds the record finds an organization that works.
+    deployment = deployment.model_copy(update={"sent": _sent(site, w3, deployment, sent)})
     path = deployment.save(site.data_dir)
     Deployment.path(_unfinished(site), deployment.chain_id).unlink(missing_ok=True)
     log.info("contracts on chain %d since block %d: %s", deployment.chain_id, deployment.block, path)
@@ -176,6 +180,20 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount) -> Deployment:
     deployment.verify(w3)
     deployment.save(_unfinished(site))
     return deployment
+
+
+def _sent(site: Site, w3: Web3, deployment: Deployment, now: Counter[str]) -> dict[str, int]:
+    """What the wallets sent without the bridge: all of it while there is no record that a bridge could go by,
+    then what this step has sent `now`."""
+    found = dict(deployment.sent)
+    with translated():
+        for name in wallets.wallet_names(site):
+            address = to_checksum_address(wallets.address(site, name))
+            if address in found:
+                found[address] += now[address]
+            else:
+                found[address] = w3.eth.get_transaction_count(address)
+    return found
 
 
 def _create(w3: Web3, deployer: LocalAccount, name: str, args: tuple[Any, ...]) -> TxReceipt:

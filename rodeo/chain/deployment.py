@@ -25,6 +25,9 @@ class Deployment(BaseModel):
     """No event of the contracts is in an earlier block."""
     contracts: dict[str, str]
     """Contract name -> checksummed address; `artifacts.CONTRACTS` where it was made by this version."""
+    sent: dict[str, int] = {}
+    """Checksummed address of each wallet of the site -> transactions that it sent by itself or by the
+    deployment step, and not by the bridge. The bridge's journal holds the rest."""
 
     @field_validator("contracts")
     @classmethod
@@ -32,6 +35,10 @@ class Deployment(BaseModel):
         if not all(map(is_checksum_address, contracts.values())):
             raise ValueError("not a checksummed address")
         return contracts
+
+    def is_same(self, other: Deployment) -> bool:
+        """Whether it is of the same contracts on the same chain."""
+        return self.model_copy(update={"sent": other.sent}) == other
 
     def address(self, contract: str) -> ChecksumAddress:
         return to_checksum_address(self.contracts[contract])

@@ -76,11 +76,23 @@ def up(
         bool,
         typer.Option("--new-chain", help="Begin a new local chain where the file of the old one is lost."),
     ] = False,
+    new_journal: Annotated[
+        bool,
+        typer.Option(
+            "--new-journal", help="Go on where the bridge's journal is lost: old request_ids count as new."
+        ),
+    ] = False,
 ) -> None:
     """Start the site's processes and keep them running until Ctrl-C, or in the background with --detach."""
     names = (*(only or []), *(services or []))
     if new_chain and (record := give_up_chain(Site.load(site))) is not None:
         console.print(f"the old chain is given up; its record is {record}", soft_wrap=True)
+    if new_journal:
+        # Imported here: databases take their time, and this is seldom wanted.
+        from services.bridge.continuity import give_up_journal
+
+        give_up_journal(Site.load(site))
+        console.print("the bridge goes on without what its journal lacks", soft_wrap=True)
     if detach:
         _detach(site, names)
         return

@@ -21,6 +21,7 @@
     ├── BridgeNotReady            no node, no contracts or not caught up yet; `reason` says which
     ├── IndexUnusable             the index's file is not a database
     ├── JournalDamaged            the journal's file is not what was written
+    ├── JournalIncomplete         the journal lacks transactions that its wallets have sent
     ├── JournalUnwritable         the journal's file cannot be written now; what waits stays in the queue
     ├── TransactionDropped        the node forgot the transaction and used its nonce for another
     └── ChainReorganized          blocks that were indexed are not on the chain any more
@@ -111,6 +112,13 @@ class IndexUnusable(RodeoError):
 
 class JournalDamaged(RodeoError):
     """The journal's file is not what was written: what the wallets have sent is not known from it."""
+
+    restart_cures = False
+
+
+class JournalIncomplete(RodeoError):
+    """The journal lacks transactions of its wallets: it was deleted, or put back from an older copy. What was
+    asked for by them would be done a second time."""
 
     restart_cures = False
 

@@ -7,11 +7,11 @@ the same request_id. `dropped`: it can never be mined any more.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from eth_account.typed_transactions import TypedTransaction
 from hexbytes import HexBytes
@@ -38,7 +38,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import DBAPIError
 
-from services.bridge.database import damage, migrate, open_database, stamp
+from services.bridge.database import damage, migrate, open_database, stamp, upsert
 from services.bridge.errors import JournalDamaged, JournalUnwritable
 from services.bridge.schema import Wei
 
@@ -71,6 +71,25 @@ _transactions = Table(
     Column("made_s", Float, doc="block time when it was signed"),
     UniqueConstraint("wallet", "request_id"),
 )
+
+
+_accounted = Table(
+    "accounted",
+    metadata,
+    Column("wallet", String(64), primary_key=True),
+    Column("nonce", BigInteger, nullable=False, doc="the first that nothing is known of"),
+    Column("sent_without", BigInteger, nullable=False, doc="transactions by the deployment step until then"),
+    comment="what the wallets have sent, as far as the journal answers for it",
+)
+
+
+class Accounted(NamedTuple):
+    """How far the journal answers for what a wallet has sent."""
+
+    nonce: int
+    """The first that nothing is known of."""
+    sent_without: int
+    """How many the deployment step had sent by then."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +132,9 @@ class Journal:
         self._path = path
         if (problem := damage(path)) is not None:
             raise JournalDamaged(
-                "the journal is damaged: put it back from a copy, or move it away once none of the wallets' "
-                "transactions waits to be mined; then a request_id of before counts as a new request",
+                "the journal is damaged: put it back from a copy, or, once none of the wallets' transactions "
+                "waits to be mined, begin another one with `rodeo up --new-journal`: a request_id of before "
+                "then counts as a new request",
                 path=str(path),
                 problem=problem,
             )
@@ -206,6 +226,36 @@ class Journal:
         foreign = _transactions.c.to.not_in(list(contracts)) & _transactions.c.request_id.is_not(None)
         with self._writing(self._engine) as connection:
             return connection.execute(update(_transactions).where(foreign).values(request_id=None)).rowcount
+
+    def newest_nonces(self) -> dict[str, int]:
+        """Wallet -> the highest nonce among its transactions that were, or may still be, mined."""
+        c = _transactions.c
+        kept = c.state != "dropped"
+        with self._engine.connect() as connection:
+            rows = connection.execute(
+                select(c.wallet, func.max(c.nonce)).where(kept, c.nonce.is_not(None)).group_by(c.wallet)
+            ).all()
+        newest = {wallet: int(nonce) for wallet, nonce in rows}
+        for entry in self._entries(kept & c.nonce.is_(None)):
+            newest[entry.wallet] = max(newest.get(entry.wallet, 0), entry.nonce)
+        return newest
+
+    def accounted(self) -> dict[str, Accounted]:
+        """Wallet -> how far the journal answers for it."""
+        with self._engine.connect() as connection:
+            rows = connection.execute(select(_accounted)).all()
+        return {row.wallet: Accounted(row.nonce, row.sent_without) for row in rows}
+
+    def account_for(self, wallets: Mapping[str, Accounted]) -> None:
+        """From now on the journal answers for so much; never for less than before."""
+        before = self.accounted()
+        rows = [
+            {"wallet": name, **one._replace(nonce=max(one.nonce, before.get(name, one).nonce))._asdict()}
+            for name, one in wallets.items()
+        ]
+        if rows:
+            with self._writing(self._engine) as connection:
+                connection.execute(upsert(self._engine, _accounted), rows)
 
     def count(self, state: str) -> int:
         query = select(func.count()).select_from(_transactions).where(_transactions.c.state == state)

@@ -35,7 +35,14 @@ from rodeo.messages import DaoEvent
 from rodeo.metrics import LATENCY_BUCKETS_S
 from rodeo.service import Service
 from services.bridge.commands import KNOWN, Wallet
-from services.bridge.errors import BridgeNotReady, ChainReorganized, JournalDamaged, UnknownParticipant
+from services.bridge.continuity import Continuity, open_journal
+from services.bridge.errors import (
+    BridgeNotReady,
+    ChainReorganized,
+    JournalDamaged,
+    JournalIncomplete,
+    UnknownParticipant,
+)
 from services.bridge.fees import Limits
 from services.bridge.follower import BEHIND_GRACE_S, Follower
 from services.bridge.heads import SUBSCRIBED_CHECK_S, Header, Heads, PolledHeads, open_heads
@@ -56,6 +63,9 @@ _EXPIRY_RETRY_S = 5.0
 
 _SWITCH_S = 0.0005
 """How long a thread keeps the interpreter from the one that has a block to publish."""
+
+_NOTE_S = 2.0
+"""Between two looks for transactions of our wallets that others have sent."""
 
 _TELL_S = 1.0
 """Between two messages on how far the index is: it may be a hundred blocks in a second."""
@@ -90,6 +100,7 @@ class _Attachment:
     queries: Queries
     wallets: dict[str, Wallet]
     journal: Journal
+    continuity: Continuity
     node: Node
 
     def close(self) -> None:
@@ -112,6 +123,7 @@ class Bridge:
         self._reason = "starting"
         self._told_block = -1
         self._tell_s = 0.0
+        self._noted_block, self._note_s = -1, 0.0
         self._accounts: dict[str, LocalAccount] = {}
         # A thread per participant checks its commands, in their order: a stuck wallet holds up nobody else.
         self._threads = {
@@ -147,7 +159,7 @@ class Bridge:
             except WalletError:
                 # The passphrase comes with the environment: this process will not see another one.
                 raise
-            except (ChainError, ChainReorganized, JournalDamaged) as error:
+            except (ChainError, ChainReorganized, JournalDamaged, JournalIncomplete) as error:
                 self._not_ready(str(error))
             except DBAPIError as error:
                 self._not_ready(f"the index's database does not answer: {error.orig}")
@@ -165,7 +177,7 @@ class Bridge:
         require_chain(w3, self._site.chain)
         deployment = Deployment.load(self._site.data_dir, self._site.chain.id)
         deployment.verify(w3)
-        if self._attachment is None or self._attachment.deployment != deployment:
+        if self._attachment is None or not deployment.is_same(self._attachment.deployment):
             if self._attachment is not None:
                 log.warning("another deployment: starting its index and its journal")
                 self._attachment.close()
@@ -181,8 +193,12 @@ class Bridge:
         # Named after the genesis block: a chain that was made anew starts with an empty journal.
         chain = f"{deployment.chain_id}-{deployment.genesis_hash[2:18]}"
         folder = self._service.data_dir / chain
+        node = Node(site.chain.url)
+        addresses = {name: account.address for name, account in self._accounts.items()}
         # The journal first: it may be refused again and again, and nothing else is open then.
-        journal = Journal(folder / "journal.sqlite")
+        journal = open_journal(
+            folder / "journal.sqlite", self._service.data_dir, node, addresses, deployment.sent
+        )
         if freed := journal.free_requests(deployment.contracts.values()):
             log.warning("%d requests of before were made to other contracts: they count no more", freed)
         index = Index(
@@ -192,7 +208,6 @@ class Bridge:
             deployment.contracts,
             schema_name=f"{site.org}-{self._config.name}-{chain}" if self._config.database else "",
         )
-        node = Node(site.chain.url)
         outbox = Outbox(
             node, deployment, index, journal, self._config.stuck_s, on_sent=lambda: self._heads.wake()
         )
@@ -234,6 +249,7 @@ class Bridge:
             queries=Queries(index, names, deployment, client, node, site.chain.url),
             wallets={name: wallet(name) for name in self._threads},
             journal=journal,
+            continuity=Continuity(journal, node, addresses, deployment.sent),
             node=node,
         )
         # Asked when somebody looks: also of a bridge that is not ready.
@@ -272,6 +288,7 @@ class Bridge:
                 if late is None:
                     self._ready(attachment)
                     self._expire_overdue(attachment)
+                    self._note_strangers(attachment)
                 else:
                     self._not_ready(late)
                 headers = heads.wait()
@@ -347,6 +364,13 @@ class Bridge:
         if isinstance(reply, Future):
             reply.add_done_callback(lambda done: asked.ended(done.exception()))
         return reply
+
+    def _note_strangers(self, attachment: _Attachment) -> None:
+        """Transactions of our wallets that others have sent."""
+        block, now_s = attachment.index.position.block, time.monotonic()
+        if block != self._noted_block and now_s >= self._note_s:
+            self._noted_block, self._note_s = block, now_s + _NOTE_S
+            attachment.continuity.note(attachment.outbox.waiting)
 
     # -- expiry ----------------------------------------------------------------------------------------------
 

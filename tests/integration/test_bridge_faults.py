@@ -23,7 +23,7 @@ from deploy.contracts import run as deploy
 from rodeo import wallets
 from rodeo.chain import WrongChain
 from rodeo.chain.client import connect
-from rodeo.errors import NoResponder
+from rodeo.errors import NoResponder, RemoteError
 from services.bridge.node import Node
 from tests.support.chain import Answer, EmbeddedChain, FaultyNode
 from tests.support.dao import PARAMS, Dao
@@ -169,6 +169,30 @@ def test_bridge_node_and_router_killed_at_random_moments_settle_every_task_once(
     assert found.pop("faults_s") > 0
     assert [found.pop(f"faults_kills_{name}") for name in soak.KILLED] == [2, 2, 2]
     assert set(found.values()) == {0}, found
+
+
+def test_a_bridge_whose_journal_is_gone_says_so_and_posts_nothing_twice(running: RunningSite) -> None:
+    dao = Dao(running)
+    dao.start()
+    dao.post(request_id="once")
+    dao.stop()
+    running.kill("bridge")
+    (journal,) = (running.site.data_dir / "bridge").glob("*/journal.sqlite")
+    journal.rename(journal.with_name("copy.sqlite"))
+    for beside in journal.parent.glob("journal.sqlite-*"):
+        beside.rename(beside.with_name(beside.name.replace("journal", "copy")))
+    running.start("bridge", ready=False)
+    status = running.wait_for_status("bridge", lambda one: "the journal lacks" in one.reason)
+    assert "rodeo up --new-journal" in status.reason
+    with pytest.raises(RemoteError):
+        dao.post(request_id="once")
+
+    running.kill("bridge")
+    for kept in journal.parent.glob("copy.sqlite*"):
+        kept.rename(kept.with_name(kept.name.replace("copy", "journal")))
+    running.start("bridge")
+    assert dao.post(request_id="once") == 1
+    assert dao.client().task_count() == 1
 
 
 def test_nothing_is_deployed_on_a_chain_that_the_site_file_does_not_name(

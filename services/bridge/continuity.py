@@ -1,0 +1,141 @@
+"""Whether the journal holds what its wallets have sent.
+
+One that was deleted, emptied or put back from an older copy forgets which requests were carried out: asked
+again, they would be carried out twice. The chain counts each wallet's transactions; the deployment record
+says how many of them no bridge has sent.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+
+from rodeo.chain import ChainError, ChainUnavailable
+from rodeo.config import Site
+from rodeo.files import set_aside
+from services.bridge.errors import JournalDamaged, JournalIncomplete, JournalUnwritable
+from services.bridge.journal import Accounted, Journal
+from services.bridge.node import Node
+
+log = logging.getLogger(__name__)
+
+_GIVEN_UP = "given-up"
+
+
+def give_up_journal(site: Site) -> None:
+    """Let the site's bridge go on with a journal that lacks what was sent before, when it opens it next."""
+    folder = site.data_dir / site.bridge.name
+    folder.mkdir(parents=True, exist_ok=True)
+    _order(folder).touch()
+
+
+def _order(folder: Path) -> Path:
+    return folder / "new-journal"
+
+
+def open_journal(
+    path: Path, folder: Path, node: Node, addresses: Mapping[str, str], sent: Mapping[str, int]
+) -> Journal:
+    """The journal at `path` of the bridge whose data is in `folder`, whole or given up by order.
+
+    `addresses`: name -> address of each wallet that it is to answer for. `sent`: address -> transactions that
+    no bridge has sent (`Deployment.sent`). Raises JournalDamaged, JournalIncomplete and ChainUnavailable.
+    """
+    ordered = _order(folder).exists()
+    try:
+        journal = Journal(path)
+    except JournalDamaged as error:
+        if not ordered:
+            raise
+        log.warning("the damaged journal is kept in %s: %s", set_aside(path, _GIVEN_UP), error)
+        for suffix in ("-wal", "-shm"):
+            path.with_name(path.name + suffix).unlink(missing_ok=True)
+        journal = Journal(path)
+    try:
+        _require_whole(journal, path, node, addresses, sent, ordered)
+    except BaseException:
+        journal.close()
+        raise
+    _order(folder).unlink(missing_ok=True)
+    return journal
+
+
+def _require_whole(
+    journal: Journal,
+    path: Path,
+    node: Node,
+    addresses: Mapping[str, str],
+    sent: Mapping[str, int],
+    ordered: bool,
+) -> None:
+    noted, newest, counts = journal.accounted(), journal.newest_nonces(), _counts(node, addresses)
+    missing: dict[str, int] = {}
+    for name, count in counts.items():
+        without = sent.get(addresses[name])
+        if (before := noted.get(name)) is not None:
+            added = max(0, (without or 0) - before.sent_without)
+            known = max(before.nonce, newest.get(name, -1) + 1) + added
+        elif without is None or name in newest:
+            known = count  # of a wallet that joined later, or of a journal from before this was noted
+        else:
+            known = without
+        if count > known:
+            missing[name] = count - known
+    if missing and not ordered:
+        raise JournalIncomplete(
+            f"the journal lacks {sum(missing.values())} transactions that its wallets have sent: it was "
+            "deleted or emptied, or is an older copy, or somebody used the wallets without this bridge. Put "
+            "the newest copy back; or, once none of their transactions waits to be mined, go on without "
+            "them with `rodeo up --new-journal`: a request_id of before then counts as a new request",
+            path=str(path),
+            missing=missing,
+        )
+    if missing:
+        log.warning("the journal goes on without what was sent before, as ordered: %s", missing)
+    journal.account_for({name: _accounted(count, addresses[name], sent) for name, count in counts.items()})
+
+
+class Continuity:
+    """Notes what wallets send without the bridge while it looks on, so that it is not missed later."""
+
+    def __init__(
+        self, journal: Journal, node: Node, addresses: Mapping[str, str], sent: Mapping[str, int]
+    ) -> None:
+        self._journal = journal
+        self._node = node
+        self._addresses = addresses
+        self._sent = sent
+        self._seen: dict[str, int] = {}
+
+    def note(self, waiting: Callable[[str], int]) -> None:
+        """`waiting` tells how many transactions of a wallet the bridge itself has on their way."""
+        idle = {name: address for name, address in self._addresses.items() if not waiting(name)}
+        try:
+            counts = _counts(self._node, idle)
+            new = {name: count for name, count in counts.items() if count > self._seen.get(name, -1)}
+            if not new:
+                return
+            # Asked after the counts: what the bridge has sent is in the journal before it is sent.
+            newest = self._journal.newest_nonces()
+            others = {name: count for name, count in new.items() if count > newest.get(name, -1) + 1}
+            self._journal.account_for(
+                {name: _accounted(count, idle[name], self._sent) for name, count in others.items()}
+            )
+            self._seen |= new
+        except (ChainUnavailable, JournalUnwritable) as error:
+            log.debug("what was sent without the bridge is noted later: %s", error)
+
+
+def _accounted(count: int, address: str, sent: Mapping[str, int]) -> Accounted:
+    return Accounted(nonce=count, sent_without=sent.get(address, 0))
+
+
+def _counts(node: Node, addresses: Mapping[str, str]) -> dict[str, int]:
+    """Name -> transactions of the wallet that are mined. Raises ChainUnavailable."""
+    names: Iterable[str] = list(addresses)
+    answers = node.batch([("eth_getTransactionCount", [addresses[name], "latest"]) for name in names])
+    for answer in answers:
+        if isinstance(answer, ChainError):
+            raise ChainUnavailable("the node does not tell what a wallet has sent", reason=str(answer))
+    return {name: int(answer, 16) for name, answer in zip(names, answers, strict=True)}

@@ -1,0 +1,159 @@
+"""A journal that lacks what its wallets have sent is refused until somebody says otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from eth_account.signers.local import LocalAccount
+
+from rodeo import wallets
+from rodeo.config import Site
+from services.bridge.continuity import Continuity, give_up_journal, open_journal
+from services.bridge.errors import JournalDamaged, JournalIncomplete
+from services.bridge.journal import Journal
+from services.bridge.node import Node
+from tests.support.deployed import DeployedChain
+
+
+class Bridge:
+    """panther1's wallet on a real chain, and its journal as one bridge after the other opens it."""
+
+    def __init__(self, chain: DeployedChain, folder: Path) -> None:
+        self.site: Site = chain.site.model_copy(update={"data_dir": folder})
+        self.account: LocalAccount = wallets.load(chain.site, "panther1")
+        self.addresses = {"panther1": self.account.address}
+        self.client = chain.client()
+        self.node = Node(chain.site.chain.url)
+        # As a deployment says that ended now: other tests share the chain.
+        self.sent = {self.account.address: self.nonce}
+        self.folder = folder / "bridge"
+        self.path = self.folder / "journal.sqlite"
+
+    @property
+    def nonce(self) -> int:
+        return self.client.w3.eth.get_transaction_count(self.account.address)
+
+    def open(self) -> Journal:
+        return open_journal(self.path, self.folder, self.node, self.addresses, self.sent)
+
+    def send(self, journal: Journal | None) -> None:
+        """One transaction, through the journal or without it."""
+        nonce = self.nonce
+        if journal is not None:
+            journal.add(
+                [
+                    {
+                        "wallet": "panther1",
+                        "request_id": f"request {nonce}",
+                        "command": "transfer",
+                        "content_sha256": "",
+                        "to": self.client.organization,
+                        "data": b"",
+                        "raw": b"",
+                        "nonce": nonce,
+                        "tx_hash": hex(nonce),
+                    }
+                ]
+            )
+        self.client.send(self.account, self.client.calls.transfer(self.client.organization, 1))
+
+
+@pytest.fixture
+def bridge(chain: DeployedChain, tmp_path: Path) -> Bridge:
+    return Bridge(chain, tmp_path)
+
+
+def delete(path: Path) -> None:
+    path.unlink()
+
+
+def empty(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+@pytest.mark.parametrize("lose", [delete, empty])
+def test_a_journal_that_is_gone_is_refused_until_it_is_back_or_given_up(
+    bridge: Bridge, lose: Callable[[Path], None]
+) -> None:
+    journal = bridge.open()
+    for _ in range(3):
+        bridge.send(journal)
+    journal.close()
+    copy = bridge.path.read_bytes()
+    for beside in bridge.folder.glob("journal.sqlite-*"):
+        beside.unlink()
+
+    lose(bridge.path)
+    for _ in range(2):  # asking again does not make it whole
+        with pytest.raises(JournalIncomplete, match="lacks 3 transactions") as refused:
+            bridge.open()
+    assert refused.value.details == {"path": str(bridge.path), "missing": {"panther1": 3}}
+    assert not refused.value.restart_cures
+    assert "rodeo up --new-journal" in refused.value.message
+
+    bridge.path.write_bytes(copy)
+    journal = bridge.open()
+    assert len(journal.unfinished()) == 3
+    journal.close()
+
+    lose(bridge.path)
+    give_up_journal(bridge.site)
+    bridge.open().close()
+    bridge.open().close()  # once given up, it is whole
+    journal = bridge.open()
+    bridge.send(journal)
+    journal.close()
+    lose(bridge.path)
+    with pytest.raises(JournalIncomplete):  # the order was for one loss
+        bridge.open()
+
+
+def test_an_older_copy_is_refused(bridge: Bridge) -> None:
+    journal = bridge.open()
+    bridge.send(journal)
+    journal.close()
+    copy = bridge.path.read_bytes()
+    journal = bridge.open()
+    bridge.send(journal)
+    journal.close()
+    bridge.path.write_bytes(copy)
+    with pytest.raises(JournalIncomplete) as refused:
+        bridge.open()
+    assert refused.value.details["missing"] == {"panther1": 1}
+
+
+def test_what_the_deployment_step_sends_later_is_not_missed(bridge: Bridge) -> None:
+    bridge.open().close()
+    bridge.send(None)
+    bridge.sent[bridge.account.address] += 1
+    bridge.open().close()
+
+
+def test_what_somebody_sends_by_hand_while_the_bridge_looks_on_is_not_missed(bridge: Bridge) -> None:
+    journal = bridge.open()
+    bridge.send(None)
+    Continuity(journal, bridge.node, bridge.addresses, bridge.sent).note(lambda _name: 0)
+    journal.close()
+    bridge.open().close()
+
+    bridge.send(None)  # while no bridge runs
+    with pytest.raises(JournalIncomplete, match="used the wallets without this bridge"):
+        bridge.open()
+
+
+def test_a_wallet_that_joins_with_a_past_is_taken_as_it_is(bridge: Bridge) -> None:
+    bridge.send(None)
+    del bridge.sent[bridge.account.address]
+    bridge.open().close()
+
+
+def test_a_damaged_journal_that_is_given_up_is_kept(bridge: Bridge) -> None:
+    bridge.open().close()
+    bridge.path.write_bytes(b"no database at all" * 1000)
+    with pytest.raises(JournalDamaged, match="--new-journal"):
+        bridge.open()
+    give_up_journal(bridge.site)
+    bridge.open().close()
+    assert (bridge.folder / "journal.sqlite.given-up-1").read_bytes().startswith(b"no database")
