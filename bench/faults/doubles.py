@@ -26,10 +26,11 @@ def second_bridge(lab: Lab) -> Iterator[None]:
         one.result(timeout=120.0)
     yield
     lab.down("bridge", site=elsewhere)
-    yield
     need(len({one.result() for one in posted}) == len(labels), "two requests got one task")
+    lab.wait(lambda: lab.ready("bridge"), "the first bridge is not ready", 60.0)
     for label in labels:
         lab.cancel_if_open(label)
+    yield
 
 
 def _second(name: str) -> Script:

@@ -201,6 +201,8 @@ class Lab:
         """`rodeo up NAME` for each; returns at once. Says why when one does not start."""
 
         def start(name: str) -> None:
+            if site is None and any(one.name == name for one in self._ups):
+                return  # it is up
             launcher = Launcher(site or self.sites.get(name, self.path), (name,))
             try:
                 launcher.__enter__()
@@ -272,8 +274,9 @@ class Lab:
                 check=False,
             )
         except subprocess.TimeoutExpired as error:
-            output = b"".join(part for part in (error.stdout, error.stderr) if isinstance(part, bytes))
-            return 124, output.decode(errors="replace")
+            parts = [part for part in (error.stdout, error.stderr) if part]
+            texts = [part.decode(errors="replace") if isinstance(part, bytes) else part for part in parts]
+            return 124, "".join(texts)
         return done.returncode, done.stdout + done.stderr
 
     def new_chain(self) -> None:
@@ -508,13 +511,13 @@ class Lab:
         if self.state(f"task/{self.asked[label]}")["state"] == "assigned":
             self.end(label)
 
-    def finish(self, label: str) -> None:
+    def finish(self, label: str, again: str = "") -> None:
         """Prove and judge a task in the executor's and the oracle's name."""
         sha256 = f"{self.asked[label]:064x}"
-        self.submit(label, "0x" + sha256, f"{self.site.store_url}/{sha256}.mcap")
-        self.judge(label)
+        self.submit(label, "0x" + sha256, f"{self.site.store_url}/{sha256}.mcap", again=again)
+        self.judge(label, again)
 
-    def judge(self, label: str) -> None:
+    def judge(self, label: str, again: str = "") -> None:
         """Accept the proof that was submitted."""
         task_id = self.asked[label]
         # The index may hear of the proof a moment later than its sender.
@@ -527,7 +530,7 @@ class Lab:
         self.command(
             "oracle",
             "post_verdict",
-            request_id=f"verdict {label}",
+            request_id=f"verdict {label}{again}",
             task_id=task_id,
             attempt=task["attempt"],
             proof_sha256=task["proof_sha256"],
@@ -558,15 +561,18 @@ class Lab:
         self.submit(label, *self.store(f"no recording: {label}".encode()))
         self.wait_ended(label)
 
-    def submit(self, label: str, sha256: str, uri: str, task: dict[str, Any] | None = None) -> dict[str, Any]:
-        """A proof in the executor's name; the task as it was before."""
+    def submit(
+        self, label: str, sha256: str, uri: str, task: dict[str, Any] | None = None, again: str = ""
+    ) -> dict[str, Any]:
+        """A proof in the executor's name, with `again` a new request; the task as it was before."""
         task = task or self.assigned(label)
         self.command(
             task["executor_name"],
             "submit_proof",
-            request_id=f"proof {label}",
+            request_id=f"proof {label}{again}",
             task_id=task["id"],
             attempt=task["attempt"],
+            nonce=task["nonce"],
             proof_sha256=sha256,
             proof_uri=uri,
         )

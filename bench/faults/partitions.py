@@ -170,4 +170,9 @@ def node_hides_events(lab: Lab) -> Iterator[None]:
     yield
     yield
     posted.result(timeout=60.0)
+    lab.wait(
+        lambda: posted.result() in [task["id"] for task in lab.state("tasks", limit=100)["tasks"]],
+        "the index never heard of a task that is on the chain",
+        60.0,
+    )
     lab.finish("hidden")

@@ -26,7 +26,7 @@ WORKED_S = 240.0
 
 def _working(lab: Lab, activity: str = "carrying item1") -> None:
     """A task of cleaning, and the robot in the middle of it."""
-    lab.post("meanwhile", max_attempts=3)
+    lab.post("meanwhile", max_attempts=3, reward_iec="100")
     lab.wait_said(f"robot_agent: .*{activity}", within_s=WORKED_S)
     lab.mark()
 
@@ -155,7 +155,7 @@ def recording_cut(lab: Lab) -> Iterator[None]:
     limit_s=600.0,
 )
 def new_chain_under_the_agent(lab: Lab) -> Iterator[None]:
-    lab.post("on the old chain", params={"item_id": "item99", "x_m": 4.6, "y_m": 1.2})
+    lab.post("on the old chain", reward_iec="100", params={"item_id": "item99", "x_m": 4.6, "y_m": 1.2})
     lab.wait_ended("on the old chain", WORKED_S)
     path = stopped(lab, "chain", CHAIN)
     remove(path)
@@ -168,7 +168,7 @@ def new_chain_under_the_agent(lab: Lab) -> Iterator[None]:
         "the agent does not offer its service on the new chain",
         60.0,
     )
-    lab.post("meanwhile")
+    lab.post("meanwhile", reward_iec="100")
     _paid(lab)
 
 
