@@ -22,6 +22,7 @@ from pathlib import Path
 
 from bench.faults.case import CASES, Case
 from bench.faults.lab import PARTICIPANTS, Lab, NotSurvived
+from rodeo.errors import RodeoError
 from rodeo.service import die_with
 from tests.support.site import RunningSite, write_site
 
@@ -156,7 +157,10 @@ def _run(one: Case, folder: Path, template: Path, parent: int) -> None:
 
 def _tried(one: Case, own: Path, template: Path) -> Result:
     started_s = time.monotonic()
-    lab = Lab(one, own, template if one.backend == "eth-tester" else None)
+    try:
+        lab = Lab(one, own, template if one.backend == "eth-tester" else None)
+    except RodeoError as error:
+        return Result(one.name, False, str(error))
     found: list[Result] = []
 
     def script() -> None:
