@@ -10,6 +10,8 @@ from pydantic import BaseModel, ConfigDict
 
 from rodeo import topics
 from rodeo.bus import Bus, validate
+from rodeo.charging import ChargingParams
+from rodeo.cleaning import CleaningParams
 from rodeo.config import Site
 from rodeo.evidence import Binding
 from rodeo.messages import (
@@ -31,6 +33,10 @@ ORGANIZATION = "organization"
 
 MACHINE_JUDGED = frozenset({CLEANING, CHARGING})
 """Kinds with checks of their own. People judge every other kind: no oracle sees whether it was done."""
+
+
+KIND_PARAMS: dict[str, type[BaseModel]] = {CLEANING: CleaningParams, CHARGING: ChargingParams}
+"""Kinds whose parameters have a schema; those of other kinds are the participants' own affair."""
 
 
 def is_peoples(kind: str) -> bool:

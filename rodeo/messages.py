@@ -297,6 +297,36 @@ class Collect(Command):
     """Fetch what the token once refused to pay to the wallet."""
 
 
+COMMANDS: dict[str, type[Command]] = {
+    "register_task": RegisterTask,
+    "cancel_task": CancelTask,
+    "submit_proof": SubmitProof,
+    "post_verdict": PostVerdict,
+    "expire_task": ExpireTask,
+    "match_task": MatchTask,
+    "register_service": RegisterService,
+    "update_service": UpdateService,
+    "transfer": Transfer,
+    "collect": Collect,
+    "deposit": Deposit,
+    "withdraw": Withdraw,
+    "register_device": RegisterDevice,
+    "revoke_device": RevokeDevice,
+    "post_root": PostRoot,
+    "allow_kind": AllowKind,
+    "set_policy": SetPolicy,
+    "set_terms": SetTerms,
+    "set_members_only": SetMembersOnly,
+    "admit": Admit,
+    "dismiss": Dismiss,
+    "suspend_service": SuspendService,
+    "reinstate_service": ReinstateService,
+    "grant_role": GrantRole,
+    "revoke_role": RevokeRole,
+}
+"""What a wallet can be asked to do, by the last part of the key. There are `prepare` and `broadcast`, too."""
+
+
 # -- a wallet that lives elsewhere --------------------------------------------------------------------------
 
 

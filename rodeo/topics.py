@@ -318,7 +318,10 @@ def markdown() -> str:
                 ]
                 lines.append(f"| {' | '.join(cells)} | {topic.meaning} |")
         lines.append("")
-    return "\n".join(lines)
+    # Every process imports the table, none of them needs the payloads' examples.
+    from rodeo.payloads import pages
+
+    return "\n".join(lines) + "\n" + pages()
 
 
 def robot_interface() -> str:

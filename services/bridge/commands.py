@@ -12,7 +12,6 @@ from typing import Any
 
 from eth_account import Account
 from eth_utils import to_checksum_address
-from pydantic import BaseModel
 
 from rodeo.bus import validate
 from rodeo.chain import (
@@ -30,10 +29,8 @@ from rodeo.chain import (
     Verdict,
     to_wei,
 )
-from rodeo.charging import ChargingParams
-from rodeo.cleaning import CleaningParams
 from rodeo.config import EconomyConfig
-from rodeo.dao import MACHINE_JUDGED
+from rodeo.dao import KIND_PARAMS, MACHINE_JUDGED
 from rodeo.errors import InvalidRequest
 from rodeo.evidence import Store
 from rodeo.messages import (
@@ -90,13 +87,6 @@ _UNLIMITED = 2**256 - 1
 
 MAX_TEXT_BYTES = 16 * 1024
 """Of parameters and description together: everybody keeps and lists them for ever."""
-
-
-KIND_PARAMS: dict[str, type[BaseModel]] = {
-    "waste_disposal": CleaningParams,
-    "battery_charging": ChargingParams,
-}
-"""Kinds whose parameters have a schema; those of other kinds are the participants' own affair."""
 
 
 Reply = dict[str, Any]

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Annotated, Any
-
-from pydantic import Field, StringConstraints
+from typing import Any
 
 from rodeo.bus import Request, validate
 from rodeo.chain import ChainClient, Deployment, Role
-from rodeo.messages import Id, Kind, Message, Party, ServiceState, TaskState
+from rodeo.messages import Message, TaskState
+from rodeo.queries import (
+    Account,
+    EventRange,
+    HistoryRange,
+    RootFilters,
+    ServiceFilters,
+    TaskFilters,
+    TransactionFilters,
+    TransferFilters,
+)
 from services.bridge.amounts import iec
 from services.bridge.errors import UnknownQuery, UnknownTask
 from services.bridge.index import Index, Page
@@ -18,93 +26,11 @@ from services.bridge.node import Node
 
 Json = dict[str, Any]
 
-MAX_PAGE = 500
 MAX_BUCKETS = 2_000
-
-Limit = Annotated[int, Field(ge=1, le=MAX_PAGE)]
-Time = Annotated[float, Field(ge=0, le=2**48, allow_inf_nan=False)]
-_END_OF_TIME = float(2**48)
-
-
-class TaskFilters(Message):
-    """Parameters of `state/tasks`."""
-
-    state: Annotated[str, StringConstraints(pattern=r"^[a-z]+(,[a-z]+)*$", max_length=100)] | None = None
-    """One or more states, with commas in between."""
-    kind: Kind | None = None
-    creator: Party | None = None
-    executor: Party | None = None
-    service_id: Id | None = None
-    text: Annotated[str, StringConstraints(max_length=200)] | None = None
-    """In the description or the parameters, in any case."""
-    order: Annotated[str, StringConstraints(pattern="^(newest|oldest)$")] = "newest"
-    limit: Limit = 100
-    offset: Id = 0
 
 
 class _States(Message):
     states: list[TaskState]
-
-
-class ServiceFilters(Message):
-    """Parameters of `state/services`."""
-
-    kind: Kind | None = None
-    provider: Party | None = None
-    state: ServiceState | None = None
-    limit: Limit = MAX_PAGE
-    offset: Id = 0
-
-
-class EventRange(Message):
-    """Parameters of `state/events`."""
-
-    after: Id = 0
-    name: Annotated[str, StringConstraints(pattern=r"^[A-Za-z]+(,[A-Za-z]+)*$", max_length=500)] | None = None
-    task_id: Id | None = None
-    limit: Limit = MAX_PAGE
-
-
-class TransferFilters(Message):
-    """Parameters of `state/transfers`; times are the blocks', s."""
-
-    account: Party | None = None
-    task_id: Id | None = None
-    first_s: Time = 0
-    last_s: Time = _END_OF_TIME
-    limit: Limit = 100
-    offset: Id = 0
-
-
-class TransactionFilters(Message):
-    """Parameters of `state/transactions`."""
-
-    task_id: Id | None = None
-    limit: Annotated[int, Field(ge=1, le=100)] = 50
-    offset: Id = 0
-
-
-class HistoryRange(Message):
-    """Parameters of `state/history`; times are the blocks', s."""
-
-    first_s: Time = 0
-    last_s: Time | None = None
-    bucket_s: Annotated[float, Field(ge=1, le=2**32)] = 3600
-
-
-class RootFilters(Message):
-    """Parameters of `state/roots`."""
-
-    device: Party | None = None
-    """Address of the key."""
-    limit: Limit = 100
-    offset: Id = 0
-
-
-class Account(Message):
-    """Parameter of `state/wallet`."""
-
-    account: Party = ORGANIZATION
 
 
 class Queries:

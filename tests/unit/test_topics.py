@@ -2,6 +2,11 @@
 
 from pathlib import Path
 
+import pytest
+from pydantic import BaseModel
+
+from rodeo import payloads, queries
+from rodeo.messages import COMMANDS
 from rodeo.topics import TOPICS, Form, Plane, markdown, robot_interface
 
 
@@ -39,3 +44,34 @@ def test_the_page_of_keys_is_the_table() -> None:
 def test_the_page_for_who_brings_a_robot_lists_the_robots_part_of_the_table() -> None:
     page = Path(__file__).parents[2] / "docs" / "bring-your-own-robot.md"
     assert robot_interface() in page.read_text(), "paste what rodeo.topics.robot_interface() returns"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_the_example_of_a_command_is_valid(name: str) -> None:
+    COMMANDS[name].model_validate(payloads.example_of(COMMANDS[name], name))
+
+
+@pytest.mark.parametrize("model", payloads.EXAMPLES)
+def test_the_example_of_a_payload_is_valid(model: type[BaseModel]) -> None:
+    model.model_validate(payloads.EXAMPLES[model])
+
+
+@pytest.mark.parametrize("what", queries.QUERIES)
+def test_the_example_of_a_question_is_valid(what: str) -> None:
+    queries.QUERIES[what].parameters.model_validate(payloads.parameters_of(what))
+
+
+def test_every_command_and_statement_has_its_part_of_the_page() -> None:
+    titles = {line.removeprefix("#### ") for line in markdown().splitlines() if line.startswith("#### ")}
+    assert {*COMMANDS, "prepare", "broadcast", *queries.QUERIES} <= titles
+    assert {model.__name__ for model in payloads.STATEMENTS} <= titles
+
+
+def test_the_page_knows_the_commands_that_the_bridge_knows_and_what_each_takes() -> None:
+    from services.bridge.commands import _COMMANDS
+
+    assert {name: model for name, (model, _build) in _COMMANDS.items()} == COMMANDS
+
+
+def test_what_a_field_means_is_read_from_the_model() -> None:
+    assert "Queue the task even though every service on offer costs more" in markdown()

@@ -1,0 +1,439 @@
+"""What is in each payload of the DAO plane, from the models themselves: the second half of docs/keys.md."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import textwrap
+from collections.abc import Iterable
+from typing import Any
+
+from pydantic import BaseModel
+
+from rodeo import queries
+from rodeo.charging import ChargingParams
+from rodeo.cleaning import CleaningParams
+from rodeo.dao import KIND_PARAMS
+from rodeo.evidence.attestation import Attestation
+from rodeo.evidence.seal import Binding, SealHead
+from rodeo.messages import COMMANDS, Broadcast, Command, DaoEvent, Prepare, Status, Task
+from rodeo.witness.statement import (
+    Claimant,
+    Classification,
+    Drop,
+    Head,
+    Header,
+    MeterRecord,
+    Motion,
+    Presentation,
+    Receipt,
+    Removal,
+)
+
+STATEMENTS: tuple[type[Header], ...] = (
+    Motion,
+    Classification,
+    Drop,
+    Removal,
+    Presentation,
+    MeterRecord,
+    Receipt,
+)
+
+_ADDRESS, _OTHER = "0x" + "1f" * 20, "0x" + "2e" * 20
+_DIGEST, _BEFORE = "0x" + "3d" * 32, "0x" + "4c" * 32
+_TASK = {
+    "id": 7,
+    "kind": "waste_disposal",
+    "state": "assigned",
+    "attempt": 1,
+    "max_attempts": 3,
+    "creator": _OTHER,
+    "creator_name": "organization",
+    "executor": _ADDRESS,
+    "executor_name": "panther1",
+    "service_id": 2,
+    "reward_iec": "100",
+    "price_iec": "100",
+    "paid_iec": "0",
+    "params": {"item_id": "item1", "x_m": 4.6, "y_m": 1.2},
+    "description": "",
+    "registered": 1795320000.0,
+    "assigned": 1795320001.0,
+    "execution_deadline": 1795327201.0,
+    "execution_window_s": 7200,
+    "verdict_window_s": 172800,
+    "nonce": _DIGEST,
+}
+_CLAIMANT = {"device": "panther1", "address": _ADDRESS, "recording": _DIGEST, "task_id": 7, "attempt": 1}
+_HEAD = {"device": "panther1", "address": _ADDRESS, "chain": _DIGEST, "index": 12, "digest": _BEFORE}
+_HEADER = {
+    "chain_id": 31337,
+    "task_manager": _OTHER,
+    "organization": _ADDRESS,
+    "seq": 42,
+    "previous": _BEFORE,
+    "time_s": 1795320100.2,
+    "heads": [_HEAD],
+    "inputs": "closed_bus",
+}
+_BIN = {"device": "itrash", "claimants": [_CLAIMANT]}
+_FELL = {"compartment": "yellow", "weight_n": 0.294, "after_s": 1795320120.4, "settled_s": 1795320121.1}
+_CHARGE = {"task_id": 8, "attempt": 1, "recording": _DIGEST, "begin_wh": 12345.0, "register_wh": 12347.5}
+
+EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
+    Attestation: {"payload": {"type": "bin.removal"}, "signer": _ADDRESS, "signature": "0x" + "5b" * 65},
+    Head: _HEAD,
+    Claimant: _CLAIMANT,
+    Binding: {
+        "chain_id": 31337,
+        "task_manager": _OTHER,
+        "organization": _ADDRESS,
+        "device": "panther1",
+        "task_id": 7,
+        "attempt": 1,
+        "executor": _ADDRESS,
+        "nonce": _DIGEST,
+    },
+    SealHead: {
+        "type": "recording.seal",
+        "version": 1,
+        "chain_id": 31337,
+        "task_manager": _OTHER,
+        "organization": _ADDRESS,
+        "device": "panther1",
+        "recording": _DIGEST[2:],
+        "index": 12,
+        "messages": 1904,
+        "hash": _BEFORE[2:],
+        "previous": "6a" * 32,
+        "time_ns": "1795320100200000000",
+    },
+    Motion: {
+        **_HEADER,
+        "type": "mocap.motion",
+        "device": "mocap",
+        "start_us": 1795320099200000,
+        "end_us": 1795320100200000,
+        "tracks": {},
+        "resting": {"item1": 3},
+    },
+    Classification: {
+        **_HEADER,
+        **_BIN,
+        "type": "bin.classification",
+        "number": 5,
+        "class": "metal",
+        "probabilities": {"metal": 0.98, "glass": 0.02},
+        "compartment": "yellow",
+        "full": False,
+        "image_sha256": _DIGEST,
+        "model_sha256": _BEFORE,
+        "thresholds_sha256": _DIGEST,
+        "shown_s": 1795320100.0,
+    },
+    Drop: {
+        **_HEADER,
+        **_BIN,
+        **_FELL,
+        "type": "bin.drop",
+        "number": 4,
+        "classification": 5,
+        "expected_compartment": "yellow",
+        "correct": True,
+    },
+    Removal: {**_HEADER, **_FELL, "type": "bin.removal", "device": "itrash"},
+    Presentation: {
+        **_HEADER,
+        "type": "robot.presentation",
+        "device": "panther1",
+        "bin": "itrash",
+        "recording": _DIGEST,
+        "task_id": 7,
+        "attempt": 1,
+    },
+    MeterRecord: {
+        **_HEADER,
+        **_CHARGE,
+        "type": "meter.record",
+        "device": "dock1",
+        "robot": "panther1",
+        "page": 2,
+        "reason": "step",
+        "contactor": "closed",
+        "until_s": 1795320100.0,
+        "since_ms": 1795320099000,
+        "readings": "",
+        "soc": 0.41,
+        "ocmf": "OCMF|{}|{}",
+    },
+    Receipt: {
+        **_HEADER,
+        **_CHARGE,
+        "type": "robot.receipt",
+        "device": "panther1",
+        "meter": "dock1",
+        "meter_address": _OTHER,
+        "record": _DIGEST,
+        "soc": 0.41,
+        "reason": "step",
+    },
+    Task: {name: _TASK.get(name) for name in Task.model_fields} | {"refunded_iec": "0"},
+    DaoEvent: {
+        "seq": 31,
+        "name": "TaskAssigned",
+        "block": 118,
+        "log_index": 2,
+        "tx_hash": _DIGEST,
+        "time_s": 1795320001.0,
+        "task_id": 7,
+        "args": {"task_id": 7, "service_id": 2, "attempt": 1},
+        "chain": _BEFORE,
+    },
+    Status: {
+        "process": "itrash",
+        "pid": 4711,
+        "ready": False,
+        "reason": "no readings from itrash/presence",
+        "activity": "idle",
+        "progress": None,
+        "since_s": 1795320000.0,
+        "time_s": 1795320100.0,
+    },
+    CleaningParams: {"item_id": "item1", "x_m": 4.6, "y_m": 1.2},
+    ChargingParams: {
+        "robot": "panther1",
+        "dock": "dock1",
+        "soc_from": 0.2,
+        "soc_target": 0.9,
+        "energy_wh": 480.0,
+    },
+    Prepare: {"command": "cancel_task", "request": {"task_id": 7}},
+    Broadcast: {"raw": "0x02f8b2", "request_id": "cancel-7", "content_sha256": "7a" * 32},
+}
+"""Of the models whose fields need more than `_VALUES`."""
+
+_VALUES: dict[str, Any] = {
+    "kind": "waste_disposal",
+    "reward_iec": "100",
+    "params": {"item_id": "item1", "x_m": 4.6, "y_m": 1.2},
+    "task_id": 7,
+    "attempt": 1,
+    "proof_sha256": _DIGEST,
+    "proof_uri": "https://store.example/" + "3d" * 32 + ".mcap",
+    "outcome": "accepted",
+    "amount_iec": "100",
+    "reason": "accepted",
+    "report_sha256": _BEFORE,
+    "report_uri": "https://store.example/" + "4c" * 32 + ".json",
+    "price_iec": "40",
+    "service_id": 2,
+    "to": "panther1",
+    "device": _ADDRESS,
+    "role": "robot",
+    "owner": "panther1",
+    "name": "panther1",
+    "day": 20779,
+    "root": _DIGEST,
+    "uri": "https://store.example/" + "3d" * 32 + ".json",
+    "review": "oracle",
+    "policy": "lowest_price",
+    "bond_iec": "50",
+    "penalty_iec": "20",
+    "max_failures": 2,
+    "enabled": True,
+    "account": "alice",
+    "request_id": "post-item1",
+}
+_SHOWN: dict[str, tuple[str, ...]] = {
+    "register_task": ("params", "request_id"),
+    "post_verdict": ("amount_iec",),
+    "update_service": ("price_iec",),
+    "allow_kind": ("review",),
+    "set_terms": ("bond_iec", "penalty_iec", "max_failures"),
+}
+"""Optional fields that the example of a command has, too."""
+_OWN: dict[str, dict[str, Any]] = {
+    "revoke_device": {"reason": "superseded"},
+    "grant_role": {"role": "auditor"},
+    "revoke_role": {"role": "auditor"},
+}
+_PARAMETERS: dict[str, dict[str, Any]] = {
+    "tasks": {"state": "open,assigned", "limit": 10},
+    "services": {"kind": "waste_disposal"},
+    "wallet": {"account": "panther1"},
+    "transfers": {"account": "panther1", "limit": 10},
+    "transactions": {"task_id": 7},
+    "history": {"bucket_s": 3600},
+    "roots": {"limit": 10},
+    "events": {"after": 31},
+}
+
+
+def example_of(model: type[BaseModel], command: str = "") -> dict[str, Any]:
+    """A valid payload of this model: what it requires and what makes sense of it. Raises KeyError."""
+    if model in EXAMPLES:
+        return EXAMPLES[model]
+    wanted = [name for name, field in model.model_fields.items() if field.is_required()]
+    values: dict[str, Any] = _VALUES | _OWN.get(command, {})
+    return {name: values[name] for name in (*wanted, *_SHOWN.get(command, ()))}
+
+
+def parameters_of(what: str) -> dict[str, Any]:
+    """Parameters with which the question `what` may be asked."""
+    return _PARAMETERS.get(what, {})
+
+
+def pages() -> str:
+    """Markdown: the fields of every payload, and an example of each."""
+    parts = [
+        "## What the payloads hold",
+        "",
+        "UTF-8 JSON objects. Amounts are decimal strings of IEC, times are seconds of site time, unknown",
+        "fields are an error. A query that fails is answered on its error channel with",
+        '`{"code": ..., "message": ..., "details": {}}`.',
+        "",
+        "### Commands",
+        "",
+        "`rodeo/{org}/wallet/{participant}/{command}`, answered once the transaction is mined, for example",
+        '`{"tx_hash": "0x...", "block": 118, "task_id": 7}`; the number of a new task or service is in it.',
+        "Every command may hold:",
+        "",
+        *_table(Command),
+        "",
+    ]
+    for name, command in COMMANDS.items():
+        parts += _section(name, command, example_of(command, name), without=Command)
+    parts += ["`params` of a task, by its kind; those of other kinds are the participants' own affair:", ""]
+    for kind, params in KIND_PARAMS.items():
+        parts += _section(kind, params, EXAMPLES[params])
+    parts += ["A wallet whose key the bridge does not have signs by itself:", ""]
+    parts += _section("prepare", Prepare, EXAMPLES[Prepare])
+    parts += _section("broadcast", Broadcast, EXAMPLES[Broadcast])
+    parts += ["### Questions", ""]
+    parts += ["`rodeo/{org}/state/{what}`, with parameters in the selector: `?name=value;name=value`.", ""]
+    for what, query in queries.QUERIES.items():
+        parts += [f"#### {what}", "", f"{query.meaning[:1].upper()}{query.meaning[1:]}.", ""]
+        if query.parameters is not queries.Nothing:
+            parts += [*_table(query.parameters), ""]
+        selector = ";".join(f"{name}={value}" for name, value in parameters_of(what).items())
+        shown = f"rodeo/lab/state/{what.format(id=7)}" + (f"?{selector}" if selector else "")
+        fields = ", ".join(f"`{name}`" for name in query.answer) or "those of Task"
+        parts += [f"    {shown}", "", f"Fields of the answer: {fields}.", ""]
+    for title, about, models in _GROUPS:
+        parts += [f"### {title}", "", *textwrap.wrap(about, 116), ""]
+        for one in models:
+            without = Header if issubclass(one, Header) and one is not Header else None
+            parts += _section(one.__name__, one, EXAMPLES.get(one), without=without)
+    return "\n".join(parts).rstrip() + "\n"
+
+
+_GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
+    (
+        "Tasks and events",
+        "What `state/tasks` and `state/task/{id}` answer, and what `rodeo/{org}/event/{event}` tells.",
+        (Task, DaoEvent),
+    ),
+    (
+        "What devices sign",
+        "On `rodeo/{org}/witness/{device}/statement` each statement is the `payload` of an Attestation. "
+        "`.../statements?after=SEQ;limit=N` answers with `device` and `statements`, a list of them. "
+        "Its fields are those of Header and those of its own type; the signature is over the payload's "
+        "canonical JSON (RFC 8785).",
+        (Attestation, Header, Head, *STATEMENTS, Claimant),
+    ),
+    (
+        "Seals",
+        "On `rodeo/{org}/seal/{device}` the `payload` of an Attestation is a SealHead; the opening one has "
+        "the binding of its recording.",
+        (SealHead, Binding),
+    ),
+    (
+        "The bin",
+        "`rodeo/{org}/itrash/{bin}/state` answers with `bin`, `state`, `since_s`, `pending`, `presented`, "
+        "`loads_n`, `fill`, and with `classification` and `disposal`: its last attestations, null "
+        "before the first. `rodeo/{org}/itrash/{bin}/picture?sha256=0x...` answers with `sha256` and "
+        "`data_base64`.",
+        (),
+    ),
+    (
+        "Orders to a robot",
+        "`rodeo/{org}/robot/{robot}/pause`, `resume`, `charge`, `cancel` and `stop` take an empty payload. "
+        "They and `state` answer with `paused`, `stopped`, `charge_ordered`, `robot`, `task_id`, `attempt`, "
+        "`activity`, `driven_km`, `working_w` and, where they are known, `progress`, `eta_s`, `soc` and "
+        "`docked`.",
+        (),
+    ),
+    (
+        "Heartbeats",
+        "`rodeo/{org}/status/{process}`: published each second, and answered to who asks.",
+        (Status,),
+    ),
+)
+
+
+def _section(
+    title: str, model: type[BaseModel], example: dict[str, Any] | None, without: type[BaseModel] | None = None
+) -> list[str]:
+    own = [
+        line
+        for line in inspect.cleandoc(model.__dict__.get("__doc__") or "").split("\n\n")[0].split("\n")
+        if line
+    ]
+    parts = [f"#### {title}", "", *own, *([""] if own else [])]
+    table = _table(model, without)
+    if len(table) > 2:
+        parts += [*table, ""]
+    if example is not None:
+        parts += ["```json", json.dumps(example, indent=2), "```", ""]
+    return parts
+
+
+def _table(model: type[BaseModel], without: type[BaseModel] | None = None) -> list[str]:
+    """A row for each field that is not one of `without`."""
+    schema = model.model_json_schema(by_alias=True, mode="validation")
+    inherited = set() if without is None else set(without.model_fields)
+    meanings = dict(_meanings(model))
+    rows = ["| field | JSON | needed | what |", "|---|---|---|---|"]
+    for name, field in model.model_fields.items():
+        if name in inherited:
+            continue
+        alias = field.alias or name
+        shape = _shape(schema["properties"][alias], schema.get("$defs", {}))
+        needed = "yes" if field.is_required() else ""
+        rows.append(f"| `{alias}` | {shape} | {needed} | {meanings.get(name, '')} |")
+    return rows
+
+
+def _shape(schema: dict[str, Any], defs: dict[str, Any]) -> str:
+    """What JSON a field takes, in words."""
+    if "$ref" in schema:
+        name = schema["$ref"].rpartition("/")[2]
+        return name if defs[name].get("type") == "object" else _shape(defs[name], defs)
+    if "anyOf" in schema:
+        shapes = [_shape(one, defs) for one in schema["anyOf"]]
+        if "string" in " ".join(shapes) and "number" in shapes:  # how pydantic takes decimals
+            shapes = ["decimal string", *(["null"] if "null" in shapes else [])]
+        return " or ".join(dict.fromkeys(shapes))
+    if "const" in schema:
+        return f"`{json.dumps(schema['const'])}`"
+    if "enum" in schema:
+        return ", ".join(f"`{one}`" for one in schema["enum"])
+    kind = schema.get("type", "any")
+    if kind == "array":
+        return f"list of {_shape(schema.get('items', {}), defs)}"
+    return str(kind)
+
+
+def _meanings(model: type[BaseModel]) -> Iterable[tuple[str, str]]:
+    """(field, the text under it in the source) of a model and those that it extends."""
+    for cls in reversed(model.__mro__):
+        if not (issubclass(cls, BaseModel) and cls.__module__.startswith("rodeo.")):
+            continue
+        (body,) = ast.parse(textwrap.dedent(inspect.getsource(cls))).body
+        assert isinstance(body, ast.ClassDef)
+        for line, after in zip(body.body, body.body[1:], strict=False):
+            match line, after:
+                case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                    yield name, " ".join(text.split()).replace("|", "\\|")

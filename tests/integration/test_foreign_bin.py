@@ -1,0 +1,86 @@
+"""The bin of docs/bring-your-own-bin.md, run as it stands there, until a robot is paid."""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rodeo.bus import DaoEvents
+from rodeo.instance import PARENT_VARIABLE
+from rodeo.messages import DaoEvent
+from tests.support.site import RunningSite, write_site
+
+pytestmark = pytest.mark.long
+
+PAGE = Path(__file__).parents[2] / "docs" / "bring-your-own-bin.md"
+WAIT_S = 170.0
+SITE = "clock.speed = 4\nagent.explore_when_idle = false\nlab.furniture = []"
+
+
+def program() -> str:
+    """The page's program."""
+    (code,) = re.findall(r"^```python\n(.*?)^```$", PAGE.read_text(), re.DOTALL | re.MULTILINE)
+    return str(code)
+
+
+def test_the_foreign_bin_imports_nothing_of_the_services() -> None:
+    for node in ast.walk(ast.parse(program())):
+        if isinstance(node, ast.ImportFrom):
+            assert not (node.module or "").startswith(("services", "deploy", "tests")), node.module
+
+
+@pytest.fixture
+def running(tmp_path: Path, chain_backend: str) -> Iterator[RunningSite]:
+    running = RunningSite(write_site(tmp_path, chain_backend, SITE))
+    bin_path = tmp_path / "my_bin.py"
+    bin_path.write_text(program())
+    logs = running.site.data_dir / "logs"
+    try:
+        running.start("router", "chain")
+        running.deploy_contracts()
+        running.start("robot_sim", "bridge", "oracle")
+        with (logs / "itrash.log").open("ab") as output:
+            running.children["itrash"] = subprocess.Popen(
+                [sys.executable, str(bin_path), "--site", str(running.path)],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
+            )
+        running.wait_ready("itrash")
+        running.start("robot_agent")
+        yield running
+    finally:
+        running.stop()
+
+
+@pytest.mark.timeout(300)
+def test_a_robot_is_paid_on_the_word_of_a_bin_of_another_make(running: RunningSite) -> None:
+    ended = threading.Event()
+    events: list[DaoEvent] = []
+
+    def on_event(event: DaoEvent) -> None:
+        events.append(event)
+        if event.name in ("TaskSettled", "TaskRequeued", "TaskFailed"):
+            ended.set()
+
+    dao = DaoEvents(running.bus, running.site.org, on_event)
+    item = running.site.items[0]
+    params: dict[str, Any] = {"item_id": item.id, "x_m": item.pose.x_m, "y_m": item.pose.y_m}
+    key = f"rodeo/{running.site.org}/wallet/organization/register_task"
+    running.bus.query(key, {"kind": "waste_disposal", "reward_iec": "100", "params": params}, timeout_s=30.0)
+    came = ended.wait(WAIT_S)
+    dao.close()
+    names = [event.name for event in events]
+    why = f"{names}\n{running.log('itrash')}\n{running.log('robot_agent')}\n{running.log('oracle')}"
+    assert came and "TaskSettled" in names, why
