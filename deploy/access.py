@@ -21,6 +21,7 @@ from deploy.processes import processes_of
 from rodeo import topics
 from rodeo.config import Site, agent_process
 from rodeo.dao import ORGANIZATION
+from rodeo.serving import served_by
 from rodeo.tls import OPERATOR
 from rodeo.topics import TOPICS, Form, Plane, Topic
 from rodeo.wallets import MOCAP_NAME
@@ -85,7 +86,11 @@ def _written_by(site: Site, process: str) -> Iterator[str]:
     # Whose endpoints are in the ROS graph is no secret and no command.
     yield "@ros2_lv/**"
     for topic in TOPICS:
-        if topic.writer in (_job(process), _EVERYBODY):
+        if topic is topics.SERVES:
+            # Nobody keeps another from its work by claiming it.
+            for what, name in served_by(site, process):
+                yield topic.name(org=site.org, what=what, name=name, state="*", holder="*")
+        elif topic.writer in (_job(process), _EVERYBODY):
             for key in _keys(site, topic, process):
                 yield key
                 if topic.plane is Plane.ROBOT:

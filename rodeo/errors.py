@@ -17,7 +17,8 @@
     ├── WalletError             a keystore cannot be opened
     │   └── KeystoreMissing
     ├── Interrupted             asked to stop while waiting
-    └── AlreadyRunning          another instance holds this process's lock
+    ├── AlreadyRunning          another instance holds this process's lock
+    └── ServedElsewhere         another process on the bus serves the same key or device
 
 `rodeo.chain`, `rodeo.evidence` and `rodeo.ros2` add their own branches below RodeoError.
 """
@@ -148,5 +149,11 @@ class Interrupted(RodeoError):
 
 class AlreadyRunning(RodeoError):
     """Another instance of this process works on the same data directory."""
+
+    restart_cures = False
+
+
+class ServedElsewhere(RodeoError):
+    """Another process on the bus serves the same wallet or speaks for the same device."""
 
     restart_cures = False

@@ -6,11 +6,12 @@ import argparse
 import ctypes
 import faulthandler
 import logging
+import math
 import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -28,6 +29,7 @@ from rodeo.errors import (
     Interrupted,
     KeystoreMissing,
     RodeoError,
+    ServedElsewhere,
 )
 from rodeo.instance import (
     GAVE_UP,
@@ -40,12 +42,17 @@ from rodeo.instance import (
 )
 from rodeo.messages import Status
 from rodeo.metrics import BUS_CONNECTED, NOT_READY, READY, MetricsServer
+from rodeo.serving import Claim, Rival, Thing
 from rodeo.tls import identity
 
 if TYPE_CHECKING:
     from eth_account.signers.local import LocalAccount
 
 log = logging.getLogger(__name__)
+
+
+RIVAL_SHOWN_S = 600.0
+"""Wall time for which a process's state tells of another that wanted to serve the same."""
 
 
 class Service:
@@ -84,6 +91,12 @@ class Service:
         self._progress: float | None = None
         self._details: dict[str, Any] = {}
         self._warnings: list[str] = []
+        self._claim: Claim | None = None
+        self._rivals: set[Rival] = set()
+        """Those that the log has told of."""
+        self._rival: tuple[str, float] = "", -math.inf
+        """Somebody who wanted to serve the same, and when (monotonic wall time)."""
+        self._failure: RodeoError | None = None
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
@@ -114,8 +127,50 @@ class Service:
         self.stop.set()
         self._heartbeat.join(timeout=2 * HEARTBEAT_S)
         self._metrics.close()
+        if self._claim is not None:
+            self._claim.close()
         self.bus.close()
         os.close(self._instance)
+        if self._failure is not None:
+            raise self._failure from error
+
+    def fail(self, error: RodeoError) -> None:
+        """End the process for `error`, from any thread."""
+        log.error("%s: %s", error.code, error)
+        self._failure = error
+        self.not_ready(str(error))
+        self.stop.set()
+
+    # -- one at a time ---------------------------------------------------------------------------------
+
+    def serve_alone(self, things: Iterable[Thing]) -> None:
+        """Hold `things` (`rodeo.serving`) until the end; what the process does for them comes after.
+
+        Whoever still holds one of them is waited for. Raises ServedElsewhere when that goes on, and
+        Interrupted when stopped before. An elder that turns up later, after a partition, ends the process.
+        """
+
+        def wait(reason: str) -> None:
+            with self._lock:
+                said = self._reason == reason
+            if not said:
+                log.warning("%s", reason)
+            self.not_ready(reason)
+
+        self._claim = Claim(self.bus.session, self.site.org, things, lambda: self.bus.connected)
+        self._claim.take(self.stop, wait)
+        self.not_ready("starting")
+        self._claim.watch(self._on_rival, self._on_lost)
+
+    def _on_rival(self, rival: Rival) -> None:
+        text = f"{rival.holder} wants to serve {rival.thing}, too"
+        if rival not in self._rivals:
+            log.warning("%s; it is served here", text)
+        self._rivals.add(rival)
+        self._rival = text, time.monotonic()
+
+    def _on_lost(self, error: ServedElsewhere) -> None:
+        self.fail(error)
 
     # -- readiness and progress ------------------------------------------------------------------------
 
@@ -195,8 +250,12 @@ class Service:
                 since_s=self._started_s,
                 time_s=time.time(),
                 details=self._details,
-                warnings=[*self._warnings, *self._clock_warnings()],
+                warnings=[*self._warnings, *self._clock_warnings(), *self._rival_warnings()],
             )
+
+    def _rival_warnings(self) -> list[str]:
+        text, heard_s = self._rival
+        return [text] if time.monotonic() - heard_s < RIVAL_SHOWN_S else []
 
     def _clock_warnings(self) -> list[str]:
         warning = self.clock.warning() if isinstance(self.clock, SimClock) else ""

@@ -290,6 +290,13 @@ ROBOT_ORDER = _dao(
 )
 STATUS = _dao("rodeo/{org}/status/{process}", "Status", Form.TOPIC, "every process", "heartbeat", 1)
 ALIVE = _dao("rodeo/{org}/alive/{process}", "liveliness token", Form.TOPIC, "every process", "who is there")
+SERVES = _dao(
+    "rodeo/{org}/serves/{what}/{name}/{state}/{holder}",
+    "liveliness token",
+    Form.TOPIC,
+    "every process",
+    "who claims or serves a wallet, the oracle, a robot, bin or dock, the clock, the console: one at a time",
+)
 
 TOPICS: tuple[Topic, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Topic))
 

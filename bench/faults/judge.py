@@ -78,7 +78,7 @@ class Executor:
     def serve_copies(self) -> None:
         """What an agent does as long as it runs: answer for its own copies."""
         # Imported here: only some of the cases need it.
-        from rodeo.evidence.copies import Copies  # type: ignore[import-untyped,unused-ignore]
+        from rodeo.evidence.copies import Copies  # type: ignore[import-not-found,import-untyped,unused-ignore]
 
         self._copies = Copies(
             self.lab.bus, self.lab.site.org, "panther1", Store(self.lab.site), self.kept.get

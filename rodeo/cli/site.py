@@ -15,6 +15,7 @@ from types import FrameType
 from typing import Annotated, Any, Self
 
 import typer
+import zenoh
 from pydantic import ValidationError
 from rich.live import Live
 from rich.markup import escape
@@ -143,7 +144,10 @@ def _print_warnings(site: Site, rows: list[Row]) -> None:
 
 
 def read_rows(site: Site, timeout_s: float = 5.0) -> list[Row]:
-    """What each process of the site answers now; one that hangs has `timeout_s` of wall time to do so."""
+    """What each process of the site answers now; one that hangs has `timeout_s` of wall time to do so.
+
+    Processes of the same name elsewhere on the bus have rows of their own, before the site's.
+    """
     silence = "does not answer on the bus"
     # A router that runs is waited for: on a busy machine it takes its time to answer.
     router_s = timeout_s if lock_holder(site.data_dir / "router") is not None else 0.5
@@ -155,13 +159,16 @@ def read_rows(site: Site, timeout_s: float = 5.0) -> list[Row]:
         silence = f"finds no router at {site.bus.router}"
     rows = []
     for process in processes_of(site):
-        pid = lock_holder(site.data_dir / process.name)
-        if (status := statuses.get(process.name)) is not None:
-            rows.append(_heard(process.name, status, here=status.pid == pid))
-        elif pid is not None:
-            rows.append(Row(process.name, "not ready", f"process {pid} runs, but {silence}"))
-        else:
-            rows.append(_ended(site, process.name))
+        name = process.name
+        pid = lock_holder(site.data_dir / name)
+        heard = [_heard(name, status, here=status.pid == pid) for status in statuses.get(name, [])]
+        rows += sorted(heard, key=lambda row: row.here)
+        if any(row.here for row in heard):
+            continue
+        if pid is not None:
+            rows.append(Row(name, "not ready", f"process {pid} runs, but {silence}"))
+        elif not heard or last_ending(site.data_dir / name) is not None:
+            rows.append(_ended(site, name))
     return rows
 
 
@@ -174,9 +181,16 @@ def _ended(site: Site, name: str) -> Row:
     return Row(name, "down", f"ended: {ending.reason}")
 
 
-def _ask(bus: Bus, org: str, timeout_s: float) -> dict[str, Status]:
-    statuses = {}
-    for reply in bus.session.get(f"rodeo/{org}/status/*", timeout=timeout_s):
+def _ask(bus: Bus, org: str, timeout_s: float) -> dict[str, list[Status]]:
+    """What the processes of each name answer; there may be several on the bus."""
+    statuses: dict[str, list[Status]] = {}
+    replies = bus.session.get(
+        f"rodeo/{org}/status/*",
+        timeout=timeout_s,
+        target=zenoh.QueryTarget.ALL,
+        consolidation=zenoh.ConsolidationMode.NONE,
+    )
+    for reply in replies:
         if reply.ok is None:
             continue
         try:
@@ -184,7 +198,7 @@ def _ask(bus: Bus, org: str, timeout_s: float) -> dict[str, Status]:
         except ValidationError:
             # Somebody else's answer on our key is not the status of a process.
             continue
-        statuses[status.process] = status
+        statuses.setdefault(status.process, []).append(status)
     return statuses
 
 
@@ -198,6 +212,7 @@ class StatusWatcher:
         self._site = site
         self._bus: Bus | None = None
         self._statuses: dict[str, Status] = {}
+        self._of_process: dict[tuple[str, int], Status] = {}
 
     def __enter__(self) -> Self:
         return self
@@ -221,8 +236,13 @@ class StatusWatcher:
             self._bus.subscribe_json(f"rodeo/{self._site.org}/status/*", self._on_status)
         return dict(self._statuses)
 
+    def heard(self, name: str, pid: int) -> Status | None:
+        """The latest of process `pid`: another one elsewhere may have the same name."""
+        return self._of_process.get((name, pid))
+
     def _on_status(self, _key: str, data: dict[str, Any]) -> None:
         status = validate(Status, data)
+        self._of_process[status.process, status.pid] = status
         self._statuses[status.process] = status
 
 
@@ -231,7 +251,8 @@ def launcher_rows(launcher: Launcher, watcher: StatusWatcher) -> list[Row]:
 
     Heartbeats of others are left out: another site on the same router has processes of the same names.
     """
-    statuses, running, problems = watcher.statuses(), launcher.running(), launcher.problems()
+    watcher.statuses()
+    running, problems = launcher.running(), launcher.problems()
     given_up = launcher.given_up()
     starting = "starting"
     if "router" not in running and not watcher.connected:
@@ -239,12 +260,12 @@ def launcher_rows(launcher: Launcher, watcher: StatusWatcher) -> list[Row]:
     rows = []
     for process in launcher.selected():
         name = process.name
-        status, pid, problem = statuses.get(name), running.get(name), problems.get(name)
+        pid, problem = running.get(name), problems.get(name)
         if name in given_up:
             rows.append(Row(name, "gave up", given_up[name]))
         elif pid is None:
             rows.append(Row(name, "down", problem or ""))
-        elif status is not None and status.pid == pid:
+        elif (status := watcher.heard(name, pid)) is not None:
             rows.append(_heard(name, status))
         else:
             rows.append(Row(name, "not ready", f"started again; it {problem}" if problem else starting))

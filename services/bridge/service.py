@@ -34,6 +34,7 @@ from rodeo.evidence import Store
 from rodeo.messages import DaoEvent
 from rodeo.metrics import LATENCY_BUCKETS_S
 from rodeo.service import Service
+from rodeo.serving import served_by
 from services.bridge.commands import KNOWN, Wallet
 from services.bridge.continuity import Continuity, open_journal
 from services.bridge.errors import (
@@ -453,4 +454,6 @@ def _warn(done: Future[Any], task_id: int) -> None:
 def run(site: Site, stop: threading.Event) -> None:
     """Bridge `site` until `stop`."""
     with Service(site.bridge.name, site, stop) as service:
-        Bridge(service).run()
+        bridge = Bridge(service)
+        service.serve_alone(served_by(site, site.bridge.name))
+        bridge.run()

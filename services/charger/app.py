@@ -34,6 +34,7 @@ from rodeo.recording.door import stamp_slack_s
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.ros2.types import new
 from rodeo.service import Service
+from rodeo.serving import served_by
 from rodeo.tls import bus_is_closed
 from rodeo.wallets import SiteDevice
 from rodeo.witness import Inputs, Scope, WitnessChain
@@ -455,5 +456,6 @@ class Charger:
 def run(site: Site, stop: threading.Event) -> None:
     """The process, until `stop`."""
     with Service("charger", site, stop) as service:
+        service.serve_alone(served_by(site, "charger"))
         service.wait_clock()
         Charger(service).run()

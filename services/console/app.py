@@ -24,6 +24,7 @@ from starlette.types import ASGIApp
 from rodeo.config import Site
 from rodeo.errors import PortUnavailable
 from rodeo.service import Service
+from rodeo.serving import served_by
 from services.console import files, login, rest, scene
 from services.console.accounts import Accounts, accounts_path
 from services.console.actions import Actions
@@ -150,4 +151,5 @@ async def serve(service: Service) -> None:
 def run(site: Site, stop: threading.Event) -> None:
     """The process, until `stop`."""
     with Service("console", site, stop) as service:
+        service.serve_alone(served_by(site, "console"))
         asyncio.run(serve(service))

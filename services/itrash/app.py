@@ -22,6 +22,7 @@ from rodeo.dao import ORGANIZATION, Participant
 from rodeo.errors import RodeoError
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.service import Service
+from rodeo.serving import served_by
 from rodeo.tls import bus_is_closed
 from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo.vision.classifier import Classifier
@@ -290,6 +291,7 @@ def _dump(model: Any) -> dict[str, Any] | None:
 def run(site: Site, stop: threading.Event) -> None:
     """The process, until `stop`."""
     with Service("itrash", site, stop) as service:
+        service.serve_alone(served_by(site, "itrash"))
         service.wait_clock()
         bin_ = Itrash(service, Classifier())
         with HttpServer(make_api(bin_), site.itrash.http_host, site.itrash.http_port) as server:

@@ -30,6 +30,7 @@ from rodeo.evidence.errors import ProofNotFound, ProofUriNotAllowed, StoreUnavai
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, PostVerdict, Task
 from rodeo.service import Service
+from rodeo.serving import served_by
 from services.oracle import worker
 from services.oracle.acts import ConsumedActs, Submission, Wait, acts_unspent
 from services.oracle.chain_view import read_ledger
@@ -59,6 +60,7 @@ class IndexBehind(RodeoError):
 def run(site: Site, stop: threading.Event) -> None:
     """Serve until `stop` is set."""
     with Service("oracle", site, stop) as service:
+        service.serve_alone(served_by(site, "oracle"))
         Oracle(service).serve()
 
 

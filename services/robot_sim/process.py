@@ -8,6 +8,7 @@ import time
 from rodeo.config import Site
 from rodeo.ros2 import Node
 from rodeo.service import Service
+from rodeo.serving import served_by
 from services.robot_sim.actions import Actions
 from services.robot_sim.camera import open_camera
 from services.robot_sim.loop import Loop
@@ -49,6 +50,7 @@ class Bus:
 def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
     """Simulate until `stop`. Raises AlreadyRunning, AnotherWorld."""
     with Service("robot_sim", site, stop) as service:
+        service.serve_alone(served_by(site, "robot_sim"))
         path = service.data_dir / "world.state"
         # Site time starts at wall time once and never goes back, not even for a new world.
         start_ns = saved_time_ns(path) or time.time_ns()
