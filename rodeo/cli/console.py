@@ -35,7 +35,9 @@ def create_admin(name: NameArgument = "admin", site: SiteOption = DEFAULT_SITE) 
 def create(
     name: NameArgument,
     role: Annotated[list[Role] | None, typer.Option("--role", help="Repeatable.")] = None,
-    participant: Annotated[str | None, typer.Option(help="Whose wallet an executor works with.")] = None,
+    participant: Annotated[
+        str | None, typer.Option(help="Whose wallet an executor works with, who needs one.")
+    ] = None,
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
     """Make an account; without a role it may look and change nothing."""
@@ -83,6 +85,9 @@ def _accounts(site_path: Path) -> Accounts:
 
 
 def _add(site_path: Path, name: str, roles: list[Role], participant: str | None) -> None:
+    from services.console.accounts import require_participant
+
+    require_participant(Site.load(site_path), roles, participant)
     _accounts(site_path).add_user(name, _passphrase(), roles, participant)
     console.print(f"{name} may log in as {', '.join(roles) or 'a reader'}")
 

@@ -36,6 +36,7 @@ from sqlalchemy import (
 from sqlalchemy.exc import IntegrityError
 
 from rodeo.config import ConsoleConfig, Site
+from rodeo.errors import InvalidRequest
 from services.console.errors import (
     AccountExists,
     LoginRefused,
@@ -44,6 +45,25 @@ from services.console.errors import (
     WeakPassphrase,
 )
 from services.console.roles import Role
+
+
+def workers(site: Site) -> list[str]:
+    """As whom a person may work here: participants whose key is on the site, and who are no machine."""
+    others = [participant.name for participant in site.participants if participant.address is None]
+    return ["organization", *others]
+
+
+def require_participant(site: Site, roles: Iterable[Role], participant: str | None) -> None:
+    """Raises InvalidRequest where nobody could work with such an account."""
+    known = workers(site)
+    if participant is None:
+        if Role.EXECUTOR in roles:
+            sentence = f"an executor works as a participant of this site: say which of {', '.join(known)}"
+            raise InvalidRequest(sentence, fields={"participant": f"choose one of {', '.join(known)}"})
+    elif participant not in known:
+        sentence = f"nobody can work as {participant} here: this site has the keys of {', '.join(known)}"
+        raise InvalidRequest(sentence, fields={"participant": f"choose one of {', '.join(known)}"})
+
 
 MIN_PASSPHRASE = 12
 MAX_PASSPHRASE = 256

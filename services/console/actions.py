@@ -41,7 +41,13 @@ from rodeo.messages import (
     UpdateService,
     Withdraw,
 )
-from services.console.accounts import MAX_PASSPHRASE, MIN_PASSPHRASE, Accounts, User
+from services.console.accounts import (
+    MAX_PASSPHRASE,
+    MIN_PASSPHRASE,
+    Accounts,
+    User,
+    require_participant,
+)
 from services.console.errors import Forbidden, RobotUnavailable
 from services.console.posting import problems
 from services.console.roles import Role
@@ -252,6 +258,7 @@ def _judge(actions: Actions, user: User, request: Judge) -> Json:
 
 
 def _create_user(actions: Actions, _user: User, request: NewUser) -> Json:
+    require_participant(actions.site, request.roles, request.participant)
     actions.accounts.add_user(request.name, request.passphrase, request.roles, request.participant)
     return {"name": request.name}
 
@@ -259,6 +266,8 @@ def _create_user(actions: Actions, _user: User, request: NewUser) -> Json:
 def _change_user(actions: Actions, user: User, request: ChangedUser) -> Json:
     if request.name == user.name and (request.disabled or Role.ADMINISTRATOR not in request.roles):
         raise InvalidRequest("another administrator must do this to you", fields={"name": "your own account"})
+    if not request.disabled:
+        require_participant(actions.site, request.roles, request.participant)
     actions.accounts.change_user(request.name, request.roles, request.participant, request.disabled)
     return {"name": request.name}
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
-from services.console.accounts import User
+from services.console.accounts import User, workers
 from services.console.pages.frame import Console, act, ask, frame, user
 from services.console.pages.widgets import (
     Field,
@@ -107,6 +107,9 @@ class AccountsPage:
                 word = "Enable" if person.disabled else "Disable"
                 ui.menu_item(word, partial(self._set_disabled, person, not person.disabled))
 
+    def _workers(self) -> dict[str, str]:
+        return {"": "nobody"} | {name: name for name in workers(self._console.site)}
+
     async def _create(self) -> None:
         await ask_form(
             "New account",
@@ -114,7 +117,7 @@ class AccountsPage:
                 "name": Field("Name"),
                 "passphrase": Field("First passphrase, 12 characters or more", secret=True),
                 "roles": Field("Roles; none may look", choices=_ROLES, several=True),
-                "participant": Field("Participant, for an executor"),
+                "participant": Field("Participant, for an executor", choices=self._workers()),
             },
             "Make it",
             lambda answer: self._done("create_user", _account(answer), f"{answer['name']} may log in"),
@@ -127,7 +130,9 @@ class AccountsPage:
             f"Roles of {person.name}",
             {
                 "roles": Field("Roles; none may look", ",".join(person.roles), _ROLES, several=True),
-                "participant": Field("Participant, for an executor", person.participant or ""),
+                "participant": Field(
+                    "Participant, for an executor", person.participant or "", self._workers()
+                ),
             },
             "Change them",
             lambda answer: self._done(

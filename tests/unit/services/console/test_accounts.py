@@ -5,11 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
-from rodeo.config import ConsoleConfig
-from services.console.accounts import Accounts
+from rodeo.cli import app
+from rodeo.config import ConsoleConfig, ParticipantConfig, Site
+from rodeo.errors import InvalidRequest
+from services.console.accounts import Accounts, require_participant
 from services.console.errors import AccountExists, LoginRefused, NotLoggedIn, UnknownAccount, WeakPassphrase
 from services.console.roles import Role
+from tests.support.site import LAB, write_site
 
 PASSPHRASE = "correct horse battery"
 
@@ -122,3 +126,44 @@ def test_a_passphrase_that_is_too_short_or_endless_is_refused(accounts: Accounts
 def test_a_name_can_be_taken_once(accounts: Accounts) -> None:
     with pytest.raises(AccountExists):
         accounts.add_user("ada", PASSPHRASE, [])
+
+
+@pytest.mark.parametrize(
+    ("roles", "participant", "says"),
+    [
+        (
+            [Role.EXECUTOR],
+            None,
+            "an executor works as a participant of this site: say which of",
+        ),
+        ([Role.EXECUTOR], "bod", "nobody can work as bod here: this site has the keys of organization, bob"),
+        ([Role.EXECUTOR], "panther1", "nobody can work as panther1"),
+        ([Role.EXECUTOR], "carla", "nobody can work as carla"),  # her key is elsewhere
+        ([Role.AUDITOR], "oracle", "nobody can work as oracle"),
+        ([Role.EXECUTOR], "bob", ""),
+        ([Role.OPERATOR], None, ""),
+    ],
+)
+def test_an_account_that_nobody_could_work_with_is_refused(
+    roles: list[Role], participant: str | None, says: str
+) -> None:
+    elsewhere = ParticipantConfig(name="carla", address="0x" + "11" * 20)
+    people = [ParticipantConfig(name="bob"), elsewhere]
+    site = Site.load(LAB).model_copy(update={"participants": people})
+    if not says:
+        require_participant(site, roles, participant)
+        return
+    with pytest.raises(InvalidRequest) as refused:
+        require_participant(site, roles, participant)
+    assert says in refused.value.message
+
+
+def test_the_terminal_makes_no_executor_without_a_participant(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RODEO_CONSOLE_PASSPHRASE", PASSPHRASE)
+    site = write_site(tmp_path, extra='participants = [{ name = "bob" }]')
+    create = ["console", "create", "eve", "--role", "executor", "--site", str(site)]
+    refused = CliRunner().invoke(app, create)
+    assert refused.exit_code == 1 and "say which of organization, bob" in " ".join(refused.output.split())
+    assert CliRunner().invoke(app, [*create, "--participant", "bob"]).exit_code == 0
