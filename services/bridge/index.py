@@ -275,6 +275,10 @@ class Index:
         held = select(tasks.reward).where(tasks.creator == creator, tasks.state.in_(LIVE_STATES))
         return sum(row["reward"] for row in self._rows(held))
 
+    def assigned(self) -> list[Row]:
+        """The tasks that somebody has to do now."""
+        return self._rows(select(schema.tasks).where(schema.tasks.c.state == "assigned"))
+
     def overdue(self, now_s: float) -> list[int]:
         """Ids of the tasks whose running window ended before `now_s`."""
         tasks = schema.tasks.c

@@ -46,6 +46,7 @@ from services.bridge.errors import (
 )
 from services.bridge.fees import Limits
 from services.bridge.follower import BEHIND_GRACE_S, Follower
+from services.bridge.handback import HandBack
 from services.bridge.heads import SUBSCRIBED_CHECK_S, Header, Heads, PolledHeads, open_heads
 from services.bridge.index import Index, Position, sqlite_url
 from services.bridge.journal import Journal
@@ -61,6 +62,7 @@ _RETRY_S = 0.3
 
 _EXPIRY_PERIOD_S = 0.5
 _EXPIRY_RETRY_S = 5.0
+_HAND_BACK_PERIOD_S = 1.0
 
 _SWITCH_S = 0.0005
 """How long a thread keeps the interpreter from the one that has a block to publish."""
@@ -103,6 +105,7 @@ class _Attachment:
     journal: Journal
     continuity: Continuity
     node: Node
+    handback: HandBack
 
     def close(self) -> None:
         self.outbox.close()
@@ -132,6 +135,9 @@ class Bridge:
         }
         self._expiring: dict[int, tuple[Future[Any], float]] = {}
         self._expiry_due_s = 0.0
+        self._giving_back: dict[tuple[int, int], tuple[Future[Any], float]] = {}
+        self._give_back_due_s = 0.0
+        self._given_back: set[tuple[int, int]] = set()
 
     def _participants(self) -> list[str]:
         """Whose commands this bridge takes. Raises ConfigError."""
@@ -252,6 +258,15 @@ class Bridge:
             journal=journal,
             continuity=Continuity(journal, node, addresses, deployment.sent),
             node=node,
+            handback=HandBack(
+                index,
+                names,
+                deployment,
+                store,
+                self._service.clock,
+                self._accounts,
+                self._service.data_dir / "given-back",
+            ),
         )
         # Asked when somebody looks: also of a bridge that is not ready.
         INDEXED_BLOCK.set_function(lambda: index.position.block)
@@ -290,6 +305,7 @@ class Bridge:
                     self._ready(attachment)
                     self._expire_overdue(attachment)
                     self._note_strangers(attachment)
+                    self._hand_back(attachment)
                 else:
                     self._not_ready(late)
                 headers = heads.wait()
@@ -397,6 +413,27 @@ class Bridge:
                 log.info("its window has passed", extra={"task": task_id})
                 job = self._threads[ORGANIZATION].submit(_expire, wallet, task_id)
                 self._expiring[task_id] = (job, now_s + _EXPIRY_RETRY_S)
+
+    def _hand_back(self, attachment: _Attachment) -> None:
+        """Give back what was assigned to a participant of this bridge who cannot do it."""
+        now_s = time.monotonic()
+        if now_s < self._give_back_due_s:
+            return
+        self._give_back_due_s = now_s + _HAND_BACK_PERIOD_S
+        self._giving_back = {
+            key: (job, retry_s)
+            for key, (job, retry_s) in self._giving_back.items()
+            if not job.done() or now_s < retry_s
+        }
+        for name, reason, task in attachment.handback.due():
+            key = task["id"], task["attempt"]
+            if key not in self._giving_back and name in self._threads:
+                wallet = attachment.wallets[name]
+                job = self._threads[name].submit(attachment.handback.perform, wallet, reason, task)
+                self._giving_back[key] = job, now_s + _EXPIRY_RETRY_S
+                if key not in self._given_back:
+                    self._given_back.add(key)
+                    self._service.warn(f"task {task['id']} is given back undone: {reason}")
 
 
 def why_late(position: Position, max_block_age_s: float | None, now_s: float) -> str | None:

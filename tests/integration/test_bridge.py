@@ -10,13 +10,15 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from web3 import Web3
 
 from rodeo import wallets
 from rodeo.bus import Bus, DaoEvents
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError
 from rodeo.evidence import Store
-from rodeo.messages import DaoEvent, Status
+from rodeo.evidence.statement import fetch_statement
+from rodeo.messages import DaoEvent, Status, Task
 from rodeo.witness import Removal
 from rodeo.witness.days import SignedDay, day_of
 from rodeo.witness.roots import DailyRoots
@@ -698,6 +700,40 @@ def test_a_kind_is_offered_once_by_each_who_does_it_even_by_twenty_requests_at_o
     ]
     assert again[0] == again[1] > service["id"]
     dao.command("carla", "update_service", service_id=again[0], state="retired")
+
+
+def test_what_cannot_be_done_is_given_back_at_once_with_the_reason_and_the_next_gets_it(dao: Dao) -> None:
+    """The contracts let a key offer anything; the bridge does not see who uses it elsewhere."""
+    dao.command("organization", "allow_kind", kind="dusting", review="auditor")
+    w3, robot = Web3(Web3.HTTPProvider(dao.site.chain.url)), wallets.load(dao.site, "panther1")
+    dao.set_clock(w3.eth.get_block("pending")["timestamp"] + 1)
+    offer = dao.client().calls.register_service("dusting", 10**18, "a robot that dusts")
+    fees = {"gas": 1_000_000, "maxFeePerGas": 10**10, "maxPriorityFeePerGas": 10**9, "value": 0}
+    about = {"chainId": w3.eth.chain_id, "nonce": w3.eth.get_transaction_count(robot.address)}
+    signed = robot.sign_transaction({"to": offer.to, "data": offer.data, "type": 2, **fees, **about})
+    w3.eth.wait_for_transaction_receipt(w3.eth.send_raw_transaction(signed.raw_transaction))
+
+    task_id = dao.post("10", kind="dusting", params={}, max_attempts=3)
+    dao.wait_for(lambda: "ProofSubmitted" in dao.names_of(task_id), "what the robot gives back")
+    (service,) = dao.state("services", provider="panther1", kind="dusting")["services"]
+    assert service["state"] == "paused"
+    task = Task.model_validate(dao.task(task_id))
+    said = fetch_statement(Store(dao.site), task.proof_uri or "", task.proof_sha256 or "").note
+    assert said.startswith("Given back undone: panther1 cannot do dusting: it is a robot")
+    assert any("panther1 cannot do dusting" in one for one in dao.running.status("bridge").warnings)
+
+    with pytest.raises(RemoteError) as refused:
+        dao.command("panther1", "update_service", service_id=service["id"], state="active")
+    assert refused.value.code == "cannot_do"
+    carlas = dao.command("carla", "register_service", kind="dusting", price_iec="3")["service_id"]
+    dao.judge(task_id, accepted=False, reason="Nobody dusted", judge="organization")
+    dao.wait_for(lambda: dao.names_of(task_id).count("TaskAssigned") == 2, "the next assignment")
+    task = Task.model_validate(dao.task(task_id))
+    assert (task.state, task.executor_name, task.attempt) == ("assigned", "carla", 2)
+    dao.prove(task_id, "carla")
+    dao.judge(task_id, accepted=True, judge="organization")
+    for who, number in (("carla", carlas), ("panther1", service["id"])):
+        dao.command(who, "update_service", service_id=number, state="retired")
 
 
 def test_the_organization_sets_its_terms_and_its_members(dao: Dao) -> None:
