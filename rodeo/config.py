@@ -156,6 +156,15 @@ class ParticipantConfig(_Table):
     others. Name them for a participant whose own program does them."""
 
 
+class PeopleConfig(_Table):
+    """On a simulated site, whose time goes faster than theirs."""
+
+    min_window_s: float = Field(default=3600.0, ge=0)
+    """Wall time that a person has at least to do a task, or to judge a proof. While one has to, the clock
+    goes no faster than that, and never slower than the wall's: a window that is shorter on chain stays so.
+    0 lets the clock go."""
+
+
 class MetricsConfig(_Table):
     """Each process serves `/metrics`, `/livez` and `/readyz` (rodeo.metrics)."""
 
@@ -275,6 +284,7 @@ class Site(BaseSettings):
     robots: list[RobotConfig]
     items: list[ItemConfig] = []
     participants: list[ParticipantConfig] = []
+    people: PeopleConfig = PeopleConfig()
 
     @field_validator("robots")
     @classmethod

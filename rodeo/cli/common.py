@@ -7,7 +7,7 @@ import logging
 import re
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import wraps
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
@@ -96,6 +96,18 @@ def _named(bus: Bus, org: str, details: dict[str, Any]) -> dict[str, Any]:
 def say(sentence: str) -> None:
     """A line for people; whatever stands in it is text, never markup."""
     console.print(escape(sentence), highlight=False, soft_wrap=True)
+
+
+def time_left(site: Site, bus: Bus, deadline_s: float) -> str:
+    """How much time there is until then, by the site's clock and by the wall's."""
+    from rodeo import people  # takes its time to import
+
+    details: dict[str, Any] = {}
+    if site.clock.source == "sim":
+        # Silence is said in the text: nobody tells the site's time.
+        with suppress(BusError):
+            details = bus.query(topics.STATUS.name(org=site.org, process="robot_sim"))["details"]
+    return people.time_left(people.Pace.of(site, details), deadline_s)
 
 
 def print_json(value: Any) -> None:

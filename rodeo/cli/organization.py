@@ -13,6 +13,7 @@ import typer
 from rich.markup import escape
 from rich.text import Text
 
+from rodeo.bus import Bus, validate
 from rodeo.cli import words
 from rodeo.cli.common import (
     DEFAULT_SITE,
@@ -24,13 +25,16 @@ from rodeo.cli.common import (
     print_json,
     reports_errors,
     say,
+    time_left,
 )
 from rodeo.cli.layout import Row, lines
 from rodeo.cli.words import iec, plain
 from rodeo.config import Site
+from rodeo.durations import span
 from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
+from rodeo.messages import Task
 from rodeo.photo_code import photo_code
-from services.console.words import count, span
+from services.console.words import count
 
 if TYPE_CHECKING:
     from services.oracle.chain_view import View
@@ -142,16 +146,22 @@ def show(task_id: int, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = Fa
     """Show one task with its times, proof and verdict."""
     with connected(site) as (loaded, bus):
         task = bus.query(f"rodeo/{loaded.org}/state/task/{task_id}")
+        left, judged = (None, "") if as_json else (_left(loaded, bus, task), _judged(loaded, bus, task))
     if as_json:
         print_json(task)
         return
-    rows = [Row((label, text), {0: "bold"}) for label, text in _told(task, loaded) if text]
+    rows = [Row((label, text), {0: "bold"}) for label, text in _told(task, loaded, left, judged) if text]
     for line in lines(("", ""), rows, console.width, folds=(1,))[1:]:
         console.print(line, soft_wrap=True)
 
 
-def _told(task: dict[str, Any], site: Site) -> list[tuple[str, str]]:
-    """All that is known of a task, in words and in the order in which it happens."""
+def _told(
+    task: dict[str, Any], site: Site, left: str | None = None, judged: str = ""
+) -> list[tuple[str, str]]:
+    """All that is known of a task, in words and in the order in which it happens.
+
+    `left` is how much time there is for what comes next, `judged` the verdict as a sentence.
+    """
     from rodeo.dao import is_peoples  # takes its time to import
 
     def moment(name: str) -> str:
@@ -169,9 +179,10 @@ def _told(task: dict[str, Any], site: Site) -> list[tuple[str, str]]:
         ("parameters", plain(task["params"])),
         ("state", state),
         ("due by", moment(due[state]) if state in due else ""),
+        ("time left", left or ""),
         ("attempt", f"{task['attempt']} of {task['max_attempts']}" if task["attempt"] else ""),
         ("attempts", "" if task["attempt"] else f"none yet, {task['max_attempts']} at most"),
-        ("verdict", f"{verdict}: {task['reason']}" if own else verdict),
+        ("verdict", judged or (f"{verdict}: {task['reason']}" if own else verdict)),
         ("reward", f"{iec(task['reward_iec'])} by {_party(task, 'creator')}"),
         ("executor", _party(task, "executor")),
         ("service", "" if task["service_id"] is None else str(task["service_id"])),
@@ -194,6 +205,27 @@ def _told(task: dict[str, Any], site: Site) -> list[tuple[str, str]]:
     if task["nonce"] and is_peoples(task["kind"]):
         told.append(("photo code", photo_code(task["nonce"])))
     return told
+
+
+def _judged(site: Site, bus: Bus, task: dict[str, Any]) -> str:
+    """The last verdict as a sentence: who gave it, and why; empty while there is none."""
+    from rodeo.verdicts import is_peoples_verdict, judge_of, verdict_words  # takes its time to import
+
+    if not task["verdict"]:
+        return ""
+    transactions = bus.query(f"rodeo/{site.org}/state/transactions", parameters={"task_id": task["id"]})
+    kinds = bus.query(f"rodeo/{site.org}/state/organization")["kinds"]
+    audited = [one["kind"] for one in kinds if one["review"] == "auditor"]
+    by_people = is_peoples_verdict(task["kind"], task["verdict"], task["audit_deadline"], audited)
+    return verdict_words(task["verdict"], task["reason"], judge_of(transactions["transactions"]), by_people)
+
+
+def _left(site: Site, bus: Bus, task: dict[str, Any]) -> str | None:
+    """How much time there is for what has to be done next, where there is an end to it."""
+    from rodeo.people import running_out_s  # takes its time to import
+
+    ends_s = running_out_s(validate(Task, task))
+    return None if ends_s is None else time_left(site, bus, ends_s)
 
 
 @tasks.command("cancel")
@@ -240,7 +272,7 @@ def price(
 ) -> None:
     """Change what a service costs, for the tasks after the one that it does now."""
     service = _change_service(site, service_id, participant, price_iec=price)
-    console.print(f"service {service_id} costs {iec(service['price_iec'])} from the next task on")
+    say(f"Service {service_id} costs {iec(service['price_iec'])} from the next task on.")
 
 
 @services.command("pause")
@@ -250,7 +282,7 @@ def pause(
 ) -> None:
     """Take no new tasks; the one that is being done goes on."""
     _change_service(site, service_id, participant, state="paused")
-    console.print(f"service {service_id} is paused; `rodeo service resume {service_id}` ends that")
+    say(f"Service {service_id} is paused; `rodeo service resume {service_id}` ends that.")
 
 
 @services.command("resume")
@@ -260,7 +292,7 @@ def resume(
 ) -> None:
     """Take tasks again."""
     _change_service(site, service_id, participant, state="active")
-    console.print(f"service {service_id} takes tasks again")
+    say(f"Service {service_id} takes tasks again.")
 
 
 @services.command("withdraw")
@@ -270,7 +302,7 @@ def withdraw(
 ) -> None:
     """End an offer for good; what is left of its bond comes back. The task that is being done goes on."""
     _change_service(site, service_id, participant, state="retired")
-    console.print(f"service {service_id} is withdrawn for good; `rodeo service offer` makes another one")
+    say(f"Service {service_id} is withdrawn for good; `rodeo service offer` makes another one.")
 
 
 def _change_service(site: Path, service_id: int, participant: str | None, **change: str) -> dict[str, Any]:
@@ -298,6 +330,12 @@ def _change_service(site: Path, service_id: int, participant: str | None, **chan
             )
         request = {"service_id": service_id, **change}
         bus.query(f"rodeo/{loaded.org}/wallet/{provider}/update_service", request, timeout_s=30)
+    if provider in [robot.name for robot in loaded.robots] and change.get("state") != "retired":
+        say(
+            f"{provider} sets price and state of its own service again when it looks at it next: "
+            f"`rodeo robot pause {provider}` has it take no work, and the site file says its price "
+            "(economy.cleaning_reward_iec)."
+        )
     return {**service, **change}
 
 
@@ -355,9 +393,7 @@ def verify(
     else:
         for line in _check_lines(report, console.width, verbose):
             console.print(line, soft_wrap=True)
-        console.print(
-            f"[bold]{report.outcome}[/]: {escape(_outcome(report))}", highlight=False, soft_wrap=True
-        )
+        console.print(_conclusion(site, report, offline), highlight=False, soft_wrap=True)
     if not report.accepted:
         raise typer.Exit(1)
 
@@ -393,6 +429,25 @@ def _outcome(report: Report) -> str:
     skipped = sum(check.passed is None for check in report.checks)
     passed = count(len(report.checks) - skipped, "check") + " passed"
     return passed + (f", {skipped} were skipped" if skipped else "")
+
+
+def _conclusion(site_path: Path, report: Report, offline: bool) -> str:
+    """What the checks come to. A person's word is never the oracle's verdict: whoever judged it is named."""
+    from rodeo.dao import is_peoples
+
+    if report.kind is None or not is_peoples(report.kind) or report.outcome == "rejected":
+        return f"[bold]{report.outcome}[/]: {escape(_outcome(report))}"
+    told = "[bold]a person's word[/], sealed as it should be; no machine can tell whether it is true"
+    if offline or report.task_id is None:
+        return f"{told}: an auditor judges it"
+    try:
+        with connected(site_path) as (site, bus):
+            task = bus.query(f"rodeo/{site.org}/state/task/{report.task_id}")
+            same = task["proof_sha256"] == report.proof_sha256
+            judged = _judged(site, bus, task) if same else ""
+    except (BusError, RemoteError) as error:
+        judged = f"who judged it is not known: {error}"
+    return f"{told}\n" + (escape(judged) or f"an auditor judges it: `rodeo task review {report.task_id}`")
 
 
 def _chain_view(site_path: Path, file: Path) -> View:

@@ -21,7 +21,7 @@ from rodeo.cli.common import (
 )
 from rodeo.cli.layout import Row, lines
 from rodeo.cli.words import plain
-from services.console.words import span
+from rodeo.durations import span
 
 robots = typer.Typer(help="Order robots, and see how they are.", no_args_is_help=True)
 

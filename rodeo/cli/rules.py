@@ -21,9 +21,10 @@ from rodeo.cli.common import (
 from rodeo.cli.layout import Row, lines
 from rodeo.cli.organization import ParticipantOption
 from rodeo.cli.words import iec, moment
+from rodeo.durations import span
 from rodeo.errors import InvalidRequest
 from rodeo.messages import Policy, RoleName
-from services.console.words import count, span
+from services.console.words import count
 
 rules = typer.Typer(
     help="The organization's rules, members, devices and treasury: for whoever has the role on its contract.",

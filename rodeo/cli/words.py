@@ -11,8 +11,9 @@ from typing import Any, get_type_hints
 from typer.models import ArgumentInfo, OptionInfo
 
 from rodeo.config import Site
+from rodeo.durations import span
 from rodeo.errors import RodeoError
-from services.console.words import FIELD_ADVICE, number, phrase, span
+from services.console.words import FIELD_ADVICE, number, phrase
 
 _SENTENCES = {
     "not_creator": "only who posted the task may do that",

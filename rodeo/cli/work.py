@@ -20,6 +20,7 @@ from rodeo.cli.common import (
     print_json,
     reports_errors,
     say,
+    time_left,
 )
 from rodeo.cli.words import iec
 from rodeo.clock import Clock, SimClock, WallClock
@@ -49,11 +50,16 @@ def offer(
 
     `rodeo service price`, `pause`, `resume` and `withdraw` change the offer.
     """
+    from rodeo import people  # takes its time to import, as in _executor
+    from rodeo.dao import is_peoples
+
     with connected(site) as (loaded, bus):
         name = _name(loaded, participant)
         request = {"kind": kind, "price_iec": price, "description": description}
         reply = bus.query(f"rodeo/{loaded.org}/wallet/{name}/register_service", request, timeout_s=30)
     say(f"{name} offers {kind} for {iec(price)}: service {reply['service_id']}.")
+    if (warning := people.warning(loaded)) and is_peoples(kind):
+        say(warning)
 
 
 @reports_errors
@@ -61,7 +67,9 @@ def accept(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption 
     """Begin a task that is assigned to a person: opens the sealed recording of the assignment."""
     with connected(site) as (loaded, bus):
         task = _executor(loaded, bus, participant).accept(task_id)
+        left = time_left(loaded, bus, task.execution_deadline or 0.0)
     say(f"You have begun task {task_id}: {task.description or task.kind}")
+    say(f"Hand it in in time: {left}.")
     say(f"Let a photo show this code: {photo_code(task.nonce or '')}")
 
 
@@ -93,10 +101,14 @@ def review(
     """Show what is known of a submitted statement: note, photos, metadata, and where copies were used."""
     from rodeo.dao import Participant
     from rodeo.evidence.review import Reviewer
+    from rodeo.people import running_out_s
 
     with connected(site) as (loaded, bus):
         auditor = Participant(bus, loaded.org, participant)
-        found = Reviewer(loaded, auditor).review(auditor.task(task_id))
+        task = auditor.task(task_id)
+        found = Reviewer(loaded, auditor).review(task)
+        ends_s = running_out_s(task)
+        left = None if ends_s is None else time_left(loaded, bus, ends_s)
     if as_json:
         print_json(found.model_dump())
         return
@@ -105,6 +117,8 @@ def review(
     console.print(f"“{escape(note)}”", highlight=False, soft_wrap=True)
     for line in found.lines():
         console.print(escape(line), highlight=False, soft_wrap=True)
+    if left is not None:
+        console.print(f"Judge it in time: {left}.", highlight=False, soft_wrap=True)
 
 
 @reports_errors
@@ -128,7 +142,8 @@ def judge(
     with connected(site) as (loaded, bus):
         auditor = Participant(bus, loaded.org, participant)
         statement.judge(loaded, auditor, task_id, accepted, reason, _amount(amount))
-    say(f"Your verdict on task {task_id} is on chain: {'accepted' if accepted else 'rejected'}.")
+    word = "accepted" if accepted else "rejected"
+    say(f"Task {task_id} is {word} by the auditor {participant}, a person, who says: “{reason}”")
 
 
 def _amount(text: str | None) -> Decimal | None:

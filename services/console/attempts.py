@@ -31,6 +31,10 @@ class Attempt:
     reason: str | None = None
     report_sha256: str | None = None
     report_uri: str | None = None
+    verdict_tx: str | None = None
+    """The transaction that posted the last verdict; its sender judged."""
+    was_undecided: bool = False
+    """The oracle could not decide, so that auditors did."""
     paid_iec: str | None = None
     """What the executor was paid for it."""
 
@@ -66,6 +70,8 @@ def attempts(events: Iterable[DaoEvent]) -> list[Attempt]:
                 reason=args["reason"],
                 report_sha256=args["report_hash"],
                 report_uri=args["report_uri"],
+                verdict_tx=event.tx_hash,
+                was_undecided=made[-1].was_undecided or args["verdict"] == "undecided",
             )
         elif event.name in ("TaskSettled", "TaskFailed", "TaskRequeued"):
             made[-1] = replace(made[-1], ended_s=event.time_s, paid_iec=args.get("paid_iec"))

@@ -24,6 +24,7 @@ from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.instance import HEARTBEAT_S
 from rodeo.messages import DaoEvent, Status, Task
+from rodeo.people import Pace
 from rodeo.ros2 import types, wire
 from rodeo.ros2.errors import MalformedMessage
 from services.console.reads import Reads
@@ -172,6 +173,13 @@ class Live:
     def _take_status(self, status: Status) -> None:
         self._statuses[status.process] = status, time.monotonic()
         self._tell_processes()
+
+    @property
+    def pace(self) -> Pace | None:
+        """How fast the site's time goes; None while nobody says so."""
+        status, heard_s = self._statuses.get("robot_sim", (None, -np.inf))
+        silent = status is None or time.monotonic() - heard_s > LOST_S
+        return Pace.of(self._site, {} if status is None or silent else status.details)
 
     async def _watch_heartbeats(self) -> None:
         while True:

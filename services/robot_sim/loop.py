@@ -43,15 +43,22 @@ class Publisher(Protocol):
 class Loop:
     """Args:
     stop: ends `run`.
+    limited: the speed that the clock may have now where it is to have the one given.
     """
 
     def __init__(
-        self, simulation: Simulation, state: StateFile, clock: ClockConfig, stop: threading.Event
+        self,
+        simulation: Simulation,
+        state: StateFile,
+        clock: ClockConfig,
+        stop: threading.Event,
+        limited: Callable[[float], float] = lambda speed: speed,
     ) -> None:
         self.simulation = simulation
         self.outbox = Outbox(stop)
         self._state = state
         self._clock = clock
+        self._limited = limited
         self._stop = stop
         self._jobs: queue.SimpleQueue[tuple[Callable[[], object], Future[object] | None]]
         self._jobs = queue.SimpleQueue()
@@ -92,8 +99,9 @@ class Loop:
     def run(self, publisher: Publisher) -> None:
         """Advance until the end; afterwards all motion has ended as cancelled. Raises what sending raised."""
         while not self._stop.is_set():
-            skipping = self.simulation.parked and self._clock.idle_speed != self._clock.speed
-            if self._wait_turn(self._clock.idle_speed if skipping else self._clock.speed):
+            speed, idle_speed = self._limited(self._clock.speed), self._limited(self._clock.idle_speed)
+            skipping = self.simulation.parked and idle_speed != speed
+            if self._wait_turn(idle_speed if skipping else speed):
                 continue
             if skipping:
                 self.simulation.skip()

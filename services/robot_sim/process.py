@@ -13,6 +13,7 @@ from services.robot_sim.actions import Actions
 from services.robot_sim.camera import open_camera
 from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
+from services.robot_sim.people import PeoplesTime
 from services.robot_sim.plane import LabPlane, RobotPlane
 from services.robot_sim.simulation import Simulation
 from services.robot_sim.snapshot import Snapshot
@@ -26,8 +27,16 @@ _REPORT_WALL_S = 1.0
 class Bus:
     """Publishes the whole world, and tells the service how fast it goes."""
 
-    def __init__(self, service: Service, snapshot: Snapshot, lab: LabPlane, robots: list[RobotPlane]) -> None:
+    def __init__(
+        self,
+        service: Service,
+        snapshot: Snapshot,
+        lab: LabPlane,
+        robots: list[RobotPlane],
+        people: PeoplesTime,
+    ) -> None:
         self._service, self._snapshot, self._lab, self._robots = service, snapshot, lab, robots
+        self._people = people
         self._tick = 0
         self._reported = (time.monotonic(), snapshot.time_ns)
 
@@ -44,7 +53,12 @@ class Bus:
         if (passed_s := time.monotonic() - wall_s) >= _REPORT_WALL_S:
             speed = (self._snapshot.time_ns - before_ns) * 1e-9 / passed_s
             self._reported = (time.monotonic(), self._snapshot.time_ns)
-            self._service.activity("skipping idle time" if skipped else "simulating", speed=round(speed, 1))
+            self._service.activity(
+                self._people.activity("skipping idle time" if skipped else "simulating"),
+                speed=round(speed, 2),
+                site_time_s=self._snapshot.time_ns * 1e-9,
+                measured_s=time.time(),
+            )
 
 
 def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
@@ -65,7 +79,8 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
                     time_ns = max(time_ns, time.time_ns())
                 simulation.restore(time_ns, row)
                 log.info("going on from the saved world at %.2f s", simulation.time_s)
-            loop = Loop(simulation, state, site.clock, service.stop)
+            people = PeoplesTime(service.bus, site, lambda: simulation.time_s)
+            loop = Loop(simulation, state, site.clock, service.stop, people.speed)
             session, domain_id = service.bus.session, site.bus.domain_id
             lab_node = Node(session, "lab", "", domain_id, simulation)
             mocap = MotionCapture(service.bus, site, service.data_dir / "mocap", list(simulation.captured))
@@ -80,7 +95,8 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             # What was made until now is not garbage before the process ends.
             gc.freeze()
             service.ready()
-            loop.run(Bus(service, snapshot, lab, robots))
+            loop.run(Bus(service, snapshot, lab, robots, people))
+            people.close()
             for node in nodes:
                 node.close()
             mocap.close()

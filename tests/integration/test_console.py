@@ -19,6 +19,7 @@ from tests.support.site import RunningSite, write_site
 SITE = """clock.speed = 20
 clock.idle_speed = 400
 agent.explore_when_idle = false
+people.min_window_s = 900
 [[participants]]
 name = "eva"
 """
@@ -107,6 +108,12 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     paid_iec = Dao(desk.running).balances()["eva"] + 5
     person = desk.page("eva")
     open_page(person, "/work")
+    todo = person.get_by_role("region", name="To do")
+    expect(todo.get_by_text("Clean my wheels · pays 5 IEC · due by")).to_be_visible()
+    expect(
+        todo.get_by_text(re.compile(r"of site time left, .* on the wall clock at the present speed"))
+    ).to_be_visible()
+    expect(person.get_by_text("its time, and with it every window, runs up to 400 times")).to_be_visible()
     person.get_by_role("button", name=f"Accept task {task_id}").click()
     expect(person.get_by_text(f"Task {task_id} is yours to do")).to_be_visible()
     code = photo_code(Dao(desk.running).task(task_id)["nonce"])
@@ -122,6 +129,7 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
 
     auditor = desk.page("ada")
     open_page(auditor, "/work")
+    expect(auditor.get_by_text(re.compile("eva for 5 IEC"))).to_be_visible()
     auditor.get_by_role("button", name=f"Judge task {task_id}").click()
     expect(auditor.get_by_text("“Washed all four wheels”")).to_be_visible()
     expect(auditor.get_by_role("img", name="Photo 1 of the work")).to_be_visible()
@@ -133,6 +141,15 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     auditor.get_by_role("dialog", name="Approve this work?").get_by_role("button", name="Approve").click()
 
     expect(handed_in.get_by_text("paid 5 IEC")).to_be_visible()
+    expect(handed_in.get_by_text("accepted by an auditor, a person, who says: “They shine”")).to_be_visible()
+    open_page(auditor, f"/tasks/{task_id}")
+    word = "Accepted by the auditor organization, a person, who says: “They shine”"
+    attempts = auditor.get_by_role("table", name="Attempts at this task")
+    expect(attempts.get_by_text(word)).to_be_visible()
+    report = auditor.get_by_role("region", name="Auditor's verdict")
+    expect(report.get_by_text(word)).to_be_visible()
+    expect(report.get_by_text("A person judged this proof")).to_be_visible()
+    expect(report.locator(".badge")).to_have_count(0)
     expect(person.locator(".tile .value").first).to_have_text(f"{paid_iec:g} IEC")
     person.close()
     auditor.close()

@@ -25,6 +25,7 @@ from tests.support.site import RunningSite, write_site
 SITE = """clock.speed = 20
 clock.idle_speed = 400
 agent.explore_when_idle = true
+people.min_window_s = 60
 participants = [{ name = "alice" }]
 
 [[agent.maintenance]]

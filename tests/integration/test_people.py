@@ -43,7 +43,7 @@ def test_an_offer_is_priced_paused_resumed_and_withdrawn_and_made_once(dao: Dao)
     assert "say who judges raking: --review auditor for people, or --review oracle" in told
     rodeo(dao, "organization", "kind", "raking", "--review", "auditor")
     told = rodeo(dao, "service", "offer", "raking", "--price", "5", "--as", "alice")
-    number = told.split()[-1]
+    number = told.split()[-1].rstrip(".")
 
     def now() -> tuple[str, str]:
         (service,) = dao.state("services", provider="alice", kind="raking")["services"]
@@ -101,7 +101,16 @@ def test_a_copied_photo_and_note_are_shown_with_what_they_copy_and_the_auditor_d
         dao, "task", "review", str(first)
     )
     rodeo(dao, "task", "judge", str(second), "--reject", "--reason", "Alice's photo")
-    rodeo(dao, "task", "judge", str(first), "--accept", "--reason", "One can see it")
+    told = rodeo(dao, "task", "judge", str(first), "--accept", "--reason", "One can see it")
+    word = "accepted by the auditor organization, a person, who says: “One can see it”"
+    assert word in told
+    shown = rodeo(dao, "task", "show", str(first))
+    assert word in shown and "oracle" not in shown
+    sha256 = dao.task(first)["proof_sha256"].removeprefix("0x")
+    verified = rodeo(dao, "verify", str(dao.site.data_dir / "store" / f"{sha256}.mcap"), status=1)
+    assert (
+        f"a person's word, sealed as it should be; no machine can tell whether it is true {word}" in verified
+    )
     assert [dao.task(one)["state"] for one in (first, second)] == ["settled", "failed"]
 
 

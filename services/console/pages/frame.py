@@ -11,6 +11,7 @@ from typing import Any, ParamSpec, TypeVar
 from nicegui import background_tasks, context, run, ui
 from pydantic import BaseModel
 
+from rodeo import people
 from rodeo.config import Site
 from rodeo.errors import RodeoError
 from rodeo.tls import openness
@@ -29,6 +30,8 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 THEME_COOKIE = "theme"
+_LEFT_S = 3.0
+"""Wall time between two looks at how much time is left."""
 
 
 @dataclass(frozen=True)
@@ -225,6 +228,17 @@ def stale(error: RodeoError) -> str:
 def problem_section() -> Section:
     """Where a page says why it is not current; shown with an empty text it is gone."""
     return Section(lambda text: notice(text, bad=True) if text else None).live()
+
+
+def time_left(console: Console, deadline_s: float) -> None:
+    """A text that follows how much time there is until then, by the site's clock and by the wall's."""
+
+    def words() -> str:
+        return people.time_left(console.live.pace, deadline_s)
+
+    # A screen reader reads it where it stands, and not each time that it changes.
+    shown = Text("span", words(), "soft").props('aria-live="off"')
+    ui.timer(_LEFT_S, lambda: shown.set_text(words()))
 
 
 def back_link(text: str, path: str) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 
 from nicegui import ui
 
+from rodeo.durations import span
 from rodeo.errors import RodeoError
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
@@ -32,7 +33,7 @@ from services.console.pages.widgets import (
     progress_bar,
 )
 from services.console.roles import Role
-from services.console.words import explain, share, span
+from services.console.words import explain, share
 
 Json = dict[str, Any]
 

@@ -7,7 +7,9 @@ from typing import Any
 
 from nicegui import ui
 
+from rodeo.durations import span
 from rodeo.messages import Task
+from rodeo.verdicts import is_peoples_verdict, verdict_words
 from services.console.lab_map import LabMap
 from services.console.live import ProcessState
 from services.console.pages.frame import Console, follow, frame, page_head, problem_section, user
@@ -23,7 +25,7 @@ from services.console.pages.widgets import (
     tile,
 )
 from services.console.roles import Role
-from services.console.words import iec, kind, moment, party, share, span
+from services.console.words import iec, kind, moment, party, share
 
 Json = dict[str, Any]
 
@@ -155,7 +157,8 @@ def _draw_queue(tasks: list[Task]) -> None:
                 Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
                 badge(task.state)
                 who = f" · {party(task.executor_name, task.executor)}" if task.executor else ""
-                Text("span", f"{iec(task.reward_iec)}{who}", "soft")
+                amount = task.reward_iec if task.price_iec is None else task.price_iec
+                Text("span", f"{iec(amount)}{who}", "soft")
 
 
 def _draw_verdicts(tasks: list[Task]) -> None:
@@ -167,9 +170,11 @@ def _draw_verdicts(tasks: list[Task]) -> None:
             with ui.element("li"):
                 Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
                 badge(task.verdict or "")
+                by_people = is_peoples_verdict(task.kind, task.verdict, task.audit_deadline)
                 paid = f"{iec(task.paid_iec)} to {party(task.executor_name, task.executor)} · "
+                said = f"{verdict_words(task.verdict or '', task.reason, None, by_people)} · "
                 when = moment(task.settled or task.proof_submitted)
-                Text("span", (paid if task.state == "settled" else f"{task.reason or ''} · ") + when, "soft")
+                Text("span", (paid if task.state == "settled" else "") + said + when, "soft")
 
 
 def _draw_wallets(wallets: list[Json]) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from rodeo.dao import MACHINE_JUDGED, cannot_do
+from rodeo.durations import span
 from rodeo.errors import RodeoError
 from services.console.actions import ORGANIZATION, speaks_for
 from services.console.pages.frame import (
@@ -37,7 +38,7 @@ from services.console.pages.widgets import (
     table,
 )
 from services.console.roles import Role
-from services.console.words import iec, kind, moment, party, share, short, span
+from services.console.words import iec, kind, moment, party, share, short
 
 Json = dict[str, Any]
 

@@ -11,10 +11,14 @@ from typing import Any
 from nicegui import ui
 
 from rodeo.dao import is_peoples
+from rodeo.durations import span
 from rodeo.errors import RodeoError
 from rodeo.evidence import open_proof
 from rodeo.messages import LIVE_STATES, Task
+from rodeo.people import running_out_s
 from rodeo.photo_code import photo_code
+from rodeo.verdicts import is_peoples_verdict, judge_of, verdict_words
+from services.console.accounts import workers
 from services.console.attempts import Attempt, attempts, ended_s
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
@@ -29,6 +33,7 @@ from services.console.pages.frame import (
     page_head,
     problem_section,
     stale,
+    time_left,
     user,
 )
 from services.console.pages.widgets import (
@@ -43,15 +48,17 @@ from services.console.pages.widgets import (
     hash_text,
     notice,
     on_page,
+    retitle,
     table,
 )
 from services.console.reads import Seal
 from services.console.replay import track
 from services.console.roles import Role
-from services.console.words import explain, iec, kind, moment, number, parameter, party, phrase, short, span
+from services.console.words import explain, iec, kind, moment, number, parameter, party, phrase, short
 
 Json = dict[str, Any]
 
+_ORACLES_REPORT = "Oracle's report"
 _TOKEN_EVENTS = ("Transfer", "Approval")
 """Every transaction of a task has some; the treasury explains them."""
 
@@ -71,6 +78,8 @@ class TaskPage:
         self._chosen: int | None = None
         """The attempt whose proof and report are shown; None for the newest that has one."""
         self._shown: Attempt | None = None
+        self._verdicts: dict[int, str] = {}
+        """Attempt -> what was said of it, by whom."""
         self._live = False
         back_link("Tasks", "/tasks")
         self._head = Section(self._draw_head).live()
@@ -78,7 +87,7 @@ class TaskPage:
         self._parts = ui.element("div").classes("stack")
         with self._parts:
             with card("Progress"):
-                self._progress = Section(_draw_progress).waiting()
+                self._progress = Section(partial(_draw_progress, console)).waiting()
             with card("Attempts"):
                 self._tries = Section(self._draw_attempts).waiting()
             with ui.element("div").classes("grid"):
@@ -95,8 +104,8 @@ class TaskPage:
                         self._agreement = Section(_draw_agreement).waiting()
                     with card("Proof"):
                         self._proof = Section(self._draw_proof).waiting()
-            with card("Oracle's report"):
-                self._report = Section(_draw_report).waiting()
+            with card(_ORACLES_REPORT) as self._report_head:
+                self._report = Section(self._draw_report).waiting()
             with card("Transactions"):
                 self._transactions = Section(_draw_transactions).waiting()
         follow(console, "map", self._show_map)
@@ -129,18 +138,23 @@ class TaskPage:
         self._head.show(task)
         self._progress.show(task, ended_s(events))
         names = {one["address"]: one["name"] for one in self._console.live.summary.wallets}
-        self._tries.show(self._attempts, names, None if shown is None else shown.number)
+        try:
+            transactions = (await ask(reads.state, "transactions", task_id=self._task_id))["transactions"]
+            self._transactions.show(transactions, "")
+        except RodeoError as error:
+            transactions = []
+            self._transactions.show([], explain(error))
+        people = workers(self._console.site)
+        self._verdicts = {
+            one.number: _verdict(task.kind, one, transactions, people) for one in self._attempts
+        }
+        self._tries.show(self._attempts, names, None if shown is None else shown.number, self._verdicts)
         self._agreement.show(task)
         self._show_map()
         place = task.params.get("x_m"), task.params.get("y_m")
         if all(isinstance(value, int | float) for value in place):
             self._map.mark_place(place)  # type: ignore[arg-type]
         await self._load_evidence(shown)
-        try:
-            answer = await ask(reads.state, "transactions", task_id=self._task_id)
-            self._transactions.show(answer["transactions"], "")
-        except RodeoError as error:
-            self._transactions.show([], explain(error))
 
     async def _load_evidence(self, shown: Attempt | None) -> None:
         """Report, proof and who sealed it."""
@@ -165,7 +179,9 @@ class TaskPage:
             return
         self._proof.show(shown, _seal_facts(seal, devices))
 
-    def _draw_attempts(self, made: list[Attempt], names: dict[str, str], shown: int | None) -> None:
+    def _draw_attempts(
+        self, made: list[Attempt], names: dict[str, str], shown: int | None, verdicts: dict[int, str]
+    ) -> None:
         if not made:
             empty("Nobody has taken it on yet.")
             return
@@ -185,12 +201,25 @@ class TaskPage:
                     party(names.get(one.executor), one.executor),
                     moment(one.assigned_s),
                     moment(one.submitted_s),
-                    partial(_draw_outcome, one),
+                    partial(_draw_outcome, one, verdicts[one.number]),
                     partial(self._choice, one, shown == one.number),
                 )
                 for one in made
             ],
         )
+
+    def _draw_report(self, report: Json | None, problem: str) -> None:
+        by_people = report is not None and "auditor" in report
+        retitle(self._report_head, "Auditor's verdict" if by_people else _ORACLES_REPORT)
+        if report is None:
+            empty(problem)
+        elif by_people and self._shown is not None:
+            # A person's word: the oracle measured nothing of it, and it must not read as if it had.
+            verdict = self._verdicts.get(self._shown.number, "")
+            Text("p", f"{verdict[:1].upper()}{verdict[1:]}", "wrap")
+            empty("A person judged this proof; the oracle's checks did not decide it.")
+        else:
+            _draw_report(report)
 
     def _choice(self, attempt: Attempt, is_shown: bool) -> None:
         if attempt.proof_sha256 is None:
@@ -285,15 +314,26 @@ def _seal_facts(seal: Seal, devices: list[Json]) -> dict[str, str]:
     }
 
 
-def _draw_outcome(attempt: Attempt) -> None:
+def _verdict(kind_of_work: str, attempt: Attempt, transactions: list[Json], people: list[str]) -> str:
+    """What was said of the attempt, and by whom; empty while nobody has said anything."""
+    if attempt.verdict is None:
+        return ""
+    judge = judge_of(transactions, attempt.verdict_tx) if attempt.verdict_tx else None
+    by_people = attempt.verdict in ("accepted", "rejected") and (
+        is_peoples(kind_of_work) or attempt.was_undecided or judge in people
+    )
+    return verdict_words(attempt.verdict, attempt.reason, judge, by_people)
+
+
+def _draw_outcome(attempt: Attempt, verdict: str) -> None:
     badge(attempt.verdict or ("in verification" if attempt.submitted_s else "at work"))
     if attempt.paid_iec is not None:
         Text("div", f"paid {iec(attempt.paid_iec)}", "soft")
-    if attempt.reason:
-        Text("div", attempt.reason, "soft wrap")
+    if verdict:
+        Text("div", verdict[:1].upper() + verdict[1:], "soft wrap")
 
 
-def _draw_progress(task: Task, ended: float | None) -> None:
+def _draw_progress(console: Console, task: Task, ended: float | None) -> None:
     """The state machine with its times, as far as it got."""
     steps: list[tuple[str, float | None, str]] = [
         ("Posted", task.registered, "done"),
@@ -304,7 +344,7 @@ def _draw_progress(task: Task, ended: float | None) -> None:
             "done" if task.proof_submitted else "now" if task.state == "assigned" else "",
         ),
         (
-            f"Verdict: {task.verdict}" if task.verdict else "Verdict",
+            _verdict_step(task),
             None,
             {"accepted": "done", "rejected": "bad", "expired": "bad", "undecided": "done"}.get(
                 task.verdict or "", "now" if task.state == "submitted" else ""
@@ -336,6 +376,16 @@ def _draw_progress(task: Task, ended: float | None) -> None:
             + (_deadline(task) if task.state in LIVE_STATES else ""),
             "soft",
         )
+    ends_s = running_out_s(task)
+    if ends_s is not None:
+        time_left(console, ends_s)
+
+
+def _verdict_step(task: Task) -> str:
+    if not task.verdict:
+        return "Verdict"
+    by_people = is_peoples_verdict(task.kind, task.verdict, task.audit_deadline)
+    return f"Verdict: {task.verdict}" + (" by an auditor" if by_people else "")
 
 
 def _audit_step(task: Task) -> list[tuple[str, float | None, str]]:
@@ -376,10 +426,7 @@ def _draw_agreement(task: Task) -> None:
             fact(parameter(name), str(value)[:200], "wrap")
 
 
-def _draw_report(report: Json | None, problem: str) -> None:
-    if report is None:
-        empty(problem)
-        return
+def _draw_report(report: Json) -> None:
     with ui.element("div").classes("line"):
         badge(str(report.get("outcome", "rejected"))[:20])
         Text("span", str(report.get("reason", ""))[:500], "wrap")

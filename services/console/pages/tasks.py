@@ -15,8 +15,10 @@ from nicegui import ui
 from rodeo.bus import decode_json, validate
 from rodeo.charging import order_wh
 from rodeo.dao import CHARGING, CLEANING
+from rodeo.durations import span
 from rodeo.errors import InvalidRequest, MalformedJson, QueryTimeout, RodeoError
 from rodeo.messages import RegisterTask, Task
+from rodeo.people import runs_fast
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
     Console,
@@ -33,7 +35,7 @@ from services.console.pages.frame import (
 from services.console.pages.widgets import Link, Section, Text, badge, card, confirm, empty, notice, table
 from services.console.posting import problems
 from services.console.roles import Role
-from services.console.words import exact, explain, iec, kind, moment, party, span
+from services.console.words import exact, explain, iec, kind, moment, party
 
 Json = dict[str, Any]
 
@@ -220,6 +222,8 @@ class PostForm:
                     self.attempts = ui.number("Attempts", min=1, max=20, precision=0, on_change=self._changed)
                     self.attempts.value = site.economy.max_attempts
                     self.window.value = site.economy.cleaning_window_s / 60
+                    if runs_fast(site):
+                        self.window.props('hint="of site time, which runs faster than the wall clock"')
                     self.description = ui.input("Note for people")
                     self.wait = ui.checkbox(
                         "Let it wait if every service costs more", on_change=self._changed
@@ -392,7 +396,7 @@ class PostForm:
                 ("Item", f"{self.item.value} at {self.x.value:.2f} m east, {self.y.value:.2f} m north")
             )
         if request.execution_window_s is not None:
-            lines.append(("Time to do it", span(request.execution_window_s)))
+            lines.append(("Time to do it", f"{span(request.execution_window_s)} of site time"))
         balance = self._balance()
         if balance is not None:
             lines.append(("Organization after", iec(balance - request.reward_iec)))

@@ -48,6 +48,13 @@ def card(title: str, classes: str = "") -> Iterator[ui.element]:
         yield head
 
 
+def retitle(head: ui.element, title: str) -> None:
+    """Give the card with this head another title."""
+    heading = head.default_slot.children[0]
+    assert isinstance(heading, Text)
+    heading.set_text(title)
+
+
 def tile(name: str, value: str) -> Text:
     """A number that matters; returns its text."""
     with ui.element("div").classes("tile span-3"):

@@ -9,11 +9,14 @@ from typing import Any
 from nicegui import ui
 from nicegui.events import UploadEventArguments
 
+from rodeo import people
 from rodeo.dao import is_peoples
 from rodeo.errors import RodeoError
 from rodeo.evidence.statement import MAX_PHOTO_BYTES, MAX_PHOTOS, Statement, check_photo, photo_format
 from rodeo.messages import Task
+from rodeo.people import running_out_s
 from rodeo.photo_code import photo_code
+from rodeo.verdicts import is_peoples_verdict, verdict_words
 from services.console.pages.frame import (
     Console,
     act,
@@ -23,6 +26,7 @@ from services.console.pages.frame import (
     frame,
     problem_section,
     stale,
+    time_left,
     user,
 )
 from services.console.pages.widgets import (
@@ -51,6 +55,8 @@ def register(console: Console) -> None:
     def work() -> None:
         with frame(console, "My work", "/work"):
             person = user()
+            if warning := people.warning(console.site):
+                notice(warning)
             if not person.has(Role.EXECUTOR, Role.AUDITOR):
                 notice(
                     "This page is for executors and auditors. Ask an administrator for the role.", bad=True
@@ -120,9 +126,11 @@ class ExecutorDesk:
                     due = f" · due by {moment(task.execution_deadline)}" if task.execution_deadline else ""
                     Text(
                         "span",
-                        f"{task.description or 'no description'} · {iec(task.reward_iec)}{due}",
+                        f"{task.description or 'no description'} · pays {iec(task.price_iec)}{due}",
                         "soft",
                     )
+                    if task.execution_deadline:
+                        time_left(self._console, task.execution_deadline)
                     if task.nonce:
                         Text("span", f"Let a photo show the code {photo_code(task.nonce)}", "soft")
 
@@ -194,7 +202,9 @@ def _draw_ended(tasks: list[Task]) -> None:
                 Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
                 badge(task.verdict or task.state)
                 if task.state == "settled":
-                    outcome = f"paid {iec(task.paid_iec)} on {moment(task.settled)}"
+                    by_people = is_peoples_verdict(task.kind, task.verdict, task.audit_deadline)
+                    said = verdict_words(task.verdict or "", task.reason, None, by_people)
+                    outcome = f"paid {iec(task.paid_iec)} on {moment(task.settled)} · {said}"
                 elif task.state == "undecided":
                     outcome = f"an auditor decides by {moment(task.audit_deadline)}: {task.reason}"
                 else:
@@ -255,6 +265,8 @@ class AuditorDesk:
                     )
                     who = f"{task.executor_name or task.executor} for {iec(task.price_iec)}"
                     Text("span", f"{who}{_due(task)}", "soft")
+                    if (ends_s := running_out_s(task)) is not None:
+                        time_left(self._console, ends_s)
 
     @on_page
     async def _open(self, task: Task) -> None:
@@ -281,7 +293,7 @@ class AuditorDesk:
             lines = [
                 ("Task", f"{task.id} · {kind(task.kind)}"),
                 ("Reason", text),
-                ("Reward", iec(task.reward_iec)),
+                ("Agreed price", iec(task.price_iec)),
                 ("Paid to the executor", f"{paid} IEC" if accepted else iec(0)),
             ]
             if not await confirm(f"{word} this work?", lines, word, danger=not accepted):

@@ -1,0 +1,144 @@
+"""How fast the clock may go for people's sake: they have a task, or a proof to judge, and live by the wall.
+
+The bridge's index knows who has what until when. It is asked after each event on chain, and now and then.
+What it said last holds while it is silent; before it has said anything, a site with participants goes at the
+wall's speed, because one of them may have been at work before this process started.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from rodeo import topics
+from rodeo.bus import Bus, validate
+from rodeo.config import Site
+from rodeo.errors import BusError, RemoteError
+from rodeo.messages import Task
+from rodeo.people import deadline_s, runs_fast
+
+log = logging.getLogger(__name__)
+
+ASK_S = 2.0
+"""Wall time after which the index is asked even without an event."""
+_QUERY_S = 2.0
+_PAGE = 500
+MARGIN = 0.97
+"""Of the speed that would do: a period of the clock too many must not shorten anybody's window."""
+_CHANGED = 0.02
+"""Share by which the speed must differ to be another one: each change costs the clock a part of a period."""
+
+Key = tuple[int, int, str]
+
+
+class PeoplesTime:
+    """The limit of the clock's speed; `limit` and `task_id` are read from other threads.
+
+    `now_s` tells the site's time.
+    """
+
+    def __init__(self, bus: Bus, site: Site, now_s: Callable[[], float]) -> None:
+        self._bus = bus
+        self._site = site
+        self._now_s = now_s
+        self._min_s = site.people.min_window_s
+        self._ends: dict[Key, tuple[float, float]] = {}
+        """What a person has to do -> until when: site time, and the least monotonic wall time for it."""
+        self._asked = False
+        self.limit = math.inf
+        """Of the clock's speed, seconds of site time per second of wall time."""
+        self.task_id: int | None = None
+        """The task whose person has the least time for it, where that limits the speed."""
+        self._wake = threading.Event()
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        if self._min_s > 0 and runs_fast(site):
+            self.limit = 1.0 if site.participants else math.inf
+            self._events = bus.subscribe_json(f"rodeo/{site.org}/event/*", lambda *_: self._wake.set())
+            self._thread = threading.Thread(target=self._follow, name="people", daemon=True)
+            self._thread.start()
+
+    def close(self) -> None:
+        self._stop.set()
+        self._wake.set()
+        if self._thread is not None:
+            self._thread.join()
+            self._events.undeclare()
+
+    def speed(self, wanted: float) -> float:
+        """The speed that the clock may have; 0, as fast as the machine can, is a speed, too."""
+        limit = self.limit
+        return limit if limit < (wanted or math.inf) else wanted
+
+    def activity(self, text: str) -> str:
+        """`text`, with why the clock is slow where it is."""
+        if self.task_id is not None:
+            return f"{text}, slowly: a person has task {self.task_id}"
+        if not self._asked and self.limit == 1.0:
+            return f"{text}, slowly: the bridge has not said yet whether a person has a task"
+        return text
+
+    def _follow(self) -> None:
+        while not self._stop.is_set():
+            self._wake.clear()
+            try:
+                tasks, audited = self._ask()
+            except (BusError, RemoteError) as error:
+                log.debug("who has a task is not known: %s", error)
+            else:
+                self._asked = True
+                self.take(tasks, audited, time.monotonic())
+            if self._asked:
+                self.adjust(time.monotonic())
+            self._wake.wait(ASK_S)
+
+    def _ask(self) -> tuple[list[Task], list[str]]:
+        """Everything that is in work, and the kinds that auditors judge. Raises BusError or RemoteError."""
+        tasks: list[Task] = []
+        total = 1
+        while len(tasks) < total:
+            page = self._state(
+                "tasks", state="assigned,submitted,undecided", order="oldest", limit=_PAGE, offset=len(tasks)
+            )
+            total = page["total"] if page["tasks"] else 0
+            tasks += [validate(Task, task) for task in page["tasks"]]
+        kinds = self._state("organization")["kinds"]
+        return tasks, [kind["kind"] for kind in kinds if kind["review"] == "auditor"]
+
+    def _state(self, what: str, **parameters: Any) -> dict[str, Any]:
+        key = topics.STATE.name(org=self._site.org, what=what)
+        return self._bus.query(key, parameters=parameters, timeout_s=_QUERY_S)
+
+    def take(self, tasks: Iterable[Task], audited: Iterable[str], wall_s: float) -> None:
+        """Remember what people have to do, from when it was first heard of (monotonic wall time)."""
+        kinds = frozenset(audited)
+        ends: dict[Key, tuple[float, float]] = {}
+        for task in tasks:
+            until_s = deadline_s(task, kinds)
+            if until_s is not None:
+                key = task.id, task.attempt, task.state
+                _, wall_end_s = self._ends.get(key, (until_s, wall_s + self._min_s))
+                ends[key] = until_s, wall_end_s
+        self._ends = ends
+
+    def adjust(self, wall_s: float) -> None:
+        """Set the limit so that what is left of each window lasts as long as its person still has."""
+        now_s = self._now_s()
+        limit, task_id = math.inf, None
+        for (number, _attempt, _state), (until_s, wall_end_s) in self._ends.items():
+            if wall_s < wall_end_s and now_s < until_s:
+                speed = max(1.0, MARGIN * (until_s - now_s) / (wall_end_s - wall_s))
+                if speed < limit:
+                    limit, task_id = speed, number
+        self.task_id = task_id if self._slows(limit) else None
+        same = math.isfinite(limit) and abs(limit - self.limit) < _CHANGED * limit
+        if not same:
+            self.limit = limit
+
+    def _slows(self, limit: float) -> bool:
+        clock = self._site.clock
+        return limit < max(speed or math.inf for speed in (clock.speed, clock.idle_speed))

@@ -1,0 +1,62 @@
+"""A person's window on a site whose time runs faster than theirs."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from rodeo.cli import app
+from tests.support.dao import Dao
+from tests.support.site import RunningSite, write_site
+
+LEAST_S = 20.0
+SITE = f"""clock.speed = 20
+clock.idle_speed = 400
+agent.explore_when_idle = false
+people.min_window_s = {LEAST_S}
+participants = [{{ name = "alice" }}]
+"""
+
+
+def rodeo(dao: Dao, *arguments: str) -> str:
+    done = CliRunner().invoke(app, [*arguments, "--site", str(dao.running.path)])
+    assert done.exit_code == 0, done.output
+    return " ".join(str(done.output).split())
+
+
+@pytest.mark.long
+def test_a_person_has_the_named_time_on_the_wall_clock_and_is_told_both(
+    tmp_path: Path, chain_backend: str
+) -> None:
+    running = RunningSite(write_site(tmp_path, chain_backend, SITE))
+    dao = Dao(running)
+    try:
+        running.start("router", "robot_sim", ready=False)
+        dao.start()
+        rodeo(dao, "organization", "kind", "window_cleaning", "--review", "auditor")
+        told = rodeo(dao, "service", "offer", "window_cleaning", "--price", "20", "--as", "alice")
+        assert "its time, and with it every window, runs up to 400 times as fast" in told
+        running.wait_for_status("robot_sim", lambda status: status.details.get("speed", 0) > 4)
+
+        # At 20 times real time this window would last 3 s.
+        task_id = dao.post("30", kind="window_cleaning", params={}, execution_window_s=60, max_attempts=1)
+        posted_s = time.monotonic()
+        status = running.wait_for_status("robot_sim", lambda one: f"has task {task_id}" in one.activity)
+        assert status.activity == f"simulating, slowly: a person has task {task_id}"
+        told = rodeo(dao, "task", "show", str(task_id))
+        assert "of site time left" in told and "on the wall clock at the present speed" in told
+        assert "on the wall clock at the present speed" in rodeo(
+            dao, "task", "accept", str(task_id), "--as", "alice"
+        )
+        threading.Event().wait(max(0.0, 0.75 * LEAST_S - (time.monotonic() - posted_s)))
+        rodeo(dao, "task", "submit", str(task_id), "--as", "alice", "--note", "One can see through them.")
+        assert dao.task(task_id)["state"] == "submitted"
+        rodeo(dao, "task", "judge", str(task_id), "--accept", "--reason", "So one can.")
+        running.wait_for_status("robot_sim", lambda one: one.activity == "simulating")
+    finally:
+        dao.stop()
+        running.stop()

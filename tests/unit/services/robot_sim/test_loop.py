@@ -1,0 +1,76 @@
+"""How fast the loop lets the site's time go."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+import pytest
+
+from rodeo.config import ClockConfig
+from services.robot_sim.loop import Loop
+from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS
+
+WALL_S = 1.5
+
+
+class World:
+    """A parked robot that charges, and nothing else."""
+
+    parked = True
+
+    def __init__(self) -> None:
+        self.time_ns = 0
+        self.skipped = 0
+
+    def step(self) -> None:
+        self.time_ns += PERIOD_NS
+
+    def skip(self) -> None:
+        self.time_ns += IDLE_PERIOD_NS
+        self.skipped += 1
+
+    def row(self) -> None:
+        pass
+
+    halt = row
+
+
+class Nothing:
+    """Neither saves nor publishes."""
+
+    def save(self, *_state: object) -> None:
+        pass
+
+    def take(self) -> None:
+        pass
+
+    def publish(self, skipped: bool) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("limited", "most", "skips"),
+    [
+        (lambda speed: speed, 400.0, True),
+        (lambda speed: min(speed, 40.0), 40.0, True),
+        (lambda speed: min(speed, 4.0), 4.0, False),
+    ],
+    ids=["free", "between working and idle", "slower than either"],
+)
+def test_the_clock_goes_no_faster_than_it_may_idle_or_not(
+    limited: Callable[[float], float], most: float, skips: bool
+) -> None:
+    world, stop = World(), threading.Event()
+    clock = ClockConfig(speed=10, idle_speed=400)
+    loop = Loop(world, Nothing(), clock, stop, limited)  # type: ignore[arg-type]
+    thread = threading.Thread(target=loop.run, args=(Nothing(),))
+    begun_s = time.monotonic()
+    thread.start()
+    threading.Event().wait(WALL_S)
+    stop.set()
+    thread.join()
+    passed_s = time.monotonic() - begun_s
+    assert 0 < world.time_ns * 1e-9 <= most * passed_s + IDLE_PERIOD_NS * 1e-9
+    assert (world.skipped > 0) == skips

@@ -1,0 +1,216 @@
+"""How fast the site's clock goes while a person has something to do."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable
+from decimal import Decimal
+from typing import Any
+
+import pytest
+
+from rodeo.config import ClockConfig, ParticipantConfig, PeopleConfig, Site
+from rodeo.errors import NoResponder
+from rodeo.messages import Task
+from services.robot_sim.people import PeoplesTime
+from tests.support.site import LAB
+
+HOUR_S = 3600.0
+START_S = 1_800_000_000.0
+
+
+class Clock:
+    """The site's time and the wall's, which the test moves on."""
+
+    def __init__(self) -> None:
+        self.site_s = START_S
+        self.wall_s = 100.0
+
+
+def people(clock: Clock, min_window_s: float = HOUR_S, **changes: Any) -> PeoplesTime:
+    """Without a bus: the test says who has what."""
+    site = lab(min_window_s=min_window_s, **changes)
+    return PeoplesTime(SilentBus(), site, lambda: clock.site_s)  # type: ignore[arg-type]
+
+
+def lab(
+    min_window_s: float = HOUR_S,
+    speeds: tuple[float, float] = (10, 400),
+    participants: tuple[str, ...] = ("alice",),
+) -> Site:
+    return Site.load(LAB).model_copy(
+        update={
+            "clock": ClockConfig(speed=speeds[0], idle_speed=speeds[1]),
+            "people": PeopleConfig(min_window_s=min_window_s),
+            "participants": [ParticipantConfig(name=name) for name in participants],
+        }
+    )
+
+
+class SilentBus:
+    """Nobody answers on it, until `answer` is set."""
+
+    def __init__(self) -> None:
+        self.answer: Callable[[str], dict[str, Any]] | None = None
+        self.tell: Callable[[str, dict[str, Any]], None] = lambda *_: None
+
+    def subscribe_json(self, _key: str, callback: Callable[[str, dict[str, Any]], None]) -> SilentBus:
+        self.tell = callback
+        return self
+
+    def undeclare(self) -> None:
+        pass
+
+    def query(self, key: str, **_parameters: Any) -> dict[str, Any]:
+        if self.answer is None:
+            raise NoResponder("nobody", key=key)
+        return self.answer(key)
+
+
+def task(state: str = "assigned", kind: str = "wheel_cleaning", window_s: float = 2 * HOUR_S) -> Task:
+    by_state = {"assigned": "execution", "submitted": "verdict", "undecided": "audit"}
+    unknown = ("creator_name", "executor", "executor_name", "service_id", "price_iec", "nonce", "assigned")
+    unknown += ("proof_submitted", "settled", "execution_deadline", "verdict_deadline", "proof_sha256")
+    unknown += ("proof_uri", "verdict", "reason", "report_sha256", "report_uri")
+    fields = {**dict.fromkeys(unknown), f"{by_state[state]}_deadline": START_S + window_s}
+    return Task(
+        id=3,
+        kind=kind,
+        state=state,
+        attempt=1,
+        max_attempts=3,
+        creator="0x" + "11" * 20,
+        reward_iec=Decimal(30),
+        paid_iec=Decimal(0),
+        params={},
+        description="",
+        registered=START_S,
+        execution_window_s=int(window_s),
+        verdict_window_s=int(window_s),
+        **fields,
+    )
+
+
+def lasts_s(clock: Clock, held: PeoplesTime, wanted: float, window_s: float, late_s: float = 0.0) -> float:
+    """Wall time for which a window lasts that is first heard of `late_s` of site time after its begin."""
+    clock.site_s = START_S + late_s
+    begun_s = clock.wall_s
+    while clock.site_s < START_S + window_s:
+        held.take([task(window_s=window_s)], [], clock.wall_s)
+        held.adjust(clock.wall_s)
+        clock.site_s += 2.0 * (held.speed(wanted) or 1000.0)
+        clock.wall_s += 2.0
+    return clock.wall_s - begun_s
+
+
+@pytest.mark.parametrize("wanted", [10, 400, 0], ids=["working", "idle", "as fast as the machine can"])
+def test_a_persons_window_lasts_an_hour_on_the_wall_however_fast_the_clock_would_go(wanted: float) -> None:
+    clock = Clock()
+    held = people(clock)
+    try:
+        assert HOUR_S <= lasts_s(clock, held, wanted, 2 * HOUR_S) < 1.1 * HOUR_S
+        assert held.task_id is None or held.limit < 10
+    finally:
+        held.close()
+
+
+def test_what_was_lost_before_it_was_heard_of_does_not_shorten_the_hour() -> None:
+    clock = Clock()
+    held = people(clock)
+    assert lasts_s(clock, held, 400, 2 * HOUR_S, late_s=600) >= HOUR_S
+    held.close()
+
+
+def test_a_window_that_is_shorter_than_the_hour_runs_in_real_time() -> None:
+    clock = Clock()
+    held = people(clock)
+    assert lasts_s(clock, held, 400, 600.0) >= 600.0
+    assert held.limit == 1.0
+    held.close()
+
+
+@pytest.mark.parametrize(
+    ("state", "kind", "audited", "slow"),
+    [
+        ("assigned", "wheel_cleaning", [], True),
+        ("assigned", "waste_disposal", [], False),
+        ("submitted", "wheel_cleaning", [], True),
+        ("submitted", "waste_disposal", [], False),
+        ("submitted", "waste_disposal", ["waste_disposal"], True),
+        ("undecided", "waste_disposal", [], True),
+    ],
+)
+def test_the_clock_is_slow_for_those_who_work_and_those_who_judge_and_for_no_machine(
+    state: str, kind: str, audited: list[str], slow: bool
+) -> None:
+    clock = Clock()
+    held = people(clock)
+    held.take([task(state, kind)], audited, clock.wall_s)
+    held.adjust(clock.wall_s)
+    assert (held.speed(400) < 10) == slow
+    assert held.activity("simulating").startswith("simulating, slowly: a person has task") == slow
+    # Handed in or judged, the clock is free again.
+    held.take([], audited, clock.wall_s)
+    held.adjust(clock.wall_s)
+    assert held.speed(400) == 400
+    assert held.activity("simulating") == "simulating"
+    held.close()
+
+
+def test_the_person_with_the_least_time_counts() -> None:
+    clock = Clock()
+    held = people(clock)
+    urgent = task(window_s=1.5 * HOUR_S).model_copy(update={"id": 77})
+    held.take([task(window_s=24 * HOUR_S), urgent], [], clock.wall_s)
+    held.adjust(clock.wall_s)
+    assert held.task_id == 77
+    assert 1.4 < held.speed(400) < 1.5
+    held.close()
+
+
+@pytest.mark.parametrize(
+    ("changes", "speed"),
+    [
+        ({}, 1.0),
+        ({"participants": ()}, 400.0),
+        ({"min_window_s": 0.0}, 400.0),
+    ],
+    ids=["somebody may be at work", "nobody is there", "nobody cares"],
+)
+def test_before_the_bridge_has_said_who_has_a_task_nobodys_time_is_spent(
+    changes: dict[str, Any], speed: float
+) -> None:
+    held = people(Clock(), **changes)
+    assert held.speed(400) == speed
+    assert ("the bridge has not said yet" in held.activity("simulating")) == (speed == 1)
+    held.close()
+
+
+def test_an_event_on_chain_slows_the_clock_and_a_silent_bridge_does_not_let_it_go() -> None:
+    bus, tasks = SilentBus(), []
+
+    def answer(key: str) -> dict[str, Any]:
+        if key.endswith("tasks"):
+            return {"tasks": [one.model_dump(mode="json") for one in tasks], "total": len(tasks)}
+        return {"kinds": []}
+
+    bus.answer = answer
+    held = PeoplesTime(bus, lab(), lambda: START_S)  # type: ignore[arg-type]
+    until(lambda: math.isinf(held.limit))
+    tasks.append(task())
+    bus.tell("event", {})
+    until(lambda: held.limit < 3)
+    bus.answer = None
+    bus.tell("event", {})
+    threading.Event().wait(0.2)
+    assert held.limit < 3
+    held.close()
+
+
+def until(holds: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + 30
+    while not holds():
+        assert time.monotonic() < deadline_s
+        threading.Event().wait(0.01)

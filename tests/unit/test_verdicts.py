@@ -1,0 +1,49 @@
+"""A verdict names who gave it: a person's word does not read like a measurement."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rodeo.verdicts import is_peoples_verdict, judge_of, verdict_words
+
+
+def test_a_persons_verdict_is_told_as_a_persons_word() -> None:
+    said = verdict_words("accepted", "accepted", "organization", by_people=True)
+    assert said == "accepted by the auditor organization, a person, who says: “accepted”"
+    assert verdict_words("accepted", "accepted", "oracle", by_people=False) == (
+        "accepted by the oracle: all its checks passed"
+    )
+    assert verdict_words("rejected", "grasp: it fell", "oracle", by_people=False) == (
+        "rejected by the oracle: grasp: it fell"
+    )
+
+
+@pytest.mark.parametrize(
+    ("kind", "verdict", "audit_deadline", "audited", "by_people"),
+    [
+        ("wheel_cleaning", "accepted", None, (), True),
+        ("waste_disposal", "accepted", None, (), False),
+        ("waste_disposal", "rejected", 5.0, (), True),
+        ("waste_disposal", "undecided", 5.0, (), False),
+        ("waste_disposal", "accepted", None, ("waste_disposal",), True),
+        ("wheel_cleaning", "expired", None, (), False),
+    ],
+)
+def test_it_is_known_whether_a_person_judged(
+    kind: str, verdict: str, audit_deadline: float | None, audited: tuple[str, ...], by_people: bool
+) -> None:
+    assert is_peoples_verdict(kind, verdict, audit_deadline, audited) == by_people
+
+
+def test_the_judge_is_whose_key_posted_the_newest_verdict() -> None:
+    def posted(tx_hash: str, name: str | None, *events: str) -> dict[str, Any]:
+        return {"tx_hash": tx_hash, "events": events, "sender_name": name, "sender": "0x12"}
+
+    told = [
+        posted("0x3", "alice", "ProofSubmitted"),
+        posted("0x2", None, "VerdictPosted", "TaskSettled"),
+        posted("0x1", "oracle", "VerdictPosted"),
+    ]
+    assert (judge_of(told), judge_of(told, "0x1"), judge_of(told[:1])) == ("0x12", "oracle", None)
