@@ -410,6 +410,11 @@ class DaoEvents:
             with self._lock:
                 if self._follow_chain(answer.get("chain", "")):
                     continue
+                if answer.get("last_seq", self._seq) < self._seq:
+                    log.info("the index was made anew: its events count from 1 again")
+                    self._seq = 0
+                    self._live.clear()
+                    continue
             if not answer["events"]:
                 return
             for data in answer["events"]:

@@ -8,12 +8,14 @@ rolled back, and each undone event becomes an event of its own: sequence numbers
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from sqlalchemy import (
+    Connection,
     MetaData,
     Select,
     bindparam,
@@ -33,7 +35,8 @@ from rodeo.messages import LIVE_STATES, DaoEvent
 from services.bridge import schema
 from services.bridge.amounts import event_args
 from services.bridge.database import Checkpointer, damage, migrate, open_database, upsert
-from services.bridge.errors import IndexUnusable
+from services.bridge.digest import MODULUS, position_digest, row_digest, rows_digest
+from services.bridge.errors import IndexDamaged, IndexUnusable
 from services.bridge.projection import Projection
 from services.bridge.rows import Rows, roll_back
 
@@ -58,6 +61,17 @@ class Position:
 
 
 NOWHERE = Position(-1, "", 0)
+
+
+@dataclass(frozen=True)
+class Said:
+    """What the index says that the chain can be asked about, too."""
+
+    position: Position
+    tasks: int
+    services: int
+    balances: dict[str, int]
+    """Address -> wei of IECoin."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +110,9 @@ class Index:
             "contracts": dict(contracts),
         }
         self.genesis_hash = genesis_hash
+        self._url = url
+        self._rows_digest = 0
+        """Of the rows that are in the database; of SQLite only."""
         _set_aside_if_damaged(url)
         try:
             self._engine = open_database(url, schema_name)
@@ -107,6 +124,12 @@ class Index:
             ) from error
         if rows and all(rows[0][name] == value for name, value in self._identity.items()):
             self._position = Position(rows[0]["block"], rows[0]["block_hash"], rows[0]["block_time_s"])
+            self._rows_digest, problem = self._inspect()
+            if problem is not None:
+                log.warning("the index is made anew from the chain: %s", problem)
+                self.clear()
+            else:
+                self._forget_receipts()
         else:
             self.clear()
         self._checkpointer = Checkpointer(self._engine) if self._engine.dialect.name == "sqlite" else None
@@ -128,14 +151,70 @@ class Index:
             for table in schema.metadata.sorted_tables:
                 connection.execute(delete(table))
             connection.execute(
-                insert(schema.cursor).values(id=1, **self._identity, **_at(NOWHERE), published_seq=0)
+                insert(schema.cursor).values(
+                    id=1, **self._identity, **_at(NOWHERE), published_seq=0, digest=_digest_text(0, NOWHERE)
+                )
             )
-        self._position = NOWHERE
+        self._position, self._rows_digest = NOWHERE, 0
 
     def close(self) -> None:
         if self._checkpointer is not None:
             self._checkpointer.close()
         self._engine.dispose()
+
+    # Whether it is what was written ----------------------------------------------------------------------
+
+    @property
+    def _has_digest(self) -> bool:
+        return self._engine.dialect.name == "sqlite"
+
+    def problem(self) -> str | None:
+        """What is wrong with what the database holds, by its own digest. Reads all of it, in any thread."""
+        return self._inspect()[1]
+
+    def _inspect(self) -> tuple[int, str | None]:
+        """The rows' digest, and what is wrong with them."""
+        if not self._has_digest:
+            return 0, None
+        with self._snapshot() as connection:
+            cursor = connection.execute(select(schema.cursor)).mappings().one()
+            found = rows_digest(connection)
+        position = Position(cursor["block"], cursor["block_hash"], cursor["block_time_s"])
+        if cursor["digest"] == _digest_text(found, position):
+            return found, None
+        return found, f"what it holds up to block {position.block} is not what was written there"
+
+    def said(self) -> Said:
+        """What the chain can be asked about, as of one block."""
+        with self._snapshot() as connection:
+            cursor = connection.execute(select(schema.cursor)).mappings().one()
+            return Said(
+                Position(cursor["block"], cursor["block_hash"], cursor["block_time_s"]),
+                connection.scalar(select(func.count()).select_from(schema.tasks)) or 0,
+                connection.scalar(select(func.count()).select_from(schema.services)) or 0,
+                {row.address: row.balance for row in connection.execute(select(schema.balances))},
+            )
+
+    def is_malformed(self) -> bool:
+        """Whether the database's file is not one any more."""
+        path = make_url(self._url).database
+        return self._has_digest and bool(path) and damage(Path(path or "")) is not None
+
+    @contextmanager
+    def _snapshot(self) -> Iterator[Connection]:
+        """All that is read through it is of one moment."""
+        with self._engine.connect() as connection:
+            if self._has_digest:
+                connection.exec_driver_sql("begin")
+            try:
+                yield connection
+            finally:
+                connection.rollback()
+
+    def _forget_receipts(self) -> None:
+        """No digest covers them; they are asked of the node again."""
+        with self._engine.begin() as connection:
+            connection.execute(delete(schema.receipts))
 
     # Following the chain ----------------------------------------------------------------------------------
 
@@ -166,9 +245,12 @@ class Index:
                 rows.block, rows.undoable = timed.log.block, timed.log.block > final
                 projection.apply(seq, timed.log, timed.time_s)
                 applied.append(_dao_event(seq, timed, self.genesis_hash))
-            rows.write()
+            change = rows.write()
             if applied:
-                connection.execute(_ADD_EVENTS, [_event_row(event) for event in applied])
+                added = [_event_row(event) for event in applied]
+                connection.execute(_ADD_EVENTS, added)
+                change += sum(row_digest(schema.events, row) for row in added)
+            digest = (self._rows_digest + change) % MODULUS
             recent = {
                 one.log.block: (one.log.block_hash, one.time_s) for one in logs if one.log.block > final
             }
@@ -180,8 +262,8 @@ class Index:
             if position.block % KEPT_BLOCKS == 0 or len(recent) > 1:
                 connection.execute(_FORGET_BLOCKS, {"final": final})
                 connection.execute(_FORGET_UNDO, {"final": final})
-            connection.execute(_MOVE_CURSOR, _at(position))
-        self._position = position
+            connection.execute(_MOVE_CURSOR, {**_at(position), "digest": _digest_text(digest, position)})
+        self._position, self._rows_digest = position, digest
         return applied
 
     def recent_blocks(self) -> list[Position]:
@@ -190,7 +272,12 @@ class Index:
         return [Position(block["number"], block["hash"], block["time_s"]) for block in blocks]
 
     def roll_back(self, position: Position) -> list[DaoEvent]:
-        """Undo all blocks after `position`, one of `recent_blocks` or NOWHERE; returns the notices of it."""
+        """Undo all blocks after `position`, one of `recent_blocks` or NOWHERE; returns the notices of it.
+
+        Raises IndexDamaged when what it would go back to is not what was written.
+        """
+        if (problem := self.problem()) is not None:
+            raise IndexDamaged(problem)
         events = schema.events.c
         gone = (events.block > position.block) & ~events.undone
         with self._engine.begin() as connection:
@@ -218,8 +305,9 @@ class Index:
                 roll_back(self._engine, connection, position.block)
             connection.execute(delete(schema.blocks).where(schema.blocks.c.number > position.block))
             connection.execute(delete(schema.receipts))
-            connection.execute(_MOVE_CURSOR, _at(position))
-        self._position = position
+            digest = rows_digest(connection) if self._has_digest else 0
+            connection.execute(_MOVE_CURSOR, {**_at(position), "digest": _digest_text(digest, position)})
+        self._position, self._rows_digest = position, digest
         return notices
 
     def mark_published(self, seq: int) -> None:
@@ -485,6 +573,12 @@ def _dao_event(seq: int, timed: TimedLog, chain: str) -> DaoEvent:
 
 def _event_row(event: DaoEvent, undone: bool = False) -> Row:
     return {**{name: getattr(event, name) for name in _OF_EVENT}, "undone": undone}
+
+
+def _digest_text(rows: int, position: Position) -> str:
+    """Of rows and position, as it is kept."""
+    whole = rows + position_digest(position.block, position.block_hash, position.block_time_s)
+    return f"{whole % MODULUS:032x}"
 
 
 def _at(position: Position) -> Row:

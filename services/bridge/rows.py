@@ -9,6 +9,7 @@ from sqlalchemy import Connection, Delete, Engine, Select, Table, bindparam, del
 
 from services.bridge import schema
 from services.bridge.database import upsert
+from services.bridge.digest import row_digest
 
 Row = dict[str, Any]
 Key = tuple[Any, ...]
@@ -24,6 +25,8 @@ class Rows:
         self._engine = engine
         self._connection = connection
         self._rows: dict[tuple[str, Key], Row | None] = {}
+        self._stored: dict[tuple[str, Key], Row | None] = {}
+        """As they are in the database."""
         self._changed: dict[tuple[str, Key], Table] = {}
         self._before: list[Row] = []
         self._seen: set[tuple[int, str, Key]] = set()
@@ -36,7 +39,7 @@ class Rows:
         if place not in self._rows:
             found = self._connection.execute(_select(table), _parameters(table, key))
             row = found.mappings().one_or_none()
-            self._rows[place] = None if row is None else dict(row)
+            self._rows[place] = self._stored[place] = None if row is None else dict(row)
         return self._rows[place]
 
     def get(self, table: Table, *key: Any) -> Row:
@@ -56,6 +59,7 @@ class Rows:
     def put(self, table: Table, **values: Any) -> None:
         """Make or replace the row; columns that are left out are null."""
         key = tuple(values[column.name] for column in table.primary_key)
+        self.find(table, *key)
         self._remember(table, key)
         self._rows[table.name, key] = {column.name: values.get(column.name) for column in table.columns}
         self._changed[table.name, key] = table
@@ -71,17 +75,21 @@ class Rows:
         before = self.find(table, *key)
         self._before.append({"block": self.block, "table": table.name, "key": list(key), "row": before})
 
-    def write(self) -> None:
-        """Hand everything to the database."""
+    def write(self) -> int:
+        """Hand everything to the database; by how much that changes the digest of its rows."""
         by_table: dict[Table, list[Row]] = {}
+        change = 0
         for place, table in self._changed.items():
-            by_table.setdefault(table, []).append(self._rows[place] or {})
+            row, stored = self._rows[place] or {}, self._stored[place]
+            by_table.setdefault(table, []).append(row)
+            change += row_digest(table, row) - (0 if stored is None else row_digest(table, stored))
         for table, rows in by_table.items():
             self._connection.execute(upsert(self._engine, table), rows)
         if self._before:
             self._connection.execute(insert(schema.undo), self._before)
         self._changed.clear()
         self._before.clear()
+        return change
 
 
 def roll_back(engine: Engine, connection: Connection, block: int) -> None:

@@ -21,7 +21,7 @@ from sqlalchemy import (
     TypeDecorator,
 )
 
-VERSION = 5
+VERSION = 6
 """Raised when what is written to the tables changes; an index of another version is rebuilt."""
 
 metadata = MetaData()
@@ -47,7 +47,12 @@ class Written(TypeDecorator[str]):
     cache_ok = True
 
     def process_bind_param(self, value: str | None, dialect: Dialect) -> str | None:
-        return None if value is None else value.replace("\0", "\ufffd").encode(errors="replace").decode()
+        return writable(value)
+
+
+def writable(text: str | None) -> str | None:
+    """What is written of a text that anybody may have made."""
+    return None if text is None else text.replace("\0", "\ufffd").encode(errors="replace").decode()
 
 
 Word = String(66)
@@ -65,6 +70,7 @@ cursor = Table(
     Column("block_hash", String(66), nullable=False),
     Column("block_time_s", BigInteger, nullable=False),
     Column("published_seq", BigInteger, nullable=False, doc="last event that was put on the bus"),
+    Column("digest", String(64), doc="of all rows and of the position above, see services.bridge.digest"),
 )
 
 blocks = Table(

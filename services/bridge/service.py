@@ -40,6 +40,7 @@ from services.bridge.continuity import Continuity, open_journal
 from services.bridge.errors import (
     BridgeNotReady,
     ChainReorganized,
+    IndexDamaged,
     JournalDamaged,
     JournalIncomplete,
     UnknownParticipant,
@@ -49,6 +50,7 @@ from services.bridge.follower import BEHIND_GRACE_S, Follower
 from services.bridge.handback import HandBack
 from services.bridge.heads import SUBSCRIBED_CHECK_S, Header, Heads, PolledHeads, open_heads
 from services.bridge.index import Index, Position, sqlite_url
+from services.bridge.inspection import Inspector
 from services.bridge.journal import Journal
 from services.bridge.names import ORGANIZATION, Names
 from services.bridge.node import Node
@@ -98,6 +100,9 @@ class _Attachment:
 
     deployment: Deployment
     index: Index
+    inspector: Inspector
+    compared: bool
+    """Whether the index was compared with the contracts since it was opened or made anew."""
     follower: Follower
     outbox: Outbox
     queries: Queries
@@ -108,6 +113,7 @@ class _Attachment:
     handback: HandBack
 
     def close(self) -> None:
+        self.inspector.close()
         self.outbox.close()
         self.journal.close()
         self.index.close()
@@ -168,8 +174,15 @@ class Bridge:
                 raise
             except (ChainError, ChainReorganized, JournalDamaged, JournalIncomplete) as error:
                 self._not_ready(str(error))
+            except IndexDamaged as error:
+                if self._attachment is not None:
+                    self._attachment.inspector.found = error.message
             except DBAPIError as error:
                 self._not_ready(f"the index's database does not answer: {error.orig}")
+                if self._attachment is not None and self._attachment.index.is_malformed():
+                    # Opened again, its file is set aside.
+                    self._attachment.close()
+                    self._attachment = None
             self._stop.wait(_RETRY_S)
         if self._attachment is not None:
             self._attachment.close()
@@ -251,6 +264,8 @@ class Bridge:
         opened = _Attachment(
             deployment=deployment,
             index=index,
+            inspector=Inspector(index, node, deployment),
+            compared=False,
             follower=follower,
             outbox=outbox,
             queries=Queries(index, names, deployment, client, node, site.chain.url),
@@ -274,6 +289,7 @@ class Bridge:
         for name in self._threads:
             QUEUE.labels(name).set_function(partial(outbox.waiting, name))
         outbox.start()
+        opened.inspector.start()
         return opened
 
     def _follow(self, attachment: _Attachment) -> None:
@@ -291,6 +307,9 @@ class Bridge:
         gc.freeze()
         try:
             while not self._stop.is_set():
+                if attachment.inspector.found is not None:
+                    self._make_index_anew(attachment, attachment.inspector.found)
+                    headers = []
                 if self._step(attachment, headers):
                     headers = []
                     behind = attachment.follower.behind
@@ -298,6 +317,11 @@ class Bridge:
                         self._not_ready(f"{behind} blocks behind the node")
                     continue
                 current_s = time.monotonic()
+                if not attachment.compared:
+                    attachment.inspector.found = attachment.inspector.compare()
+                    attachment.compared = True
+                    if attachment.inspector.found is not None:
+                        continue
                 late = why_late(attachment.index.position, self._site.chain.max_block_age_s, time.time())
                 if late is None and attachment.outbox.failure is not None:
                     late = str(attachment.outbox.failure)
@@ -312,6 +336,14 @@ class Bridge:
         finally:
             self._heads = PolledHeads()
             heads.close()
+
+    def _make_index_anew(self, attachment: _Attachment, why: str) -> None:
+        """Read it from the chain again; it answers nothing meanwhile."""
+        log.warning("the index is made anew from the chain: %s", why)
+        self._not_ready("the index was damaged and is read from the chain again")
+        attachment.index.clear()
+        attachment.inspector.reset()
+        attachment.compared = False
 
     def _step(self, attachment: _Attachment, headers: list[Header]) -> bool:
         """Whether there is more to take in at once."""

@@ -162,6 +162,8 @@ class ConsumedActs:
         self._changed = threading.Condition()
         self._news = 0
         self._chain = ""
+        self._seq = 0
+        """Of the last event."""
         self._events: defaultdict[int, list[DaoEvent]] = defaultdict(list)
         """What happened to each task; what was undone is taken out again."""
         self._submissions: dict[int, list[Submission]] = {}
@@ -171,15 +173,16 @@ class ConsumedActs:
         """What own verifications found that a submission claims; None where they found nothing out."""
 
     def on_event(self, event: DaoEvent) -> None:
-        if event.task_id is None:
-            return
         with self._changed:
-            if event.chain != self._chain:
-                # Another chain: its tasks are others.
+            if event.chain != self._chain or event.seq <= self._seq:
+                # Another chain: its tasks are others. Or an index that was made anew: it tells all again.
                 self._chain = event.chain
                 self._events.clear()
                 self._submissions.clear()
                 self._judged.clear()
+            self._seq = event.seq
+            if event.task_id is None:
+                return
             events = self._events[event.task_id]
             if event.name == "EventUndone":
                 undone = event.args["undone_seq"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sqlite3
 import threading
 import time
 from collections.abc import Iterator
@@ -887,3 +888,30 @@ def test_an_index_that_was_lost_is_rebuilt_from_the_chain(own_dao: Dao) -> None:
         path.unlink()
     dao.running.start("bridge")
     assert (dao.state("events"), dao.state("tasks"), dao.state("services"), dao.state("wallets")) == before
+
+
+def test_a_value_that_was_changed_in_the_index_is_not_told_for_truth(own_dao: Dao) -> None:
+    dao = own_dao
+    (path,) = Path(dao.site.data_dir / "bridge").rglob("index.sqlite")
+    before = (dao.state("events"), dao.state("wallets"))
+
+    def change_balance() -> None:
+        connection = sqlite3.connect(path)
+        with connection:
+            connection.execute("update balances set balance = '9999000000000000000000'")
+        connection.close()
+
+    change_balance()  # while the bridge runs
+    told = "the index is made anew from the chain"
+    deadline_s = time.monotonic() + WAIT_S
+    while told not in dao.running.log("bridge"):
+        assert time.monotonic() < deadline_s
+        threading.Event().wait(0.1)
+    dao.running.wait_for_status("bridge", lambda status: status.ready)
+    assert (dao.state("events"), dao.state("wallets")) == before
+
+    dao.running.kill("bridge")
+    change_balance()
+    dao.running.start("bridge")
+    assert (dao.state("events"), dao.state("wallets")) == before
+    assert dao.running.log("bridge").count(told) == 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 
 from rodeo.chain import Cause, Event, Log, Review, Revocation, ServiceState, Silence, Verdict, events
 from services.bridge.database import migrate, open_database
-from services.bridge.errors import IndexUnusable
+from services.bridge.errors import IndexDamaged, IndexUnusable
 from services.bridge.index import NOWHERE, Index, Page, Position, TimedLog, sqlite_url
 from services.bridge.projection import ZERO_ADDRESS, parse_task_text
 
@@ -405,3 +406,67 @@ def test_what_was_published_is_remembered(chain: Chain, tmp_path: Path) -> None:
 )
 def test_a_strangers_task_text_is_kept_as_a_description(text: str) -> None:
     assert parse_task_text(text) == ({}, text)
+
+
+def tamper(folder: Path, statement: str) -> None:
+    """Change the file by hand, as no bridge does."""
+    connection = sqlite3.connect(folder / "index.sqlite")
+    with connection:
+        assert connection.execute(statement).rowcount == 1
+    connection.close()
+
+
+def settle(chain: Chain) -> None:
+    """A task from its registration to its payment."""
+    chain.block(registered(), offered(), events.Transfer(ZERO_ADDRESS, ROBOT, 7 * IEC))
+    chain.block(assigned(), events.Transfer(CREATOR, CONTRACTS["TaskManager"], 100 * IEC))
+    chain.block(proved())
+    chain.block(events.PolicyChanged("0x" + "ab" * 20), events.RoleGranted("oracle", CREATOR, CREATOR))
+
+
+def test_an_index_that_nobody_touched_is_what_was_written(chain: Chain, tmp_path: Path) -> None:
+    settle(chain)
+    chain.index.roll_back(chain.index.recent_blocks()[1])
+    chain.block(judged(accepted=False))
+    assert chain.index.problem() is None
+    assert open_index(tmp_path).position.block == chain.index.position.block
+    chain.index.roll_back(NOWHERE)
+    assert chain.index.problem() is None
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "update balances set balance = '9999000000000000000000' where address = '" + ROBOT + "'",
+        "update tasks set reward = '1'",
+        "update tasks set description = 'another'",
+        "update tasks set params = '{}'",
+        "update services set price = '5'",
+        "update roles set held = 0",
+        "update settings set value = '\"0x00\"'",
+        "update events set args = '{}' where seq = 2",
+        "update transfers set amount = '1' where seq = 3",
+        "delete from tasks",
+        "update cursor set block = 2",
+        "update cursor set block_time_s = 5",
+    ],
+)
+def test_a_value_that_was_changed_in_its_file_is_not_told_for_truth(
+    chain: Chain, tmp_path: Path, statement: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    settle(chain)
+    tamper(tmp_path, statement)
+    assert chain.index.problem() is not None
+    with pytest.raises(IndexDamaged):
+        chain.index.roll_back(NOWHERE)
+    again = open_index(tmp_path)
+    assert again.position == NOWHERE and again.balances() == {}
+    assert "made anew from the chain" in caplog.text
+    assert again.problem() is None
+
+
+def test_what_is_written_over_a_change_does_not_hide_it(chain: Chain, tmp_path: Path) -> None:
+    settle(chain)
+    tamper(tmp_path, f"update balances set balance = '9' where address = '{ROBOT}'")
+    chain.block(events.Transfer(ZERO_ADDRESS, ROBOT, 1))
+    assert chain.index.problem() is not None
