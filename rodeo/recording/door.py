@@ -41,6 +41,8 @@ class Refusal(StrEnum):
     """A sequence number that the time since the last one cannot explain."""
     STRANGER = "stranger"
     """No registered device of this site signed it, or not the publisher that is followed sent it."""
+    UNASKED = "unasked"
+    """Nobody could be asked yet which devices there are; its journal is asked later."""
     BAD_SIGNATURE = "bad_signature"
     UNVERIFIED = "unverified"
     """Too many signatures to check at once; the journal is asked instead."""

@@ -136,6 +136,10 @@ class StatementDoor:
         self._slack_s = slack_s
         self._refusals = refusals
         self._wall_s = wall_s
+        self.answered: Callable[[], bool] = lambda: True
+        """Whether it is known which devices there are; until then nobody is a stranger."""
+        self._unasked: dict[str, int] = {}
+        """Address -> first number of what was claimed to be its before that was known."""
         self._chains: dict[str, _Chain] = {}
         self._names: dict[str, str] = {}
         """Address -> name of the device."""
@@ -150,6 +154,9 @@ class StatementDoor:
             if len(payload) > MAX_STATEMENT_BYTES:
                 raise _Refused(Refusal.MALFORMED)
             attestation = _attestation(payload)
+            if not self.answered():
+                self._remember(attestation)
+                raise _Refused(Refusal.UNASKED)
             heard = self._examine(name, attestation)
             if abs(heard.statement.time_s - self._clock.now_s()) > self._slack_s:
                 raise _Refused(Refusal.ABSURD_TIME)
@@ -192,6 +199,8 @@ class StatementDoor:
 
     def wanted(self) -> list[tuple[str, str, int]]:
         """Of whom something is missing: address, name, and the number after which to ask."""
+        if self._unasked and self.answered():
+            self._take_up_unasked()
         return [
             (address, name, chain.through)
             for address, chain in self._chains.items()
@@ -218,6 +227,24 @@ class StatementDoor:
         return progress and chain.incomplete
 
     # -- inside ----------------------------------------------------------------------------------------
+
+    def _remember(self, attestation: Attestation) -> None:
+        """From which number on the journal of its device is to be asked."""
+        address, seq = attestation.signer.lower(), attestation.payload.get("seq")
+        known = self._unasked.get(address)
+        if type(seq) is int and seq > 0 and (known is not None or len(self._unasked) < _MOST_UNASKED):
+            self._unasked[address] = seq if known is None else max(min(seq, known), known - _MOST_MISSED)
+
+    def _take_up_unasked(self) -> None:
+        unasked, self._unasked = self._unasked, {}
+        for address, seq in unasked.items():
+            device = self._find(address)
+            if device is None or SiteDevice(device.role, device.name) not in self._members:
+                continue
+            chain = self._chain(address)
+            if not chain.known and not chain.through:
+                chain.through = chain.newest = seq - 1
+                chain.overheard = True
 
     def _chain(self, address: str) -> _Chain:
         return self._chains.setdefault(address.lower(), _Chain())
@@ -266,6 +293,8 @@ class StatementDoor:
         chain.let_in(seq, digest)
 
 
+_MOST_UNASKED = 100
+"""Claimed signers that are remembered while nobody can be asked who they are."""
 _FRUITLESS = 5
 """After so many questions it is certain that a journal does not have what is missing."""
 _SIGNED_TWICE = 2
@@ -325,6 +354,7 @@ class StatementListener:
         self._org = org
         self._devices = DeviceTable(bus, org)
         self._door = door(self._devices)
+        self._door.answered = lambda: self._devices.answered
         self._deliver = deliver
         self._lock = threading.RLock()
         self._wake = threading.Event()
@@ -340,6 +370,11 @@ class StatementListener:
         ]
         for thread in self._threads:
             thread.start()
+
+    @property
+    def answered(self) -> bool:
+        """Whether it is known which devices there are: without, nobody can be heard."""
+        return self._devices.answered
 
     def close(self) -> None:
         self._closed.set()

@@ -19,7 +19,7 @@ log = logging.getLogger(__name__)
 _KNOWN_WALL_S = 60.0
 """After this the bridge is asked again: devices are revoked."""
 _STRANGER_WALL_S = 1.0
-"""The same for an address that it did not name: it may be new, but anybody may publish."""
+"""The same where it did not answer, or not name an address: that may be new, but anybody may publish."""
 _LOOK_WALL_S = 0.25
 _ANSWER_WALL_S = 2.0
 """The bridge answers at once, or not at all."""
@@ -35,11 +35,14 @@ class DeviceTable:
         self._bus = bus
         self._key = topics.STATE.name(org=org, what="devices")
         self._devices: dict[str, Device] = {}
+        self.answered = False
+        """Whether the bridge has told which devices there are: before, nobody is known, and no stranger."""
         self._strangers = 0
         """How often somebody was asked for who is not known."""
 
     def known(self, address: str) -> Device | None:
-        """The device with this address, by what the bridge said last; never waits. None for a stranger."""
+        """The device with this address, by what the bridge said last; never waits. None for a stranger, and
+        for everybody until it has `answered`."""
         found = self._devices.get(address.lower())
         if found is None:
             self._strangers += 1
@@ -50,21 +53,25 @@ class DeviceTable:
         self._ask()
 
     def look_after(self, closed: threading.Event) -> None:
-        """Keep the table fresh until `closed`: every `_KNOWN_WALL_S`, sooner after a stranger spoke."""
-        asked_s, strangers = -math.inf, 0
+        """Keep the table fresh until `closed`: every `_KNOWN_WALL_S`, sooner after a stranger spoke, and soon
+        again when there was no answer."""
+        asked_s, strangers, told = -math.inf, 0, False
         while not closed.is_set():
             now_s = time.monotonic()
-            period_s = _KNOWN_WALL_S if self._strangers == strangers else _STRANGER_WALL_S
+            period_s = _KNOWN_WALL_S if told and self._strangers == strangers else _STRANGER_WALL_S
             if now_s - asked_s >= period_s:
                 asked_s, strangers = now_s, self._strangers
-                self._ask()
+                told = self._ask()
             closed.wait(_LOOK_WALL_S)
 
-    def _ask(self) -> None:
+    def _ask(self) -> bool:
+        """Whether there was an answer."""
         try:
             rows = self._bus.query(self._key, timeout_s=_ANSWER_WALL_S)["devices"]
             devices = [Device.model_validate(row) for row in rows]
         except (BusError, RemoteError, KeyError, TypeError, ValidationError) as error:
             log.info("cannot ask which devices there are: %s", error)
-            return
+            return False
         self._devices = {one.address.lower(): one for one in devices if one.revoked is None}
+        self.answered = True
+        return True

@@ -103,6 +103,8 @@ class _Attachment:
     inspector: Inspector
     compared: bool
     """Whether the index was compared with the contracts since it was opened or made anew."""
+    made_anew: bool
+    """Whether it was made anew and not found right since."""
     follower: Follower
     outbox: Outbox
     queries: Queries
@@ -266,6 +268,7 @@ class Bridge:
             index=index,
             inspector=Inspector(index, node, deployment),
             compared=False,
+            made_anew=False,
             follower=follower,
             outbox=outbox,
             queries=Queries(index, names, deployment, client, node, site.chain.url),
@@ -318,9 +321,14 @@ class Bridge:
                     continue
                 current_s = time.monotonic()
                 if not attachment.compared:
-                    attachment.inspector.found = attachment.inspector.compare()
-                    attachment.compared = True
-                    if attachment.inspector.found is not None:
+                    problem = attachment.inspector.compare()
+                    if problem is not None and attachment.made_anew:
+                        self._not_ready(f"what the node's contracts say contradicts its events: {problem}")
+                        headers = heads.wait()
+                        continue
+                    attachment.inspector.found = problem
+                    attachment.compared, attachment.made_anew = problem is None, False
+                    if problem is not None:
                         continue
                 late = why_late(attachment.index.position, self._site.chain.max_block_age_s, time.time())
                 if late is None and attachment.outbox.failure is not None:
@@ -343,7 +351,7 @@ class Bridge:
         self._not_ready("the index was damaged and is read from the chain again")
         attachment.index.clear()
         attachment.inspector.reset()
-        attachment.compared = False
+        attachment.compared, attachment.made_anew = False, True
 
     def _step(self, attachment: _Attachment, headers: list[Header]) -> bool:
         """Whether there is more to take in at once."""

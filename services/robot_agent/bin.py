@@ -121,6 +121,12 @@ class SmartBin:
             checkpoint()
             now_s = time.monotonic()
             if now_s >= deadline_s:
+                if not self._listener.answered:
+                    raise NoAnswer(
+                        "the bridge could not be asked which devices there are, so that nobody knows whether "
+                        "it is the bin who states something",
+                        timeout_s=timeout_wall_s,
+                    )
                 last = self.said_after(kind, float("-inf"))
                 raise NoAnswer(
                     f"the bin sent no {kind.__name__.lower()}",

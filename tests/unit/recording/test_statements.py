@@ -291,3 +291,28 @@ def test_a_device_that_says_much_in_few_statements_does_not_fill_the_recording(e
         written += len(said.model_dump_json()) * (entrance.hear(said) is not None)
     assert written <= 1e6 + 300 * 2000
     assert Refusal.OVER_BUDGET in reasons(entrance)
+
+
+def test_who_could_not_be_asked_about_is_no_stranger_and_is_heard_later(entrance: Entrance) -> None:
+    entrance.door.answered = lambda: False
+    first, second = entrance.state(), entrance.state()
+    assert (entrance.hear(first), entrance.hear(second)) == (None, None)
+    assert reasons(entrance) == {Refusal.UNASKED: 2}
+    assert entrance.ask() == []
+
+    entrance.door.answered = lambda: True
+    assert entrance.ask() == [1, 2]
+    assert entrance.hear(entrance.state()) == 3
+    assert Refusal.STRANGER not in reasons(entrance)
+
+
+def test_a_stranger_who_spoke_before_anybody_could_be_asked_gains_nothing(
+    entrance: Entrance, tmp_path: Path
+) -> None:
+    entrance.door.answered = lambda: False
+    foreign = witness(tmp_path / "foreign", STRANGER)
+    entrance.hear(entrance.state(foreign))
+    entrance.door.answered = lambda: True
+    assert entrance.door.wanted() == []
+    assert entrance.hear(entrance.state(foreign)) is None
+    assert reasons(entrance) == {Refusal.UNASKED: 1, Refusal.STRANGER: 1}

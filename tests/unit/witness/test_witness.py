@@ -6,7 +6,7 @@ import json
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from threading import Event
+from threading import Event, Thread
 from typing import Any
 
 import pytest
@@ -16,7 +16,9 @@ from rodeo.errors import NoResponder
 from rodeo.evidence import Binding
 from rodeo.evidence.seal import RunningHash, SealChain
 from rodeo.witness import HeadBook, Journal, Presentation, WitnessChain
+from rodeo.witness import devices as devices_module
 from rodeo.witness import witness as witness_module
+from rodeo.witness.devices import DeviceTable
 from rodeo.witness.witness import Witness
 from tests.support.site import WAIT_S
 
@@ -197,3 +199,25 @@ def test_on_another_chain_it_signs_for_the_organization_there(
     signed = witness.chain.sign(Presentation, 1.9e9, **said)
     assert signed.payload["organization"] == "0x" + "99" * 20
     witness.close()
+
+
+def test_a_bridge_that_could_not_be_asked_is_asked_again_soon(
+    bus: Bus, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(devices_module, "_ANSWER_WALL_S", 0.01)
+    monkeypatch.setattr(devices_module, "_STRANGER_WALL_S", 0.05)
+    monkeypatch.setattr(devices_module, "_LOOK_WALL_S", 0.01)
+    bus.slow.set()
+    table, closed = DeviceTable(bus, "lab"), Event()  # type: ignore[arg-type]
+    thread = Thread(target=table.look_after, args=(closed,))
+    thread.start()
+    Event().wait(0.2)
+    assert not table.answered
+    bus.slow.clear()
+    deadline_s = time.monotonic() + WAIT_S
+    while not table.answered:
+        assert time.monotonic() < deadline_s
+        Event().wait(0.01)
+    assert table.known(ROBOT.address) is not None
+    closed.set()
+    thread.join()
