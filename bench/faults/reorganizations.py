@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from bench.faults.case import case
-from bench.faults.lab import Lab, NotSurvived, need
+from bench.faults.lab import Lab, need
 
 
 def _rpc(lab: Lab, method: str, *params: Any) -> Any:
@@ -30,8 +30,7 @@ def revert_of_a_post(lab: Lab) -> Iterator[None]:
     _rpc(lab, "evm_revert", snapshot)
     yield
     yield
-    lab.post("taken back")  # the same request: under which number it is now
-    lab.finish("taken back")
+    lab.finish_again("taken back")
 
 
 @case(
@@ -46,12 +45,7 @@ def revert_of_a_payment(lab: Lab) -> Iterator[None]:
     _rpc(lab, "evm_revert", snapshot)
     yield
     yield
-    lab.post("taken back")  # the same request: under which number it is now
-    try:
-        lab.wait_ended("taken back", 15.0)
-    except NotSurvived:
-        # It is another assignment, for which its executor does the work again.
-        lab.finish("taken back", " again")
+    lab.finish_again("taken back")
 
 
 @case("another chain of the same length takes a post's place", backend="anvil", asks=False)
@@ -60,8 +54,7 @@ def reorganization_of_a_post(lab: Lab) -> Iterator[None]:
     _rpc(lab, "anvil_reorg", 1, [])
     yield
     yield
-    lab.post("reorganized")  # the same request: under which number it is now
-    lab.finish("reorganized")
+    lab.finish_again("reorganized")
 
 
 @case("the node is killed and started again while blocks are taken back", backend="anvil", asks=False)
@@ -72,5 +65,4 @@ def revert_and_kill(lab: Lab) -> Iterator[None]:
     lab.kill("bridge")
     yield
     yield
-    lab.post("taken back")  # the same request: under which number it is now
-    lab.finish("taken back")
+    lab.finish_again("taken back")
