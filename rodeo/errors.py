@@ -8,6 +8,7 @@
     │   └── InvalidRequest
     ├── BusError                the bus did not do what was asked
     │   ├── BusUnavailable
+    │   ├── WrongBus            the processes there are another site's
     │   ├── NoResponder
     │   ├── QueryTimeout
     │   └── MalformedAnswer
@@ -96,6 +97,10 @@ class BusError(RodeoError):
 
 class BusUnavailable(BusError):
     """No session to the router."""
+
+
+class WrongBus(BusError):
+    """The processes on the bus are of another site. Nothing was asked of them."""
 
 
 class NoResponder(BusError):

@@ -405,6 +405,15 @@ class Task(Message):
     report_uri: str | None
 
 
+class Origin(Message):
+    """What tells a site from others, whose organization may have the same name."""
+
+    host: str
+    data_dir: str
+    contracts: str
+    """The organization's contract and its chain's genesis block; empty before the contracts are deployed."""
+
+
 class Status(Message):
     """A process's heartbeat. `time_s` is wall time: a process without a site clock still has a pulse."""
 
@@ -423,3 +432,5 @@ class Status(Message):
     """Where its health and metrics are, over HTTP."""
     warnings: list[str] = []
     """What an operator should know although the process works."""
+    origin: Origin | None = None
+    """The site that it works for."""

@@ -42,6 +42,7 @@ from rodeo.instance import (
 )
 from rodeo.messages import Status
 from rodeo.metrics import BUS_CONNECTED, NOT_READY, READY, MetricsServer
+from rodeo.origin import check_bus, origin_of
 from rodeo.serving import Claim, Rival, Thing
 from rodeo.tls import identity
 
@@ -107,6 +108,11 @@ class Service:
         else:
             shown = identity(self.site, self.name)
             self.bus = Bus.open(self.site.bus.router, self.stop, identity=shown)
+            try:
+                check_bus(self.bus, self.site, strict=False)
+            except BaseException:
+                self.bus.close()
+                raise
         self.clock = (
             WallClock()
             if self.site.clock.source == "wall"
@@ -251,6 +257,7 @@ class Service:
                 time_s=time.time(),
                 details=self._details,
                 warnings=[*self._warnings, *self._clock_warnings(), *self._rival_warnings()],
+                origin=origin_of(self.site),
             )
 
     def _rival_warnings(self) -> list[str]:

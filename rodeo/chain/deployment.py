@@ -11,6 +11,7 @@ from web3 import Web3
 
 from rodeo.chain import artifacts
 from rodeo.chain.errors import ChainError, DeploymentMismatch, NotDeployed, translated
+from rodeo.origin import record_path
 
 
 class Deployment(BaseModel):
@@ -45,7 +46,7 @@ class Deployment(BaseModel):
 
     @staticmethod
     def path(data_dir: Path, chain_id: int) -> Path:
-        return data_dir / "deployments" / f"{chain_id}.json"
+        return record_path(data_dir, chain_id)
 
     @classmethod
     def load(cls, data_dir: Path, chain_id: int) -> Deployment:

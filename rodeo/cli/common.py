@@ -21,6 +21,7 @@ from rodeo.bus import Bus
 from rodeo.cli import words
 from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError, RodeoError
+from rodeo.origin import check_bus
 from rodeo.tls import OPERATOR, identity
 
 P = ParamSpec("P")
@@ -39,6 +40,7 @@ _CONNECT_S = 3.0
 _ADDRESS = re.compile(r"^0x[0-9a-fA-F]{40}$")
 
 _HINTS = {
+    "wrong_bus": "`rodeo up` starts the site; --site FILE or RODEO_SITE names another",
     "bus_unavailable": "`rodeo up` starts the site; --site FILE or RODEO_SITE names another",
     "no_responder": "`rodeo status` tells whether the bridge is there",
     "bridge_not_ready": "`rodeo status` tells what is missing",
@@ -69,9 +71,10 @@ def reports_errors(command: Callable[P, T]) -> Callable[P, T]:
 
 @contextmanager
 def connected(site_path: Path) -> Iterator[tuple[Site, Bus]]:
-    """The site and a bus session on it. Raises ConfigError or BusUnavailable."""
+    """The site and a bus session on it. Raises ConfigError, BusUnavailable or WrongBus."""
     site = Site.load(site_path)
     with Bus.open(site.bus.router, timeout_s=_CONNECT_S, identity=identity(site, OPERATOR)) as bus:
+        check_bus(bus, site)
         try:
             yield site, bus
         except RemoteError as error:

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,9 +27,10 @@ from deploy.processes import processes_of
 from rodeo.bus import Bus, validate
 from rodeo.cli.common import DEFAULT_SITE, JsonOption, SiteOption, console, print_json, reports_errors
 from rodeo.config import Site
-from rodeo.errors import BusUnavailable, RodeoError
+from rodeo.errors import BusUnavailable, RodeoError, WrongBus
 from rodeo.instance import HEARTBEAT_S, forget_ending, last_ending, lock_holder
 from rodeo.messages import Status
+from rodeo.origin import check_bus
 from rodeo.tls import OPERATOR, bus_is_closed, identity, openness
 
 LOST_S = 3 * HEARTBEAT_S
@@ -124,29 +125,35 @@ def down(site: SiteOption = DEFAULT_SITE) -> None:
 def status(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
     """Every process: up or not, ready or why not, last heartbeat. Exit status 1 unless all are ready."""
     loaded = Site.load(site)
-    rows = read_rows(loaded)
+    wrong: list[str] = []
+    rows = read_rows(loaded, warn=wrong.append)
     if as_json:
-        bus = {"router": loaded.bus.router, "closed": bus_is_closed(loaded)}
+        bus = {"router": loaded.bus.router, "closed": bus_is_closed(loaded), "problem": "; ".join(wrong)}
         print_json({"site": loaded.org, "bus": bus, "processes": [_row_json(loaded, row) for row in rows]})
     else:
         console.print(status_table(rows))
-        _print_warnings(loaded, rows)
-    if not all(row.state == "ready" for row in rows):
+        _print_warnings(loaded, rows, wrong)
+    if wrong or not all(row.state == "ready" for row in rows):
         raise typer.Exit(1)
 
 
-def _print_warnings(site: Site, rows: list[Row]) -> None:
+def _print_warnings(site: Site, rows: list[Row], more: Sequence[str] = ()) -> None:
     """What the site file and the processes warn of, each once."""
-    said = [openness(site), *(text for row in rows if row.status is not None for text in row.status.warnings)]
+    said = [
+        *more,
+        openness(site),
+        *(text for row in rows if row.status is not None for text in row.status.warnings),
+    ]
     for text in dict.fromkeys(said):
         if text:
             console.print(f"[bold red]warning[/]: {escape(text)}", highlight=False, soft_wrap=True)
 
 
-def read_rows(site: Site, timeout_s: float = 5.0) -> list[Row]:
+def read_rows(site: Site, timeout_s: float = 5.0, warn: Callable[[str], None] | None = None) -> list[Row]:
     """What each process of the site answers now; one that hangs has `timeout_s` of wall time to do so.
 
-    Processes of the same name elsewhere on the bus have rows of their own, before the site's.
+    Processes of the same name elsewhere on the bus have rows of their own, before the site's. `warn(text)`
+    hears whose bus it is when it is another site's.
     """
     silence = "does not answer on the bus"
     # A router that runs is waited for: on a busy machine it takes its time to answer.
@@ -154,6 +161,11 @@ def read_rows(site: Site, timeout_s: float = 5.0) -> list[Row]:
     try:
         with Bus.open(site.bus.router, timeout_s=router_s, identity=identity(site, OPERATOR)) as bus:
             statuses = _ask(bus, site.org, timeout_s)
+            if warn is not None:
+                try:
+                    check_bus(bus, site)
+                except WrongBus as error:
+                    warn(error.message)
     except BusUnavailable:
         statuses = {}
         silence = f"finds no router at {site.bus.router}"
