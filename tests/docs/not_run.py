@@ -1,0 +1,46 @@
+"""Commands of the documentation that no test runs as they stand, and why; options and files are checked."""
+
+from __future__ import annotations
+
+_SUITE = "starts the suite itself"
+_MINUTES = "takes more than a minute"
+_ROS = "needs a robot that runs ROS 2"
+_SHELL = "sets the reader's shell up"
+_FOREIGN = "tests/integration/test_foreign_bin.py starts the page's bin and the others beside it"
+_CHAIN = "needs an Ethereum node of one's own"
+
+NOT_RUN: dict[str, str] = {
+    "make demo": f"{_MINUTES}: tests/integration/test_demo.py runs what it runs",
+    "make test": _SUITE,
+    "make bench ONLY=contracts": _MINUTES,
+    "npm run contracts:test": _SUITE,
+    "npm run contracts:coverage": _SUITE,
+    "npm run contracts:mutants": _SUITE,
+    "npm run contracts:slither": "needs slither, which the project does not install",
+    "source .venv/bin/activate": _SHELL,
+    "rodeo up": "stays in the foreground until Ctrl-C; the line below starts the same site",
+    "rodeo up --new-chain": "is for a site whose chain is lost",
+    "rodeo up --new-journal": "is for a site whose journal is lost",
+    "rodeo up --only oracle": "is for a site whose oracle does not run yet",
+    'pip install --constraint constraints.txt -e ".[train]"': "installs gigabytes",
+    "python -m services.itrash.train --data ../shared/data/trashnet": f"{_MINUTES}, and needs the extra",
+    "export RODEO_KEYSTORE_PASSPHRASE=...": _SHELL,
+    "python -m deploy.wallets --site my-site.toml": _CHAIN,
+    "python -m deploy.contracts --site my-site.toml": _CHAIN,
+    "rodeo up --site my-site.toml": _CHAIN,
+    "rodeo site prepare --site my-site.toml": _CHAIN,
+    "rodeo up router chain bridge oracle charger console robot_sim robot_agent": _FOREIGN,
+    "python my_bin.py --site deploy/sites/lab.toml": _FOREIGN,
+    "ros2 topic hz /fleet/arthur/joint_states": _ROS,
+}
+"""Command -> reason."""
+
+BEGINNINGS = {"export ": _SHELL, "ros2 ": _ROS}
+"""The same for all commands that begin so."""
+
+
+def reason(command: str) -> str | None:
+    """Why this command is not run; None where it is."""
+    if command in NOT_RUN:
+        return NOT_RUN[command]
+    return next((why for start, why in BEGINNINGS.items() if command.startswith(start)), None)

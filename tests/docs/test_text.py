@@ -1,0 +1,208 @@
+"""What README and docs say is so: options and files exist, snippets are valid, links lead somewhere."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+import zenoh
+
+from rodeo.cli import app
+from rodeo.config import Site
+from rodeo.lab.urdf import to_urdf
+from rodeo.lab.world import robot_model
+from tests.docs.not_run import NOT_RUN, reason
+from tests.docs.text import ROOT, Block, Command, blocks, commands, links, mentioned
+from tests.support.site import LAB
+
+MADE_BY_THE_READER = {"my-site.toml", "my_bin.py", "photo.jpg", "wheels.jpg", "site.toml"}
+"""Files of which the text says that the reader brings them or writes them."""
+KINDS = {"shell", "toml", "python", "json", "mermaid", "question", "diagram"}
+DIAGRAMS = {"docs/evidence.md"}
+"""Pages with blocks that are only to be looked at."""
+PLACEHOLDERS = {'"0x..."': '"0x' + "1f" * 20 + '"'}
+
+
+def identified(things: list[Any]) -> Any:
+    return pytest.mark.parametrize("thing", things, ids=list(map(str, things)))
+
+
+def of_kind(kind: str) -> list[Block]:
+    return [block for block in blocks() if block.kind == kind]
+
+
+# -- every block is one of these ---------------------------------------------------------------------------
+
+
+def test_every_block_is_checked_as_what_it_is() -> None:
+    unknown = [str(block) for block in blocks() if block.kind not in KINDS]
+    assert unknown == []
+    assert {block.page for block in of_kind("diagram")} <= DIAGRAMS
+
+
+def test_what_is_not_run_stands_in_the_text_still() -> None:
+    written = {command.text for command in commands()} | OPTIONAL
+    assert set(NOT_RUN) <= written
+
+
+OPTIONAL = {
+    "python -m deploy.wallets --site my-site.toml",
+    "python -m deploy.contracts --site my-site.toml",
+    "rodeo site prepare --site my-site.toml",
+}
+"""Two ways to the same end; the text has one of them."""
+
+
+@identified([block for kind in ("python", "json") for block in of_kind(kind)])
+def test_programs_compile_and_examples_are_json(thing: Block) -> None:
+    if thing.kind == "python":
+        ast.parse(thing.text)
+    else:
+        assert isinstance(json.loads(thing.text), dict)
+
+
+@identified(of_kind("toml"))
+def test_a_snippet_appended_to_a_site_file_makes_a_valid_site(thing: Block, tmp_path: Path) -> None:
+    text = thing.text
+    for written, meant in PLACEHOLDERS.items():
+        text = text.replace(written, meant)
+    (tmp_path / "arthur.urdf").write_text(to_urdf(robot_model(), "arthur"))
+    own = tomllib.loads(text)
+    if "extends" in own:  # a whole site file
+        text = text.replace('"deploy/sites/lab.toml"', json.dumps(str(LAB)))
+    else:
+        text = f"extends = {json.dumps(str(LAB))}\n{text}"
+    path = tmp_path / "site.toml"
+    path.write_text(text)
+    site = Site.load(path)
+    for name, value in own.items():
+        if name not in ("extends", "data_dir"):
+            assert_says(site.model_dump(mode="json"), name, value)
+
+
+def assert_says(site: dict[str, Any], name: str, value: Any) -> None:
+    """The loaded site says what the snippet says, so that nothing of it is left out."""
+    assert name in site, name
+    if isinstance(value, dict):
+        for inner, one in value.items():
+            assert_says(site[name], inner, one)
+    elif isinstance(value, list):
+        assert len(site[name]) == len(value)
+
+
+def test_the_snippet_of_participants_may_also_stand_at_the_end_of_the_labs_own_file(tmp_path: Path) -> None:
+    (snippet,) = [block.text for block in of_kind("toml") if "agent.maintenance" in block.text]
+    path = tmp_path / "lab.toml"
+    path.write_text(LAB.read_text() + "\n" + snippet)
+    assert [one.name for one in Site.load(path).participants] == ["alice"]
+
+
+# -- commands ----------------------------------------------------------------------------------------------
+
+
+_WRITTEN = frozenset(commands())
+
+
+@identified([*commands(), *mentioned()])
+def test_a_command_has_the_options_and_files_that_it_is_told_with(thing: Command) -> None:
+    written_in_full = thing in _WRITTEN
+    program, *words = thing.words
+    match program:
+        case "rodeo":
+            check_rodeo(words, written_in_full)
+        case "make":
+            check_make(words)
+        case "npm":
+            scripts = json.loads((ROOT / "package.json").read_text())["scripts"]
+            assert words[0] == "run" and words[1] in scripts, words
+        case "python" if words[0] == "-m":
+            check_module(words[1], words[2:])
+        case "pip":
+            check_pip(words)
+        case "export":
+            check_export(thing.text)
+    for word in words:
+        if re.search(r"\.(toml|txt|py|jpg)$", word) and not word.startswith("-"):
+            assert word in MADE_BY_THE_READER or (ROOT / word).exists(), word
+
+
+def check_rodeo(words: list[str], written_in_full: bool) -> None:
+    """Against the commands themselves, which `--help` is made from."""
+    node: Any = typer.main.get_command(app)
+    while hasattr(node, "commands"):
+        assert words, f"{node.name}: a command is missing"
+        if words[0] == "--help":
+            return
+        assert words[0] in node.commands, f"{words[0]}: there are {sorted(node.commands)}"
+        node, words = node.commands[words[0]], words[1:]
+    known = {spelling: one for one in node.params for spelling in (*one.opts, *one.secondary_opts)}
+    given = [word.partition("=")[0] for word in words if word.startswith("-")]
+    assert set(given) <= {*known, "--help"}, f"{node.name}: {given}, there are {sorted(known)}"
+    if written_in_full:
+        for one in node.params:
+            if one.required and one.param_type_name == "option":
+                assert {*one.opts, *one.secondary_opts} & set(given), f"{node.name} needs {one.opts}"
+
+
+def check_make(words: list[str]) -> None:
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    for word in words:
+        name, _, value = word.strip("[]").partition("=")
+        if value:
+            assert f"$({name})" in (ROOT / "Makefile").read_text(), word
+            assert value in ("area",) or any((ROOT / "bench").glob(f"{value}*")), word
+        else:
+            assert name in targets, word
+
+
+def check_module(module: str, words: list[str]) -> None:
+    """The options of a program are what its source hands to argparse; services share theirs."""
+    path = ROOT / module.replace(".", "/")
+    source = path.with_suffix(".py") if path.with_suffix(".py").exists() else path / "__main__.py"
+    assert source.exists(), module
+    declared = source.read_text()
+    if "main(" in declared:
+        declared += (ROOT / "rodeo" / "service.py").read_text()
+    for word in words:
+        if word.startswith("--"):
+            assert f'"{word}"' in declared, f"{module} knows no {word}"
+
+
+def check_pip(words: list[str]) -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    for word in words:
+        if found := re.fullmatch(r"\.\[(\w+)\]", word):
+            assert found[1] in extras
+
+
+def check_export(text: str) -> None:
+    """What is set for Zenoh is a configuration that Zenoh takes."""
+    found = re.search(r"ZENOH_CONFIG_OVERRIDE='(.*)'", text)
+    for setting in found[1].split(";") if found else []:
+        key, _, value = setting.partition("=")
+        zenoh.Config().insert_json5(key, value)
+
+
+def test_everything_that_is_not_run_has_a_reason() -> None:
+    assert all(reason(command).strip() for command in NOT_RUN)
+
+
+# -- links -------------------------------------------------------------------------------------------------
+
+
+@identified(sorted(set(links())))
+def test_a_link_leads_to_a_file_and_a_heading_that_are_there(thing: tuple[str, str]) -> None:
+    page, target = thing
+    file, _, heading = target.partition("#")
+    path = (ROOT / page).parent / file if file else ROOT / page
+    assert path.exists(), target
+    if heading:
+        titles = re.findall(r"^#+ (.*)$", path.read_text(), re.MULTILINE)
+        slugs = {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
+        assert heading in slugs, f"{heading} is not in {sorted(slugs)}"
