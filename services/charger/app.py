@@ -84,6 +84,8 @@ class Charger:
         """Something happened on chain."""
         self._events: defaultdict[int, list[DaoEvent]] = defaultdict(list)
         """Contract events of charging tasks that are not over, by task."""
+        self._chain = ""
+        """Genesis hash of the chain that they are on."""
         self._events_lock = threading.Lock()
         self._heard_s = -math.inf
         """Wall (monotonic) time of the dock's last reading."""
@@ -124,6 +126,9 @@ class Charger:
     def _on_event(self, event: DaoEvent) -> None:
         if event.task_id is not None:
             with self._events_lock:
+                if event.chain != self._chain:
+                    self._chain = event.chain
+                    self._events.clear()  # the tasks of another chain have the same numbers
                 self._events[event.task_id].append(event)
                 if event.name in _OVER:
                     del self._events[event.task_id]

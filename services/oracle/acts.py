@@ -174,7 +174,7 @@ class ConsumedActs:
 
     def on_event(self, event: DaoEvent) -> None:
         with self._changed:
-            if event.chain != self._chain or event.seq <= self._seq:
+            if event.chain != self._chain or event.seq == 1 < self._seq:
                 # Another chain: its tasks are others. Or an index that was made anew: it tells all again.
                 self._chain = event.chain
                 self._events.clear()

@@ -199,6 +199,8 @@ class Agent:
 
     def _on_event(self, event: DaoEvent) -> None:
         with self._events_lock:
+            if self._events and event.chain != self._events[-1].chain:
+                self._events.clear()  # its tasks have the same numbers
             self._events.append(event)
             if self._recording is not None and event.task_id == self._recorded_task:
                 self._recording.event(event)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections import defaultdict
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +13,7 @@ import pytest
 from rodeo.config import Site
 from rodeo.dao import Assignment
 from rodeo.errors import RemoteError
-from rodeo.messages import Task
+from rodeo.messages import DaoEvent, Task
 from services.charger.app import Charger
 from services.charger.job import FOREIGN, Job
 from services.charger.session import SessionState
@@ -117,3 +118,16 @@ def test_the_service_is_offered_once_on_each_chain(charger: Any) -> None:
     charger._organization.genesis_hash = "0x" + "09" * 32
     charger._offer()
     assert charger._organization.offers == 2
+
+
+def test_events_of_another_chain_are_not_recorded_for_the_task_of_the_same_number(charger: Any) -> None:
+    charger._events, charger._events_lock = defaultdict(list), threading.Lock()
+    charger._wake, charger._chain, charger._delivery = threading.Event(), "", None
+
+    def event(seq: int, chain: str) -> DaoEvent:
+        where = {"block": seq, "log_index": 0, "tx_hash": "0x", "time_s": 0.0}
+        return DaoEvent(seq=seq, name="TaskAssigned", task_id=1, args={}, chain=chain, **where)
+
+    charger._on_event(event(60, "0x01"))
+    charger._on_event(event(7, "0x02"))
+    assert [one.seq for one in charger._events[1]] == [7]

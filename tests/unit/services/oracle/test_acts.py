@@ -297,6 +297,18 @@ def test_a_new_chain_begins_with_nothing_spent(chain: Chain) -> None:
     assert spent_by(chain.acts, 1, DROP) is None
 
 
+def test_an_index_that_was_made_anew_tells_all_again_and_nothing_counts_twice(chain: Chain) -> None:
+    """Without the notices of what was undone before: other events have its numbers now."""
+    chain.undone(chain.submitted(1))
+    chain.submitted(2)
+    chain.accepted(2, DROP)
+    told = [event for event in chain.told if event.task_id == 2]
+    for seq, event in enumerate(told, start=1):
+        chain.acts.on_event(event.model_copy(update={"seq": seq}))
+    assert chain.acts.submission(1, 1) is None
+    assert [one.task_id for one in chain.acts.waiting()] == []
+
+
 def test_a_malformed_act_in_a_report_does_not_hide_the_others(chain: Chain) -> None:
     chain.submitted(1)
     chain.accepted(1, "nonsense", DROP)

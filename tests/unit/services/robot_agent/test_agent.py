@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import threading
+from collections import deque
 from typing import Any
 
 import pytest
 
-from services.robot_agent.agent import _place
+from rodeo.messages import DaoEvent
+from services.robot_agent.agent import Agent, _place
 from services.robot_agent.errors import TaskFailed
 from tests.support.assignments import cleaning_ledger
 from tests.support.recordings import Sample, Take
@@ -36,3 +39,17 @@ def test_a_task_that_is_nonsense_is_given_up_and_breaks_nothing(params: dict[str
     with pytest.raises(TaskFailed) as refused:
         _place(TASK.model_copy(update={"params": posted}))
     assert refused.value.details["fields"].keys() == (params or TASK.params).keys()
+
+
+def test_events_of_another_chain_are_not_recorded_for_the_task_of_the_same_number() -> None:
+    agent: Any = Agent.__new__(Agent)
+    agent._events, agent._events_lock = deque(maxlen=10), threading.Lock()
+    agent._recording, agent._wake = None, threading.Event()
+
+    def event(seq: int, chain: str) -> DaoEvent:
+        where = {"block": seq, "log_index": 0, "tx_hash": "0x", "time_s": 0.0}
+        return DaoEvent(seq=seq, name="TaskAssigned", task_id=1, args={}, chain=chain, **where)
+
+    agent._on_event(event(60, "0x01"))
+    agent._on_event(event(7, "0x02"))
+    assert [one.seq for one in agent._events] == [7]

@@ -1,0 +1,50 @@
+"""Whoever follows the events hears each of them, also of an index that was made anew meanwhile."""
+
+from __future__ import annotations
+
+import time
+from threading import Event
+from typing import Any
+
+from rodeo.bus import DaoEvents
+from rodeo.messages import DaoEvent
+from tests.support.site import WAIT_S
+
+
+class Bus:
+    """A bridge that answers with the events up to `last`."""
+
+    def __init__(self) -> None:
+        self.names = ["A", "undone", "EventUndone", "B"]
+
+    def subscribe_json(self, _key: str, _callback: Any) -> Any:
+        return self
+
+    def undeclare(self) -> None:
+        pass
+
+    def query(self, _key: str, parameters: dict[str, int], timeout_s: float) -> dict[str, Any]:
+        where = {"block": 1, "log_index": 0, "tx_hash": "0x", "time_s": 0.0, "task_id": None, "args": {}}
+        events = [
+            DaoEvent(seq=seq, name=name, chain="0x01", **where).model_dump(mode="json")  # type: ignore[arg-type]
+            for seq, name in enumerate(self.names, start=1)
+            if seq > parameters["after"]
+        ]
+        return {"events": events, "last_seq": len(self.names), "chain": "0x01"}
+
+
+def test_an_index_that_was_made_anew_and_counts_less_is_heard_from_its_beginning() -> None:
+    bus, heard = Bus(), list[str]()
+    dao = DaoEvents(bus, "lab", lambda event: heard.append(event.name))  # type: ignore[arg-type]
+
+    def wait_for(names: list[str]) -> None:
+        deadline_s = time.monotonic() + WAIT_S
+        while heard != names:
+            assert time.monotonic() < deadline_s, heard
+            Event().wait(0.01)
+
+    wait_for(bus.names)
+    heard.clear()
+    bus.names = ["A", "B", "C"]  # what was undone before is not told of any more
+    wait_for(["A", "B", "C"])
+    dao.close()
