@@ -37,6 +37,8 @@ class DeviceTable:
         self._devices: dict[str, Device] = {}
         self.answered = False
         """Whether the bridge has told which devices there are: before, nobody is known, and no stranger."""
+        self._silent = False
+        """Whether it did not answer the last time."""
         self._strangers = 0
         """How often somebody was asked for who is not known."""
 
@@ -70,8 +72,15 @@ class DeviceTable:
             rows = self._bus.query(self._key, timeout_s=_ANSWER_WALL_S)["devices"]
             devices = [Device.model_validate(row) for row in rows]
         except (BusError, RemoteError, KeyError, TypeError, ValidationError) as error:
-            log.info("cannot ask which devices there are: %s", error)
+            # Once: it is asked again every second, by each who listens.
+            log.log(
+                logging.DEBUG if self._silent else logging.INFO,
+                "cannot ask which devices there are: %s",
+                error,
+            )
+            self._silent = True
             return False
+        self._silent = False
         self._devices = {one.address.lower(): one for one in devices if one.revoked is None}
         self.answered = True
         return True

@@ -177,8 +177,10 @@ class Index:
         if not self._has_digest:
             return 0, None
         with self._snapshot() as connection:
-            cursor = connection.execute(select(schema.cursor)).mappings().one()
+            cursor = connection.execute(select(schema.cursor)).mappings().one_or_none()
             found = rows_digest(connection)
+        if cursor is None:
+            return found, "it does not say how far it follows the chain"
         position = Position(cursor["block"], cursor["block_hash"], cursor["block_time_s"])
         if cursor["digest"] == _digest_text(found, position):
             return found, None

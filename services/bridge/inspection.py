@@ -97,6 +97,8 @@ class Inspector:
             except (ChainUnavailable, DBAPIError) as error:
                 log.debug("the index is looked at later: %s", error)
                 continue
+            except (LookupError, TypeError, ValueError) as error:
+                problem = f"a value in it cannot be read: {error}"
             if problem is not None and generation == self._generation:
                 self.found = problem
             pause_s = max(PERIOD_S, (time.thread_time() - started_s) / _SHARE)
