@@ -69,6 +69,7 @@ def accept(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption 
         task = _executor(loaded, bus, participant).accept(task_id)
         left = time_left(loaded, bus, task.execution_deadline or 0.0)
     say(f"You have begun task {task_id}: {task.description or task.kind}")
+    say(f"It pays {iec(task.price_iec)} when an auditor accepts it.")
     say(f"Hand it in in time: {left}.")
     say(f"Let a photo show this code: {photo_code(task.nonce or '')}")
 
@@ -117,6 +118,7 @@ def review(
     console.print(f"“{escape(note)}”", highlight=False, soft_wrap=True)
     for line in found.lines():
         console.print(escape(line), highlight=False, soft_wrap=True)
+    say(f"Accepted, it pays {iec(task.price_iec)}.")
     if left is not None:
         console.print(f"Judge it in time: {left}.", highlight=False, soft_wrap=True)
 

@@ -177,7 +177,8 @@ class TaskPage:
         except RodeoError as error:
             self._proof.show(shown, {"Sealed by": explain(error)})
             return
-        self._proof.show(shown, _seal_facts(seal, devices))
+        names = {one["address"]: one["name"] for one in self._console.live.summary.wallets}
+        self._proof.show(shown, _seal_facts(seal, devices, names))
 
     def _draw_attempts(
         self, made: list[Attempt], names: dict[str, str], shown: int | None, verdicts: dict[int, str]
@@ -300,9 +301,10 @@ def _track(console: Console, attempt: Attempt) -> Json:
         return track(open_proof(console.reads.proof(attempt, Path(folder))), console.site)
 
 
-def _seal_facts(seal: Seal, devices: list[Json]) -> dict[str, str]:
+def _seal_facts(seal: Seal, devices: list[Json], names: dict[str, str]) -> dict[str, str]:
     signer = next((one for one in devices if one["address"] == seal.signer), None)
-    whose, revoked = "unknown", ""
+    owner = names.get(seal.signer or "")
+    whose, revoked = "unknown" if owner is None else f"none: {owner}'s own key", ""
     if signer is not None:
         whose = f"{signer['role']} {signer['name']} of {signer['owner_name'] or signer['owner']}"
         revoked = f" (revoked: {signer['revoked_because']})" if signer["revoked"] else ""

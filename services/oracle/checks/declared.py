@@ -6,15 +6,20 @@ from services.oracle.case import Case
 from services.oracle.report import Finding
 
 
+def reported_failure(case: Case) -> str | None:
+    """Why the executor says that the attempt failed; None where it does not."""
+    failures = [event for event in case.proof.events() if event.get("event") == "execution_failed"]
+    return str(failures[-1].get("message", "no reason given"))[:200] if failures else None
+
+
 def not_given_up(case: Case) -> Finding:
     """The executor does not report that the attempt failed: then nothing else needs to be asked."""
-    failures = [event for event in case.proof.events() if event.get("event") == "execution_failed"]
-    if failures and case.kind == CLEANING and case.ledger is not None:
+    reason = reported_failure(case)
+    if reason is not None and case.kind == CLEANING and case.ledger is not None:
         case.ordered(CleaningParams)  # what nobody can do is not the executor's failure
-    reason = str(failures[-1].get("message", "no reason given"))[:200] if failures else None
     return Finding(
-        passed=not failures,
+        passed=reason is None,
         measured=reason,
         source="the executor's own recording",
-        detail=f"the executor reports: {reason}" if failures else "the executor's own word",
+        detail="the executor's own word" if reason is None else f"the executor reports: {reason}",
     )

@@ -4,6 +4,7 @@ from rodeo.dao import CHARGING
 from rodeo.evidence.seal import SEAL_TOPIC
 from rodeo.messages import Device
 from services.oracle.case import Case
+from services.oracle.checks.declared import reported_failure
 from services.oracle.keys import counts_until_s, heads_listed, taken
 from services.oracle.report import Finding, at_most, equal, skipped, undecided
 
@@ -54,12 +55,15 @@ def signer(case: Case) -> Finding:
                 detail="the sealing device",
             )
             return _by_its_time(case, device, found) if found.passed else found
+    # Who cannot do this kind of work gives it back without a device: the verdict should say why.
+    reason = reported_failure(case)
     return Finding(
         passed=False,
         measured=case.proof.signer,
         limit=f"{role} of {owner}",
         source="device registry on chain",
-        detail="the sealing device is not registered",
+        detail="the sealing device is not registered"
+        + ("" if reason is None else f"; the executor reports: {reason}"),
     )
 
 

@@ -5,11 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from eth_account import Account
 
+from rodeo.clock import WallClock
 from rodeo.config import Site
+from rodeo.evidence import Recorder
+from rodeo.evidence.recorder import EVENT_CHANNEL
 from services.oracle.app import is_ours
 from services.oracle.report import Check, Report
 from services.oracle.verify import verify_file
+from tests.support.assignments import BINDING, cleaning_ledger
+from tests.support.recordings import Sample, Take
 from tests.support.site import LAB
 from tests.unit.evidence.test_statement import JPEG, by_another_program
 
@@ -45,3 +51,15 @@ def test_a_statement_whose_photo_is_no_picture_is_said_to_be_so(site: Site, tmp_
     report = verify_file(by_another_program(site, tmp_path, b"\xff\xd8\xff\xe0 no photo"), site)
     assert check(report, "stated").passed is False
     assert "no picture" in report.reason
+
+
+def test_work_that_is_given_back_without_a_device_is_rejected_with_the_reason(
+    site: Site, tmp_path: Path
+) -> None:
+    recorder = Recorder(tmp_path / "back.mcap", BINDING, Account.create(), WallClock())
+    why = "alice cannot do waste_disposal: it has no machine that does it"
+    recorder.write_json(EVENT_CHANNEL, {"event": "execution_failed", "message": why})
+    ledger = cleaning_ledger(Take([Sample("", "", None, 1_900_000_000 * 10**9)]))
+    report = verify_file(recorder.close().path, site, ledger)
+    assert report.outcome == "rejected"
+    assert report.reason.startswith("signer: ") and why in report.reason
