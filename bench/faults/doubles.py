@@ -43,13 +43,11 @@ def _second(name: str) -> Script:
     return script
 
 
-WHOLE = (*BASE, "oracle", "itrash", "charger", "robot_sim", "robot_agent")
-
 for _name, _processes in (
     ("oracle", (*BASE, "oracle")),
     ("console", (*BASE, "console")),
-    ("itrash", (*BASE, "itrash")),
-    ("charger", (*BASE, "charger")),
+    ("itrash", (*BASE, "robot_sim", "itrash")),
+    ("charger", (*BASE, "robot_sim", "charger")),
     ("robot_sim", (*BASE, "robot_sim")),
     ("robot_agent", (*BASE, "itrash", "robot_sim", "robot_agent")),
 ):
@@ -92,7 +90,9 @@ for _name in ("bridge", "oracle"):
 
 @case("two bridges that share the wallets between them: nothing is wrong", asks=False, works=False)
 def two_bridges_two_wallets(lab: Lab) -> Iterator[None]:
-    lab.sites["bridge"] = lab.variant("most", 'bridge.wallets = ["organization", "oracle"]\n', data=False)
+    lab.sites["bridge"] = lab.variant(
+        "most", 'bridge.wallets = ["organization", "oracle", "worker1", "worker2"]\n', data=False
+    )
     other = lab.variant(
         "own", 'bridge.name = "bridge-panther1"\nbridge.wallets = ["panther1"]\nbridge.public = false\n'
     )
