@@ -100,6 +100,7 @@ class ActionServer:
         execute: runs in a thread per goal and must end it with succeed, abort or canceled; it watches
             `goal.is_cancel_requested`. A goal left open, or an exception, counts as aborted.
         accept: decides at once whether to take a goal (default: all).
+        follows: whether to take goals of the client with this gid (default: of all).
     """
 
     def __init__(
@@ -109,12 +110,14 @@ class ActionServer:
         typename: str,
         execute: Callable[[ServerGoal], None],
         accept: Callable[[Any], bool] | None = None,
+        follows: Callable[[bytes], bool] | None = None,
     ) -> None:
         self._node = node
         self._name = name
         self._typename = typename
         self._execute = execute
         self._accept = accept or (lambda goal: True)
+        self._follows = follows or (lambda gid: True)
         self._goals: OrderedDict[bytes, ServerGoal] = OrderedDict()
         self._results: dict[bytes, Any] = {}
         self._waiting: dict[bytes, list[PendingRequest]] = {}
@@ -153,7 +156,8 @@ class ActionServer:
         stamp_ns = self._node.clock.now_ns()
         response = f"{self._typename}_SendGoal_Response"
         with self._lock:
-            accepted = goal_id not in self._goals and self._accept(pending.request.goal)
+            new = goal_id not in self._goals
+            accepted = new and self._follows(pending.gid) and self._accept(pending.request.goal)
             if accepted:
                 for other in self._goals.values():
                     if not other.status.ended:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 import logging
 from collections.abc import Callable
@@ -216,8 +215,7 @@ class Node:
             typename,
             qos,
         )
-        gid = hashlib.blake2b(text.encode(), digest_size=16).digest()
-        return self.session.liveliness().declare_token(text), gid
+        return self.session.liveliness().declare_token(text), wire.gid_of(text)
 
     def keep(self, endpoint: Any) -> Any:
         """Close `endpoint` with the node."""

@@ -35,6 +35,11 @@ class PendingRequest:
         self._key = key
         self._attachment = attachment
 
+    @property
+    def gid(self) -> bytes:
+        """Of the client."""
+        return self._attachment.gid
+
     def respond(self, response: Any) -> None:
         attachment = wire.Attachment(self._attachment.sequence, time.time_ns(), self._attachment.gid)
         with self._query as query:

@@ -5,6 +5,7 @@ Format: rmw_zenoh's design document (ros2/rmw_zenoh, docs/design.md), branch jaz
 
 from __future__ import annotations
 
+import hashlib
 import struct
 from dataclasses import dataclass
 from typing import Literal
@@ -109,6 +110,22 @@ def servers_expression(domain_id: int, name: str, typename: str) -> str:
 def publishers_expression(domain_id: int, topic: str) -> str:
     """Key expression that matches the liveliness tokens of every publisher of a topic, whatever its type."""
     return f"@ros2_lv/{domain_id}/*/*/*/MP/*/*/*/{_mangle('/' + topic.strip('/'))}/**"
+
+
+def clients_expression(domain_id: int, name: str) -> str:
+    """Key expression that matches the liveliness tokens of every client of a service, whatever its type."""
+    return f"@ros2_lv/{domain_id}/*/*/*/SC/*/*/*/{_mangle('/' + name.strip('/'))}/**"
+
+
+def gid_of(token: str) -> bytes:
+    """The 16 bytes by which an endpoint of ours signs its messages, from its liveliness token."""
+    return hashlib.blake2b(token.encode(), digest_size=16).digest()
+
+
+def node_of(token: str) -> str:
+    """The name of the node of an endpoint, with its namespace, from its liveliness token."""
+    namespace, name = token.split("/")[7:9]
+    return namespace.replace("%", "/").rstrip("/") + "/" + name
 
 
 def session_of(token: str) -> str:

@@ -23,6 +23,7 @@ from services.robot_sim.arm import (
     Waypoint,
     check,
 )
+from services.robot_sim.commander import Commander
 from services.robot_sim.loop import Loop
 from services.robot_sim.navigation import Drive
 from services.robot_sim.planner import GoalOutsideMap, Map, PlanningFailed, Route, UnknownFrame, plan
@@ -43,7 +44,7 @@ _GIVEN_UP = 208
 class Actions:
     """Serves the robot's actions; each goal runs in a thread of its own and leaves motion to the loop."""
 
-    def __init__(self, node: Node, loop: Loop, robot: SimRobot) -> None:
+    def __init__(self, node: Node, loop: Loop, robot: SimRobot, commander: Commander) -> None:
         self._loop, self._simulation, self._robot = loop, loop.simulation, robot
         namespace = robot.config.namespace
         self._plan = node.publisher(topics.PLAN.name(ns=namespace), topics.PLAN.type, LATCHED)
@@ -52,7 +53,8 @@ class Actions:
             (topics.FOLLOW_JOINT_TRAJECTORY, self._follow_trajectory),
             (topics.GRIPPER_CMD, self._grip),
         ):
-            ActionServer(node, action.name(ns=namespace), action.type, execute, self._accept)
+            name = action.name(ns=namespace)
+            ActionServer(node, name, action.type, execute, self._accept, commander.follows)
 
     def _accept(self, _goal: Any) -> bool:
         return not self._robot.stopped

@@ -13,6 +13,7 @@ from rodeo.lab.world import ARM_JOINTS, CAMERA_SITE, FINGER_JOINTS
 from rodeo.ros2 import DEFAULT, LATCHED, MessageInfo, Node, Publisher, types
 from services.robot_sim import messages
 from services.robot_sim.camera import BinCamera, WristCamera
+from services.robot_sim.commander import Commander
 from services.robot_sim.entities import EntityState, UnknownEntity
 from services.robot_sim.frames import RobotFrames, odom_in_map
 from services.robot_sim.loop import Loop
@@ -150,10 +151,16 @@ class RobotPlane:
     """What one robot tells, velocity commands and the emergency stop; its actions are `Actions`."""
 
     def __init__(
-        self, node: Node, loop: Loop, snapshot: Snapshot, robot: SimRobot, seen: RobotSnapshot
+        self,
+        node: Node,
+        loop: Loop,
+        snapshot: Snapshot,
+        robot: SimRobot,
+        seen: RobotSnapshot,
+        commander: Commander,
     ) -> None:
         self._loop, self._simulation, self._robot = loop, loop.simulation, robot
-        self._snapshot, self._seen = snapshot, seen
+        self._snapshot, self._seen, self._commander = snapshot, seen, commander
         name, self._ns = robot.config.name, robot.config.namespace
 
         def publisher(topic: topics.Topic) -> Publisher:
@@ -246,7 +253,9 @@ class RobotPlane:
         base = (seen.x_m, seen.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
         return np.concatenate(((odom, base), self._frames.poses()))
 
-    def _on_cmd_vel(self, twist: Any, _info: MessageInfo) -> None:
+    def _on_cmd_vel(self, twist: Any, info: MessageInfo) -> None:
+        if not self._commander.follows(info.gid):
+            return
         command = Twist2(twist.linear.x, twist.angular.z)
         if math.isfinite(command.linear_m_s) and math.isfinite(command.angular_rad_s):
             self._loop.command(lambda: self._robot.command(command, self._simulation.time_s))

@@ -4,6 +4,7 @@ import gc
 import logging
 import threading
 import time
+from functools import partial
 
 from rodeo.config import Site
 from rodeo.ros2 import Node
@@ -11,6 +12,7 @@ from rodeo.service import Service
 from rodeo.serving import served_by
 from services.robot_sim.actions import Actions
 from services.robot_sim.camera import open_camera
+from services.robot_sim.commander import Commander
 from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.people import PeoplesTime
@@ -61,6 +63,11 @@ class Bus:
             )
 
 
+def _warn(service: Service, text: str) -> None:
+    log.warning("%s", text)
+    service.warn(text)
+
+
 def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
     """Simulate until `stop`. Raises AlreadyRunning, AnotherWorld."""
     with Service("robot_sim", site, stop) as service:
@@ -86,12 +93,14 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             mocap = MotionCapture(service.bus, site, service.data_dir / "mocap", list(simulation.captured))
             snapshot = Snapshot(simulation)
             lab = LabPlane(lab_node, loop, snapshot, open_camera(simulation), mocap)
-            nodes, robots = [lab_node], []
+            nodes, robots, commanders = [lab_node], [], []
             for robot, seen in zip(simulation.robots.values(), snapshot.robots, strict=True):
                 node = Node(session, "body", robot.config.namespace, domain_id, simulation)
                 nodes.append(node)
-                robots.append(RobotPlane(node, loop, snapshot, robot, seen))
-                Actions(node, loop, robot)
+                commander = Commander(session, domain_id, robot.config.namespace, partial(_warn, service))
+                robots.append(RobotPlane(node, loop, snapshot, robot, seen, commander))
+                Actions(node, loop, robot, commander)
+                commanders.append(commander)
             # What was made until now is not garbage before the process ends.
             gc.freeze()
             service.ready()
@@ -99,4 +108,6 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             people.close()
             for node in nodes:
                 node.close()
+            for commander in commanders:
+                commander.close()
             mocap.close()

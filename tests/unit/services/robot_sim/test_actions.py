@@ -17,6 +17,7 @@ from rodeo.config import ClockConfig, Site
 from rodeo.ros2 import LATCHED, ActionClient, Node, types
 from rodeo.ros2.errors import GoalAborted
 from services.robot_sim.actions import Actions
+from services.robot_sim.commander import Commander
 from services.robot_sim.entities import EntityState
 from services.robot_sim.loop import Loop
 from services.robot_sim.simulation import SimRobot, Simulation
@@ -49,7 +50,7 @@ class Bench:
         self._loop = loop = Loop(self.simulation, self._state, ClockConfig(speed=0), self._stop)
         self._server = Node(session, "body", "panther1", 0, self.simulation)
         self.node = Node(session, "client", "", 0, self.simulation)
-        Actions(self._server, loop, self.robot)
+        Actions(self._server, loop, self.robot, Commander(session, 0, "panther1"))
         self.client = ActionClient(self.node, "panther1/navigate_to_pose", NAVIGATE)
         self._thread = threading.Thread(target=loop.run, args=(self,))
         self._thread.start()

@@ -1,0 +1,93 @@
+"""A body answers one commander, over a real bus."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+
+import pytest
+import zenoh
+
+from rodeo import topics
+from rodeo.bus import zenoh_config
+from rodeo.ros2 import ActionClient, ActionServer, Node, ServerGoal, types
+from rodeo.ros2.errors import GoalRejected
+from services.robot_sim.commander import Commander
+from tests.support.site import WAIT_S, free_port
+
+GRIPPER = topics.GRIPPER_CMD
+
+
+class Clock:
+    def now_ns(self) -> int:
+        return 1
+
+
+class Mind:
+    """Another process that would drive the robot."""
+
+    def __init__(self, session: zenoh.Session, name: str) -> None:
+        self._session = session
+        self._node = Node(session, name, "", 0, Clock())
+        self._client = ActionClient(self._node, GRIPPER.name(ns="panther1"), GRIPPER.type)
+        assert self._client.wait_for_server(WAIT_S)
+
+    def grip(self) -> None:
+        goal = types.new(f"{GRIPPER.type}_Goal", command=types.new("control_msgs/msg/GripperCommand"))
+        self._client.send_goal(goal, timeout_s=WAIT_S).result(WAIT_S)
+
+    def end(self) -> None:
+        self._node.close()
+        self._session.close()
+
+
+@pytest.fixture
+def lab() -> Iterator[tuple[Callable[[str], Mind], list[str], threading.Event]]:
+    """Makes minds; what the body warns of; set when a commander has left the ROS graph."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    body = zenoh.open(zenoh_config("router", listen=[endpoint]))
+    warnings: list[str] = []
+    gone = threading.Event()
+    commander = Commander(body, 0, "panther1", warnings.append)
+    heard = commander._on_token
+
+    def on_token(sample: zenoh.Sample) -> None:
+        heard(sample)
+        if sample.kind == zenoh.SampleKind.DELETE and "send_goal" in str(sample.key_expr):
+            gone.set()
+
+    watch = body.liveliness().declare_subscriber("@ros2_lv/0/*/*/*/SC/**", on_token)
+
+    def succeed(goal: ServerGoal) -> None:
+        goal.succeed(types.new(f"{GRIPPER.type}_Result"))
+
+    node = Node(body, "body", "panther1", 0, Clock())
+    ActionServer(node, GRIPPER.name(ns="panther1"), GRIPPER.type, succeed, follows=commander.follows)
+    yield (
+        lambda name: Mind(zenoh.open(zenoh_config("client", connect=[endpoint])), name),
+        warnings,
+        gone,
+    )
+    watch.undeclare()
+    commander.close()
+    node.close()
+    body.close()
+
+
+def test_a_second_minds_goals_are_refused_until_the_first_has_gone(
+    lab: tuple[Callable[[str], Mind], list[str], threading.Event],
+) -> None:
+    make, warnings, gone = lab
+    first, second = make("mind"), make("other_mind")
+    first.grip()
+    for _ in range(2):
+        with pytest.raises(GoalRejected):
+            second.grip()
+    first.grip()
+    (said,) = warnings
+    assert "already commanded by /mind" in said and "/other_mind" in said
+    gone.clear()
+    first.end()
+    assert gone.wait(WAIT_S)
+    second.grip()
+    second.end()
