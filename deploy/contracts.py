@@ -46,7 +46,7 @@ from rodeo.chain.client import connect, require_chain
 from rodeo.chain.errors import translated
 from rodeo.config import Site
 from rodeo.dao import CHARGING, CLEANING, MACHINE_JUDGED
-from rodeo.errors import RodeoError
+from rodeo.errors import RodeoError, WalletError
 from rodeo.service import main
 
 log = logging.getLogger(__name__)
@@ -75,7 +75,7 @@ def run(site: Site, stop: threading.Event) -> None:
         return
     require_chain(w3, site.chain)
     if local:
-        _fund(w3, [wallets.address(site, name) for name in wallets.wallet_names(site)])
+        _fund(w3, [address for name in wallets.wallet_names(site) if (address := _told(site, name))])
     administrator = wallets.load(site, "organization")
     deployment = _recorded(site, w3)
     if deployment is None:
@@ -115,6 +115,17 @@ def _fund(w3: Web3, accounts: list[str]) -> None:
             if w3.eth.get_balance(account) < _GAS_MONEY // 10:
                 sent = w3.eth.send_transaction({"from": rich, "to": account, "value": _GAS_MONEY})
                 w3.eth.wait_for_transaction_receipt(sent, poll_latency=transactions.POLL_S)
+
+
+def _told(site: Site, name: str) -> str | None:
+    """The address of a keystore; None where that cannot be read, which need not keep all others waiting."""
+    try:
+        return wallets.address(site, name)
+    except WalletError as error:
+        log.error(
+            "%s is left as it is on chain: %s; run this step again when its keystore is whole", name, error
+        )
+        return None
 
 
 def _require_gas_money(site: Site, w3: Web3) -> None:
@@ -217,15 +228,14 @@ def _missing_rules(
 ) -> Iterator[tuple[LocalAccount, Call]]:
     """What has to be sent, and by whom, until the organization is set up as the site file says."""
     calls = client.organization_calls
-    oracle = wallets.address(site, "oracle")
     roles = [
         (Role.OPERATOR, administrator.address),
         (Role.TREASURER, administrator.address),
-        (Role.ORACLE, oracle),
+        (Role.ORACLE, _told(site, "oracle")),
         (Role.AUDITOR, administrator.address),
     ]
     for role, account in roles:
-        if not client.has_role(role, account):
+        if account is not None and not client.has_role(role, account):
             yield administrator, calls.grant_role(role, account)
     at_silence = {
         CLEANING: site.economy.cleaning_at_silence,
@@ -240,13 +250,13 @@ def _missing_rules(
         if not rules.allowed or (review is Review.AUDITOR and rules.review is not review):
             yield administrator, calls.allow_kind(kind, review)
     for keystore, (device_role, name) in wallets.device_names(site).items():
-        device = wallets.address(site, keystore)
-        if not _is_registered(client, device):
+        device = _told(site, keystore)
+        if device is not None and not _is_registered(client, device):
             owner = _owner(site, client, device_role, name)
             yield administrator, calls.register_device(device, device_role, owner, name)
     for robot in site.robots:
-        wallet = wallets.address(site, robot.name)
-        if client.allowance(wallet, client.task_manager) < _UNLIMITED // 2:
+        wallet = _told(site, robot.name)
+        if wallet is not None and client.allowance(wallet, client.task_manager) < _UNLIMITED // 2:
             spender = wallets.load(site, robot.name)
             yield spender, client.calls.approve(client.task_manager, _UNLIMITED)
 

@@ -173,6 +173,14 @@ class MetricsConfig(_Table):
     """Process -> port; one that is not named takes a free port, which its status tells."""
 
 
+class DiskConfig(_Table):
+    """Room to write in. A process that writes is not ready while there is less, and begins nothing new."""
+
+    min_free_mb: float = Field(default=200.0, ge=0)
+    """Left on each file system that a process writes to: data, logs, a store that is a folder. Of a small
+    file system a twentieth is enough."""
+
+
 class StoreConfig(_Table):
     url: str | None = None
     """fsspec URL where proofs and reports go; the data directory's `store` folder by default."""
@@ -181,6 +189,8 @@ class StoreConfig(_Table):
     options: dict[str, Any] = {}
     """Of fsspec's client for these URLs ({ endpoint_url = "..." } for S3). Credentials do not belong here."""
     max_bytes: int = 256 * MiB
+    scrub_days: float = Field(default=7.0, gt=0)
+    """Within so many days of wall time the oracle has hashed once all that verdicts name in the store."""
 
 
 class OracleConfig(_Table):
@@ -189,6 +199,9 @@ class OracleConfig(_Table):
     (`services.oracle.counts`). Beyond it, it is tried once more and then undecided."""
     time_limit_s: float = Field(default=600.0, gt=0)
     """Wall time of one verification, only to end one that hangs; what follows is the same."""
+    handover_s: float = Field(default=3600.0, gt=0)
+    """Wall time that an executor has to hand over the proof that it submitted, once it is asked because the
+    store does not have it; at most until the verdict is due. Then the proof is rejected."""
     verdict_within_s: float = Field(default=240.0, gt=0)
     """Wall time after which a submission has its verdict, if the worst comes: two verifications up to the
     fuse, and as much for an earlier submission that it has to wait for."""
@@ -270,6 +283,7 @@ class Site(BaseSettings):
     clock: ClockConfig = ClockConfig()
     chain: ChainConfig = ChainConfig()
     economy: EconomyConfig = EconomyConfig()
+    disk: DiskConfig = DiskConfig()
     store: StoreConfig = StoreConfig()
     oracle: OracleConfig = OracleConfig()
     itrash: ItrashConfig = ItrashConfig()

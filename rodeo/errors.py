@@ -13,6 +13,7 @@
     │   ├── QueryTimeout
     │   └── MalformedAnswer
     ├── RemoteError             the responder answered with an error; its code is kept
+    ├── DiskFull                there is no room to write what must be written
     ├── PortUnavailable         an address of the site file cannot be listened on
     ├── ClockUnavailable        the site's clock has not been heard
     ├── WalletError             a keystore cannot be opened
@@ -26,6 +27,7 @@
 
 from __future__ import annotations
 
+import errno
 import re
 from typing import Any, ClassVar
 
@@ -40,6 +42,13 @@ def snake_case(name: str) -> str:
 def wrong_fields(error: ValidationError) -> dict[str, str]:
     """Field -> what is wrong with it."""
     return {".".join(map(str, e["loc"])) or "(whole)": e["msg"] for e in error.errors()}
+
+
+def unreadable(error: OSError | ValueError) -> str:
+    """In a few words what is wrong with the content of a file."""
+    if isinstance(error, ValidationError):
+        return "; ".join(f"{field}: {problem}" for field, problem in wrong_fields(error).items())[:300]
+    return str(error)[:300]
 
 
 class RodeoError(Exception):
@@ -128,8 +137,23 @@ class RemoteError(RodeoError):
         return self._code
 
 
+class DiskFull(RodeoError):
+    """There is no room for what must be written. Nothing was lost but that; once there is room it goes on."""
+
+
 class PortUnavailable(RodeoError):
     """An address that the site file gives this process is taken, or is not this machine's."""
+
+    @classmethod
+    def of(cls, purpose: str, host: str, port: int, error: OSError) -> PortUnavailable:
+        """What listening for `purpose` raised."""
+        if error.errno == errno.EADDRINUSE:
+            why = "another program holds that port: end it, or give another port in the site file"
+        elif error.errno == errno.EADDRNOTAVAIL:
+            why = "that address is not this machine's: correct it in the site file"
+        else:
+            why = error.strerror or str(error)
+        return cls(f"cannot listen on {host}:{port} for {purpose}: {why}")
 
 
 class ClockUnavailable(RodeoError):

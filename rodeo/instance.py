@@ -11,7 +11,8 @@ from pathlib import Path
 
 from pydantic import BaseModel, ValidationError
 
-from rodeo.errors import AlreadyRunning
+from rodeo.errors import AlreadyRunning, DiskFull
+from rodeo.files import writing
 
 log = logging.getLogger(__name__)
 
@@ -49,7 +50,7 @@ def lock_instance(data_dir: Path, wait_s: float = 0.0, stop: threading.Event | N
     """Hold `data_dir` for this process alone; the kernel lets go of it however the process ends.
 
     A holder may need `wait_s` of wall time for its end. Returns the descriptor that holds the lock. Raises
-    AlreadyRunning, at once when `stop` is set.
+    AlreadyRunning, at once when `stop` is set, and DiskFull where there is no room for its file.
     """
     deadline_s = time.monotonic() + wait_s
     said = False
@@ -66,9 +67,10 @@ def lock_instance(data_dir: Path, wait_s: float = 0.0, stop: threading.Event | N
 
 
 def _lock(data_dir: Path) -> int:
-    data_dir.mkdir(parents=True, exist_ok=True)
     path = data_dir / "lock"
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+    with writing(path):
+        data_dir.mkdir(parents=True, exist_ok=True)
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
@@ -77,8 +79,15 @@ def _lock(data_dir: Path) -> int:
         raise AlreadyRunning(
             f"{data_dir.name} is already running on this site as process {pid}", data_dir=str(data_dir)
         ) from error
-    os.ftruncate(descriptor, 0)
-    os.write(descriptor, str(os.getpid()).encode())
+    holder = str(os.getpid()).encode()
+    try:
+        with writing(path):
+            # Over what stood there: on a full disk there is room for no other block.
+            os.pwrite(descriptor, holder, 0)
+            os.ftruncate(descriptor, len(holder))
+    except DiskFull:
+        os.close(descriptor)
+        raise
     return descriptor
 
 

@@ -2,7 +2,8 @@
 
     2026-03-01 12:00:00,123 INFO    bridge: [task 7] organization: post_verdict in block 12
 
-`RODEO_LOG` is the level, `RODEO_LOG_FORMAT=json` writes one JSON object per line instead.
+`RODEO_LOG` is the level, `RODEO_LOG_FORMAT=json` writes one JSON object per line instead. A message is there
+whole or not at all.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -66,9 +68,84 @@ class JsonFormatter(_Formatter):
         return json.dumps({key: value for key, value in line.items() if value is not None})
 
 
+class WholeLines(logging.Handler):
+    """Writes each message to a descriptor as a whole, or not at all.
+
+    A disk that is full loses messages and nothing else: no process ends on it, and no line is cut in the
+    middle. Once there is room again a line says how many were lost.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        super().__init__()
+        self._descriptor = descriptor
+        self._lost = 0
+        self._torn = _ends_within_a_line(descriptor)
+        """Whether the last line has no end."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        try:
+            line = self.format(record)
+        except Exception:  # noqa: BLE001 - logging's own way to tell of a message that does not fit its format
+            self.handleError(record)
+            return
+        if self._lost:
+            said = logging.makeLogRecord(
+                {"name": __name__, "levelno": logging.WARNING, "levelname": "WARNING"}
+                | {"msg": "%d messages before this one are lost: the log could not be written"}
+                | {"args": (self._lost,)}
+            )
+            if not self._write(self.format(said)):
+                self._lost += 1
+                return
+            self._lost = 0
+        if not self._write(line):
+            self._lost += 1
+
+    def _write(self, text: str) -> bool:
+        """Whether the line is there."""
+        data = ("\n" if self._torn else "").encode() + text.encode(errors="replace") + b"\n"
+        written = 0
+        try:
+            while written < len(data):
+                written += os.write(self._descriptor, data[written:])
+        except OSError:
+            self._torn = bool(written) and not self._take_back(written)
+            return False
+        self._torn = False
+        return True
+
+    def _take_back(self, written: int) -> bool:
+        """Cut off the file's last bytes, which are the beginning of a line; whether that could be done."""
+        try:
+            end = os.lseek(self._descriptor, 0, os.SEEK_CUR)
+            if end != os.fstat(self._descriptor).st_size:  # somebody else has written behind them
+                return False
+            os.ftruncate(self._descriptor, end - written)
+            os.lseek(self._descriptor, end - written, os.SEEK_SET)
+        except OSError:  # no file: a pipe or a terminal
+            return False
+        return True
+
+
+def _ends_within_a_line(descriptor: int) -> bool:
+    """Whether a process that was killed, or another program, left half a line in the file."""
+    try:
+        size = os.fstat(descriptor).st_size
+        if not size:
+            return False
+        # It is open for writing alone.
+        with open(f"/proc/self/fd/{descriptor}", "rb") as file:
+            if not file.seekable():
+                return False
+            file.seek(size - 1)
+            return file.read(1) != b"\n"
+    except OSError:
+        return False
+
+
 def configure(process: str) -> None:
     """Once per process, before anything is logged."""
-    handler = logging.StreamHandler()
+    handler = WholeLines(sys.stderr.fileno())
     as_json = os.environ.get("RODEO_LOG_FORMAT") == "json"
     handler.setFormatter(JsonFormatter(process) if as_json else TextFormatter(process))
     logging.basicConfig(level=os.environ.get("RODEO_LOG", "INFO"), handlers=[handler])

@@ -85,7 +85,7 @@ class MetricsServer:
         try:
             self._server = ThreadingHTTPServer((host, port), Handler)
         except OSError as error:
-            raise PortUnavailable(f"cannot listen for metrics: {error}", host=host, port=port) from error
+            raise PortUnavailable.of("metrics (metrics.ports)", host, port, error) from error
         self._server.daemon_threads = True
         address, bound = self._server.server_address[:2]
         self.url = f"http://{address!s}:{bound}"

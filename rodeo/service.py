@@ -15,11 +15,11 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import zenoh
 
-from rodeo import logs
+from rodeo import disk, logs
 from rodeo.bus import Bus, Request
 from rodeo.clock import Clock, SimClock, WallClock
 from rodeo.config import Site
@@ -31,6 +31,7 @@ from rodeo.errors import (
     RodeoError,
     ServedElsewhere,
 )
+from rodeo.files import is_full
 from rodeo.instance import (
     GAVE_UP,
     HEARTBEAT_S,
@@ -50,6 +51,8 @@ if TYPE_CHECKING:
     from eth_account.signers.local import LocalAccount
 
 log = logging.getLogger(__name__)
+
+Result = TypeVar("Result")
 
 
 RIVAL_SHOWN_S = 600.0
@@ -98,11 +101,15 @@ class Service:
         self._rival: tuple[str, float] = "", -math.inf
         """Somebody who wanted to serve the same, and when (monotonic wall time)."""
         self._failure: RodeoError | None = None
+        self._concerns: dict[str, str] = {}
+        """Subject -> what an operator should know of it now."""
+        self._disk_problem = ""
         self._lock = threading.Lock()
 
     def __enter__(self) -> Self:
         self._instance = lock_instance(self.data_dir, PREDECESSOR_S, self.stop)
         forget_ending(self.data_dir)
+        self.look_at_disk()
         if self._open_session is not None:
             self.bus = Bus(self._open_session())
         else:
@@ -234,12 +241,50 @@ class Service:
         with self._lock:
             self._warnings.append(text)
 
+    def concern(self, subject: str, text: str) -> None:
+        """Show `text` like `warn` until something else, or nothing, is said on the same subject."""
+        with self._lock:
+            self._concerns[subject] = text
+
+    @property
+    def disk_problem(self) -> str:
+        """Why nothing new should be written now; "" while there is room. Looked at with each heartbeat."""
+        return self._disk_problem
+
+    def look_at_disk(self) -> str:
+        """`disk_problem` as it is now."""
+        found = disk.problem(disk.written_folders(self.site, self.data_dir), self.site.disk.min_free_mb)
+        # What is measured changes with every message: once is enough for the log.
+        if bool(found) != bool(self._disk_problem):
+            log.warning("%s", found or "there is room on the disk again")
+        self._disk_problem = found
+        return found
+
+    def with_room(self, work: Callable[[], Result]) -> Result:
+        """What `work` returns; it is done again while the disk has no room for what it writes.
+
+        Raises Interrupted when stopped before.
+        """
+        while True:
+            try:
+                return work()
+            except Exception as error:
+                if not is_full(error):
+                    raise
+                log.error("waiting for room on the disk: %s", error)
+                self.not_ready(f"waiting for room on the disk: {error}")
+            # The threshold may be far above what is missing: `work` itself has to find out.
+            if self.stop.wait(HEARTBEAT_S):
+                raise Interrupted("stopped while waiting for room on the disk")
+
     def status(self) -> Status:
         connected = self._open_session is not None or self.bus.connected
         with self._lock:
             reason = self._reason
             if self._ready and self._ready_until_s is not None and time.monotonic() > self._ready_until_s:
                 reason = "it hangs: by now it should have said that it still works"
+            if self._disk_problem:
+                reason = self._disk_problem
             if not connected:
                 reason = f"no router at {self.site.bus.router}"
             ready = self._ready and not reason
@@ -256,7 +301,12 @@ class Service:
                 since_s=self._started_s,
                 time_s=time.time(),
                 details=self._details,
-                warnings=[*self._warnings, *self._clock_warnings(), *self._rival_warnings()],
+                warnings=[
+                    *self._warnings,
+                    *filter(None, self._concerns.values()),
+                    *self._clock_warnings(),
+                    *self._rival_warnings(),
+                ],
                 origin=origin_of(self.site),
             )
 
@@ -276,6 +326,7 @@ class Service:
 
     def _beat(self, key: str) -> None:
         while not self.stop.wait(HEARTBEAT_S):
+            self.look_at_disk()
             self.bus.put_json(key, self.status())
 
 
@@ -404,7 +455,10 @@ def _guarded(body: Callable[[threading.Event], None], stop: threading.Event) -> 
     except RodeoError as error:
         log.error("%s: %s", error.code, error)
         return 1 if error.restart_cures else GAVE_UP
-    except Exception:
+    except Exception as error:
+        if is_full(error):
+            log.error("disk_full: %s", error)
+            return 1
         # The process's outermost frame: said in its log and in its exit status.
         log.exception("failed")
         return 1

@@ -24,6 +24,7 @@ from eth_utils import to_checksum_address
 
 from rodeo.config import Site
 from rodeo.errors import KeystoreMissing, WalletError
+from rodeo.files import writing
 
 PASSPHRASE_VARIABLE = "RODEO_KEYSTORE_PASSPHRASE"
 
@@ -85,7 +86,12 @@ def address(site: Site, name: str) -> str:
     # The format does not require it, and Foundry's keystores keep it to themselves.
     if "address" not in keystore:
         return load(site, name).address
-    return to_checksum_address(str(keystore["address"]))
+    try:
+        return to_checksum_address(str(keystore["address"]))
+    except ValueError as error:
+        raise WalletError(
+            "the keystore's address is none", name=name, path=str(keystore_path(site, name))
+        ) from error
 
 
 def load(site: Site, name: str) -> LocalAccount:
@@ -170,17 +176,21 @@ def _asked(keys: str) -> str:
 
 def _read(path: Path, name: str) -> dict[str, object]:
     try:
-        return json.loads(path.read_text())
+        keystore = json.loads(path.read_text())
     except FileNotFoundError as error:
         raise KeystoreMissing("there is no keystore of this name", name=name, path=str(path)) from error
     except (OSError, ValueError) as error:
         raise WalletError("cannot read the keystore", name=name, path=str(path)) from error
+    if not isinstance(keystore, dict):
+        raise WalletError("this is not a keystore", name=name, path=str(path))
+    return keystore
 
 
 def _write_private(path: Path, text: str) -> None:
     # Written beside and renamed, so that a crash leaves no half keystore behind.
     part = path.with_suffix(".part")
-    descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-    with os.fdopen(descriptor, "w") as file:
-        file.write(text)
-    part.replace(path)
+    with writing(path):
+        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+        with os.fdopen(descriptor, "w") as file:
+            file.write(text)
+        part.replace(path)

@@ -20,6 +20,7 @@ EvidenceError
     ├── ProofUriNotAllowed
     ├── ProofNotFound
     ├── ProofHashMismatch
+    ├── NoCopy              a device has no whole copy of the proof that it is asked for
     └── StoreUnavailable
 """
 
@@ -71,6 +72,8 @@ class BadStatement(EvidenceError):
 class BrokenJournal(EvidenceError):
     """The journal of a witness cannot be read or written: going on would sign one number twice."""
 
+    restart_cures = False
+
 
 class LayoutChanged(EvidenceError):
     """The messages of a topic cannot be read as one table."""
@@ -106,6 +109,10 @@ class ProofNotFound(StoreError):
 
 class ProofHashMismatch(StoreError):
     """The bytes are not those that the hash names."""
+
+
+class NoCopy(StoreError):
+    """The device has no whole copy of this proof."""
 
 
 class StoreUnavailable(StoreError):

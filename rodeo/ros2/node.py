@@ -11,6 +11,7 @@ from typing import Any, Protocol
 import zenoh
 import zenoh.ext
 
+from rodeo.errors import DiskFull
 from rodeo.ros2 import types, wire
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.ros2.service import Client, Service
@@ -122,6 +123,8 @@ class Subscription:
             self._callback(MessageInfo(cdr, attachment.source_time_ns, attachment.sequence, attachment.gid))
         except MalformedMessage as error:
             log.warning("dropped a message on %s: %s", self._topic, error)
+        except DiskFull as error:
+            log.error("the callback of %s could not write: %s", self._topic, error)
         except Exception:
             # The subscription's thread must outlive one message.
             log.exception("the callback of %s failed", self._topic)

@@ -6,6 +6,7 @@ chain. So whoever has root and file knows that neither has changed since, and wh
 
 from __future__ import annotations
 
+import errno
 import logging
 import os
 import re
@@ -157,8 +158,13 @@ class Days:
     def _write(self, attestation: Attestation) -> None:
         said = attestation.payload
         name = f"{day_of(said['time_s'])}-{attestation.signer.lower()}.digests"
-        with (self._folder / name).open("a") as file:
-            file.write(f"{said['seq']} {payload_digest(said)}\n")
+        line = f"{said['seq']} {payload_digest(said)}\n".encode()
+        with (self._folder / name).open("ab", buffering=0) as file:
+            start = file.seek(0, os.SEEK_END)
+            if file.write(line) != len(line):
+                # Half a line would swallow the next one, and the day would have a gap.
+                file.truncate(start)
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         self._seq = int(said["seq"])
 
     def _catch_up(self) -> None:
@@ -185,6 +191,12 @@ class Days:
         try:
             return int((self._folder / _POSTED).read_text())
         except FileNotFoundError:
+            return 0
+        except ValueError:
+            # The chain takes one root a day: to ask it again costs nothing.
+            log.warning(
+                "%s holds no number; days that were posted are looked at again", self._folder / _POSTED
+            )
             return 0
 
 

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from array import array
+from collections import deque
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from pydantic import ValidationError
 
+from rodeo.errors import DiskFull
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.errors import BrokenJournal
+from rodeo.files import is_full
 from rodeo.witness.statement import digest
 
 MAX_BYTES = 256 << 20
@@ -35,9 +39,11 @@ class Journal:
         """Its digest."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("a+b")
+            self._open()
             self._restore()
         except OSError as error:
+            if is_full(error):
+                raise DiskFull(f"no space left to open {path}", reason=error.strerror) from error
             raise BrokenJournal("the journal cannot be opened", path=str(path), cause=str(error)) from error
 
     def __enter__(self) -> Self:
@@ -49,17 +55,20 @@ class Journal:
         self.close()
 
     def add(self, attestation: Attestation) -> None:
-        """Keep what was just signed. Raises BrokenJournal; then it must not be told to anybody."""
+        """Keep what was just signed. Raises BrokenJournal and DiskFull; then it must not be told to anybody,
+        and the next statement has its number."""
         seq = int(attestation.payload["seq"])
         if self.seq and seq != self.seq + 1:
             raise BrokenJournal("a statement is out of order", path=str(self._path), seq=seq, last=self.seq)
-        start = self._file.seek(0, os.SEEK_END)
+        line = attestation.model_dump_json().encode() + b"\n"
         try:
+            start = self._appended.seek(0, os.SEEK_END)
             if start > MAX_BYTES:
                 start = self._rotate()
-            self._file.write(attestation.model_dump_json().encode() + b"\n")
-            self._file.flush()
+            self._append(line, start)
         except OSError as error:
+            if is_full(error):
+                raise DiskFull(f"no space left to write {self._path}", reason=error.strerror) from error
             raise BrokenJournal(
                 "the journal cannot be written", path=str(self._path), cause=str(error)
             ) from error
@@ -68,6 +77,20 @@ class Journal:
         self._offsets.append(start)
         self.seq, self.previous = seq, digest(attestation)
 
+    def _append(self, line: bytes, start: int) -> None:
+        """All of it or nothing: half a line would stand before the next one."""
+        try:
+            if self._appended.write(line) != len(line):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError:
+            self._appended.truncate(start)
+            raise
+
+    def _open(self) -> None:
+        # Unbuffered: what could not be written must not be written later, when its number is another's.
+        self._appended = self._path.open("ab", buffering=0)
+        self._file = self._path.open("rb")
+
     def after(self, seq: int, limit: int) -> list[Attestation]:
         """At most `limit` statements after number `seq`, the oldest first; older files are not looked at."""
         at = max(seq + 1 - self._first, 0)
@@ -75,17 +98,18 @@ class Journal:
             return []
         self._file.seek(self._offsets[at])
         lines = [self._file.readline() for _ in range(min(limit, len(self._offsets) - at))]
-        return [Attestation.model_validate_json(line) for line in lines]
+        return [self._read(line) for line in lines]
 
     def close(self) -> None:
         self._file.close()
+        self._appended.close()
 
     def _restore(self) -> None:
         self._file.seek(0)
         start, last = 0, b""
         for line in self._file:
             if not line.endswith(b"\n"):
-                self._file.truncate(start)
+                self._appended.truncate(start)
                 break
             self._offsets.append(start)
             start, last = start + len(line), line
@@ -102,8 +126,7 @@ class Journal:
         if not old.exists():
             return
         with old.open("rb") as file:
-            *_, last = file
-        newest = self._read(last)
+            newest = self._read(deque(file, maxlen=1)[0] if old.stat().st_size else b"")
         self.seq, self.previous = int(newest.payload["seq"]), digest(newest)
 
     def _read(self, line: bytes) -> Attestation:
@@ -111,12 +134,15 @@ class Journal:
             return Attestation.model_validate_json(line)
         except ValidationError as error:
             raise BrokenJournal(
-                "the journal's last line is no statement", path=str(self._path), begins=str(line[:80])
+                "the journal is damaged: a line is no statement. Restore the file; or move it "
+                "away and register another key for the device, because this one would sign numbers twice",
+                path=str(self._path),
+                begins=str(line[:80]),
             ) from error
 
     def _rotate(self) -> int:
-        self._file.close()
+        self.close()
         os.replace(self._path, self._path.with_suffix(".old"))
-        self._file = self._path.open("a+b")
+        self._open()
         self._offsets = array("Q")
         return 0

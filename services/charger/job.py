@@ -15,7 +15,7 @@ from rodeo import topics
 from rodeo.charging import SOC_USED, ChargingParams, order_wh
 from rodeo.config import Site
 from rodeo.dao import Assignment
-from rodeo.errors import RodeoError
+from rodeo.errors import RodeoError, unreadable
 from rodeo.evidence import Attestation
 from rodeo.evidence.errors import ContainerError
 from rodeo.evidence.reader import SealedReader
@@ -59,6 +59,8 @@ FOREIGN = "of-another-assignment"
 class JobBroken(RodeoError):
     """The file is there and is not a job; starting anew could meter the same session twice."""
 
+    restart_cures = False
+
 
 class Job(BaseModel):
     """One attempt at one charging task. What was metered and heard is not here: the recording has it."""
@@ -80,7 +82,12 @@ class Job(BaseModel):
         except FileNotFoundError:
             return None
         except (OSError, ValidationError) as error:
-            raise JobBroken("cannot read the charger's job", path=str(path), reason=str(error)) from error
+            raise JobBroken(
+                "the charger's job is damaged: restore the file; or move it away, and the session "
+                "that was under way is not paid",
+                path=str(path),
+                reason=unreadable(error),
+            ) from error
 
     def set_aside(self, path: Path, recording: Path) -> None:
         """Put the job at `path`, which is of another chain or another assignment, and its recording away."""

@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from rodeo.errors import RodeoError
+from rodeo.errors import RodeoError, unreadable
 from rodeo.files import replace_file
 from rodeo.metering import MAX_READINGS, RECORD_WH, REGISTER_DIGITS, Reading, pack, segment_wh
 
@@ -21,6 +21,8 @@ MOST_READINGS = MAX_READINGS // 2
 
 class RegisterBroken(RodeoError):
     """The register's file is there and does not say where it stands; to begin anew would count twice."""
+
+    restart_cures = False
 
 
 class _Stored(BaseModel):
@@ -36,7 +38,12 @@ def load_register(path: Path) -> float:
     except FileNotFoundError:
         return 0.0
     except (OSError, ValidationError) as error:
-        raise RegisterBroken("cannot read the register", path=str(path), reason=str(error)) from error
+        raise RegisterBroken(
+            "the meter's register is damaged: restore the file; or move it away, and the register "
+            "goes on from its last signed statement",
+            path=str(path),
+            reason=unreadable(error),
+        ) from error
 
 
 def store_register(path: Path, register_wh: float) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import secrets
+import sqlite3
 import time
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -33,12 +34,14 @@ from sqlalchemy import (
     select,
     update,
 )
-from sqlalchemy.exc import IntegrityError
+from sqlalchemy.exc import DatabaseError, IntegrityError, OperationalError
 
 from rodeo.config import ConsoleConfig, Site
-from rodeo.errors import InvalidRequest
+from rodeo.errors import DiskFull, InvalidRequest
+from rodeo.files import writing
 from services.console.errors import (
     AccountExists,
+    AccountsDamaged,
     LoginRefused,
     NotLoggedIn,
     UnknownAccount,
@@ -137,18 +140,34 @@ _tokens = Table(
 
 
 class Accounts:
-    """The database at `path`. Thread-safe; other processes (the command line) may write to it too."""
+    """The database at `path`. Thread-safe; other processes (the command line) may write to it too.
+
+    Raises AccountsDamaged, and DiskFull where a new one has no room.
+    """
 
     def __init__(self, path: Path, config: ConsoleConfig) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))
+        with writing(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            os.close(os.open(path, os.O_CREAT | os.O_RDWR, 0o600))
         self._engine = create_engine(f"sqlite:///{path}")
         self._config = config
         self._hasher = PasswordHasher()
         # Checked when there is no such account, so that the time taken does not tell.
         self._nobody = self._hasher.hash(secrets.token_urlsafe())
-        with self._engine.begin() as connection:
-            _metadata.create_all(connection)
+        try:
+            with self._engine.begin() as connection:
+                found = connection.exec_driver_sql("PRAGMA quick_check(1)").scalar()
+                if found != "ok":
+                    raise _damaged(path, str(found))
+                _metadata.create_all(connection)
+            for table in _metadata.sorted_tables:
+                self._rows(select(table).limit(1))
+        except OperationalError as error:
+            if getattr(error.orig, "sqlite_errorcode", None) == sqlite3.SQLITE_FULL:
+                raise DiskFull(f"no space left to write {path}") from error
+            raise _damaged(path, str(error.orig)) from error
+        except DatabaseError as error:
+            raise _damaged(path, str(error.orig)) from error
 
     def close(self) -> None:
         self._engine.dispose()
@@ -311,6 +330,15 @@ class Accounts:
     def _rows(self, query: sqlalchemy.Select[Any]) -> list[dict[str, Any]]:
         with self._engine.connect() as connection:
             return [dict(row) for row in connection.execute(query).mappings()]
+
+
+def _damaged(path: Path, found: str) -> AccountsDamaged:
+    return AccountsDamaged(
+        "the console's accounts are damaged: restore the file; or move it away, and make the "
+        "accounts anew with `rodeo console create-admin NAME`",
+        path=str(path),
+        found=found,
+    )
 
 
 def _user(row: dict[str, Any]) -> User:

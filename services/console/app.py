@@ -103,7 +103,7 @@ async def serve(service: Service) -> None:
     try:
         listener = socket.create_server((config.host, config.port))
     except OSError as error:
-        raise PortUnavailable(f"cannot listen: {error}", host=config.host, port=config.port) from error
+        raise PortUnavailable.of("the console (console.port)", config.host, config.port, error) from error
     port = listener.getsockname()[1]
     reads = Reads(service.bus, site)
     accounts = Accounts(accounts_path(site), config)

@@ -34,6 +34,12 @@ class Forbidden(RodeoError):
     """The person has none of the roles that may do this."""
 
 
+class AccountsDamaged(RodeoError):
+    """The accounts' file is no whole database."""
+
+    restart_cures = False
+
+
 class AccountExists(RequestError):
     """There is an account of this name already."""
 

@@ -175,14 +175,20 @@ class Itrash:
             with self._lock:
                 self._journal.save(self._path)
 
+    def _remember(self) -> None:
+        def save() -> None:
+            with self._lock:
+                self._journal.save(self._path)
+
+        self._service.with_room(save)
+
     def _carry_out(self, action: Action | None) -> None:
         if isinstance(action, TakePhoto):
             self._look(action)
         elif isinstance(action, Attest):
             self._attest(action.record)
         else:
-            with self._lock:
-                self._journal.save(self._path)
+            self._remember()
 
     def _look(self, request: TakePhoto) -> None:
         self._tell()
@@ -203,11 +209,13 @@ class Itrash:
             self._waiting.append(record)
             return
         kind, model, fields = self._stated(record)
-        attestation = chain.sign(model, self._service.clock.now_s(), **fields)
+        attestation = self._service.with_room(
+            lambda: chain.sign(model, self._service.clock.now_s(), **fields)
+        )
         with self._lock:
             self._journal.add(kind, attestation)
             self._bin.memory.unsigned.remove(record)
-            self._journal.save(self._path)
+        self._remember()  # before it is told: a restart would sign it again
         self._witness.publish(attestation)
         log.info("%s %s", kind, record.model_dump_json(exclude={"probabilities", "image_sha256"}))
 

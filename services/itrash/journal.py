@@ -7,7 +7,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ValidationError
 
-from rodeo.errors import RodeoError
+from rodeo.errors import RodeoError, unreadable
 from rodeo.evidence import Attestation
 from rodeo.files import replace_file
 from services.itrash.behaviour import Memory
@@ -44,7 +44,12 @@ class Journal(BaseModel):
         except FileNotFoundError:
             return cls()
         except (OSError, ValidationError) as error:
-            raise JournalBroken("cannot read the bin's journal", path=str(path), reason=str(error)) from error
+            raise JournalBroken(
+                "the bin's journal is damaged: restore the file; or move it away, and what was "
+                "weighed and not signed is lost",
+                path=str(path),
+                reason=unreadable(error),
+            ) from error
 
     def save(self, path: Path) -> None:
         """Replace the file at `path`: a kill at any moment leaves the old or the new one."""

@@ -285,7 +285,7 @@ class HttpServer:
         try:
             self._socket = socket.create_server((host, port))
         except OSError as error:
-            raise PortUnavailable(f"cannot listen: {error}", host=host, port=port) from error
+            raise PortUnavailable.of("the bin's page (itrash.http_port)", host, port, error) from error
         config = uvicorn.Config(
             api,
             http=partial(ImpatientProtocol, request_s=request_s),  # type: ignore[arg-type]

@@ -8,6 +8,7 @@ from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from rodeo.errors import unreadable
 from rodeo.files import replace_file
 from rodeo.lab.config import BatteryConfig
 from services.robot_agent.errors import JournalBroken
@@ -55,7 +56,12 @@ class Consumption(BaseModel):
         except FileNotFoundError:
             return cls(working_w=battery.idle_power_w + battery.arm_power_w + _FIRST_DRIVING_W)
         except (OSError, ValidationError) as error:
-            raise JournalBroken("cannot read the consumption", path=str(path), reason=str(error)) from error
+            raise JournalBroken(
+                "what the robot learnt of its consumption is damaged: restore the file; or move it "
+                "away, and it learns anew",
+                path=str(path),
+                reason=unreadable(error),
+            ) from error
 
     def save(self, path: Path) -> None:
         replace_file(path, self.model_dump_json())

@@ -9,7 +9,8 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rodeo.dao import Assignment
-from rodeo.files import replace_file, set_aside
+from rodeo.errors import unreadable
+from rodeo.files import replace_file, set_aside, writing
 from services.robot_agent.errors import JournalBroken
 
 log = logging.getLogger(__name__)
@@ -52,12 +53,12 @@ class Journal(BaseModel):
         except FileNotFoundError:
             return None
         except OSError as error:
-            raise JournalBroken("cannot read the journal", path=str(path), reason=str(error)) from error
+            raise _damaged(path, assignment, error) from error
         try:
             whose = _Whose.model_validate_json(said)
             journal = cls.model_validate_json(said) if whose.assignment == assignment else None
         except ValidationError as error:
-            raise JournalBroken("this is no journal", path=str(path), reason=str(error)) from error
+            raise _damaged(path, assignment, error) from error
         if journal is None:
             log.warning(
                 "what is remembered of task %d attempt %d is of another chain or another assignment "
@@ -72,10 +73,11 @@ class Journal(BaseModel):
 
     @classmethod
     def open(cls, folder: Path, assignment: Assignment) -> Journal:
-        """The assignment's journal, new if there is none. Raises JournalBroken."""
+        """The assignment's journal, new if there is none. Raises JournalBroken, DiskFull."""
         journal = cls.find(folder, assignment)
         if journal is None:
-            folder.mkdir(parents=True, exist_ok=True)
+            with writing(folder):
+                folder.mkdir(parents=True, exist_ok=True)
             journal = cls(assignment=assignment)
             journal.save(folder)
         return journal
@@ -89,7 +91,29 @@ class Journal(BaseModel):
         self.save(folder)
 
 
+def _damaged(path: Path, assignment: Assignment, error: OSError | ValidationError) -> JournalBroken:
+    return JournalBroken(
+        f"the journal of task {assignment.task_id} attempt {assignment.attempt} is damaged: "
+        f"restore the file; or move the folder {path.parent} away, and the robot begins the attempt again",
+        path=str(path),
+        reason=unreadable(error),
+    )
+
+
 class _Whose(BaseModel):
     """Whose journal it is, by what any version of it said."""
 
     assignment: Assignment | None = None
+
+
+def recording_of(tasks: Path, sha256: str) -> Path | None:
+    """The recording below the folder `tasks` that was submitted as the proof with this hash (0x hex)."""
+    for path in tasks.glob(f"*/{_FILE}"):
+        try:
+            journal = Journal.model_validate_json(path.read_bytes())
+        except (OSError, ValidationError) as error:
+            log.debug("passed over the journal %s: %s", path, error)
+            continue
+        if journal.proof_sha256 == sha256:
+            return path.with_name("recording.mcap")
+    return None

@@ -7,6 +7,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rodeo.config import Site
+from rodeo.errors import unreadable
 from rodeo.files import replace_file
 from services.robot_agent.errors import JournalBroken
 
@@ -45,7 +46,12 @@ class Memory:
             lying = {item.id: (item.pose.x_m, item.pose.y_m) for item in site.items}
             self._facts = _Facts(lying=lying)
         except (OSError, ValidationError) as error:
-            raise JournalBroken("cannot read the memory", path=str(path), reason=str(error)) from error
+            raise JournalBroken(
+                "the robot's memory is damaged: restore the file; or move it away, and the robot "
+                "looks for its items where the site file has them",
+                path=str(path),
+                reason=unreadable(error),
+            ) from error
 
     @property
     def held(self) -> Held | None:

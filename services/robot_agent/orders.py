@@ -20,7 +20,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
 from rodeo import topics
 from rodeo.bus import Bus, Request
-from rodeo.errors import RequestError
+from rodeo.errors import DiskFull, RequestError, unreadable
 from rodeo.files import replace_file
 from services.robot_agent.errors import JournalBroken
 
@@ -122,7 +122,7 @@ class Orders:
             elif order is Order.CHARGE:
                 self._keep(charge=True)
             elif order is Order.STOP:
-                self._keep(stopped=True)
+                self._stop()
             elif self._nonce is None:
                 raise NothingToCancel("the robot has no attempt under way")
             else:
@@ -130,6 +130,16 @@ class Orders:
         log.info("ordered: %s", order)
         self._on_change(order)
         return self._answer()
+
+    def _stop(self) -> None:
+        """A robot that is to stop does so on a full disk, too; whoever ordered it hears that a restart would
+        forget it. Raises DiskFull."""
+        try:
+            self._keep(stopped=True)
+        except DiskFull:
+            self._standing = self._standing.model_copy(update={"stopped": True})
+            self._on_change(Order.STOP)
+            raise
 
     def _keep(self, **changes: Any) -> None:
         changed = self._standing.model_copy(update=changes)
@@ -153,4 +163,9 @@ def _load(path: Path) -> Standing:
     except FileNotFoundError:
         return Standing()
     except (OSError, ValidationError) as error:
-        raise JournalBroken("cannot read the orders", path=str(path), reason=str(error)) from error
+        raise JournalBroken(
+            "the robot's orders are damaged: restore the file; or move it away, and no order holds: "
+            "the robot works",
+            path=str(path),
+            reason=unreadable(error),
+        ) from error

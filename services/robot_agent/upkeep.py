@@ -15,7 +15,7 @@ from rodeo import topics
 from rodeo.cleaning import CleaningParams
 from rodeo.clock import Clock
 from rodeo.config import MaintenanceConfig, Site
-from rodeo.errors import RemoteError
+from rodeo.errors import DiskFull, RemoteError
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.layout import BinLayout, dock_parking
 from rodeo.messages import RegisterTask, Task
@@ -75,7 +75,10 @@ class Upkeep:
                 self._moved(time_s, (base.x_m, base.y_m))
             self._readings += 1
             if self._readings % _SAVE_EVERY == 0:
-                self._consumption.save(self._path)
+                try:
+                    self._consumption.save(self._path)
+                except DiskFull as error:
+                    log.warning("what was learnt is kept later: %s", error)
 
     def _moved(self, time_s: float, here: Point) -> None:
         if self._last is None:

@@ -15,7 +15,7 @@ from rodeo import wallets
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.dao import ORGANIZATION, Participant
-from rodeo.errors import KeystoreMissing
+from rodeo.errors import DiskFull, KeystoreMissing
 from rodeo.witness import Motion
 from rodeo.witness.motion import MotionLog, Sample
 from rodeo.witness.roots import DailyRoots
@@ -46,6 +46,8 @@ class MotionCapture:
         self._log: MotionLog | None = None
         self._ask_ns = 0
         self._said = False
+        self._full = False
+        """The disk has no room for its statements."""
 
     def see(self, poses: Sequence[tuple[str, np.ndarray]], time_ns: int) -> None:
         """Each body that is in view, with its pose (7,): x, y, z in m, qx, qy, qz, qw.
@@ -64,9 +66,17 @@ class MotionCapture:
             self._log.add(body, Sample(now_us, (x, y, z), (qw, qx, qy, qz)))
         if self._log.due(now_us, heads=bool(witness.heads)):
             motion = self._log
-            attestation = chain.sign_next(
-                Motion, time_ns * 1e-9, lambda seq: motion.take(now_us, seq)._asdict()
-            )
+            try:
+                attestation = chain.sign_next(
+                    Motion, time_ns * 1e-9, lambda seq: motion.take(now_us, seq)._asdict()
+                )
+            except DiskFull as error:
+                # The world goes on. What nobody vouches for is seen to be missing.
+                if not self._full:
+                    log.error("motion capture states nothing: %s", error)
+                self._full = True
+                return
+            self._full = False
             witness.publish(attestation)
 
     def close(self) -> None:

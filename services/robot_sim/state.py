@@ -16,6 +16,7 @@ from typing import Self
 import numpy as np
 
 from rodeo.errors import RodeoError
+from rodeo.files import writing
 
 _HEADER = struct.Struct("<8s32sQqI")
 """Magic, fingerprint of the world, sequence, site time in ns, CRC-32."""
@@ -41,7 +42,7 @@ class StateFile:
         fingerprint: identifies what the numbers mean; a file of another one is not read.
         size: how many numbers a row has.
 
-    Raises AnotherWorld.
+    Raises AnotherWorld, WorldLost, and DiskFull where it has no room.
     """
 
     def __init__(self, path: Path, fingerprint: bytes, size: int) -> None:
@@ -51,14 +52,35 @@ class StateFile:
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
-        stored_bytes = os.fstat(descriptor).st_size
-        if stored_bytes not in (0, 2 * self._slot_bytes):
+        try:
+            stored_bytes = os.fstat(descriptor).st_size
+            if stored_bytes not in (0, 2 * self._slot_bytes):
+                raise self._misfit(descriptor, stored_bytes)
+            with writing(path):
+                # Now, and not when a page of it is written: that would be a signal, which ends the process.
+                os.posix_fallocate(descriptor, 0, 2 * self._slot_bytes)
+            self._map = mmap.mmap(descriptor, 0)
+        finally:
             os.close(descriptor)
-            raise AnotherWorld("the saved world is another lab; start with --fresh", path=str(path))
-        os.ftruncate(descriptor, 2 * self._slot_bytes)
-        self._map = mmap.mmap(descriptor, 0)
-        os.close(descriptor)
         self._sequence = 0
+
+    def _misfit(self, descriptor: int, stored_bytes: int) -> RodeoError:
+        """What a file of another size is: this world's, cut off or grown, or another world's."""
+        for offset in (0, stored_bytes // 2):
+            head = os.pread(descriptor, _HEADER.size, offset)
+            if len(head) == _HEADER.size:
+                magic, fingerprint, *_ = _HEADER.unpack(head)
+                if magic == _MAGIC and fingerprint != self._fingerprint:
+                    return AnotherWorld(
+                        "the saved world is another lab; start with --fresh",
+                        path=str(self.path),
+                    )
+        return WorldLost(
+            "the saved world is damaged: restore the file, or start with --fresh",
+            path=str(self.path),
+            bytes=stored_bytes,
+            expected=2 * self._slot_bytes,
+        )
 
     def load(self) -> tuple[int, np.ndarray] | None:
         """(site time in ns, row) of the newest whole slot, or None for a new file.
@@ -79,7 +101,8 @@ class StateFile:
         if best is None:
             if any(self._map[:]):
                 raise WorldLost(
-                    "both copies of the saved world are torn; start with --fresh", path=str(self.path)
+                    "both copies of the saved world are damaged: restore the file, or start with --fresh",
+                    path=str(self.path),
                 )
             return None
         self._sequence = best[0]
@@ -119,9 +142,8 @@ def saved_time_ns(path: Path) -> int | None:
     except FileNotFoundError:
         return None
     times = []
-    if len(stored) >= _HEADER.size:
-        slot_bytes = len(stored) // 2
-        for offset in (0, slot_bytes):
+    for offset in (0, len(stored) // 2):
+        if len(stored) >= offset + _HEADER.size:
             magic, _, _, time_ns, _ = _HEADER.unpack_from(stored, offset)
             if magic == _MAGIC:
                 times.append(time_ns)

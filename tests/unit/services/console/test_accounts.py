@@ -11,7 +11,14 @@ from rodeo.cli import app
 from rodeo.config import ConsoleConfig, ParticipantConfig, Site
 from rodeo.errors import InvalidRequest
 from services.console.accounts import Accounts, require_participant
-from services.console.errors import AccountExists, LoginRefused, NotLoggedIn, UnknownAccount, WeakPassphrase
+from services.console.errors import (
+    AccountExists,
+    AccountsDamaged,
+    LoginRefused,
+    NotLoggedIn,
+    UnknownAccount,
+    WeakPassphrase,
+)
 from services.console.roles import Role
 from tests.support.site import LAB, write_site
 
@@ -36,6 +43,20 @@ def accounts(path: Path, now: list[float]) -> Accounts:
     accounts = Accounts(path, ConsoleConfig(session_idle_s=600, session_max_s=3600))
     accounts.add_user("ada", PASSPHRASE, [Role.OPERATOR])
     return accounts
+
+
+@pytest.mark.parametrize("left", [0.4, 0.0])
+def test_damaged_accounts_are_named_with_their_file_and_the_way_out(
+    accounts: Accounts, path: Path, left: float
+) -> None:
+    """A file that was cut, and one that is no database."""
+    accounts.close()
+    whole = path.read_bytes()
+    path.write_bytes(whole[: round(left * len(whole))] or b"no database" * 100)
+    with pytest.raises(AccountsDamaged, match="rodeo console create-admin") as damaged:
+        Accounts(path, ConsoleConfig())
+    assert damaged.value.details["path"] == str(path)
+    assert not damaged.value.restart_cures
 
 
 def test_only_the_right_passphrase_of_an_enabled_account_opens_a_session(accounts: Accounts) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from rodeo.bus import Handler, Request
+from rodeo.errors import DiskFull
 from services.robot_agent.errors import JournalBroken
 from services.robot_agent.orders import NothingToCancel, Order, Orders
 
@@ -92,3 +93,17 @@ def test_damaged_orders_are_not_taken_for_none(start: Any, tmp_path: Path) -> No
     (tmp_path / "orders.json").write_text("{")
     with pytest.raises(JournalBroken):
         start()
+
+
+def test_a_stop_holds_on_a_full_disk_and_whoever_ordered_it_hears_of_the_disk(
+    start: Callable[[], tuple[Wire, Orders, list[Order]]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any) -> None:
+        raise DiskFull("no space left")
+
+    wire, orders, heard = start()
+    with monkeypatch.context() as patch, pytest.raises(DiskFull):
+        patch.setattr("services.robot_agent.orders.replace_file", full)
+        wire.ask("stop")
+    assert heard == [Order.STOP]
+    assert orders.standing.stopped

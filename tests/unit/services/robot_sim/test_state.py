@@ -61,13 +61,26 @@ def test_a_torn_slot_is_left_for_the_one_before(path: Path, torn_byte: int) -> N
     assert loaded is not None and loaded[0] == 1
 
 
-@pytest.mark.parametrize(("world", "size"), [(b"another lab", SIZE), (b"lab", SIZE + 1)])
+@pytest.mark.parametrize(("world", "size"), [(b"another lab", SIZE), (b"another lab", SIZE + 1)])
 def test_the_state_of_another_world_is_refused(path: Path, world: bytes, size: int) -> None:
     with open_file(path) as state:
         state.save(1, np.zeros(SIZE))
     with pytest.raises(AnotherWorld) as caught:
         open_file(path, world, size).load()
     assert caught.value.details == {"path": str(path)}
+
+
+@pytest.mark.parametrize("left", [10, 70, 150])
+def test_a_world_whose_file_was_cut_is_damaged_and_not_another_lab(path: Path, left: int) -> None:
+    with open_file(path) as state:
+        state.save(1, np.zeros(SIZE))
+        state.save(2, np.zeros(SIZE))
+    path.write_bytes(path.read_bytes()[:left])
+    with pytest.raises(WorldLost, match="the saved world is damaged") as damaged:
+        open_file(path)
+    assert damaged.value.details["path"] == str(path)
+    assert path.stat().st_size == left
+    assert saved_time_ns(path) in (None, 1, 2)
 
 
 def test_a_world_that_is_lost_is_not_replaced_by_a_new_one(path: Path) -> None:
