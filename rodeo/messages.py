@@ -5,7 +5,7 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, StringConstraints, model_validator
 
 Hex32 = Annotated[str, StringConstraints(pattern=r"^0x[0-9a-f]{64}$")]
 """32 bytes as lower-case hex with 0x."""
@@ -343,6 +343,20 @@ class Broadcast(Message):
     request_id: str | None = Field(default=None, min_length=1, max_length=128)
     content_sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")] | None = None
     """As `prepare` said."""
+
+
+class ProofCopy(Message):
+    """A device's answer to whoever asks for its copy of a proof."""
+
+    device: DeviceName
+    sha256: Hex32
+    size_bytes: Annotated[int, Field(ge=0)]
+    uri: str = ""
+    """Where it is in the store now, when it was asked to put it there again."""
+    offset: Annotated[int, Field(ge=0)] = 0
+    """Of the part that was asked for."""
+    data: Base64Bytes = b""
+    """That part, in base64."""
 
 
 class DaoEvent(Message):

@@ -273,6 +273,14 @@ WITNESS_STATEMENTS = _dao(
     "every process",
     "the same again, as they were signed: `?after=SEQ;limit=N`",
 )
+PROOF_COPY = _dao(
+    "rodeo/{org}/proof/{device}",
+    "ProofCopy",
+    Form.QUERY,
+    "every process",
+    "the device's own copy of a proof that it recorded: `?sha256=0x...;put=1` puts it into the store again, "
+    "`?sha256=0x...;offset=N` reads a part of it",
+)
 BIN_PICTURE = _dao(
     "rodeo/{org}/itrash/{bin}/picture",
     "per query",

@@ -18,6 +18,7 @@ import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
 from rodeo.config import Site
+from rodeo.errors import DiskFull
 from rodeo.evidence.errors import (
     EvidenceError,
     ProofHashMismatch,
@@ -27,6 +28,7 @@ from rodeo.evidence.errors import (
     StoreUnavailable,
 )
 from rodeo.evidence.upload import blocks, upload
+from rodeo.files import writing
 
 _NAME = re.compile(r"^(?P<sha256>[0-9a-f]{64})\.(?P<suffix>mcap|bag|json)$")
 
@@ -77,11 +79,32 @@ class Store:
         except FileNotFoundError:
             return None
 
+    def stored(self, uri: str) -> str | None:
+        """SHA-256 (0x hex) of what is stored at `uri`; None when that is nothing, or larger than allowed.
+
+        Raises ProofUriNotAllowed, StoreUnavailable.
+        """
+        self.check(uri)
+        with _reached(uri):
+            filesystem, target = self._open(uri)
+            if (
+                isinstance(filesystem, LocalFileSystem)
+                and Path(target).exists()
+                and not Path(target).is_file()
+            ):
+                return None
+            try:
+                digest = self._stored(filesystem, target)
+            except ProofTooLarge:
+                return None
+        return None if digest is None else "0x" + digest
+
     def put_bytes(self, data: bytes, suffix: str) -> tuple[str, str]:
-        """Upload `data`; (uri, sha256 as 0x hex). Raises like `put`."""
+        """Upload `data`; (uri, sha256 as 0x hex). Raises like `put`, and DiskFull."""
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder, "data" + suffix)
-            path.write_bytes(data)
+            with writing(path):
+                path.write_bytes(data)
             return self.put(path), "0x" + sha256(data).hexdigest()
 
     def check(self, uri: str) -> str:
@@ -96,26 +119,39 @@ class Store:
             )
         return uri
 
+    @property
+    def urls(self) -> list[str]:
+        """Prefixes of the URIs that may be fetched from."""
+        return list(self._allowed)
+
+    @staticmethod
+    def names(uri: str, sha256: str) -> bool:
+        """Whether `uri` is that of a file with this content (0x hex), in whichever store."""
+        found = _NAME.match(uri.rpartition("/")[2])
+        return found is not None and "0x" + found["sha256"] == sha256.lower()
+
     def fetch(self, uri: str, sha256: str, max_bytes: int | None = None, folder: Path | None = None) -> Path:
         """Copy the file to `folder` (default: a new temporary one, which the caller removes) and hash it.
 
-        Raises ProofUriNotAllowed, ProofNotFound, StoreUnavailable, ProofTooLarge, or ProofHashMismatch when
-        the bytes are not those that `sha256` (0x hex) names.
+        Raises ProofUriNotAllowed, ProofNotFound, StoreUnavailable, ProofTooLarge, ProofHashMismatch when
+        the bytes are not those that `sha256` (0x hex) names, or DiskFull where the copy has no room.
         """
         self.check(uri)
         limit = self._max_bytes if max_bytes is None else max_bytes
-        filesystem, source = self._open(uri)
-        if isinstance(filesystem, LocalFileSystem) and Path(source).exists():
-            if not Path(source).is_file():
-                raise ProofNotFound("the URI does not name a regular file", uri=uri)
-            _check_size(Path(source).stat().st_size, limit)
+        with _reached(uri):
+            filesystem, source = self._open(uri)
+            if isinstance(filesystem, LocalFileSystem) and Path(source).exists():
+                if not Path(source).is_file():
+                    raise ProofNotFound("the URI does not name a regular file", uri=uri)
+                _check_size(Path(source).stat().st_size, limit)
         folder = folder or Path(tempfile.mkdtemp(prefix="rodeo-proof-"))
-        folder.mkdir(parents=True, exist_ok=True)
         path = folder / uri.rpartition("/")[2]
         try:
-            with _reached(uri), filesystem.open(source, "rb") as remote, path.open("wb") as local:
-                found = _digest(remote, limit, copy=local)
-        except EvidenceError:
+            with _reached(uri), filesystem.open(source, "rb") as remote, writing(path):
+                folder.mkdir(parents=True, exist_ok=True)
+                with path.open("wb") as local:
+                    found = _digest(remote, limit, copy=local)
+        except (EvidenceError, DiskFull):
             path.unlink(missing_ok=True)
             raise
         if "0x" + found != sha256.lower():
@@ -138,7 +174,7 @@ def _reached(uri: str) -> Iterator[None]:
     """Whatever a store's client raises becomes ProofNotFound or StoreUnavailable."""
     try:
         yield
-    except (EvidenceError, MemoryError):  # a full memory here is not the store's
+    except (EvidenceError, DiskFull, MemoryError):  # what is full here is not the store's
         raise
     except FileNotFoundError as error:
         raise ProofNotFound("the store has no such file", uri=uri) from error

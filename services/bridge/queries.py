@@ -37,14 +37,23 @@ class Queries:
     """Answers questions about the organization."""
 
     def __init__(
-        self, index: Index, names: Names, deployment: Deployment, client: ChainClient, node: Node, url: str
+        self,
+        index: Index,
+        names: Names,
+        deployment: Deployment,
+        client: ChainClient,
+        node: Node,
+        url: str,
+        stores: list[str],
     ) -> None:
+        """`stores` are the prefixes of the URIs that a proof may have."""
         self._index = index
         self._names = names
         self._deployment = deployment
         self._client = client
         self._node = node
         self._url = url
+        self._stores = stores
         self._table: Mapping[str, Callable[[Request], Json]] = {
             "tasks": self._tasks,
             "services": self._services,
@@ -311,6 +320,7 @@ class Queries:
             "organization": self._deployment.address("Organization"),
             "kinds": self._index.kinds(),
             "last_seq": self._index.last_seq(),
+            "stores": self._stores,
         }
 
     def _events(self, request: Request) -> Json:

@@ -271,7 +271,7 @@ class Bridge:
             made_anew=False,
             follower=follower,
             outbox=outbox,
-            queries=Queries(index, names, deployment, client, node, site.chain.url),
+            queries=Queries(index, names, deployment, client, node, site.chain.url, store.urls),
             wallets={name: wallet(name) for name in self._threads},
             journal=journal,
             continuity=Continuity(journal, node, addresses, deployment.sent),

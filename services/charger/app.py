@@ -26,6 +26,7 @@ from rodeo.config import Site
 from rodeo.dao import CHARGING, ORGANIZATION, Assignment, Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError, RodeoError
 from rodeo.evidence import Binding, Store
+from rodeo.evidence.copies import Copies
 from rodeo.evidence.errors import RecordingSealed, StoreUnavailable
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Task
@@ -105,6 +106,7 @@ class Charger:
             service.bus, site.org, site.dock.name, self._account, service.data_dir, inputs
         )
         self._roots = DailyRoots(site, self._organization, self._witness)
+        self._copies = Copies(service.bus, site.org, site.dock.name, self._store, self._kept)
         self._dao_events = DaoEvents(service.bus, site.org, self._on_event)
 
     # -- bus -------------------------------------------------------------------------------------------
@@ -143,20 +145,26 @@ class Charger:
         """Until the process is asked to stop."""
         try:
             while not self._service.stop.is_set():
-                self._persist(self._offer)
-                job = self._own_job() or self._next_job()
-                if job is None:
-                    self._service.activity("idle")
-                    self._wake.wait(_LOOK_S)
-                    self._wake.clear()
-                else:
-                    with about_task(job.task.id):
-                        self._perform(job)
+                self._service.with_room(self._step)
         finally:
+            self._copies.close()
             self._dao_events.close()
             self._roots.close()
             self._witness.close()
             self._node.close()
+
+    def _step(self) -> None:
+        self._persist(self._offer)
+        job = self._own_job()
+        if job is None and not self._service.disk_problem:
+            job = self._next_job()
+        if job is None:
+            self._service.activity("idle")
+            self._wake.wait(_LOOK_S)
+            self._wake.clear()
+            return
+        with about_task(job.task.id):
+            self._perform(job)
 
     def _offer(self) -> None:
         """Once on each chain; on the same one an operator may have changed the offer since."""
@@ -235,7 +243,14 @@ class Charger:
         self._persist(lambda: self._submit(job, path, sha256))
         if not self._service.stop.is_set():
             self._job_path.unlink()
-            path.unlink()
+            # The store may lose it: then it is put there again from here.
+            kept = self._kept(sha256)
+            kept.parent.mkdir(exist_ok=True)
+            path.replace(kept)
+
+    def _kept(self, sha256: str) -> Path:
+        """Where the dock keeps its own copy of a proof."""
+        return self._service.data_dir / "proofs" / f"{sha256.removeprefix('0x')}.mcap"
 
     def _submit(self, job: Job, path: Path, sha256: str) -> None:
         uri = self._store.put(path)
@@ -277,6 +292,10 @@ class Charger:
                 self._attend(delivery, listener)
                 if delivery.session.ended:
                     self._close(delivery, listener)
+        except RodeoError:
+            if delivery.session.contactor_wanted:
+                self._command_contactor(False)  # nobody meters until this is over
+            raise
         finally:
             self._delivery = None
             seals.close()

@@ -24,6 +24,7 @@ from rodeo.dao import CHARGING, CLEANING
 from rodeo.errors import RodeoError
 from rodeo.messages import DaoEvent, Outcome
 from services.oracle.report import Check
+from services.oracle.scrub import Judged, judged_files
 
 if TYPE_CHECKING:
     from services.oracle.case import Case
@@ -171,11 +172,15 @@ class ConsumedActs:
         """SHA-256 of a report -> the acts that it lists."""
         self._judged: dict[tuple[int, int], list[Act] | None] = {}
         """What own verifications found that a submission claims; None where they found nothing out."""
+        self._away: set[tuple[int, int]] = set()
+        """Submissions whose proofs cannot be read yet."""
 
     def on_event(self, event: DaoEvent) -> None:
         with self._changed:
             if event.chain != self._chain or event.seq == 1 < self._seq:
                 # Another chain: its tasks are others. Or an index that was made anew: it tells all again.
+                if event.chain != self._chain:
+                    self._away.clear()
                 self._chain = event.chain
                 self._events.clear()
                 self._submissions.clear()
@@ -224,6 +229,11 @@ class ConsumedActs:
         with self._changed:
             return [one for one in self._all() if one.waits]
 
+    def judged_files(self) -> list[Judged]:
+        """What verdicts name in the store."""
+        with self._changed:
+            return [one for events in self._events.values() for one in judged_files(events)]
+
     def unread(self) -> list[Submission]:
         """Those with a report that has to be read: they were accepted, or may be yet."""
         with self._changed:
@@ -253,6 +263,14 @@ class ConsumedActs:
             self._judged[task_id, attempt] = found
             self._told()
 
+    def away(self, task_id: int, attempt: int, is_away: bool) -> None:
+        """Whether the proof of a submission cannot be read yet. Only its own executor's later ones wait for
+        it then. Who submits the hash of nothing must hold up nobody else, nor be paid for an act twice by
+        handing over the first proof of it late."""
+        with self._changed:
+            (self._away.add if is_away else self._away.discard)((task_id, attempt))
+            self._told()
+
     def spent(self, task_id: int, attempt: int, claimed: Iterable[str]) -> Spent | Wait | None:
         """Whether any of the acts that a submission claims was paid for; None if none was.
 
@@ -278,6 +296,8 @@ class ConsumedActs:
                         wait = wait or Wait(other, "the report of its verdict could not be read yet")
                     elif (both := _overlap(wanted, self._acts(other))) is not None:
                         return Spent(both[0].text, other, both[1].text, earlier)
+                elif other.key in self._away and other.executor != own.executor:
+                    continue
                 elif earlier and other.waits and wait is None:
                     known = other.key in self._judged
                     theirs = self._judged.get(other.key)

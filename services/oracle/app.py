@@ -10,6 +10,7 @@ earlier is decided first.
 
 from __future__ import annotations
 
+import hashlib
 import json
 import logging
 import os
@@ -18,23 +19,27 @@ import tempfile
 import threading
 from collections.abc import Callable
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from rodeo.bus import DaoEvents
 from rodeo.config import Site
 from rodeo.dao import Participant, is_peoples
-from rodeo.errors import BusError, RemoteError, RodeoError
+from rodeo.errors import BusError, DiskFull, RemoteError, RodeoError
 from rodeo.evidence import EvidenceError, Store
 from rodeo.evidence.errors import ProofNotFound, ProofUriNotAllowed, StoreUnavailable
+from rodeo.files import replace_file, writing
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, PostVerdict, Task
 from rodeo.service import Service
 from rodeo.serving import served_by
 from services.oracle import worker
 from services.oracle.acts import ConsumedActs, Submission, Wait, acts_unspent
+from services.oracle.away import MissingProofs, ProofAway, is_due, owner_of
 from services.oracle.chain_view import read_ledger
 from services.oracle.report import Check, Report
+from services.oracle.scrub import Scrub
 
 log = logging.getLogger(__name__)
 
@@ -83,6 +88,26 @@ class Oracle:
         """Submissions that were left to auditors since the start."""
         self._chain = ""
         """Genesis hash of the chain that they are on."""
+        self._missing = MissingProofs(
+            service.site,
+            service.bus,
+            service.clock,
+            service.data_dir / "proofs",
+            self._enqueue,
+            self._waits,
+            lambda: list(self._wallet.state("chain").get("stores", [])),
+        )
+        self._told: list[str] = []
+        self._reports = service.data_dir / "reports"
+        """Own copies: a store that loses one must not keep anybody waiting."""
+        self._scrub = Scrub(
+            service.site,
+            service.bus,
+            service.data_dir,
+            self._reports,
+            self._acts.judged_files,
+            partial(service.concern, "store"),
+        )
         self._lock = threading.Lock()
 
     def serve(self) -> None:
@@ -94,7 +119,15 @@ class Oracle:
             for number in range(AT_ONCE)
         ]
         threads.append(threading.Thread(target=self._read_reports, name="reports", daemon=True))
+        threads.append(
+            threading.Thread(target=self._scrub.run, args=(self._stop,), name="scrub", daemon=True)
+        )
         threads.append(threading.Thread(target=self._sweep, name="sweep", daemon=True))
+        threads.append(
+            threading.Thread(
+                target=self._missing.run, args=(self._stop, self._tell), name="missing", daemon=True
+            )
+        )
         for thread in threads:
             thread.start()
         self._service.ready()
@@ -122,10 +155,24 @@ class Oracle:
             self._in_work.add((task_id, attempt))
         self._submissions.put((task_id, attempt))
 
+    def _waits(self, task_id: int, attempt: int) -> bool:
+        submission = self._acts.submission(task_id, attempt)
+        return submission is not None and submission.waits
+
+    def _tell(self) -> None:
+        """Whether the store can be read, as far as a proof waits for it, and which proofs are looked for."""
+        if unreadable := self._missing.unreadable:
+            self._service.not_ready(f"the store cannot be read: {unreadable}")
+        else:
+            self._service.ready()
+        if (summary := self._missing.summary()) != self._told:
+            self._told = summary
+            self._show(-1, None)
+
     def _sweep(self) -> None:
         while not self._stop.wait(SWEEP_S):
             with self._lock:
-                known = self._in_work | self._for_auditors
+                known = self._in_work | self._for_auditors | self._missing.keys()
             for submission in self._acts.waiting():
                 if submission.key not in known:
                     log.warning(
@@ -154,12 +201,19 @@ class Oracle:
 
     def _decide(self, number: int, task_id: int, attempt: int) -> None:
         """Verify one submission and post the verdict, unless it has one. Waits for bridge and store."""
-        submission = self._acts.submission(task_id, attempt)
-        if submission is None or not submission.waits:
+        key = task_id, attempt
+        if not self._waits(*key):
+            self._missing.forget(key)
             return
-        found = self._until_answered(lambda: self._verified(number, task_id, attempt))
+        try:
+            found = self._until_answered(lambda: self._verified(number, task_id, attempt))
+        except ProofAway as away:
+            self._acts.away(*key, True)
+            self._missing.seek(away.task, away)
+            return
         if found is None:
             return
+        self._acts.away(*key, False)
         task, report = found
         self._acts.judged(task_id, attempt, report.acts)
         if report.outcome != "rejected":  # what is undecided may yet be accepted by people
@@ -168,18 +222,39 @@ class Oracle:
                 return
             report = report.with_checks(check)
         log.info("task %d attempt %d: %s", task_id, attempt, report.reason)
-        stored = self._until_answered(lambda: self._store.put_bytes(report.to_bytes(), ".json"))
+        stored = self._until_answered(lambda: self._stored(task, report))
         if stored is None:
             return
         uri, sha256 = stored
         self._acts.read(sha256, report.acts)
         self._until_answered(lambda: self._post(task, report, sha256, uri))
+        self._missing.forget(key)
         self._decided += 1
+
+    def _stored(self, task: Task, report: Report) -> tuple[str, str]:
+        """Where the report is in the store, and its hash. A store that takes nothing until the verdict is due
+        gets the report later: the executor must not lose its pay by that.
+
+        Raises StoreUnavailable, DiskFull.
+        """
+        data = report.to_bytes()
+        sha256 = hashlib.sha256(data).hexdigest()
+        own = self._reports / f"{sha256}.json"
+        with writing(own):
+            own.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(own, data.decode())
+        try:
+            return self._store.put(own), "0x" + sha256
+        except StoreUnavailable as error:
+            if not is_due(task, self._site, self._service.clock):
+                raise
+            log.error("the verdict is due, and the store does not take its report: %s", error)
+            return f"{self._site.store_url.rstrip('/')}/{own.name}", "0x" + sha256
 
     def _verified(self, number: int, task_id: int, attempt: int) -> tuple[Task, Report] | None:
         """What verification says; None when the submission is not ours to judge, or no longer waits.
 
-        Raises StoreUnavailable, BusError, RemoteError or IndexBehind.
+        Raises ProofAway, DiskFull, BusError, RemoteError or IndexBehind.
         """
         submission = self._acts.submission(task_id, attempt)
         if submission is None or not submission.waits:
@@ -205,10 +280,18 @@ class Oracle:
             with self._lock:
                 self._for_auditors.add((task_id, attempt))
             return None
+        key = task_id, attempt
+        if (last_word := self._missing.last_word(key)) is not None:
+            return ledger.task, last_word
         with self._verifying:
             self._show(number, f"verifying task {task_id}")
             scratch = self._service.data_dir / "verifying"
-            report = worker.verify_apart(self._site, ledger, scratch, self._stop)
+            copy = self._missing.copy(key)
+            try:
+                report = worker.verify_apart(self._site, ledger, scratch, self._stop, copy=copy)
+            except EvidenceError as error:
+                owner = owner_of(error, ledger.task.proof_uri or "", self._site, self._missing.stores)
+                raise ProofAway(str(error), task=ledger.task, owner=owner) from error
         return None if report is None else (ledger.task, report)
 
     def _post(self, task: Task, report: Report, report_sha256: str, report_uri: str) -> bool:
@@ -293,6 +376,9 @@ class Oracle:
         """Raises EvidenceError."""
         # The name is the content: a report that others keep elsewhere may be in our store, too.
         own = f"{self._site.store_url.rstrip('/')}/{sha256.removeprefix('0x')}.json"
+        kept = self._reports / f"{sha256.removeprefix('0x')}.json"
+        if kept.is_file() and hashlib.sha256(data := kept.read_bytes()).hexdigest() == kept.stem:
+            return data
         with tempfile.TemporaryDirectory() as folder:
             try:
                 path = self._store.fetch(uri, sha256, _REPORT_BYTES, Path(folder))
@@ -303,11 +389,12 @@ class Oracle:
     # -- what all of it needs --------------------------------------------------------------------------
 
     def _until_answered(self, ask: Callable[[], Answer]) -> Answer | None:
-        """The answer of `ask`, repeated while bridge or store are away or behind; None when stopped."""
+        """The answer of `ask`, repeated while bridge or store are away or behind, or the disk is full; None
+        when stopped."""
         while not self._stop.is_set():
             try:
                 return ask()
-            except (BusError, RemoteError, StoreUnavailable, IndexBehind) as error:
+            except (BusError, RemoteError, StoreUnavailable, DiskFull, IndexBehind) as error:
                 if isinstance(error, RemoteError) and error.code not in _PASSING:
                     raise
                 log.warning("waiting: %s", error)
@@ -320,7 +407,7 @@ class Oracle:
                 self._running.pop(number, None)
             else:
                 self._running[number] = activity
-            text = ", ".join(self._running.values()) or "idle"
+            text = ", ".join([*self._running.values(), *self._missing.summary()]) or "idle"
             for_auditors = len(self._for_auditors)
         self._service.activity(text, decided=self._decided, for_auditors=for_auditors)
 

@@ -73,17 +73,23 @@ def _claimed(case: Case) -> list[str]:
         return []
 
 
-def verify_submission(site: Site, ledger: Ledger, folder: Path) -> Report:
-    """Fetch the task's proof into `folder` and check it.
+def verify_submission(
+    site: Site, ledger: Ledger, folder: Path, copy: Path | None = None, *, may_wait: bool = False
+) -> Report:
+    """Fetch the task's proof into `folder` and check it; `copy` is the proof, where it was had already.
 
-    Raises StoreUnavailable, which says nothing about the proof.
+    Raises StoreUnavailable and DiskFull, which say nothing about the proof; with `may_wait` also whatever
+    else keeps the bytes away, unless the URI is none of a file with the submitted hash.
     """
     task = ledger.task
+    uri, sha256 = task.proof_uri or "", task.proof_sha256 or ""
     try:
-        path = Store(site).fetch(task.proof_uri or "", task.proof_sha256 or "", folder=folder)
+        path = copy or Store(site).fetch(uri, sha256, folder=folder)
     except StoreUnavailable:
         raise
     except EvidenceError as error:
+        if may_wait and Store.names(uri, sha256):
+            raise
         return _report([_failed("fetched", error)], ledger, task.proof_sha256)
     # Bags are read by libraries that know no limits: what exhausts them must not be for people to decide.
     report = verify_file(path, site, ledger, reads_bags=False)

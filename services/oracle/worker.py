@@ -18,15 +18,27 @@ import multiprocessing
 import os
 import resource
 import signal
+import sys
 import tempfile
 import threading
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
 from rodeo.config import OracleConfig, Site
-from rodeo.evidence.errors import StoreUnavailable
+from rodeo.errors import DiskFull, RodeoError, snake_case
+from rodeo.evidence.errors import (
+    EvidenceError,
+    ProofHashMismatch,
+    ProofNotFound,
+    ProofTooLarge,
+    ProofUriNotAllowed,
+    StoreUnavailable,
+)
+from rodeo.files import is_full, writing
 from rodeo.service import die_with
 from services.oracle.case import Ledger
 from services.oracle.report import Check, Report
@@ -59,17 +71,19 @@ def verify_apart(
     *,
     limits: OracleConfig | None = None,
     memory_bytes: int = MEMORY_BYTES,
+    copy: Path | None = None,
 ) -> Report | None:
-    """The report on a submitted proof; None when `stop` was set. `limits` are the site's own by default.
+    """The report on a submitted proof; None when `stop` was set. `limits` are the site's own by default,
+    `copy` is the proof itself where it was had already.
 
     A verification that twice uses up its CPU time, hangs, crashes or runs out of memory is undecided.
-    `scratch` is where its folder goes, which is removed. Raises StoreUnavailable when the proof could not be
-    fetched, which is for the caller to wait for.
+    `scratch` is where its folder goes, which is removed. Raises EvidenceError when the proof could not be
+    fetched, and DiskFull: both are for the caller to wait for.
     """
     limits = limits or site.oracle
     ended = ""
     for _ in range(ATTEMPTS):
-        report, ended = _once(site, ledger, scratch, stop, limits, memory_bytes)
+        report, ended = _once(site, ledger, scratch, stop, limits, memory_bytes, copy)
         # Signals that end the oracle may reach the child first: that is no fault of the proof.
         if report is not None or stop.wait(_SIGNAL_GRACE_S):
             return report
@@ -88,16 +102,20 @@ def verify_apart(
 
 
 def _once(
-    site: Site, ledger: Ledger, scratch: Path, stop: threading.Event, limits: OracleConfig, memory_bytes: int
+    site: Site,
+    ledger: Ledger,
+    scratch: Path,
+    stop: threading.Event,
+    limits: OracleConfig,
+    memory_bytes: int,
+    copy: Path | None,
 ) -> tuple[Report | None, str]:
-    """The report of one child, or why there is none. Raises StoreUnavailable."""
-    scratch.mkdir(parents=True, exist_ok=True)
-    # A folder of its own: a child that outlived a killed oracle must not answer for another proof.
-    with tempfile.TemporaryDirectory(dir=scratch, ignore_cleanup_errors=True) as folder:
+    """The report of one child, or why there is none. Raises EvidenceError, DiskFull."""
+    with writing(scratch), _folder_in(scratch) as folder:
         path, away = Path(folder, _REPORT), Path(folder, _AWAY)
         process = _context().Process(
             target=_child,
-            args=(site, ledger, Path(folder), limits.cpu_limit_s, memory_bytes),
+            args=(site, ledger, Path(folder), limits.cpu_limit_s, memory_bytes, copy),
             name=f"verify task {ledger.task.id}",
             daemon=True,
         )
@@ -112,7 +130,10 @@ def _once(
         if path.exists():
             return Report.model_validate_json(path.read_bytes()), ""
         if away.exists():
-            raise StoreUnavailable(**json.loads(away.read_bytes()))
+            said = json.loads(away.read_bytes())
+            raise _AWAY_FOR[said["code"]](said["message"], **said["details"])
+        if process.exitcode == _NO_ROOM:
+            raise DiskFull("no space left to verify the proof", folder=str(scratch))
         if hung:
             return None, f"the verification hung for {limits.time_limit_s:g} s"
         if process.exitcode == -signal.SIGXCPU:
@@ -129,15 +150,39 @@ def _context() -> ForkServerContext:
     return context
 
 
-_REPORT, _AWAY = "report.json", "store-unavailable.json"
+_REPORT, _AWAY = "report.json", "away.json"
 """What a child leaves in its folder: one of them."""
+_NO_ROOM = 74
+"""Exit status of a child that could leave none, because the disk is full: EX_IOERR of sysexits.h."""
+_AWAY_FOR: dict[str, type[RodeoError]] = {
+    snake_case(cls.__name__): cls
+    for cls in (
+        StoreUnavailable,
+        ProofNotFound,
+        ProofHashMismatch,
+        ProofUriNotAllowed,
+        ProofTooLarge,
+        DiskFull,
+    )
+}
+"""What may keep a proof away, by its code."""
+
+
+@contextmanager
+def _folder_in(scratch: Path) -> Iterator[str]:
+    scratch.mkdir(parents=True, exist_ok=True)
+    # A folder of its own: a child that outlived a killed oracle must not answer for another proof.
+    with tempfile.TemporaryDirectory(dir=scratch, ignore_cleanup_errors=True) as folder:
+        yield folder
 
 
 def _nothing() -> None:
     """What the first child does."""
 
 
-def _child(site: Site, ledger: Ledger, folder: Path, cpu_limit_s: float, memory_bytes: int) -> None:
+def _child(
+    site: Site, ledger: Ledger, folder: Path, cpu_limit_s: float, memory_bytes: int, copy: Path | None
+) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
     die_with(os.getppid(), signal.SIGKILL)  # the fork server, which ends with the oracle
     gc.disable()  # it ends soon, and looking for garbage among all those messages takes a tenth of its time
@@ -148,9 +193,15 @@ def _child(site: Site, ledger: Ledger, folder: Path, cpu_limit_s: float, memory_
     from services.oracle.verify import verify_submission
 
     try:
-        name, data = _REPORT, verify_submission(site, ledger, folder).to_bytes()
-    except StoreUnavailable as error:
-        name, data = _AWAY, json.dumps({"message": error.message, **error.details}).encode()
-    part = folder / (name + ".part")
-    part.write_bytes(data)
-    part.replace(folder / name)
+        try:
+            report = verify_submission(site, ledger, folder, copy, may_wait=True)
+            name, data = _REPORT, report.to_bytes()
+        except (EvidenceError, DiskFull) as error:
+            name, data = _AWAY, json.dumps(error.to_json()).encode()
+        part = folder / (name + ".part")
+        part.write_bytes(data)
+        part.replace(folder / name)
+    except OSError as error:
+        if not is_full(error):
+            raise
+        sys.exit(_NO_ROOM)

@@ -8,6 +8,7 @@ import random
 import threading
 from collections import deque
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,11 @@ from rodeo import topics
 from rodeo.bus import DaoEvents
 from rodeo.cleaning import CleaningParams
 from rodeo.dao import CHARGING, CLEANING
-from rodeo.errors import BusError, RemoteError, wrong_fields
+from rodeo.errors import BusError, DiskFull, RemoteError, wrong_fields
 from rodeo.evidence import EvidenceError, Recorder, Store
+from rodeo.evidence.copies import Copies
 from rodeo.evidence.errors import RecordingSealed
+from rodeo.files import is_full
 from rodeo.lab.config import RobotConfig
 from rodeo.lab.drop import RECORDED_AFTER_DROP_S
 from rodeo.logs import about_task
@@ -41,6 +44,7 @@ from services.robot_agent.errors import (
     AgentError,
     Cancelled,
     Halted,
+    JournalBroken,
     MotionFailed,
     Revoked,
     Stopped,
@@ -48,7 +52,7 @@ from services.robot_agent.errors import (
     Unreachable,
 )
 from services.robot_agent.eyes import WristCamera
-from services.robot_agent.journal import Journal, Phase
+from services.robot_agent.journal import Journal, Phase, recording_of
 from services.robot_agent.memory import Held, Memory
 from services.robot_agent.navigation import Floor, Point
 from services.robot_agent.orders import Order, Orders
@@ -171,6 +175,8 @@ class Agent:
         self._wake = threading.Event()
         self._doing: dict[str, Any] = {"activity": "starting"}
         self._attempt: Task | None = None
+        self._complaint = ""
+        """What it waited for last; said once."""
         self._expected_s = 0.0
         self._recording: Recording | None = None
         self._recorded_task: int | None = None
@@ -179,6 +185,8 @@ class Agent:
         self._orders = Orders(
             bus, site.org, robot.name, service.data_dir / "orders.json", self._on_order, self._state
         )
+        find = partial(recording_of, service.data_dir / "tasks")
+        self._copies = Copies(bus, site.org, robot.name, self._store, find)
         self._dao_events = DaoEvents(bus, site.org, self._on_event)
 
     def _make_node(self, name: str) -> Node:
@@ -236,16 +244,24 @@ class Agent:
                     return
                 except Halted as error:
                     self._stand_still(error)
+                except JournalBroken as error:
+                    self._service.not_ready(str(error))
+                    self._wait_out("waiting for a file to be restored", _RETRY_WALL_S, error)
                 except BusError as error:
                     self._wait_out(f"waiting for the organization: {error.message}", _RETRY_WALL_S, error)
                 except RemoteError as error:
                     starting = error.code == "bridge_not_ready"
                     pause_s = _RETRY_WALL_S if starting else _REFUSED_WALL_S
                     self._wait_out(f"refused: {error.message}", pause_s, error)
-                except (AgentError, EvidenceError) as error:
-                    self._wait_out(f"in trouble: {error.message}", _RETRY_WALL_S, error)
+                except (AgentError, EvidenceError, DiskFull) as error:
+                    full = is_full(error)
+                    if full:
+                        self._service.not_ready(f"waiting for room on the disk: {error}")
+                    trouble = "waiting for room on the disk" if full else f"in trouble: {error.message}"
+                    self._wait_out(trouble, _RETRY_WALL_S, error)
         finally:
             self._orders.close()
+            self._copies.close()
             self._dao_events.close()
             self._bin.close()
             self._receipts.close()
@@ -263,7 +279,7 @@ class Agent:
             charge=charge,
             lasts=self._upkeep.lasts(soc, assignment, self._body.base_pose(self._checkpoint)),
             begun=assignment is not None and self._has_begun(assignment),
-            paused=standing.paused,
+            paused=standing.paused or bool(self._service.disk_problem),
             charge_ordered=standing.charge,
         )
         intent = decide(situation, self._site.agent)
@@ -302,7 +318,9 @@ class Agent:
             self._body.emergency_stop(False)
 
     def _wait_out(self, activity: str, wall_s: float, error: Exception) -> None:
-        log.warning("%s", error)
+        if str(error) != self._complaint:
+            log.warning("%s", error)
+        self._complaint = str(error)
         self._report(activity)
         self._stop.wait(wall_s)
 
@@ -335,7 +353,9 @@ class Agent:
     def _rest(self, situation: Situation) -> None:
         # A charge that ended while this process was down leaves the robot on the dock.
         self._charging.clear_the_dock(self._checkpoint, self._report)
-        if situation.paused:
+        if self._service.disk_problem:
+            self._report("waiting for room on the disk")
+        elif situation.paused:
             self._report("paused by an operator")
         else:
             self._upkeep.ask_for_care()
@@ -454,6 +474,8 @@ class Agent:
         again; then the old recording goes on.
         """
         path = folder / "recording.mcap"
+        if problem := self._service.look_at_disk():
+            raise DiskFull(problem)
         if (held := self._feel()) is not None:
             self._tidy(held)
         released_s = when_released(path) if path.exists() else None

@@ -31,7 +31,7 @@ SERVICE = {"kind": CLEANING, "price_iec": "1"}
 @pytest.fixture(scope="module")
 def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
     """One organization whose only cleaner is panther1."""
-    running = RunningSite(write_site(tmp_path_factory.mktemp("dao"), chain_backend))
+    running = RunningSite(write_site(tmp_path_factory.mktemp("dao"), chain_backend, "oracle.handover_s = 1"))
     organization = Dao(running)
     try:
         organization.start()
@@ -281,7 +281,7 @@ def test_a_recording_of_the_attempt_before_is_refused(dao: Dao, tmp_path: Path) 
     take = Take([Sample("rodeo/attestation", "", {"n": n}, START_NS + n * 10**8) for n in range(20)])
     seal(take, path, panther.binding(panther.task(task_id), "panther1"), device)
     dao.prove(task_id, digit="c")
-    assert "proof_not_found" in verdict(dao, task_id, 1)
+    assert "its executor did not hand it over" in verdict(dao, task_id, 1)
     uri, sha256 = Store(dao.site).put_bytes(path.read_bytes(), ".mcap")
     panther.submit_proof(task_id, 2, sha256, uri)
     assert verdict(dao, task_id, 2).startswith("task_binding")

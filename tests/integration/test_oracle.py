@@ -6,6 +6,7 @@ import json
 import os
 import signal
 from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +14,11 @@ import pytest
 from typer.testing import CliRunner
 
 from rodeo import wallets
+from rodeo.chain import to_wei
 from rodeo.cli import app
 from rodeo.dao import Participant
 from rodeo.evidence import Store, attest, open_proof
+from rodeo.evidence.copies import Copies
 from rodeo.messages import PostRoot
 from rodeo.witness import Scope
 from rodeo.witness.days import DayLog, day_of
@@ -30,14 +33,20 @@ PLACE = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
 
 @pytest.fixture(scope="module")
 def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
-    extra = 'participants = [{ name = "thief", kinds = ["waste_disposal"] }]'
+    extra = 'participants = [{ name = "thief", kinds = ["waste_disposal"] }]\noracle.handover_s = 3'
     running = RunningSite(write_site(tmp_path_factory.mktemp("oracle"), chain_backend, extra))
     organization = Dao(running)
     try:
         organization.start()
         running.start("oracle")
-        for _ in range(2):  # so that two tasks can be its at the same time
-            organization.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
+        organization.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
+        # Past the bridge, which lets nobody offer the same twice: two tasks can be its at the same time.
+        client, account = organization.client(), wallets.load(running.site, "panther1")
+        client.send(account, client.calls.register_service("waste_disposal", to_wei(Decimal(100)), ""))
+        organization.wait_for(
+            lambda: [event.name for event in organization.events].count("ServiceRegistered") == 2,
+            "the second service",
+        )
         yield organization
     finally:
         organization.stop()
@@ -162,7 +171,8 @@ def test_bad_proofs_get_their_own_reasons_and_the_next_is_served(dao: Dao, execu
 
     missing = f"{dao.site.store_url}/{'cd' * 32}.mcap"
     attempt = executor.submit(task_id, "0x" + "cd" * 32, missing)
-    assert "fetched: proof_not_found" in executor.verdict(task_id, attempt)["reason"]
+    reason = executor.verdict(task_id, attempt)["reason"]
+    assert reason.startswith("fetched: ") and "its executor did not hand it over" in reason
 
     path = executor.record(task_id)
     path.write_bytes(path.read_bytes()[:200_000])
@@ -216,6 +226,83 @@ def test_an_oracle_that_is_killed_while_verifying_decides_after_its_restart(
     dao.running.kill("oracle")
     dao.running.start("oracle")
     assert executor.verdict(task_id, attempt)["verdict"] == "accepted"
+
+
+# -- what the store gets wrong is not the executor's failure --------------------------------------------
+
+
+@pytest.fixture
+def kept(dao: Dao) -> Iterator[dict[str, Path]]:
+    """Hash -> what panther1 kept of what it submitted, and gives to whoever asks."""
+    copies = dict[str, Path]()
+    served = Copies(dao.running.bus, dao.site.org, "panther1", Store(dao.site), copies.get)
+    yield copies
+    served.close()
+
+
+def in_store(uri: str) -> Path:
+    return Path(uri.removeprefix("file://"))
+
+
+def test_a_proof_that_the_store_damaged_is_put_there_again_and_paid(
+    dao: Dao, executor: Executor, kept: dict[str, Path]
+) -> None:
+    task_id = executor.assigned()
+    path = executor.record(task_id)
+    uri = executor.store.put(path)
+    sha256 = "0x" + in_store(uri).stem
+    in_store(uri).write_bytes(path.read_bytes()[:-100])
+    executor.submit(task_id, sha256, uri)
+    waiting = dao.running.wait_for_status("oracle", lambda status: "waits for its proof" in status.activity)
+    assert waiting.ready and "the bytes are not those that were submitted" in waiting.activity
+    assert "VerdictPosted" not in dao.names_of(task_id)
+    kept[sha256] = path  # the executor's process is there again
+    assert executor.verdict(task_id, 1)["verdict"] == "accepted"
+    assert in_store(uri).read_bytes() == path.read_bytes()
+
+
+def test_a_proof_in_a_store_that_cannot_be_read_is_handed_over_and_paid(
+    dao: Dao, executor: Executor, kept: dict[str, Path]
+) -> None:
+    task_id = executor.assigned()
+    path = executor.record(task_id)
+    uri = executor.store.put(path)
+    sha256 = "0x" + in_store(uri).stem
+    in_store(uri).unlink()
+    in_store(uri).symlink_to(in_store(uri))  # a disk that answers with an error
+    executor.submit(task_id, sha256, uri)
+    broken = dao.running.wait_for_status("oracle", lambda status: not status.ready)
+    assert broken.reason.startswith("the store cannot be read: ")
+    kept[sha256] = path
+    assert executor.verdict(task_id, 1)["verdict"] == "accepted"
+    dao.running.wait_ready("oracle")
+
+
+def test_the_hash_of_nothing_earns_nothing_and_holds_up_nobody_else(
+    dao: Dao, executor: Executor, kept: dict[str, Path]
+) -> None:
+    """Nor does a copy that has another hash help."""
+    own = executor.assigned(max_attempts=1)
+    service = dao.command("thief", "register_service", kind="waste_disposal", price_iec="1")["service_id"]
+    tasks = {
+        one: dao.task(one)["executor_name"]
+        for one in (dao.post(params=PLACE, max_attempts=1) for _ in range(2))
+    }
+    theirs = next(task_id for task_id, name in tasks.items() if name == "thief")
+    (other,) = set(tasks) - {theirs}
+    path = executor.record(own)
+    kept["0x" + "cf" * 32] = path
+    thief = Participant(dao.running.bus, dao.site.org, "thief")
+    thief.submit_proof(theirs, 1, "0x" + "cf" * 32, f"{dao.site.store_url}/{'cf' * 32}.mcap")
+    uri = executor.store.put(path)
+    executor.submit(own, "0x" + in_store(uri).stem, uri)
+    assert executor.verdict(own, 1)["verdict"] == "accepted"
+    verdict = executor.verdict(theirs, 1)
+    assert verdict["verdict"] == "rejected"
+    assert "its executor did not hand it over" in verdict["reason"]
+    executor.submit(other, "0x" + "ee" * 32, f"{dao.site.store_url}/{'ee' * 32}.mcap")
+    assert executor.verdict(other, 1)["verdict"] == "rejected"
+    dao.command("thief", "update_service", service_id=int(service), state="retired")
 
 
 # -- acts are paid for once ------------------------------------------------------------------------------

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.dao import CLEANING
 from rodeo.messages import DaoEvent, Task
@@ -85,11 +86,17 @@ def oracle(
         reason="fetched",
         checks=[],
     )
-    monkeypatch.setattr(worker, "verify_apart", lambda *_: refused)
+    monkeypatch.setattr(worker, "verify_apart", lambda *_, **__: refused)
     stop = threading.Event()
     own = site.model_copy(update={"data_dir": tmp_path})
     service = SimpleNamespace(
-        site=own, stop=stop, bus=None, data_dir=tmp_path, activity=lambda *_, **__: None
+        site=own,
+        stop=stop,
+        bus=None,
+        clock=WallClock(),
+        data_dir=tmp_path,
+        activity=lambda *_, **__: None,
+        concern=lambda *_: None,
     )
     threads: list[threading.Thread] = []
 

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from rodeo.config import OracleConfig, Site
 from rodeo.evidence import Store
-from rodeo.evidence.errors import StoreUnavailable
+from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
 from services.oracle.app import SIDE_BY_SIDE
 from services.oracle.report import Report
 from services.oracle.verify import verify_file, verify_submission
@@ -69,7 +69,7 @@ def test_a_bag_is_rejected_whatever_keeps_the_oracle_from_deciding_it(
         assert report.reason.startswith("sealed: ")
 
 
-def test_another_hash_than_the_submitted_is_a_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:
+def test_a_uri_of_another_file_is_a_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:
     report = submitted(site, cleaning, tmp_path, proof_sha256="0x" + "ab" * 32)
     assert "proof_hash_mismatch" in report.reason
     assert report.proof_sha256 == "0x" + "ab" * 32
@@ -80,10 +80,20 @@ def test_a_uri_outside_the_store_is_a_verdict(site: Site, cleaning: Take, tmp_pa
     assert "proof_uri_not_allowed" in report.reason
 
 
-def test_a_missing_file_is_a_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:
-    uri = (tmp_path / "data" / "store").as_uri() + f"/{'ab' * 32}.mcap"
-    report = submitted(site, cleaning, tmp_path, proof_uri=uri)
-    assert "proof_not_found" in report.reason
+def test_what_the_store_lacks_or_damaged_or_may_not_give_is_no_verdict(
+    site: Site, cleaning: Take, tmp_path: Path
+) -> None:
+    """The bytes that were submitted may be had elsewhere."""
+    lost = {"proof_uri": f"{(tmp_path / 'data' / 'store').as_uri()}/{'ab' * 32}.mcap"}
+    hash_ = {"proof_sha256": "0x" + "ab" * 32}
+    with pytest.raises(ProofNotFound):
+        submitted(site, cleaning, tmp_path, **lost, **hash_)
+    (tmp_path / "data" / "store" / f"{'ab' * 32}.mcap").write_bytes(b"something else")
+    with pytest.raises(ProofHashMismatch) as damaged:
+        submitted(site, cleaning, tmp_path, **lost, **hash_)
+    assert damaged.value.details["expected"] == hash_["proof_sha256"]
+    with pytest.raises(ProofUriNotAllowed):
+        submitted(site, cleaning, tmp_path, proof_uri=f"s3://elsewhere/{'ab' * 32}.mcap", **hash_)
 
 
 def undecided_by_the_oracle(report: Report) -> str:

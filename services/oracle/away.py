@@ -1,0 +1,291 @@
+"""Proofs that the oracle cannot read yet: whose failure that is, and how they are had all the same.
+
+A store may lose or damage what it was given, be out of reach, or be one that this oracle was not told of.
+None of that is the executor's failure. But a proof that nobody but its executor ever saw proves nothing, and
+where auditors keep silent an undecided attempt may be paid. So what decides is whether the executor hands
+over, when it is asked, the bytes that it submitted the hash of. It keeps a copy until long after its verdict
+(`rodeo.evidence.copies`); asked over the bus it puts them into the store again, and hands them to the oracle
+directly where the store cannot be read.
+
+    the bytes come, from wherever         verified as any other proof
+    the store cannot be read              waits until the verdict is due; then undecided: the store failed
+    the bridge knows the store, not we    the same: the oracle failed, as it does where its disk is full
+    the store can be read and lacks them  its executor hands them over in `oracle.handover_s`; or rejected
+"""
+
+from __future__ import annotations
+
+import logging
+import shutil
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+from rodeo.bus import Bus
+from rodeo.clock import Clock
+from rodeo.config import Site
+from rodeo.errors import BusError, ClockUnavailable, DiskFull, RodeoError
+from rodeo.evidence import Store
+from rodeo.evidence.copies import ask_to_put, hand_over
+from rodeo.evidence.errors import EvidenceError, ProofUriNotAllowed, StoreUnavailable
+from rodeo.logs import about_task
+from rodeo.messages import Task
+from services.oracle.report import Check, Report
+
+log = logging.getLogger(__name__)
+
+LOOK_S = 1.0
+"""Wall time between two looks at what is due."""
+_PAUSE_S = (1.0, 30.0)
+"""Shortest and longest wall time before a proof is looked and asked for again."""
+_SEEKERS = 4
+"""Proofs that are looked for at the same time: one store that hangs must not keep the others waiting."""
+_MARGIN_SHARE = 0.25
+"""Of a verdict window: at most so much of it is kept for the verdict on what turned up late."""
+
+Owner = Literal["executor", "store", "oracle"]
+
+
+class ProofAway(RodeoError):
+    """The bytes of a submitted proof cannot be had now; `owner` is whose failure that looks like."""
+
+    def __init__(self, message: str, task: Task, owner: Owner) -> None:
+        super().__init__(message)
+        self.task = task
+        self.owner = owner
+
+
+@dataclass
+class _Sought:
+    task: Task
+    why: str
+    owner: Owner
+    pause_s: float = _PAUSE_S[0]
+    due_s: float = 0.0
+    """Wall (monotonic) time of the next look."""
+    looked_s: float | None = None
+    asked_s: float = 0.0
+    """Wall time for which the executor has been asked."""
+    asked: int = 0
+    busy: bool = field(default=False, repr=False)
+
+
+class MissingProofs:
+    """Looks for the proofs of submissions until they are had or patience ends. Thread-safe.
+
+    Args:
+        found: called with (task id, attempt) when there is something to decide: a copy, or the last word.
+        waits: whether a submission still waits for its verdict.
+        stores: prefixes of URIs that the bridge takes proofs in. Raises BusError, RemoteError.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        bus: Bus,
+        clock: Clock,
+        folder: Path,
+        found: Callable[[int, int], None],
+        waits: Callable[[int, int], bool],
+        stores: Callable[[], list[str]],
+    ) -> None:
+        self._site, self._bus, self._clock = site, bus, clock
+        self._store = Store(site)
+        self._folder = folder
+        shutil.rmtree(folder, ignore_errors=True)  # of a process that was killed
+        self._found, self._waits, self.stores = found, waits, stores
+        self._lock = threading.Lock()
+        self._sought: dict[tuple[int, int], _Sought] = {}
+        self._copies: dict[tuple[int, int], Path] = {}
+        self._last_words: dict[tuple[int, int], Report] = {}
+        self._pool = ThreadPoolExecutor(_SEEKERS, thread_name_prefix="seeker")
+
+    def seek(self, task: Task, away: ProofAway) -> None:
+        """From now on."""
+        key = task.id, task.attempt
+        self.forget(key)
+        with self._lock:
+            self._sought[key] = _Sought(task, away.message, away.owner)
+        log.warning("task %d attempt %d: %s; asking its executor for it", *key, away.message)
+
+    def run(self, stop: threading.Event, tell: Callable[[], None]) -> None:
+        """Until `stop`; `tell` is called now and then to show how it stands."""
+        while not stop.wait(LOOK_S):
+            tell()
+            now_s = time.monotonic()
+            with self._lock:
+                due = [one for one in self._sought.values() if not one.busy and one.due_s <= now_s]
+                for one in due:
+                    one.busy = True
+            for one in due:
+                self._pool.submit(self._look, one)
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def keys(self) -> set[tuple[int, int]]:
+        """Submissions whose proof is looked for."""
+        with self._lock:
+            return set(self._sought)
+
+    def copy(self, key: tuple[int, int]) -> Path | None:
+        """The proof itself, if it had to be looked for and was had."""
+        with self._lock:
+            return self._copies.get(key)
+
+    def last_word(self, key: tuple[int, int]) -> Report | None:
+        """The report on a proof that was not to be had."""
+        with self._lock:
+            return self._last_words.get(key)
+
+    def forget(self, key: tuple[int, int]) -> None:
+        """The submission has its verdict, or is looked for anew."""
+        with self._lock:
+            self._sought.pop(key, None)
+            self._last_words.pop(key, None)
+            copy = self._copies.pop(key, None)
+        if copy is not None:
+            shutil.rmtree(copy.parent, ignore_errors=True)
+
+    def summary(self) -> list[str]:
+        """A sentence for each proof that is looked for."""
+        with self._lock:
+            return [
+                f"task {one.task.id} attempt {one.task.attempt} waits for its proof: {one.why}"
+                for one in self._sought.values()
+            ]
+
+    @property
+    def unreadable(self) -> str:
+        """Why the store cannot be read, if a proof waits for that."""
+        with self._lock:
+            return next((one.why for one in self._sought.values() if one.owner == "store"), "")
+
+    # -- one look --------------------------------------------------------------------------------------
+
+    def _look(self, one: _Sought) -> None:
+        task = one.task
+        key = task.id, task.attempt
+        with about_task(task.id):
+            try:
+                if not self._waits(*key):
+                    self.forget(key)
+                    return
+                copy = self._obtain(one)
+                word = None if copy is not None else self._last_word(one)
+            except Exception:
+                # The next look must come whatever happened in this one.
+                log.exception("looking for the proof of task %d attempt %d failed", *key)
+                copy, word = None, None
+            with self._lock:
+                one.busy = False
+                one.due_s = time.monotonic() + one.pause_s
+                one.pause_s = min(2 * one.pause_s, _PAUSE_S[1])
+                if copy is None and word is None:
+                    return
+                self._sought.pop(key, None)
+                if copy is not None:
+                    self._copies[key] = copy
+                if word is not None:
+                    self._last_words[key] = word
+            log.info("task %d attempt %d: %s", *key, "the proof is here" if copy else word and word.reason)
+            self._found(*key)
+
+    def _obtain(self, one: _Sought) -> Path | None:
+        """The proof, from the store or from its executor; None says in `one` why not."""
+        wanted = (one.task.proof_sha256 or "").lower()
+        try:
+            if (path := self._fetch(one, wanted)) is not None:
+                return path
+            now_s = time.monotonic()
+            if one.looked_s is not None and self._bus.connected and one.owner == "executor":
+                one.asked_s += now_s - one.looked_s
+            one.looked_s = now_s
+            one.asked += 1
+            if ask_to_put(self._bus, self._site.org, wanted) and (path := self._fetch(one, wanted)):
+                return path
+            folder = self._folder_of(one.task)
+            folder.mkdir(parents=True, exist_ok=True)
+            path = folder / f"{wanted.removeprefix('0x')}.mcap"
+            if hand_over(self._bus, self._site.org, wanted, path, self._site.store.max_bytes):
+                self._put(path)
+                return path
+        except BusError as error:
+            log.info("cannot ask for the proof: %s", error)
+        except (OSError, DiskFull) as error:
+            one.owner, one.why = "oracle", f"the oracle cannot keep the proof: {error}"
+        return None
+
+    def _fetch(self, one: _Sought, wanted: str) -> Path | None:
+        uri = one.task.proof_uri or ""
+        try:
+            self._store.check(uri)
+        except ProofUriNotAllowed:
+            # The name is the content: what others keep elsewhere may be in our store, too.
+            uri = f"{self._site.store_url.rstrip('/')}/{wanted.removeprefix('0x')}.mcap"
+        try:
+            return self._store.fetch(uri, wanted, folder=self._folder_of(one.task))
+        except EvidenceError as error:
+            one.why = str(error)
+            one.owner = owner_of(error, one.task.proof_uri or "", self._site, self.stores)
+        return None
+
+    def _folder_of(self, task: Task) -> Path:
+        # Two submissions may have one hash: who copies another's.
+        return self._folder / f"{task.id}-{task.attempt}"
+
+    def _put(self, path: Path) -> None:
+        try:
+            self._store.put(path)
+        except EvidenceError as error:
+            log.warning("the proof is verified, and cannot be put into the store: %s", error)
+
+    # -- patience --------------------------------------------------------------------------------------
+
+    def _last_word(self, one: _Sought) -> Report | None:
+        """The report once patience is over."""
+        task, over = one.task, self._verdict_is_due(one.task)
+        if one.owner == "executor" and (over or one.asked_s >= self._site.oracle.handover_s):
+            detail = f"{one.why[:200]}; asked {one.asked} times, its executor did not hand it over"
+            fault = None
+        elif over and one.owner != "executor":
+            detail = f"it could not be read until the verdict was due: {one.why[:200]}"
+            fault = "the store" if one.owner == "store" else "the oracle"
+        else:
+            return None
+        check = Check(name="fetched", passed=False, source=task.proof_uri or "", detail=detail, fault=fault)
+        return Report.of(
+            [check], kind=task.kind, task_id=task.id, attempt=task.attempt, proof_sha256=task.proof_sha256
+        )
+
+    def _verdict_is_due(self, task: Task) -> bool:
+        return is_due(task, self._site, self._clock)
+
+
+def is_due(task: Task, site: Site, clock: Clock) -> bool:
+    """Whether the verdict on a submitted task cannot wait any longer, or its window passes without one."""
+    if task.verdict_deadline is None:
+        return False
+    try:
+        now_s = clock.now_s()
+    except ClockUnavailable:
+        return False
+    margin_s = min(site.min_verdict_window_s, _MARGIN_SHARE * task.verdict_window_s)
+    return now_s >= task.verdict_deadline - margin_s
+
+
+def owner_of(error: EvidenceError, uri: str, site: Site, stores: Callable[[], list[str]]) -> Owner:
+    """Whose failure it looks like that a proof cannot be fetched."""
+    if isinstance(error, StoreUnavailable):
+        return "store"
+    base = uri.rpartition("/")[0]
+    own = [site.store_url.rstrip("/"), *(url.rstrip("/") for url in site.store.allowed)]
+    if base in own:
+        return "executor"
+    try:
+        return "oracle" if base in [url.rstrip("/") for url in stores()] else "executor"
+    except RodeoError as error_:
+        log.info("cannot ask the bridge for the site's stores: %s", error_)
+        return "oracle"

@@ -1,0 +1,72 @@
+"""A whole site on a disk of its own that fills up: nothing ends, everything says so and goes on by itself.
+
+The disk is a tmpfs, where that may be mounted. In tests/unit/test_disk.py the largest file that a process may
+write stands in for it.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from tests.integration.test_agent import SITE, Organization
+from tests.support.site import RunningSite, write_site
+
+DISK_MB = 200
+WRITERS = ("bridge", "oracle", "itrash", "charger", "robot_sim", "robot_agent")
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"size={DISK_MB}m", "tmpfs", str(folder)], capture_output=True
+    )
+    if mounted.returncode:
+        pytest.skip(f"no disk of its own to fill: {mounted.stderr.decode().strip()}")
+    yield folder
+    subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+def fill(path: Path) -> None:
+    """Down to the last byte."""
+    with path.open("wb", buffering=0) as file:
+        block = bytes(1 << 20)
+        while block:
+            try:
+                file.write(block)
+            except OSError:
+                block = block[: len(block) // 2]
+        os.fsync(file.fileno())
+
+
+@pytest.mark.long
+def test_a_full_disk_pauses_every_process_and_ends_none(small_disk: Path, chain_backend: str) -> None:
+    running = RunningSite(write_site(small_disk, chain_backend, SITE))
+    try:
+        running.start("router", "chain")
+        running.deploy_contracts()
+        running.start(*WRITERS)
+        organization = Organization(running)
+        pids = {name: child.pid for name, child in running.children.items()}
+        fill(small_disk / "filler")
+        for name in WRITERS:
+            status = running.wait_for_status(name, lambda status: not status.ready)
+            assert "MB are left in" in status.reason, (name, status.reason)
+        (small_disk / "filler").unlink()
+        running.wait_ready(*WRITERS)
+        task_id = organization.post("item1")
+        organization.wait_for_event("TaskSettled", task_id)
+        assert {name: child.pid for name, child in running.children.items() if child.poll() is None} == pids
+        for name in WRITERS:
+            log = (running.site.data_dir / "logs" / f"{name}.log").read_text()
+            assert "Traceback" not in log, name
+            assert all(line.startswith("20") for line in log.splitlines()), name
+        organization.close()
+    finally:
+        running.stop()

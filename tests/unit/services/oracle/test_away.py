@@ -1,0 +1,164 @@
+"""A proof that cannot be had: who answers for it, and when. The bus is played, the store is a real folder."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rodeo.config import Site
+from rodeo.evidence import Store
+from rodeo.messages import Task
+from services.oracle import away
+from services.oracle.away import MissingProofs, ProofAway
+from services.oracle.report import Report
+from tests.support.assignments import cleaning_ledger
+from tests.support.copies import CopyBus
+from tests.support.recordings import Take
+
+WAIT_S = 20.0
+DATA = b"a proof" * 100_000
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.time_s = 0.0
+
+    def now_s(self) -> float:
+        return self.time_s
+
+
+class Search:
+    """A search in progress for the proof of `task`."""
+
+    def __init__(self, site: Site, folder: Path, task: Task, stores: list[str]) -> None:
+        self.bus, self.clock, self.task = CopyBus(), Clock(), task
+        self.bus.folder = folder
+        self.clock.time_s = task.proof_submitted or 0.0
+        self.done = threading.Event()
+        self.missing = MissingProofs(
+            site,
+            self.bus,  # type: ignore[arg-type]
+            self.clock,  # type: ignore[arg-type]
+            folder / "proofs",
+            lambda *_: self.done.set(),
+            lambda *_: True,
+            lambda: stores,
+        )
+        self.stop = threading.Event()
+        self._thread = threading.Thread(target=self.missing.run, args=(self.stop, lambda: None))
+        self._thread.start()
+
+    @property
+    def key(self) -> tuple[int, int]:
+        return self.task.id, self.task.attempt
+
+    def begin(self) -> None:
+        self.missing.seek(self.task, ProofAway("lost", self.task, "executor"))
+
+    def word(self) -> Report:
+        assert self.done.wait(WAIT_S)
+        report = self.missing.last_word(self.key)
+        assert report is not None
+        return report
+
+    def close(self) -> None:
+        self.stop.set()
+        self._thread.join()
+
+
+@pytest.fixture
+def search(
+    site: Site,
+    tmp_path: Path,
+    cleaning: Take,
+    monkeypatch: pytest.MonkeyPatch,
+    request: pytest.FixtureRequest,
+) -> Callable[..., Search]:
+    monkeypatch.setattr(away, "LOOK_S", 0.01)
+    monkeypatch.setattr(away, "_PAUSE_S", (0.01, 0.05))
+    oracle = site.oracle.model_copy(update={"handover_s": 0.2})
+    own = site.model_copy(update={"data_dir": tmp_path / "data", "oracle": oracle})
+
+    def begin(uri: str = "", stores: tuple[str, ...] = ()) -> Search:
+        path = tmp_path / "own.mcap"
+        path.write_bytes(DATA)
+        there = Store(own).put(path)
+        sha256 = "0x" + there.rpartition("/")[2].removesuffix(".mcap")
+        (tmp_path / "data" / "store" / f"{sha256[2:]}.mcap").unlink()
+        fields = {"proof_uri": uri.format(sha256=sha256[2:]) or there, "proof_sha256": sha256}
+        made = Search(own, tmp_path, cleaning_ledger(cleaning, **fields).task, list(stores))
+        made.bus.store = Store(own)
+        request.addfinalizer(made.close)
+        return made
+
+    return begin
+
+
+def test_what_the_store_lost_is_put_there_again_by_its_executor(search: Callable[..., Search]) -> None:
+    one = search()
+    one.bus.copy = DATA
+    one.begin()
+    assert one.done.wait(WAIT_S)
+    copy = one.missing.copy(one.key)
+    assert copy is not None and copy.read_bytes() == DATA
+    assert Store(one.missing._site).fetch(one.task.proof_uri or "", one.task.proof_sha256 or "").exists()
+    one.missing.forget(one.key)
+    assert not copy.exists()
+
+
+def test_what_its_executor_cannot_put_anywhere_is_handed_over(search: Callable[..., Search]) -> None:
+    one = search("s3://elsewhere/{sha256}.mcap")
+    one.bus.copy, one.bus.store = DATA, None
+    one.begin()
+    assert one.done.wait(WAIT_S)
+    copy = one.missing.copy(one.key)
+    assert copy is not None and copy.read_bytes() == DATA
+
+
+@pytest.mark.parametrize("copy", [b"", b"another" * 1000])
+def test_what_nobody_hands_over_is_rejected_when_its_executor_was_asked_long_enough(
+    search: Callable[..., Search], copy: bytes
+) -> None:
+    """Undecided it might be paid where the auditors keep silent, and nobody ever saw it."""
+    one = search()
+    one.bus.copy, one.bus.store = copy, None
+    one.begin()
+    report = one.word()
+    assert report.outcome == "rejected"
+    assert "its executor did not hand it over" in report.reason
+
+
+def test_an_executor_is_not_asked_while_the_oracle_is_off_the_bus(search: Callable[..., Search]) -> None:
+    one = search()
+    one.bus.connected = False
+    one.begin()
+    assert not one.done.wait(1.0)
+    one.bus.connected = True
+    assert one.word().outcome == "rejected"
+
+
+@pytest.mark.parametrize("fault", ["the store", "the oracle"])
+def test_a_store_that_cannot_be_read_until_the_verdict_is_due_leaves_it_to_people(
+    search: Callable[..., Search], fault: str
+) -> None:
+    if fault == "the store":
+        one = search()
+        path = Path((one.task.proof_uri or "").removeprefix("file://"))
+        path.symlink_to(path)  # a disk that answers with an error
+    else:
+        one = search("s3://elsewhere/{sha256}.mcap", ("s3://elsewhere/",))
+    one.begin()
+    assert not one.done.wait(1.0)
+    assert one.missing.summary()
+    one.clock.time_s = (one.task.verdict_deadline or 0.0) - 100.0
+    report = one.word()
+    assert (report.outcome, report.fault) == ("undecided", fault)
+
+
+def test_a_store_that_nobody_at_the_site_reads_is_its_executors_choice(search: Callable[..., Search]) -> None:
+    one = search("s3://nowhere/{sha256}.mcap", ("s3://elsewhere",))
+    one.begin()
+    assert one.word().outcome == "rejected"
