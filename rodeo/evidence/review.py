@@ -320,7 +320,7 @@ def _described(metadata: PhotoMetadata | None) -> str:
 
 
 def _of(use: Use) -> str:
-    when = datetime.fromtimestamp(use.submitted_s, UTC).strftime("%Y-%m-%d %H:%M UTC")
+    when = datetime.fromtimestamp(use.submitted_s, UTC).strftime("%Y-%m-%d %H:%M (site time)")
     return f"task {use.task_id} attempt {use.attempt}, handed in by {use.executor} on {when}"
 
 

@@ -464,7 +464,9 @@ class Charger:
                 self._service.not_ready(str(error))
             except RemoteError as error:
                 # The bridge answers with the chain's own errors while that is away or being deployed.
-                self._service.not_ready(f"{error.code}: {error}")
+                # Why it is not ready the bridge says itself, and once is enough.
+                away = error.code == "bridge_not_ready"
+                self._service.not_ready("waiting for the bridge" if away else f"{error.code}: {error}")
             else:
                 self._tell_ready()
                 return
