@@ -14,6 +14,7 @@ from pathlib import Path
 from rodeo.chain import ChainError, ChainUnavailable
 from rodeo.config import Site
 from rodeo.files import set_aside
+from services.bridge.database import damage
 from services.bridge.errors import JournalDamaged, JournalIncomplete, JournalUnwritable
 from services.bridge.journal import Accounted, Journal
 from services.bridge.node import Node
@@ -69,19 +70,11 @@ def _require_whole(
     sent: Mapping[str, int],
     ordered: bool,
 ) -> None:
-    noted, newest, counts = journal.accounted(), journal.newest_nonces(), _counts(node, addresses)
-    missing: dict[str, int] = {}
-    for name, count in counts.items():
-        without = sent.get(addresses[name])
-        if (before := noted.get(name)) is not None:
-            added = max(0, (without or 0) - before.sent_without)
-            known = max(before.nonce, newest.get(name, -1) + 1) + added
-        elif without is None or name in newest:
-            known = count  # of a wallet that joined later, or of a journal from before this was noted
-        else:
-            known = without
-        if count > known:
-            missing[name] = count - known
+    counts = _counts(node, addresses)
+    missing = _missing(journal, counts, addresses, sent)
+    if missing:
+        _take_over(journal, path, missing)
+        missing = _missing(journal, counts, addresses, sent)
     if missing and not ordered:
         raise JournalIncomplete(
             f"the journal lacks {sum(missing.values())} transactions that its wallets have sent: it was "
@@ -94,6 +87,38 @@ def _require_whole(
     if missing:
         log.warning("the journal goes on without what was sent before, as ordered: %s", missing)
     journal.account_for({name: _accounted(count, addresses[name], sent) for name, count in counts.items()})
+
+
+def _missing(
+    journal: Journal, counts: Mapping[str, int], addresses: Mapping[str, str], sent: Mapping[str, int]
+) -> dict[str, int]:
+    """Wallet -> how many of its transactions the journal does not answer for, where there are any."""
+    noted, newest = journal.accounted(), journal.newest_nonces()
+    missing: dict[str, int] = {}
+    for name, count in counts.items():
+        without = sent.get(addresses[name])
+        if (before := noted.get(name)) is not None:
+            added = max(0, (without or 0) - before.sent_without)
+            known = max(before.nonce, newest.get(name, -1) + 1) + added
+        elif without is None:
+            known = count  # of a wallet that joined later
+        else:
+            known = max(without, newest.get(name, -1) + 1)
+        if count > known:
+            missing[name] = count - known
+    return missing
+
+
+def _take_over(journal: Journal, path: Path, wallets: Iterable[str]) -> None:
+    """What other bridges of this site have sent for the wallets, as far as their journals lie beside."""
+    for other_path in sorted(path.parents[2].glob(f"*/{path.parent.name}/{path.name}")):
+        if other_path == path or damage(other_path) is not None:
+            continue
+        other = Journal(other_path)
+        for name in wallets:
+            if taken := journal.take_over(other, name):
+                log.info("%d transactions of %s are taken over from %s", taken, name, other_path)
+        other.close()
 
 
 class Continuity:

@@ -218,6 +218,24 @@ class Journal:
             with self._writing(self._engine) as connection:
                 connection.execute(_reopened, [{"entry_id": entry.id} for entry in entries])
 
+    def take_over(self, other: Journal, wallet: str) -> int:
+        """Copy what `other` holds of a wallet that another bridge served before; how many transactions."""
+        c = _transactions.c
+        mine = {entry.tx_hash for entry in self._entries(c.wallet == wallet)}
+        with other._engine.connect() as connection:
+            found = connection.execute(
+                select(_transactions).where(c.wallet == wallet, c.state != "dropped").order_by(c.id)
+            )
+            rows = [
+                {name: value for name, value in row.items() if name != "id"}
+                for row in found.mappings()
+                if row["tx_hash"] not in mine
+            ]
+        if rows:
+            with self._writing(self._engine) as connection:
+                connection.execute(insert(_transactions), rows)
+        return len(rows)
+
     def free_requests(self, contracts: Collection[str]) -> int:
         """Let the request_ids of what went to others than `contracts` count as new ones; how many there were.
 

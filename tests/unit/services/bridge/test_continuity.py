@@ -29,7 +29,7 @@ class Bridge:
         # As a deployment says that ended now: other tests share the chain.
         self.sent = {self.account.address: self.nonce}
         self.folder = folder / "bridge"
-        self.path = self.folder / "journal.sqlite"
+        self.path = self.folder / "31337-abc" / "journal.sqlite"
 
     @property
     def nonce(self) -> int:
@@ -82,7 +82,7 @@ def test_a_journal_that_is_gone_is_refused_until_it_is_back_or_given_up(
         bridge.send(journal)
     journal.close()
     copy = bridge.path.read_bytes()
-    for beside in bridge.folder.glob("journal.sqlite-*"):
+    for beside in bridge.path.parent.glob("journal.sqlite-*"):
         beside.unlink()
 
     lose(bridge.path)
@@ -156,4 +156,19 @@ def test_a_damaged_journal_that_is_given_up_is_kept(bridge: Bridge) -> None:
         bridge.open()
     give_up_journal(bridge.site)
     bridge.open().close()
-    assert (bridge.folder / "journal.sqlite.given-up-1").read_bytes().startswith(b"no database")
+    assert bridge.path.with_name("journal.sqlite.given-up-1").read_bytes().startswith(b"no database")
+
+
+def test_a_wallet_that_another_bridge_of_the_site_served_brings_its_requests_along(bridge: Bridge) -> None:
+    journal = bridge.open()
+    bridge.send(journal)
+    (asked,) = journal.unfinished()
+    journal.close()
+
+    bridge.folder = bridge.folder.with_name("bridge-panther1")
+    bridge.path = bridge.folder / "31337-abc" / "journal.sqlite"
+    journal = bridge.open()
+    assert asked.request_id is not None
+    found = journal.find("panther1", asked.request_id)
+    assert found is not None and found.tx_hash == asked.tx_hash
+    journal.close()
