@@ -53,22 +53,22 @@ def cannot_do(site: Site, participant: str, kind: str) -> str:
     own program does.
     """
     if participant in [robot.name for robot in site.robots]:
-        able, does = kind == CLEANING, f"is a robot, and robots do {CLEANING} only"
+        able, does = kind == CLEANING, f"robots do {CLEANING} only"
     elif participant == "oracle":
-        able, does = False, "judges work, and so does none"
+        able, does = False, "the oracle judges work and does none"
     elif participant == ORGANIZATION:
         able = kind == CHARGING or is_peoples(kind)
-        does = f"sells {CHARGING} at its dock, and its people do what no machine judges"
+        does = f"the organization sells {CHARGING} at its dock, and its people do what auditors judge"
     else:
         declared = next((one.kinds for one in site.participants if one.name == participant), None)
         able = is_peoples(kind) if declared is None else kind in declared
         does = (
-            f"has no machine that does it (`kinds` of a participant in the site file says which kinds its "
-            f"program does; without it, those that people judge: not {' and '.join(sorted(MACHINE_JUDGED))})"
+            "people do the kinds that auditors judge; what a participant's own program does is named in "
+            "the site file, in the participant's `kinds`"
             if declared is None
-            else f"does {', '.join(declared) or 'nothing'}, as the site file says"
+            else f"by the site file it does {', '.join(declared) or 'nothing'}"
         )
-    return "" if able else f"{participant} cannot do {kind}: it {does}"
+    return "" if able else f"{participant} cannot do {kind}: {does}"
 
 
 class Assignment(BaseModel):

@@ -659,13 +659,13 @@ def test_participants_and_wallets_are_known_by_name(dao: Dao) -> None:
         (
             "panther1",
             "dusting",
-            "panther1 cannot do dusting: it is a robot, and robots do",
+            "panther1 cannot do dusting: robots do waste_disposal only",
         ),
         ("panther1", "battery_charging", "robots do waste_disposal only"),
-        ("carla", CLEANING, "carla cannot do waste_disposal: it has no machine that does it"),
-        ("carla", "battery_charging", "has no machine that does it"),
+        ("carla", CLEANING, "carla cannot do waste_disposal: people do the kinds that"),
+        ("carla", "battery_charging", "people do the kinds that auditors judge"),
         ("organization", CLEANING, "sells battery_charging at its dock"),
-        ("oracle", "dusting", "judges work, and so does none"),
+        ("oracle", "dusting", "the oracle judges work and does none"),
     ],
 )
 def test_nobody_offers_what_they_cannot_do(dao: Dao, who: str, kind: str, why: str) -> None:
@@ -720,7 +720,7 @@ def test_what_cannot_be_done_is_given_back_at_once_with_the_reason_and_the_next_
     assert service["state"] == "paused"
     task = Task.model_validate(dao.task(task_id))
     said = fetch_statement(Store(dao.site), task.proof_uri or "", task.proof_sha256 or "").note
-    assert said.startswith("Given back undone: panther1 cannot do dusting: it is a robot")
+    assert said.startswith("Given back undone: panther1 cannot do dusting: robots do")
     assert any("panther1 cannot do dusting" in one for one in dao.running.status("bridge").warnings)
 
     with pytest.raises(RemoteError) as refused:
