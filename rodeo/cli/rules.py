@@ -292,10 +292,9 @@ def devices(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> Non
     rows = []
     for one in reply["devices"]:
         gone = "" if one["revoked"] is None else f"revoked: {one['revoked_because']}"
-        cells = (one["role"], one["name"], one["owner_name"] or one["owner"], one["address"], gone)
-        rows.append(Row(cells, {4: "red"}))
-    columns = ("role", "name", "owner", "address", "")
-    for line in lines(columns, rows, console.width, folds=(4, 2, 1)):
+        cells = (one["role"], one["name"], one["owner_name"] or one["owner"], one["address"])
+        rows.append(Row(cells, note=gone))
+    for line in lines(("role", "name", "owner", "address"), rows, console.width, folds=(2, 1)):
         console.print(line, soft_wrap=True)
 
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from pydantic import BaseModel
+from typer.testing import CliRunner
 
 from rodeo import messages
 from rodeo.bus import validate
@@ -14,7 +18,7 @@ from rodeo.chain import ContractReverted
 from rodeo.chain.errors import why_unanswered
 from rodeo.charging import ChargingParams
 from rodeo.cleaning import CleaningParams
-from rodeo.cli import organization, robot, rules, words
+from rodeo.cli import app, organization, robot, rules, words
 from rodeo.cli.layout import lines
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest, RemoteError, RodeoError
@@ -190,3 +194,23 @@ def test_verify_says_limit_and_source_where_more_is_asked_for() -> None:
 
 def test_an_accepted_proof_says_how_much_was_asked() -> None:
     assert organization._outcome(report()) == "2 checks passed, 1 were skipped"
+
+
+def test_the_state_of_a_withdrawn_key_is_whole_below_its_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = {
+        "role": "bin",
+        "name": "itrash2",
+        "owner_name": "organization",
+        "owner": "",
+        "address": "0x" + "1" * 40,
+    }
+    device |= {"revoked": 5.0, "revoked_because": "superseded"}
+
+    @contextmanager
+    def running(_site: Path) -> Iterator[tuple[Site, Any]]:
+        yield Site.load(LAB), SimpleNamespace(query=lambda *_args, **_more: {"devices": [device]})
+
+    monkeypatch.setattr(rules, "connected", running)
+    shown = CliRunner().invoke(app, ["organization", "devices"], env={"COLUMNS": "80"}).output.splitlines()
+    assert "organization" in shown[1] and shown[2].strip() == "revoked: superseded"
+    assert all(len(line) <= 80 for line in shown)
