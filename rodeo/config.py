@@ -57,6 +57,11 @@ class ClockConfig(_Table):
     idle_speed: float = Field(default=1.0, ge=0)
     """The same while every robot is parked and charging, when nothing moves."""
 
+    @property
+    def keeps_wall_time(self) -> bool:
+        """Whether the site's time is that of the wall: measured, or simulated at speed 1 throughout."""
+        return self.source == "wall" or (self.speed, self.idle_speed) == (1, 1)
+
 
 LOCAL_CHAIN_ID = 31_337
 """Chain id of local chains, the one that anvil and Hardhat use."""
@@ -345,8 +350,7 @@ class Site(BaseSettings):
 
     @model_validator(mode="after")
     def _one_time(self) -> Self:
-        simulated = self.clock.source == "sim" and (self.clock.speed, self.clock.idle_speed) != (1, 1)
-        if self.chain.backend == "external" and simulated:
+        if self.chain.backend == "external" and not self.clock.keeps_wall_time:
             raise ValueError("an external chain keeps wall time: clock.speed and clock.idle_speed must be 1")
         return self
 

@@ -54,6 +54,10 @@ log = logging.getLogger(__name__)
 
 Result = TypeVar("Result")
 
+CLOCK_OFF_S = 1.5
+"""By more than this the clock of a process that keeps the wall's time must not be off it: the simulator stays
+within half a second, and the rest is a busy machine's."""
+
 
 RIVAL_SHOWN_S = 600.0
 """Wall time for which a process's state tells of another that wanted to serve the same."""
@@ -285,6 +289,8 @@ class Service:
                 reason = "it hangs: by now it should have said that it still works"
             if self._disk_problem:
                 reason = self._disk_problem
+            # What else is wrong may well come of it.
+            reason = "; ".join(filter(None, (self._clock_off(), reason)))
             if not connected:
                 reason = f"no router at {self.site.bus.router}"
             ready = self._ready and not reason
@@ -313,6 +319,20 @@ class Service:
     def _rival_warnings(self) -> list[str]:
         text, heard_s = self._rival
         return [text] if time.monotonic() - heard_s < RIVAL_SHOWN_S else []
+
+    def _clock_off(self) -> str:
+        """What keeps a process from being ready whose clock should be the wall's, and is not; else empty."""
+        if not (isinstance(self.clock, SimClock) and self.site.clock.keeps_wall_time):
+            return ""
+        try:
+            behind_s = time.time() - self.clock.now_s()
+        except ClockUnavailable:
+            return ""  # who needs the clock waits for it
+        if behind_s > CLOCK_OFF_S:
+            return f"clock {behind_s:.0f} s behind the wall's; `rodeo status` tells how robot_sim is"
+        if behind_s < -CLOCK_OFF_S and self.site.chain.backend == "external":
+            return f"clock {-behind_s:.0f} s ahead of the wall's; it stands still for so long"
+        return ""
 
     def _clock_warnings(self) -> list[str]:
         warning = self.clock.warning() if isinstance(self.clock, SimClock) else ""

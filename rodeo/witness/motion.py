@@ -11,7 +11,7 @@ import numpy as np
 
 from rodeo.evidence.errors import BadStatement
 from rodeo.witness.poses import LARGEST_M, REST_M, REST_PERIOD_US, REST_RAD, pack, unpack_all
-from rodeo.witness.statement import Motion
+from rodeo.witness.statement import MAX_STALLS, Motion
 
 Array = np.ndarray[Any, Any]
 
@@ -47,6 +47,7 @@ class MotionFields(NamedTuple):
     tracks: dict[str, str]
     resting: dict[str, int]
     unseen_us: dict[str, int]
+    stalls_us: tuple[tuple[int, int], ...]
 
 
 class _Body:
@@ -78,6 +79,11 @@ class _Body:
             return
         self.moved = True
         self.samples.append(sample)
+
+    def stood_still(self, from_us: int, to_us: int) -> None:
+        """Nothing moved in this time, seen or not."""
+        if self.seen_us is not None:
+            self.seen_us += to_us - from_us
 
     def until(self, now_us: int) -> tuple[list[Sample], list[Sample]]:
         """What was seen up to now, and what is stamped later, taken away. A camera's stamp may be some
@@ -111,6 +117,15 @@ class MotionLog:
     def __init__(self, bodies: Iterable[str], start_us: int) -> None:
         self._bodies = {name: _Body() for name in bodies}
         self._start_us = start_us
+        self._stalls_us: list[tuple[int, int]] = []
+
+    def stall(self, from_us: int, to_us: int) -> None:
+        """The simulated lab stood still in this time, which nobody saw pass."""
+        if len(self._stalls_us) == MAX_STALLS:
+            return  # a hole like others
+        self._stalls_us.append((from_us, to_us))
+        for body in self._bodies.values():
+            body.stood_still(from_us, to_us)
 
     def add(self, body: str, sample: Sample) -> None:
         """A pose. One that is not later than the one before, or too far away to be signed, counts as not
@@ -165,8 +180,9 @@ class MotionLog:
                 if now_us - newest.time_us > STEP_US:
                     unseen_us[name] = now_us - newest.time_us
             body.keep(ahead)
-        fields = MotionFields(start_us, now_us, tracks, resting, unseen_us)
+        fields = MotionFields(start_us, now_us, tracks, resting, unseen_us, tuple(self._stalls_us))
         self._start_us = now_us
+        self._stalls_us = []
         return fields
 
 

@@ -22,6 +22,8 @@ MAX_HEADS = 64
 """In one statement: more devices than a site has."""
 
 
+MAX_STALLS = 64
+"""In one statement of motion capture; of a second or two there are a handful."""
 MAX_OCMF = 24_000
 """Characters of a record's text with `MAX_HEADS` heads."""
 MAX_CLAIMANTS = 8
@@ -92,6 +94,11 @@ class Motion(Header):
     unseen_us: dict[str, Annotated[int, Field(ge=1)]] = {}
     """Resting body -> how long before `end_us` it was seen last, where that is longer than
     `rodeo.witness.motion.STEP_US`."""
+    stalls_us: tuple[tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]], ...] = Field(
+        default=(), max_length=MAX_STALLS
+    )
+    """From when to when (site time) a simulated lab stood still: its machine stalled, and its clock skipped
+    the time to stay with the wall's. Nothing moved meanwhile. A real lab has none."""
 
 
 class Claimant(_Model):

@@ -330,7 +330,10 @@ class Bridge:
                     attachment.compared, attachment.made_anew = problem is None, False
                     if problem is not None:
                         continue
-                late = why_late(attachment.index.position, self._site.chain.max_block_age_s, time.time())
+                chain = self._site.chain
+                late = why_late(
+                    attachment.index.position, chain.max_block_age_s, time.time(), chain.backend == "external"
+                )
                 if late is None and attachment.outbox.failure is not None:
                     late = str(attachment.outbox.failure)
                 if late is None:
@@ -476,8 +479,19 @@ class Bridge:
                     self._service.warn(f"task {task['id']} is given back undone: {reason}")
 
 
-def why_late(position: Position, max_block_age_s: float | None, now_s: float) -> str | None:
-    """Why an index that is where the node is does not tell of now; None where it does."""
+MAX_BLOCK_AHEAD_S = 5.0
+"""Of a chain elsewhere: a node's clock may be off a little, and who records in another time than that of the
+blocks is not paid (the oracle's `recorded_in_assignment`)."""
+
+
+def why_late(
+    position: Position, max_block_age_s: float | None, now_s: float, elsewhere: bool = False
+) -> str | None:
+    """Why an index that is where the node is does not tell of now; None where it does. `elsewhere`: the chain
+    has a clock of its own."""
+    ahead_s = position.block_time_s - now_s
+    if elsewhere and ahead_s > MAX_BLOCK_AHEAD_S:
+        return f"clock {ahead_s:.0f} s behind the chain's newest block"
     if max_block_age_s is None or now_s - position.block_time_s <= max_block_age_s:
         return None
     return f"the node is behind: its newest block is older than {max_block_age_s:g} s"

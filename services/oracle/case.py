@@ -26,7 +26,7 @@ from rodeo.evidence.series import Array, Table
 from rodeo.lab.config import ItemConfig, RobotConfig
 from rodeo.messages import Device, Root, Task
 from rodeo.witness import Motion, Statement, payload_digest
-from rodeo.witness.motion import track
+from rodeo.witness.motion import STEP_US, track
 from services.oracle.keys import counts_until_s, taken
 from services.oracle.statements import Said, Testimony, joined, recorded, testimonies
 
@@ -264,10 +264,12 @@ class Case:
         when it is nonsense."""
         if body not in self._poses:
             seen, ahead_s = self._seen(body), self.clock_ahead_s
+            unseen_s = [(start_s - ahead_s, end_s - ahead_s) for start_s, end_s in seen.unseen_s]
             self._poses[body] = replace(
                 seen,
                 time_s=seen.time_s - ahead_s,
-                unseen_s=tuple((start_s - ahead_s, end_s - ahead_s) for start_s, end_s in seen.unseen_s),
+                # Over a stall nothing went anywhere, seen or not.
+                unseen_s=tuple(span for span in unseen_s if self.moving_s(*span) > STEP_US * 1e-6),
             )
         return self._poses[body]
 
@@ -490,6 +492,35 @@ class Case:
             for said, (before, after) in zip(self.motion[:-1], pairwise(self._motions), strict=True)
             if (before.seq + 1, said.digest) == (after.seq, after.previous) and after.start_us > before.end_us
         ]
+
+    @cached_property
+    def stalls_s(self) -> list[tuple[float, float]]:
+        """Over which a simulated lab stood still, as its motion capture signed, by the robot's clock. Raises
+        OthersFailed."""
+        if self.site.clock.source == "wall":
+            return []
+        try:
+            motions = self._motions
+        except CaseError:
+            return []
+        ahead_s = self.clock_ahead_s
+        return [
+            (start_us * 1e-6 - ahead_s, end_us * 1e-6 - ahead_s)
+            for one in motions
+            for start_us, end_us in one.stalls_us
+            if one.start_us <= start_us < end_us <= one.end_us
+        ]
+
+    def moved_s(self, time_s: Array) -> Array:
+        """Times without the stalls before them: in them nothing moved."""
+        stood_s = [np.clip(time_s, start_s, end_s) - start_s for start_s, end_s in self.stalls_s]
+        return np.asarray(time_s - sum(stood_s, np.zeros_like(time_s)))
+
+    def moving_s(self, from_s: float, to_s: float) -> float:
+        """How long it is from one time to the other without the stalls in between; negative the other way
+        round."""
+        moved_s = self.moved_s(np.array([from_s, to_s]))
+        return float(moved_s[1] - moved_s[0])
 
     @cached_property
     def phases(self) -> Phases:

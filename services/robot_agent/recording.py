@@ -48,6 +48,9 @@ _WITNESS_WALL_S = 20.0
 _MOST_EARLY = 1000
 """Statements of a downtime that the recording which goes on takes up."""
 _SLICE_S = 0.1
+STALLED = "stalled"
+"""Event: {"event", "from_s", "to_s"}, site time over which the robot's odometry was silent, and none was
+lost."""
 _HOLE_NS = 400_000_000
 """Odometry comes every 20 ms: a longer silence means that messages were lost (a router that restarts)."""
 
@@ -165,7 +168,8 @@ class Recording:
         self._open = False
         self._holes_allowed = holes_allowed
         self._hole_ns = 0
-        self._last_odom_ns: int | None = None
+        self._last_odom: tuple[int, int] | None = None
+        """Stamp (ns) and sequence number."""
         self._lock = threading.Lock()
         self._heard_ns: dict[str, int] = {}
         """Header stamp of the newest message of each topic with a rate."""
@@ -267,11 +271,15 @@ class Recording:
     def _watch_for_holes(self, info: MessageInfo) -> None:
         # By the header: the source time of a ROS 2 robot is wall time, in a simulated lab too.
         stamp_ns = types.stamp_ns(info.cdr)
-        if self._last_odom_ns is not None:
-            step_ns = stamp_ns - self._last_odom_ns
-            if step_ns > _HOLE_NS:
-                self._hole_ns = max(self._hole_ns, step_ns)
-        self._last_odom_ns = stamp_ns
+        if self._last_odom is not None:
+            before_ns, before = self._last_odom
+            if (step_ns := stamp_ns - before_ns) > _HOLE_NS:
+                if info.sequence == before + 1:
+                    # None was lost: the robot said none. Whether it stood still, motion capture tells.
+                    self.note({"event": STALLED, "from_s": before_ns * 1e-9, "to_s": stamp_ns * 1e-9})
+                else:
+                    self._hole_ns = max(self._hole_ns, step_ns)
+        self._last_odom = stamp_ns, info.sequence
 
     def _on_statement(self, heard: Heard) -> None:
         statement = heard.statement

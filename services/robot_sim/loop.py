@@ -1,5 +1,6 @@
 """The thread that owns the simulation: paces it, saves it, and does what other threads ask for in between."""
 
+import logging
 import queue
 import threading
 import time
@@ -15,10 +16,14 @@ from services.robot_sim.outbox import Outbox
 from services.robot_sim.simulation import PERIOD_NS, Simulation
 from services.robot_sim.state import StateFile
 
+log = logging.getLogger(__name__)
+
 Result = TypeVar("Result")
 
 _LATE_S = 0.25
 """A simulation that is further behind than this does not catch up."""
+_TOLD_STALL_S = 1.0
+"""Stalls from this length on are logged."""
 _EARLY_S = 0.001
 """Waits shorter than this cost more than they are worth."""
 _STOP_CHECK_S = 0.1
@@ -44,6 +49,8 @@ class Loop:
     """Args:
     stop: ends `run`.
     limited: the speed that the clock may have now where it is to have the one given.
+    keeps_wall_time: the simulation's time is the wall's. It begins there, and what the machine does not come
+        to simulate is skipped.
     """
 
     def __init__(
@@ -53,12 +60,14 @@ class Loop:
         clock: ClockConfig,
         stop: threading.Event,
         limited: Callable[[float], float] = lambda speed: speed,
+        keeps_wall_time: bool = False,
     ) -> None:
         self.simulation = simulation
         self.outbox = Outbox(stop)
         self._state = state
         self._clock = clock
         self._limited = limited
+        self._keeps_wall_time = keeps_wall_time
         self._stop = stop
         self._jobs: queue.SimpleQueue[tuple[Callable[[], object], Future[object] | None]]
         self._jobs = queue.SimpleQueue()
@@ -98,6 +107,9 @@ class Loop:
 
     def run(self, publisher: Publisher) -> None:
         """Advance until the end; afterwards all motion has ended as cancelled. Raises what sending raised."""
+        if self._keeps_wall_time:
+            # Only now: what was loaded until here took its time.
+            self.simulation.time_ns = max(self.simulation.time_ns, time.time_ns())
         while not self._stop.is_set():
             speed, idle_speed = self._limited(self._clock.speed), self._limited(self._clock.idle_speed)
             skipping = self.simulation.parked and idle_speed != speed
@@ -117,11 +129,16 @@ class Loop:
 
     def _wait_turn(self, speed: float) -> bool:
         """Wait for the next period or for something asked for; True if it is not yet time to advance."""
-        now_s = time.monotonic()
-        behind_s = now_s - self._due_s(speed) if speed > 0 and self._speed == speed else 0.0
-        if self._speed != speed or behind_s > _LATE_S:
-            self._speed, self._anchor_wall_s, self._anchor_ns = speed, now_s, self.simulation.time_ns
-        wait_s = self._due_s(speed) - now_s if speed > 0 else 0.0
+        behind_s = -self._early_s(speed) if self._speed == speed else 0.0
+        if behind_s > _LATE_S and self._keeps_wall_time:
+            self._skip(behind_s)
+        elif self._speed != speed or behind_s > _LATE_S:
+            self._speed, self._anchor_wall_s, self._anchor_ns = (
+                speed,
+                time.monotonic(),
+                self.simulation.time_ns,
+            )
+        wait_s = self._early_s(speed)
         try:
             function, done = self._jobs.get(wait_s > _EARLY_S, timeout=min(max(wait_s, 0.0), _STOP_CHECK_S))
         except queue.Empty:
@@ -132,10 +149,22 @@ class Loop:
     @property
     def _ahead(self) -> bool:
         """Whether the next period has to wait."""
-        return self._speed > 0 and self._due_s(self._speed) - time.monotonic() > _EARLY_S
+        return self._early_s(self._speed) > _EARLY_S
 
-    def _due_s(self, speed: float) -> float:
-        return self._anchor_wall_s + (self.simulation.time_ns - self._anchor_ns) * 1e-9 / speed
+    def _early_s(self, speed: float) -> float:
+        """Wall time until the next period is due."""
+        if self._keeps_wall_time:
+            return (self.simulation.time_ns - time.time_ns()) * 1e-9
+        if speed == 0:
+            return 0.0
+        due_s = self._anchor_wall_s + (self.simulation.time_ns - self._anchor_ns) * 1e-9 / speed
+        return due_s - time.monotonic()
+
+    def _skip(self, behind_s: float) -> None:
+        """The machine stalled: go on at the wall's time."""
+        if behind_s > _TOLD_STALL_S:
+            log.warning("stalled: %.1f s are skipped, so that the clock stays with the wall's", behind_s)
+        self.simulation.stall(round(behind_s * 1e9))
 
     def _do(self, function: Callable[[], object], done: Future[object] | None) -> None:
         if done is None:

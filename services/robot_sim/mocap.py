@@ -79,6 +79,11 @@ class MotionCapture:
             self._full = False
             witness.publish(attestation)
 
+    def stall(self, from_ns: int, to_ns: int) -> None:
+        """The lab stood still in this time: it is told in the next statement."""
+        if self._log is not None:
+            self._log.stall(from_ns // 1000, to_ns // 1000)
+
     def close(self) -> None:
         """Stop listening and answering."""
         if self._roots is not None:

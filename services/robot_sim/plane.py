@@ -75,6 +75,8 @@ class LabPlane:
     def publish(self, tick: int, skipped: bool) -> None:
         seen, add = self._snapshot, self._loop.outbox.add
         now_ns = seen.time_ns
+        for stall in seen.stalls_ns:
+            add(self._mocap.stall, *stall)
         if self._mocap_poses:
             poses = list(seen.captured_poses())
             for body, pose in poses:
@@ -86,13 +88,18 @@ class LabPlane:
             for name, (scale, load) in self._loads.items():
                 weight = messages.LOAD_Z, (seen.weight_n(name),)
                 add(scale.publish_cdr, load.encode(now_ns, weight), now_ns)
-        if skipped or tick % _SECOND_TICKS == 0:
+        if skipped or seen.stalls_ns or tick % _SECOND_TICKS == 0:
             add(self._output.publish, messages.dock_output(now_ns, seen.supply), now_ns)
+
+    @property
+    def stalled(self) -> bool:
+        """Whether time was skipped before what is shown now."""
+        return bool(self._snapshot.stalls_ns)
 
     def publish_clock(self) -> None:
         """At most every _CLOCK_WALL_PERIOD_S: whoever reads the clock needs no more than that."""
         now_s = time.monotonic()
-        if now_s - self._clock_sent_s >= _CLOCK_WALL_PERIOD_S:
+        if self.stalled or now_s - self._clock_sent_s >= _CLOCK_WALL_PERIOD_S:
             self._clock_sent_s = now_s
             now_ns = self._snapshot.time_ns
             self._loop.outbox.add(self._clock.publish, messages.clock(now_ns), now_ns)
@@ -258,7 +265,7 @@ class RobotPlane:
             return
         command = Twist2(twist.linear.x, twist.angular.z)
         if math.isfinite(command.linear_m_s) and math.isfinite(command.angular_rad_s):
-            self._loop.command(lambda: self._robot.command(command, self._simulation.time_s))
+            self._loop.command(lambda: self._robot.command(command, self._simulation.moved_s))
 
     def _on_emergency_stop(self, request: Any) -> Any:
         log.warning("%s: emergency stop %s", self._ns, "engaged" if request.data else "released")

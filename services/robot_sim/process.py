@@ -24,6 +24,8 @@ from services.robot_sim.state import StateFile, saved_time_ns
 log = logging.getLogger(__name__)
 
 _REPORT_WALL_S = 1.0
+_AHEAD_S = 1.0
+"""By more than this a clock that stopped as the wall's is not ahead of it."""
 
 
 class Bus:
@@ -46,6 +48,8 @@ class Bus:
         self._snapshot.take()
 
     def publish(self, skipped: bool) -> None:
+        if self._lab.stalled:  # what is stamped after a stall must not reach anybody before its time does
+            self._lab.publish_clock()
         for robot in self._robots:
             robot.publish(self._tick, skipped)
         self._lab.publish(self._tick, skipped)
@@ -68,26 +72,34 @@ def _warn(service: Service, text: str) -> None:
     service.warn(text)
 
 
+def _keeps_wall_time(site: Site, simulation: Simulation) -> bool:
+    """Whether the clock follows the wall's: not where it went faster before, and a local chain with it."""
+    ahead_s = simulation.time_s - time.time()
+    if not site.clock.keeps_wall_time:
+        return False
+    if site.chain.backend != "external" and ahead_s > _AHEAD_S:
+        log.warning("the clock went faster before: it goes on %.1f s ahead of the wall's", ahead_s)
+        return False
+    return True
+
+
 def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
     """Simulate until `stop`. Raises AlreadyRunning, AnotherWorld."""
     with Service("robot_sim", site, stop) as service:
         service.serve_alone(served_by(site, "robot_sim"))
         path = service.data_dir / "world.state"
-        # Site time starts at wall time once and never goes back, not even for a new world.
+        # Site time starts at wall time and never goes back, not even for a new world.
         start_ns = saved_time_ns(path) or time.time_ns()
         if fresh:
             path.unlink(missing_ok=True)
         simulation = Simulation(site, start_ns)
         with StateFile(path, simulation.fingerprint, simulation.row_size) as state:
             if (saved := state.load()) is not None:
-                time_ns, row = saved
-                if site.chain.backend == "external":
-                    # A chain elsewhere has gone on meanwhile, and its windows with it.
-                    time_ns = max(time_ns, time.time_ns())
-                simulation.restore(time_ns, row)
+                simulation.restore(*saved)
                 log.info("going on from the saved world at %.2f s", simulation.time_s)
             people = PeoplesTime(service.bus, site, lambda: simulation.time_s)
-            loop = Loop(simulation, state, site.clock, service.stop, people.speed)
+            keeps_wall_time = _keeps_wall_time(site, simulation)
+            loop = Loop(simulation, state, site.clock, service.stop, people.speed, keeps_wall_time)
             session, domain_id = service.bus.session, site.bus.domain_id
             lab_node = Node(session, "lab", "", domain_id, simulation)
             mocap = MotionCapture(service.bus, site, service.data_dir / "mocap", list(simulation.captured))

@@ -33,6 +33,8 @@ from services.robot_sim.surroundings import blocked, unknown_returns
 PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 IDLE_PERIOD_NS = 1_000_000_000
 """Stride of the site time while a parked robot charges and nothing else happens."""
+_STALL_POWERED_S = 60.0
+"""For so long of a stall power flows; who leaves a machine asleep does not drain the battery."""
 
 _LOOK_PERIODS = 10
 """Control periods between two looks for obstacles on the way."""
@@ -134,6 +136,8 @@ class Simulation:
     def __init__(self, site: Site, time_ns: int) -> None:
         self.site = site
         self.time_ns = time_ns
+        self._stalled_ns = 0
+        self._stalls_ns: list[tuple[int, int]] = []
         bodies = [robot for robot in site.robots if robot.body == "sim"]
         elsewhere = [robot for robot in site.robots if robot.body != "sim"]
         simulated = site.model_copy(update={"robots": bodies})
@@ -172,11 +176,16 @@ class Simulation:
     def now_ns(self) -> int:
         return self.time_ns
 
+    @property
+    def moved_s(self) -> float:
+        """Site time without the stalls that it skipped: motions, which stand still in them, go by this."""
+        return (self.time_ns - self._stalled_ns) * 1e-9
+
     # -- going on ----------------------------------------------------------------------------------
 
     def step(self) -> None:
         """One control period: drivers, physics, odometry, power."""
-        now_s = self.time_s
+        now_s = self.moved_s
         look = self.time_ns // PERIOD_NS % _LOOK_PERIODS == 0
         for robot in self.robots.values():
             if look:
@@ -193,6 +202,19 @@ class Simulation:
         """Let IDLE_PERIOD_NS pass in which nothing moves and only the battery charges; see `parked`."""
         self.time_ns += IDLE_PERIOD_NS
         self._power(IDLE_PERIOD_NS * 1e-9)
+
+    def stall(self, lasted_ns: int) -> None:
+        """Skip time in which the machine did not come to simulate. Nothing moves; power flows on."""
+        before_ns = self.time_ns
+        self.time_ns += lasted_ns
+        self._stalled_ns += lasted_ns
+        self._stalls_ns.append((before_ns, self.time_ns))
+        self._power(min(lasted_ns * 1e-9, _STALL_POWERED_S))
+
+    def take_stalls(self) -> list[tuple[int, int]]:
+        """From when to when (ns of site time) the stalls since the last call were."""
+        stalls, self._stalls_ns = self._stalls_ns, []
+        return stalls
 
     @property
     def parked(self) -> bool:

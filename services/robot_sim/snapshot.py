@@ -72,6 +72,7 @@ class Snapshot:
         """Copy the world as it is now."""
         mujoco.mj_copyData(self.data, self.model, self._simulation.data)
         self.time_ns = self._simulation.time_ns
+        self.stalls_ns = self._simulation.take_stalls()
         self.supply = copy.copy(self._simulation.supply)
         for robot in self.robots:
             robot.take()

@@ -198,6 +198,8 @@ class Witnesses:
     """What motion capture makes of the fields of a statement before it signs them."""
     mocap_off_s: tuple[float, float] = (math.inf, math.inf)
     """Between which times the process of the motion capture did not run."""
+    mocap_stalls_s: tuple[tuple[float, float], ...] = ()
+    """From when to when it says that its simulated lab stood still."""
     mocap_forgets: bool = False
     """Whether it lost its journal by that, so that its chain begins anew."""
     ago_s: float = 0.0
@@ -243,6 +245,7 @@ class _Scene:
         start_us = (take.samples[0].time_ns + self._mocap_ns) // 1000 - 20_000
         self._motion = motion.MotionLog(sorted(seen), start_us) if seen else None
         self._seen, self._runs = sorted(seen), True
+        self._stalls_s = list(witnesses.mocap_stalls_s)
         self._claimants: tuple[Claimant, ...] = ()
         self.recording = _NOTHING
         self.charge: tuple[WitnessChain, ...] = ()
@@ -290,6 +293,9 @@ class _Scene:
         if self._motion is not None and runs:
             at, turn = sample.message.pose.position, sample.message.pose.orientation
             time_us = (stamped_ns(sample.message) + self._mocap_ns) // 1000
+            while self._stalls_s and time_us * 1e-6 > self._stalls_s[0][1]:
+                from_s, to_s = self._stalls_s.pop(0)
+                self._motion.stall(round(from_s * 1e6), round(to_s * 1e6))
             pose = motion.Sample(time_us, (at.x, at.y, at.z), (turn.w, turn.x, turn.y, turn.z))
             self._motion.add(body, pose)
 
@@ -785,17 +791,18 @@ TIMES = ("after_s", "settled_s", "shown_s", "time_s")
 """What a statement says in seconds of site time."""
 
 
-def later(take: Take, seconds: int, after_s: float = 0.0) -> Take:
+def later(take: Take, seconds: int, after_s: float = 0.0, lost: bool = True) -> Take:
     """The same film, shot so much later.
 
-    Only what is later than `after_s` is moved, if given: then there is a hole of so many seconds.
+    Only what is later than `after_s` is moved, if given: then there is a hole of so many seconds, in which
+    messages were lost, or none were sent.
     """
 
     def shifted(sample: Sample) -> Sample:
         if sample.time_ns <= after_s * 1e9:
             return sample
         if sample.ros_type:
-            frames = seconds * (10 if sample.ros_type == CONTROLLER_STATE else 50)
+            frames = seconds * (10 if sample.ros_type == CONTROLLER_STATE else 50) * lost
             return replace(shifted_by(sample, seconds * 10**9), sequence=sample.sequence + frames)
         times = {key: sample.message[key] + seconds for key in TIMES if key in sample.message}
         return replace(sample, message=sample.message | times, time_ns=sample.time_ns + seconds * 10**9)

@@ -3,11 +3,19 @@
 import signal
 import subprocess
 import sys
+import threading
 import time
+from pathlib import Path
 
 import pytest
 
+from rodeo.bus import Bus
+from rodeo.config import Site
 from rodeo.instance import GAVE_UP
+from rodeo.service import Service
+from tests.support.clock import publish_clock
+from tests.support.nodes import router_port as router_port
+from tests.support.site import write_site
 
 
 def test_a_process_that_was_asked_to_stop_is_gone_in_time_whatever_it_waits_for() -> None:
@@ -55,3 +63,41 @@ sys.exit(supervise("failing", body))
     ended = subprocess.run([sys.executable, "-c", fails], capture_output=True, text=True, timeout=30)
     assert ended.returncode == status
     assert "the reason" in ended.stderr
+
+
+OPEN_BUS = """clock.speed = {speed}
+clock.idle_speed = {speed}
+bus.open = true
+bus.router = "tcp/127.0.0.1:{port}"
+"""
+
+
+@pytest.mark.parametrize(
+    ("speed", "backend", "off_s", "reason"),
+    [
+        (1, "eth-tester", -7, "clock 7 s behind the wall's; `rodeo status` tells how robot_sim is"),
+        (1, "external", -7, "clock 7 s behind the wall's; `rodeo status` tells how robot_sim is"),
+        (1, "external", 7, "clock 7 s ahead of the wall's; it stands still for so long"),
+        (1, "eth-tester", 7, ""),
+        (1, "eth-tester", 0, ""),
+        (10, "eth-tester", -7, ""),
+    ],
+)
+def test_a_process_whose_clock_should_be_the_walls_and_is_not_is_not_ready(
+    tmp_path: Path, router_port: int, speed: int, backend: str, off_s: int, reason: str
+) -> None:
+    path = write_site(tmp_path, backend, OPEN_BUS.format(speed=speed, port=router_port))
+    site = Site.load(path)
+    with (
+        Bus.open(site.bus.router, timeout_s=30.0) as bus,
+        Service("oracle", site, threading.Event()) as service,
+    ):
+        service.ready()
+        assert service.status().ready, "who needs the clock waits for it"
+        deadline_s = time.monotonic() + 30
+        stop = threading.Event()
+        while not service.clock.wait_ready(stop, 0.05):  # type: ignore[attr-defined]
+            assert time.monotonic() < deadline_s
+            publish_clock(bus, site.bus.domain_id, time.time() + off_s)
+        status = service.status()
+        assert (status.ready, status.reason) == (not reason, reason)

@@ -25,7 +25,7 @@ def base_speed(case: Case) -> Finding:
     """Fastest motion of the base by motion capture."""
     pose = case.base
     return at_most(
-        float(np.linalg.norm(_rate(pose.time_s, pose.position_m), axis=1).max(initial=0.0)),
+        float(np.linalg.norm(_rate(case.moved_s(pose.time_s), pose.position_m), axis=1).max(initial=0.0)),
         case.robot.limits.linear_m_s * TOLERANCE,
         "m/s",
         source="Husarion Panther: 2 m/s",
@@ -36,7 +36,7 @@ def base_speed(case: Case) -> Finding:
 def base_acceleration(case: Case) -> Finding:
     """Hardest change of the base's speed by motion capture."""
     pose = case.base
-    before, middle, after = _windows(pose.time_s, pose.position_m, 2)
+    before, middle, after = _windows(case.moved_s(pose.time_s), pose.position_m, 2)
     change = np.linalg.norm(after - 2 * middle + before, axis=1) / WINDOW_S**2
     return at_most(
         float(change.max(initial=0.0)),
@@ -51,7 +51,7 @@ def turning_speed(case: Case) -> Finding:
     """Fastest turn of the base by motion capture."""
     pose = case.base
     return at_most(
-        float(np.abs(_rate(pose.time_s, pose.yaw_rad)).max(initial=0.0)),
+        float(np.abs(_rate(case.moved_s(pose.time_s), pose.yaw_rad)).max(initial=0.0)),
         case.robot.limits.angular_rad_s * TOLERANCE,
         "rad/s",
         source="the site's limits of the robot",

@@ -155,7 +155,7 @@ def _known(case: Case) -> np.ndarray:
     How much may be missing is for `seen_throughout` and `cleaning_gaps` to say.
     """
     time_s, joint_s = case.replay.time_s, case.joints.stamp_s
-    gaps = np.flatnonzero(np.diff(joint_s) > GUESSED_S)
+    gaps = np.flatnonzero(np.diff(case.moved_s(joint_s)) > GUESSED_S)
     spans = [(joint_s[gap], joint_s[gap + 1]) for gap in gaps]
     known = np.ones(len(time_s), bool)
     for start_s, end_s in [*spans, *case.pose(case.item.id).unseen_s, *case.base.unseen_s]:

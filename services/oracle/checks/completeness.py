@@ -184,10 +184,12 @@ def _rates(case: Case, topics: list[tuple[Topic, str]]) -> Finding:
 
 
 def _least_covered(case: Case, topics: list[tuple[Topic, str]], start_s: float, end_s: float) -> Finding:
-    """Lowest share of the time from `start_s` to `end_s` that is free of holes."""
+    """Lowest share of the time from `start_s` to `end_s` that is free of holes. Where the lab stood still
+    there was nothing to record."""
     shares = []
+    start_s, end_s = case.moved_s(np.array([start_s, end_s])).tolist()
     for topic, name in topics:
-        times_s = _times(case, topic, name)
+        times_s = case.moved_s(_times(case, topic, name))
         steps_s = np.diff(np.clip(times_s, start_s, end_s))
         missed = _holes(times_s, topic)
         share = float(steps_s[~missed].sum()) / (end_s - start_s)

@@ -121,7 +121,7 @@ def dropped(case: Case) -> Finding:
             detail="the drop refers to another classification",
         )
     release_s = case.replay.release_s
-    delay_s, late_s = drop.after_s - release_s, drop.settled_s - release_s
+    delay_s, late_s = case.moving_s(release_s, drop.after_s), drop.settled_s - release_s
     early = not late_s >= -EARLY_SLACK_S
     if early or not delay_s <= DROP_SLACK_S:
         return Finding(
@@ -208,7 +208,7 @@ def heard(case: Case) -> Finding:
         raise CaseError("the bin lists this recording nowhere before it was shown the item", seq=shown.seq)
     sealed_s = case.proof.topics[SEAL_TOPIC].log_ns[max(indexes)] * 1e-9
     return at_most(
-        abs(shown.time_s - sealed_s) / case.speed,
+        abs(case.moving_s(sealed_s, shown.time_s)) / case.speed,
         UNLISTED_S,
         "s",
         source="chain of the bin",

@@ -242,7 +242,7 @@ def _listed_soon(case: Case, heads: list[tuple[int, float, int]]) -> Finding:
     for _, time_s, index in heads:
         first_s[index] = min(first_s[index], time_s)
     first_s = np.minimum.accumulate(first_s[::-1])[::-1]
-    late_s = (first_s[next_seal] - measured_s) / case.speed
+    late_s = (case.moved_s(first_s[next_seal]) - case.moved_s(measured_s)) / case.speed
     found = _listed(late_s)
     if found.passed:
         return found
@@ -298,11 +298,12 @@ def seen_throughout(case: Case) -> Finding:
     for name, pose in ((case.robot.name, base), (case.item.id, item)):
         for start_s, end_s in _unseen(pose, phases.closing_s, min(phases.rest_s, float(item.time_s[-1]))):
             off_s = sum(_within(case.silences_s, start_s, end_s))
-            if end_s - start_s - off_s > UNSEEN_S:
+            lasts_s = case.moving_s(start_s, end_s)
+            if lasts_s - off_s > UNSEEN_S:
                 return at_most(
-                    end_s - start_s - off_s, UNSEEN_S, "s", _SOURCE, f"over which nothing of {name} is signed"
+                    lasts_s - off_s, UNSEEN_S, "s", _SOURCE, f"over which nothing of {name} is signed"
                 )
-            if end_s - start_s > UNSEEN_S:
+            if lasts_s > UNSEEN_S:
                 was_off = True
             elif pose is item and off_s:
                 silent_m += _way_m(item, base, start_s, end_s)

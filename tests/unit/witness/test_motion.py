@@ -241,3 +241,18 @@ def test_who_waits_until_nobody_looks_is_unseen_for_as_long_as_nobody_does(since
     assert seen is not None
     (gap,) = seen.unseen_us
     assert gap[0] <= START_US + since_s * 1e6 and gap[1] >= START_US + (since_s + 1.9) * 1e6
+
+
+def test_what_stood_still_is_told_and_never_lost() -> None:
+    log = MotionLog(["item1"], START_US)
+    log.add("item1", at(START_US + STEP_US, 1.0))
+    stall = START_US + STEP_US, START_US + STEP_US + 7_000_000
+    log.stall(*stall)
+    log.add("item1", at(stall[1] + STEP_US, 1.01))
+    told = Motion(**HEADER, seq=1, **log.take(stall[1] + STEP_US, 1)._asdict())
+    assert told.stalls_us == (stall,)
+    seen = track([told], "item1")
+    assert seen is not None
+    assert list(seen.time_us) == [START_US + STEP_US, stall[1] + STEP_US]
+    log.add("item1", at(stall[1] + 2 * STEP_US, 1.02))
+    assert log.take(stall[1] + 2 * STEP_US, 2).stalls_us == (), "each is told once"

@@ -206,6 +206,44 @@ def test_a_hole_over_the_release_is_refused(cleaning: Take, judge: Judge) -> Non
     assert failed(judge(take, cleaning_ledger(take))) == "cleaning_gaps"
 
 
+STALL_S = 7
+
+
+def simulated(site: Site) -> Site:
+    """The same site as a simulation that keeps the wall's time."""
+    clock = site.clock.model_copy(update={"source": "sim", "speed": 1.0, "idle_speed": 1.0})
+    return site.model_copy(update={"clock": clock})
+
+
+def stalls(take: Take, at_s: float) -> tuple[Take, Witnesses]:
+    """The simulator's machine stalls for STALL_S, and its clock skips the time; what motion capture says."""
+    from_s = max(s.time_ns for s in take.of(ROBOT_POSE) if s.time_ns <= at_s * 1e9) * 1e-9
+    return later(take, STALL_S, after_s=from_s, lost=False), Witnesses(
+        mocap_stalls_s=((from_s, from_s + STALL_S),)
+    )
+
+
+@pytest.mark.parametrize("share", [0.1, 0.35, 0.5, 0.7])
+def test_a_simulator_that_stalled_does_not_fail_the_robot(
+    cleaning: Take, judge: Judge, site: Site, share: float
+) -> None:
+    take, witnesses = stalls(cleaning, cleaning.start_s + share * (cleaning.end_s - cleaning.start_s))
+    report = judge(take, cleaning_ledger(take), witnesses=witnesses, at=simulated(site))
+    assert report.accepted, report.reason
+
+
+def test_a_stall_that_motion_capture_does_not_sign_is_a_hole(
+    cleaning: Take, judge: Judge, site: Site
+) -> None:
+    take, _ = stalls(cleaning, (cleaning.start_s + cleaning.end_s) / 2)
+    assert not judge(take, cleaning_ledger(take), at=simulated(site)).accepted
+
+
+def test_a_real_lab_does_not_stall(cleaning: Take, judge: Judge, site: Site) -> None:
+    take, witnesses = stalls(cleaning, (cleaning.start_s + cleaning.end_s) / 2)
+    assert not judge(take, cleaning_ledger(take), witnesses=witnesses, at=site).accepted
+
+
 def test_a_robot_that_is_elsewhere_after_a_hole_was_too_fast(cleaning: Take, judge: Judge) -> None:
     """Speeds are checked across holes: a short one, which the share of holes would let pass."""
     hole_s = cleaning.start_s + 8
