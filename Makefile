@@ -32,27 +32,30 @@ postgresql:
 		|| apt-get install --quiet --yes postgresql >/dev/null 2>&1 \
 		|| echo "PostgreSQL is not installed and cannot be installed here: its tests are skipped" >&2
 
-setup: $(VENV)/stamp  ## install what running needs (no Node)
+setup: $(VENV)/stamp  ## install what running needs; Foundry's anvil, too, where there is Node
+	@if command -v npm >/dev/null; then $(MAKE) --no-print-directory node_modules/.stamp \
+		|| echo "anvil could not be installed: \`chain.backend = \"anvil\"\` needs it, nothing else" >&2; \
+	else echo "anvil is not installed, as there is no Node.js: \`chain.backend = \"anvil\"\` needs it, nothing else"; fi
 
 # -- what people run ---------------------------------------------------------------------------------
 
-demo: setup  ## one cleaning task and one charging session, end to end
+demo: $(VENV)/stamp  ## one cleaning task and one charging session, end to end
 	@$(BIN)/python -m deploy.demo
 
 PYTEST = $(BIN)/python -m pytest --chain $(CHAIN) --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder \
 	--durations 25 --durations-min 5
 
-test: setup node_modules/.stamp postgresql  ## everything that checks the project, but for what takes minutes
+test: $(VENV)/stamp node_modules/.stamp postgresql  ## everything that checks the project, but for what takes minutes
 	@npm run --silent contracts:test
 	@$(PYTEST) -m "not long"
 
-test-long: setup node_modules/.stamp postgresql  ## the rest: the forgeries, and whole sites that are killed, kept busy, or do without
+test-long: $(VENV)/stamp node_modules/.stamp postgresql  ## the rest: the forgeries, and whole sites that are killed, kept busy, or do without
 	@$(PYTEST) -m long
 
-bench: setup node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, honest, margins, robot, itrash, bridge, autonomy, soak, faults, console)
+bench: $(VENV)/stamp node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, honest, margins, robot, itrash, bridge, autonomy, soak, faults, console)
 	@$(BIN)/python -m bench $(ONLY)
 
-lint: setup node_modules/.stamp  ## linters, type checker, built contracts equal to their sources
+lint: $(VENV)/stamp node_modules/.stamp  ## linters, type checker, built contracts equal to their sources
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy

@@ -6,6 +6,7 @@ reset or the sources changed since), and so is every rule that already holds. Of
 organization's administrator, who brings it in with Organization.deposit when the treasury needs it.
 
 On an external chain the wallets must hold gas already; on a local one the node's first account gives it.
+`rodeo site prepare` does this and all that it needs, and says each step.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -51,8 +52,8 @@ from rodeo.service import main
 
 log = logging.getLogger(__name__)
 
-_NODE_S = 60.0
-"""How long to wait for the node to answer, wall time."""
+_NODE_S = {"external": 15.0, "anvil": 60.0, "eth-tester": 60.0}
+"""How long to wait for the node to answer, wall time: a local one may be about to start."""
 _RETRY_S = 0.1
 _GAS_MONEY = Wei(10 * 10**18)
 _UNLIMITED = 2**256 - 1
@@ -62,7 +63,11 @@ class WithoutGasMoney(RodeoError):
     """Wallets that have to send transactions hold nothing to pay for them."""
 
 
-def run(site: Site, stop: threading.Event) -> None:
+Say = Callable[[str], object]
+"""Gets a sentence for each step."""
+
+
+def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     """Deploy what is missing; running it again after an error goes on from there.
 
     Raises ChainError, WalletError or WithoutGasMoney; WrongChain before anything is sent there.
@@ -71,40 +76,55 @@ def run(site: Site, stop: threading.Event) -> None:
     if local:
         wallets.ensure_wallets(site)
     w3 = connect(site.chain.url)
-    if not _wait_for_node(w3, stop):
+    if not wait_for_node(site, w3, stop, say):
         return
     require_chain(w3, site.chain)
+    names = {address: name for name in wallets.wallet_names(site) if (address := _told(site, name))}
     if local:
-        _fund(w3, [address for name in wallets.wallet_names(site) if (address := _told(site, name))])
+        _fund(w3, list(names))
     administrator = wallets.load(site, "organization")
     deployment = _recorded(site, w3)
     if deployment is None:
         _require_gas_money(site, w3)
-        deployment = _deploy(site, w3, administrator)
+        deployment = _deploy(site, w3, administrator, say)
     client = ChainClient(site.chain.url, deployment)
     sent: Counter[str] = Counter()
     for account, call in _missing_rules(site, client, administrator):
         client.send(account, call)
         sent[account.address] += 1
-        log.info("%s sent by %s", call.name, account.address)
+        say(f"{call.name} sent by {names[account.address]}")
     # Only now, so that whoever finds the record finds an organization that works.
     deployment = deployment.model_copy(update={"sent": _sent(site, w3, deployment, sent)})
     path = deployment.save(site.data_dir)
     Deployment.path(_unfinished(site), deployment.chain_id).unlink(missing_ok=True)
-    log.info("contracts on chain %d since block %d: %s", deployment.chain_id, deployment.block, path)
+    say(f"contracts on chain {deployment.chain_id} since block {deployment.block}: {path}")
 
 
-def _wait_for_node(w3: Web3, stop: threading.Event) -> bool:
-    deadline_s = time.monotonic() + _NODE_S
+def wait_for_node(site: Site, w3: Web3, stop: threading.Event, say: Say) -> bool:
+    """Wait until the site's node answers; False when stopped before. Raises ChainUnavailable."""
+    url, wait_s = site.chain.url, _NODE_S[site.chain.backend]
+    deadline_s = time.monotonic() + wait_s
+    said = False
     while not stop.is_set():
         try:
             with translated():
                 return w3.eth.chain_id > 0
-        except ChainUnavailable:
+        except ChainUnavailable as error:
             if time.monotonic() > deadline_s:
-                raise
+                remedy = _REMEDY[site.chain.backend == "external"]
+                raise ChainUnavailable(f"no node answered at {url} for {wait_s:.0f} s: {remedy}") from error
+            if not said:
+                say(f"waiting for the node at {url}, {wait_s:.0f} s at most")
+                said = True
             stop.wait(_RETRY_S)
     return False
+
+
+_REMEDY = {
+    True: "start it, or correct `chain.url` in the site file",
+    False: "`rodeo up` starts it, and `rodeo site prepare` where nothing else is wanted",
+}
+"""By whether the chain is elsewhere."""
 
 
 def _fund(w3: Web3, accounts: list[str]) -> None:
@@ -126,6 +146,11 @@ def _told(site: Site, name: str) -> str | None:
             "%s is left as it is on chain: %s; run this step again when its keystore is whole", name, error
         )
         return None
+
+
+def recorded(site: Site, w3: Web3) -> bool:
+    """Whether the contracts are on the node's chain already. Raises ChainUnavailable."""
+    return _recorded(site, w3) is not None
 
 
 def _require_gas_money(site: Site, w3: Web3) -> None:
@@ -162,7 +187,7 @@ def _recorded(site: Site, w3: Web3) -> Deployment | None:
     return None
 
 
-def _deploy(site: Site, w3: Web3, deployer: LocalAccount) -> Deployment:
+def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deployment:
     """All contracts. They name each other, so their addresses are computed before they exist."""
     with translated():
         nonce = w3.eth.get_transaction_count(deployer.address)
@@ -180,7 +205,7 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount) -> Deployment:
         "ServiceManager": (organization, tasks),
         "TaskManager": (organization, services),
     }
-    receipts = [_create(w3, deployer, name, arguments.get(name, ())) for name in artifacts.CONTRACTS]
+    receipts = [_create(w3, deployer, name, arguments.get(name, ()), say) for name in artifacts.CONTRACTS]
     deployment = Deployment(
         chain_id=chain_id,
         genesis_hash=genesis_hash,
@@ -207,11 +232,11 @@ def _sent(site: Site, w3: Web3, deployment: Deployment, now: Counter[str]) -> di
     return found
 
 
-def _create(w3: Web3, deployer: LocalAccount, name: str, args: tuple[Any, ...]) -> TxReceipt:
+def _create(w3: Web3, deployer: LocalAccount, name: str, args: tuple[Any, ...], say: Say) -> TxReceipt:
     artifact = artifacts.load(name)
     constructor = w3.eth.contract(abi=artifact.abi, bytecode=artifact.bytecode).constructor(*args)
     receipt = transactions.send(w3, deployer, data=constructor.data_in_transaction)
-    log.info("%s at %s", name, receipt["contractAddress"])
+    say(f"{name} at {receipt['contractAddress']}")
     return receipt
 
 

@@ -2,6 +2,7 @@
 
 They are encrypted with `RODEO_KEYSTORE_PASSPHRASE`. A keystore that was brought along is kept (Web3 Secret
 Storage, as `cast wallet` writes it). Prints the accounts, and which need the chain's own currency for gas.
+`rodeo site prepare` does this and the rest.
 """
 
 from __future__ import annotations
@@ -9,9 +10,13 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from rich.table import Table
+from rich.markup import escape
 
+from deploy import contracts
+from deploy.gas_money import purses
 from rodeo import wallets
+from rodeo.chain import ChainUnavailable
+from rodeo.chain.client import connect
 from rodeo.cli.common import console, reports_errors
 from rodeo.config import Site
 
@@ -20,12 +25,24 @@ from rodeo.config import Site
 def run(site: Site) -> None:
     """Raises WalletError without a passphrase."""
     wallets.make_missing(site)
-    table = Table("keystore", "address", "signs", box=None)
-    for name in wallets.wallet_names(site):
-        table.add_row(name, wallets.address(site, name), "transactions: needs gas money")
-    for name in wallets.device_names(site):
-        table.add_row(name, wallets.address(site, name), "evidence")
-    console.print(table)
+    # Whole lines, however narrow the terminal: people copy the addresses.
+    for line in (*_wallets(site), *_devices(site)):
+        console.print(escape(line), highlight=False, soft_wrap=True)
+
+
+def _wallets(site: Site) -> list[str]:
+    w3 = connect(site.chain.url)
+    try:
+        return [str(purse) for purse in purses(site, w3, contracts.recorded(site, w3))]
+    except ChainUnavailable:
+        found = [
+            f"{wallets.address(site, name)} {name}: sends transactions" for name in wallets.wallet_names(site)
+        ]
+        return [*found, f"no node answers at {site.chain.url}: what they hold for gas is not known"]
+
+
+def _devices(site: Site) -> list[str]:
+    return [f"{wallets.address(site, name)} {name}: signs evidence" for name in wallets.device_names(site)]
 
 
 if __name__ == "__main__":

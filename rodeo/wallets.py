@@ -116,23 +116,27 @@ def load(site: Site, name: str) -> LocalAccount:
         raise WalletError("the passphrase does not open the keystore", name=name, path=str(path)) from error
 
 
-def ensure_wallets(site: Site) -> None:
-    """Make the keystores that are missing, with fresh throw-away keys: for local chains only."""
+def ensure_wallets(site: Site) -> list[str]:
+    """Make the keystores that are missing, with fresh throw-away keys: for local chains only. Returns their
+    names."""
     folder = _folder(site)
     if PASSPHRASE_VARIABLE not in os.environ and not (folder / "passphrase").exists():
         _write_private(folder / "passphrase", secrets.token_urlsafe(24))
-    make_missing(site, _SCRYPT_N)
+    return make_missing(site, _SCRYPT_N)
 
 
-def make_missing(site: Site, scrypt_n: int | None = None) -> None:
-    """Make the keystores that are missing, with fresh keys. Raises WalletError without a passphrase.
+def make_missing(site: Site, scrypt_n: int | None = None) -> list[str]:
+    """Make the keystores that are missing, with fresh keys; returns their names. Raises WalletError without a
+    passphrase.
 
     `scrypt_n` is the work factor; by default eth-account's own, a second per keystore.
     """
     _folder(site)
-    for name in _missing(site, [*wallet_names(site), *device_names(site)]):
+    made = _missing(site, [*wallet_names(site), *device_names(site)])
+    for name in made:
         keystore = Account.encrypt(Account.create().key, _passphrase(site), kdf="scrypt", iterations=scrypt_n)
         _write_private(keystore_path(site, name), json.dumps(keystore))
+    return made
 
 
 def _folder(site: Site) -> Path:

@@ -162,7 +162,10 @@ def _find_anvil() -> Sequence[str]:
     """anvil from this repository's node_modules, or from PATH. Raises AnvilFailed."""
     program = next(map(str, Path(__file__).parents[2].glob(_PREBUILT)), None) or shutil.which("anvil")
     if program is None:
-        raise AnvilFailed("anvil is not installed: run `npm install`, or put Foundry's anvil on the PATH")
+        raise AnvilFailed(
+            "anvil is not installed: with Node.js 20 or newer `make setup` installs it; or put Foundry's "
+            "anvil on the PATH"
+        )
     return [program]
 
 

@@ -88,7 +88,7 @@ class TransactionTimeout(ChainError):
 
 
 class NotDeployed(ChainError):
-    """There is no record of the contracts on this chain; `python -m deploy.contracts` makes it."""
+    """There is no record of the contracts on this chain; `rodeo site prepare` makes it."""
 
 
 class WrongChain(ChainError):

@@ -2,7 +2,7 @@
 
 import typer
 
-from rodeo.cli import classify, console, organization, robot, rules, site, work
+from rodeo.cli import classify, console, organization, robot, rules, site, sites, work
 
 app = typer.Typer(
     name="rodeo",
@@ -23,3 +23,4 @@ app.add_typer(organization.services, name="service")
 app.add_typer(rules.rules, name="organization")
 app.add_typer(robot.robots, name="robot")
 app.add_typer(console.accounts, name="console")
+app.add_typer(sites.sites, name="site")

@@ -163,9 +163,9 @@ class Bridge:
             try:
                 self._follow(self._attach())
             except NotDeployed:
-                self._not_ready("deployment record missing: run python -m deploy.contracts")
+                self._not_ready("deployment record missing: run `rodeo site prepare`")
             except DeploymentMismatch as error:
-                self._not_ready(f"deployment record does not fit: run python -m deploy.contracts ({error})")
+                self._not_ready(f"deployment record does not fit: run `rodeo site prepare` ({error})")
             except (ChainUnavailable, RpcFailed) as error:
                 reason = error.details.get("reason") or error.message
                 self._not_ready(f"no node at {self._site.chain.url}: {reason}")

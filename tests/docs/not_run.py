@@ -7,7 +7,7 @@ _MINUTES = "takes more than a minute"
 _ROS = "needs a robot that runs ROS 2"
 _SHELL = "sets the reader's shell up"
 _FOREIGN = "tests/integration/test_foreign_bin.py starts the page's bin and the others beside it"
-_CHAIN = "needs an Ethereum node of one's own"
+_CHAIN = "needs an Ethereum node of one's own: tests/integration/test_another_chain.py starts one and runs it"
 
 NOT_RUN: dict[str, str] = {
     "make demo": f"{_MINUTES}: tests/integration/test_demo.py runs what it runs",
@@ -25,8 +25,6 @@ NOT_RUN: dict[str, str] = {
     'pip install --constraint constraints.txt -e ".[train]"': "installs gigabytes",
     "python -m services.itrash.train --data ../shared/data/trashnet": f"{_MINUTES}, and needs the extra",
     "export RODEO_KEYSTORE_PASSPHRASE=...": _SHELL,
-    "python -m deploy.wallets --site my-site.toml": _CHAIN,
-    "python -m deploy.contracts --site my-site.toml": _CHAIN,
     "rodeo up --site my-site.toml": _CHAIN,
     "rodeo site prepare --site my-site.toml": _CHAIN,
     "rodeo up router chain bridge oracle charger console robot_sim robot_agent": _FOREIGN,

@@ -23,7 +23,7 @@ def bare(site_path: Path) -> Iterator[RunningSite]:
 
 
 def says_what_is_missing(status: Status) -> bool:
-    return status.reason.startswith("waiting for ") or "run python -m deploy.contracts" in status.reason
+    return status.reason.startswith("waiting for ") or "run `rodeo site prepare`" in status.reason
 
 
 def test_the_last_comes_first_and_all_become_ready(bare: RunningSite) -> None:

@@ -794,7 +794,7 @@ def test_without_contracts_the_bridge_says_what_is_missing(running: RunningSite)
         seen.append(status.reason)
         if status.reason.startswith(f"no node at {running.site.chain.url}"):
             no_node.set()
-        if status.reason == "deployment record missing: run python -m deploy.contracts":
+        if status.reason == "deployment record missing: run `rodeo site prepare`":
             no_contracts.set()
 
     subscriber = running.bus.subscribe_json(f"rodeo/{running.site.org}/status/bridge", on_status)

@@ -1,0 +1,56 @@
+"""Who needs how much of the chain's own currency, and who has it: for wallets on a chain elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from decimal import ROUND_UP, Context, Decimal
+
+from eth_utils import to_checksum_address
+from web3 import Web3
+
+from rodeo import wallets
+from rodeo.chain.errors import translated
+from rodeo.config import Site
+
+_DEPLOYMENT_GAS = 20_000_000
+"""Contracts and rules, with a third to spare: with one robot they took 14.8 million on anvil."""
+_WORKING_GAS = 5_000_000
+"""A few dozen transactions of one wallet."""
+_WEI = Decimal(10**18)
+
+
+@dataclass(frozen=True)
+class Purse:
+    """A wallet, and what it should hold for gas, in the chain's own currency."""
+
+    name: str
+    address: str
+    holds: Decimal
+    needs: Decimal
+
+    @property
+    def funded(self) -> bool:
+        return self.holds >= self.needs
+
+    def __str__(self) -> str:
+        """One line with the whole address, to be copied."""
+        need = "" if self.funded else f"; send at least {self.needs - self.holds:f} more to it"
+        return f"{self.address} {self.name}: holds {self.holds.normalize():f}{need}"
+
+
+def purses(site: Site, w3: Web3, deployed: bool) -> Iterator[Purse]:
+    """Of each wallet that sends transactions, at what gas costs now. Raises ChainUnavailable."""
+    with translated():
+        base_fee = w3.eth.get_block("latest")["baseFeePerGas"]
+        fee = (
+            2 * base_fee + w3.eth.max_priority_fee
+        )  # what a transaction offers, see rodeo.chain.transactions
+    for name in wallets.wallet_names(site):
+        address = to_checksum_address(wallets.address(site, name))
+        deploys = name == "organization" and not deployed
+        gas = _WORKING_GAS + (_DEPLOYMENT_GAS if deploys else 0)
+        with translated():
+            holds = w3.eth.get_balance(address)
+        needs = Context(prec=2, rounding=ROUND_UP).create_decimal(Decimal(gas * fee) / _WEI)
+        yield Purse(name, address, Decimal(holds) / _WEI, needs)

@@ -1,0 +1,99 @@
+"""All that a site needs before its processes start, on any chain: keys, certificates, gas money, contracts.
+
+Every step may be done already; then it is said and nothing is done. So it may be repeated at any time.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from web3 import Web3
+
+from deploy import contracts
+from deploy.certificates import ensure_certificates
+from deploy.contracts import WithoutGasMoney
+from deploy.gas_money import purses
+from deploy.launcher import Launcher
+from rodeo import wallets
+from rodeo.chain import ChainUnavailable
+from rodeo.chain.client import connect, require_chain
+from rodeo.chain.errors import translated
+from rodeo.config import Site
+from rodeo.tls import wants_certificates
+
+Say = Callable[[str], object]
+_LOOK_S = 2.0
+"""Between two looks for money that was sent (wall time)."""
+
+
+def prepare(path: Path, say: Say, stop: threading.Event, wait: bool = False) -> None:
+    """Do what is missing for the site at `path`; `say` gets a sentence for each step.
+
+    `wait`: where wallets need gas money, wait until they have it. Raises WithoutGasMoney otherwise, and
+    ConfigError, WalletError, ChainError: nothing is done on another chain than the site file names.
+    """
+    site = Site.load(path)
+    elsewhere = site.chain.backend == "external"
+    folder = site.data_dir / "keys"
+    made = wallets.make_missing(site) if elsewhere else wallets.ensure_wallets(site)
+    say(f"keystores: made {', '.join(made)} in {folder}" if made else f"keystores: all are in {folder}")
+    if wants_certificates(site):
+        given = ensure_certificates(site)
+        say(f"certificates: made for {', '.join(given)}" if given else "certificates: all are there")
+    else:
+        say("certificates: this bus needs none")
+    w3 = connect(site.chain.url)
+    with _node(site, path, w3, say):
+        if not contracts.wait_for_node(site, w3, stop, lambda text: say(f"chain: {text}")):
+            return
+        require_chain(w3, site.chain)
+        with translated():
+            say(f"chain: {site.chain.id}, at block {w3.eth.block_number}, at {site.chain.url}")
+        if elsewhere:
+            _await_gas_money(site, w3, say, stop, wait)
+        contracts.run(site, stop, lambda text: say(f"contracts: {text}"))
+    if not stop.is_set():
+        say(f"the site is prepared: `rodeo up --site {path}` starts it")
+
+
+@contextmanager
+def _node(site: Site, path: Path, w3: Web3, say: Say) -> Iterator[None]:
+    """A local chain that does not run is started meanwhile."""
+    if site.chain.backend == "external" or _answers(w3):
+        yield
+        return
+    say("chain: the local one is started for this, and stopped afterwards")
+    with Launcher(path, ("chain",)):
+        yield
+
+
+def _answers(w3: Web3) -> bool:
+    try:
+        with translated():
+            return w3.eth.chain_id > 0
+    except ChainUnavailable:
+        return False
+
+
+def _await_gas_money(site: Site, w3: Web3, say: Say, stop: threading.Event, wait: bool) -> None:
+    deployed = contracts.recorded(site, w3)
+    said: dict[str, str] = {}
+    while True:
+        found = list(purses(site, w3, deployed))
+        for purse in found:
+            if said.get(purse.name) != str(purse):
+                said[purse.name] = str(purse)
+                say(f"gas money: {purse}")
+        empty = [purse.name for purse in found if not purse.funded]
+        if not empty:
+            return
+        if not wait:
+            raise WithoutGasMoney(
+                f"{', '.join(empty)} cannot pay for gas yet: send the amounts above in the chain's own "
+                "currency, then run this command again, or wait for the money with --wait"
+            )
+        if stop.wait(_LOOK_S):
+            return

@@ -1,0 +1,35 @@
+"""Commands about a site before it runs: prepare it."""
+
+from __future__ import annotations
+
+import threading
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+
+from rodeo.cli.common import DEFAULT_SITE, SiteOption, console, reports_errors
+
+sites = typer.Typer(help="Make a site ready for its processes.", no_args_is_help=True)
+
+
+@sites.command()
+@reports_errors
+def prepare(
+    site: SiteOption = DEFAULT_SITE,
+    wait: Annotated[
+        bool, typer.Option("--wait", help="Wait for gas money that is missing, on a chain elsewhere.")
+    ] = False,
+) -> None:
+    """Make keys and certificates, look for gas money, and put the contracts on the site's chain.
+
+    Says each step, does only what is missing, and may be repeated.
+    """
+    # Imported here: the chain's library takes a second, and the other commands need none.
+    from deploy.prepare import prepare as prepare_site
+
+    prepare_site(site, _say, threading.Event(), wait)
+
+
+def _say(text: str) -> None:
+    console.print(escape(text), highlight=False, soft_wrap=True)

@@ -1,0 +1,144 @@
+"""`rodeo site prepare`: from a site file to contracts on its chain, each step said, as often as one likes."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from eth_utils import to_checksum_address
+from web3 import Web3
+
+from deploy import contracts
+from deploy import prepare as module
+from deploy.contracts import WithoutGasMoney
+from deploy.prepare import prepare
+from rodeo import wallets
+from rodeo.chain import ChainUnavailable, Deployment
+from rodeo.chain.client import connect
+from rodeo.config import Site
+from tests.support.organization import CHAIN_ID, running_chain
+from tests.support.site import write_site
+
+ELSEWHERE = "clock.speed = 1\nclock.idle_speed = 1"
+NEEDED = re.compile(r"^gas money: (0x[0-9a-fA-F]{40}) (\S+): holds 0; send at least (\S+) more to it$")
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """File of a site on somebody's node, which runs."""
+    monkeypatch.setenv(wallets.PASSPHRASE_VARIABLE, "secret")
+    node, own = tmp_path / "node", tmp_path / "own"
+    node.mkdir()
+    own.mkdir()
+    with running_chain("eth-tester", node) as theirs:
+        for number, name in enumerate(("ORGANIZATION", "PANTHER1", "ORACLE"), 1):
+            monkeypatch.setenv(wallets.KEY_VARIABLE + name, f"0x{number:064x}")
+        path = write_site(own, "external", ELSEWHERE)
+        path.write_text(re.sub("chain.url = .*", f'chain.url = "{theirs.chain.url}"', path.read_text()))
+        yield path
+
+
+def pay(w3: Web3, address: str, ether: str) -> None:
+    sent = w3.eth.send_transaction(
+        {
+            "from": w3.eth.accounts[0],
+            "to": to_checksum_address(address),
+            "value": Web3.to_wei(ether, "ether"),
+        }
+    )
+    w3.eth.wait_for_transaction_receipt(sent, poll_latency=0.05)
+
+
+def test_a_site_on_a_chain_elsewhere_is_prepared_with_the_amounts_that_it_names(elsewhere: Path) -> None:
+    said: list[str] = []
+    with pytest.raises(WithoutGasMoney) as empty:
+        prepare(elsewhere, said.append, threading.Event())
+    needed = {found[2]: (found[1], found[3]) for line in said if (found := NEEDED.match(line))}
+    site = Site.load(elsewhere)
+    assert {name: address for name, (address, _) in needed.items()} == {
+        name: wallets.address(site, name) for name in wallets.wallet_names(site)
+    }
+    assert all(name in empty.value.message for name in needed)
+    w3 = connect(site.chain.url)
+    for address, amount in needed.values():
+        pay(w3, address, amount)
+
+    said.clear()
+    prepare(elsewhere, said.append, threading.Event())
+    Deployment.load(site.data_dir, CHAIN_ID).verify(w3)
+    assert not any("send at least" in line for line in said), "what it asked for was enough"
+    assert any(line.startswith("contracts: TaskManager at 0x") for line in said)
+    assert said[-1] == f"the site is prepared: `rodeo up --site {elsewhere}` starts it"
+
+    said.clear()
+    block = w3.eth.block_number
+    prepare(elsewhere, said.append, threading.Event())
+    assert w3.eth.block_number == block, "the second time there is nothing to send"
+    assert said[0].startswith("keystores: all are in ")
+
+
+def test_it_waits_for_the_money_where_that_is_wanted(
+    elsewhere: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "_LOOK_S", 0.05)
+    site = Site.load(elsewhere)
+    wallets.make_missing(site)
+    w3 = connect(site.chain.url)
+    said: list[str] = []
+
+    def say(line: str) -> None:
+        said.append(line)
+        if found := NEEDED.match(line):
+            pay(w3, found[1], "1")
+
+    prepare(elsewhere, say, threading.Event(), wait=True)
+    assert [line for line in said if line.endswith("organization: holds 1")]
+    Deployment.load(site.data_dir, CHAIN_ID).verify(w3)
+
+
+def test_a_local_site_is_prepared_without_being_started(tmp_path: Path) -> None:
+    path = write_site(tmp_path)
+    said: list[str] = []
+    prepare(path, said.append, threading.Event())
+    site = Site.load(path)
+    assert Deployment.load(site.data_dir, CHAIN_ID).chain_id == CHAIN_ID
+    assert "chain: the local one is started for this, and stopped afterwards" in said
+    with pytest.raises(ChainUnavailable):
+        contracts.recorded(site, connect(site.chain.url))
+
+
+def test_without_a_node_it_is_said_at_once_what_is_waited_for_and_then_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(contracts._NODE_S, "external", 1.0)
+    monkeypatch.setenv(wallets.PASSPHRASE_VARIABLE, "secret")
+    path = write_site(tmp_path, "external", ELSEWHERE)
+    url = Site.load(path).chain.url
+    said: list[str] = []
+    with pytest.raises(ChainUnavailable) as silent:
+        contracts.run(Site.load(path), threading.Event(), said.append)
+    assert said == [f"waiting for the node at {url}, 1 s at most"]
+    assert silent.value.message == (
+        f"no node answered at {url} for 1 s: start it, or correct `chain.url` in the site file"
+    )
+
+
+def test_addresses_are_whole_in_a_narrow_terminal(tmp_path: Path) -> None:
+    path = write_site(tmp_path, "external", ELSEWHERE)
+    environment = {"COLUMNS": "80", "PATH": "", wallets.PASSPHRASE_VARIABLE: "secret"}
+    done = subprocess.run(
+        [sys.executable, "-m", "deploy.wallets", "--site", str(path)],
+        capture_output=True,
+        text=True,
+        env=environment,
+        timeout=60,
+    )
+    site = Site.load(path)
+    for name in [*wallets.wallet_names(site), *wallets.device_names(site)]:
+        assert f"{wallets.address(site, name)} {name}: " in done.stdout, done.stderr
+    assert f"no node answers at {site.chain.url}" in done.stdout
