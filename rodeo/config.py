@@ -18,6 +18,8 @@ from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, Settings
 from rodeo import endpoint
 from rodeo.errors import ConfigError
 from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, RobotConfig
+from rodeo.site_faults import faults
+from rodeo.site_problems import dotted, explained
 
 MiB = 1 << 20
 
@@ -333,14 +335,16 @@ class Site(BaseSettings):
         `extends = "other.toml"` (relative to the file) starts from another site: tables are merged, and
         everything else, lists too, is replaced.
         """
-        for variable in os.environ:
-            if variable.upper().startswith(_PREFIX):
-                _check_variable(variable)
+        check_environment()
         try:
-            return cls(**_read(Path(path)))
+            site = cls(**read_tables(Path(path)))
         except ValidationError as error:
-            fields = {".".join(map(str, e["loc"])) or "site": e["msg"] for e in error.errors()}
+            fields = {dotted(place): text for place, text in explained(error, cls).items()}
             raise ConfigError("the site is not valid", path=str(path), fields=fields) from error
+        if wrong := faults(site):
+            fields = {dotted(place): text for place, text in wrong.items()}
+            raise ConfigError("the site is not valid", path=str(path), fields=fields)
+        return site
 
     @model_validator(mode="after")
     def _has_an_endpoint(self) -> Self:
@@ -384,6 +388,13 @@ def agent_process(site: Site, robot: str) -> str:
     return "robot_agent" if len(site.robots) == 1 else f"robot_agent.{robot}"
 
 
+def check_environment() -> None:
+    """Raises ConfigError where an environment variable means no field of the site."""
+    for variable in os.environ:
+        if variable.upper().startswith(_PREFIX):
+            _check_variable(variable)
+
+
 def _check_variable(variable: str) -> None:
     """Raises ConfigError where an environment variable means no field: pydantic would pass over it."""
     model: type[BaseModel] = Site
@@ -404,7 +415,8 @@ def _check_variable(variable: str) -> None:
         model = inner
 
 
-def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+def read_tables(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """What the TOML file at `path` and those that it extends say. Raises ConfigError."""
     path = path.resolve()
     if path in seen:
         raise ConfigError("the site file extends itself", path=str(path))
@@ -423,7 +435,7 @@ def _read(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         case {"camera": {"source": "folder", "address": str(folder)} as camera}:
             camera["address"] = str((path.parent / folder).resolve())
     base = tables.pop("extends", None)
-    return tables if base is None else _merge(_read(path.parent / base, (*seen, path)), tables)
+    return tables if base is None else _merge(read_tables(path.parent / base, (*seen, path)), tables)
 
 
 def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:

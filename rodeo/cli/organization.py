@@ -14,6 +14,7 @@ from rich.markup import escape
 from rich.text import Text
 
 from rodeo.bus import Bus, validate
+from rodeo.cleaning import doubt_about
 from rodeo.cli import words
 from rodeo.cli.common import (
     DEFAULT_SITE,
@@ -83,9 +84,11 @@ def create(
         }
         if max_attempts is not None:
             request["max_attempts"] = max_attempts
+        if doubt := _doubt(loaded, bus, request["params"]):
+            errors.print(f"[bold yellow]warning[/]: {escape(doubt)}", highlight=False, soft_wrap=True)
         reply = bus.query(f"rodeo/{loaded.org}/wallet/{participant}/register_task", request, timeout_s=30)
     if as_json:
-        print_json(reply)
+        print_json(reply | ({"warning": doubt} if doubt else {}))
     else:
         say(f"Task {reply['task_id']} is posted, and {iec(reward)} are in escrow for it.")
 
@@ -460,6 +463,15 @@ def _chain_view(site_path: Path, file: Path) -> View:
             return view(file, site, Participant(bus, site.org, ORGANIZATION))
     except (BusError, RemoteError) as error:
         return View(None, [f"what only the chain knows is skipped: {error}"])
+
+
+def _doubt(site: Site, bus: Bus, params: dict[str, Any]) -> str:
+    """Why the task's item is probably not where it says."""
+    item_id = params.get("item_id")
+    if not isinstance(item_id, str):
+        return ""
+    found = bus.query(f"rodeo/{site.org}/state/tasks", parameters={"text": item_id})
+    return doubt_about(item_id, found["tasks"])
 
 
 def _task_params(site: Site, item_id: str | None, params: str | None) -> dict[str, Any]:

@@ -4,11 +4,12 @@ Frame `map`: origin in the lab's south-west corner on the floor, x east, y north
 from x. Lengths in m, angles in rad, masses in kg, energies in Wh. Reading this module needs no MuJoCo.
 """
 
+import difflib
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 Positive = Annotated[float, Field(gt=0)]
 Point2 = tuple[float, float]
@@ -24,6 +25,17 @@ class ItemClass(StrEnum):
     PAPER = "paper"
     PLASTIC = "plastic"
     TRASH = "trash"
+
+
+SHAPE_NAMES: dict[ItemClass, tuple[str, ...]] = {
+    ItemClass.METAL: ("can", "tin"),
+    ItemClass.PLASTIC: ("bottle", "cup"),
+    ItemClass.CARDBOARD: ("box", "tube"),
+    ItemClass.PAPER: ("crumpled", "ball"),
+    ItemClass.GLASS: ("jar", "bottle"),
+    ItemClass.TRASH: ("carton", "wrapper"),
+}
+"""Of `rodeo.lab.items.SHAPES`, which takes the geometry to read."""
 
 
 class Section(BaseModel):
@@ -124,7 +136,7 @@ class DockConfig(Section):
 
 
 class ItemConfig(Section):
-    """A piece of trash; see `rodeo.lab.items.SHAPES` for the shapes of each class."""
+    """A piece of trash; see `SHAPE_NAMES` for the shapes of each class."""
 
     id: str = Field(pattern=r"^[a-z][a-z0-9_]*$")
     item_class: ItemClass = Field(alias="class")
@@ -132,6 +144,17 @@ class ItemConfig(Section):
     pose: Pose2
     mass_kg: float = Field(0.05, ge=0.02, le=0.2)
     rgb: Rgb | None = Field(None, description="colour; the shape's usual colour if left out")
+
+    @field_validator("shape")
+    @classmethod
+    def _is_a_shape_of_its_class(cls, shape: str, info: ValidationInfo) -> str:
+        item_class = info.data.get("item_class")
+        names = SHAPE_NAMES.get(item_class, ()) if item_class is not None else (shape,)
+        if shape not in names:
+            close = difflib.get_close_matches(shape, names, n=1)
+            meant = f'; is "{close[0]}" meant?' if close else ""
+            raise ValueError(f"{item_class} has no shape {shape!r}, only {' and '.join(names)}{meant}")
+        return shape
 
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True)
 

@@ -23,12 +23,6 @@ WIDEST_GRASP_M = 0.08
 Vec3 = tuple[float, float, float]
 
 
-class UnknownShape(RodeoError):
-    """The item's class has no such shape."""
-
-    restart_cures = False
-
-
 class NotGraspable(RodeoError):
     """No pair of opposite sides of the item, as it lies, fits between the fingers from above."""
 
@@ -201,13 +195,8 @@ SHAPES: dict[ItemClass, dict[str, Shape]] = {
 
 
 def shape_of(item: ItemConfig) -> Shape:
-    """The item's shape. Raises UnknownShape."""
-    shapes = SHAPES[item.item_class]
-    if item.shape not in shapes:
-        raise UnknownShape(
-            "the class has no such shape", item=item.id, shape=item.shape, shapes=sorted(shapes)
-        )
-    return shapes[item.shape]
+    """The item's shape."""
+    return SHAPES[item.item_class][item.shape]
 
 
 def rest_pose(item: ItemConfig) -> tuple[Vec3, tuple[float, float, float, float]]:

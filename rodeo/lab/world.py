@@ -90,12 +90,12 @@ class LabSite(Protocol):
 
 
 def build_world(site: LabSite) -> mujoco.MjModel:
-    """Compile the site's lab. Raises UnknownShape for an item of no known shape."""
+    """Compile the site's lab."""
     return world_spec(site).compile()
 
 
 def world_spec(site: LabSite) -> mujoco.MjSpec:
-    """The site's lab, still open to changes. Raises UnknownShape for an item of no known shape."""
+    """The site's lab, still open to changes."""
     spec = mujoco.MjSpec()
     spec.modelname = "lab"
     _set_physics(spec)

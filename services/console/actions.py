@@ -14,6 +14,7 @@ from pydantic import Base64Bytes, BaseModel, Field, StringConstraints
 
 from rodeo import topics, wallets
 from rodeo.bus import Bus, validate
+from rodeo.cleaning import doubt_about
 from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.dao import Participant
@@ -167,6 +168,14 @@ class Actions:
         log.info("%s: %s", user.name, name)
         return action.run(self, user, request)
 
+    def doubt(self, request: RegisterTask) -> str:
+        """Why the item of a cleaning is probably not where the request says; empty for what seems right."""
+        item_id = request.params.get("item_id")
+        if not isinstance(item_id, str):
+            return ""
+        found = Participant(self.bus, self.site.org, ORGANIZATION).state("tasks", text=item_id)
+        return doubt_about(item_id, found["tasks"])
+
     # -- what they become ------------------------------------------------------------------------------
 
     def command(self, participant: str, name: str, request: BaseModel) -> Json:
@@ -229,7 +238,9 @@ def _post_task(actions: Actions, _user: User, request: RegisterTask) -> Json:
     wrong = problems(actions.site, request)
     if wrong:
         raise InvalidRequest("the task cannot be posted like this", fields=wrong)
-    return actions.command(ORGANIZATION, "register_task", request)
+    doubt = actions.doubt(request)
+    reply = actions.command(ORGANIZATION, "register_task", request)
+    return reply | ({"warning": doubt} if doubt else {})
 
 
 def _of_robot(order: str) -> Perform:

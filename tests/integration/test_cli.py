@@ -167,18 +167,17 @@ def test_a_port_that_is_taken_is_said_where_the_user_looks(site_path: Path) -> N
 
 
 def test_what_no_restart_cures_is_told_at_once_and_stays_in_status(site_path: Path) -> None:
+    (site_path.parent / "teapot.urdf").write_text("short and stout")
     with site_path.open("a") as file:
-        file.write(
-            '[[items]]\nid = "cup"\nclass = "metal"\nshape = "teapot"\npose = { x_m = 3.0, y_m = 1.0 }\n'
-        )
+        file.write('[[robots]]\nkinematics = "teapot.urdf"\npose = { x_m = 1.4, y_m = 1.3 }\n')
     started_s = time.monotonic()
     told = rodeo(site_path, "up", "--detach", "router", "robot_sim", status=1)
     assert time.monotonic() - started_s < 60.0
-    assert "unknown_shape" in told.stderr and "teapot" in told.stderr and "rodeo down" in told.stderr
+    assert "config_error" in told.stderr and "teapot" in told.stderr and "rodeo down" in told.stderr
     row = processes(site_path, status=1)["robot_sim"]
     assert row["gave_up"] and "teapot" in row["reason"]
     log = (Site.load(site_path).data_dir / "logs" / "robot_sim.log").read_text()
-    assert log.count("teapot") == 1 and "ready" not in log
+    assert log.count("not a usable robot") == 1 and "ready" not in log
     rodeo(site_path, "down")
     assert processes(site_path, status=1)["robot_sim"]["gave_up"]
 

@@ -400,6 +400,12 @@ class PostForm:
         balance = self._balance()
         if balance is not None:
             lines.append(("Organization after", iec(balance - request.reward_iec)))
+        try:
+            if doubt := await ask(self._console.actions.doubt, request):
+                lines.append(("Mind", doubt))
+        except RodeoError as error:
+            fail(error)
+            return
         if not await confirm("Post this task?", lines, f"Pay {reward} into escrow"):
             return
         self.post.disable()
