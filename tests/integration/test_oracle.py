@@ -350,6 +350,7 @@ def test_what_was_paid_for_is_known_after_a_restart_and_awaited_while_the_store_
     dao.running.kill("oracle")
     report = Path(dao.site.store_url.removeprefix("file://"), verdict["report_uri"].rpartition("/")[2])
     lost = report.rename(report.with_suffix(".lost"))
+    (dao.site.data_dir / "oracle" / "reports" / report.name).unlink()  # its own copy is lost, too
     executor.submit(second, *proofs[second])
     dao.running.start("oracle")
     dao.running.wait_for_status("oracle", lambda status: "could not be read" in status.activity)
