@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from concurrent.futures import Future
 
@@ -94,7 +95,9 @@ def two_bridges_two_wallets(lab: Lab) -> Iterator[None]:
         "most", 'bridge.wallets = ["organization", "oracle", "worker1", "worker2"]\n', data=False
     )
     other = lab.variant(
-        "own", 'bridge.name = "bridge-panther1"\nbridge.wallets = ["panther1"]\nbridge.public = false\n'
+        "own",
+        f"store.url = {json.dumps(lab.site.store_url)}\n"
+        'bridge.name = "bridge-panther1"\nbridge.wallets = ["panther1"]\nbridge.public = false\n',
     )
     lab.up("router", "chain")
     lab.up("bridge")

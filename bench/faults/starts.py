@@ -134,7 +134,12 @@ def no_node_to_deploy_on(lab: Lab) -> Iterator[None]:
 )
 def other_sites_bus(lab: Lab) -> Iterator[None]:
     other = lab.variant("other", f'org = "other"\nbus.router = {json.dumps(lab.site.bus.router)}\n')
-    same_name = lab.variant("same", f"bus.router = {json.dumps(lab.site.bus.router)}\n", wallets=False)
+    # The same name, and contracts of its own.
+    same_name = lab.variant("same", f"bus.router = {json.dumps(lab.site.bus.router)}\n")
+    (record,) = (lab.folder / "same" / "deployments").glob("*.json")
+    contracts = json.loads(record.read_text())
+    contracts["contracts"]["Organization"] = contracts["contracts"]["TaskManager"]
+    record.write_text(json.dumps(contracts))
     for site in (other, same_name):
         output = lab.rodeo(
             "task",
