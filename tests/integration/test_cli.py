@@ -167,9 +167,9 @@ def test_a_port_that_is_taken_is_said_where_the_user_looks(site_path: Path) -> N
 
 
 def test_what_no_restart_cures_is_told_at_once_and_stays_in_status(site_path: Path) -> None:
-    (site_path.parent / "teapot.urdf").write_text("short and stout")
+    (site_path.parent / "teapot.xml").write_text("short and stout")
     with site_path.open("a") as file:
-        file.write('[[robots]]\nkinematics = "teapot.urdf"\npose = { x_m = 1.4, y_m = 1.3 }\n')
+        file.write('[[robots]]\nkinematics = "teapot.xml"\npose = { x_m = 1.4, y_m = 1.3 }\n')
     started_s = time.monotonic()
     told = rodeo(site_path, "up", "--detach", "router", "robot_sim", status=1)
     assert time.monotonic() - started_s < 60.0
