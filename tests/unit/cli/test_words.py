@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -9,6 +10,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+import typer
 from pydantic import BaseModel
 from typer.testing import CliRunner
 
@@ -214,3 +216,21 @@ def test_the_state_of_a_withdrawn_key_is_whole_below_its_row(monkeypatch: pytest
     shown = CliRunner().invoke(app, ["organization", "devices"], env={"COLUMNS": "80"}).output.splitlines()
     assert "organization" in shown[1] and shown[2].strip() == "revoked: superseded"
     assert all(len(line) <= 80 for line in shown)
+
+
+def leaves(group: Any, path: str = "rodeo") -> Iterator[tuple[str, Any]]:
+    for one in group.registered_commands:
+        yield f"{path} {one.name or one.callback.__name__}", one.callback
+    for inner in group.registered_groups:
+        yield from leaves(inner.typer_instance, f"{path} {inner.name}")
+
+
+@pytest.mark.parametrize("leaf", list(leaves(app)), ids=lambda one: one[0])
+def test_the_options_of_every_command_are_told_as_its_help_tells_them(leaf: tuple[str, Any]) -> None:
+    name, command = leaf
+    node: Any = typer.main.get_command(app)
+    for part in name.split()[1:]:
+        node = node.commands[part]
+    spelled = {spelling for one in node.params for spelling in (*one.opts, *one.secondary_opts)}
+    for parameter, told in words.options_of(inspect.unwrap(command)).items():
+        assert told in spelled or told == parameter.upper(), (name, told)
