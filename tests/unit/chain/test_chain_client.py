@@ -19,6 +19,7 @@ from rodeo.chain import (
     ServiceState,
     TaskRequest,
     TaskState,
+    from_wei,
     to_wei,
 )
 from rodeo.chain.events import (
@@ -201,7 +202,9 @@ def test_an_error_from_a_contract_further_down_arrives_as_well(organization: Org
     request = TaskRequest(KIND, balance + 1, 3600, 3600, 3, "{}")
     error = _refusal(organization, robot, client.calls.register_task(request))
     assert error.code == "erc20_insufficient_balance"
-    assert error.details == {"sender": robot, "balance": balance, "needed": balance + 1}
+    assert error.args_by_name == {"sender": robot, "balance": balance, "needed": balance + 1}
+    assert Decimal(error.details["balance_iec"]) == from_wei(balance)
+    assert Decimal(error.details["needed_iec"]) == from_wei(balance + 1)
 
 
 def test_a_missing_role_is_named(organization: Organization) -> None:
