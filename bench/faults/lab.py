@@ -702,7 +702,7 @@ class Lab:
         problems: list[str] = []
         if case.said:
             try:
-                self.wait_said(case.said)
+                self.wait_said(case.said + self._otherwise_said())
             except NotSurvived as error:
                 problems.append(str(error))
         self.pause(max(0.0, case.held_s - (time.monotonic() - self._marked_s)))
@@ -719,6 +719,11 @@ class Lab:
         self.count_money()
         need(not problems, "; ".join(problems))
         return recovery_s
+
+    def _otherwise_said(self) -> str:
+        """A limit for the size of files is not a full disk, and SQLite does not call it one."""
+        limited = self.disk is not None and not self.disk.mounted
+        return r"|cannot be written|file too large" if limited else ""
 
     def start(self) -> None:
         """Everything that the case needs, and one task done."""
