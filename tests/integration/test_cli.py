@@ -8,7 +8,6 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
@@ -170,9 +169,8 @@ def test_what_no_restart_cures_is_told_at_once_and_stays_in_status(site_path: Pa
     (site_path.parent / "teapot.xml").write_text("short and stout")
     with site_path.open("a") as file:
         file.write('[[robots]]\nkinematics = "teapot.xml"\npose = { x_m = 1.4, y_m = 1.3 }\n')
-    started_s = time.monotonic()
     told = rodeo(site_path, "up", "--detach", "router", "robot_sim", status=1)
-    assert time.monotonic() - started_s < 60.0
+    assert "no restart cures" in told.stderr, "it waited for what does not come"
     assert "config_error" in told.stderr and "teapot" in told.stderr and "rodeo down" in told.stderr
     row = processes(site_path, status=1)["robot_sim"]
     assert row["gave_up"] and "teapot" in row["reason"]
