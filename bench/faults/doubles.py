@@ -59,6 +59,8 @@ for _name, _processes in (
             breaks=f"a second {_name} with the same keys and names, from another machine",
             script=_second(_name),
             said=REFUSED,
+            # A robot that works would do the task itself, at its own price.
+            asks="robot_agent" not in _processes,
             processes=_processes,
             extra="" if "robot_sim" in _processes else 'clock.source = "wall"\n',
         )
