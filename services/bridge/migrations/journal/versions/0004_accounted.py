@@ -13,6 +13,7 @@ def upgrade() -> None:
         sa.Column("wallet", sa.String(length=64), primary_key=True),
         sa.Column("nonce", sa.BigInteger(), nullable=False),
         sa.Column("sent_without", sa.BigInteger(), nullable=False),
+        comment="what the wallets have sent, as far as the journal answers for it",
     )
 
 
