@@ -108,7 +108,7 @@ def _wrong(field: str, text: str, options: dict[str, str]) -> str:
             )
         if root == "(whole)":
             return text
-        return f"{root}{' in --params' if 'params' in options else ''}: {_lowered(text)}"
+        return f"{field}{' in --params' if 'params' in options else ''}: {_lowered(text)}"
     if text == "Field required":
         return f"say {option} {option.lstrip('-').upper()}" if option.startswith("-") else f"say {option}"
     return f"{option}: {FIELD_ADVICE.get(root, _lowered(text))}"
