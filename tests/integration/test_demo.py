@@ -54,6 +54,7 @@ def left_behind(out: Path) -> list[str]:
 
 
 @pytest.mark.timeout(LIMIT_S + 60)
+@pytest.mark.long
 def test_the_demo_settles_both_tasks_and_its_summary_adds_up(tmp_path: Path, chain_backend: str) -> None:
     demo = start_demo(tmp_path / "demo", chain_backend)
     output, _ = demo.communicate(timeout=LIMIT_S + 30)

@@ -20,6 +20,8 @@ from services.robot_agent.recording import Recording
 from tests.support.assignments import BINDING, ROBOT
 from tests.support.site import RunningSite, write_site
 
+pytestmark = pytest.mark.long
+
 
 class Office:
     """Answers as the bridge does: for which organization one signs, and which devices there are."""

@@ -22,6 +22,8 @@ from services.robot_agent.body import Body
 from tests.integration.test_agent import Organization
 from tests.support.site import RunningSite, write_site
 
+pytestmark = pytest.mark.long
+
 SITE = """clock.speed = 20
 clock.idle_speed = 400
 agent.explore_when_idle = true

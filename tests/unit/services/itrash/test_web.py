@@ -220,7 +220,7 @@ def test_a_server_on_port_zero_tells_where_it_listens_and_refuses_a_taken_port(q
         assert httpx.get(f"{server.url}/health").status_code == 200
         with pytest.raises(PortUnavailable) as taken:
             HttpServer(make_api(quiet_bin), "127.0.0.1", int(server.url.rsplit(":", 1)[1]))
-        assert taken.value.details["host"] == "127.0.0.1"
+        assert server.url.removeprefix("http://") in taken.value.message
 
 
 @pytest.mark.parametrize(

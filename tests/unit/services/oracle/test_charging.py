@@ -244,7 +244,7 @@ def test_an_interval_of_the_register_that_was_paid_for_is_spent_whoever_signs_it
 def tell(spent: ConsumedActs, task_id: int, paid_for: Sequence[str] | None = None) -> None:
     """What the chain says of a charge that was submitted, and paid for if it lists acts."""
     registered: list[tuple[str, Fields]] = [("TaskRegistered", {"kind": CHARGING})]
-    registered.append(("ProofSubmitted", {"attempt": 1}))
+    registered.append(("ProofSubmitted", {"attempt": 1, "executor": "organization"}))
     if paid_for is not None:
         sha256 = f"0x{task_id:064x}"
         spent.read(sha256, paid_for)
