@@ -84,8 +84,7 @@ def hundred_participants(
     tasks: int = TASKS, participants: int = PARTICIPANTS, limit_s: float = _LIMIT_S
 ) -> dict[str, float]:
     names = [f"participant{number}" for number in range(participants)]
-    listed = ", ".join(f'{{ name = "{name}", kinds = ["{CLEANING}"] }}' for name in names)
-    with _Site("anvil", f"participants = [{listed}]\n", limit_s=limit_s) as site:
+    with _Site("anvil", names, limit_s=limit_s) as site:
 
         def prepare(name: str) -> None:
             transfer = Transfer(to=name, amount_iec=Decimal(15), request_id=f"fund {name}")
@@ -139,9 +138,10 @@ def faults(
     # Never after so many answers that those in flight could be the last.
     moments = sorted(chance.sample(range(1, _COMMANDS * tasks - at_once), len(victims)))
     killed: Counter[str] = Counter()
-    with _Site(backend, at_once=at_once, moments=deque(moments), limit_s=limit_s) as site:
-        for number in range(at_once):
-            site.offer("panther1", number)
+    names = [f"participant{number}" for number in range(at_once)]
+    with _Site(backend, names, at_once=at_once, moments=deque(moments), limit_s=limit_s) as site:
+        for name in names:
+            site.offer(name)
 
         def kill() -> None:
             while site.kill_is_due():
@@ -172,7 +172,8 @@ class _Site:
     """
 
     backend: str
-    extra: str = ""
+    participants: Sequence[str]
+    """Who do cleanings, besides the lab's own robot."""
     at_once: int = _AT_ONCE
     moments: deque[int] = field(default_factory=deque)
     """After how many answers a kill is due. Nobody asks for more until it was done."""
@@ -188,7 +189,9 @@ class _Site:
         self._may_ask.set()
         self._served: set[int] = set()
         self._folder = tempfile.TemporaryDirectory(prefix="rodeo-soak-")
-        self._running = RunningSite(write_site(Path(self._folder.name), self.backend, self.extra))
+        listed = ", ".join(f'{{ name = "{name}", kinds = ["{CLEANING}"] }}' for name in self.participants)
+        extra = f"participants = [{listed}]\n"
+        self._running = RunningSite(write_site(Path(self._folder.name), self.backend, extra))
         self.site = self._running.site
         try:
             self._running.start(*KILLED, ready=False)
@@ -331,8 +334,8 @@ class _Site:
                     raise
             self.wait(0.05)
 
-    def offer(self, name: str, number: int = 0) -> None:
-        service = RegisterService(kind=CLEANING, price_iec=REWARD_IEC, request_id=f"service {name} {number}")
+    def offer(self, name: str) -> None:
+        service = RegisterService(kind=CLEANING, price_iec=REWARD_IEC, request_id=f"service {name}")
         self.command(name, "register_service", service)
 
     def settle(self, number: int, creator: str) -> None:
