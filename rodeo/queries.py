@@ -137,6 +137,7 @@ QUERIES: dict[str, Query] = {
             "organization",
             "kinds",
             "last_seq",
+            "stores",
         ),
         "which chain it is, and how far it is known",
     ),

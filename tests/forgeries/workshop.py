@@ -299,10 +299,10 @@ def _paid_before(acts: tuple[str, ...], task: Task) -> ConsumedActs:
     known, before, report = ConsumedActs(), task.id + 1, "0x" + "00" * 32
     told: list[tuple[str, int, dict[str, Any]]] = [
         ("TaskRegistered", before, {"kind": task.kind}),
-        ("ProofSubmitted", before, {"attempt": 1}),
+        ("ProofSubmitted", before, {"attempt": 1, "executor": task.executor}),
         ("VerdictPosted", before, {"verdict": "accepted", "report_uri": "", "report_hash": report}),
         ("TaskRegistered", task.id, {"kind": task.kind}),
-        ("ProofSubmitted", task.id, {"attempt": task.attempt}),
+        ("ProofSubmitted", task.id, {"attempt": task.attempt, "executor": task.executor}),
     ]
     for seq, (name, task_id, args) in enumerate(told, start=1):
         event = DaoEvent(
