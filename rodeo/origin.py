@@ -46,7 +46,7 @@ def check_bus(bus: Bus, site: Site, *, strict: bool = True) -> None:
     ours = origin_of(site)
     strangers = []
     heard = False
-    for _, status in _statuses(bus, f"rodeo/{site.org}/status/*"):
+    for _, status in statuses_at(bus, f"rodeo/{site.org}/status/*"):
         theirs, heard = status.origin, True
         if theirs is None:
             continue
@@ -63,16 +63,17 @@ def check_bus(bus: Bus, site: Site, *, strict: bool = True) -> None:
         raise _wrong(site, site.org, strangers[0])
     if heard or not strict:
         return
-    for org, status in _statuses(bus, "rodeo/*/status/*"):
+    for org, status in statuses_at(bus, "rodeo/*/status/*"):
         if org != site.org:
             raise _wrong(site, org, status.origin)
 
 
-def _statuses(bus: Bus, key: str) -> Iterator[tuple[str, Status]]:
-    """(organization, status) of each process that answers."""
+def statuses_at(bus: Bus, key: str, timeout_s: float = _ANSWER_S) -> Iterator[tuple[str, Status]]:
+    """(organization, status) of each process that answers at `key` in `timeout_s` of wall time. There may be
+    several of one name."""
     replies = bus.session.get(
         key,
-        timeout=_ANSWER_S,
+        timeout=timeout_s,
         target=zenoh.QueryTarget.ALL,
         consolidation=zenoh.ConsolidationMode.NONE,
     )

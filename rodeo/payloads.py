@@ -1,10 +1,11 @@
-"""What is in each payload of the DAO plane, from the models themselves: the second half of docs/keys.md."""
+"""What is in each payload of the DAO plane, from the models: `python -m rodeo.payloads > docs/keys.md`."""
 
 from __future__ import annotations
 
 import ast
 import inspect
 import json
+import sys
 import textwrap
 from collections.abc import Iterable
 from typing import Any
@@ -18,6 +19,7 @@ from rodeo.dao import KIND_PARAMS
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.seal import Binding, SealHead
 from rodeo.messages import COMMANDS, Broadcast, Command, DaoEvent, Prepare, Status, Task
+from rodeo.topics import markdown
 from rodeo.witness.statement import (
     Claimant,
     Classification,
@@ -285,7 +287,12 @@ def parameters_of(what: str) -> dict[str, Any]:
     return _PARAMETERS.get(what, {})
 
 
-def pages() -> str:
+def keys_page() -> str:
+    """The text of docs/keys.md: the table of keys, then the payloads."""
+    return markdown() + _payloads()
+
+
+def _payloads() -> str:
     """Markdown: the fields of every payload, and an example of each."""
     parts = [
         "## What the payloads hold",
@@ -437,3 +444,7 @@ def _meanings(model: type[BaseModel]) -> Iterable[tuple[str, str]]:
             match line, after:
                 case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
                     yield name, " ".join(text.split()).replace("|", "\\|")
+
+
+if __name__ == "__main__":
+    sys.stdout.write(keys_page())

@@ -7,7 +7,6 @@ they say. Robot-plane names become Zenoh keys by `rodeo.ros2`; DAO-plane names a
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
@@ -310,11 +309,11 @@ TOPICS: tuple[Topic, ...] = tuple(value for value in list(globals().values()) if
 
 
 def markdown() -> str:
-    """The table as a page (docs/keys.md is this text): `python -m rodeo.topics > docs/keys.md`."""
+    """The table as text: the first part of docs/keys.md, which `rodeo.payloads` makes."""
     lines = [
         "# Keys on the bus",
         "",
-        "Made from `rodeo/topics.py` by `python -m rodeo.topics`; a test keeps the two equal.",
+        "Made by `python -m rodeo.payloads` from `rodeo/topics.py` and the models; a test keeps it so.",
         "",
     ]
     for plane, text in _PLANES.items():
@@ -333,10 +332,7 @@ def markdown() -> str:
                 ]
                 lines.append(f"| {' | '.join(cells)} | {topic.meaning} |")
         lines.append("")
-    # Every process imports the table, none of them needs the payloads' examples.
-    from rodeo.payloads import pages
-
-    return "\n".join(lines) + "\n" + pages()
+    return "\n".join(lines) + "\n"
 
 
 def robot_interface() -> str:
@@ -363,6 +359,3 @@ _PLANES = {
     Plane.ROBOT: "Robot plane: ROS 2 as rmw_zenoh writes it",
     Plane.DAO: "DAO plane: JSON",
 }
-
-if __name__ == "__main__":
-    sys.stdout.write(markdown())

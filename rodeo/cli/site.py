@@ -15,8 +15,6 @@ from types import FrameType
 from typing import Annotated, Any, Self
 
 import typer
-import zenoh
-from pydantic import ValidationError
 from rich.live import Live
 from rich.markup import escape
 from rich.table import Table
@@ -30,7 +28,7 @@ from rodeo.config import Site
 from rodeo.errors import BusUnavailable, RodeoError, WrongBus
 from rodeo.instance import HEARTBEAT_S, forget_ending, last_ending, lock_holder
 from rodeo.messages import Status
-from rodeo.origin import check_bus
+from rodeo.origin import check_bus, statuses_at
 from rodeo.tls import OPERATOR, bus_is_closed, identity, openness
 
 LOST_S = 3 * HEARTBEAT_S
@@ -195,23 +193,10 @@ def _ended(site: Site, name: str) -> Row:
 
 def _ask(bus: Bus, org: str, timeout_s: float) -> dict[str, list[Status]]:
     """What the processes of each name answer; there may be several on the bus."""
-    statuses: dict[str, list[Status]] = {}
-    replies = bus.session.get(
-        f"rodeo/{org}/status/*",
-        timeout=timeout_s,
-        target=zenoh.QueryTarget.ALL,
-        consolidation=zenoh.ConsolidationMode.NONE,
-    )
-    for reply in replies:
-        if reply.ok is None:
-            continue
-        try:
-            status = Status.model_validate_json(reply.ok.payload.to_bytes())
-        except ValidationError:
-            # Somebody else's answer on our key is not the status of a process.
-            continue
-        statuses.setdefault(status.process, []).append(status)
-    return statuses
+    found: dict[str, list[Status]] = {}
+    for _, status in statuses_at(bus, f"rodeo/{org}/status/*", timeout_s):
+        found.setdefault(status.process, []).append(status)
+    return found
 
 
 class StatusWatcher:

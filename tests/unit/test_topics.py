@@ -7,7 +7,8 @@ from pydantic import BaseModel
 
 from rodeo import payloads, queries
 from rodeo.messages import COMMANDS
-from rodeo.topics import TOPICS, Form, Plane, markdown, robot_interface
+from rodeo.payloads import keys_page
+from rodeo.topics import TOPICS, Form, Plane, robot_interface
 
 
 def test_keys_are_unique() -> None:
@@ -38,7 +39,7 @@ def test_a_name_fills_its_template() -> None:
 
 def test_the_page_of_keys_is_the_table() -> None:
     page = Path(__file__).parents[2] / "docs" / "keys.md"
-    assert page.read_text() == markdown(), "run: python -m rodeo.topics > docs/keys.md"
+    assert page.read_text() == keys_page(), "run: python -m rodeo.payloads > docs/keys.md"
 
 
 def test_the_page_for_who_brings_a_robot_lists_the_robots_part_of_the_table() -> None:
@@ -62,7 +63,7 @@ def test_the_example_of_a_question_is_valid(what: str) -> None:
 
 
 def test_every_command_and_statement_has_its_part_of_the_page() -> None:
-    titles = {line.removeprefix("#### ") for line in markdown().splitlines() if line.startswith("#### ")}
+    titles = {line.removeprefix("#### ") for line in keys_page().splitlines() if line.startswith("#### ")}
     assert {*COMMANDS, "prepare", "broadcast", *queries.QUERIES} <= titles
     assert {model.__name__ for model in payloads.STATEMENTS} <= titles
 
@@ -74,4 +75,4 @@ def test_the_page_knows_the_commands_that_the_bridge_knows_and_what_each_takes()
 
 
 def test_what_a_field_means_is_read_from_the_model() -> None:
-    assert "Queue the task even though every service on offer costs more" in markdown()
+    assert "Queue the task even though every service on offer costs more" in keys_page()
