@@ -194,6 +194,9 @@ class Claim:
                 self._wake.set()
 
         self._subscriber = self._session.liveliness().declare_subscriber(self._expression, on_token)
+        # The router takes one message after the other: who claims after this answer is heard of, and who did
+        # before it is seen by the watcher's own look or was gone.
+        self._look()
         self._watcher = threading.Thread(target=work, name="serves", daemon=True)
         self._watcher.start()
 
