@@ -6,7 +6,6 @@ import argparse
 import ctypes
 import faulthandler
 import logging
-import math
 import os
 import signal
 import threading
@@ -44,7 +43,7 @@ from rodeo.instance import (
 from rodeo.messages import Status
 from rodeo.metrics import BUS_CONNECTED, NOT_READY, READY, MetricsServer
 from rodeo.origin import check_bus, origin_of
-from rodeo.serving import Claim, Rival, Thing
+from rodeo.serving import Claim, Holder, Rival, Thing
 from rodeo.tls import identity
 
 if TYPE_CHECKING:
@@ -100,10 +99,8 @@ class Service:
         self._details: dict[str, Any] = {}
         self._warnings: list[str] = []
         self._claim: Claim | None = None
-        self._rivals: set[Rival] = set()
-        """Those that the log has told of."""
-        self._rival: tuple[str, float] = "", -math.inf
-        """Somebody who wanted to serve the same, and when (monotonic wall time)."""
+        self._rivals: dict[Holder, dict[Thing, float]] = {}
+        """Who wanted to serve the same, what, and when last (monotonic wall time)."""
         self._failure: RodeoError | None = None
         self._concerns: dict[str, str] = {}
         """Subject -> what an operator should know of it now."""
@@ -180,11 +177,12 @@ class Service:
         self._claim.watch(self._on_rival, self._on_lost)
 
     def _on_rival(self, rival: Rival) -> None:
-        text = f"{rival.holder} wants to serve {rival.thing}, too"
-        if rival not in self._rivals:
-            log.warning("%s; it is served here", text)
-        self._rivals.add(rival)
-        self._rival = text, time.monotonic()
+        with self._lock:
+            wanted = self._rivals.setdefault(rival.holder, {})
+            new = rival.thing not in wanted
+            wanted[rival.thing] = time.monotonic()
+        if new:
+            log.warning("%s wants to serve %s, too; it is served here", rival.holder, rival.thing)
 
     def _on_lost(self, error: ServedElsewhere) -> None:
         self.fail(error)
@@ -317,8 +315,12 @@ class Service:
             )
 
     def _rival_warnings(self) -> list[str]:
-        text, heard_s = self._rival
-        return [text] if time.monotonic() - heard_s < RIVAL_SHOWN_S else []
+        since_s = time.monotonic() - RIVAL_SHOWN_S
+        texts = []
+        for holder, wanted in self._rivals.items():
+            if things := sorted(str(thing) for thing, heard_s in wanted.items() if heard_s > since_s):
+                texts.append(f"{holder} wants to serve {', '.join(things)}, too")
+        return texts
 
     def _clock_off(self) -> str:
         """What keeps a process from being ready whose clock should be the wall's, and is not; else empty."""
