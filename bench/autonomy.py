@@ -30,6 +30,7 @@ from typing import Any
 from deploy.launcher import Launcher
 from rodeo import topics
 from rodeo.bus import Bus, DaoEvents
+from rodeo.chance import generator
 from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.lab.config import FurnitureConfig, ItemConfig, Pose2
@@ -166,14 +167,14 @@ def _can_be_cleaned(site: Site, floor: Floor, items: list[ItemConfig]) -> bool:
 def _world(seed: int) -> list[dict[str, Any]]:
     """Clean one world; the tasks as the chain knows them in the end."""
     furniture, items = random_world(seed)
-    chance = random.Random(seed)
     tables = {
+        "clock.seed": seed,
         "lab.furniture": [f.model_dump() for f in furniture],
         "items": [item.model_dump(by_alias=True, exclude_none=True, mode="json") for item in items],
     }
     speed = float(os.environ.get("AUTONOMY_SPEED", "20"))
     with _site(tables, speed) as (site, bus):
-        ids = []
+        ids, chance = [], generator(site, "arrivals", "places")
         for item in items:
             off_m, towards = chance.uniform(0, _NAMED_OFF_M), chance.uniform(0, math.tau)
             place = {

@@ -58,6 +58,9 @@ class ClockConfig(_Table):
     """Simulated seconds per wall second; 0 runs as fast as the machine allows."""
     idle_speed: float = Field(default=1.0, ge=0)
     """The same while every robot is parked and charging, when nothing moves."""
+    seed: int | None = Field(default=None, ge=0)
+    """Of all that chance decides on the site, real or simulated (rodeo.chance). None: what a robot's mind
+    chooses is another each time, and the simulated sensors' noise is the same, as of seed 0."""
 
     @property
     def keeps_wall_time(self) -> bool:

@@ -197,7 +197,8 @@ class MotionLimits(Section):
 class NoiseConfig(Section):
     """What a simulated robot's sensors add to the truth: standard deviations of Gaussian noise; 0 is perfect.
 
-    Scale and bias are drawn once per robot, from its name, so that a run can be repeated.
+    Scale and bias are drawn once per robot, from its name and the site's `clock.seed`, so that a run can be
+    repeated.
     """
 
     wheel_scale: float = Field(0.01, ge=0, lt=0.2, description="relative error of the way per wheel turn")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import math
-import random
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from pydantic import ValidationError
 
 from rodeo import topics
 from rodeo.bus import DaoEvents
+from rodeo.chance import generator
 from rodeo.cleaning import CleaningParams
 from rodeo.dao import CHARGING, CLEANING
 from rodeo.errors import BusError, DiskFull, RemoteError, wrong_fields
@@ -171,7 +171,7 @@ class Agent:
             self._clock,
             self._receipts,
         )
-        self._chance = random.Random()
+        self._chance = generator(site, service.name, "explore")
         self._wake = threading.Event()
         self._doing: dict[str, Any] = {"activity": "starting"}
         self._attempt: Task | None = None

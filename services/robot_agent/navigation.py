@@ -6,9 +6,10 @@ Pure geometry on the site file, in the map frame. Finding a path there is the bo
 from __future__ import annotations
 
 import math
-import random
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+
+import numpy as np
 
 from rodeo.config import Site
 from rodeo.lab.config import Pose2
@@ -155,7 +156,7 @@ class Floor:
             ]
         return poses
 
-    def explore(self, items: Iterable[Point], chance: random.Random) -> Iterator[Pose2]:
+    def explore(self, items: Iterable[Point], chance: np.random.Generator) -> Iterator[Pose2]:
         """Random free poses away from walls, things and trash, without end."""
         items = list(items)
         length_m, width_m = self._size_m

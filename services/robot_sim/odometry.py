@@ -1,7 +1,6 @@
 """Dead reckoning from wheels and gyro, with the errors that both have."""
 
 import math
-import zlib
 
 import numpy as np
 
@@ -16,13 +15,13 @@ STANDING_M_S = 0.002
 class Odometry:
     """Pose of the base in frame `odom`, which is the map when the world is new and drifts away from it."""
 
-    def __init__(self, robot: str, start: Pose2, noise: NoiseConfig) -> None:
+    def __init__(self, start: Pose2, noise: NoiseConfig, chance: np.random.Generator) -> None:
         self.x_m, self.y_m, self.yaw_rad = start.x_m, start.y_m, start.yaw_rad
         self.twist = Twist2()
         """As measured over the last control period."""
-        self._random = np.random.default_rng(zlib.crc32(robot.encode()))
-        self._scale = 1 + noise.wheel_scale * self._random.standard_normal()
-        self._bias_rad_s = noise.gyro_bias_rad_s * self._random.standard_normal()
+        self._chance = chance
+        self._scale = 1 + noise.wheel_scale * self._chance.standard_normal()
+        self._bias_rad_s = noise.gyro_bias_rad_s * self._chance.standard_normal()
         self._noise_rad_s = noise.gyro_rad_s
         self._noise: list[float] = []
 
@@ -41,7 +40,7 @@ class Odometry:
             return Twist2()
         if not self._noise:
             # Drawn ahead: one call per control period would cost as much as the reckoning.
-            self._noise = (self._noise_rad_s * self._random.standard_normal(256)).tolist()
+            self._noise = (self._noise_rad_s * self._chance.standard_normal(256)).tolist()
         return Twist2(
             true.linear_m_s * self._scale, true.angular_rad_s + self._bias_rad_s + self._noise.pop()
         )

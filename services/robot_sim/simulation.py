@@ -1,11 +1,11 @@
 """The simulated world: physics, drivers, battery and dock, one control period at a time. Knows no bus."""
 
 import math
-import zlib
 
 import mujoco
 import numpy as np
 
+from rodeo.chance import Moments, generator
 from rodeo.config import Site
 from rodeo.lab.body import Body, Twist2
 from rodeo.lab.config import RobotConfig, gripper_body
@@ -30,6 +30,7 @@ from services.robot_sim.odometry import Odometry
 from services.robot_sim.planner import Map
 from services.robot_sim.surroundings import blocked, unknown_returns
 
+PROCESS = "robot_sim"
 PERIOD_NS = round(CONTROL_PERIOD_S * 1e9)
 IDLE_PERIOD_NS = 1_000_000_000
 """Stride of the site time while a parked robot charges and nothing else happens."""
@@ -46,18 +47,22 @@ _ON_FLOOR_M = 0.15
 class SimRobot:
     """One robot: its body, the drivers that move it, its battery and its odometry."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, config: RobotConfig) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, config: RobotConfig, site: Site) -> None:
         self.config = config
         self.body = Body(model, data, config.name, config.limits)
         self.base = BaseDriver(self.body, config.limits)
         self.arm = ArmDriver(self.body)
         self.gripper = GripperDriver(self.body)
         self.battery = Battery(config.battery, config.battery.soc)
-        self.odometry = Odometry(config.name, config.pose, config.noise)
+        self.odometry = Odometry(
+            config.pose,
+            config.noise,
+            generator(site, PROCESS, f"odometry of {config.name}", repeatable=True),
+        )
         self.stopped = False
         """The emergency stop is engaged."""
         self._lidar = Lidar(model, f"{config.name}/{LIDAR_SITE}", f"{config.name}/base_link")
-        self._random = np.random.default_rng(zlib.crc32(config.name.encode()) + 1)
+        self.lidar_chance = Moments(site, PROCESS, f"lidar of {config.name}")
 
     @property
     def idle(self) -> bool:
@@ -98,20 +103,20 @@ class SimRobot:
             self.arm.stop()
             self.gripper.stop()
 
-    def scan_m(self) -> np.ndarray:
+    def scan_m(self, time_ns: int) -> np.ndarray:
         """(Lidar.BEAMS,) ranges as the lidar measures them, noise included."""
-        noise_m = self.config.noise.lidar_m * self._random.standard_normal(Lidar.BEAMS)
+        noise_m = self.config.noise.lidar_m * self.lidar_chance.at(time_ns).standard_normal(Lidar.BEAMS)
         return self._lidar.ranges(self.body.data) + noise_m
 
-    def watch(self, lab: Map) -> None:
+    def watch(self, lab: Map, time_ns: int) -> None:
         """Stop the drive under way if the lidar shows something on its route that `lab` has not."""
         way = self.base.way
-        if way and blocked(way, self.unmapped(lab)):
+        if way and blocked(way, self.unmapped(lab, time_ns)):
             self.base.block()
 
-    def unmapped(self, lab: Map) -> np.ndarray:
+    def unmapped(self, lab: Map, time_ns: int) -> np.ndarray:
         """(n, 2) points in the map where the lidar sees what `lab` has not."""
-        return unknown_returns(lab, self.body.pose, self._lidar.angles_rad, self.scan_m())
+        return unknown_returns(lab, self.body.pose, self._lidar.angles_rad, self.scan_m(time_ns))
 
     def row(self) -> list[float]:
         o, g = self.odometry, self.gripper
@@ -148,7 +153,7 @@ class Simulation:
         self.fingerprint = _fingerprint(self.model, [robot.name for robot in bodies])
         """What the saved numbers are about: the compiled world."""
         self.entities.settle(self.model, self.data)
-        self.robots = {config.name: SimRobot(self.model, self.data, config) for config in bodies}
+        self.robots = {config.name: SimRobot(self.model, self.data, config, site) for config in bodies}
         self.map = Map.of(site)
         self.supply = Supply(site.dock)
         self.bin = BinLayout(site.bin)
@@ -189,7 +194,7 @@ class Simulation:
         look = self.time_ns // PERIOD_NS % _LOOK_PERIODS == 0
         for robot in self.robots.values():
             if look:
-                robot.watch(self.map)
+                robot.watch(self.map, self.time_ns)
             robot.step(now_s)
         self.entities.advance(self.model, self.data, self.time_ns + PERIOD_NS)
         mujoco.mj_step(self.model, self.data, nstep=CONTROL_STEPS)

@@ -2,16 +2,17 @@
 
 import copy
 import math
-import zlib
 from collections.abc import Iterator
 
 import mujoco
 import numpy as np
 
+from rodeo.chance import Moments
+from rodeo.config import Site
 from rodeo.lab.body import Body
 from rodeo.lab.sensors import DepthCamera, Lidar
 from rodeo.lab.world import CAMERA_SITE, LIDAR_SITE, scale_weight_n
-from services.robot_sim.simulation import SimRobot, Simulation
+from services.robot_sim.simulation import PROCESS, SimRobot, Simulation
 
 XYZW = np.array([1, 2, 3, 0])
 """ROS's order of a quaternion in MuJoCo's."""
@@ -22,16 +23,19 @@ _PRESENCE_MAX_M = 2.0
 class RobotSnapshot:
     """One robot in `data`, which is a copy of the world's, with the robot's own sensors."""
 
-    def __init__(self, robot: SimRobot, model: mujoco.MjModel, data: mujoco.MjData) -> None:
+    def __init__(
+        self, robot: SimRobot, model: mujoco.MjModel, data: mujoco.MjData, site: Site, time_ns: int
+    ) -> None:
         config = self.config = robot.config
         self.body = Body(model, data, config.name, config.limits)
         self._robot, self._data = robot, data
         self._lidar = Lidar(model, f"{config.name}/{LIDAR_SITE}", f"{config.name}/base_link")
         self.depth = DepthCamera(model, f"{config.name}/{CAMERA_SITE}")
-        self._random = np.random.default_rng(zlib.crc32(config.name.encode()) + 2)
-        self.take()
+        self._depth_chance = Moments(site, PROCESS, f"depth of {config.name}")
+        self.take(time_ns)
 
-    def take(self) -> None:
+    def take(self, time_ns: int) -> None:
+        self._time_ns = time_ns
         reckoned = self._robot.odometry
         self.x_m, self.y_m, self.yaw_rad = reckoned.x_m, reckoned.y_m, reckoned.yaw_rad
         """In the frame odom, as the wheels have it."""
@@ -44,14 +48,15 @@ class RobotSnapshot:
 
     def scan_m(self) -> np.ndarray:
         """(Lidar.BEAMS,) ranges as the lidar measures them, noise included."""
-        noise_m = self.config.noise.lidar_m * self._random.standard_normal(Lidar.BEAMS)
+        chance = self._robot.lidar_chance.at(self._time_ns)
+        noise_m = self.config.noise.lidar_m * chance.standard_normal(Lidar.BEAMS)
         return self._lidar.ranges(self._data) + noise_m
 
     def depth_m(self) -> np.ndarray:
         """(height, width) depths as the wrist's camera measures them."""
         depth_m = self.depth.image(self._data)
-        share = self.config.noise.depth_share
-        return depth_m * (1 + share * self._random.standard_normal(depth_m.shape, np.float32))
+        share, chance = self.config.noise.depth_share, self._depth_chance.at(self._time_ns)
+        return depth_m * (1 + share * chance.standard_normal(depth_m.shape, np.float32))
 
 
 class Snapshot:
@@ -62,7 +67,10 @@ class Snapshot:
         self.site, self.model = simulation.site, simulation.model
         self.data = mujoco.MjData(self.model)
         mujoco.mj_copyData(self.data, self.model, simulation.data)
-        self.robots = [RobotSnapshot(robot, self.model, self.data) for robot in simulation.robots.values()]
+        self.robots = [
+            RobotSnapshot(robot, self.model, self.data, self.site, simulation.time_ns)
+            for robot in simulation.robots.values()
+        ]
         self._bodies = list(simulation.captured)
         self._tracked = np.array(list(simulation.captured.values()))
         self._presence = self.model.site(f"{self.site.bin.name}/presence").id
@@ -75,7 +83,7 @@ class Snapshot:
         self.stalls_ns = self._simulation.take_stalls()
         self.supply = copy.copy(self._simulation.supply)
         for robot in self.robots:
-            robot.take()
+            robot.take(self.time_ns)
 
     def captured_poses(self) -> Iterator[tuple[str, np.ndarray]]:
         """Each body that motion capture sees in the lab, and its pose (7,): x, y, z in m, qx, qy, qz, qw."""

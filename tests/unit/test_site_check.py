@@ -62,6 +62,8 @@ WRONG = [
         "bins: a site has one bin: write [bin]; another bin is a device of another site",
     ),
     ("chain.ulr = 1\n", 3, 'chain.ulr: no such key; is "url" meant?'),
+    ("clock.sed = 7\n", 3, 'clock.sed: no such key; is "seed" meant?'),
+    ("clock.seed = -1\n", 3, "clock.seed: Input should be greater than or equal to 0"),
     ("consol.port = 1\n", 3, 'consol: no such key; is "console" meant?'),
     (
         item() + "participants = []\n",

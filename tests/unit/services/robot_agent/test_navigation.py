@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import itertools
 import math
-import random
 
+import numpy as np
 import pytest
 
 from rodeo.config import Site
@@ -46,7 +46,7 @@ def test_an_item_in_a_corner_cannot_be_served() -> None:
 
 def test_exploring_stays_clear_of_everything() -> None:
     items = [(item.pose.x_m, item.pose.y_m) for item in SITE.items]
-    for pose in itertools.islice(FLOOR.explore(items, random.Random(1)), 50):
+    for pose in itertools.islice(FLOOR.explore(items, np.random.default_rng(1)), 50):
         assert FLOOR.clearance_m(pose.x_m, pose.y_m) >= FOOTPRINT_RADIUS_M
         assert min(math.dist((pose.x_m, pose.y_m), item) for item in items) >= FOOTPRINT_RADIUS_M
 

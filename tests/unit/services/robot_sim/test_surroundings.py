@@ -32,12 +32,12 @@ def robot(simulation: Simulation) -> SimRobot:
 
 
 def test_nothing_is_unknown_in_a_lab_as_it_is_mapped(simulation: Simulation, robot: SimRobot) -> None:
-    assert len(robot.unmapped(simulation.map)) == 0
+    assert len(robot.unmapped(simulation.map, simulation.time_ns)) == 0
 
 
 def test_an_obstacle_is_seen_where_it_stands(simulation: Simulation, robot: SimRobot) -> None:
     simulation.place("obstacle1", EntityState(np.array([2.6, 1.6, 0.0]), UPRIGHT))
-    points = robot.unmapped(simulation.map)
+    points = robot.unmapped(simulation.map, simulation.time_ns)
     assert len(points) > 5
     assert np.linalg.norm(points - (2.6, 1.6), axis=1).max() < 0.4
 
@@ -58,7 +58,7 @@ def test_a_drive_stops_before_an_obstacle_and_another_route_leads_around_it(
         simulation.step()
     assert math.dist((robot.body.pose.x_m, robot.body.pose.y_m), (2.9, 0.75)) > 0.6
 
-    seen = [(float(x), float(y)) for x, y in robot.unmapped(simulation.map)]
+    seen = [(float(x), float(y)) for x, y in robot.unmapped(simulation.map, simulation.time_ns)]
     around = Drive(plan(Map.of(simulation.site, seen), robot.body.pose, goal), lambda: False)
     robot.base.follow(around)
     for _ in range(50 * 60):
