@@ -14,6 +14,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any, Self, TypeVar
 from urllib.parse import quote, unquote
@@ -22,6 +23,7 @@ import zenoh
 from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
 
+from rodeo.clock import Clock
 from rodeo.endpoint import check_socket_folder
 from rodeo.errors import (
     BusUnavailable,
@@ -177,18 +179,24 @@ class Bus:
         self.session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def subscribe_json(
-        self, key: str, callback: Callable[[str, dict[str, Any]], None]
+        self, key: str, callback: Callable[[str, dict[str, Any]], None], *, inline: bool = False
     ) -> zenoh.Subscriber[None]:
         """Call `callback(key, object)` for each JSON object published on `key`, in a thread of its own.
+
+        `inline` calls it in the session's receiving thread: it must be short, and wait for nothing.
 
         A payload that is not a JSON object is logged and left out; it came from a faulty publisher, and
         the subscription goes on.
         """
 
-        return self.subscribe_bytes(key, lambda heard, payload: callback(heard, decode_json(payload)))
+        return self.subscribe_bytes(
+            key, lambda heard, payload: callback(heard, decode_json(payload)), inline=inline
+        )
 
-    def subscribe_bytes(self, key: str, callback: Callable[[str, bytes], None]) -> zenoh.Subscriber[None]:
-        """Call `callback(key, payload)` for everything published on `key`, in a thread of its own.
+    def subscribe_bytes(
+        self, key: str, callback: Callable[[str, bytes], None], *, inline: bool = False
+    ) -> zenoh.Subscriber[None]:
+        """Call `callback(key, payload)` for everything published on `key`: as `subscribe_json` does.
 
         What the callback refuses with a RodeoError is logged and left out.
         """
@@ -202,7 +210,7 @@ class Bus:
                 # The subscription's thread must outlive one message.
                 log.exception("the handler of %s failed", sample.key_expr)
 
-        return self.session.declare_subscriber(key, on_sample)
+        return self.session.declare_subscriber(key, zenoh.handlers.Callback(on_sample, indirect=not inline))
 
     # -- query and serve -------------------------------------------------------------------------------
 
@@ -337,6 +345,9 @@ class DaoEvents:
 
     Live events arrive by subscription; a gap in their sequence, and the past after `after_seq`, are asked
     from the bridge's index. `callback(event)` runs in a thread of its own. Close it before its bus.
+
+    Args:
+        clock: is held from when an event arrives until `callback` has it; None holds none.
     """
 
     _PAGE = 500
@@ -344,7 +355,13 @@ class DaoEvents:
     """Wall time after which the index is asked even without a live event: the last one may be lost."""
 
     def __init__(
-        self, bus: Bus, org: str, callback: Callable[[DaoEvent], None], *, after_seq: int = 0
+        self,
+        bus: Bus,
+        org: str,
+        callback: Callable[[DaoEvent], None],
+        *,
+        after_seq: int = 0,
+        clock: Clock | None = None,
     ) -> None:
         self._bus = bus
         self._org = org
@@ -355,7 +372,9 @@ class DaoEvents:
         self._stop = threading.Event()
         self._live: dict[int, DaoEvent] = {}
         self._lock = threading.Lock()
-        self._subscriber = bus.subscribe_json(f"rodeo/{org}/event/*", self._on_live)
+        self._clock = clock
+        self._handing_over: AbstractContextManager[None] | None = None
+        self._subscriber = bus.subscribe_json(f"rodeo/{org}/event/*", self._on_live, inline=True)
         self._thread = threading.Thread(target=self._run, name="dao-events", daemon=True)
         self._thread.start()
 
@@ -376,11 +395,15 @@ class DaoEvents:
             self._follow_chain(event.chain)
             if event.seq > self._seq:
                 self._live[event.seq] = event
+            if self._clock is not None and self._handing_over is None:
+                self._handing_over = self._clock.hold()
+                self._handing_over.__enter__()
         self._wake.set()
 
     def _run(self) -> None:
         self._catch_up()
         while not self._stop.is_set():
+            self._handed_over()
             self._wake.wait(self._CATCH_UP_S)
             self._wake.clear()
             with self._lock:
@@ -391,6 +414,13 @@ class DaoEvents:
                 self._deliver(following)
                 with self._lock:
                     following = self._live.pop(self._seq + 1, None)
+
+    def _handed_over(self) -> None:
+        with self._lock:
+            # What still misses one before it is asked for elsewhere: that may take long.
+            if self._handing_over is not None and self._seq + 1 not in self._live:
+                self._handing_over.__exit__(None, None, None)
+                self._handing_over = None
 
     def _catch_up(self) -> None:
         while not self._stop.is_set():

@@ -11,11 +11,14 @@ import math
 import struct
 import threading
 import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol
 
 import zenoh
 
 from rodeo.errors import ClockUnavailable
+from rodeo.holding import Holder, Waiter
 
 log = logging.getLogger(__name__)
 
@@ -29,8 +32,8 @@ _WARNED_S = 30.0
 """Wall time for which a second speaker is told of in the process's state, and before the log repeats it."""
 
 
-class Clock(Protocol):
-    """Site time: Unix-like seconds that never go back."""
+class TimeSource(Protocol):
+    """Tells the site's time: Unix-like seconds that never go back."""
 
     def now_ns(self) -> int:
         """Nanoseconds of site time. Raises ClockUnavailable before the clock was heard."""
@@ -40,13 +43,48 @@ class Clock(Protocol):
         """Seconds of site time. Raises ClockUnavailable before the clock was heard."""
         ...
 
+
+class Clock(TimeSource, Protocol):
+    """Site time for those who also wait for it, and who may hold it where it is simulated."""
+
     def wait_until(self, time_s: float, stop: threading.Event | None = None) -> bool:
         """Block until `time_s` of site time; False when `stop` was set before."""
         ...
 
+    def wait_for(
+        self,
+        done: Callable[[], bool],
+        stop: threading.Event | None = None,
+        *,
+        until_s: float | None = None,
+        wall_s: float | None = None,
+        resting: bool = False,
+    ) -> bool:
+        """Block until `done()`; False at `until_s` of site time, after `wall_s`, or when `stop` is set.
+
+        `done` is asked again after each `notify`. While the thread waits it does not hold a simulated clock;
+        `resting` says that nobody needs to see meanwhile how nothing moves.
+        """
+        ...
+
+    def notify(self) -> None:
+        """Something arrived that a thread may be waiting for."""
+        ...
+
+    def acting(self) -> AbstractContextManager[None]:
+        """What the calling thread does meanwhile takes no site time, but for its waits on this clock."""
+        ...
+
+    def hold(self) -> AbstractContextManager[None]:
+        """What is done meanwhile, by whatever thread, takes no site time."""
+        ...
+
 
 class WallClock:
-    """The machine's own clock, for sites with real robots."""
+    """The machine's own clock, for sites with real robots. Nobody holds it."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
 
     def now_ns(self) -> int:
         return time.time_ns()
@@ -57,6 +95,36 @@ class WallClock:
     def wait_until(self, time_s: float, stop: threading.Event | None = None) -> bool:
         stop = stop or threading.Event()
         return not stop.wait(max(0.0, time_s - self.now_s()))
+
+    def wait_for(
+        self,
+        done: Callable[[], bool],
+        stop: threading.Event | None = None,
+        *,
+        until_s: float | None = None,
+        wall_s: float | None = None,
+        resting: bool = False,
+    ) -> bool:
+        end_s = math.inf if wall_s is None else time.monotonic() + wall_s
+        if until_s is not None:
+            end_s = min(end_s, time.monotonic() + until_s - self.now_s())
+        with self._changed:
+            while not done():
+                left_s = end_s - time.monotonic()
+                if left_s <= 0 or (stop is not None and stop.is_set()):
+                    return False
+                self._changed.wait(min(left_s, _WALL_SLICE_S))
+        return True
+
+    def notify(self) -> None:
+        with self._changed:
+            self._changed.notify_all()
+
+    def acting(self) -> AbstractContextManager[None]:
+        return nullcontext()
+
+    def hold(self) -> AbstractContextManager[None]:
+        return nullcontext()
 
 
 class SimClock:
@@ -69,6 +137,9 @@ class SimClock:
 
     A message's session is the one in its Zenoh time stamp, which is written where it is sent. Access rules
     let only robot_sim speak here; on an open bus somebody who forges time stamps is not told apart.
+
+    Args:
+        holder: organization and process for which the clock waits (`rodeo.holding`); None follows it only.
     """
 
     _CDR = struct.Struct("<H2xiI")
@@ -76,7 +147,7 @@ class SimClock:
     _LITTLE_ENDIAN = 0x0100
     """The header's first two bytes, 00 01, as `_CDR` reads them."""
 
-    def __init__(self, session: zenoh.Session, domain_id: int) -> None:
+    def __init__(self, session: zenoh.Session, domain_id: int, holder: tuple[str, str] | None = None) -> None:
         self._now_ns: int | None = None
         # Imported here: ROS types take half a second, and a command about a wall clock needs none.
         from rodeo.ros2 import wire
@@ -98,7 +169,15 @@ class SimClock:
         for reply in session.liveliness().get(graph):
             if reply.ok is not None:
                 self._announce(str(reply.ok.key_expr))
-        self._subscriber = session.declare_subscriber(f"{domain_id}/clock/**", self._on_clock)
+        self._waiters: list[Waiter] = []
+        self._holder: Holder | None = None
+        if holder is not None:
+            self._holder = Holder(session, *holder, self._changed, lambda: self._now_ns)
+            self._waiters = self._holder.waiters
+        # In the receiving thread: the time must not be heard after the mark that follows it.
+        self._subscriber = session.declare_subscriber(
+            f"{domain_id}/clock/**", zenoh.handlers.Callback(self._on_clock, indirect=False)
+        )
 
     def _on_graph(self, sample: zenoh.Sample) -> None:
         token = str(sample.key_expr)
@@ -128,9 +207,11 @@ class SimClock:
         with self._changed:
             if not self._follows(source):
                 return
+            first = self._now_ns is None
             # A body that was started again must never make time go back.
             self._now_ns = max(self._now_ns or 0, sec * 1_000_000_000 + nanosec)
-            self._changed.notify_all()
+            if first or any(one.is_due(self._now_ns) for one in self._waiters):
+                self._changed.notify_all()
 
     def _follows(self, source: str) -> bool:
         """Whether `source` is, or becomes, the one speaker."""
@@ -180,13 +261,59 @@ class SimClock:
             return self._now_ns is not None
 
     def wait_until(self, time_s: float, stop: threading.Event | None = None) -> bool:
+        self.wait_for(lambda: False, stop, until_s=time_s)
+        return stop is None or not stop.is_set()
+
+    def wait_for(
+        self,
+        done: Callable[[], bool],
+        stop: threading.Event | None = None,
+        *,
+        until_s: float | None = None,
+        wall_s: float | None = None,
+        resting: bool = False,
+    ) -> bool:
+        end_s = math.inf if wall_s is None else time.monotonic() + wall_s
+        until_ns = None if until_s is None else math.ceil(until_s * 1e9)
+        waiter = self._waiter(until_ns, resting)
         with self._changed:
-            while self._now_ns is None or self._now_ns * 1e-9 < time_s:
-                if stop is not None and stop.is_set():
-                    return False
-                self._changed.wait(_WALL_SLICE_S)
-        return True
+            while not (happened := done()):
+                left_s = end_s - time.monotonic()
+                passed = until_ns is not None and self._now_ns is not None and self._now_ns >= until_ns
+                if passed or left_s <= 0 or (stop is not None and stop.is_set()):
+                    break
+                waiter.woken = False
+                self._waiters.append(waiter)
+                self._tell()
+                self._changed.wait(min(left_s, _WALL_SLICE_S))
+                self._waiters.remove(waiter)
+            self._tell()
+        return happened
+
+    def notify(self) -> None:
+        with self._changed:
+            for waiter in self._waiters:
+                waiter.woken = True
+            self._tell()
+            self._changed.notify_all()
+
+    def acting(self) -> AbstractContextManager[None]:
+        return nullcontext() if self._holder is None else self._holder.acting()
+
+    def hold(self) -> AbstractContextManager[None]:
+        return nullcontext() if self._holder is None else self._holder.hold()
+
+    def _waiter(self, until_ns: int | None, resting: bool) -> Waiter:
+        if self._holder is None:
+            return Waiter(until_ns, False, resting)
+        return self._holder.waiter(until_ns, resting)
+
+    def _tell(self) -> None:
+        if self._holder is not None:
+            self._holder.tell()
 
     def close(self) -> None:
         self._subscriber.undeclare()
         self._graph.undeclare()
+        if self._holder is not None:
+            self._holder.close()

@@ -448,3 +448,24 @@ class Status(Message):
     """What an operator should know although the process works."""
     origin: Origin | None = None
     """The site that it works for."""
+
+
+class ClockMark(Message):
+    """What the simulator asks of those who hold its clock: have you taken all that was sent before this?"""
+
+    number: int
+
+
+class ClockHold(Message):
+    """What a process says of itself that the simulator's clock waits for."""
+
+    heard: int
+    """Number of the last mark that it answers with this."""
+    busy: bool
+    """It works on something that arrived: the clock stands still."""
+    until_ns: int | None
+    """Site time before which it has nothing to do unless something arrives; null for none."""
+    works: int
+    """How often it became busy."""
+    resting: bool
+    """Nobody needs to see meanwhile how nothing moves: the clock may jump."""

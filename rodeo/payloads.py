@@ -18,7 +18,17 @@ from rodeo.cleaning import CleaningParams
 from rodeo.dao import KIND_PARAMS
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.seal import Binding, SealHead
-from rodeo.messages import COMMANDS, Broadcast, Command, DaoEvent, Prepare, Status, Task
+from rodeo.messages import (
+    COMMANDS,
+    Broadcast,
+    ClockHold,
+    ClockMark,
+    Command,
+    DaoEvent,
+    Prepare,
+    Status,
+    Task,
+)
 from rodeo.topics import markdown
 from rodeo.witness.statement import (
     Claimant,
@@ -203,6 +213,14 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "since_s": 1795320000.0,
         "time_s": 1795320100.0,
     },
+    ClockMark: {"number": 17},
+    ClockHold: {
+        "heard": 17,
+        "busy": False,
+        "until_ns": 1795320100200000000,
+        "works": 5,
+        "resting": False,
+    },
     CleaningParams: {"item_id": "item1", "x_m": 4.6, "y_m": 1.2},
     ChargingParams: {
         "robot": "panther1",
@@ -376,6 +394,12 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
         "Heartbeats",
         "`rodeo/{org}/status/{process}`: published each second, and answered to who asks.",
         (Status,),
+    ),
+    (
+        "Who holds the simulator's clock",
+        "`rodeo/{org}/clock/mark` and `rodeo/{org}/clock/hold/{process}`. A process that never says how it "
+        "is, a real device for instance, is not waited for.",
+        (ClockMark, ClockHold),
     ),
 )
 

@@ -124,7 +124,7 @@ class Service:
         self.clock = (
             WallClock()
             if self.site.clock.source == "wall"
-            else SimClock(self.bus.session, self.site.bus.domain_id)
+            else SimClock(self.bus.session, self.site.bus.domain_id, self._holder())
         )
         metrics = self.site.metrics
         self._metrics = MetricsServer(metrics.host, metrics.ports.get(self.name, 0), self.status)
@@ -186,6 +186,12 @@ class Service:
 
     def _on_lost(self, error: ServedElsewhere) -> None:
         self.fail(error)
+
+    def _holder(self) -> tuple[str, str] | None:
+        """How the simulator's clock knows this process, if it waits for it."""
+        clock = self.site.clock
+        holds = self.name.partition(".")[0] in clock.holders and not clock.keeps_wall_time
+        return (self.site.org, self.name) if holds else None
 
     # -- readiness and progress ------------------------------------------------------------------------
 

@@ -304,6 +304,20 @@ SERVES = _dao(
     "every process",
     "who claims or serves a wallet, the oracle, a robot, bin or dock, the clock, the console: one at a time",
 )
+CLOCK_MARK = _dao(
+    "rodeo/{org}/clock/mark",
+    "ClockMark",
+    Form.TOPIC,
+    "robot_sim",
+    "the simulator asks those who hold its clock whether they have taken everything that was sent before",
+)
+CLOCK_HOLD = _dao(
+    "rodeo/{org}/clock/hold/{process}",
+    "ClockHold",
+    Form.TOPIC,
+    "every process",
+    "whether the process is busy, or has nothing to do before a time: the simulator's clock waits for it",
+)
 
 TOPICS: tuple[Topic, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Topic))
 

@@ -23,7 +23,7 @@ import numpy as np
 from eth_account.signers.local import LocalAccount
 from mcap.writer import Writer
 
-from rodeo.clock import Clock
+from rodeo.clock import TimeSource
 from rodeo.evidence.errors import (
     BrokenSeal,
     ContainerError,
@@ -121,7 +121,7 @@ class Recorder:
         path: Path,
         binding: Binding,
         account: LocalAccount,
-        clock: Clock,
+        clock: TimeSource,
         on_seal: OnSeal | None = None,
         seal_period_ns: int | None = None,
     ) -> None:
@@ -141,7 +141,7 @@ class Recorder:
         path: Path,
         binding: Binding,
         account: LocalAccount,
-        clock: Clock,
+        clock: TimeSource,
         on_seal: OnSeal | None = None,
         seal_period_ns: int | None = None,
     ) -> Recorder:
@@ -163,7 +163,7 @@ class Recorder:
         return recorder
 
     @classmethod
-    def finish(cls, path: Path, binding: Binding, account: LocalAccount, clock: Clock) -> SealedProof:
+    def finish(cls, path: Path, binding: Binding, account: LocalAccount, clock: TimeSource) -> SealedProof:
         """Seal a suspended or cut off recording as it is. Raises like `resume`."""
         recorder, _ = cls._reopen(path, binding, account, clock, None, None)
         return recorder.close()
@@ -174,7 +174,7 @@ class Recorder:
         path: Path,
         binding: Binding,
         account: LocalAccount,
-        clock: Clock,
+        clock: TimeSource,
         on_seal: OnSeal | None,
         seal_period_ns: int | None,
     ) -> tuple[Recorder, list[_Entry]]:
@@ -192,7 +192,7 @@ class Recorder:
         path: Path,
         binding: Binding,
         account: LocalAccount,
-        clock: Clock,
+        clock: TimeSource,
         on_seal: OnSeal | None,
         seal_period_ns: int | None,
         restored: list[_Entry],

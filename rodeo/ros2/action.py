@@ -10,12 +10,13 @@ import uuid
 from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import Future
-from concurrent.futures import TimeoutError as FutureTimeout
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
 import zenoh
 
+from rodeo.clock import Clock, WallClock
 from rodeo.errors import RodeoError
 from rodeo.ros2 import types, wire
 from rodeo.ros2.errors import (
@@ -255,17 +256,24 @@ class ActionServer:
 class ClientGoal:
     """A goal on its way, as the client sees it."""
 
-    def __init__(self, client: ActionClient, goal_id: bytes) -> None:
+    def __init__(self, client: ActionClient, goal_id: bytes, clock: Clock) -> None:
         self.goal_id = goal_id
         self._client = client
+        self._clock = clock
         self._outcome: Future[Any] = Future()
         threading.Thread(target=self._fetch, name=f"goal {client.name}", daemon=True).start()
 
     def _fetch(self) -> None:
-        try:
-            self._outcome.set_result(self._client.fetch_result(self.goal_id))
-        except Exception as error:  # noqa: BLE001 - raised again where the result is asked for
-            self._outcome.set_exception(error)
+        with ExitStack() as arrived:
+            try:
+                # From its arrival to whoever waits for it no time passes.
+                result = self._client.fetch_result(
+                    self.goal_id, lambda: arrived.enter_context(self._clock.hold())
+                )
+                self._outcome.set_result(result)
+            except Exception as error:  # noqa: BLE001 - raised again where the result is asked for
+                self._outcome.set_exception(error)
+            self._clock.notify()
 
     @property
     def done(self) -> bool:
@@ -276,14 +284,11 @@ class ClientGoal:
 
         Raises GoalAborted, GoalCanceled, ActionServerLost, GoalTimeout (the goal goes on).
         """
-        try:
-            return self._outcome.result(timeout_s)
-        except FutureTimeout:
-            if self._outcome.done():
-                raise
+        if not self._clock.wait_for(self._outcome.done, wall_s=timeout_s):
             raise GoalTimeout(
                 f"{self._client.name} is not done yet", action=self._client.name, timeout_s=timeout_s
-            ) from None
+            )
+        return self._outcome.result()
 
     def cancel(self, timeout_s: float = 5.0) -> None:
         """Ask the server to stop. Raises ServiceUnavailable, ServiceTimeout; no error if it has ended."""
@@ -296,10 +301,19 @@ class ActionClient:
     Args:
         lost_after_s: wall seconds without any server until a running goal counts as lost; long enough
             for a router to be restarted.
+        clock: whoever waits for a goal's end waits on it; by default the wall's.
     """
 
-    def __init__(self, node: Node, name: str, typename: str, lost_after_s: float = 5.0) -> None:
+    def __init__(
+        self,
+        node: Node,
+        name: str,
+        typename: str,
+        lost_after_s: float = 5.0,
+        clock: Clock | None = None,
+    ) -> None:
         self.name = name
+        self._clock = clock or WallClock()
         self._typename = typename
         self._lost_after_s = lost_after_s
         self._feedback_callbacks: dict[bytes, Callable[[Any], None]] = {}
@@ -340,13 +354,16 @@ class ActionClient:
         except Ros2Error:
             self._feedback_callbacks.pop(goal_id, None)
             raise
-        return ClientGoal(self, goal_id)
+        return ClientGoal(self, goal_id, self._clock)
 
-    def fetch_result(self, goal_id: bytes) -> Any:
-        """Block until the goal has ended. Raises GoalAborted, GoalCanceled, ActionServerLost."""
+    def fetch_result(self, goal_id: bytes, arrived: Callable[[], object] = lambda: None) -> Any:
+        """Block until the goal has ended; `arrived` is called when its result is there.
+
+        Raises GoalAborted, GoalCanceled, ActionServerLost.
+        """
         request = types.new(f"{self._typename}_GetResult_Request", goal_id=_uuid(goal_id))
         try:
-            response = self._wait_for_result(request)
+            response = self._wait_for_result(request, arrived)
         finally:
             self._feedback_callbacks.pop(goal_id, None)
         status = GoalStatus(response.status)
@@ -358,12 +375,12 @@ class ActionClient:
             raise GoalCanceled(f"{self.name} was cancelled", response.result, action=self.name)
         raise ActionServerLost(f"{self.name} no longer knows the goal", action=self.name, status=status.name)
 
-    def _wait_for_result(self, request: Any) -> Any:
+    def _wait_for_result(self, request: Any, arrived: Callable[[], object]) -> Any:
         """The open query ends without an answer when server or router go away; then ask again."""
         lost_at_s: float | None = None
         while True:
             try:
-                return self._get.call(request, _RESULT_POLL_S)
+                return self._get.call(request, _RESULT_POLL_S, arrived)
             except ServiceTimeout:
                 continue
             except (ServiceUnavailable, ServiceFailed) as error:

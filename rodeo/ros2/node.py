@@ -171,10 +171,19 @@ class Node:
         typename: str,
         callback: Callable[[Any, MessageInfo], None],
         qos: wire.QoS = wire.DEFAULT,
+        *,
+        inline: bool = False,
     ) -> Subscription:
-        """Calls `callback(message, info)`. What does not decode is dropped with a warning."""
+        """Calls `callback(message, info)`; for `inline` see `raw_subscription`.
+
+        What does not decode is dropped with a warning.
+        """
         return self.raw_subscription(
-            topic, typename, lambda info: callback(types.deserialize(info.cdr, typename), info), qos
+            topic,
+            typename,
+            lambda info: callback(types.deserialize(info.cdr, typename), info),
+            qos,
+            inline=inline,
         )
 
     def raw_subscription(

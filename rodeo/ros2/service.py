@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import logging
+import queue
 import threading
 import time
 from collections.abc import Callable
@@ -142,16 +143,23 @@ class Client:
         with self._servers_changed:
             return self._servers_changed.wait_for(lambda: bool(self._servers), timeout_s)
 
-    def call(self, request: Any, timeout_s: float = 5.0) -> Any:
-        """Response to `request`.
+    def call(self, request: Any, timeout_s: float = 5.0, arrived: Callable[[], object] = lambda: None) -> Any:
+        """Response to `request`. `arrived` is called in Zenoh's receiving thread when it is there.
 
         Raises ServiceUnavailable (at once, no server), ServiceTimeout (after `timeout_s` wall seconds),
         ServiceFailed (the server's own error), MalformedMessage.
         """
         attachment = wire.Attachment(next(self._sequence), time.time_ns(), self._gid)
         started_s = time.monotonic()
-        replies = self._session.get(
+        replies: queue.SimpleQueue[zenoh.Reply | None] = queue.SimpleQueue()
+
+        def take(reply: zenoh.Reply) -> None:
+            arrived()
+            replies.put(reply)
+
+        self._session.get(
             self._key,
+            zenoh.handlers.Callback(take, lambda: replies.put(None), indirect=False),
             target=zenoh.QueryTarget.ALL_COMPLETE,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=timeout_s,
@@ -159,7 +167,7 @@ class Client:
             attachment=attachment.encode(),
         )
         failure: bytes | None = None
-        for reply in replies:
+        while (reply := replies.get()) is not None:
             if reply.ok is not None:
                 return types.deserialize(reply.ok.payload.to_bytes(), self._response_type)
             failure = reply.err.payload.to_bytes() if reply.err is not None else b""

@@ -8,6 +8,7 @@ import sys
 import threading
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -414,15 +415,20 @@ class Bridge:
         if participant not in self._threads:
             raise UnknownParticipant("no such participant", who=participant, known=sorted(self._threads))
         asked = _Asked(participant, command if command in KNOWN else "unknown")
-        try:
-            data = request.json()
-            asked.about(data)
-            reply = self._attached().wallets[participant].execute(command, data)
-        except RodeoError as error:
-            asked.ended(error)
-            raise
-        if isinstance(reply, Future):
-            reply.add_done_callback(lambda done: asked.ended(done.exception()))
+        with ExitStack() as working:
+            # Until it is mined and indexed, and its events are on the bus.
+            working.enter_context(self._service.clock.hold())
+            try:
+                data = request.json()
+                asked.about(data)
+                reply = self._attached().wallets[participant].execute(command, data)
+            except RodeoError as error:
+                asked.ended(error)
+                raise
+            if isinstance(reply, Future):
+                held = working.pop_all()
+                reply.add_done_callback(lambda done: asked.ended(done.exception()))
+                reply.add_done_callback(lambda _done: held.close())
         return reply
 
     def _note_strangers(self, attachment: _Attachment) -> None:

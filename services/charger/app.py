@@ -94,7 +94,8 @@ class Charger:
         enable = topics.DOCK_ENABLE
         self._enable = self._node.client(enable.name(dock=site.dock.name), enable.type)
         output = topics.DOCK_OUTPUT
-        self._node.subscription(output.name(dock=site.dock.name), output.type, self._on_output)
+        # In the receiving thread: when a simulated clock's mark is there, so is what was read before.
+        self._node.subscription(output.name(dock=site.dock.name), output.type, self._on_output, inline=True)
         for robot in site.robots:
             battery = topics.BATTERY_STATE
             self._node.subscription(
@@ -138,11 +139,16 @@ class Charger:
                 if delivery is not None and delivery.job.task.id == event.task_id:
                     delivery.on_event(event)
         self._wake.set()
+        self._service.clock.notify()
 
     # -- the day of a charger --------------------------------------------------------------------------
 
     def run(self) -> None:
         """Until the process is asked to stop."""
+        with self._service.clock.acting():
+            self._live()
+
+    def _live(self) -> None:
         try:
             while not self._service.stop.is_set():
                 self._service.with_room(self._step)
@@ -160,7 +166,7 @@ class Charger:
             job = self._next_job()
         if job is None:
             self._service.activity("idle")
-            self._wake.wait(_LOOK_S)
+            self._service.clock.wait_for(self._wake.is_set, self._service.stop, wall_s=_LOOK_S, resting=True)
             self._wake.clear()
             return
         with about_task(job.task.id):
@@ -313,8 +319,9 @@ class Charger:
 
     def _wait_chain(self) -> WitnessChain | None:
         """None when asked to stop before it is known for which organization the meter signs."""
-        while (chain := self._witness.chain) is None and not self._service.stop.wait(_CHAIN_WALL_S):
+        while (chain := self._witness.chain) is None and not self._service.stop.is_set():
             self._service.not_ready("not known yet for which organization the meter signs")
+            self._pause(_CHAIN_WALL_S)
         return chain
 
     def _listen(self, order: Order, delivery: Delivery) -> StatementListener:
@@ -377,7 +384,7 @@ class Charger:
         if self._command_contactor(closed):
             delivery.contactor(closed)
         else:
-            self._service.stop.wait(_RETRY_S)
+            self._pause(_RETRY_S)
 
     def _command_contactor(self, closed: bool) -> bool:
         try:
@@ -437,6 +444,9 @@ class Charger:
 
     # -- helpers ---------------------------------------------------------------------------------------
 
+    def _pause(self, wall_s: float) -> None:
+        self._service.clock.wait_for(lambda: False, self._service.stop, wall_s=wall_s)
+
     def _save(self, job: Job) -> None:
         job.save(self._job_path)
 
@@ -470,7 +480,7 @@ class Charger:
             else:
                 self._tell_ready()
                 return
-            self._service.stop.wait(_RETRY_S)
+            self._pause(_RETRY_S)
 
     def _tell_ready(self) -> None:
         if time.monotonic() - self._heard_s > _SILENCE_S:

@@ -83,7 +83,7 @@ class Delivery:
         self._publish = publish
         self._clock = clock
         self._save = save
-        self._changed = threading.Condition()
+        self._lock = threading.RLock()
         self._failure: RodeoError | None = None
         self._last_time_s = 0.0
         output, battery = topics.DOCK_OUTPUT, topics.BATTERY_STATE
@@ -221,7 +221,6 @@ class Delivery:
                 return
             self._recorder.write_json(ATTESTATION_CHANNEL, heard.attestation)
             self._count(receipt)
-            self._changed.notify_all()
 
     def on_event(self, event: DaoEvent) -> None:
         """A contract event of this task."""
@@ -237,12 +236,13 @@ class Delivery:
 
         Raises what kept the recording from being written.
         """
-        with self._changed:
-            self._changed.wait_for(
-                lambda: self._failure or self.session.commands_contactor or self.session.ended, timeout_s
-            )
-            if self._failure is not None:
-                raise self._failure
+        self._clock.wait_for(
+            lambda: bool(self._failure or self.session.commands_contactor or self.session.ended),
+            wall_s=timeout_s,
+            resting=True,
+        )
+        if self._failure is not None:
+            raise self._failure
 
     def contactor(self, closed: bool) -> None:
         """The dock confirmed how the contactor stands."""
@@ -265,12 +265,11 @@ class Delivery:
 
     def wait_closed(self, timeout_s: float) -> bool:
         """Whether the robot signed the end; waits at most `timeout_s` of wall time for it."""
-        with self._changed:
-            return self._changed.wait_for(lambda: self.unanswered is None, timeout_s)
+        return self._clock.wait_for(lambda: self.unanswered is None, wall_s=timeout_s)
 
     def seal(self) -> SealedProof:
         """Finish the recording."""
-        with self._changed:
+        with self._lock:
             state = self.job.session
             self._note({
                 "event": "session_ended",
@@ -287,7 +286,7 @@ class Delivery:
 
     def suspend(self) -> None:
         """Let go of the recording so that the next process can go on with it."""
-        with self._changed:
+        with self._lock:
             self._recorder.suspend()
 
     # -- inside ----------------------------------------------------------------------------------------
@@ -295,7 +294,7 @@ class Delivery:
     @contextmanager
     def _step(self) -> Iterator[None]:
         """One change of the session: saved when it matters, and told to the main thread."""
-        with self._changed:
+        with self._lock:
             before = self._essence()
             try:
                 yield
@@ -305,8 +304,7 @@ class Delivery:
             if self._essence() != before:
                 log.info("%s: %s", self.job.name, self.job.session.phase.value)
                 self._save(self.job)
-            if self._failure or self.session.commands_contactor or self.session.ended:
-                self._changed.notify_all()
+        self._clock.notify()
 
     def _follow(self, before: Phase) -> None:
         """Say where the meter stands when the contactor waits for the robot's signature."""

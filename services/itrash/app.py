@@ -13,6 +13,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 from rodeo import topics
@@ -48,6 +49,10 @@ from services.itrash.web import HttpServer, make_api
 
 log = logging.getLogger(__name__)
 
+_TELL_S = 0.5
+"""Wall time between two looks at what is missing."""
+_READING_S = 0.02
+"""Site time between two looks while the bin is attentive: a simulation's control period."""
 _SILENCE_S = 3.0
 """Wall time without a reading after which a sensor counts as missing."""
 
@@ -86,11 +91,12 @@ class Itrash:
         self._camera = open_camera(site.itrash.camera, node, site.bin.name, service.clock)
         presence, load = topics.BIN_PRESENCE, topics.BIN_LOAD
         self._sensors = {presence.name(bin=site.bin.name)}
-        node.subscription(presence.name(bin=site.bin.name), presence.type, self._on_presence)
+        # In the receiving thread: when a simulated clock's mark is there, so is what was sensed before.
+        node.subscription(presence.name(bin=site.bin.name), presence.type, self._on_presence, inline=True)
         for compartment in site.bin.compartments:
             name = load.name(bin=site.bin.name, compartment=compartment)
             self._sensors.add(name)
-            node.subscription(name, load.type, self._load_callback(compartment, name))
+            node.subscription(name, load.type, self._load_callback(compartment, name), inline=True)
         self._node = node
         state_key = topics.BIN_STATE.name(org=site.org, bin=site.bin.name)
         self._queryable = service.bus.serve(state_key, self._serve_state)
@@ -146,6 +152,8 @@ class Itrash:
             self._actions.put(action)
         if changed and not actions:
             self._actions.put(None)  # nothing to do but to remember
+        if changed or actions:
+            self._service.clock.notify()
 
     def _remembered(self) -> tuple[Any, ...]:
         memory = self._bin.memory
@@ -155,6 +163,10 @@ class Itrash:
 
     def run(self) -> None:
         """Carry out actions until the process is asked to stop."""
+        with self._service.clock.acting():
+            self._live()
+
+    def _live(self) -> None:
         try:
             while not self._service.stop.is_set():
                 self._tell()
@@ -162,11 +174,9 @@ class Itrash:
                     waiting, self._waiting = self._waiting, []
                     for record in waiting:
                         self._attest(record)
-                try:
-                    action = self._actions.get(timeout=0.5)
-                except queue.Empty:
-                    continue
-                self._carry_out(action)
+                self._await_action()
+                with suppress(queue.Empty):
+                    self._carry_out(self._actions.get_nowait())
         finally:
             self._roots.close()
             self._witness.close()
@@ -174,6 +184,22 @@ class Itrash:
             self._node.close()
             with self._lock:
                 self._journal.save(self._path)
+
+    def _await_action(self) -> None:
+        """Until there is one, or it is time to tell how things are. While something is shown or falls, each
+        reading may be the one that decides: a simulated clock waits after it."""
+        clock, end_s = self._service.clock, time.monotonic() + _TELL_S
+        while self._actions.empty() and time.monotonic() < end_s and not self._service.stop.is_set():
+            until_s = None
+            if not self._service.site.clock.keeps_wall_time and self._bin.attentive:
+                until_s = clock.now_s() + _READING_S
+            clock.wait_for(
+                lambda: not self._actions.empty(),
+                self._service.stop,
+                until_s=until_s,
+                wall_s=end_s - time.monotonic(),
+                resting=True,
+            )
 
     def _remember(self) -> None:
         def save() -> None:

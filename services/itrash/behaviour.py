@@ -213,6 +213,12 @@ class Bin:
         return self.memory.state
 
     @property
+    def attentive(self) -> bool:
+        """Whether something is shown, awaited or settling, so that the next reading may decide."""
+        restless = any(cell.restless for cell in self._cells.values())
+        return self.memory.state is not State.IDLE or bool(self._ranges) or restless
+
+    @property
     def loads_n(self) -> dict[str, float | None]:
         """Last accounted weight of each compartment."""
         return {name: cell.settled_n for name, cell in self.memory.cells.items()}

@@ -78,6 +78,11 @@ class LoadCell:
         """Whether the container was out when its weight was last accounted for."""
         return self._out(self.memory.settled_n or 0.0)
 
+    @property
+    def restless(self) -> bool:
+        """Whether the last reading was not the accounted weight at rest."""
+        return bool(self._window) and self.memory.seen_s < self._window[-1][0]
+
     def reading(self, force_n: float, time_s: float) -> Step | None:
         """One reading in N at site time `time_s`; the step that stands after it, if any."""
         if self._window and time_s < self._window[-1][0]:

@@ -65,8 +65,8 @@ log = logging.getLogger(__name__)
 
 _RETRY_WALL_S = 1.0
 """Pause before asking again what just failed: the bridge, the store, the body."""
-_IDLE_WALL_S = 2.0
-"""Longest time without a look at chain and battery while nothing happens."""
+_IDLE_WALL_S, _IDLE_S = 2.0, 300.0
+"""Longest wall and site time without a look at chain and battery while nothing happens."""
 _REFUSED_WALL_S = 10.0
 """Pause after the organization refused a request."""
 _LAST_LOOK_S = 1.0
@@ -137,7 +137,7 @@ class Agent:
         self._store = Store(site)
         self._node = self._make_node("robot_agent")
         self._dao = Account(bus, site.org, robot.name)
-        self._body = Body(self._node, site, robot)
+        self._body = Body(self._node, site, robot, self._clock)
         self._floor = Floor(site)
         # Where the robot stands and what it holds, it is told over the bus.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
@@ -151,7 +151,7 @@ class Agent:
             site,
             self._body,
             arm,
-            WristCamera(self._make_node, robot, self._body, arm),
+            WristCamera(self._make_node, robot, self._body, arm, self._clock),
             self._floor,
             self._memory,
             self._bin,
@@ -187,7 +187,7 @@ class Agent:
         )
         find = partial(recording_of, service.data_dir / "tasks")
         self._copies = Copies(bus, site.org, robot.name, self._store, find)
-        self._dao_events = DaoEvents(bus, site.org, self._on_event)
+        self._dao_events = DaoEvents(bus, site.org, self._on_event, clock=self._clock)
 
     def _make_node(self, name: str) -> Node:
         session, domain_id = self._service.bus.session, self._site.bus.domain_id
@@ -212,13 +212,17 @@ class Agent:
             self._events.append(event)
             if self._recording is not None and event.task_id == self._recorded_task:
                 self._recording.event(event)
-        self._wake.set()
+        self._notice()
 
     def _on_order(self, order: Order) -> None:
         if order in (Order.STOP, Order.RESUME):
             # From here, because it must not wait for what the robot is doing.
             self._body.emergency_stop(order is Order.STOP)
+        self._notice()
+
+    def _notice(self) -> None:
         self._wake.set()
+        self._clock.notify()
 
     def _state(self) -> dict[str, Any]:
         """What the robot answers an operator."""
@@ -235,6 +239,10 @@ class Agent:
     # -- the loop --------------------------------------------------------------------------------------
 
     def run(self) -> None:
+        with self._clock.acting():
+            self._live()
+
+    def _live(self) -> None:
         try:
             while not self._stop.is_set():
                 self._wake.clear()
@@ -322,7 +330,7 @@ class Agent:
             log.warning("%s", error)
         self._complaint = str(error)
         self._report(activity)
-        self._stop.wait(wall_s)
+        self._clock.wait_for(lambda: False, self._stop, wall_s=wall_s)
 
     def _report(self, text: str, progress: float | None = None, left_s: float | None = None) -> None:
         if self._attempt is not None and progress is not None:
@@ -389,7 +397,13 @@ class Agent:
 
     def _wait_for_news(self) -> None:
         """Until something happens on chain, or it is time to look at the battery."""
-        self._wake.wait(_IDLE_WALL_S)
+        self._clock.wait_for(
+            self._wake.is_set,
+            self._stop,
+            until_s=self._clock.now_s() + _IDLE_S,
+            wall_s=_IDLE_WALL_S,
+            resting=True,
+        )
 
     def _explore(self, situation: Situation) -> None:
         self._upkeep.ask_for_care()

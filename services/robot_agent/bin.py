@@ -52,7 +52,7 @@ class SmartBin:
         self._witness = witness
         self._state_key = topics.BIN_STATE.name(org=site.org, bin=site.bin.name)
         self._words: dict[type[Word], deque[Word]] = {kind: deque(maxlen=_KEPT) for kind in get_args(Word)}
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
         self._presented: Attestation | None = None
         self._listener = StatementListener(
             bus,
@@ -90,14 +90,14 @@ class SmartBin:
 
     def said_after(self, kind: type[Kind], time_s: float) -> Kind | None:
         """Its last statement of this kind about what was later than `time_s` (site time)."""
-        with self._changed:
+        with self._lock:
             words = [one for one in self._words[kind] if isinstance(one, kind) and moment_s(one) > time_s]
         return max(words, key=moment_s, default=None)
 
     def removed(self, compartment: str, after_s: float) -> Removal | None:
         """What the bin says that was taken out of the compartment after `after_s`."""
         self._ask()
-        with self._changed:
+        with self._lock:
             words = [one for one in self._words[Removal] if isinstance(one, Removal)]
         return next((o for o in words if o.compartment == compartment and o.settled_s > after_s), None)
 
@@ -116,8 +116,7 @@ class SmartBin:
             said = self.said_after(kind, after_s)
             if said is not None:
                 return said
-            with self._changed:
-                self._changed.wait(_SLICE_S)
+            self._clock.wait_for(lambda: self.said_after(kind, after_s) is not None, wall_s=_SLICE_S)
             checkpoint()
             now_s = time.monotonic()
             if now_s >= deadline_s:
@@ -149,9 +148,9 @@ class SmartBin:
 
     def _on_statement(self, heard: Heard) -> None:
         if isinstance(heard.statement, Word):
-            with self._changed:
+            with self._lock:
                 self._words[type(heard.statement)].append(heard.statement)
-                self._changed.notify_all()
+            self._clock.notify()
 
     def _ask(self) -> None:
         """For its last statements, and through the journal for what was missed in between."""

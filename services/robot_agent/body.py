@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 
 from rodeo import topics
+from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.layout import on_contacts
-from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS
+from rodeo.lab.world import ARM_JOINTS, CONTROL_PERIOD_S, FINGER_JOINTS
 from rodeo.ros2 import ActionClient, ClientGoal, MessageInfo, Node, types
 from rodeo.ros2.errors import (
     ActionServerLost,
@@ -70,10 +71,11 @@ class Grip:
 class Latest:
     """The newest message of one topic; decoded when it is asked for."""
 
-    def __init__(self, node: Node, topic: str, typename: str) -> None:
+    def __init__(self, node: Node, topic: str, typename: str, clock: Clock) -> None:
         self.topic = topic
+        self._clock = clock
         self._typename = typename
-        self._changed = threading.Condition()
+        self._lock = threading.Lock()
         self._cdr = b""
         self._count = 0
         self._arrived_s = -math.inf
@@ -82,15 +84,14 @@ class Latest:
         node.raw_subscription(topic, typename, self._on_message, inline=True)
 
     def _on_message(self, info: MessageInfo) -> None:
-        with self._changed:
+        with self._lock:
             self._cdr = info.cdr
             self._count += 1
             self._arrived_s = time.monotonic()
-            self._changed.notify_all()
 
     def recent(self) -> Any:
         """The newest message without waiting, None when it is older than `_SILENT_AFTER_S`."""
-        with self._changed:
+        with self._lock:
             cdr, arrived_s = self._cdr, self._arrived_s
         return self._decoded(cdr) if time.monotonic() - arrived_s < _SILENT_AFTER_S else None
 
@@ -99,7 +100,7 @@ class Latest:
 
         What is asked after a motion has ended must not be answered with what was sent before.
         """
-        with self._changed:
+        with self._lock:
             cdr, arrived_s = self._cdr, self._arrived_s
         if arrived_s > moved_s and time.monotonic() - arrived_s < _FRESH_S:
             message = self._decoded(cdr)
@@ -112,10 +113,10 @@ class Latest:
         deadline_s = time.monotonic() + _SILENT_AFTER_S
         seen = self._count
         while time.monotonic() < deadline_s:
+            # A body tells its state each period; a simulated one has told it when that has passed.
+            self._clock.wait_until(self._clock.now_s() + CONTROL_PERIOD_S)
             # Nothing is done under the lock: the session's receiving thread takes it.
-            with self._changed:
-                if self._count == seen:
-                    self._changed.wait(_SLICE_S)
+            with self._lock:
                 arrived = self._count != seen
                 seen, cdr = self._count, self._cdr
             if arrived and (message := self._decoded(cdr)) is not None:
@@ -138,15 +139,15 @@ class Body:
     again. They raise MotionFailed when the body gives up, and whatever `checkpoint` raises.
     """
 
-    def __init__(self, node: Node, site: Site, robot: RobotConfig) -> None:
+    def __init__(self, node: Node, site: Site, robot: RobotConfig, clock: Clock) -> None:
         names = {"ns": robot.namespace}
-        self._joint_states = Latest(node, topics.JOINT_STATES.name(**names), topics.JOINT_STATES.type)
-        self._battery = Latest(node, topics.BATTERY_STATE.name(**names), topics.BATTERY_STATE.type)
+        self._joint_states = Latest(node, topics.JOINT_STATES.name(**names), topics.JOINT_STATES.type, clock)
+        self._battery = Latest(node, topics.BATTERY_STATE.name(**names), topics.BATTERY_STATE.type, clock)
         pose = topics.MOCAP_POSE.name(body=robot.name) if site.lab.mocap else topics.POSE.name(**names)
-        self._pose = Latest(node, pose, topics.MOCAP_POSE.type)
+        self._pose = Latest(node, pose, topics.MOCAP_POSE.type, clock)
         self._dock = site.dock
         self._navigate, self._follow, self._grip = (
-            ActionClient(node, action.name(**names), action.type)
+            ActionClient(node, action.name(**names), action.type, clock=clock)
             for action in (topics.NAVIGATE_TO_POSE, topics.FOLLOW_JOINT_TRAJECTORY, topics.GRIPPER_CMD)
         )
         self._moved_s = -math.inf

@@ -158,7 +158,7 @@ class Charging:
     def _wait(self, wake: threading.Event, checkpoint: Checkpoint) -> None:
         """Until something happens on chain or it is time to look again."""
         end_s = time.monotonic() + _LOOK_WALL_S
-        while not wake.wait(0.1) and time.monotonic() < end_s:
+        while not self._clock.wait_for(wake.is_set, wall_s=0.1) and time.monotonic() < end_s:
             checkpoint()
         wake.clear()
         checkpoint()

@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 
 from rodeo import topics
+from rodeo.clock import Clock
 from rodeo.lab.config import RobotConfig
-from rodeo.ros2 import MessageInfo, Node
+from rodeo.ros2 import MessageInfo, Node, types
 from rodeo.ros2.errors import MalformedMessage
+from rodeo.topics import Topic
 from services.robot_agent.arm import Arm
 from services.robot_agent.body import Body, Checkpoint
 from services.robot_agent.errors import NoAnswer
@@ -33,23 +35,26 @@ _MOST_PIXELS = 1_000_000
 class WristCamera:
     """Takes depth pictures; listens only while it looks, because the body only then makes them."""
 
-    def __init__(self, make_node: Callable[[str], Node], robot: RobotConfig, body: Body, arm: Arm) -> None:
+    def __init__(
+        self, make_node: Callable[[str], Node], robot: RobotConfig, body: Body, arm: Arm, clock: Clock
+    ) -> None:
         self._make_node = make_node
         self._names = {"ns": robot.namespace}
         self._body = body
         self._arm = arm
+        self._clock = clock
 
     def look(self, checkpoint: Checkpoint) -> list[View]:
         """What the camera sees from where it is, with robot and arm at rest. Raises NoAnswer, BodySilent."""
-        pictures: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        intrinsics: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        pictures: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        intrinsics: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         node = self._make_node("eyes")
         try:
             for topic, into in ((topics.WRIST_DEPTH, pictures), (topics.WRIST_DEPTH_INFO, intrinsics)):
-                node.subscription(topic.name(**self._names), topic.type, _putter(into))
-            info = self._next(intrinsics, checkpoint)
+                self._subscribe(node, topic, into)
+            info = self._next(topics.WRIST_DEPTH_INFO, intrinsics, checkpoint)
             # The first picture may have been taken before the arm came to rest.
-            frames = [self._next(pictures, checkpoint) for _ in range(1 + _FRAMES)][1:]
+            frames = [self._next(topics.WRIST_DEPTH, pictures, checkpoint) for _ in range(1 + _FRAMES)][1:]
         finally:
             node.close()
         position_m, rotation = self._pose(checkpoint)
@@ -59,13 +64,22 @@ class WristCamera:
         except MalformedMessage as error:
             raise NoAnswer(f"the wrist camera sends no depth: {error.message}") from error
 
-    def _next(self, messages: queue.SimpleQueue[Any], checkpoint: Checkpoint) -> Any:
+    def _subscribe(self, node: Node, topic: Topic, into: queue.SimpleQueue[bytes]) -> None:
+        def take(info: MessageInfo) -> None:
+            into.put(info.cdr)
+            self._clock.notify()
+
+        node.raw_subscription(topic.name(**self._names), topic.type, take, inline=True)
+
+    def _next(self, topic: Topic, messages: queue.SimpleQueue[bytes], checkpoint: Checkpoint) -> Any:
         deadline_s = time.monotonic() + _PICTURE_WALL_S
         while time.monotonic() < deadline_s:
-            try:
-                return messages.get(timeout=_SLICE_S)
-            except queue.Empty:
-                checkpoint()
+            if self._clock.wait_for(lambda: not messages.empty(), wall_s=_SLICE_S):
+                try:
+                    return types.deserialize(messages.get(), topic.type)
+                except MalformedMessage as error:
+                    log.warning("left out a message on %s: %s", topic.name(**self._names), error)
+            checkpoint()
         raise NoAnswer("the wrist camera sends no pictures", timeout_s=_PICTURE_WALL_S)
 
     def _pose(self, checkpoint: Checkpoint) -> tuple[Array, Array]:
@@ -75,10 +89,6 @@ class WristCamera:
         c, s = math.cos(base.yaw_rad), math.sin(base.yaw_rad)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         return turn @ position_m + (base.x_m, base.y_m, 0.0), turn @ rotation
-
-
-def _putter(into: queue.SimpleQueue[Any]) -> Callable[[Any, MessageInfo], None]:
-    return lambda message, _info: into.put(message)
 
 
 def depth_image(image: Any) -> Array:

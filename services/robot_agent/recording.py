@@ -47,7 +47,8 @@ _WITNESS_WALL_S = 20.0
 """Motion capture lists heads every two seconds and shows a resting item every ten, however slow the clock."""
 _MOST_EARLY = 1000
 """Statements of a downtime that the recording which goes on takes up."""
-_SLICE_S = 0.1
+_LOOK_S = 0.1
+"""Site time between two looks for what the site tells."""
 STALLED = "stalled"
 """Event: {"event", "from_s", "to_s"}, site time over which the robot's odometry was silent, and none was
 lost."""
@@ -173,7 +174,6 @@ class Recording:
         self._lock = threading.Lock()
         self._heard_ns: dict[str, int] = {}
         """Header stamp of the newest message of each topic with a rate."""
-        self._progress = threading.Condition(self._lock)
         self._motion_ns = 0
         """Up to when motion capture told what it saw; 0 until it was heard."""
         self._listed = False
@@ -214,12 +214,11 @@ class Recording:
         def heard() -> bool:
             return wanted <= self._heard_ns.keys() and (self._motion_ns > 0 or not self._watches)
 
-        with self._progress:
-            if not self._progress.wait_for(heard, _SILENT_WALL_S):
-                silent = sorted(wanted - self._heard_ns.keys())
-                if self._watches and not self._motion_ns:
-                    silent.append("motion capture")
-                log.warning("the recording begins without %s", ", ".join(silent))
+        if not self._await(heard, _SILENT_WALL_S):
+            silent = sorted(wanted - self._heard_ns.keys())
+            if self._watches and not self._motion_ns:
+                silent.append("motion capture")
+            log.warning("the recording begins without %s", ", ".join(silent))
         try:
             begin = Recorder.resume if self._resumes else Recorder
             self._recorder = begin(path, binding, device, clock, self._seals)
@@ -244,6 +243,17 @@ class Recording:
             attempt=self._binding.attempt,
         )
 
+    def _await(self, done: Callable[[], bool], wall_s: float) -> bool:
+        """Let site time pass until `done()`, which is looked at now and then; False after `wall_s`."""
+        deadline_s = time.monotonic() + wall_s
+        while True:
+            with self._lock:
+                if done():
+                    return True
+            if time.monotonic() >= deadline_s:
+                return False
+            self._clock.wait_until(self._clock.now_s() + _LOOK_S)
+
     # -- from the bus's threads ------------------------------------------------------------------------
 
     def _writer(self, topic: Topic, name: str, door: MessageDoor) -> Any:
@@ -262,9 +272,8 @@ class Recording:
                 self._watch_for_holes(info)
             if topic.rate_hz is None:
                 return
-            with self._progress:
+            with self._lock:
                 self._heard_ns[name] = types.stamp_ns(info.cdr)
-                self._progress.notify_all()
 
         return write
 
@@ -297,13 +306,12 @@ class Recording:
                 self._pictures.want(statement)
         if not isinstance(statement, Motion):
             return
-        with self._progress:
+        with self._lock:
             self._motion_ns = max(self._motion_ns, statement.end_us * 1000)
             if written:
                 own = self._recorder.recording
                 self._listed |= any(head.chain == own for head in statement.heads)
                 self._shown |= statement.tracks.keys()
-            self._progress.notify_all()
 
     def _on_picture(self, cdr: bytes, time_ns: int) -> None:
         """A picture that the bin classified, as its camera encoded it."""
@@ -351,11 +359,11 @@ class Recording:
         proves nothing. Raises NoAnswer; returns at once on a site without motion capture."""
         deadline_s = time.monotonic() + _WITNESS_WALL_S
         while self._watches:
-            with self._progress:
+            with self._lock:
                 listed, shown = self._listed, item in self._shown
-                if listed and shown:
-                    return
-                self._progress.wait(_SLICE_S)
+            if listed and shown:
+                return
+            self._clock.wait_until(self._clock.now_s() + _LOOK_S)
             checkpoint()
             if not self._listener.answered:
                 # Motion capture may vouch for it all the time: nobody can be asked whether it is the one.
@@ -383,9 +391,8 @@ class Recording:
             seen = not self._watches or self._motion_ns >= now_ns
             return seen and all(t >= now_ns for t in self._heard_ns.values())
 
-        with self._progress:
-            if not self._progress.wait_for(written, _SILENT_WALL_S):
-                log.warning("not everything up to the end of the work could be recorded")
+        if not self._await(written, _SILENT_WALL_S):
+            log.warning("not everything up to the end of the work could be recorded")
         self._listener.catch_up()
         if not self._pictures.wait(_SILENT_WALL_S):
             log.warning("the bin does not give the picture that it classified")

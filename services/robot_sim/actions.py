@@ -2,6 +2,7 @@
 
 import logging
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from services.robot_sim.arm import (
     check,
 )
 from services.robot_sim.commander import Commander
-from services.robot_sim.loop import Loop
+from services.robot_sim.loop import Loop, Turn
 from services.robot_sim.navigation import Drive
 from services.robot_sim.planner import GoalOutsideMap, Map, PlanningFailed, Route, UnknownFrame, plan
 from services.robot_sim.simulation import SimRobot
@@ -54,20 +55,27 @@ class Actions:
             (topics.GRIPPER_CMD, self._grip),
         ):
             name = action.name(ns=namespace)
-            ActionServer(node, name, action.type, execute, self._accept, commander.follows)
+            ActionServer(node, name, action.type, self._in_turn(execute), self._accept, commander.follows)
 
     def _accept(self, _goal: Any) -> bool:
         return not self._robot.stopped
 
+    def _in_turn(self, execute: Callable[[ServerGoal, Turn], None]) -> Callable[[ServerGoal], None]:
+        def run(goal: ServerGoal) -> None:
+            with self._loop.turn() as turn:
+                execute(goal, turn)
+
+        return run
+
     # -- NavigateToPose ----------------------------------------------------------------------------
 
-    def _navigate(self, goal: ServerGoal) -> None:
+    def _navigate(self, goal: ServerGoal, turn: Turn) -> None:
         started_ns = self._simulation.time_ns
         result = "nav2_msgs/action/NavigateToPose_Result"
         replans = 0
         while True:
             try:
-                route = self._route(goal)
+                route = self._route(goal, turn)
             except PlanningFailed as error:
                 log.warning("%s: no route: %s", self._robot.config.name, error)
                 goal.abort(types.new(result, error_code=error.error_code))
@@ -75,7 +83,7 @@ class Actions:
             if route is None:
                 goal.canceled(types.new(result))
                 return
-            drive = self._drive(goal, route, started_ns, replans)
+            drive = self._drive(goal, turn, route, started_ns, replans)
             if not drive.was_blocked or replans == _REPLANS:
                 break
             replans += 1
@@ -88,28 +96,30 @@ class Actions:
         else:
             goal.succeed(types.new(result))
 
-    def _drive(self, goal: ServerGoal, route: Route, started_ns: int, replans: int) -> Drive:
+    def _drive(self, goal: ServerGoal, turn: Turn, route: Route, started_ns: int, replans: int) -> Drive:
         """Follow the route to its end, whatever that is."""
         drive = Drive(route, lambda: goal.is_cancel_requested)
-        self._loop.call(lambda: self._start(drive))
+        self._loop.call(lambda: self._start(drive, turn))
         while not drive.finished.wait(_FEEDBACK_WALL_PERIOD_S):
             goal.publish_feedback(self._navigation_feedback(drive, started_ns, replans))
         self._loop.settle()
         return drive
 
-    def _start(self, drive: Drive) -> None:
+    def _start(self, drive: Drive, turn: Turn) -> None:
         self._robot.base.follow(drive)
+        turn.begins(drive.finished)
         now_ns = self._simulation.time_ns
         path = messages.path(now_ns, self._robot.base.way)
         self._loop.outbox.then(lambda: self._plan.publish(path, now_ns))
         if self._robot.stopped:
             self._robot.base.stop()
 
-    def _route(self, goal: ServerGoal) -> Route | None:
+    def _route(self, goal: ServerGoal, turn: Turn) -> Route | None:
         """A route around everything that is known or seen; None when cancelled while the way was blocked.
 
         Raises PlanningFailed.
         """
+        turn.goes_on()
         pose = _goal_pose(goal.request.pose)
         for look in range(_BLOCKED_LOOKS + 1):
             here, lab = self._loop.call(self._look)
@@ -119,8 +129,10 @@ class Actions:
                 # What the map alone forbids will not change; what was seen in the way may go.
                 if look == _BLOCKED_LOOKS or not self._possible(here, pose):
                     raise
+            self._loop.call(turn.pauses)
             if not self._wait(goal):
                 return None
+            turn.goes_on()
         raise AssertionError("the last look returns or raises")
 
     def _look(self) -> tuple[Pose2, Map]:
@@ -159,7 +171,7 @@ class Actions:
 
     # -- FollowJointTrajectory ---------------------------------------------------------------------
 
-    def _follow_trajectory(self, goal: ServerGoal) -> None:
+    def _follow_trajectory(self, goal: ServerGoal, turn: Turn) -> None:
         result = "control_msgs/action/FollowJointTrajectory_Result"
         robot = self._robot
         try:
@@ -169,7 +181,7 @@ class Actions:
             log.warning("%s: refused a trajectory: %s", robot.config.name, error)
             goal.abort(types.new(result, error_code=int(error.error), error_string=str(error)))
             return
-        self._loop.call(lambda: self._begin(robot.arm, motion))
+        self._loop.call(lambda: self._begin(robot.arm, motion, turn))
         while not motion.finished.wait(_FEEDBACK_WALL_PERIOD_S):
             goal.publish_feedback(self._arm_feedback(motion))
         self._loop.settle()
@@ -195,7 +207,7 @@ class Actions:
 
     # -- GripperCommand ----------------------------------------------------------------------------
 
-    def _grip(self, goal: ServerGoal) -> None:
+    def _grip(self, goal: ServerGoal, turn: Turn) -> None:
         command, robot = goal.request.command, self._robot
         # As in ros2_control, no effort given means as much as the gripper has.
         force_n = command.max_effort if command.max_effort > 0 else robot.config.limits.gripper_force_n
@@ -204,7 +216,7 @@ class Actions:
             goal.abort(self._grip_state("Result", False, False))
             return
         grip = Grip(command.position, force_n, lambda: goal.is_cancel_requested)
-        self._loop.call(lambda: self._begin(robot.gripper, grip))
+        self._loop.call(lambda: self._begin(robot.gripper, grip, turn))
         while not grip.finished.wait(_FEEDBACK_WALL_PERIOD_S):
             goal.publish_feedback(self._grip_state("Feedback", False, False))
         self._loop.settle()
@@ -229,8 +241,9 @@ class Actions:
             reached_goal=reached,
         )
 
-    def _begin(self, driver: Any, motion: Motion | Grip) -> None:
+    def _begin(self, driver: Any, motion: Motion | Grip, turn: Turn) -> None:
         driver.follow(motion)
+        turn.begins(motion.finished)
         # The emergency stop may have been engaged since the goal was accepted.
         if self._robot.stopped:
             driver.stop()

@@ -1,19 +1,21 @@
 """The thread that owns the simulation: paces it, saves it, and does what other threads ask for in between."""
 
 import logging
+import math
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import Protocol, TypeVar
 
 from rodeo.config import ClockConfig
 from rodeo.errors import RodeoError
+from services.robot_sim.holders import Holders
 from services.robot_sim.outbox import Outbox
-from services.robot_sim.simulation import PERIOD_NS, Simulation
+from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS, Simulation
 from services.robot_sim.state import StateFile
 
 log = logging.getLogger(__name__)
@@ -27,6 +29,12 @@ _TOLD_STALL_S = 1.0
 _EARLY_S = 0.001
 """Waits shorter than this cost more than they are worth."""
 _STOP_CHECK_S = 0.1
+JUMP_NS = 600 * 1_000_000_000
+"""Longest jump over what is empty: the battery is told of that often."""
+
+
+def _nothing() -> None:
+    """What only wakes the loop up."""
 
 
 class SimulationStopped(RodeoError):
@@ -43,6 +51,31 @@ class Publisher(Protocol):
     def publish(self, skipped: bool) -> None:
         """Add what was copied to the outbox; in the outbox's thread, meanwhile the world goes on."""
         ...
+
+
+class Turn:
+    """An action's say in the time: it does not go on before what was asked for has begun, nor from its end
+    until that is told."""
+
+    def __init__(self) -> None:
+        self._running: threading.Event | None = None
+
+    def begins(self, finished: threading.Event) -> None:
+        """The motion is under way until `finished`."""
+        self._running = finished
+
+    def pauses(self) -> None:
+        """Time has to pass until more is done."""
+        self._running = threading.Event()
+
+    def goes_on(self) -> None:
+        """What there is to do takes no time."""
+        self._running = None
+
+    @property
+    def holds(self) -> bool:
+        running = self._running
+        return running is None or running.is_set()
 
 
 class Loop:
@@ -62,6 +95,11 @@ class Loop:
         limited: Callable[[float], float] = lambda speed: speed,
         keeps_wall_time: bool = False,
     ) -> None:
+        self.holders: Holders | None = None
+        """For whom the clock waits; nobody where it is the wall's."""
+        self.tell_time: Callable[[int], object] = lambda time_ns: None
+        """Publishes the site's time (ns) on /clock; in the outbox's thread."""
+        self._turns: set[Turn] = set()
         self.simulation = simulation
         self.outbox = Outbox(stop)
         self._state = state
@@ -103,7 +141,28 @@ class Loop:
         Whoever hears how a motion ended has seen where it ended.
         """
         with suppress(SimulationStopped):
-            self.call(lambda: None)
+            self.call(lambda: self._then(_nothing))
+
+    @contextmanager
+    def turn(self) -> Iterator[Turn]:
+        """Around all that an action does for one goal."""
+        turn = Turn()
+        self._turns = {*self._turns, turn}
+        try:
+            yield turn
+        finally:
+            self._turns = self._turns - {turn}
+            self.sent()
+
+    def sent(self) -> None:
+        """Somebody acts on what was sent: the clock waits until it is taken."""
+        if self.holders is not None:
+            self.holders.sent()
+            self.wake()
+
+    def wake(self) -> None:
+        """Have the thread that waits look again."""
+        self._jobs.put((_nothing, None))
 
     def run(self, publisher: Publisher) -> None:
         """Advance until the end; afterwards all motion has ended as cancelled. Raises what sending raised."""
@@ -112,11 +171,11 @@ class Loop:
             self.simulation.time_ns = max(self.simulation.time_ns, time.time_ns())
         while not self._stop.is_set():
             speed, idle_speed = self._limited(self._clock.speed), self._limited(self._clock.idle_speed)
-            skipping = self.simulation.parked and idle_speed != speed
-            if self._wait_turn(idle_speed if skipping else speed):
+            skipping = (self.simulation.parked or self._resting) and idle_speed != speed
+            if self._wait_turn(idle_speed if skipping else speed) or self._held():
                 continue
             if skipping:
-                self.simulation.skip()
+                self.simulation.skip(self._stride_ns)
             else:
                 self.simulation.step()
             self._state.save(self.simulation.time_ns, self.simulation.row())
@@ -145,6 +204,43 @@ class Loop:
             return wait_s > _STOP_CHECK_S
         self._do(function, done)
         return done is not None or wait_s * speed > PERIOD_NS * 1e-9
+
+    @property
+    def _resting(self) -> bool:
+        """Whether time may be jumped over until somebody has something to do."""
+        jumps = self._clock.idle_speed == 0 and self.holders is not None
+        return jumps and self.simulation.still and self.holders is not None and self.holders.resting
+
+    @property
+    def _stride_ns(self) -> int:
+        """So much nothing is skipped at once: up to when somebody has something to do, in whole periods."""
+        most_ns = IDLE_PERIOD_NS if self.simulation.parked else JUMP_NS
+        if self.holders is None:
+            return most_ns
+        left_ns = self.holders.next_ns - self.simulation.time_ns
+        return min(most_ns, max(1, math.ceil(left_ns / PERIOD_NS)) * PERIOD_NS)
+
+    def _held(self) -> bool:
+        """Wait while somebody holds the clock; True when it has to be asked again."""
+        if self.holders is None:
+            return False
+        if not any(turn.holds for turn in self._turns) and self.holders.may_pass(
+            self.simulation.time_ns, self._then
+        ):
+            return False
+        with suppress(queue.Empty):
+            self._do(*self._jobs.get(timeout=_STOP_CHECK_S))
+        return True
+
+    def _then(self, send: Callable[[], None]) -> None:
+        """Send the time, and what follows it, after everything until now."""
+        now_ns = self.simulation.time_ns
+
+        def work() -> None:
+            self.tell_time(now_ns)
+            send()
+
+        self.outbox.then(work)
 
     @property
     def _ahead(self) -> bool:

@@ -28,6 +28,8 @@ _DEPTH_TICKS = 10
 _SECOND_TICKS = 50
 """Control periods between messages of 10 Hz, 5 Hz and 1 Hz."""
 _CLOCK_WALL_PERIOD_S = 0.01
+_SHOWN_M, _FELL_N = 0.02, 0.05
+"""By so much a reading of the bin has changed when the bin may act on it."""
 _FINGER_SIDES = np.array([1.0, -1.0])
 
 
@@ -61,6 +63,7 @@ class LabPlane:
             )
             for name in site.bin.compartments
         }
+        self._told_bin = np.full(1 + len(self._loads), np.nan)
         self._image = publisher(topics.BIN_IMAGE, bin=self._bin)
         self._output = publisher(topics.DOCK_OUTPUT, dock=self._dock)
         node.service(topics.BIN_CAPTURE.name(bin=self._bin), topics.BIN_CAPTURE.type, self._capture)
@@ -84,12 +87,23 @@ class LabPlane:
                     add(self._mocap_poses[body].publish_cdr, self._pose.encode(now_ns, (0, pose)), now_ns)
             add(self._mocap.see, poses, now_ns)
         if skipped or tick % _SLOW_TICKS == 0:
-            add(self._presence.publish, messages.presence(now_ns, self._bin, seen.presence_m()), now_ns)
+            presence_m = seen.presence_m()
+            add(self._presence.publish, messages.presence(now_ns, self._bin, presence_m), now_ns)
+            weights_n = {name: seen.weight_n(name) for name in self._loads}
             for name, (scale, load) in self._loads.items():
-                weight = messages.LOAD_Z, (seen.weight_n(name),)
+                weight = messages.LOAD_Z, (weights_n[name],)
                 add(scale.publish_cdr, load.encode(now_ns, weight), now_ns)
+            self._watch_bin(np.array([presence_m / _SHOWN_M, *(w / _FELL_N for w in weights_n.values())]))
         if skipped or seen.stalls_ns or tick % _SECOND_TICKS == 0:
             add(self._output.publish, messages.dock_output(now_ns, seen.supply), now_ns)
+            if seen.supply.current_a > 0:
+                self._loop.sent()
+
+    def _watch_bin(self, readings: np.ndarray) -> None:
+        """The bin acts on readings that change."""
+        if not np.abs(readings - self._told_bin).max() < 1:
+            self._told_bin = readings
+            self._loop.sent()
 
     @property
     def stalled(self) -> bool:
@@ -103,6 +117,10 @@ class LabPlane:
             self._clock_sent_s = now_s
             now_ns = self._snapshot.time_ns
             self._loop.outbox.add(self._clock.publish, messages.clock(now_ns), now_ns)
+
+    def tell_time(self, now_ns: int) -> None:
+        """Publish /clock at once."""
+        self._clock.publish(messages.clock(now_ns), now_ns)
 
     def _capture(self, _request: Any) -> Any:
         def take() -> None:
@@ -220,6 +238,7 @@ class RobotPlane:
             add(self._depth_info.publish, info, now_ns)
             image = messages.depth_image(now_ns, self._ns, seen.depth_m())
             add(self._depth_image.publish, image, now_ns)
+            self._loop.sent()
         if (skipped or tick % _SECOND_TICKS == 0) and self._image.matched:
             jpeg = self._camera.jpeg(self._snapshot.data)
             if jpeg is not None:

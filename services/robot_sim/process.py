@@ -13,6 +13,7 @@ from rodeo.serving import served_by
 from services.robot_sim.actions import Actions
 from services.robot_sim.camera import open_camera
 from services.robot_sim.commander import Commander
+from services.robot_sim.holders import Holders
 from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.people import PeoplesTime
@@ -100,11 +101,15 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             people = PeoplesTime(service.bus, site, lambda: simulation.time_s)
             keeps_wall_time = _keeps_wall_time(site, simulation)
             loop = Loop(simulation, state, site.clock, service.stop, people.speed, keeps_wall_time)
+            if not keeps_wall_time and site.clock.holders:
+                tell = partial(service.concern, "clock")
+                loop.holders = Holders(service.bus, site, loop.wake, tell)
             session, domain_id = service.bus.session, site.bus.domain_id
             lab_node = Node(session, "lab", "", domain_id, simulation)
             mocap = MotionCapture(service.bus, site, service.data_dir / "mocap", list(simulation.captured))
             snapshot = Snapshot(simulation)
             lab = LabPlane(lab_node, loop, snapshot, open_camera(simulation), mocap)
+            loop.tell_time = lab.tell_time
             nodes, robots, commanders = [lab_node], [], []
             for robot, seen in zip(simulation.robots.values(), snapshot.robots, strict=True):
                 node = Node(session, "body", robot.config.namespace, domain_id, simulation)
@@ -118,6 +123,8 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             service.ready()
             loop.run(Bus(service, snapshot, lab, robots, people))
             people.close()
+            if loop.holders is not None:
+                loop.holders.close()
             for node in nodes:
                 node.close()
             for commander in commanders:

@@ -203,10 +203,10 @@ class Simulation:
             robot.odometry.advance(robot.body.wheel_twist)
         self._power(CONTROL_PERIOD_S)
 
-    def skip(self) -> None:
-        """Let IDLE_PERIOD_NS pass in which nothing moves and only the battery charges; see `parked`."""
-        self.time_ns += IDLE_PERIOD_NS
-        self._power(IDLE_PERIOD_NS * 1e-9)
+    def skip(self, lasted_ns: int = IDLE_PERIOD_NS) -> None:
+        """Let time pass in which nothing moves and only power flows; see `still`."""
+        self.time_ns += lasted_ns
+        self._power(lasted_ns * 1e-9)
 
     def stall(self, lasted_ns: int) -> None:
         """Skip time in which the machine did not come to simulate. Nothing moves; power flows on."""
@@ -222,13 +222,15 @@ class Simulation:
         return stalls
 
     @property
+    def still(self) -> bool:
+        """Whether nothing moves and nothing is asked to."""
+        idle = all(robot.idle for robot in self.robots.values())
+        return idle and float(np.abs(self.data.qvel).max()) < _REST_SPEED
+
+    @property
     def parked(self) -> bool:
         """Whether a robot is being charged, nothing moves and nothing is asked to."""
-        return (
-            self.supply.current_a > 0
-            and all(robot.idle for robot in self.robots.values())
-            and float(np.abs(self.data.qvel).max()) < _REST_SPEED
-        )
+        return self.supply.current_a > 0 and self.still
 
     def halt(self) -> None:
         """End all motion under way as cancelled."""

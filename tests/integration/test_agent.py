@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+import os
+import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -14,6 +16,7 @@ import pytest
 
 from rodeo import topics
 from rodeo.bus import DaoEvents
+from rodeo.clock import WallClock
 from rodeo.evidence import Store, open_proof
 from rodeo.lab.world import begin, build_world
 from rodeo.messages import DaoEvent, Status
@@ -84,7 +87,7 @@ class Organization:
         at, turn = state.pose.position, state.pose.orientation
         at.x, at.y, at.z = map(float, lying.xpos)
         turn.w, turn.x, turn.y, turn.z = map(float, lying.xquat)
-        node = Node(self.running.bus.session, "test", "", self.running.site.bus.domain_id, _NoClock())
+        node = Node(self.running.bus.session, "test", "", self.running.site.bus.domain_id, WallClock())
         client = node.client(topics.SET_ENTITY_STATE.name(), topics.SET_ENTITY_STATE.type)
         assert client.wait_for_server(CALL_S)
         request = types.new(f"{topics.SET_ENTITY_STATE.type}_Request", entity=item_id, state=state)
@@ -117,7 +120,8 @@ def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -
 def test_an_idle_robot_explores(organization: Organization) -> None:
     running = organization.running
     organization.wait_for_activity("exploring")
-    body = Body(Node(running.bus.session, "test", "", 0, _NoClock()), running.site, running.site.robots[0])
+    clock = WallClock()
+    body = Body(Node(running.bus.session, "test", "", 0, clock), running.site, running.site.robots[0], clock)
     start = body.base_pose(_go_on)
     pause, deadline_s = threading.Event(), time.monotonic() + WAIT_S
     while time.monotonic() < deadline_s:
@@ -135,8 +139,14 @@ def test_a_robot_killed_with_the_item_in_its_gripper_starts_again_and_is_paid(
     organization.activities.clear()
     task_id = organization.post("item1")
     organization.wait_for_activity("carrying item1")
-    organization.running.kill("robot_agent")
-    organization.running.start("robot_agent", ready=False)
+    running = organization.running
+    os.kill(running.children["robot_agent"].pid, signal.SIGSTOP)
+    # Who holds the clock for long is named; who dies while it does so holds nothing any more.
+    waits = "the clock waits for robot_agent"
+    running.wait_for_status("robot_sim", lambda status: waits in status.warnings)
+    running.kill("robot_agent")
+    running.wait_for_status("robot_sim", lambda status: waits not in status.warnings)
+    running.start("robot_agent", ready=False)
     organization.wait_for_event("TaskSettled", task_id)
     task = organization.task(task_id)
     assert (task["state"], task["attempt"], task["verdict"]) == ("settled", 1, "accepted")
@@ -203,8 +213,3 @@ def test_an_item_that_is_not_there_fails_honestly_and_the_robot_goes_on(organiza
 
 def _go_on() -> None:
     pass
-
-
-class _NoClock:
-    def now_ns(self) -> int:
-        raise NotImplementedError("nothing is published here")

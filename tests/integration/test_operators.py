@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rodeo import wallets
-from rodeo.clock import SimClock
+from rodeo.clock import SimClock, WallClock
 from rodeo.dao import Participant
 from rodeo.evidence import Store, open_proof
 from rodeo.evidence.statement import Executor, NotAccepted, NotYourTask, read_statement
@@ -138,7 +138,8 @@ def test_a_stopped_robot_stands_still_in_the_middle_of_its_work_and_goes_on_when
     organization: Organization,
 ) -> None:
     running = organization.running
-    body = Body(Node(running.bus.session, "test", "", 0, _NoClock()), running.site, running.site.robots[0])
+    clock = WallClock()
+    body = Body(Node(running.bus.session, "test", "", 0, clock), running.site, running.site.robots[0], clock)
     organization.lay("item3")
     task_id = organization.post("item3")
     wait_until("the robot to work", lambda: order(organization, "state")["task_id"] == task_id)
@@ -182,8 +183,3 @@ def test_an_ordered_charge_is_bought_at_once(organization: Organization) -> None
 
 def _go_on() -> None:
     pass
-
-
-class _NoClock:
-    def now_ns(self) -> int:
-        raise NotImplementedError("nothing is published here")

@@ -54,22 +54,27 @@ def slow(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Node, Body]
     clock = SimClock(running.bus.session, 0)
     assert clock.wait_ready(threading.Event(), WAIT_S)
     node = Node(running.bus.session, "test", "", 0, clock)
-    yield node, Body(node, running.site, running.site.robots[0])
+    yield node, Body(node, running.site, running.site.robots[0], clock)
     node.close()
     clock.close()
     running.stop()
 
 
 @pytest.fixture(scope="module")
-def node(lab: RunningSite) -> Node:
+def clock(lab: RunningSite) -> SimClock:
     clock = SimClock(lab.bus.session, 0)
     assert clock.wait_ready(threading.Event(), WAIT_S)
+    return clock
+
+
+@pytest.fixture(scope="module")
+def node(lab: RunningSite, clock: SimClock) -> Node:
     return Node(lab.bus.session, "test", "", 0, clock)
 
 
 @pytest.fixture(scope="module")
-def body(lab: RunningSite, node: Node) -> Body:
-    return Body(node, lab.site, lab.site.robots[0])
+def body(lab: RunningSite, node: Node, clock: SimClock) -> Body:
+    return Body(node, lab.site, lab.site.robots[0], clock)
 
 
 def collect(node: Node, topic: str, typename: str, count: int) -> list[Any]:

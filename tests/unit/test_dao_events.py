@@ -17,7 +17,7 @@ class Bus:
     def __init__(self) -> None:
         self.names = ["A", "undone", "EventUndone", "B"]
 
-    def subscribe_json(self, _key: str, _callback: Any) -> Any:
+    def subscribe_json(self, _key: str, _callback: Any, *, inline: bool) -> Any:
         return self
 
     def undeclare(self) -> None:

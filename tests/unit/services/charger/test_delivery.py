@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from rodeo.charging import ChargingParams
+from rodeo.clock import WallClock
 from rodeo.evidence import Attestation, Binding, attest, open_proof
 from rodeo.metering import STEP_WH
 from rodeo.recording import Heard
@@ -28,8 +29,9 @@ BATTERY = "sensor_msgs/msg/BatteryState"
 ADDRESS = {"address": ROBOT.address, "role": "robot", "name": "panther1", "owner": "0x" + "00" * 20}
 
 
-class Clock:
+class Clock(WallClock):
     def __init__(self) -> None:
+        super().__init__()
         self.time_s = float(START_S)
 
     def now_ns(self) -> int:

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.dao import Assignment
 from rodeo.errors import RemoteError
@@ -61,7 +62,11 @@ def charger(tmp_path: Path) -> Charger:
     made._site = Site.load(LAB)
     made._organization = Organization()
     made._service = SimpleNamespace(
-        stop=threading.Event(), data_dir=tmp_path, ready=lambda: None, not_ready=lambda _why: None
+        stop=threading.Event(),
+        data_dir=tmp_path,
+        ready=lambda: None,
+        not_ready=lambda _why: None,
+        clock=WallClock(),
     )
     made._job_path = tmp_path / "job.json"
     made._offered_on = None

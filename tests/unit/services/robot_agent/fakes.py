@@ -14,6 +14,7 @@ import mujoco
 import numpy as np
 from eth_account import Account
 
+from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.errors import NoResponder, RodeoError
 from rodeo.evidence import Attestation, attest
@@ -56,10 +57,11 @@ class Pose3:
     quat_wxyz: tuple[float, float, float, float]
 
 
-class ManualClock:
+class ManualClock(WallClock):
     """Site time that passes when somebody waits for it."""
 
     def __init__(self) -> None:
+        super().__init__()
         self.time_s = 1_000.0
 
     def now_s(self) -> float:

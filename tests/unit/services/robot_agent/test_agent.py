@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 
+from rodeo.clock import WallClock
 from rodeo.messages import DaoEvent
 from services.robot_agent.agent import Agent, _place
 from services.robot_agent.errors import TaskFailed
@@ -44,7 +45,7 @@ def test_a_task_that_is_nonsense_is_given_up_and_breaks_nothing(params: dict[str
 def test_events_of_another_chain_are_not_recorded_for_the_task_of_the_same_number() -> None:
     agent: Any = Agent.__new__(Agent)
     agent._events, agent._events_lock = deque(maxlen=10), threading.Lock()
-    agent._recording, agent._wake = None, threading.Event()
+    agent._recording, agent._wake, agent._clock = None, threading.Event(), WallClock()
 
     def event(seq: int, chain: str) -> DaoEvent:
         where = {"block": seq, "log_index": 0, "tx_hash": "0x", "time_s": 0.0}

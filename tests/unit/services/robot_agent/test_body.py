@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -12,6 +11,7 @@ import pytest
 import zenoh
 
 from rodeo.bus import zenoh_config
+from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.lab.config import Pose2
 from rodeo.ros2 import ActionServer, Node, ServerGoal, types
@@ -24,17 +24,6 @@ NAVIGATE = "nav2_msgs/action/NavigateToPose"
 FOLLOW = "control_msgs/action/FollowJointTrajectory"
 GRIPPER = "control_msgs/action/GripperCommand"
 GOAL = Pose2(x_m=1.0, y_m=2.0, yaw_rad=1.5)
-
-
-class WallClock:
-    def now_ns(self) -> int:
-        return time.time_ns()
-
-    def now_s(self) -> float:
-        return time.time()
-
-    def wait_until(self, time_s: float, stop: threading.Event | None = None) -> bool:
-        raise NotImplementedError("nothing here waits for a time of day")
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +51,7 @@ def make_node(endpoint: str) -> Iterator[Callable[[str], Node]]:
 @pytest.fixture
 def body(make_node: Callable[[str], Node]) -> Body:
     site = Site.load(LAB)
-    return Body(make_node("agent"), site, site.robots[0])
+    return Body(make_node("agent"), site, site.robots[0], WallClock())
 
 
 def go_on() -> None:

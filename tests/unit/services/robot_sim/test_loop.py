@@ -18,7 +18,7 @@ WALL_S = 1.5
 class World:
     """A parked robot that charges, and nothing else."""
 
-    parked = True
+    parked = still = True
 
     def __init__(self) -> None:
         self.time_ns = 0
@@ -27,8 +27,8 @@ class World:
     def step(self) -> None:
         self.time_ns += PERIOD_NS
 
-    def skip(self) -> None:
-        self.time_ns += IDLE_PERIOD_NS
+    def skip(self, lasted_ns: int) -> None:
+        self.time_ns += lasted_ns
         self.skipped += 1
 
     def row(self) -> None:

@@ -1,0 +1,138 @@
+"""Who follows the simulator's clock says whether it may go on: conservative time management.
+
+A process that holds the clock is *busy* while it works on something that arrived, or has *nothing to do
+before T*. The simulator passes neither. What it sent is taken when each holder has answered the mark that it
+sends afterwards: one session's messages arrive in order.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import zenoh
+
+from rodeo import topics
+
+
+class Waiter:
+    """A thread that waits for something to happen, or for `until_ns` of site time."""
+
+    def __init__(self, until_ns: int | None, releases: bool, resting: bool) -> None:
+        self.until_ns = until_ns
+        self.releases = releases
+        """Whether it is one of those whose work holds the clock."""
+        self.resting = resting
+        self.woken = False
+
+    def is_due(self, now_ns: int | None) -> bool:
+        return self.woken or (self.until_ns is not None and now_ns is not None and now_ns >= self.until_ns)
+
+
+class Holder:
+    """What this process says of itself, from the first that it does. `tell` is called under `changed`.
+
+    Args:
+        changed: guards the waiters; the clock's.
+        now_ns: the site's time as it was heard last, None before.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        org: str,
+        process: str,
+        changed: threading.Condition,
+        now_ns: Callable[[], int | None],
+    ) -> None:
+        self._session = session
+        self._changed = changed
+        self._now_ns = now_ns
+        self._held = 0
+        """Works under way, also of threads that wait meanwhile."""
+        self._actors: set[int] = set()
+        self._heard = 0
+        self._works = 0
+        self._told: dict[str, Any] | None = None
+        self._started = False
+        self.waiters: list[Waiter] = []
+        self._publisher = session.declare_publisher(
+            topics.CLOCK_HOLD.name(org=org, process=process),
+            # Lost, it would hold the clock for ever; sent late, for long.
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            express=True,
+        )
+        # In the receiving thread: an answer must not overtake what came before the mark.
+        self._marks = session.declare_subscriber(
+            topics.CLOCK_MARK.name(org=org), zenoh.handlers.Callback(self._on_mark, indirect=False)
+        )
+
+    @contextmanager
+    def acting(self) -> Iterator[None]:
+        """All that the calling thread does holds the clock, but for its waits on the clock."""
+        thread = threading.get_ident()
+        with self.hold():
+            with self._changed:
+                self._actors.add(thread)
+            try:
+                yield
+            finally:
+                with self._changed:
+                    self._actors.discard(thread)
+
+    @contextmanager
+    def hold(self) -> Iterator[None]:
+        with self._changed:
+            self._held += 1
+            self._started = True
+            self.tell()
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._held -= 1
+                self.tell()
+
+    def waiter(self, until_ns: int | None, resting: bool) -> Waiter:
+        return Waiter(until_ns, threading.get_ident() in self._actors, resting)
+
+    def tell(self) -> None:
+        """Say how it is, where that is something else than was said last."""
+        if not self._started:
+            return
+        now_ns = self._now_ns()
+        idle = [one for one in self.waiters if one.releases and not one.is_due(now_ns)]
+        busy = self._held > len(idle)
+        was_busy = self._told is not None and self._told["busy"]
+        if busy and not was_busy:
+            self._works += 1
+        until = [] if busy else [one.until_ns for one in self.waiters if one.until_ns is not None]
+        state = {
+            "heard": self._heard,
+            "busy": busy,
+            "until_ns": min(until, default=None),
+            "works": self._works,
+            "resting": not busy and all(one.resting for one in idle),
+        }
+        # A busy process answers a mark once it is done: until then the clock waits anyway.
+        if state != self._told and not (busy and was_busy):
+            self._told = state
+            try:
+                self._publisher.put(json.dumps(state))
+            except zenoh.ZError:
+                # Whoever has left the bus holds nothing any more.
+                if not self._session.is_closed():
+                    raise
+
+    def _on_mark(self, sample: zenoh.Sample) -> None:
+        mark = json.loads(sample.payload.to_bytes())
+        with self._changed:
+            self._heard = int(mark["number"])
+            self.tell()
+
+    def close(self) -> None:
+        self._marks.undeclare()
+        self._publisher.undeclare()

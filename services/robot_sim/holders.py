@@ -1,0 +1,205 @@
+"""For whom the clock waits: processes that work on what the simulation sent, or have something to do now.
+
+The decision is `docs/decisions/0027-time-that-waits.md`, what they say of themselves `rodeo.holding`.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import zenoh
+
+from rodeo import topics
+from rodeo.bus import Bus, decode_json, validate
+from rodeo.config import Site, agent_process
+from rodeo.errors import RodeoError
+from rodeo.messages import ClockHold
+
+log = logging.getLogger(__name__)
+
+LONG_S = 5.0
+"""Wall time after which a process that holds the clock is named."""
+_BEGIN_S = 1.0
+"""Wall time that those who are there when the simulation begins have to say how they are."""
+
+
+@dataclass
+class _Seen:
+    hold: ClockHold
+    worked_before: int
+    """Its works when the last mark was sent."""
+
+
+class Holders:
+    """What everybody said last who holds the clock. `may_pass` is for the simulation's thread.
+
+    Args:
+        wake: called when somebody said something, from Zenoh's threads.
+        tell: hears who holds the clock for longer than LONG_S, and with an empty text that it goes on.
+    """
+
+    def __init__(self, bus: Bus, site: Site, wake: Callable[[], None], tell: Callable[[str], None]) -> None:
+        self._wake = wake
+        self._tell = tell
+        self._told = ""
+        self._lock = threading.Lock()
+        self._kinds = frozenset(site.clock.holders)
+        self._minds = {agent_process(site, robot.name) for robot in site.robots}
+        self._seen: dict[str, _Seen] = {}
+        self._mark_key = topics.CLOCK_MARK.name(org=site.org)
+        self._marks = bus.session.declare_publisher(
+            self._mark_key, congestion_control=zenoh.CongestionControl.BLOCK, express=True
+        )
+        self._number = 0
+        self._marked_ns = -1
+        self._awaited: set[str] = set()
+        """Who has not answered the last mark."""
+        self._asks = False
+        """Whether something was sent since the last mark."""
+        self._free_until_ns = 0
+        """Until then nobody has to be looked at, unless something happens."""
+        self._held_since_s: float | None = None
+        self.waited_s = 0.0
+        """Wall time for which the clock stood still for somebody."""
+        self._alive = bus.session.liveliness().declare_subscriber(
+            topics.ALIVE.name(org=site.org, process="*"), self._on_alive
+        )
+        self._subscriber = bus.session.declare_subscriber(
+            topics.CLOCK_HOLD.name(org=site.org, process="*"),
+            zenoh.handlers.Callback(self._on_hold, indirect=False),
+        )
+        self._there = {
+            str(reply.ok.key_expr).rpartition("/")[2]
+            for reply in bus.session.liveliness().get(topics.ALIVE.name(org=site.org, process="*"))
+            if reply.ok is not None
+        }
+        """Who was there before; of these nobody knows yet whether they hold the clock."""
+        self._begins_s: float | None = None
+
+    # -- what is heard ---------------------------------------------------------------------------------
+
+    def _on_hold(self, sample: zenoh.Sample) -> None:
+        process = str(sample.key_expr).rpartition("/")[2]
+        if process.partition(".")[0] not in self._kinds:
+            return
+        try:
+            hold = validate(ClockHold, decode_json(sample.payload.to_bytes()))
+        except RodeoError as error:
+            log.warning("left out a message on %s: %s", sample.key_expr, error)
+            return
+        with self._lock:
+            seen = self._seen.get(process)
+            if seen is None:
+                log.info("%s holds the clock when it works", process)
+                self._seen[process] = _Seen(hold, 0)
+            else:
+                seen.hold = hold
+            if hold.heard == self._number:
+                self._awaited.discard(process)
+            self._free_until_ns = 0
+        self._wake()
+
+    def _on_alive(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            process = str(sample.key_expr).rpartition("/")[2]
+            with self._lock:
+                if self._seen.pop(process, None) is not None:
+                    log.info("%s is gone: the clock does not wait for it", process)
+                self._awaited.discard(process)
+                self._free_until_ns = 0
+            self._wake()
+
+    # -- the simulation's thread -----------------------------------------------------------------------
+
+    def sent(self) -> None:
+        """Something was sent that somebody acts on: the clock waits until it is taken."""
+        with self._lock:
+            self._asks = True
+            self._free_until_ns = 0
+
+    def may_pass(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> bool:
+        """Whether the time may go on from `now_ns`. What must be sent for it goes through `then`, in order
+        with everything else. After False, `wake` is called when it is worth while to ask again."""
+        if now_ns < self._free_until_ns:
+            return True
+        with self._lock:
+            passes = self._settled(now_ns, then)
+        self._count(passes)
+        return passes
+
+    def _settled(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> bool:
+        if self._number == 0:
+            self._begins_s = time.monotonic()
+            self._mark(now_ns, then)
+            self._awaited = {process for process in self._there if process.partition(".")[0] in self._kinds}
+            return not self._awaited
+        if self._begins_s is not None:
+            if self._awaited and time.monotonic() - self._begins_s < _BEGIN_S:
+                return False
+            self._begins_s = None
+            self._awaited &= set(self._seen)
+        seen = self._seen.values()
+        if self._awaited or any(one.hold.busy for one in seen):
+            return False
+        due = any(one.hold.until_ns is not None and one.hold.until_ns <= now_ns for one in seen)
+        worked = any(one.hold.works != one.worked_before for one in seen)
+        if seen and (self._asks or worked or (due and self._marked_ns != now_ns)):
+            self._mark(now_ns, then)
+            return False
+        self._free_until_ns = self.next_ns
+        return True
+
+    def _mark(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> None:
+        self._asks = False
+        self._number += 1
+        self._marked_ns = now_ns
+        self._awaited = set(self._seen)
+        for one in self._seen.values():
+            one.worked_before = one.hold.works
+        payload = json.dumps({"number": self._number})
+        then(lambda: self._marks.put(payload))
+
+    @property
+    def next_ns(self) -> int:
+        """Site time before which nobody has anything to do."""
+        times = (one.hold.until_ns for one in self._seen.values())
+        return min((time_ns for time_ns in times if time_ns is not None), default=_NEVER_NS)
+
+    @property
+    def resting(self) -> bool:
+        """Whether every robot's mind is there, and nobody needs to see how nothing moves."""
+        with self._lock:
+            there = self._minds <= self._seen.keys()
+            return there and all(one.hold.resting for one in self._seen.values())
+
+    def _count(self, passes: bool) -> None:
+        now_s = time.monotonic()
+        text = ""
+        if not passes:
+            self._held_since_s = self._held_since_s or now_s
+            text = self._complaint() if now_s - self._held_since_s > LONG_S else ""
+        elif self._held_since_s is not None:
+            self.waited_s += now_s - self._held_since_s
+            self._held_since_s = None
+        if text != self._told:
+            log.warning("%s", text or "the clock goes on")
+            self._tell(text)
+            self._told = text
+
+    def _complaint(self) -> str:
+        with self._lock:
+            late = [name for name, one in self._seen.items() if one.hold.busy or name in self._awaited]
+        return f"the clock waits for {', '.join(sorted(late))}"
+
+    def close(self) -> None:
+        self._subscriber.undeclare()
+        self._alive.undeclare()
+        self._marks.undeclare()
+
+
+_NEVER_NS = 2**63 - 1

@@ -1,0 +1,250 @@
+"""The clock waits for those who hold it: real sessions on a real router, the simulation's side and theirs."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+import zenoh
+
+from rodeo import topics
+from rodeo.bus import Bus, zenoh_config
+from rodeo.clock import SimClock
+from rodeo.config import Site
+from rodeo.ros2 import Node
+from services.robot_sim import holders as holders_module
+from services.robot_sim import messages
+from services.robot_sim.holders import Holders
+from tests.support.site import LAB, free_port
+
+SOON_S = 10.0
+NEVER = threading.Event()
+
+
+class Simulator:
+    """The simulator's side: a clock that is published, and whoever holds it."""
+
+    def __init__(self, session: zenoh.Session, site: Site) -> None:
+        self.session = session
+        self.now_ns_ = 1_000_000_000_000
+        self.told: list[str] = []
+        self.woken = threading.Event()
+        node = Node(session, "lab", "", site.bus.domain_id, self)
+        self._clock = node.publisher(topics.CLOCK.name(), topics.CLOCK.type)
+        self.holders = Holders(Bus(session), site, self.woken.set, self.told.append)
+
+    def now_ns(self) -> int:
+        return self.now_ns_
+
+    def tell_time(self) -> None:
+        self._clock.publish(messages.clock(self.now_ns_), self.now_ns_)
+
+    def _then(self, send: Callable[[], None]) -> None:
+        self.tell_time()
+        send()
+
+    def may_pass(self, wall_s: float = SOON_S) -> bool:
+        """Whether the time may go on before `wall_s` are over."""
+        end_s = time.monotonic() + wall_s
+        while not self.holders.may_pass(self.now_ns_, self._then):
+            if time.monotonic() > end_s:
+                return False
+            self.woken.wait(0.05)
+            self.woken.clear()
+        return True
+
+    def advance(self, seconds: float) -> None:
+        self.now_ns_ += round(seconds * 1e9)
+
+
+class Mind:
+    """A process that follows and holds the clock; `work` runs in its acting thread."""
+
+    def __init__(self, session: zenoh.Session, site: Site, name: str = "robot_agent") -> None:
+        key = topics.ALIVE.name(org=site.org, process=name)
+        self.session = session
+        self._alive = session.liveliness().declare_token(key)
+        self.clock = SimClock(session, site.bus.domain_id, (site.org, name))
+
+    def start(self, work: Callable[[], object]) -> threading.Thread:
+        def run() -> None:
+            with self.clock.acting():
+                work()
+
+        thread = threading.Thread(target=run, daemon=True)
+        thread.start()
+        return thread
+
+
+@pytest.fixture
+def site() -> Site:
+    return Site.load(LAB)
+
+
+@pytest.fixture
+def connect() -> Iterator[Callable[[], zenoh.Session]]:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router = zenoh.open(zenoh_config("router", listen=[endpoint]))
+    sessions = []
+
+    def make() -> zenoh.Session:
+        sessions.append(zenoh.open(zenoh_config("client", connect=[endpoint])))
+        return sessions[-1]
+
+    yield make
+    for session in sessions:
+        session.close()
+    router.close()
+
+
+@pytest.fixture
+def simulator(connect: Callable[[], zenoh.Session], site: Site) -> Simulator:
+    simulator = Simulator(connect(), site)
+    assert simulator.may_pass()  # nobody is there
+    return simulator
+
+
+@pytest.fixture
+def mind(connect: Callable[[], zenoh.Session], site: Site, simulator: Simulator) -> Mind:
+    mind = Mind(connect(), site)
+    deadline_s = time.monotonic() + SOON_S
+    while not mind.clock.wait_ready(NEVER, 0.1):
+        simulator.tell_time()
+        assert time.monotonic() < deadline_s
+    return mind
+
+
+def begin(mind: Mind, simulator: Simulator, work: Callable[[], object]) -> threading.Thread:
+    """Start `work`, and wait until the simulator knows that it holds the clock."""
+    thread = mind.start(work)
+    assert not wait_until(lambda: simulator.holders._seen == {})
+    return thread
+
+
+def wait_until(condition: Callable[[], bool]) -> bool:
+    """Whether it stays false for SOON_S."""
+    deadline_s = time.monotonic() + SOON_S
+    while condition():
+        if time.monotonic() > deadline_s:
+            return True
+        NEVER.wait(0.01)
+    return False
+
+
+def test_the_clock_does_not_pass_who_is_busy(simulator: Simulator, mind: Mind) -> None:
+    done = threading.Event()
+    begin(mind, simulator, lambda: (done.wait(SOON_S), mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S)))
+    assert not simulator.may_pass(0.5)
+    done.set()
+    assert simulator.may_pass()
+
+
+def test_the_clock_stops_at_the_time_for_which_somebody_waits(simulator: Simulator, mind: Mind) -> None:
+    woken_ns: list[int] = []
+    until_s = simulator.now_ns_ * 1e-9 + 0.05
+
+    def work() -> None:
+        mind.clock.wait_until(until_s)
+        woken_ns.append(mind.clock.now_ns())
+        mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S)
+
+    begin(mind, simulator, work)
+    passed_ns = []
+    for _ in range(10):
+        assert simulator.may_pass()
+        passed_ns.append(simulator.now_ns_)
+        simulator.advance(0.02)
+    # At 0.06 s it is due. It is awake before the time goes on, whatever the machine does meanwhile.
+    assert woken_ns == [passed_ns[3]]
+
+
+def test_what_was_sent_is_taken_before_the_time_goes_on(simulator: Simulator, mind: Mind) -> None:
+    taken: list[int] = []
+    arrived: list[int] = []
+
+    def take(_sample: zenoh.Sample) -> None:
+        arrived.append(1)
+        mind.clock.notify()
+
+    subscriber = mind.session.declare_subscriber("news", zenoh.handlers.Callback(take, indirect=False))
+
+    def work() -> None:
+        while len(taken) < 20:
+            mind.clock.wait_for(lambda: len(arrived) > len(taken), wall_s=SOON_S)
+            taken.append(mind.clock.now_ns())
+        mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S)
+
+    begin(mind, simulator, work)
+    assert simulator.may_pass()
+    sent_ns = []
+    for _ in range(20):
+        simulator.advance(0.02)
+        simulator._then(lambda: simulator.session.put("news", b""))
+        sent_ns.append(simulator.now_ns_)
+        simulator.holders.sent()
+        assert simulator.may_pass()
+    subscriber.undeclare()
+    assert taken == sent_ns
+
+
+def test_who_dies_while_it_holds_the_clock_is_not_waited_for(simulator: Simulator, mind: Mind) -> None:
+    done = threading.Event()
+    begin(mind, simulator, lambda: done.wait(SOON_S))
+    assert not simulator.may_pass(0.3)
+    mind.session.close()
+    assert simulator.may_pass()
+    done.set()
+
+
+def test_who_comes_late_is_waited_for_from_then_on(
+    connect: Callable[[], zenoh.Session], site: Site, simulator: Simulator, mind: Mind
+) -> None:
+    begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S))
+    for _ in range(5):
+        assert simulator.may_pass()
+        simulator.holders.sent()
+    late = Mind(connect(), site, "itrash")
+    done = threading.Event()
+    late.start(lambda: (done.wait(SOON_S), late.clock.wait_for(NEVER.is_set, wall_s=SOON_S)))
+    assert not wait_until(lambda: len(simulator.holders._seen) < 2)
+    assert not simulator.may_pass(0.3)
+    done.set()
+    assert simulator.may_pass()
+
+
+def test_a_simulator_that_starts_again_waits_for_those_who_are_there(
+    connect: Callable[[], zenoh.Session], site: Site, simulator: Simulator, mind: Mind
+) -> None:
+    done = threading.Event()
+    begin(mind, simulator, lambda: (done.wait(SOON_S), mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S)))
+    simulator.holders.close()
+    again = Simulator(connect(), site)
+    assert not again.may_pass(0.3)
+    done.set()
+    assert again.may_pass()
+
+
+def test_who_is_not_to_hold_the_clock_does_not(
+    connect: Callable[[], zenoh.Session], site: Site, simulator: Simulator
+) -> None:
+    stranger = Mind(connect(), site, "console")
+    stranger.start(lambda: NEVER.wait(1.0))
+    Bus(stranger.session).put_json(topics.CLOCK_HOLD.name(org=site.org, process="itrash"), {"busy": "yes"})
+    simulator.holders.sent()
+    assert simulator.may_pass(2.0)
+
+
+def test_who_holds_it_for_long_is_named_until_it_goes_on(
+    simulator: Simulator, mind: Mind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(holders_module, "LONG_S", 0.2)
+    done = threading.Event()
+    begin(mind, simulator, lambda: (done.wait(SOON_S), mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S)))
+    assert not simulator.may_pass(0.6)
+    assert simulator.told == ["the clock waits for robot_agent"]
+    done.set()
+    assert simulator.may_pass()
+    assert simulator.told[-1] == ""
+    assert simulator.holders.waited_s > 0.2
