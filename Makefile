@@ -52,7 +52,7 @@ test: $(VENV)/stamp node_modules/.stamp postgresql  ## everything that checks th
 test-long: $(VENV)/stamp node_modules/.stamp postgresql  ## the rest: the forgeries, and whole sites that are killed, kept busy, or do without
 	@$(PYTEST) -m long
 
-bench: $(VENV)/stamp node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, honest, margins, robot, itrash, bridge, autonomy, soak, faults, console)
+bench: $(VENV)/stamp node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, honest, margins, robot, itrash, bridge, autonomy, pace, soak, faults, console)
 	@$(BIN)/python -m bench $(ONLY)
 
 lint: $(VENV)/stamp node_modules/.stamp  ## linters, type checker, built contracts equal to their sources

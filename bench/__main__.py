@@ -22,6 +22,7 @@ AREAS = (
     "itrash",
     "bridge",
     "autonomy",
+    "pace",
     "soak",
     "faults",
     "console",

@@ -173,7 +173,7 @@ def _world(seed: int) -> list[dict[str, Any]]:
         "items": [item.model_dump(by_alias=True, exclude_none=True, mode="json") for item in items],
     }
     speed = float(os.environ.get("AUTONOMY_SPEED", "20"))
-    with _site(tables, speed) as (site, bus):
+    with running_site(tables, speed) as (site, bus):
         ids, chance = [], generator(site, "arrivals", "places")
         for item in items:
             off_m, towards = chance.uniform(0, _NAMED_OFF_M), chance.uniform(0, math.tau)
@@ -182,13 +182,13 @@ def _world(seed: int) -> list[dict[str, Any]]:
                 "y_m": item.pose.y_m + off_m * math.sin(towards),
             }
             ids.append(
-                _post(site, bus, {"item_id": item.id, **place, "kind": f"{item.item_class} {item.shape}"})
+                post(site, bus, {"item_id": item.id, **place, "kind": f"{item.item_class} {item.shape}"})
             )
-        return [_ended(site, bus, task_id) for task_id in ids]
+        return [ended(site, bus, task_id) for task_id in ids]
 
 
 @contextmanager
-def _site(tables: dict[str, Any], speed: float) -> Iterator[tuple[Site, Bus]]:
+def running_site(tables: dict[str, Any], speed: float) -> Iterator[tuple[Site, Bus]]:
     """The lab with other `tables`, running on free ports in a folder that is removed."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "site.toml")
@@ -238,7 +238,7 @@ def _wait_ready(launcher: Launcher, bus: Bus) -> None:
             raise RuntimeError(f"not ready: {sorted(waiting)}")
 
 
-def _post(site: Site, bus: Bus, params: dict[str, Any]) -> int:
+def post(site: Site, bus: Bus, params: dict[str, Any]) -> int:
     request = {
         "kind": "waste_disposal",
         "reward_iec": "100",
@@ -251,7 +251,7 @@ def _post(site: Site, bus: Bus, params: dict[str, Any]) -> int:
     )
 
 
-def _ended(site: Site, bus: Bus, task_id: int) -> dict[str, Any]:
+def ended(site: Site, bus: Bus, task_id: int) -> dict[str, Any]:
     pause = threading.Event()
     deadline_s = time.monotonic() + _TASK_WALL_S
     while True:
@@ -267,7 +267,7 @@ def _ended(site: Site, bus: Bus, task_id: int) -> dict[str, Any]:
 def _first_motion() -> dict[str, float]:
     """At real-time speed, from the event of an assignment to the first motion of the base."""
     latencies_ms = []
-    with _site({}, 1.0) as (site, bus):
+    with running_site({}, 1.0) as (site, bus):
         node = Node(bus.session, "bench", site.robots[0].namespace, site.bus.domain_id, WallClock())
         moved = threading.Event()
         moving_since_s = [math.inf]
@@ -295,12 +295,12 @@ def _first_motion() -> dict[str, float]:
                 assigned_s.clear()
                 moving_since_s[0] = math.inf
                 params = {"item_id": item.id, "x_m": item.pose.x_m, "y_m": item.pose.y_m}
-                task_id = _post(site, bus, params)
+                task_id = post(site, bus, params)
                 if assigned.wait(60) and moved.wait(60):
                     latencies_ms.append(1000 * (moving_since_s[0] - assigned_s[task_id]))
                 order = topics.ROBOT_ORDER.name(org=site.org, robot=site.robots[0].name, order="cancel")
                 bus.query(order, timeout_s=30)
-                _ended(site, bus, task_id)
+                ended(site, bus, task_id)
                 _stands(site, bus)
         node.close()
     return {

@@ -16,6 +16,8 @@ from rodeo import topics
 from rodeo.bus import Bus, DaoEvents
 from rodeo.clock import SimClock
 from rodeo.config import Site
+from rodeo.lab.config import ItemConfig
+from rodeo.lab.items import rest_pose
 from rodeo.messages import DaoEvent
 from rodeo.ros2 import Node, types
 
@@ -49,7 +51,7 @@ def _site(speed: float) -> Iterator[tuple[Site, Bus, SimClock]]:
 
 def _night() -> dict[str, float]:
     """One robot that rests, and no task."""
-    with _site(0.0) as (_site_, _bus, clock):
+    with _site(0.0) as (_, _, clock):
         began_s, wall_s = clock.now_s(), time.perf_counter()
         threading.Event().wait(NIGHT_WALL_S)
         return {"night_realtime_factor": (clock.now_s() - began_s) / (time.perf_counter() - wall_s)}
@@ -69,7 +71,7 @@ def _cleanings(speed: float, count: int) -> dict[str, float]:
             for number in range(count):
                 item = site.items[number % len(site.items)]
                 if number >= len(site.items):
-                    _lay(site, bus, clock, item.id)
+                    _lay(site, bus, clock, item)
                 place = {"item_id": item.id, "x_m": item.pose.x_m, "y_m": item.pose.y_m}
                 tasks.append(post(site, bus, place))
                 state = ended(site, bus, tasks[-1])["state"]
@@ -90,17 +92,18 @@ def _waited_s(site: Site, bus: Bus) -> float:
     return float(status["details"]["waited_s"])
 
 
-def _lay(site: Site, bus: Bus, clock: SimClock, item_id: str) -> None:
+def _lay(site: Site, bus: Bus, clock: SimClock, item: ItemConfig) -> None:
     """Put the item back to where the site has it."""
-    pose = site.item(item_id).pose
+    position_m, (w, x, y, z) = rest_pose(item)
     state = types.new("simulation_interfaces/msg/EntityState")
-    state.pose.position.x, state.pose.position.y, state.pose.position.z = pose.x_m, pose.y_m, 0.05
-    state.pose.orientation.w = 1.0
+    at, turn = state.pose.position, state.pose.orientation
+    at.x, at.y, at.z = map(float, position_m)
+    turn.w, turn.x, turn.y, turn.z = float(w), float(x), float(y), float(z)
     node = Node(bus.session, "bench", "", site.bus.domain_id, clock)
     try:
         client = node.client(topics.SET_ENTITY_STATE.name(), topics.SET_ENTITY_STATE.type)
         if not client.wait_for_server(_READY_S):
             raise RuntimeError("nobody places items")
-        client.call(types.new(f"{topics.SET_ENTITY_STATE.type}_Request", entity=item_id, state=state), 30.0)
+        client.call(types.new(f"{topics.SET_ENTITY_STATE.type}_Request", entity=item.id, state=state), 30.0)
     finally:
         node.close()

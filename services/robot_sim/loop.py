@@ -160,6 +160,11 @@ class Loop:
             self.holders.sent()
             self.wake()
 
+    @property
+    def waited_s(self) -> float:
+        """Wall time for which the clock stood still for its holders."""
+        return 0.0 if self.holders is None else self.holders.waited_s
+
     def wake(self) -> None:
         """Have the thread that waits look again."""
         self._jobs.put((_nothing, None))

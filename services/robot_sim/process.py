@@ -4,6 +4,7 @@ import gc
 import logging
 import threading
 import time
+from collections.abc import Callable
 from functools import partial
 
 from rodeo.config import Site
@@ -39,8 +40,10 @@ class Bus:
         lab: LabPlane,
         robots: list[RobotPlane],
         people: PeoplesTime,
+        waited_s: Callable[[], float],
     ) -> None:
         self._service, self._snapshot, self._lab, self._robots = service, snapshot, lab, robots
+        self._waited_s = waited_s
         self._people = people
         self._tick = 0
         self._reported = (time.monotonic(), snapshot.time_ns)
@@ -65,6 +68,7 @@ class Bus:
                 speed=round(speed, 2),
                 site_time_s=self._snapshot.time_ns * 1e-9,
                 measured_s=time.time(),
+                waited_s=round(self._waited_s(), 3),
             )
 
 
@@ -121,7 +125,7 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             # What was made until now is not garbage before the process ends.
             gc.freeze()
             service.ready()
-            loop.run(Bus(service, snapshot, lab, robots, people))
+            loop.run(Bus(service, snapshot, lab, robots, people, lambda: loop.waited_s))
             people.close()
             if loop.holders is not None:
                 loop.holders.close()
