@@ -13,7 +13,7 @@ from rodeo.bus import DaoEvents
 from rodeo.chain import ChainClient, Deployment
 from rodeo.messages import DaoEvent
 from tests.support.clock import publish_clock
-from tests.support.site import WAIT_S, RunningSite
+from tests.support.site import PAUSE_S, WAIT_S, RunningSite
 
 PARAMS = {"item_id": "item1", "x_m": 1.0, "y_m": 2.0}
 CHARGING = {"robot": "panther1", "dock": "dock1", "soc_from": 0.5, "soc_target": 0.95, "energy_wh": 421.0}
@@ -103,10 +103,11 @@ class Dao:
     def set_clock(self, time_s: float) -> None:
         """Set the site's clock and return once the chain would stamp its next block with it."""
         chain = Web3(Web3.HTTPProvider(self.site.chain.url))
-        deadline_s = time.monotonic() + WAIT_S
+        deadline_s, pause = time.monotonic() + WAIT_S, threading.Event()
         publish_clock(self.running.bus, self.site.bus.domain_id, time_s)
         while chain.eth.get_block("pending")["timestamp"] < int(time_s):
             assert time.monotonic() < deadline_s, self.running.log("chain")
+            pause.wait(PAUSE_S)
 
     def names_of(self, task_id: int) -> list[str]:
         """Names of the task's events so far, in order."""

@@ -30,6 +30,8 @@ READY_S = 120.0
 WAIT_S = 60.0
 """Wall time after which what a test waits for does not come any more, however slow the machine is."""
 STOP_S = 30.0
+PAUSE_S = 0.02
+"""Wall time between two looks at something: asking without a pause takes the processor from who is asked."""
 
 
 _handed_out: set[int] = set()
@@ -132,7 +134,7 @@ class RunningSite:
 
     def wait_for_status(self, name: str, holds: Callable[[Status], bool]) -> Status:
         """The status of process `name` once this holds for it."""
-        deadline_s = time.monotonic() + READY_S
+        deadline_s, pause = time.monotonic() + READY_S, threading.Event()
         status = None
         while True:
             with suppress(BusError):
@@ -140,6 +142,7 @@ class RunningSite:
                 if holds(status):
                     return status
             assert time.monotonic() < deadline_s, f"{name}: {status}\n{self.log(name)}"
+            pause.wait(PAUSE_S)
 
     def log(self, name: str) -> str:
         path = self.site.data_dir / "logs" / f"{name}.log"
