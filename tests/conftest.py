@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.nursery import Nursery
 from tests.support.site import RunningSite, write_site
 
 
@@ -37,6 +38,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session")
 def chain_backend(request: pytest.FixtureRequest) -> str:
     return str(request.config.getoption("--chain"))
+
+
+@pytest.fixture(scope="session", autouse=True)
+def nursery() -> Iterator[None]:
+    """Processes of sites are forks of one that has imported what they need."""
+    with Nursery() as RunningSite.nursery:
+        yield
+    RunningSite.nursery = None
 
 
 @pytest.fixture

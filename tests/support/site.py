@@ -15,6 +15,7 @@ import urllib.request
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import ClassVar
 
 from deploy.processes import processes_of
 from rodeo.bus import Bus
@@ -24,6 +25,7 @@ from rodeo.instance import PARENT_VARIABLE
 from rodeo.messages import Status
 from rodeo.tls import OPERATOR, identity
 from rodeo.wallets import ensure_wallets
+from tests.support.nursery import Fork, Nursery
 
 LAB = Path(__file__).parents[2] / "deploy" / "sites" / "lab.toml"
 READY_S = 120.0
@@ -76,10 +78,13 @@ def readyz(metrics_url: str) -> tuple[int, str]:
 class RunningSite:
     """A site's processes as children of the test."""
 
+    nursery: ClassVar[Nursery | None] = None
+    """Forks the processes; without one each starts from nothing, as it does on a robot."""
+
     def __init__(self, path: Path, wallets: bool = True) -> None:
         self.path = path
         self.site = Site.load(path)
-        self.children: dict[str, subprocess.Popen[bytes]] = {}
+        self.children: dict[str, subprocess.Popen[bytes] | Fork] = {}
         self._bus: Bus | None = None
         if wallets:
             ensure_wallets(self.site)
@@ -163,15 +168,21 @@ class RunningSite:
                 raise AssertionError(f"{name} did not stop on SIGTERM\n{self.log(name)}") from None
         self.children.clear()
 
-    def _spawn(self, name: str, module: str, arguments: tuple[str, ...] = ()) -> subprocess.Popen[bytes]:
+    def _spawn(
+        self, name: str, module: str, arguments: tuple[str, ...] = ()
+    ) -> subprocess.Popen[bytes] | Fork:
         logs = self.site.data_dir / "logs"
         logs.mkdir(parents=True, exist_ok=True)
+        given = ["--site", str(self.path), *arguments]
+        env = {**os.environ, PARENT_VARIABLE: str(os.getpid())}
         with open(logs / f"{name}.log", "ab") as output:
+            if self.nursery is not None:
+                return self.nursery.start(module, given, output, env)
             return subprocess.Popen(
-                [sys.executable, "-m", module, "--site", str(self.path), *arguments],
+                [sys.executable, "-m", module, *given],
                 stdin=subprocess.DEVNULL,
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 start_new_session=True,
-                env={**os.environ, PARENT_VARIABLE: str(os.getpid())},
+                env=env,
             )

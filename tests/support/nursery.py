@@ -1,0 +1,215 @@
+"""A site's processes as forks of one process that has imported what they need.
+
+A run of the tests starts some hundred processes. Importing takes most of the processor time of a start: three
+seconds where it signs, and a fork takes milliseconds. From there on it is as `python -m MODULE` is: a process
+and a session of its own, with its arguments, environment, output, signals and exit status, and it ends with
+the one that started it. Launchers, and with them `rodeo up` and `make demo`, start theirs anew, in tests too.
+"""
+
+from __future__ import annotations
+
+import gc
+import importlib
+import json
+import os
+import runpy
+import select
+import signal
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import IO, Any
+
+from rodeo.instance import PARENT_VARIABLE
+
+_ROOT = Path(__file__).parents[2]
+
+_IMPORTED = {
+    "deploy.chain": "deploy.chain.process",
+    "deploy.contracts": "deploy.contracts",
+    "deploy.router": "deploy.router",
+    "services.bridge": "services.bridge.service",
+    "services.charger": "services.charger.app",
+    "services.console": "services.console.app",
+    "services.itrash": "services.itrash.app",
+    "services.oracle": "services.oracle.app",
+    "services.robot_agent": "services.robot_agent.process",
+    "services.robot_sim": "services.robot_sim.process",
+}
+"""Module that is run -> what is imported before the fork; one that is not here imports everything itself."""
+
+_MESSAGE_BYTES = 1 << 17
+"""Room for the arguments and the environment of a process (Linux gives one string of them as much)."""
+
+
+_NUMBER = struct.Struct("=i")
+"""As a process's id and its exit status are told."""
+
+
+class Fork:
+    """A process of the nursery, with what tests use of `subprocess.Popen`."""
+
+    def __init__(self, news: int) -> None:
+        self.returncode: int | None = None
+        self._news = news
+        """Gives the process's id, later its exit status, and nothing when the nursery is gone."""
+        told = os.read(news, _NUMBER.size)
+        assert told, "the nursery ended; what it printed tells why"
+        (self.pid,) = _NUMBER.unpack(told)
+
+    def poll(self) -> int | None:
+        with suppress(subprocess.TimeoutExpired):
+            self.wait(0.0)
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Raises subprocess.TimeoutExpired after `timeout` seconds of wall time."""
+        if self.returncode is None:
+            if not select.select([self._news], [], [], timeout)[0]:
+                raise subprocess.TimeoutExpired(f"process {self.pid}", timeout or 0.0)
+            told = os.read(self._news, _NUMBER.size)
+            os.close(self._news)
+            # The end of the nursery ends its children.
+            self.returncode = _NUMBER.unpack(told)[0] if told else -signal.SIGTERM
+        return self.returncode
+
+    def send_signal(self, number: int) -> None:
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        self.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        self.send_signal(signal.SIGKILL)
+
+
+class Nursery:
+    """Starts processes as forks. Use as a context manager; its own process starts with the first of them."""
+
+    def __init__(self) -> None:
+        self._process: subprocess.Popen[bytes] | None = None
+        self._control: socket.socket
+
+    def __enter__(self) -> Nursery:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._process is not None:
+            # Not only closed: that would be too little where somebody else has a copy of it.
+            self._control.shutdown(socket.SHUT_RDWR)
+            self._control.close()
+            self._process.wait()
+
+    def start(self, module: str, arguments: list[str], output: IO[bytes], env: Mapping[str, str]) -> Fork:
+        """`python -m module arguments`, with the output to `output` and nothing to read."""
+        if self._process is None:
+            self._begin()
+        reader, writer = os.pipe()
+        asked = {"module": module, "arguments": arguments, "env": dict(env), "folder": os.getcwd()}
+        try:
+            socket.send_fds(self._control, [json.dumps(asked).encode()], [output.fileno(), writer])
+        finally:
+            os.close(writer)
+        return Fork(reader)
+
+    def _begin(self) -> None:
+        self._control, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._control.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _MESSAGE_BYTES)
+        with theirs:
+            self._process = subprocess.Popen(
+                [sys.executable, "-m", "tests.support.nursery", str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                pass_fds=[theirs.fileno()],
+                cwd=_ROOT,
+                start_new_session=True,
+            )
+
+
+def main(control: socket.socket) -> None:
+    """Fork what is asked for on `control` and tell how each ends, until it is closed."""
+    given = dict(os.environ)
+    reporting: dict[int, int] = {}
+    """Process -> where its exit status is told."""
+    reader, writer = os.pipe()
+    os.set_blocking(reader, False)
+    os.set_blocking(writer, False)
+    signal.signal(signal.SIGCHLD, lambda _number, _frame: None)
+    signal.set_wakeup_fd(writer)
+    while True:
+        ready = select.select([control, reader], [], [])[0]
+        if reader in ready:
+            os.read(reader, 4096)
+            _report(reporting)
+        if control not in ready:
+            continue
+        message, descriptors, _, _ = socket.recv_fds(control, _MESSAGE_BYTES, 2)
+        if not message:
+            return
+        output, news = descriptors
+        asked = json.loads(message)
+        # A module that cannot be imported is the child's to tell of.
+        with suppress(ImportError):
+            importlib.import_module(_IMPORTED.get(asked["module"], "rodeo.service"))
+        gc.collect()
+        # What is imported is not looked at again: pages that nobody touches stay shared.
+        gc.freeze()
+        parent = os.getpid()
+        pid = os.fork()
+        if pid == 0:
+            signal.set_wakeup_fd(-1)
+            signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+            control.close()
+            for descriptor in (reader, writer, news, *reporting.values()):
+                os.close(descriptor)
+            # MuJoCo's importers choose its OpenGL back end so.
+            imports = {name: value for name, value in os.environ.items() if given.get(name) != value}
+            _become(asked, {**imports, **asked["env"]}, parent, output)
+            return
+        os.close(output)
+        reporting[pid] = news
+        _tell(news, pid)
+
+
+def _report(reporting: dict[int, int]) -> None:
+    """Tell how those ended that have, by the numbers of `subprocess.Popen.returncode`."""
+    while reporting:
+        pid, status = os.waitpid(-1, os.WNOHANG)
+        if pid == 0:
+            return
+        news = reporting.pop(pid)
+        _tell(news, os.waitstatus_to_exitcode(status))
+        os.close(news)
+
+
+def _tell(news: int, number: int) -> None:
+    # Nobody may be there to read it: a test that took too long has given up.
+    with suppress(BrokenPipeError):
+        os.write(news, _NUMBER.pack(number))
+
+
+def _become(asked: dict[str, Any], env: dict[str, str], parent: int, output: int) -> None:
+    """Run the module in this process."""
+    os.setsid()
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    os.close(output)
+    os.chdir(asked["folder"])
+    os.environ.clear()
+    os.environ.update(env)
+    if PARENT_VARIABLE in os.environ:
+        os.environ[PARENT_VARIABLE] = str(parent)
+    module = asked["module"]
+    # Run, it is `__main__`, and not imported as well.
+    if module in _IMPORTED.values():
+        sys.modules.pop(module, None)
+    sys.argv = [module, *asked["arguments"]]
+    runpy.run_module(module, run_name="__main__", alter_sys=True)
+
+
+if __name__ == "__main__":
+    main(socket.socket(fileno=int(sys.argv[1])))
