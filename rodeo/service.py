@@ -221,12 +221,16 @@ class Service:
     def ready(self, lapses_s: float | None = None) -> None:
         """`lapses_s` (wall): how soon it must be said again, so that a process that hangs is not ready."""
         with self._lock:
-            if not self._ready:
+            news = not self._ready
+            if news:
                 log.info("ready")
             self._ready, self._reason = True, ""
             self._ready_until_s = None if lapses_s is None else time.monotonic() + lapses_s
             if self._activity == "starting":
                 self._activity = "idle"
+        if news:
+            # Whoever waits for it need not wait for the next heartbeat.
+            self._publish_status()
 
     def not_ready(self, reason: str) -> None:
         with self._lock:

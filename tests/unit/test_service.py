@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -101,3 +102,27 @@ def test_a_process_whose_clock_should_be_the_walls_and_is_not_is_not_ready(
             publish_clock(bus, site.bus.domain_id, time.time() + off_s)
         status = service.status()
         assert (status.ready, status.reason) == (not reason, reason)
+
+
+def test_that_it_is_ready_is_said_at_once_and_not_with_the_next_heartbeat(
+    tmp_path: Path, router_port: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rodeo.service.HEARTBEAT_S", 3600.0)
+    site = Site.load(write_site(tmp_path, extra=OPEN_BUS.format(speed=1, port=router_port)))
+    heard = threading.Event()
+
+    def on_status(_key: str, data: dict[str, Any]) -> None:
+        if data["ready"]:
+            heard.set()
+
+    with (
+        Bus.open(site.bus.router, timeout_s=30.0) as bus,
+        Service("oracle", site, threading.Event()) as service,
+    ):
+        bus.subscribe_json(f"rodeo/{site.org}/status/oracle", on_status)
+        deadline_s = time.monotonic() + 30
+        # Again: the first may be said before the router knows who listens.
+        while not heard.wait(0.05):
+            assert time.monotonic() < deadline_s
+            service.not_ready("starting")
+            service.ready()
