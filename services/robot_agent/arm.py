@@ -112,6 +112,13 @@ class Arm:
         others = sorted(set(range(self.model.nv)) - set(self._dofs.tolist()))
         self._hold_others = mink.DofFreezingTask(self.model, dof_indices=others)
         self._limit = mink.ConfigurationLimit(self.model)
+        # Kept from one solution to the next: making them costs more than solving.
+        self._configuration = mink.Configuration(self.model)
+        self._reach = mink.FrameTask(GRASP_SITE, "site", position_cost=10.0, orientation_cost=1.0)
+        self._open_qpos = self.model.qpos0.copy()
+        """The model's own posture with the fingers open."""
+        for finger, side in (("left_finger", 1), ("right_finger", -1)):
+            self._open_qpos[self.model.joint(finger).qposadr[0]] = side * 0.04
 
     def forward(self, q: Vector) -> GripperPose:
         """Gripper pose for joint angles `q` (6,)."""
@@ -137,7 +144,9 @@ class Arm:
     def collides(self, q: Vector) -> bool:
         """Whether the robot touches itself at `q`."""
         self._place(q)
-        mujoco.mj_fwdPosition(self.model, self._data)
+        # What contacts need of mj_fwdPosition: neither inertia nor constraints.
+        mujoco.mj_kinematics(self.model, self._data)
+        mujoco.mj_collision(self.model, self._data)
         return bool(self._data.ncon)
 
     def inverse(self, target: GripperPose, near: Vector) -> Vector:
@@ -164,8 +173,8 @@ class Arm:
 
     def _solve(self, target: GripperPose, seed: Vector) -> tuple[Vector, float, float]:
         self._place(np.clip(seed, self.lower + 1e-3, self.upper - 1e-3))
-        configuration = mink.Configuration(self.model, self._data.qpos.copy())
-        task = mink.FrameTask(GRASP_SITE, "site", position_cost=10.0, orientation_cost=1.0)
+        configuration, task = self._configuration, self._reach
+        configuration.update(self._data.qpos)
         task.set_target(
             mink.SE3.from_rotation_and_translation(mink.SO3.from_matrix(target.rotation), target.position_m)
         )
@@ -236,9 +245,7 @@ class Arm:
         return Trajectory(times, spline(parameter[:, 0]), spline(parameter[:, 0], 1) * parameter[:, 1:])
 
     def _place(self, q: Vector) -> None:
-        self._data.qpos[:] = self.model.qpos0
-        for finger, side in (("left_finger", 1), ("right_finger", -1)):
-            self._data.qpos[self.model.joint(finger).qposadr[0]] = side * 0.04
+        self._data.qpos[:] = self._open_qpos
         self._data.qpos[self._qpos] = q
 
 
