@@ -1,15 +1,15 @@
 """Records one task into one sealed MCAP file.
 
-Subscribers only append to a queue; a thread of its own writes, hashes, seals and flushes, so a slow disk
-never blocks the bus. Every seal closes a chunk, so a killed process loses at most what came after the last
-one (`SEAL_PERIOD_NS` of recorded time by default).
+Subscribers only append to a list; a thread of its own writes, hashes, seals and flushes, so a slow disk
+never blocks the bus. It takes up a tenth of a second of recorded time at once: to wake it for each message
+costs more than to write one. Every seal closes a chunk, so a killed process loses at most what came after
+the last one (`SEAL_PERIOD_NS` of recorded time by default).
 """
 
 from __future__ import annotations
 
 import json
 import os
-import queue
 import struct
 import threading
 from array import array
@@ -52,6 +52,8 @@ RESUMED = "recording_resumed"
 _JSON_CHANNELS = frozenset({EVENT_CHANNEL, ATTESTATION_CHANNEL})
 _IDLE_SEAL_S = 1.0
 """Wall time after which messages are sealed although no further one came."""
+_AT_ONCE_NS = 100_000_000
+"""Recorded time whose messages are written together."""
 
 OnSeal = Callable[[bytes], None]
 """Gets a seal message's bytes."""
@@ -199,10 +201,13 @@ class Recorder:
     ) -> None:
         self.path = path
         self._clock = clock
-        self._entries: queue.SimpleQueue[_Entry | None] = queue.SimpleQueue()
         self._lock = threading.Lock()
+        self._waiting: list[_Entry] = []
+        self._due = False
+        """Whether what waits is to be written now."""
+        self._changed = threading.Condition(self._lock)
         self._accepting = True
-        self._sealing = False
+        self._finished = False
         self._failure: Exception | None = None
         self._sequences: dict[str, int] = {}
         self._file = _SealedFile(write_path, SealChain(binding, account), on_seal, seal_period_ns)
@@ -243,57 +248,85 @@ class Recorder:
         data = json.dumps(payload, allow_nan=False, separators=(",", ":")).encode()
         self._put(_Entry(channel, "", sequence, now_ns, now_ns, data, urgent))
 
+    def stop(self) -> None:
+        """Accept nothing more; everything so far is signed and on disk, and `close` or `suspend` can follow.
+
+        Raises RecorderFailed.
+        """
+        with self._lock:
+            self._require_accepting()
+            self._accepting = False
+            self._write_now()
+        self._thread.join()
+        self._guarded(self._file.sync)
+
     def close(self) -> SealedProof:
         """Write everything, the final seal and the file's index. Raises RecorderFailed."""
-        self._stop(seal=True)
+        self._finish(final=True)
         with self.path.open("rb") as file:
             sha256 = "0x" + file_digest(file, "sha256").hexdigest()
         return SealedProof(self.path, sha256, self._file.running.messages)
 
     def suspend(self) -> None:
         """Write and seal everything so far and let go of the file, for a later `resume`."""
-        self._stop(seal=False)
+        self._finish(final=False)
 
     def __enter__(self) -> Recorder:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._accepting:
+        if not self._finished:
             self.suspend()
 
     def _put(self, entry: _Entry) -> None:
         with self._lock:
             if self._failure is not None:
-                raise RecorderFailed(
-                    "the recording cannot be written", path=str(self.path)
-                ) from self._failure
-            if not self._accepting:
-                raise RecordingSealed("the recording is finished", path=str(self.path))
-            self._entries.put(entry)
+                raise self._failed() from self._failure
+            self._require_accepting()
+            self._waiting.append(entry)
+            if entry.urgent or entry.log_ns - self._waiting[0].log_ns >= _AT_ONCE_NS:
+                self._write_now()
 
-    def _stop(self, *, seal: bool) -> None:
-        with self._lock:
-            if not self._accepting:
-                raise RecordingSealed("the recording is finished", path=str(self.path))
-            self._accepting = False
-            self._sealing = seal
-            self._entries.put(None)
-        self._thread.join()
+    def _write_now(self) -> None:
+        self._due = True
+        self._changed.notify()
+
+    def _require_accepting(self) -> None:
+        if not self._accepting:
+            raise RecordingSealed("the recording is finished", path=str(self.path))
+
+    def _finish(self, *, final: bool) -> None:
+        if self._finished:
+            raise RecordingSealed("the recording is finished", path=str(self.path))
+        self._finished = True
+        if self._accepting:
+            self.stop()
+        self._guarded(lambda: self._file.finish(final=final))
+
+    def _guarded(self, write: Callable[[], None]) -> None:
+        if self._failure is None:
+            try:
+                write()
+            except Exception as error:  # noqa: BLE001 - whatever it is, the caller hears of it
+                self._failure = error
         if self._failure is not None:
-            raise RecorderFailed("the recording cannot be written", path=str(self.path)) from self._failure
+            raise self._failed() from self._failure
+
+    def _failed(self) -> RecorderFailed:
+        return RecorderFailed("the recording cannot be written", path=str(self.path))
 
     def _write_all(self) -> None:
         try:
-            while True:
-                try:
-                    entry = self._entries.get(timeout=_IDLE_SEAL_S)
-                except queue.Empty:
+            accepting = True
+            while accepting:
+                with self._changed:
+                    idle = not self._changed.wait_for(lambda: self._due, _IDLE_SEAL_S)
+                    entries, self._waiting, self._due = self._waiting, [], False
+                    accepting = self._accepting
+                for entry in entries:
+                    self._file.add(entry)
+                if idle and not entries:
                     self._file.seal()
-                    continue
-                if entry is None:
-                    break
-                self._file.add(entry)
-            self._file.finish(final=self._sealing)
         except Exception as error:  # noqa: BLE001 - whatever it is, the next caller has to hear of it
             with self._lock:
                 self._failure = error
@@ -353,6 +386,11 @@ class _SealedFile:
         """Sign what is not yet signed and put it on disk."""
         if self._unsealed_since_ns is not None:
             self._write_seal()
+
+    def sync(self) -> None:
+        """Sign what is not yet signed; returns when the disk has all of it."""
+        self.seal()
+        os.fsync(self._stream.fileno())
 
     def finish(self, *, final: bool) -> None:
         self.seal()

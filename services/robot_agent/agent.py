@@ -515,13 +515,18 @@ class Agent:
         try:
             journal.failure = self._execute(task, recording, released_s)
             recording.catch_up()
+            self._stop_recording()
+            recording.stop()
+            journal.advance(folder, Phase.EXECUTED)
+            self._report("sealing the recording", 0.95)
+            recording.seal()
+            journal.advance(folder, Phase.SEALED)
         finally:
             self._stop_recording()
             recording.suspend()
-        journal.advance(folder, Phase.EXECUTED)
 
     def _seal(self, task: Task, journal: Journal, folder: Path) -> None:
-        """Finish the recording as it is. Raises EvidenceError, BusError."""
+        """Finish, as it is, a recording whose process was interrupted. Raises EvidenceError, BusError."""
         self._report("sealing the recording", 0.95)
         path = folder / "recording.mcap"
         try:

@@ -167,6 +167,7 @@ class Recording:
         self._watches = site.lab.mocap
         self._failure: EvidenceError | None = None
         self._open = False
+        self._finished = False
         self._holes_allowed = holes_allowed
         self._hole_ns = 0
         self._last_odom: tuple[int, int] | None = None
@@ -397,18 +398,32 @@ class Recording:
         if not self._pictures.wait(_SILENT_WALL_S):
             log.warning("the bin does not give the picture that it classified")
 
-    def suspend(self) -> None:
-        """Put everything on disk and let go of the file, to be sealed or gone on with."""
+    def stop(self) -> None:
+        """Hear nothing more; what was heard is signed and on disk, to be sealed or suspended."""
         left_out = self._refusals.summary()
         if left_out:
             self.note({"event": LEFT_OUT, "counts": left_out})
         with self._lock:
+            if not self._open:
+                return
             self._open = False  # what still arrives while the subscriptions go belongs to no task
         self._hush()
         try:
-            self._recorder.suspend()
+            self._recorder.stop()
         finally:
             self._seals.close()
+
+    def seal(self) -> None:
+        """Finish the recording for good, after `stop`."""
+        self._finished = True
+        self._recorder.close()
+
+    def suspend(self) -> None:
+        """Let go of the file, to be sealed or gone on with; no effect on one that is sealed."""
+        if not self._finished:
+            self._finished = True
+            self.stop()
+            self._recorder.suspend()
 
     def _hush(self) -> None:
         self._listener.close()

@@ -20,6 +20,7 @@ from rosbags.typesys import Stores, get_typestore
 from rodeo.evidence import Binding, Recorder, open_proof
 from rodeo.evidence.errors import BrokenSeal, RecorderFailed, RecordingExists, RecordingSealed, UnsealedProof
 from rodeo.evidence.recorder import Tally
+from tests.support.site import WAIT_S
 from tests.unit.evidence.conftest import START_NS, TICK_NS, HandClock, drive, joint_state, odometry
 
 
@@ -198,6 +199,32 @@ def test_suspended_recordings_continue(
     assert [event["event"] for event in proof.events()] == ["recording_resumed", "recording_closed"]
 
 
+def test_a_stopped_recording_survives_a_kill_before_it_is_sealed(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    path, killed = tmp_path / "proof.mcap", tmp_path / "killed.mcap"
+    recorder = Recorder(path, binding, device, clock)
+    drive(recorder, 0, 123)
+    recorder.stop()
+    with pytest.raises(RecordingSealed):
+        drive(recorder, 123, 124)
+    killed.write_bytes(path.read_bytes())
+    recorder.close()
+    Recorder.finish(killed, binding, device, clock)
+    assert list(open_proof(path)) == list(open_proof(killed))
+    assert open_proof(path).count("/panther1/odom") == 123
+
+
+def test_a_few_messages_are_signed_once_nothing_follows(
+    tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
+) -> None:
+    sealed, path = threading.Semaphore(0), tmp_path / "proof.mcap"
+    with Recorder(path, binding, device, clock, lambda _data: sealed.release()) as recorder:
+        assert sealed.acquire(timeout=WAIT_S)  # the opening seal
+        drive(recorder, 0, 2)
+        assert sealed.acquire(timeout=WAIT_S)
+
+
 def test_a_suspended_recording_is_finished_as_it_is(
     tmp_path: Path, binding: Binding, device: LocalAccount, clock: HandClock
 ) -> None:
@@ -246,7 +273,7 @@ from tests.unit.evidence.conftest import HandClock, drive
 recorder = Recorder(Path({str(path)!r}), Binding.model_validate_json({binding.model_dump_json()!r}),
                     Account.from_key({device.key.hex()!r}), HandClock())
 drive(recorder, 0, 1001)
-while recorder._entries.qsize():
+while recorder._waiting:
     pass
 print("written", flush=True)
 threading.Event().wait()
