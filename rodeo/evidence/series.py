@@ -7,9 +7,11 @@ every byte that the walk relied on is then compared in all messages.
 
 from __future__ import annotations
 
+import math
 import struct
 from array import array
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -191,36 +193,36 @@ class Layout:
         walk.guards.append(slice(walk.end(), len(first)))
         self.strings = walk.strings
         self._length = len(first)
-        guards = np.concatenate([np.arange(one.start, one.stop) for one in walk.guards])
-        self._guards = guards[np.argsort(guards)]
-        self._guarded = np.frombuffer(first, np.uint8)[self._guards].tobytes()
-        wanted = [(path, at) for path, at in walk.numbers.items() if path.startswith(numbers)]
-        doubles = [
-            np.arange(offset, offset + np.dtype(dtype).itemsize)
-            for _path, (dtype, offset) in wanted
-            if np.dtype(dtype).base == np.dtype("<f8")
+        self._guards = _fields_at((one.start, f"{one.stop - one.start}s") for one in walk.guards)
+        self._guarded = self._guards.unpack_from(first)
+        wanted = [
+            (at, np.dtype(dtype)) for path, (dtype, at) in walk.numbers.items() if path.startswith(numbers)
         ]
-        self._doubles = np.concatenate(doubles) if doubles else np.empty(0, np.int64)
-        singles = [
-            np.arange(offset, offset + np.dtype(dtype).itemsize)
-            for _path, (dtype, offset) in wanted
-            if np.dtype(dtype).base == np.dtype("<f4")
-        ]
-        self._singles = np.concatenate(singles) if singles else np.empty(0, np.int64)
+        self._numbers = _fields_at(
+            (at, f"{dtype.itemsize // dtype.base.itemsize}{dtype.base.char}")
+            for at, dtype in wanted
+            if dtype.base.kind == "f"
+        )
 
     def fits(self, message: bytes) -> bool:
         """Whether `message` can be read as the first one was: same length, names and counts."""
-        if len(message) != self._length:
-            return False
-        return np.frombuffer(message, np.uint8)[self._guards].tobytes() == self._guarded
+        return len(message) == self._length and self._guards.unpack_from(message) == self._guarded
 
     def finite(self, message: bytes) -> bool:
         """Whether the numbers of a message that fits are numbers."""
-        raw = np.frombuffer(message, np.uint8)
-        return bool(
-            np.isfinite(raw[self._doubles].view("<f8")).all()
-            and np.isfinite(raw[self._singles].view("<f4")).all()
-        )
+        return all(map(math.isfinite, self._numbers.unpack_from(message)))
+
+
+def _fields_at(fields: Iterable[tuple[int, str]]) -> struct.Struct:
+    """Reads `fields`, each an offset and its format, which do not overlap; little endian.
+
+    For one message that costs a fifth of what numpy's calls do.
+    """
+    layout, end = "<", 0
+    for offset, field in sorted(fields):
+        layout += f"{offset - end}x{field}"
+        end = offset + struct.calcsize("<" + field)
+    return struct.Struct(layout)
 
 
 def table(messages: list[bytes], log_ns: array[int], ros_type: str, topic: str) -> Table:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import itertools
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import zenoh
 import zenoh.ext
@@ -26,9 +25,8 @@ class NanosecondClock(Protocol):
     def now_ns(self) -> int: ...
 
 
-@dataclass(frozen=True, slots=True)
-class MessageInfo:
-    """What is known of a received message besides its fields."""
+class MessageInfo(NamedTuple):
+    """What is known of a received message besides its fields; one of thousands a second."""
 
     cdr: bytes
     source_time_ns: int
