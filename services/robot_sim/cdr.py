@@ -2,10 +2,12 @@
 
 CDR places a field by the lengths of what precedes it. In these messages the strings never change, so only
 stamp and numbers do: the template is serialised once, and the numbers that end the message (and, in a joint
-state, its three sequences) are overwritten in place.
+state, its three sequences) are overwritten in place. So are those of what is published less often but would
+cost several times as much to serialise.
 """
 
 import struct
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,6 +32,63 @@ class StampedDoubles:
         _STAMP.pack_into(self._buffer, _STAMP_AT, *divmod(time_ns, 1_000_000_000))
         for first, numbers in blocks:
             self._numbers[first : first + len(numbers)] = numbers
+        return bytes(self._buffer)
+
+
+class StampedFields:
+    """A message that begins with a stamp, alone or in a header; only that and some numbers change.
+
+    Args:
+        fields: the names of those numbers, each with its kind: a format character of `struct`.
+    """
+
+    def __init__(self, template: Any, **fields: str) -> None:
+        self._buffer = bytearray(types.serialize(template))
+        self._places = [
+            (struct.Struct(f"<{kind}"), _place(template, name, kind)) for name, kind in fields.items()
+        ]
+
+    def encode(self, time_ns: int, *numbers: float) -> bytes:
+        """CDR with `numbers`, one for each field in their order."""
+        _STAMP.pack_into(self._buffer, _STAMP_AT, *divmod(time_ns, 1_000_000_000))
+        for (kind, place), number in zip(self._places, numbers, strict=True):
+            kind.pack_into(self._buffer, place, number)
+        return bytes(self._buffer)
+
+
+def _place(template: Any, name: str, kind: str) -> int:
+    """Where the number `name` begins in the message: at the first byte that changes with it."""
+    size = struct.calcsize(f"<{kind}")
+    low, high = (
+        types.serialize(replace(template, **{name: struct.unpack(f"<{kind}", bytes([byte]) * size)[0]}))
+        for byte in (0, 1)
+    )
+    return next(k for k, (a, b) in enumerate(zip(low, high, strict=True)) if a != b)
+
+
+class StampedSequence:
+    """A stamped message of which only the stamp and the numbers of one sequence change, not how many.
+
+    Args:
+        name: of the sequence; in the template it is as long as it will be.
+    """
+
+    def __init__(self, template: Any, name: str) -> None:
+        self._buffer = bytearray(types.serialize(template))
+        values = getattr(template, name)
+        zeros, ones = (
+            types.serialize(
+                replace(template, **{name: np.frombuffer(bytes([byte]) * values.nbytes, values.dtype)})
+            )
+            for byte in (0, 1)
+        )
+        place = next(k for k, (a, b) in enumerate(zip(zeros, ones, strict=True)) if a != b)
+        self._numbers = np.frombuffer(self._buffer, values.dtype.newbyteorder("<"), len(values), place)
+
+    def encode(self, time_ns: int, numbers: np.ndarray) -> bytes:
+        """`numbers` in the shape of one row, of any kind that the sequence's can be made from."""
+        _STAMP.pack_into(self._buffer, _STAMP_AT, *divmod(time_ns, 1_000_000_000))
+        self._numbers[:] = numbers
         return bytes(self._buffer)
 
 

@@ -13,7 +13,14 @@ from rodeo.lab.sensors import Lidar, Pinhole
 from rodeo.lab.world import CAMERA_SITE, LIDAR_SITE
 from rodeo.ros2 import types
 from services.robot_sim.battery import Battery, Supply, SupplyStatus
-from services.robot_sim.cdr import ControllerStates, JointStates, StampedDoubles, Transforms
+from services.robot_sim.cdr import (
+    ControllerStates,
+    JointStates,
+    StampedDoubles,
+    StampedFields,
+    StampedSequence,
+    Transforms,
+)
 from services.robot_sim.frames import Transform
 from services.robot_sim.planner import Point2
 
@@ -57,6 +64,10 @@ def header(time_ns: int, frame: str) -> Any:
 
 def clock(time_ns: int) -> Any:
     return types.msg("rosgraph_msgs/msg/Clock")(clock=stamp(time_ns))
+
+
+def clock_template() -> StampedFields:
+    return StampedFields(clock(0))
 
 
 def pose(position_m: Numbers, quat_wxyz: Numbers) -> Any:
@@ -127,6 +138,11 @@ def scan(time_ns: int, namespace: str, ranges_m: np.ndarray) -> Any:
     )
 
 
+def scan_template(namespace: str) -> StampedSequence:
+    """Numbers: (Lidar.BEAMS,) ranges in m."""
+    return StampedSequence(scan(0, namespace, np.zeros(Lidar.BEAMS)), "ranges")
+
+
 def depth_image(time_ns: int, namespace: str, depth_m: np.ndarray) -> Any:
     """32FC1, row by row."""
     height, width = depth_m.shape
@@ -154,6 +170,15 @@ def camera_info(time_ns: int, namespace: str, lens: Pinhole) -> Any:
         r=np.eye(3).ravel(),
         p=np.hstack([matrix, np.zeros((3, 1))]).ravel(),
     )
+
+
+def camera_info_template(namespace: str, lens: Pinhole) -> StampedFields:
+    return StampedFields(camera_info(0, namespace, lens))
+
+
+def depth_image_template(namespace: str, lens: Pinhole) -> StampedSequence:
+    """Numbers: the bytes of float32 depths in m, row by row."""
+    return StampedSequence(depth_image(0, namespace, np.zeros((lens.height_px, lens.width_px))), "data")
 
 
 def transforms(time_ns: int, frames: Sequence[Transform]) -> Any:
@@ -237,6 +262,11 @@ def presence(time_ns: int, frame: str, distance_m: float) -> Any:
         max_range=2.0,
         range=distance_m,
     )
+
+
+def presence_template(frame: str) -> StampedFields:
+    """Number: the distance in m."""
+    return StampedFields(presence(0, frame, 0.0), range="f")
 
 
 def load_template(frame: str) -> StampedDoubles:

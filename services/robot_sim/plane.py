@@ -46,7 +46,7 @@ class LabPlane:
         def publisher(topic: topics.Topic, **names: str) -> Publisher:
             return node.publisher(topic.name(**names), topic.type)
 
-        self._clock = publisher(topics.CLOCK)
+        self._clock, self._clock_cdr = publisher(topics.CLOCK), messages.clock_template()
         self._clock_sent_s = -math.inf
         self._mocap = mocap
         self._mocap_poses = {
@@ -56,6 +56,7 @@ class LabPlane:
         }
         self._pose = messages.pose_template()
         self._presence = publisher(topics.BIN_PRESENCE, bin=self._bin)
+        self._presence_cdr = messages.presence_template(self._bin)
         self._loads = {
             name: (
                 publisher(topics.BIN_LOAD, bin=self._bin, compartment=name),
@@ -88,7 +89,7 @@ class LabPlane:
             add(self._mocap.see, poses, now_ns)
         if skipped or tick % _SLOW_TICKS == 0:
             presence_m = seen.presence_m()
-            add(self._presence.publish, messages.presence(now_ns, self._bin, presence_m), now_ns)
+            add(self._presence.publish_cdr, self._presence_cdr.encode(now_ns, presence_m), now_ns)
             weights_n = {name: seen.weight_n(name) for name in self._loads}
             for name, (scale, load) in self._loads.items():
                 weight = messages.LOAD_Z, (weights_n[name],)
@@ -116,11 +117,11 @@ class LabPlane:
         if self.stalled or now_s - self._clock_sent_s >= _CLOCK_WALL_PERIOD_S:
             self._clock_sent_s = now_s
             now_ns = self._snapshot.time_ns
-            self._loop.outbox.add(self._clock.publish, messages.clock(now_ns), now_ns)
+            self._loop.outbox.add(self._clock.publish_cdr, self._clock_cdr.encode(now_ns), now_ns)
 
     def tell_time(self, now_ns: int) -> None:
         """Publish /clock at once."""
-        self._clock.publish(messages.clock(now_ns), now_ns)
+        self._clock.publish_cdr(self._clock_cdr.encode(now_ns), now_ns)
 
     def _capture(self, _request: Any) -> Any:
         def take() -> None:
@@ -201,11 +202,13 @@ class RobotPlane:
         self._arm_state = messages.controller_state_template(ARM_JOINTS)
         self._gripper_state = messages.controller_state_template(FINGER_JOINTS)
         self._battery = publisher(topics.BATTERY_STATE)
-        self._scan = publisher(topics.SCAN)
+        self._scan, self._scan_cdr = publisher(topics.SCAN), messages.scan_template(self._ns)
         self._depth_image, self._depth_info = (
             publisher(topics.WRIST_DEPTH),
             publisher(topics.WRIST_DEPTH_INFO),
         )
+        self._depth_cdr = messages.depth_image_template(self._ns, seen.depth.lens)
+        self._depth_info_cdr = messages.camera_info_template(self._ns, seen.depth.lens)
         self._image, self._camera = (
             publisher(topics.WRIST_IMAGE),
             WristCamera(snapshot.model, f"{name}/wrist_camera"),
@@ -232,12 +235,11 @@ class RobotPlane:
         if self._tf.matched:
             add(self._tf.publish_cdr, self._transforms.encode(now_ns, self._frame_poses()), now_ns)
         if (skipped or tick % _SLOW_TICKS == 0) and self._scan.matched:
-            add(self._scan.publish, messages.scan(now_ns, self._ns, seen.scan_m()), now_ns)
+            add(self._scan.publish_cdr, self._scan_cdr.encode(now_ns, seen.scan_m()), now_ns)
         if (skipped or tick % _DEPTH_TICKS == 0) and self._depth_image.matched:
-            info = messages.camera_info(now_ns, self._ns, seen.depth.lens)
-            add(self._depth_info.publish, info, now_ns)
-            image = messages.depth_image(now_ns, self._ns, seen.depth_m())
-            add(self._depth_image.publish, image, now_ns)
+            add(self._depth_info.publish_cdr, self._depth_info_cdr.encode(now_ns), now_ns)
+            depth = seen.depth_m().astype("<f4").view(np.uint8).ravel()
+            add(self._depth_image.publish_cdr, self._depth_cdr.encode(now_ns, depth), now_ns)
             self._loop.sent()
         if (skipped or tick % _SECOND_TICKS == 0) and self._image.matched:
             jpeg = self._camera.jpeg(self._snapshot.data)

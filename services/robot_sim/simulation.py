@@ -9,7 +9,7 @@ from rodeo.chance import Moments, generator
 from rodeo.config import Site
 from rodeo.lab.body import Body, Twist2
 from rodeo.lab.config import RobotConfig, gripper_body
-from rodeo.lab.layout import BinLayout, on_contacts
+from rodeo.lab.layout import BUMPER_M, BinLayout, on_contacts
 from rodeo.lab.sensors import Lidar
 from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import (
@@ -250,8 +250,12 @@ class Simulation:
     @property
     def docked(self) -> SimRobot | None:
         """The robot on the dock's contacts."""
+        dock = self.site.dock
+        # Most are far from it, which is known without their whole pose.
         for robot in self.robots.values():
-            if on_contacts(self.site.dock, robot.body.pose):
+            x_m, y_m, _ = robot.body.position_m.tolist()
+            off_m = math.hypot(x_m - dock.pose.x_m, y_m - dock.pose.y_m)
+            if off_m < 2 * (BUMPER_M + dock.contact_tolerance_m) and on_contacts(dock, robot.body.pose):
                 return robot
         return None
 

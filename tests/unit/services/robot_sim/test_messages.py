@@ -9,6 +9,7 @@ import pytest
 from rodeo.config import Site
 from rodeo.lab.body import JOINTS
 from rodeo.lab.config import NoiseConfig
+from rodeo.lab.sensors import WRIST_CAMERA, Lidar
 from rodeo.ros2 import types
 from services.robot_sim import messages
 from services.robot_sim.frames import RobotFrames, Transform, odom_in_map
@@ -61,6 +62,42 @@ def test_joint_states_written_into_their_template_read_back() -> None:
     assert (message.position == position).all()
     assert (message.velocity == velocity).all()
     assert (message.effort == effort).all()
+
+
+def test_a_clock_written_into_its_template_is_the_serialised_clock() -> None:
+    template = messages.clock_template()
+    template.encode(1)
+    assert template.encode(TIME_NS) == types.serialize(messages.clock(TIME_NS))
+
+
+@pytest.mark.parametrize("distance_m", [0.31, math.inf])
+def test_a_distance_written_into_its_template_is_the_serialised_range(distance_m: float) -> None:
+    template = messages.presence_template("bin")
+    template.encode(1, 1.5)
+    expected = types.serialize(messages.presence(TIME_NS, "bin", distance_m))
+    assert template.encode(TIME_NS, distance_m) == expected
+
+
+def test_ranges_written_into_their_template_are_the_serialised_scan() -> None:
+    ranges_m = np.random.default_rng(4).uniform(0.3, 10.0, Lidar.BEAMS)
+    ranges_m[::7] = math.inf
+    template = messages.scan_template("robots/one")
+    template.encode(1, np.ones(Lidar.BEAMS))
+    expected = types.serialize(messages.scan(TIME_NS, "robots/one", ranges_m))
+    assert template.encode(TIME_NS, ranges_m) == expected
+
+
+def test_depths_written_into_their_template_are_the_serialised_picture_and_its_lens() -> None:
+    lens = WRIST_CAMERA
+    depth_m = np.random.default_rng(5).uniform(0.1, 1.5, (lens.height_px, lens.width_px)).astype(np.float32)
+    depth_m[0, :3] = -math.inf, math.inf, 0.5
+    template = messages.depth_image_template("robots/one", lens)
+    template.encode(1, np.ones(depth_m.nbytes, np.uint8))
+    expected = types.serialize(messages.depth_image(TIME_NS, "robots/one", depth_m))
+    assert template.encode(TIME_NS, depth_m.view(np.uint8).ravel()) == expected
+    info = messages.camera_info_template("robots/one", lens)
+    info.encode(1)
+    assert info.encode(TIME_NS) == types.serialize(messages.camera_info(TIME_NS, "robots/one", lens))
 
 
 def test_the_frames_lead_from_the_base_to_where_the_hand_is() -> None:
