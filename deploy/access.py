@@ -33,6 +33,7 @@ _CALLERS: dict[str, str] = {
     topics.NAVIGATE_TO_POSE.key: "robot_agent",
     topics.FOLLOW_JOINT_TRAJECTORY.key: "robot_agent",
     topics.GRIPPER_CMD.key: "robot_agent",
+    topics.MOTOR_POWER.key: "robot_agent",
     topics.BIN_CAPTURE.key: "itrash",
     topics.DOCK_ENABLE.key: "charger",
     # Nobody who is paid for moving things moves them by decree.

@@ -176,6 +176,13 @@ EMERGENCY_STOP = _served(
     Form.SERVICE,
     "true stops base and arm, aborts and refuses goals until it is called with false",
 )
+MOTOR_POWER = _served(
+    "{ns}/motor_power",
+    "std_srvs/srv/SetBool",
+    Form.SERVICE,
+    "optional; false cuts the motors' power outside the robot's working hours: it draws its standby power "
+    "and refuses goals until it is called with true",
+)
 NAVIGATE_TO_POSE = _served(
     "{ns}/navigate_to_pose",
     "nav2_msgs/action/NavigateToPose",

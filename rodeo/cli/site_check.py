@@ -65,7 +65,10 @@ def check(path: Path) -> list[Finding]:
         return [finding("error", place, text) for place, text in explained(error, Site).items()]
     if wrong := faults(site):
         return [finding("error", place, text) for place, text in wrong.items()]
-    return [finding("warning", place, text) for place, text in (*_overlaps(site), *_unreachable(site))]
+    return [
+        finding("warning", place, text)
+        for place, text in (*_standby(site), *_overlaps(site), *_unreachable(site))
+    ]
 
 
 def _files(path: Path) -> Iterator[tuple[Path, dict[Place, int]]]:
@@ -155,6 +158,16 @@ def _overlaps(site: Site) -> Iterator[tuple[Place, str]]:
         x_m, y_m = zip(*box.corners, strict=True)
         if max(-min(x_m), -min(y_m), max(x_m) - length_m, max(y_m) - width_m) > _TOUCH_M:
             yield (*box.place, "pose"), f"{box.name} reaches into a wall"
+
+
+def _standby(site: Site) -> Iterator[tuple[Place, str]]:
+    for number, robot in enumerate(site.robots):
+        off_w, on_w = robot.battery.standby_power_w, robot.battery.idle_power_w
+        if off_w > on_w:
+            yield (
+                ("robots", number, "battery", "standby_power_w"),
+                f"{robot.name} draws more while it is off ({off_w:g} W) than while it stands ({on_w:g} W)",
+            )
 
 
 def _unreachable(site: Site) -> Iterator[tuple[Place, str]]:

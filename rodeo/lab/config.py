@@ -9,7 +9,17 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
+
+from rodeo.schedule import Schedule, parse_hours, require_apart, zone
 
 Positive = Annotated[float, Field(gt=0)]
 Point2 = tuple[float, float]
@@ -171,6 +181,9 @@ class BatteryConfig(Section):
     resistance_ohm: Positive = 0.15
     soc: float = Field(1.0, ge=0, le=1, description="state of charge when the world is new")
     idle_power_w: Positive = 45.0
+    standby_power_w: float = Field(
+        5.0, ge=0, description="while the motors are switched off, outside the robot's working hours"
+    )
     arm_power_w: Positive = Field(35.0, description="added while the arm moves or holds torque")
     drive_efficiency: float = Field(
         0.6, gt=0, le=1, description="mechanical power at the wheels / electrical"
@@ -210,6 +223,16 @@ class NoiseConfig(Section):
     )
 
 
+def _are_hours(text: str) -> str:
+    parse_hours(text)
+    return text
+
+
+def _is_a_zone(name: str) -> str:
+    zone(name)
+    return name
+
+
 class RobotConfig(Section):
     """One robot: by default a Husarion Panther with a ViperX 300S arm.
 
@@ -227,9 +250,25 @@ class RobotConfig(Section):
     """Keystore of its account; the name if left out."""
     pose: Pose2
     """Where a simulated body stands in a new world."""
+    working_hours: tuple[Annotated[str, AfterValidator(_are_hours)], ...] | None = Field(None, min_length=1)
+    """Hours of the day in which it works, like "08:00-18:00" (rodeo.schedule); always if left out. It is off
+    otherwise: it takes no work, and draws its battery's standby power."""
+    timezone: Annotated[str, AfterValidator(_is_a_zone)] = "UTC"
+    """Of the working hours, by its name in the IANA database, for instance "Europe/Berlin"."""
     battery: BatteryConfig = BatteryConfig()
     limits: MotionLimits = MotionLimits()
     noise: NoiseConfig = NoiseConfig()
+
+    @field_validator("working_hours")
+    @classmethod
+    def _hours_are_apart(cls, hours: tuple[str, ...] | None) -> tuple[str, ...] | None:
+        require_apart(hours or ())
+        return hours
+
+    @property
+    def schedule(self) -> Schedule:
+        """When it works."""
+        return Schedule(self.working_hours, self.timezone)
 
     @model_validator(mode="before")
     @classmethod

@@ -172,7 +172,11 @@ class Agent:
             self._receipts,
         )
         self._chance = generator(site, service.name, "explore")
+        self._schedule = robot.schedule
+        self._off_since: Situation | None = None
+        """How things were when the robot was switched off; None while it is on."""
         self._wake = threading.Event()
+        threading.Thread(target=self._wake_to_stop, name="stop", daemon=True).start()
         self._doing: dict[str, Any] = {"activity": "starting"}
         self._attempt: Task | None = None
         self._complaint = ""
@@ -244,8 +248,10 @@ class Agent:
 
     def _live(self) -> None:
         try:
-            while not self._stop.is_set():
+            while True:
                 self._wake.clear()
+                if self._stop.is_set():  # asked after clearing: `_wake_to_stop` comes once
+                    return
                 try:
                     self._step()
                 except Stopped:
@@ -277,22 +283,21 @@ class Agent:
             self._node.close()
 
     def _step(self) -> None:
-        standing = self._orders.standing
-        charge = self._dao.own_live_task(CHARGING)
-        soc = self._body.battery(self._checkpoint).soc
-        assignment = next(iter(self._dao.assignments(CLEANING)), None)
-        situation = Situation(
-            soc=soc,
-            assignment=assignment,
-            charge=charge,
-            lasts=self._upkeep.lasts(soc, assignment, self._body.base_pose(self._checkpoint)),
-            begun=assignment is not None and self._has_begun(assignment),
-            paused=standing.paused or bool(self._service.disk_problem),
-            charge_ordered=standing.charge,
-        )
+        situation = self._look()
         intent = decide(situation, self._site.agent)
-        idle = intent is not Intent.CLEAN and not standing.paused
-        if idle and self._memory.held is not None and (held := self._feel()) is not None:
+        if intent is not Intent.OFF:
+            self._body.switch_on()
+            if self._off_since is not None:
+                self._off_since = None
+                self._report("switched on")
+                return  # from now on the body is asked again
+        idle = intent is not Intent.CLEAN and not self._orders.standing.paused
+        if (
+            idle
+            and self._off_since is None
+            and self._memory.held is not None
+            and (held := self._feel()) is not None
+        ):
             self._tidy(held)
         if intent is not Intent.CLEAN:
             # A task to be done comes first: its motion must not wait for the chain.
@@ -305,8 +310,41 @@ class Agent:
             Intent.AWAIT_CHARGE: self._await_charge,
             Intent.EXPLORE: self._explore,
             Intent.REST: self._rest,
+            Intent.OFF: self._be_off,
         }
         act[intent](situation)
+
+    def _look(self) -> Situation:
+        """How things are. Of a robot that is off the body is not asked."""
+        self._checkpoint()
+        standing = self._orders.standing
+        charge = self._dao.own_live_task(CHARGING)
+        off = self._off_since
+        soc = self._body.battery(self._checkpoint).soc if off is None else off.soc
+        assignment = next(iter(self._dao.assignments(CLEANING)), None)
+        if off is None:
+            lasts = self._upkeep.lasts(soc, assignment, self._body.base_pose(self._checkpoint))
+        else:
+            lasts = off.lasts
+        return Situation(
+            soc=soc,
+            assignment=assignment,
+            charge=charge,
+            lasts=lasts,
+            begun=assignment is not None and self._has_begun(assignment),
+            paused=standing.paused or bool(self._service.disk_problem),
+            charge_ordered=standing.charge,
+            off_duty=self._off_duty,
+        )
+
+    @property
+    def _off_duty(self) -> bool:
+        return not self._schedule.is_open(self._clock.now_s())
+
+    def _wake_to_stop(self) -> None:
+        """Who waits for news hears that the process is asked to end."""
+        self._stop.wait()
+        self._wake.set()
 
     def _checkpoint(self) -> None:
         if self._stop.is_set():
@@ -342,8 +380,7 @@ class Agent:
     def _open_service(self, wanted: bool) -> None:
         """Offer cleaning, or pause the offer; done again, it also mends what a killed process left behind.
 
-        What the robot has been given already cannot be put off: the contracts let nobody pause with work
-        to do.
+        A pause does not put off what the robot has been given already, so that is done first.
         """
         if wanted:
             self._dao.offer_service(
@@ -352,8 +389,13 @@ class Agent:
                 f"{self._robot.name} brings an item to the bin, which says where it belongs",
             )
             return
+        if not self._dao.assignments(CLEANING):
+            self._close_service()
+
+    def _close_service(self) -> None:
+        """Pause the offer, also while the robot is at work: no further task comes after that."""
         service = self._dao.own_service(CLEANING)
-        if service is not None and service["state"] == "active" and not self._dao.assignments(CLEANING):
+        if service is not None and service["state"] == "active":
             self._dao.set_service_state(int(service["id"]), "paused")
 
     # -- idle ------------------------------------------------------------------------------------------
@@ -371,6 +413,21 @@ class Agent:
             self._fold()
             self._report("idle")
         self._wait_for_news()
+
+    def _be_off(self, situation: Situation) -> None:
+        """Go where the robot rests, switch the motors off, and wait for the hours to begin, or for news."""
+        if self._off_since is None:
+            self._charging.clear_the_dock(self._checkpoint, self._report)
+            if not situation.paused:
+                self._go_home()
+                self._fold()
+            if self._wake.is_set():
+                return  # something happened meanwhile: decide again
+            self._body.switch_off()
+            self._off_since = situation
+        begins_s = self._schedule.next_change_s(self._clock.now_s())
+        self._report(f"off until {self._schedule.time_of_day(begins_s)}")
+        self._clock.wait_until(begins_s, self._wake)
 
     def _fold(self) -> None:
         """So that the next task can begin with driving."""
@@ -470,6 +527,8 @@ class Agent:
         if journal.phase == Phase.EXECUTED:
             self._seal(task, journal, folder)
         if journal.phase == Phase.SEALED:
+            if self._off_duty:
+                self._close_service_first(task)
             self._submit(task, journal, folder)
             # After work that failed, or that was interrupted at the bin.
             self._cleaning.clear_the_bin(self._checkpoint)
@@ -524,6 +583,13 @@ class Agent:
         finally:
             self._stop_recording()
             recording.suspend()
+
+    def _close_service_first(self, task: Task) -> None:
+        """Before the verdict frees the service, and the next task that waits is given to it."""
+        try:
+            self._close_service()
+        except RemoteError as error:
+            log.warning("the proof of task %d goes first: %s", task.id, error)
 
     def _seal(self, task: Task, journal: Journal, folder: Path) -> None:
         """Finish, as it is, a recording whose process was interrupted. Raises EvidenceError, BusError."""

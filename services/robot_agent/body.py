@@ -153,6 +153,10 @@ class Body:
         self._moved_s = -math.inf
         """Wall time at which the last motion ended."""
         self._stop_client = node.client(topics.EMERGENCY_STOP.name(**names), topics.EMERGENCY_STOP.type)
+        self._power_client = node.client(topics.MOTOR_POWER.name(**names), topics.MOTOR_POWER.type)
+        self._powered: bool | None = None
+        """As the body confirmed it last; None before it did."""
+        self._said_unswitched = False
 
     # -- perception ------------------------------------------------------------------------------------
 
@@ -221,6 +225,34 @@ class Body:
         except Ros2Error as error:
             log.warning("the emergency stop does not answer: %s", error)
 
+    def switch_off(self) -> None:
+        """Cut the motors' power. A body without that service keeps it, which is said once."""
+        if self._power_client.wait_for_server(0.0):
+            self._switch(False)
+        elif not self._said_unswitched:
+            self._said_unswitched = True
+            log.info("the body does not serve %s: its motors stay on", topics.MOTOR_POWER.key)
+
+    def switch_on(self) -> bool:
+        """Give the motors power, unless they are known to have it; whether they have it only now."""
+        if self._powered or not self._power_client.wait_for_server(0.0):
+            return False
+        return self._switch(True)
+
+    def _switch(self, on: bool) -> bool:
+        """Whether the body did it. Work goes on either way: what needs power fails by itself."""
+        self._powered = None
+        try:
+            reply = self._power_client.call(types.new(f"{topics.MOTOR_POWER.type}_Request", data=on))
+        except Ros2Error as error:
+            log.warning("the motors were not switched %s: %s", "on" if on else "off", error)
+            return False
+        if not reply.success:
+            log.warning("the motors were not switched %s: %s", "on" if on else "off", reply.message)
+            return False
+        self._powered = on
+        return True
+
     def grip(self, position_m: float, force_n: float, checkpoint: Checkpoint) -> Grip:
         """Move each finger to `position_m` from the middle, pushing with at most `force_n`."""
         command = types.new("control_msgs/msg/GripperCommand", position=position_m, max_effort=force_n)
@@ -235,10 +267,12 @@ class Body:
         checkpoint: Checkpoint,
         feedback: Callable[[Any], None] | None = None,
     ) -> Any:
+        refused = False
         while True:
             checkpoint()
             if not client.wait_for_server(_SLICE_S):
                 continue
+            self.switch_on()
             try:
                 return _finish(client.send_goal(make_goal(), feedback), checkpoint)
             except (ActionServerLost, ActionServerUnavailable, ServiceTimeout, BodySilent) as error:
@@ -246,7 +280,11 @@ class Body:
             except (GoalAborted, GoalCanceled) as error:
                 raise MotionFailed(error.message, action=client.name, result=_plain(error.result)) from error
             except GoalRejected as error:
-                raise MotionFailed(error.message, action=client.name) from error
+                # Somebody else may have switched the motors off.
+                self._powered = None
+                if refused or not self.switch_on():
+                    raise MotionFailed(error.message, action=client.name) from error
+                refused = True
             finally:
                 self._moved_s = time.monotonic()
 

@@ -18,6 +18,8 @@ class Intent(StrEnum):
     """A charge is bought and nobody has taken the task yet."""
     EXPLORE = "explore"
     REST = "rest"
+    OFF = "off"
+    """Switched off until its working hours begin."""
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class Situation:
     """Work on the assignment has begun."""
     paused: bool = False
     charge_ordered: bool = False
+    off_duty: bool = False
+    """The robot's working hours are over."""
 
 
 def require_time_for_verdict(task: Task, site: Site) -> None:
@@ -49,10 +53,11 @@ def require_time_for_verdict(task: Task, site: Site) -> None:
 def takes_work(now: Situation) -> bool:
     """Whether the robot's service should be open to new tasks."""
     charging = now.charge is not None and now.charge.state != "submitted"
-    return not (now.paused or now.charge_ordered or charging) and now.lasts
+    return not (now.off_duty or now.paused or now.charge_ordered or charging) and now.lasts
 
 
 def decide(now: Situation, agent: AgentConfig) -> Intent:
+    """Outside its working hours a robot ends what it was given before: an assignment, a charge that began."""
     waits = now.assignment is not None and (now.begun or not now.paused)
     can_clean = waits and now.lasts
     charge_state = now.charge.state if now.charge is not None else None
@@ -62,9 +67,11 @@ def decide(now: Situation, agent: AgentConfig) -> Intent:
     if can_clean and not (now.charge_ordered and not now.begun):
         return Intent.CLEAN
     low = now.soc < agent.charge_below or waits
-    wanted = now.charge_ordered or (low and (waits or not now.paused))
+    wanted = now.charge_ordered or (low and (waits or not (now.paused or now.off_duty)))
     if wanted and charge_state is None:
         return Intent.BUY_CHARGE
+    if now.off_duty:
+        return Intent.OFF
     if charge_state == "open":
         return Intent.AWAIT_CHARGE
     return Intent.EXPLORE if agent.explore_when_idle and not (low or now.paused) else Intent.REST

@@ -58,7 +58,7 @@ class Actions:
             ActionServer(node, name, action.type, self._in_turn(execute), self._accept, commander.follows)
 
     def _accept(self, _goal: Any) -> bool:
-        return not self._robot.stopped
+        return not self._robot.halted
 
     def _in_turn(self, execute: Callable[[ServerGoal, Turn], None]) -> Callable[[ServerGoal], None]:
         def run(goal: ServerGoal) -> None:
@@ -111,7 +111,7 @@ class Actions:
         now_ns = self._simulation.time_ns
         path = messages.path(now_ns, self._robot.base.way)
         self._loop.outbox.then(lambda: self._plan.publish(path, now_ns))
-        if self._robot.stopped:
+        if self._robot.halted:
             self._robot.base.stop()
 
     def _route(self, goal: ServerGoal, turn: Turn) -> Route | None:
@@ -244,8 +244,8 @@ class Actions:
     def _begin(self, driver: Any, motion: Motion | Grip, turn: Turn) -> None:
         driver.follow(motion)
         turn.begins(motion.finished)
-        # The emergency stop may have been engaged since the goal was accepted.
-        if self._robot.stopped:
+        # It may have been stopped or switched off since the goal was accepted.
+        if self._robot.halted:
             driver.stop()
 
 

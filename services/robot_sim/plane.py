@@ -174,7 +174,7 @@ def _entity_result(result: int, message: str = "") -> Any:
 
 
 class RobotPlane:
-    """What one robot tells, velocity commands and the emergency stop; its actions are `Actions`."""
+    """What one robot tells, velocity commands, emergency stop and motor power; its actions are `Actions`."""
 
     def __init__(
         self,
@@ -224,6 +224,8 @@ class RobotPlane:
         node.subscription(topics.CMD_VEL.name(ns=self._ns), topics.CMD_VEL.type, self._on_cmd_vel)
         stop = topics.EMERGENCY_STOP
         node.service(stop.name(ns=self._ns), stop.type, self._on_emergency_stop)
+        power = topics.MOTOR_POWER
+        node.service(power.name(ns=self._ns), power.type, self._on_motor_power)
 
     def publish(self, tick: int, skipped: bool) -> None:
         now_ns, seen, add = self._snapshot.time_ns, self._seen, self._loop.outbox.add
@@ -291,4 +293,10 @@ class RobotPlane:
     def _on_emergency_stop(self, request: Any) -> Any:
         log.warning("%s: emergency stop %s", self._ns, "engaged" if request.data else "released")
         self._loop.call(lambda: self._robot.emergency_stop(request.data))
+        return types.new("std_srvs/srv/SetBool_Response", success=True)
+
+    def _on_motor_power(self, request: Any) -> Any:
+        if request.data != self._robot.powered:
+            log.info("%s: motors switched %s", self._ns, "on" if request.data else "off")
+        self._loop.call(lambda: self._robot.switch(request.data))
         return types.new("std_srvs/srv/SetBool_Response", success=True)

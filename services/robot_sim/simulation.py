@@ -61,6 +61,8 @@ class SimRobot:
         )
         self.stopped = False
         """The emergency stop is engaged."""
+        self.powered = True
+        """The motors have power. Without it a real arm lies where it was folded; the simulated one stays."""
         self._lidar = Lidar(model, f"{config.name}/{LIDAR_SITE}", f"{config.name}/base_link")
         self.lidar_chance = Moments(site, PROCESS, f"lidar of {config.name}")
 
@@ -72,6 +74,8 @@ class SimRobot:
     def load_w(self) -> float:
         """Electrical power that the robot uses now."""
         battery = self.config.battery
+        if not self.powered:
+            return battery.standby_power_w
         arm_w = 0.0 if self.arm.idle and self.gripper.idle else battery.arm_power_w
         return battery.idle_power_w + arm_w + self.body.wheel_power_w / battery.drive_efficiency
 
@@ -91,17 +95,31 @@ class SimRobot:
         return to_urdf(model, self.config.name)
 
     def command(self, twist: Twist2, now_s: float) -> None:
-        """A velocity command; while the emergency stop is engaged it is not heard."""
-        if not self.stopped:
+        """A velocity command; while the robot is halted it is not heard."""
+        if not self.halted:
             self.base.command(twist, now_s)
 
     def emergency_stop(self, engage: bool) -> None:
         """Stop base and arm where they are and fail their goals, or let them move again."""
         self.stopped = engage
         if engage:
-            self.base.stop()
-            self.arm.stop()
-            self.gripper.stop()
+            self._stop()
+
+    def switch(self, powered: bool) -> None:
+        """Give the motors power, or take it: base and arm stop where they are and fail their goals."""
+        self.powered = powered
+        if not powered:
+            self._stop()
+
+    @property
+    def halted(self) -> bool:
+        """Whether nothing moves, whatever is asked for."""
+        return self.stopped or not self.powered
+
+    def _stop(self) -> None:
+        self.base.stop()
+        self.arm.stop()
+        self.gripper.stop()
 
     def scan_m(self, time_ns: int) -> np.ndarray:
         """(Lidar.BEAMS,) ranges as the lidar measures them, noise included."""
@@ -120,13 +138,15 @@ class SimRobot:
 
     def row(self) -> list[float]:
         o, g = self.odometry, self.gripper
-        return [self.battery.soc, o.x_m, o.y_m, o.yaw_rad, g.position_m, g.force_n, float(self.stopped)]
+        # One number for both, as it was before motors could be off: older worlds are read, too.
+        halt = float(self.stopped + 2 * (not self.powered))
+        return [self.battery.soc, o.x_m, o.y_m, o.yaw_rad, g.position_m, g.force_n, halt]
 
     def restore(self, row: np.ndarray) -> None:
-        soc, x, y, yaw, position_m, force_n, stopped = (float(value) for value in row)
+        soc, x, y, yaw, position_m, force_n, halt = (float(value) for value in row)
         self.battery.soc = soc
         self.odometry.x_m, self.odometry.y_m, self.odometry.yaw_rad = x, y, yaw
-        self.stopped = bool(stopped)
+        self.stopped, self.powered = bool(int(halt) & 1), not int(halt) & 2
         self.gripper.position_m, self.gripper.force_n = position_m, force_n
         self.arm.hold(self.body.arm_setpoint)
 

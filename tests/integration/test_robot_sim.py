@@ -296,6 +296,26 @@ def test_an_emergency_stop_aborts_the_goal_and_refuses_the_next(remote: Remote) 
     assert remote.drive(there).result(WALL_LIMIT_S).error_code == 0
 
 
+def test_without_motor_power_it_draws_the_standby_power_and_refuses_goals(remote: Remote) -> None:
+    remote.watch("panther1/battery_state", "sensor_msgs/msg/BatteryState")
+    battery, power = remote.site.robots[0].battery, ("panther1/motor_power", "std_srvs/srv/SetBool")
+
+    def draws(power_w: float) -> bool:
+        remote.until(
+            "panther1/battery_state",
+            lambda state: -state.voltage * state.current == pytest.approx(power_w, rel=0.02),
+        )
+        return True
+
+    assert remote.call(*power, data=False).success
+    assert draws(battery.standby_power_w)
+    with pytest.raises(GoalRejected):
+        remote.drive(BinLayout(remote.site.bin).parking)
+    assert remote.call(*power, data=True).success
+    assert draws(battery.idle_power_w)
+    assert remote.drive(remote.pose()).result(WALL_LIMIT_S).error_code == 0
+
+
 def test_the_base_drives_around_what_was_put_in_its_way(remote: Remote) -> None:
     service = "lab/set_entity_state", "simulation_interfaces/srv/SetEntityState"
     state = types.new("simulation_interfaces/msg/EntityState")

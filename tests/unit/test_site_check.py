@@ -32,6 +32,14 @@ pose = {{ x_m = {x_m}, y_m = 1.2 }}
 """
 
 
+def robot(line: str) -> str:
+    """Three lines, the last one of which is `line`."""
+    return f"""[[robots]]
+pose = {{ x_m = 1.4, y_m = 1.3 }}
+{line}
+"""
+
+
 @pytest.fixture
 def said(tmp_path: Path) -> Said:
     """What is found in a file that goes on with this text after its first two lines."""
@@ -64,6 +72,32 @@ WRONG = [
     ("chain.ulr = 1\n", 3, 'chain.ulr: no such key; is "url" meant?'),
     ("clock.sed = 7\n", 3, 'clock.sed: no such key; is "seed" meant?'),
     ("clock.seed = -1\n", 3, "clock.seed: Input should be greater than or equal to 0"),
+    (
+        robot('working_hours = ["08:00-12:00", "8-18"]'),
+        5,
+        "robots.0.working_hours.1: hours are written like \"08:00-18:00\", not '8-18'",
+    ),
+    (
+        robot('working_hours = ["08:00-12:00", "11:00-18:00"]'),
+        5,
+        'robots.0.working_hours: "08:00-12:00" and "11:00-18:00" overlap',
+    ),
+    (
+        robot('working_hour = ["08:00-18:00"]'),
+        5,
+        'robots.0.working_hour: no such key; is "working_hours" meant?',
+    ),
+    (
+        robot('timezone = "Europe/Berlim"'),
+        5,
+        "robots.0.timezone: there is no time zone 'Europe/Berlim'; they are named like \"Europe/Berlin\"; "
+        'is "Europe/Berlin" meant?',
+    ),
+    (
+        robot("battery.standby_power_w = -1"),
+        5,
+        "robots.0.battery.standby_power_w: Input should be greater than or equal to 0",
+    ),
     ("consol.port = 1\n", 3, 'consol: no such key; is "console" meant?'),
     (
         item() + "participants = []\n",
@@ -102,6 +136,12 @@ def test_what_no_site_can_be_is_named_with_its_line_and_refused(
 
 
 DOUBTFUL = [
+    (
+        robot("battery = { standby_power_w = 50 }"),
+        5,
+        "robots.0.battery.standby_power_w: panther1 draws more while it is off (50 W) than while it stands "
+        "(45 W)",
+    ),
     (item(x_m=6.98), 7, "items.0.pose: item1 reaches into a wall"),
     (item() + item("item2", x_m=4.63), 12, "items.1.pose: item2 is in item1"),
     (

@@ -5,14 +5,22 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
+from dataclasses import dataclass, field
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from rodeo.clock import WallClock
-from rodeo.messages import DaoEvent
+from rodeo.config import AgentConfig
+from rodeo.lab.config import Pose2
+from rodeo.messages import DaoEvent, Task
+from rodeo.schedule import Schedule
 from services.robot_agent.agent import Agent, _place
-from services.robot_agent.errors import TaskFailed
+from services.robot_agent.body import Battery
+from services.robot_agent.errors import BodySilent, TaskFailed
+from services.robot_agent.journal import Phase
+from services.robot_agent.orders import Standing
 from tests.support.assignments import cleaning_ledger
 from tests.support.recordings import Sample, Take
 
@@ -54,3 +62,186 @@ def test_events_of_another_chain_are_not_recorded_for_the_task_of_the_same_numbe
     agent._on_event(event(60, "0x01"))
     agent._on_event(event(7, "0x02"))
     assert [one.seq for one in agent._events] == [7]
+
+
+# -- working hours -----------------------------------------------------------------------------------------
+
+MIDNIGHT_S = 1_900_022_400.0
+"""2030-03-17 00:00 UTC."""
+
+
+def at(hour: float) -> float:
+    return MIDNIGHT_S + 3600 * hour
+
+
+@dataclass
+class Night:
+    """The surroundings of a mind: a body that counts what it is asked, a chain, and a clock that jumps."""
+
+    now_s: float
+    asked: int = 0
+    powered: bool = True
+    service: str = "active"
+    assigned: list[Task] = field(default_factory=list)
+    charge: Task | None = None
+    said: list[str] = field(default_factory=list)
+    waits: list[float] = field(default_factory=list)
+    did: list[str] = field(default_factory=list)
+    standing: Standing = field(default_factory=Standing)
+
+    def mind(self) -> Any:
+        agent: Any = Agent.__new__(Agent)
+        agent._stop, agent._wake = threading.Event(), threading.Event()
+        agent._schedule, agent._off_since = Schedule(["08:00-18:00"]), None
+        agent._orders = SimpleNamespace(standing=self.standing)
+        agent._site = SimpleNamespace(agent=AgentConfig(explore_when_idle=False), robots=[None])
+        agent._robot = SimpleNamespace(name="panther1", pose=Pose2(x_m=0, y_m=0))
+        agent._service = SimpleNamespace(disk_problem="", ready=lambda: None)
+        agent._memory = SimpleNamespace(held=None)
+        agent._body, agent._dao, agent._upkeep, agent._charging = self, self, self, self
+        agent._cleaning = SimpleNamespace(stow=lambda _check: self.did.append("fold"))
+        agent._report = lambda text, *_: self.said.append(text)
+        agent._rest = lambda _situation: self.did.append("rest")
+        agent._clean = lambda _situation: (self.did.append("clean"), self.assigned.clear())
+        agent._dock = lambda _situation: (self.did.append("dock"), setattr(self, "charge", None))
+        agent._open_service = lambda wanted: setattr(self, "service", "active" if wanted else "paused")
+        agent._has_begun = lambda _task: False
+        self.agent = agent
+        return agent
+
+    # the body
+    def battery(self, _checkpoint: Any) -> Battery:
+        return Battery(0.9, False)
+
+    def base_pose(self, _checkpoint: Any) -> Pose2:
+        self.asked += 1
+        if not self.powered:
+            raise BodySilent("a body that is off was asked")
+        return Pose2(x_m=0, y_m=0)
+
+    def switch_on(self) -> None:
+        self.powered = True
+
+    def switch_off(self) -> None:
+        self.powered = False
+
+    # the chain
+    def own_live_task(self, _kind: str) -> Task | None:
+        return self.charge
+
+    def assignments(self, _kind: str) -> list[Task]:
+        return self.assigned
+
+    # what keeps it fit, and the dock
+    def lasts(self, *_: Any) -> bool:
+        return True
+
+    def ask_for_care(self) -> None:
+        self.did.append("ask for care")
+
+    def clear_the_dock(self, *_: Any) -> None:
+        self.did.append("clear the dock")
+
+    # the clock
+    def wait_until(self, time_s: float, stop: threading.Event) -> bool:
+        self.waits.append(time_s)
+        if not stop.is_set():
+            self.now_s = time_s
+        return not stop.is_set()
+
+
+class NightClock:
+    """The clock of a Night."""
+
+    def __init__(self, night: Night) -> None:
+        self._night = night
+
+    def now_s(self) -> float:
+        return self._night.now_s
+
+    def wait_until(self, time_s: float, stop: threading.Event) -> bool:
+        return self._night.wait_until(time_s, stop)
+
+
+def steps(night: Night, number: int) -> None:
+    agent = getattr(night, "agent", None) or night.mind()
+    agent._clock = NightClock(night)
+    for _ in range(number):
+        agent._wake.clear()
+        agent._step()
+
+
+def test_after_its_hours_a_robot_folds_its_arm_is_switched_off_and_waits_for_the_morning() -> None:
+    night = Night(at(18))
+    steps(night, 1)
+    assert (night.did, night.service, night.powered) == (["clear the dock", "fold"], "paused", False)
+    assert (night.said[-1], night.waits) == ("off until 08:00", [at(24 + 8)])
+
+
+def test_in_the_morning_it_is_switched_on_and_takes_work_again() -> None:
+    night = Night(at(23))
+    steps(night, 3)
+    assert (night.powered, night.service, night.did[-1], night.now_s) == (True, "active", "rest", at(32))
+
+
+def test_while_it_is_off_news_on_chain_do_not_make_it_ask_its_body() -> None:
+    night = Night(at(23))
+    steps(night, 1)
+    night.now_s, asked = at(24), night.asked
+    night.wait_until = lambda time_s, stop: night.waits.append(time_s) or True  # type: ignore[method-assign]
+    steps(night, 5)
+    assert (night.asked, night.powered, night.did) == (asked, False, ["clear the dock", "fold"])
+    assert set(night.waits) == {at(32)}
+
+
+@pytest.mark.parametrize(("news", "does"), [("assigned", "clean"), ("charge", "dock")])
+def test_what_it_was_given_before_its_hours_were_over_it_does_and_is_off_again(news: str, does: str) -> None:
+    night = Night(at(23))
+    steps(night, 1)
+    night.now_s = at(24)
+    if news == "assigned":
+        night.assigned.append(TASK.model_copy(update={"state": "assigned"}))
+    else:
+        night.charge = TASK.model_copy(update={"state": "assigned"})
+    steps(night, 2)
+    assert (night.did[-1], night.powered, night.service) == (does, True, "paused")
+    steps(night, 1)
+    assert (night.powered, night.said[-1]) == (False, "off until 08:00")
+
+
+def test_a_robot_that_is_called_on_its_way_home_decides_again_before_it_is_switched_off() -> None:
+    night = Night(at(18))
+    agent = night.mind()
+    agent._cleaning = SimpleNamespace(stow=lambda _check: agent._wake.set())
+    steps(night, 1)
+    assert night.powered and not night.waits
+
+
+def test_a_paused_robot_is_switched_off_where_it_stands() -> None:
+    night = Night(at(18), standing=Standing(paused=True))
+    steps(night, 1)
+    assert (night.did, night.powered) == (["clear the dock"], False)
+
+
+def test_who_sleeps_hears_at_once_that_the_process_is_asked_to_end() -> None:
+    agent: Any = Agent.__new__(Agent)
+    agent._stop, agent._wake = threading.Event(), threading.Event()
+    threading.Thread(target=agent._wake_to_stop, daemon=True).start()
+    assert not agent._wake.wait(0.05)
+    agent._stop.set()
+    assert agent._wake.wait(5)
+
+
+@pytest.mark.parametrize(("hour", "paused"), [(17.9, False), (18.1, True)])
+def test_the_offer_is_paused_before_the_verdict_on_work_that_ended_after_hours(
+    hour: float, paused: bool
+) -> None:
+    """Else the service would be free with the verdict, and the next task be given to a robot that is off."""
+    night, done = Night(at(hour)), []
+    agent = night.mind()
+    agent._clock, agent._orders.working_on = NightClock(night), lambda _nonce: None
+    agent._close_service = lambda: done.append("pause")
+    agent._submit = lambda *_: done.append("submit")
+    agent._cleaning = SimpleNamespace(clear_the_bin=lambda _check: None)
+    agent._advance(TASK, SimpleNamespace(phase=Phase.SEALED), None)
+    assert done == (["pause", "submit"] if paused else ["submit"])

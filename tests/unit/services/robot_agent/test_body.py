@@ -211,3 +211,82 @@ def test_the_gripper_says_how_it_ended(make_node: Any, body: Body) -> None:
     )
     grip = body.grip(0.0, 5.0, go_on)
     assert (grip.position_m, grip.stalled) == (0.0345, True)
+
+
+POWER = "std_srvs/srv/SetBool"
+
+
+def power_service(node: Node, asked: list[bool], success: bool = True) -> None:
+    def switch(request: Any) -> Any:
+        asked.append(request.data)
+        return types.new(f"{POWER}_Response", success=success, message="" if success else "no relay")
+
+    node.service("panther1/motor_power", POWER, switch)
+
+
+def eventually(holds: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + WAIT_S
+    while not holds():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.02)
+
+
+def test_a_body_that_is_off_is_switched_on_before_it_moves_and_only_then(make_node: Any, body: Body) -> None:
+    asked: list[bool] = []
+    sim = make_node("sim")
+    power_service(sim, asked)
+    ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed, lambda _goal: bool(asked) and asked[-1])
+    body.navigate(GOAL, go_on)
+    assert asked == [True]
+    body.navigate(GOAL, go_on)
+    assert asked == [True]
+    body.switch_off()
+    assert asked == [True, False]
+    body.navigate(GOAL, go_on)
+    assert asked == [True, False, True]
+
+
+def test_a_body_that_somebody_else_switched_off_is_switched_on_again(make_node: Any, body: Body) -> None:
+    asked: list[bool] = []
+    sim = make_node("sim")
+    power_service(sim, asked)
+    ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed, lambda _goal: bool(asked) and asked[-1])
+    eventually(body.switch_on)
+    asked.append(False)
+    body.navigate(GOAL, go_on)
+    assert asked == [True, False, True]
+
+
+def test_a_goal_that_is_refused_for_another_reason_fails(make_node: Any, body: Body) -> None:
+    asked: list[bool] = []
+    sim = make_node("sim")
+    power_service(sim, asked)
+    ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed, lambda _goal: False)
+    eventually(body.switch_on)
+    with pytest.raises(MotionFailed):
+        body.navigate(GOAL, go_on)
+    assert len(asked) == 2
+
+
+def test_a_body_without_motor_power_works_on_and_that_is_said_once(
+    make_node: Any, body: Body, caplog: pytest.LogCaptureFixture
+) -> None:
+    ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, succeed)
+    with caplog.at_level("INFO"):
+        body.switch_off()
+        body.switch_off()
+        body.navigate(GOAL, go_on)
+    assert sum("motors stay on" in record.message for record in caplog.records) == 1
+
+
+def test_a_body_that_cannot_switch_is_asked_again_and_works_on(
+    make_node: Any, body: Body, caplog: pytest.LogCaptureFixture
+) -> None:
+    asked: list[bool] = []
+    sim = make_node("sim")
+    power_service(sim, asked, success=False)
+    ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed)
+    eventually(lambda: not body.switch_on() and bool(asked))
+    body.navigate(GOAL, go_on)
+    assert len(asked) >= 2 and all(asked)
+    assert "no relay" in caplog.text

@@ -87,12 +87,43 @@ def test_operators_orders_come_before_the_robots_own_plans(situation: Situation,
     assert decide(situation, AGENT) == intent
 
 
+def off_duty(
+    soc: float = 0.9, assignment: Task | None = None, charge: str | None = None, **more: bool
+) -> Situation:
+    return Situation(soc, assignment, task(charge) if charge else None, off_duty=True, **more)
+
+
+@pytest.mark.parametrize(
+    ("situation", "intent"),
+    [
+        (off_duty(), Intent.OFF),
+        (off_duty(0.3), Intent.OFF),  # it buys nothing by itself
+        (off_duty(paused=True), Intent.OFF),
+        (off_duty(assignment=JOB, begun=True), Intent.CLEAN),  # what is begun is finished
+        (off_duty(assignment=JOB), Intent.CLEAN),  # so is what it was given while it took work
+        (off_duty(assignment=JOB, paused=True), Intent.OFF),
+        (off_duty(0.12, JOB, lasts=False), Intent.BUY_CHARGE),
+        (off_duty(0.12, JOB, "open", lasts=False), Intent.OFF),  # until somebody takes the charge
+        (off_duty(0.4, charge="open"), Intent.OFF),
+        (off_duty(0.4, charge="assigned"), Intent.DOCK),
+        (off_duty(0.96, charge="assigned"), Intent.DOCK),
+        (off_duty(charge_ordered=True), Intent.BUY_CHARGE),  # a person asks for it
+    ],
+)
+def test_outside_its_working_hours_a_robot_ends_what_it_was_given_and_is_off(
+    situation: Situation, intent: Intent
+) -> None:
+    assert decide(situation, AGENT) == intent
+
+
 @pytest.mark.parametrize(
     ("situation", "open_to_work"),
     [
         (Situation(0.9, None, None), True),
         (Situation(0.3, None, None, lasts=False), False),
         (Situation(0.9, None, None, paused=True), False),
+        (off_duty(), False),
+        (off_duty(assignment=JOB, begun=True), False),
         (Situation(0.9, None, None, charge_ordered=True), False),
         (Situation(0.6, None, task("open")), False),
         (Situation(0.6, None, task("assigned")), False),

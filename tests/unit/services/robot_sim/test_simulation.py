@@ -114,6 +114,40 @@ def test_a_docked_robot_charges_once_the_contactor_is_closed(docked: Simulation)
     assert docked.parked
 
 
+def test_a_robot_that_is_off_draws_its_standby_power_and_does_not_move() -> None:
+    battery = BatteryConfig(standby_power_w=8.0)
+    simulation = Simulation(site_with(battery=battery), START_NS)
+    robot = the_robot(simulation)
+    for _ in range(25):  # until it stands
+        simulation.step()
+    before = robot.body.pose
+    robot.switch(False)
+    robot.command(Twist2(0.5, 0.0), simulation.moved_s)
+    simulation.step()
+    assert -robot.battery.voltage_v * robot.battery.current_a == pytest.approx(8.0)
+    soc = robot.battery.soc
+    for _ in range(100):
+        robot.command(Twist2(0.5, 0.0), simulation.moved_s)
+        simulation.step()
+    assert math.dist((robot.body.pose.x_m, robot.body.pose.y_m), (before.x_m, before.y_m)) < 1e-3
+    used_wh = (soc - robot.battery.soc) * battery.capacity_wh
+    assert used_wh == pytest.approx(8.0 * 2 / 3600, rel=0.2), "2 s; the pack's 734 Wh are 20 Ah at 36.7 V"
+    robot.switch(True)
+    simulation.step()
+    assert -robot.battery.voltage_v * robot.battery.current_a >= battery.idle_power_w - 1e-6
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+@pytest.mark.parametrize("powered", [False, True])
+def test_a_restored_robot_is_off_or_stopped_as_it_was(stopped: bool, powered: bool) -> None:
+    first, second = (Simulation(Site.load(LAB), START_NS) for _ in range(2))
+    the_robot(first).emergency_stop(stopped)
+    the_robot(first).switch(powered)
+    second.restore(first.time_ns, first.row())
+    robot = the_robot(second)
+    assert (robot.stopped, robot.powered, robot.halted) == (stopped, powered, stopped or not powered)
+
+
 def test_idle_time_is_skipped_only_while_nothing_is_asked_for(docked: Simulation) -> None:
     docked.supply.enable(True)
     docked.step()
