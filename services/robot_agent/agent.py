@@ -421,11 +421,14 @@ class Agent:
             if not situation.paused:
                 self._go_home()
                 self._fold()
-            if self._wake.is_set():
+            if self._wake.is_set() or not self._off_duty:
                 return  # something happened meanwhile: decide again
             self._body.switch_off()
             self._off_since = situation
-        begins_s = self._schedule.next_change_s(self._clock.now_s())
+        now_s = self._clock.now_s()
+        if self._schedule.is_open(now_s):
+            return
+        begins_s = self._schedule.next_change_s(now_s)
         self._report(f"off until {self._schedule.time_of_day(begins_s)}")
         self._clock.wait_until(begins_s, self._wake)
 

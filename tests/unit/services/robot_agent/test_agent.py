@@ -217,6 +217,15 @@ def test_a_robot_that_is_called_on_its_way_home_decides_again_before_it_is_switc
     assert night.powered and not night.waits
 
 
+@pytest.mark.parametrize("late_s", [0.0, 600.0])
+def test_a_robot_that_comes_home_when_its_hours_begin_does_not_sleep_through_the_day(late_s: float) -> None:
+    night = Night(at(31.9))
+    agent = night.mind()
+    agent._cleaning = SimpleNamespace(stow=lambda _check: setattr(night, "now_s", at(32) + late_s))
+    steps(night, 1)
+    assert night.powered and not night.waits
+
+
 def test_a_paused_robot_is_switched_off_where_it_stands() -> None:
     night = Night(at(18), standing=Standing(paused=True))
     steps(night, 1)
