@@ -274,7 +274,7 @@ class SimClock:
         resting: bool = False,
     ) -> bool:
         end_s = math.inf if wall_s is None else time.monotonic() + wall_s
-        until_ns = None if until_s is None else math.ceil(until_s * 1e9)
+        until_ns = None if until_s is None or math.isinf(until_s) else math.ceil(until_s * 1e9)
         waiter = self._waiter(until_ns, resting)
         with self._changed:
             while not (happened := done()):

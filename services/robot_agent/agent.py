@@ -430,7 +430,7 @@ class Agent:
             return
         begins_s = self._schedule.next_change_s(now_s)
         self._report(f"off until {self._schedule.time_of_day(begins_s)}")
-        self._clock.wait_until(begins_s, self._wake)
+        self._clock.wait_for(self._wake.is_set, self._stop, until_s=begins_s, resting=True)
 
     def _fold(self) -> None:
         """So that the next task can begin with driving."""

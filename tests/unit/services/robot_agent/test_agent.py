@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import SimpleNamespace
 from typing import Any
@@ -159,8 +160,12 @@ class NightClock:
     def now_s(self) -> float:
         return self._night.now_s
 
-    def wait_until(self, time_s: float, stop: threading.Event) -> bool:
-        return self._night.wait_until(time_s, stop)
+    def wait_for(
+        self, done: Callable[[], bool], stop: threading.Event, *, until_s: float, resting: bool
+    ) -> bool:
+        assert resting, "a clock that jumps jumps over the night"
+        self._night.wait_until(until_s, stop)
+        return done()
 
 
 def steps(night: Night, number: int) -> None:
