@@ -42,7 +42,7 @@ setup: $(VENV)/stamp  ## install what running needs; Foundry's anvil, too, where
 demo: $(VENV)/stamp  ## one cleaning task and one charging session, end to end
 	@$(BIN)/python -m deploy.demo
 
-PYTEST = $(BIN)/python -m pytest --chain $(CHAIN) --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder \
+PYTEST = $(BIN)/python -m pytest --chain $(CHAIN) --forks --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder \
 	--durations 25 --durations-min 5
 
 test: $(VENV)/stamp node_modules/.stamp postgresql  ## everything that checks the project, but for what takes minutes

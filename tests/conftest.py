@@ -19,6 +19,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         default="eth-tester",
         help="which local chain the integration tests run on",
     )
+    parser.addoption(
+        "--forks",
+        action="store_true",
+        help="fork the processes of sites from one that has imported what they need; else each imports it",
+    )
 
 
 def pytest_configure() -> None:
@@ -41,8 +46,11 @@ def chain_backend(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def nursery() -> Iterator[None]:
-    """Processes of sites are forks of one that has imported what they need."""
+def nursery(request: pytest.FixtureRequest) -> Iterator[None]:
+    """With `--forks`, processes of sites are forks of one that has imported what they need."""
+    if not request.config.getoption("--forks"):
+        yield
+        return
     with Nursery() as RunningSite.nursery:
         yield
     RunningSite.nursery = None

@@ -141,11 +141,11 @@ def main(control: socket.socket) -> None:
     signal.signal(signal.SIGCHLD, lambda _number, _frame: None)
     signal.set_wakeup_fd(writer)
     while True:
-        ready = select.select([control, reader], [], [])[0]
+        ready = select.select([control.fileno(), reader], [], [])[0]
         if reader in ready:
             os.read(reader, 4096)
             _report(reporting)
-        if control not in ready:
+        if control.fileno() not in ready:
             continue
         message, descriptors, _, _ = socket.recv_fds(control, _MESSAGE_BYTES, 2)
         if not message:
