@@ -24,9 +24,11 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from bench.cpu import cpu_s
 from deploy.launcher import Launcher
 from rodeo import topics
 from rodeo.bus import Bus, DaoEvents
@@ -55,6 +57,8 @@ _READY_S = 180.0
 _TASK_WALL_S = 600.0
 _OVER = ("settled", "failed")
 _MOVING_M_S = 0.02
+_COST_SPEED = 10.0
+"""As the lab's site file has it."""
 
 
 def run() -> dict[str, float]:
@@ -259,6 +263,38 @@ def ended(site: Site, bus: Bus, task_id: int) -> dict[str, Any]:
         if task["state"] in _OVER or time.monotonic() > deadline_s:
             return task
         pause.wait(0.5)
+
+
+# -- what it costs to think --------------------------------------------------------------------------------
+
+
+def agent_cpu_s() -> float:
+    """Mean CPU time of the robot's mind from assignment to proof, over a cleaning of each item of the lab.
+
+    Raises RuntimeError when one was not paid.
+    """
+    with running_site({}, _COST_SPEED) as (site, bus):
+        pid = int(bus.query(f"rodeo/{site.org}/status/robot_agent")["pid"])
+        used_s: dict[tuple[int | None, str], float] = {}
+        changed = threading.Condition()
+
+        def on_event(event: DaoEvent) -> None:
+            with changed:
+                used_s.setdefault((event.task_id, event.name), cpu_s(pid))
+                changed.notify_all()
+
+        costs_s = []
+        with DaoEvents(bus, site.org, on_event):
+            for item in site.items:
+                params = {"item_id": item.id, "x_m": item.pose.x_m, "y_m": item.pose.y_m}
+                task = ended(site, bus, task_id := post(site, bus, params))
+                if task["state"] != "settled":
+                    raise RuntimeError(f"task {task_id} was not paid: {task['reason']}")
+                begin, end = (task_id, "TaskAssigned"), (task_id, "ProofSubmitted")
+                with changed:
+                    changed.wait_for(partial({begin, end}.issubset, used_s), _READY_S)
+                    costs_s.append(used_s[end] - used_s[begin])
+    return statistics.mean(costs_s)
 
 
 # -- first motion -------------------------------------------------------------------------------------------

@@ -7,7 +7,6 @@ Router, chain, bridge and console run as processes; Chromium is real, and a robo
 from __future__ import annotations
 
 import math
-import os
 import statistics
 import tempfile
 import threading
@@ -19,6 +18,7 @@ from pathlib import Path
 
 from playwright.sync_api import Browser, Locator, Page
 
+from bench.cpu import cpu_s
 from rodeo import topics
 from rodeo.clock import WallClock
 from rodeo.messages import DaoEvent
@@ -219,19 +219,13 @@ def _many_browsers(browser: Browser, running: RunningSite, origin: str) -> dict[
         page.evaluate(_COUNT)
     pid = running.children["console"].pid
     drawn_before = [page.evaluate("window.moves") for page in pages]
-    before_s, started_s = _cpu_s(pid), time.monotonic()
+    before_s, started_s = cpu_s(pid), time.monotonic()
     threading.Event().wait(CPU_S)
-    used_s, took_s = _cpu_s(pid) - before_s, time.monotonic() - started_s
+    used_s, took_s = cpu_s(pid) - before_s, time.monotonic() - started_s
     drawn = [page.evaluate("window.moves") - before for page, before in zip(pages, drawn_before, strict=True)]
     for page in pages:
         page.context.close()
     return {"console_cpu_20_browsers": used_s / took_s, "console_map_updates_per_s": min(drawn) / took_s}
-
-
-def _cpu_s(pid: int) -> float:
-    """User and system time of a process (proc(5), fields 14 and 15)."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @contextmanager

@@ -10,13 +10,14 @@ each control period. `sim_realtime_factor_5`: the same with five robots that all
 real-time speed; median and worst of MOTIONS.
 `render_ms`: one picture of the bin's camera, encoded; left out where there is no OpenGL driver.
 `depth_ms`, `scan_ms`: one depth picture and one scan, by ray casts.
+`agent_cpu_s_per_cleaning`: user and system time of the robot's mind from assignment to proof, waiting
+included; the mean of a cleaning of each item of the lab on a whole site at ten times real time.
 """
 
 from __future__ import annotations
 
 import itertools
 import json
-import os
 import tempfile
 import threading
 import time
@@ -32,6 +33,8 @@ from rodeo.config import Site
 import mujoco
 from eth_account import Account
 
+from bench.autonomy import agent_cpu_s
+from bench.cpu import cpu_s
 from deploy.launcher import Launcher
 from rodeo import topics
 from rodeo.bus import Bus
@@ -83,7 +86,7 @@ def run() -> dict[str, float]:
         measured["sim_realtime_factor_5"] = _speed(*running)["sim_realtime_factor"]
     with _running("clock.speed = 1") as running:
         measured |= _latency(*running)
-    return measured
+    return measured | {"agent_cpu_s_per_cleaning": agent_cpu_s()}
 
 
 def _physics(site: Site) -> dict[str, float]:
@@ -180,7 +183,7 @@ def _speed(site: Site, bus: Bus, clock: SimClock, pid: int) -> dict[str, float]:
             for robot in site.robots
         ]
         pace = threading.Event()
-        before_s, count, cpu_s = clock.now_s(), next(received), _cpu_s(pid)
+        before_s, count, cpu_before_s = clock.now_s(), next(received), cpu_s(pid)
         started_s = time.perf_counter()
         while time.perf_counter() - started_s < PROCESS_WALL_S:
             # Half of the time straight, half of it skidding round, as the bare physics is measured.
@@ -192,7 +195,7 @@ def _speed(site: Site, bus: Bus, clock: SimClock, pid: int) -> dict[str, float]:
         figures = {
             "sim_realtime_factor": (clock.now_s() - before_s) / spent_s,
             "sim_messages_per_s": (next(received) - count) / spent_s,
-            "sim_core_percent": 100 * (_cpu_s(pid) - cpu_s) / spent_s,
+            "sim_core_percent": 100 * (cpu_s(pid) - cpu_before_s) / spent_s,
         }
         node.close()
         with lock:
@@ -257,12 +260,6 @@ def _latency(site: Site, bus: Bus, clock: SimClock, _pid: int) -> dict[str, floa
         "cmd_vel_to_motion_ms": latencies_ms[len(latencies_ms) // 2],
         "cmd_vel_to_motion_worst_ms": latencies_ms[-1],
     }
-
-
-def _cpu_s(pid: int) -> float:
-    """User and system time of a process."""
-    user, system = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[11:13]
-    return (int(user) + int(system)) / os.sysconf("SC_CLK_TCK")
 
 
 def _robots(count: int) -> str:

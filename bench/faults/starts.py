@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import socket
 import urllib.error
 import urllib.request
@@ -11,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import closing, suppress
 from urllib.parse import urlsplit
 
+from bench.cpu import cpu_s
 from bench.faults.case import BASE, case
 from bench.faults.lab import Lab, need
 from bench.faults.net import Answer, NodeBetween
@@ -220,19 +220,13 @@ def login_in_punycode(lab: Lab) -> Iterator[None]:
         url, body, {"content-type": "application/x-www-form-urlencoded; charset=punycode"}
     )
     pid = lab.pid("console")
-    before_s = _cpu_s(pid)
+    before_s = cpu_s(pid)
     with suppress(urllib.error.URLError):  # refused, as it should be
         urllib.request.urlopen(request, timeout=60).read()
-    spent_s = _cpu_s(pid) - before_s
+    spent_s = cpu_s(pid) - before_s
     need(spent_s < 2.0, f"it cost {spent_s:.0f} s of CPU")
     yield
     yield
-
-
-def _cpu_s(pid: int) -> float:
-    with open(f"/proc/{pid}/stat") as file:
-        fields = file.read().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 @case(
