@@ -30,6 +30,7 @@ _SECOND_TICKS = 50
 _CLOCK_WALL_PERIOD_S = 0.01
 _SHOWN_M, _FELL_N = 0.02, 0.05
 """By so much a reading of the bin has changed when the bin may act on it."""
+_NOTHING_SHOWN = -1e3
 _FINGER_SIDES = np.array([1.0, -1.0])
 
 
@@ -94,7 +95,9 @@ class LabPlane:
             for name, (scale, load) in self._loads.items():
                 weight = messages.LOAD_Z, (weights_n[name],)
                 add(scale.publish_cdr, load.encode(now_ns, weight), now_ns)
-            self._watch_bin(np.array([presence_m / _SHOWN_M, *(w / _FELL_N for w in weights_n.values())]))
+            # Where nothing reflects the sensor says infinity.
+            shown = presence_m / _SHOWN_M if math.isfinite(presence_m) else _NOTHING_SHOWN
+            self._watch_bin(np.array([shown, *(weight_n / _FELL_N for weight_n in weights_n.values())]))
         if skipped or seen.stalls_ns or tick % _SECOND_TICKS == 0:
             add(self._output.publish, messages.dock_output(now_ns, seen.supply), now_ns)
             if seen.supply.current_a > 0:
