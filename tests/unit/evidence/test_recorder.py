@@ -265,16 +265,19 @@ def test_a_killed_process_loses_at_most_one_seal_period(
 ) -> None:
     path = tmp_path / "proof.mcap"
     program = f"""
-import os, sys, threading
+import json, threading
 from eth_account import Account
 from pathlib import Path
 from rodeo.evidence import Binding, Recorder
-from tests.unit.evidence.conftest import HandClock, drive
+from tests.unit.evidence.conftest import START_NS, TICK_NS, HandClock, drive
+sealed = threading.Event()
+def on_seal(data):
+    if int(json.loads(data)["payload"]["time_ns"]) >= START_NS + 950 * TICK_NS:
+        sealed.set()
 recorder = Recorder(Path({str(path)!r}), Binding.model_validate_json({binding.model_dump_json()!r}),
-                    Account.from_key({device.key.hex()!r}), HandClock())
+                    Account.from_key({device.key.hex()!r}), HandClock(), on_seal)
 drive(recorder, 0, 1001)
-while recorder._waiting:
-    pass
+sealed.wait()
 print("written", flush=True)
 threading.Event().wait()
 """
