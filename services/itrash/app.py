@@ -51,8 +51,8 @@ log = logging.getLogger(__name__)
 
 _TELL_S = 0.5
 """Wall time between two looks at what is missing."""
-_READING_S = 0.02
-"""Site time between two looks while the bin is attentive: a simulation's control period."""
+_READING_S = 0.1
+"""Site time between two looks while the bin is attentive: its sensors speak at 10 Hz (rodeo/topics.py)."""
 _SILENCE_S = 3.0
 """Wall time without a reading after which a sensor counts as missing."""
 

@@ -176,7 +176,7 @@ class Loop:
             self.simulation.time_ns = max(self.simulation.time_ns, time.time_ns())
         while not self._stop.is_set():
             speed, idle_speed = self._limited(self._clock.speed), self._limited(self._clock.idle_speed)
-            skipping = (self.simulation.parked or self._resting) and idle_speed != speed
+            skipping = (self.simulation.parked and idle_speed != speed) or self._resting
             if self._wait_turn(idle_speed if skipping else speed) or self._held():
                 continue
             if skipping:
