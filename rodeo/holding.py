@@ -8,6 +8,7 @@ sends afterwards: one session's messages arrive in order.
 from __future__ import annotations
 
 import json
+import logging
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -16,6 +17,8 @@ from typing import Any
 import zenoh
 
 from rodeo import topics
+
+log = logging.getLogger(__name__)
 
 
 class Waiter:
@@ -128,9 +131,14 @@ class Holder:
                     raise
 
     def _on_mark(self, sample: zenoh.Sample) -> None:
-        mark = json.loads(sample.payload.to_bytes())
+        payload = sample.payload.to_bytes()
+        try:
+            number = int(json.loads(payload)["number"])
+        except (ValueError, TypeError, KeyError):
+            log.warning("left out a message on %s: not a ClockMark: %s", sample.key_expr, payload[:50])
+            return
         with self._changed:
-            self._heard = int(mark["number"])
+            self._heard = number
             self.tell()
 
     def close(self) -> None:

@@ -13,7 +13,6 @@ import queue
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from typing import Any
 
 from rodeo import topics
@@ -174,9 +173,8 @@ class Itrash:
                     waiting, self._waiting = self._waiting, []
                     for record in waiting:
                         self._attest(record)
-                self._await_action()
-                with suppress(queue.Empty):
-                    self._carry_out(self._actions.get_nowait())
+                if self._await_action():
+                    self._carry_out(self._actions.get())
         finally:
             self._roots.close()
             self._witness.close()
@@ -185,9 +183,9 @@ class Itrash:
             with self._lock:
                 self._journal.save(self._path)
 
-    def _await_action(self) -> None:
-        """Until there is one, or it is time to tell how things are. While something is shown or falls, each
-        reading may be the one that decides: a simulated clock waits after it."""
+    def _await_action(self) -> bool:
+        """Whether there is one before it is time to tell how things are. While something is shown or falls,
+        each reading may be the one that decides: a simulated clock waits after it."""
         clock, end_s = self._service.clock, time.monotonic() + _TELL_S
         while self._actions.empty() and time.monotonic() < end_s and not self._service.stop.is_set():
             until_s = None
@@ -200,6 +198,7 @@ class Itrash:
                 wall_s=end_s - time.monotonic(),
                 resting=True,
             )
+        return not self._actions.empty() and not self._service.stop.is_set()
 
     def _remember(self) -> None:
         def save() -> None:

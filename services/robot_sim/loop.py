@@ -100,6 +100,7 @@ class Loop:
         self.tell_time: Callable[[int], object] = lambda time_ns: None
         """Publishes the site's time (ns) on /clock; in the outbox's thread."""
         self._turns: set[Turn] = set()
+        self._turns_lock = threading.Lock()
         self.simulation = simulation
         self.outbox = Outbox(stop)
         self._state = state
@@ -147,11 +148,14 @@ class Loop:
     def turn(self) -> Iterator[Turn]:
         """Around all that an action does for one goal."""
         turn = Turn()
-        self._turns = {*self._turns, turn}
+        with self._turns_lock:
+            self._turns.add(turn)
         try:
             yield turn
         finally:
-            self._turns = self._turns - {turn}
+            # One that stayed would stop the time for ever.
+            with self._turns_lock:
+                self._turns.discard(turn)
             self.sent()
 
     def sent(self) -> None:
@@ -229,12 +233,15 @@ class Loop:
         """Wait while somebody holds the clock; True when it has to be asked again."""
         if self.holders is None:
             return False
-        if not any(turn.holds for turn in self._turns) and self.holders.may_pass(
-            self.simulation.time_ns, self._then
-        ):
+        with self._turns_lock:
+            in_turn = any(turn.holds for turn in self._turns)
+        if not in_turn and self.holders.may_pass(self.simulation.time_ns, self._then):
             return False
-        with suppress(queue.Empty):
-            self._do(*self._jobs.get(timeout=_STOP_CHECK_S))
+        try:
+            function, done = self._jobs.get(timeout=_STOP_CHECK_S)
+        except queue.Empty:
+            return True
+        self._do(function, done)
         return True
 
     def _then(self, send: Callable[[], None]) -> None:

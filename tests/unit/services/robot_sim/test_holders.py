@@ -236,6 +236,14 @@ def test_who_is_not_to_hold_the_clock_does_not(
     assert simulator.may_pass(2.0)
 
 
+def test_a_mark_that_is_none_is_left_out(simulator: Simulator, mind: Mind, site: Site) -> None:
+    begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S))
+    for nonsense in (b"", b"[]", b'{"number": null}', b"\xff"):
+        simulator.session.put(topics.CLOCK_MARK.name(org=site.org), nonsense)
+    simulator.holders.sent()
+    assert simulator.may_pass()
+
+
 def test_who_holds_it_for_long_is_named_until_it_goes_on(
     simulator: Simulator, mind: Mind, monkeypatch: pytest.MonkeyPatch
 ) -> None:

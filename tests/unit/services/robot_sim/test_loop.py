@@ -74,3 +74,22 @@ def test_the_clock_goes_no_faster_than_it_may_idle_or_not(
     passed_s = time.monotonic() - begun_s
     assert 0 < world.time_ns * 1e-9 <= most * passed_s + IDLE_PERIOD_NS * 1e-9
     assert (world.skipped > 0) == skips
+
+
+def test_of_actions_that_end_at_the_same_time_none_keeps_the_clock() -> None:
+    stop = threading.Event()
+    loop = Loop(World(), Nothing(), ClockConfig(), stop)  # type: ignore[arg-type]
+
+    def act() -> None:
+        for _ in range(2000):
+            with loop.turn():
+                pass
+
+    threads = [threading.Thread(target=act) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    stop.set()
+    loop.outbox.close()
+    assert not loop._turns
