@@ -62,8 +62,11 @@ class Holder:
         self._told: dict[str, Any] | None = None
         self._started = False
         self.waiters: list[Waiter] = []
+        # Of this session: what a process said that was killed is not taken for its successor's word.
+        key = topics.CLOCK_HOLD.name(org=org, process=process, session=str(session.info.zid()))
+        self._token = session.liveliness().declare_token(key)
         self._publisher = session.declare_publisher(
-            topics.CLOCK_HOLD.name(org=org, process=process),
+            key,
             # Lost, it would hold the clock for ever; sent late, for long.
             congestion_control=zenoh.CongestionControl.BLOCK,
             express=True,
@@ -144,3 +147,4 @@ class Holder:
     def close(self) -> None:
         self._marks.undeclare()
         self._publisher.undeclare()
+        self._token.undeclare()

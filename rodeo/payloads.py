@@ -397,8 +397,8 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
     ),
     (
         "Who holds the simulator's clock",
-        "`rodeo/{org}/clock/mark` and `rodeo/{org}/clock/hold/{process}`. A process that never says how it "
-        "is, a real device for instance, is not waited for.",
+        "`rodeo/{org}/clock/mark` and `rodeo/{org}/clock/hold/{process}/{session}`, which is a liveliness "
+        "token, too. A process that never says how it is, a real device for instance, is not waited for.",
         (ClockMark, ClockHold),
     ),
 )

@@ -319,11 +319,12 @@ CLOCK_MARK = _dao(
     "the simulator asks those who hold its clock whether they have taken everything that was sent before",
 )
 CLOCK_HOLD = _dao(
-    "rodeo/{org}/clock/hold/{process}",
+    "rodeo/{org}/clock/hold/{process}/{session}",
     "ClockHold",
     Form.TOPIC,
     "every process",
-    "whether the process is busy, or has nothing to do before a time: the simulator's clock waits for it",
+    "whether the process is busy, or has nothing to do before a time: the simulator's clock waits for it, as "
+    "long as there is a liveliness token of this name",
 )
 
 TOPICS: tuple[Topic, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Topic))

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import zenoh
 
@@ -26,6 +27,19 @@ LONG_S = 5.0
 """Wall time after which a process that holds the clock is named."""
 _BEGIN_S = 1.0
 """Wall time that those who are there when the simulation begins have to say how they are."""
+
+
+class Session(NamedTuple):
+    """Who holds the clock: what a process said ends with the session in which it said it."""
+
+    process: str
+    id: str
+
+    @classmethod
+    def of(cls, key: object) -> Session:
+        """Whose key `rodeo/{org}/clock/hold/{process}/{session}` is."""
+        _, process, session = str(key).rsplit("/", 2)
+        return cls(process, session)
 
 
 @dataclass
@@ -50,14 +64,14 @@ class Holders:
         self._lock = threading.Lock()
         self._kinds = frozenset(site.clock.holders)
         self._minds = {agent_process(site, robot.name) for robot in site.robots}
-        self._seen: dict[str, _Seen] = {}
+        self._seen: dict[Session, _Seen] = {}
         self._mark_key = topics.CLOCK_MARK.name(org=site.org)
         self._marks = bus.session.declare_publisher(
             self._mark_key, congestion_control=zenoh.CongestionControl.BLOCK, express=True
         )
         self._number = 0
         self._marked_ns = -1
-        self._awaited: set[str] = set()
+        self._awaited: set[Session] = set()
         """Who has not answered the last mark."""
         self._asks = False
         """Whether something was sent since the last mark."""
@@ -66,26 +80,27 @@ class Holders:
         self._held_since_s: float | None = None
         self.waited_s = 0.0
         """Wall time for which the clock stood still for somebody."""
-        self._alive = bus.session.liveliness().declare_subscriber(
-            topics.ALIVE.name(org=site.org, process="*"), self._on_alive
+        self._there: set[Session] = set()
+        """Whose token there is. A token's end may overtake what its session said last."""
+        everybody = topics.CLOCK_HOLD.name(org=site.org, process="*", session="*")
+        # Both in the receiving thread: in the order in which they came.
+        self._tokens = bus.session.liveliness().declare_subscriber(
+            everybody, zenoh.handlers.Callback(self._on_token, indirect=False)
         )
         self._subscriber = bus.session.declare_subscriber(
-            topics.CLOCK_HOLD.name(org=site.org, process="*"),
-            zenoh.handlers.Callback(self._on_hold, indirect=False),
+            everybody, zenoh.handlers.Callback(self._on_hold, indirect=False)
         )
-        self._there = {
-            str(reply.ok.key_expr).rpartition("/")[2]
-            for reply in bus.session.liveliness().get(topics.ALIVE.name(org=site.org, process="*"))
-            if reply.ok is not None
-        }
-        """Who was there before; of these nobody knows yet whether they hold the clock."""
+        for reply in bus.session.liveliness().get(everybody):
+            if reply.ok is not None:
+                with self._lock:
+                    self._there.add(Session.of(reply.ok.key_expr))
         self._begins_s: float | None = None
 
     # -- what is heard ---------------------------------------------------------------------------------
 
     def _on_hold(self, sample: zenoh.Sample) -> None:
-        process = str(sample.key_expr).rpartition("/")[2]
-        if process.partition(".")[0] not in self._kinds:
+        session = Session.of(sample.key_expr)
+        if not self._may_hold(session):
             return
         try:
             hold = validate(ClockHold, decode_json(sample.payload.to_bytes()))
@@ -93,26 +108,34 @@ class Holders:
             log.warning("left out a message on %s: %s", sample.key_expr, error)
             return
         with self._lock:
-            seen = self._seen.get(process)
+            if session not in self._there:
+                return
+            seen = self._seen.get(session)
             if seen is None:
-                log.info("%s holds the clock when it works", process)
-                self._seen[process] = _Seen(hold, 0)
+                log.info("%s holds the clock when it works", session.process)
+                self._seen[session] = _Seen(hold, 0)
             else:
                 seen.hold = hold
             if hold.heard == self._number:
-                self._awaited.discard(process)
+                self._awaited.discard(session)
             self._free_until_ns = 0
         self._wake()
 
-    def _on_alive(self, sample: zenoh.Sample) -> None:
-        if sample.kind == zenoh.SampleKind.DELETE:
-            process = str(sample.key_expr).rpartition("/")[2]
-            with self._lock:
-                if self._seen.pop(process, None) is not None:
-                    log.info("%s is gone: the clock does not wait for it", process)
-                self._awaited.discard(process)
-                self._free_until_ns = 0
-            self._wake()
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        session = Session.of(sample.key_expr)
+        with self._lock:
+            if sample.kind == zenoh.SampleKind.PUT:
+                self._there.add(session)
+                return
+            self._there.discard(session)
+            if self._seen.pop(session, None) is not None:
+                log.info("%s is gone: the clock does not wait for it", session.process)
+            self._awaited.discard(session)
+            self._free_until_ns = 0
+        self._wake()
+
+    def _may_hold(self, session: Session) -> bool:
+        return session.process.partition(".")[0] in self._kinds
 
     # -- the simulation's thread -----------------------------------------------------------------------
 
@@ -136,7 +159,7 @@ class Holders:
         if self._number == 0:
             self._begins_s = time.monotonic()
             self._mark(now_ns, then)
-            self._awaited = {process for process in self._there if process.partition(".")[0] in self._kinds}
+            self._awaited = set(filter(self._may_hold, self._there))
             return not self._awaited
         if self._begins_s is not None:
             if self._awaited and time.monotonic() - self._begins_s < _BEGIN_S:
@@ -174,7 +197,7 @@ class Holders:
     def resting(self) -> bool:
         """Whether every robot's mind is there, and nobody needs to see how nothing moves."""
         with self._lock:
-            there = self._minds <= self._seen.keys()
+            there = self._minds <= {session.process for session in self._seen}
             return there and all(one.hold.resting for one in self._seen.values())
 
     def _count(self, passes: bool) -> None:
@@ -193,12 +216,14 @@ class Holders:
 
     def _complaint(self) -> str:
         with self._lock:
-            late = [name for name, one in self._seen.items() if one.hold.busy or name in self._awaited]
+            late = {who.process for who, one in self._seen.items() if one.hold.busy} | {
+                who.process for who in self._awaited
+            }
         return f"the clock waits for {', '.join(sorted(late))}"
 
     def close(self) -> None:
         self._subscriber.undeclare()
-        self._alive.undeclare()
+        self._tokens.undeclare()
         self._marks.undeclare()
 
 

@@ -63,9 +63,7 @@ class Mind:
     """A process that follows and holds the clock; `work` runs in its acting thread."""
 
     def __init__(self, session: zenoh.Session, site: Site, name: str = "robot_agent") -> None:
-        key = topics.ALIVE.name(org=site.org, process=name)
         self.session = session
-        self._alive = session.liveliness().declare_token(key)
         self.clock = SimClock(session, site.bus.domain_id, (site.org, name))
 
     def start(self, work: Callable[[], object]) -> threading.Thread:
@@ -231,9 +229,37 @@ def test_who_is_not_to_hold_the_clock_does_not(
 ) -> None:
     stranger = Mind(connect(), site, "console")
     stranger.start(lambda: NEVER.wait(1.0))
-    Bus(stranger.session).put_json(topics.CLOCK_HOLD.name(org=site.org, process="itrash"), {"busy": "yes"})
+    key = topics.CLOCK_HOLD.name(org=site.org, process="itrash", session="0")
+    token = stranger.session.liveliness().declare_token(key)
+    Bus(stranger.session).put_json(key, {"busy": "yes"})
     simulator.holders.sent()
     assert simulator.may_pass(2.0)
+    token.undeclare()
+
+
+def test_the_last_word_of_who_has_gone_holds_nothing(
+    connect: Callable[[], zenoh.Session], site: Site, simulator: Simulator
+) -> None:
+    # As when the token's end overtakes it, and when the next of this name is there already.
+    successor = Mind(connect(), site)
+    late = {"heard": 0, "busy": True, "until_ns": None, "works": 1, "resting": False}
+    key = topics.CLOCK_HOLD.name(org=site.org, process="robot_agent", session="0")
+    Bus(successor.session).put_json(key, late)
+    simulator.holders.sent()
+    assert simulator.may_pass(2.0)
+
+
+def test_who_dies_busy_is_not_waited_for_though_the_next_of_its_name_is_there(
+    connect: Callable[[], zenoh.Session], site: Site, simulator: Simulator, mind: Mind
+) -> None:
+    done = threading.Event()
+    begin(mind, simulator, lambda: done.wait(SOON_S))
+    successor = Mind(connect(), site)
+    assert not simulator.may_pass(0.3)
+    mind.session.close()
+    assert simulator.may_pass()
+    assert not successor.session.is_closed()
+    done.set()
 
 
 def test_a_mark_that_is_none_is_left_out(simulator: Simulator, mind: Mind, site: Site) -> None:
