@@ -14,7 +14,6 @@ from rodeo.lab.sensors import Lidar
 from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import (
     CONTROL_PERIOD_S,
-    CONTROL_STEPS,
     FINGER_JOINTS,
     LIDAR_SITE,
     begin,
@@ -28,6 +27,7 @@ from services.robot_sim.frames import Transform, lab_frames
 from services.robot_sim.navigation import BaseDriver
 from services.robot_sim.odometry import Odometry
 from services.robot_sim.planner import Map
+from services.robot_sim.steps import Steps
 from services.robot_sim.surroundings import blocked, unknown_returns
 
 PROCESS = "robot_sim"
@@ -174,6 +174,8 @@ class Simulation:
         """What the saved numbers are about: the compiled world."""
         self.entities.settle(self.model, self.data)
         self.robots = {config.name: SimRobot(self.model, self.data, config, site) for config in bodies}
+        items = [item.id for item in site.items]
+        self.steps = Steps(self.model, self.data, list(self.robots), items, lambda: self._reaching)
         self.map = Map.of(site)
         self.supply = Supply(site.dock)
         self.bin = BinLayout(site.bin)
@@ -217,7 +219,7 @@ class Simulation:
                 robot.watch(self.map, self.time_ns)
             robot.step(now_s)
         self.entities.advance(self.model, self.data, self.time_ns + PERIOD_NS)
-        mujoco.mj_step(self.model, self.data, nstep=CONTROL_STEPS)
+        self.steps.advance()
         self.time_ns += PERIOD_NS
         for robot in self.robots.values():
             robot.odometry.advance(robot.body.wheel_twist)
@@ -246,6 +248,10 @@ class Simulation:
         """Whether nothing moves and nothing is asked to."""
         idle = all(robot.idle for robot in self.robots.values())
         return idle and float(np.abs(self.data.qvel).max()) < _REST_SPEED
+
+    @property
+    def _reaching(self) -> bool:
+        return not all(robot.arm.idle and robot.gripper.idle for robot in self.robots.values())
 
     @property
     def parked(self) -> bool:

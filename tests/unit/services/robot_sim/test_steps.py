@@ -1,0 +1,149 @@
+"""The physics takes wide steps only where nothing is touched that counts."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rodeo.config import Site
+from rodeo.lab.body import Twist2
+from rodeo.lab.config import Pose2
+from rodeo.lab.world import CONTROL_PERIOD_S, STOWED_RAD, TIMESTEP_S
+from services.robot_sim.arm import Grip, Motion, Waypoint
+from services.robot_sim.simulation import SimRobot, Simulation
+from services.robot_sim.steps import BASE_NEAR_M, Steps
+from tests.support.site import LAB
+
+START_NS = 1_800_000_000_000_000_000
+
+
+@pytest.fixture
+def simulation() -> Simulation:
+    simulation = Simulation(Site.load(LAB), START_NS)
+    for _ in range(50):
+        simulation.step()
+    return simulation
+
+
+def the_robot(simulation: Simulation) -> SimRobot:
+    return simulation.robots["panther1"]
+
+
+def drive(simulation: Simulation) -> None:
+    """A curve with stops, 10 s long, where nothing lies."""
+    robot = the_robot(simulation)
+    for period in range(500):
+        robot.command(
+            Twist2(0.3 if period % 100 < 60 else 0.0, 0.5 if period < 400 else 0.0), simulation.moved_s
+        )
+        simulation.step()
+
+
+def move_arm(simulation: Simulation) -> None:
+    still = np.zeros(6)
+    there = np.array(STOWED_RAD) + 0.2
+    motion = Motion([Waypoint(2.0, (there, still))], lambda: False, np.full(6, 0.5), np.full(6, 0.05))
+    the_robot(simulation).arm.follow(motion)
+
+
+def test_a_base_that_stands_or_drives_alone_is_stepped_widely(simulation: Simulation) -> None:
+    assert not simulation.steps.narrow
+    robot = the_robot(simulation)
+    for period in range(200):
+        robot.command(Twist2(0.3, 0.5), simulation.moved_s)
+        simulation.step()
+        assert not simulation.steps.narrow, period
+
+
+def test_a_control_period_lasts_as_long_by_wide_steps(simulation: Simulation) -> None:
+    before_s = simulation.data.time
+    simulation.step()
+    assert simulation.data.time - before_s == pytest.approx(CONTROL_PERIOD_S)
+    assert simulation.model.opt.timestep == TIMESTEP_S
+
+
+def test_a_base_near_an_item_is_stepped_narrowly_before_it_touches_it(simulation: Simulation) -> None:
+    body = the_robot(simulation).body
+    item = simulation.data.body("item2")
+    touched_m = math.inf
+    for _ in range(400):
+        x_m, y_m, _ = item.xpos - body.position_m
+        turn_rad = math.remainder(math.atan2(y_m, x_m) - body.pose.yaw_rad, math.tau)
+        the_robot(simulation).command(Twist2(0.5, 2.0 * turn_rad), simulation.moved_s)
+        simulation.step()
+        if np.abs(item.cvel).max() > 1e-2:
+            touched_m = math.dist(body.position_m[:2], item.xpos[:2])
+            break
+        far_m = math.dist(body.position_m[:2], item.xpos[:2])
+        assert simulation.steps.narrow or far_m > BASE_NEAR_M, far_m
+    assert touched_m < 0.65
+
+
+def test_an_arm_that_moves_is_stepped_narrowly_from_its_first_period_until_it_rests(
+    simulation: Simulation,
+) -> None:
+    move_arm(simulation)
+    robot = the_robot(simulation)
+    while not robot.arm.idle:
+        assert simulation.steps.narrow
+        simulation.step()
+    for _ in range(100):
+        simulation.step()
+    assert not simulation.steps.narrow
+
+
+def test_a_gripper_is_stepped_narrowly_from_the_command_to_close_until_it_is_open_again(
+    simulation: Simulation,
+) -> None:
+    robot = the_robot(simulation)
+    robot.gripper.follow(Grip(0.03, 5.0, lambda: False))
+    assert simulation.steps.narrow
+    for _ in range(100):
+        simulation.step()
+        assert simulation.steps.narrow
+    robot.gripper.follow(Grip(0.057, 5.0, lambda: False))
+    for _ in range(100):
+        simulation.step()
+    assert not simulation.steps.narrow
+
+
+def test_what_falls_is_stepped_narrowly_until_it_rests(simulation: Simulation) -> None:
+    joint = simulation.data.joint("item1")
+    joint.qpos[2] += 0.4
+    simulation.step()
+    for _ in range(5):
+        simulation.step()
+        assert simulation.steps.narrow
+    for _ in range(500):
+        simulation.step()
+    assert not simulation.steps.narrow
+
+
+def test_wide_steps_drive_a_base_to_where_narrow_ones_do(
+    simulation: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drive(simulation)
+    wide: Pose2 = the_robot(simulation).body.pose
+    narrow_one = Simulation(Site.load(LAB), START_NS)
+    monkeypatch.setattr(Steps, "narrow", property(lambda _self: True))
+    for _ in range(50):
+        narrow_one.step()
+    drive(narrow_one)
+    narrow = the_robot(narrow_one).body.pose
+    assert math.dist((wide.x_m, wide.y_m), (narrow.x_m, narrow.y_m)) < 0.05
+    assert abs(wide.yaw_rad - narrow.yaw_rad) < 0.1
+
+
+def test_a_restored_world_steps_as_the_saved_one_goes_on(simulation: Simulation) -> None:
+    second = Simulation(Site.load(LAB), START_NS)
+    second.restore(simulation.time_ns, simulation.row())
+    the_robot(simulation).arm.hold(the_robot(simulation).body.arm_setpoint)
+    for _ in range(50):
+        for one in (simulation, second):
+            the_robot(one).command(Twist2(0.3, 0.3), one.moved_s)
+            one.step()
+        assert simulation.steps.narrow == second.steps.narrow
+    robot, other = the_robot(simulation).body.pose, the_robot(second).body.pose
+    assert (other.x_m, other.y_m, other.yaw_rad) == pytest.approx(
+        (robot.x_m, robot.y_m, robot.yaw_rad), abs=1e-9
+    )
