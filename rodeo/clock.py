@@ -11,8 +11,8 @@ import math
 import struct
 import threading
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import Protocol
 
 import zenoh
@@ -22,8 +22,8 @@ from rodeo.holding import Holder, Waiter
 
 log = logging.getLogger(__name__)
 
-_WALL_SLICE_S = 0.2
-"""Longest uninterrupted wall wait: a stop event is noticed within this time."""
+_WALL_SLICE_S = 0.1
+"""Longest uninterrupted wall wait: a stop event is noticed within this time, and checks are made so often."""
 
 _SILENT_S = 3.0
 """Wall time without a message after which a speaker that is in no ROS graph counts as gone."""
@@ -58,12 +58,15 @@ class Clock(TimeSource, Protocol):
         *,
         until_s: float | None = None,
         wall_s: float | None = None,
+        every_s: float = math.inf,
+        check: Callable[[], object] | None = None,
         resting: bool = False,
     ) -> bool:
         """Block until `done()`; False at `until_s` of site time, after `wall_s`, or when `stop` is set.
 
-        `done` is asked again after each `notify`. While the thread waits it does not hold a simulated clock;
-        `resting` says that nobody needs to see meanwhile how nothing moves.
+        `done` is asked again after each `notify`, and where the clock is held also `every_s` of site time.
+        So is `check`, and now and then besides: what it raises ends the wait. While the thread waits it does
+        not hold a simulated clock; `resting` says that nobody needs to see meanwhile how nothing moves.
         """
         ...
 
@@ -103,6 +106,8 @@ class WallClock:
         *,
         until_s: float | None = None,
         wall_s: float | None = None,
+        every_s: float = math.inf,
+        check: Callable[[], object] | None = None,
         resting: bool = False,
     ) -> bool:
         end_s = math.inf if wall_s is None else time.monotonic() + wall_s
@@ -114,6 +119,9 @@ class WallClock:
                 if left_s <= 0 or (stop is not None and stop.is_set()):
                     return False
                 self._changed.wait(min(left_s, _WALL_SLICE_S))
+                if check is not None:
+                    with _unlocked(self._changed):
+                        check()
         return True
 
     def notify(self) -> None:
@@ -271,29 +279,47 @@ class SimClock:
         *,
         until_s: float | None = None,
         wall_s: float | None = None,
+        every_s: float = math.inf,
+        check: Callable[[], object] | None = None,
         resting: bool = False,
     ) -> bool:
         end_s = math.inf if wall_s is None else time.monotonic() + wall_s
         until_ns = None if until_s is None or math.isinf(until_s) else math.ceil(until_s * 1e9)
         waiter = self._waiter(until_ns, resting)
         with self._changed:
-            while not (happened := done()):
-                left_s = end_s - time.monotonic()
-                passed = until_ns is not None and self._now_ns is not None and self._now_ns >= until_ns
-                if passed or left_s <= 0 or (stop is not None and stop.is_set()):
-                    break
-                waiter.woken = False
-                self._waiters.append(waiter)
-                self._tell()
-                self._changed.wait(min(left_s, _WALL_SLICE_S))
+            self._waiters.append(waiter)
+            try:
+                while not (happened := done()):
+                    left_s = end_s - time.monotonic()
+                    passed = until_ns is not None and self._now_ns is not None and self._now_ns >= until_ns
+                    if passed or left_s <= 0 or (stop is not None and stop.is_set()):
+                        break
+                    waiter.until_ns = self._next_look_ns(until_ns, every_s)
+                    if waiter.news == waiter.seen:
+                        self._tell()
+                        self._changed.wait(min(left_s, _WALL_SLICE_S))
+                    news = waiter.news
+                    if check is not None:
+                        # What is only looked at holds nothing, unless it is for something that arrived.
+                        with _unlocked(self._changed):
+                            check()
+                    waiter.seen = news
+            finally:
                 self._waiters.remove(waiter)
-            self._tell()
+                if self._holder is not None:
+                    self._holder.goes_on(waiter)
         return happened
+
+    def _next_look_ns(self, until_ns: int | None, every_s: float) -> int | None:
+        if math.isinf(every_s) or self._now_ns is None:
+            return until_ns
+        look_ns = self._now_ns + math.ceil(every_s * 1e9)
+        return look_ns if until_ns is None else min(until_ns, look_ns)
 
     def notify(self) -> None:
         with self._changed:
             for waiter in self._waiters:
-                waiter.woken = True
+                waiter.news += 1
             self._tell()
             self._changed.notify_all()
 
@@ -317,3 +343,12 @@ class SimClock:
         self._graph.undeclare()
         if self._holder is not None:
             self._holder.close()
+
+
+@contextmanager
+def _unlocked(condition: threading.Condition) -> Iterator[None]:
+    condition.release()
+    try:
+        yield
+    finally:
+        condition.acquire()

@@ -29,10 +29,12 @@ class Waiter:
         self.releases = releases
         """Whether it is one of those whose work holds the clock."""
         self.resting = resting
-        self.woken = False
+        self.news = self.seen = 0
+        """How often something arrived, and up to which of it the thread has looked."""
 
     def is_due(self, now_ns: int | None) -> bool:
-        return self.woken or (self.until_ns is not None and now_ns is not None and now_ns >= self.until_ns)
+        passed = self.until_ns is not None and now_ns is not None and now_ns >= self.until_ns
+        return passed or self.news != self.seen
 
 
 class Holder:
@@ -93,6 +95,7 @@ class Holder:
     def hold(self) -> Iterator[None]:
         with self._changed:
             self._held += 1
+            self._works += 1
             self._started = True
             self.tell()
         try:
@@ -105,6 +108,12 @@ class Holder:
     def waiter(self, until_ns: int | None, resting: bool) -> Waiter:
         return Waiter(until_ns, threading.get_ident() in self._actors, resting)
 
+    def goes_on(self, waiter: Waiter) -> None:
+        """The thread does something now, and does not only look."""
+        if waiter.releases:
+            self._works += 1
+        self.tell()
+
     def tell(self) -> None:
         """Say how it is, where that is something else than was said last."""
         if not self._started:
@@ -113,8 +122,6 @@ class Holder:
         idle = [one for one in self.waiters if one.releases and not one.is_due(now_ns)]
         busy = self._held > len(idle)
         was_busy = self._told is not None and self._told["busy"]
-        if busy and not was_busy:
-            self._works += 1
         until = [] if busy else [one.until_ns for one in self.waiters if one.until_ns is not None]
         state = {
             "heard": self._heard,

@@ -279,6 +279,10 @@ class ClientGoal:
     def done(self) -> bool:
         return self._outcome.done()
 
+    def wait(self, check: Callable[[], object]) -> None:
+        """Block until the goal is done. Raises what `check` raises, which is called now and then."""
+        self._clock.wait_for(self._outcome.done, check=check)
+
     def result(self, timeout_s: float | None = None) -> Any:
         """Result message of a goal that succeeded; waits at most `timeout_s` wall seconds.
 

@@ -186,18 +186,13 @@ class Itrash:
     def _await_action(self) -> bool:
         """Whether there is one before it is time to tell how things are. While something is shown or falls,
         each reading may be the one that decides: a simulated clock waits after it."""
-        clock, end_s = self._service.clock, time.monotonic() + _TELL_S
-        while self._actions.empty() and time.monotonic() < end_s and not self._service.stop.is_set():
-            until_s = None
-            if not self._service.site.clock.keeps_wall_time and self._bin.attentive:
-                until_s = clock.now_s() + _READING_S
-            clock.wait_for(
-                lambda: not self._actions.empty(),
-                self._service.stop,
-                until_s=until_s,
-                wall_s=end_s - time.monotonic(),
-                resting=True,
-            )
+        self._service.clock.wait_for(
+            lambda: not self._actions.empty(),
+            self._service.stop,
+            wall_s=_TELL_S,
+            every_s=_READING_S if self._bin.attentive else math.inf,
+            resting=True,
+        )
         return not self._actions.empty() and not self._service.stop.is_set()
 
     def _remember(self) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections import deque
@@ -33,7 +34,6 @@ _PRESENT_PERIOD_S = 1.0
 """Wall time after which the robot presents itself again, for the same reason."""
 _ANSWER_WALL_S = 2.0
 """The bin answers at once, or not at all."""
-_SLICE_S = 0.1
 _KEPT = 50
 """Statements of each kind."""
 
@@ -111,13 +111,17 @@ class SmartBin:
         """
         now_s = time.monotonic()
         deadline_s = now_s + timeout_wall_s
-        ask_s, present_s = now_s + _ASK_PERIOD_S, now_s + _PRESENT_PERIOD_S
+        ask_s = now_s + _ASK_PERIOD_S
+        present_s = now_s + _PRESENT_PERIOD_S if kind is Classification else math.inf
         while True:
             said = self.said_after(kind, after_s)
             if said is not None:
                 return said
-            self._clock.wait_for(lambda: self.said_after(kind, after_s) is not None, wall_s=_SLICE_S)
-            checkpoint()
+            self._clock.wait_for(
+                lambda: self.said_after(kind, after_s) is not None,
+                wall_s=min(deadline_s, ask_s, present_s) - now_s,
+                check=checkpoint,
+            )
             now_s = time.monotonic()
             if now_s >= deadline_s:
                 if not self._listener.answered:
@@ -136,8 +140,9 @@ class SmartBin:
             if now_s >= ask_s:
                 self._ask()
                 ask_s = time.monotonic() + _ASK_PERIOD_S
-            if kind is Classification and self._presented is not None and now_s >= present_s:
-                self._witness.publish(self._presented)
+            if now_s >= present_s:
+                if self._presented is not None:
+                    self._witness.publish(self._presented)
                 present_s = now_s + _PRESENT_PERIOD_S
 
     # -- inside ----------------------------------------------------------------------------------------

@@ -25,7 +25,6 @@ from rodeo.ros2.errors import (
     GoalAborted,
     GoalCanceled,
     GoalRejected,
-    GoalTimeout,
     MalformedMessage,
     Ros2Error,
     ServiceTimeout,
@@ -303,15 +302,12 @@ def _on_plane(pose: Any) -> Pose2:
 
 def _finish(goal: ClientGoal, checkpoint: Checkpoint) -> Any:
     """Wait for the goal's end; when `checkpoint` raises, the body is told to stop first."""
-    while True:
-        try:
-            return goal.result(_SLICE_S)
-        except GoalTimeout:
-            try:
-                checkpoint()
-            except Exception:  # whatever it is, it is raised again
-                _cancel(goal)
-                raise
+    try:
+        goal.wait(checkpoint)
+    except Exception:  # whatever it is, it is raised again
+        _cancel(goal)
+        raise
+    return goal.result()
 
 
 def _cancel(goal: ClientGoal) -> None:

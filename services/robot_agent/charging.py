@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from typing import Protocol
 
 from rodeo.charging import order_wh
@@ -157,8 +156,6 @@ class Charging:
 
     def _wait(self, wake: threading.Event, checkpoint: Checkpoint) -> None:
         """Until something happens on chain or it is time to look again."""
-        end_s = time.monotonic() + _LOOK_WALL_S
-        while not self._clock.wait_for(wake.is_set, wall_s=0.1) and time.monotonic() < end_s:
-            checkpoint()
+        self._clock.wait_for(wake.is_set, wall_s=_LOOK_WALL_S, check=checkpoint)
         wake.clear()
         checkpoint()

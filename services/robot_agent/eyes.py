@@ -27,7 +27,6 @@ log = logging.getLogger(__name__)
 _FRAMES = 2
 """Pictures per view: their noise differs."""
 _PICTURE_WALL_S = 10.0
-_SLICE_S = 0.1
 _DEPTH_ENCODING = "32FC1"
 _MOST_PIXELS = 1_000_000
 
@@ -73,13 +72,12 @@ class WristCamera:
 
     def _next(self, topic: Topic, messages: queue.SimpleQueue[bytes], checkpoint: Checkpoint) -> Any:
         deadline_s = time.monotonic() + _PICTURE_WALL_S
-        while time.monotonic() < deadline_s:
-            if self._clock.wait_for(lambda: not messages.empty(), wall_s=_SLICE_S):
+        while (left_s := deadline_s - time.monotonic()) > 0:
+            if self._clock.wait_for(lambda: not messages.empty(), wall_s=left_s, check=checkpoint):
                 try:
                     return types.deserialize(messages.get(), topic.type)
                 except MalformedMessage as error:
                     log.warning("left out a message on %s: %s", topic.name(**self._names), error)
-            checkpoint()
         raise NoAnswer("the wrist camera sends no pictures", timeout_s=_PICTURE_WALL_S)
 
     def _pose(self, checkpoint: Checkpoint) -> tuple[Array, Array]:
