@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable
@@ -25,6 +26,9 @@ log = logging.getLogger(__name__)
 
 LONG_S = 5.0
 """Wall time after which a process that holds the clock is named."""
+_REPEAT_S = 1.0
+"""Wall time after which those who hold the clock are asked again: with a router that ends a mark, or what was
+said last, is lost."""
 _BEGIN_S = 1.0
 """Wall time that those who are there when the simulation begins have to say how they are."""
 
@@ -71,6 +75,7 @@ class Holders:
         )
         self._number = 0
         self._marked_ns = -1
+        self._marked_s = -math.inf
         self._awaited: set[Session] = set()
         """Who has not answered the last mark."""
         self._asks = False
@@ -168,6 +173,8 @@ class Holders:
             self._awaited &= set(self._seen)
         seen = self._seen.values()
         if self._awaited or any(one.hold.busy for one in seen):
+            if time.monotonic() - self._marked_s > _REPEAT_S:
+                self._mark(now_ns, then)
             return False
         due = any(one.hold.until_ns is not None and one.hold.until_ns <= now_ns for one in seen)
         worked = any(one.hold.works != one.worked_before for one in seen)
@@ -181,6 +188,7 @@ class Holders:
         self._asks = False
         self._number += 1
         self._marked_ns = now_ns
+        self._marked_s = time.monotonic()
         self._awaited = set(self._seen)
         for one in self._seen.values():
             one.worked_before = one.hold.works

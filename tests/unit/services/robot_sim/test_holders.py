@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
+from types import SimpleNamespace
 
 import pytest
 import zenoh
@@ -260,6 +261,31 @@ def test_who_dies_busy_is_not_waited_for_though_the_next_of_its_name_is_there(
     assert simulator.may_pass()
     assert not successor.session.is_closed()
     done.set()
+
+
+def test_a_mark_that_is_lost_is_sent_again(simulator: Simulator, mind: Mind) -> None:
+    begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S))
+    assert simulator.may_pass()
+    simulator.holders.sent()
+    lost: list[object] = []
+    assert not simulator.holders.may_pass(simulator.now_ns_, lost.append)
+    assert len(lost) == 1
+    assert simulator.may_pass()
+
+
+def test_a_last_word_that_is_lost_is_asked_for_again(
+    simulator: Simulator, mind: Mind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = threading.Event()
+    begin(mind, simulator, lambda: (done.wait(SOON_S), mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S)))
+    assert not simulator.may_pass(0.3)
+    said: list[str] = []
+    assert mind.clock._holder is not None
+    with monkeypatch.context() as away:
+        away.setattr(mind.clock._holder, "_publisher", SimpleNamespace(put=said.append))
+        done.set()
+        assert not wait_until(lambda: not said)
+    assert simulator.may_pass()
 
 
 def test_a_mark_that_is_none_is_left_out(simulator: Simulator, mind: Mind, site: Site) -> None:
