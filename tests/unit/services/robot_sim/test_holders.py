@@ -277,7 +277,7 @@ def test_a_last_word_that_is_lost_is_asked_for_again(
     simulator: Simulator, mind: Mind, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done = threading.Event()
-    begin(mind, simulator, lambda: (done.wait(SOON_S), mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S)))
+    begin(mind, simulator, lambda: (done.wait(SOON_S), mind.clock.wait_for(NEVER.is_set, wall_s=3 * SOON_S)))
     assert not simulator.may_pass(0.3)
     said: list[str] = []
     assert mind.clock._holder is not None
