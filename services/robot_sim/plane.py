@@ -28,6 +28,9 @@ _DEPTH_TICKS = 10
 _SECOND_TICKS = 50
 """Control periods between messages of 10 Hz, 5 Hz and 1 Hz."""
 _CLOCK_WALL_PERIOD_S = 0.01
+_METERED_NS = 5_000_000_000
+"""Site time of charging after which the clock waits for the dock, which may be late by so much: less than
+1 Wh. To wait for it each second takes longer than all else."""
 _SHOWN_M, _FELL_N = 0.02, 0.05
 """By so much a reading of the bin has changed when the bin may act on it."""
 _NOTHING_SHOWN = -1e3
@@ -66,6 +69,7 @@ class LabPlane:
             for name in site.bin.compartments
         }
         self._told_bin = np.full(1 + len(self._loads), np.nan)
+        self._told_dock_ns, self._told_charging = 0, False
         self._image = publisher(topics.BIN_IMAGE, bin=self._bin)
         self._output = publisher(topics.DOCK_OUTPUT, dock=self._dock)
         node.service(topics.BIN_CAPTURE.name(bin=self._bin), topics.BIN_CAPTURE.type, self._capture)
@@ -100,13 +104,19 @@ class LabPlane:
             self._watch_bin(np.array([shown, *(weight_n / _FELL_N for weight_n in weights_n.values())]))
         if skipped or seen.stalls_ns or tick % _SECOND_TICKS == 0:
             add(self._output.publish, messages.dock_output(now_ns, seen.supply), now_ns)
-            if seen.supply.current_a > 0:
-                self._loop.sent()
+            self._watch_dock(now_ns, seen.supply.current_a > 0)
 
     def _watch_bin(self, readings: np.ndarray) -> None:
         """The bin acts on readings that change."""
         if not np.abs(readings - self._told_bin).max() < 1:
             self._told_bin = readings
+            self._loop.sent()
+
+    def _watch_dock(self, now_ns: int, charging: bool) -> None:
+        """The dock acts on power that comes or goes, and on how much of it has come."""
+        late = charging and now_ns - self._told_dock_ns >= _METERED_NS
+        if late or charging != self._told_charging:
+            self._told_dock_ns, self._told_charging = now_ns, charging
             self._loop.sent()
 
     @property
