@@ -32,6 +32,8 @@ class SealPublisher:
         self._waiting: deque[bytes] = deque()
         self._changed = threading.Condition()
         self._closing = False
+        self._busy = False
+        """Whether the thread has one in its hands."""
         self.dropped = 0
         """Seals that nobody was told of."""
         self._thread = threading.Thread(target=self._publish, name=f"seals {device}", daemon=True)
@@ -45,6 +47,11 @@ class SealPublisher:
             self._waiting.append(data)
             self._changed.notify()
 
+    def settle(self) -> None:
+        """Return when nothing waits, or after `_LAST_WALL_S`."""
+        with self._changed:
+            self._changed.wait_for(lambda: not self._waiting and not self._busy, _LAST_WALL_S)
+
     def close(self) -> None:
         """Publish what waits, at most `_LAST_WALL_S`, and end."""
         with self._changed:
@@ -55,10 +62,13 @@ class SealPublisher:
     def _publish(self) -> None:
         while True:
             with self._changed:
+                self._busy = False
+                self._changed.notify_all()
                 self._changed.wait_for(lambda: self._waiting or self._closing)
                 if not self._waiting:
                     return
                 data = self._waiting.popleft()
+                self._busy = True
             if not self._bus.connected:
                 self._drop("there is no router")
                 continue

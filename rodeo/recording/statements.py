@@ -12,6 +12,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
@@ -340,6 +341,7 @@ class StatementListener:
 
     Args:
         only: name of the one device that is listened to; all by default.
+        hold: entered while a statement is looked at, for a clock that waits for it.
     """
 
     def __init__(
@@ -349,7 +351,9 @@ class StatementListener:
         door: Callable[[DeviceTable], StatementDoor],
         deliver: Callable[[Heard], None],
         only: str = "*",
+        hold: Callable[[], AbstractContextManager[None]] = nullcontext,
     ) -> None:
+        self._hold = hold
         self._bus = bus
         self._org = org
         self._devices = DeviceTable(bus, org)
@@ -399,7 +403,7 @@ class StatementListener:
 
     def _on_statement(self, key: str, payload: bytes) -> None:
         name = key.split("/")[-2]
-        with self._lock:
+        with self._hold(), self._lock:
             heard = self._door.hear(name, payload)
             if heard is not None:
                 self._deliver(heard)

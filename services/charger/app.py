@@ -346,6 +346,7 @@ class Charger:
             ),
             delivery.on_receipt,
             only=robot,
+            hold=self._service.clock.hold,
         )
 
     def _attend(self, delivery: Delivery, listener: StatementListener) -> None:

@@ -67,6 +67,7 @@ class SmartBin:
             ),
             self._on_statement,
             only=self._name,
+            hold=clock.hold,
         )
 
     def close(self) -> None:

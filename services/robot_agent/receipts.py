@@ -239,6 +239,7 @@ class Receipts:
             ),
             self._on_record,
             only=site.dock.name,
+            hold=clock.hold,
         )
 
     def close(self) -> None:

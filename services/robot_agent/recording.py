@@ -188,7 +188,9 @@ class Recording:
         slack_s = stamp_slack_s(site.clock.speed)
         recorded = list(recorded_topics(site, robot))
         for topic, name in recorded:
-            node.raw_subscription(name, topic.type, self._writer(topic, name, MessageDoor(topic, slack_s)))
+            # Inline: what is sent before the time goes on has then been taken.
+            writer = self._writer(topic, name, MessageDoor(topic, slack_s))
+            node.raw_subscription(name, topic.type, writer, inline=True)
         scope = Scope(
             chain_id=binding.chain_id, task_manager=binding.task_manager, organization=binding.organization
         )
@@ -200,6 +202,7 @@ class Recording:
                 devices.known, members, lambda: scope, clock, slack_s, self._refusals, stated(path)
             ),
             self._on_statement,
+            hold=clock.hold,
         )
         self._seals = SealPublisher(bus, site.org, robot)
         self._pictures_written = 0
@@ -227,6 +230,8 @@ class Recording:
             self._hush()
             self._seals.close()
             raise
+        # Motion capture lists it in what it says next.
+        self._seals.settle()
         with self._lock:
             self._open = True
             early, self._early = self._early, []
