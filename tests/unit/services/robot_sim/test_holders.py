@@ -188,6 +188,75 @@ def test_what_was_sent_is_taken_before_the_time_goes_on(simulator: Simulator, mi
     assert taken == sent_ns
 
 
+def test_who_only_looks_whether_to_go_on_is_not_asked_for_it(simulator: Simulator, mind: Mind) -> None:
+    looks: list[int] = []
+    begin(
+        mind,
+        simulator,
+        lambda: mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S, check=lambda: looks.append(1)),
+    )
+    assert simulator.may_pass()
+    marks = simulator.holders._number
+    assert not wait_until(lambda: len(looks) < 5)
+    simulator.advance(0.02)
+    assert simulator.may_pass()
+    assert simulator.holders._number == marks
+
+
+def test_a_look_at_what_was_sent_takes_no_time(simulator: Simulator, mind: Mind) -> None:
+    seen_ns: list[int] = []
+    arrived: list[int] = []
+
+    def take(_sample: zenoh.Sample) -> None:
+        arrived.append(1)
+        mind.clock.notify()
+
+    def look() -> None:
+        NEVER.wait(0.05)
+        if arrived and not seen_ns:
+            seen_ns.append(mind.clock.now_ns())
+
+    subscriber = mind.session.declare_subscriber("news", zenoh.handlers.Callback(take, indirect=False))
+    begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S, check=look))
+    assert simulator.may_pass()
+    simulator.advance(0.02)
+    simulator._then(lambda: simulator.session.put("news", b""))
+    simulator.holders.sent()
+    sent_ns = simulator.now_ns_
+    assert simulator.may_pass()
+    simulator.advance(0.02)
+    simulator.tell_time()
+    subscriber.undeclare()
+    assert seen_ns == [sent_ns]
+
+
+def test_what_a_look_raises_ends_the_wait(simulator: Simulator, mind: Mind) -> None:
+    raised: list[Exception] = []
+
+    def refuse() -> None:
+        raise ValueError("enough")
+
+    def work() -> None:
+        try:
+            mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S, check=refuse)
+        except ValueError as error:
+            raised.append(error)
+
+    begin(mind, simulator, work).join(SOON_S)
+    assert [str(error) for error in raised] == ["enough"]
+    assert simulator.may_pass()
+
+
+def test_who_looks_at_each_reading_is_asked_at_each(simulator: Simulator, mind: Mind) -> None:
+    begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S, every_s=0.1))
+    assert simulator.may_pass()
+    marks = simulator.holders._number
+    for _ in range(50):
+        simulator.advance(0.02)
+        assert simulator.may_pass()
+    assert simulator.holders._number == marks + 10
+
+
 def test_who_dies_while_it_holds_the_clock_is_not_waited_for(simulator: Simulator, mind: Mind) -> None:
     done = threading.Event()
     begin(mind, simulator, lambda: done.wait(SOON_S))
