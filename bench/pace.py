@@ -1,6 +1,6 @@
 """How a whole site's time passes: cleanings at any speed, a charge, and a night in which nothing happens.
 
-Minds, bin, dock and bridge hold the clock, so that what a cleaning takes on it depends on the site alone.
+Minds, bin, dock, bridge and oracle hold the clock: what a cleaning takes on it depends on the site alone.
 
 `sim_determinism` is 1 when the same commands at the same times give the same world to the last bit, and the
 same cleaning takes the same site time within 1 %, on a machine that is busy and on one that is not.
@@ -41,7 +41,7 @@ _CHARGE_WALL_S = 900.0
 NIGHT_WALL_S = 20.0
 _READY_S = 60.0
 _IDLE_SPEED = 400.0
-_HOLDERS: dict[str, Any] = {"clock.holders": ["robot_agent", "itrash", "charger", "bridge"]}
+_HOLDERS: dict[str, Any] = {"clock.holders": ["robot_agent", "itrash", "charger", "bridge", "oracle"]}
 
 
 def run() -> dict[str, float]:

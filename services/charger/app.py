@@ -108,7 +108,7 @@ class Charger:
         )
         self._roots = DailyRoots(site, self._organization, self._witness)
         self._copies = Copies(service.bus, site.org, site.dock.name, self._store, self._kept)
-        self._dao_events = DaoEvents(service.bus, site.org, self._on_event)
+        self._dao_events = DaoEvents(service.bus, site.org, self._on_event, clock=service.clock)
 
     # -- bus -------------------------------------------------------------------------------------------
 

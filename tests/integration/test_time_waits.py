@@ -23,7 +23,7 @@ pytestmark = pytest.mark.long
 SITE = """clock.speed = 0
 clock.idle_speed = 0
 clock.seed = 7
-clock.holders = ["robot_agent", "itrash", "charger", "bridge"]
+clock.holders = ["robot_agent", "itrash", "charger", "bridge", "oracle"]
 agent.explore_when_idle = false
 """
 STOPPED_S = 20.0
