@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, Protocol, cast
 
 from rodeo import topics, wallets
@@ -70,6 +71,9 @@ class Hardware:
 
     def now_s(self) -> float:
         return self._time_ns * 1e-9
+
+    def hold(self) -> AbstractContextManager[None]:
+        return nullcontext()  # it waits for nobody
 
     @property
     def _hurries(self) -> bool:
