@@ -97,6 +97,11 @@ class Gauge:
         """Up to when it counted."""
         return self._moments[-1].time_s if self._moments else -math.inf
 
+    @property
+    def latest(self) -> Moment | None:
+        """Where it stands; None before it was heard."""
+        return self._moments[-1] if self._moments else None
+
     def at(self, time_s: float) -> Moment | None:
         """Where it stood at a moment up to `self.time_s`, or when it began after that; None before it did."""
         later: Moment | None = None
@@ -153,7 +158,7 @@ class Account:
         """As what the robot signs for this record; None if it does not."""
         if (record.device, record.robot, record.task_id) != (self._dock, self._robot, self.task_id):
             return None
-        now, session = self._gauge.at(record.until_s), self._session
+        now, session = self._moment(record), self._session
         if now is None:
             return None
         if record.reason == "opening":
@@ -175,9 +180,13 @@ class Account:
 
     def soc(self, record: MeterRecord) -> float:
         """What the robot signs of its state of charge with that record."""
-        now = self._gauge.at(record.until_s)
+        now = self._moment(record)
         assert now is not None  # `reason` asked for it
         return round(now.soc, 4)
+
+    def _moment(self, record: MeterRecord) -> Moment | None:
+        """Where the gauge stood when the meter was read last; where it stands if that was not read yet."""
+        return self._gauge.at(record.until_s) if record.until_s > 0 else self._gauge.latest
 
     def _open(self, record: MeterRecord, now: Moment) -> Reason | None:
         session, wh = self._session, record.register_wh

@@ -88,6 +88,18 @@ class Charge:
         return self.account.reason(self.record(self.delivered_wh if wh is None else wh, **fields))
 
 
+def test_a_robot_that_worked_for_hours_signs_at_what_charge_it_comes() -> None:
+    charge = Charge()
+    for hour in range(1, 6):
+        charge.gauge.reading(3600.0 * hour, 36.0, -2.0, 0.9 - 0.1 * hour)
+    opening = charge.record(0.0, reason="opening", until_s=0.0, recording=OTHER, attempt=2)
+    assert charge.account.reason(opening) == "opening"
+    assert charge.account.soc(opening) == pytest.approx(0.4)
+    # What it took in before is nobody's to sell.
+    sold = charge.record(50.0, until_s=3600.0 * 5, recording=OTHER, attempt=2)
+    assert charge.account.reason(sold) is None
+
+
 def test_what_the_gauge_shows_is_signed_step_by_step() -> None:
     charge = Charge()
     for _ in range(100):
