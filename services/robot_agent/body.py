@@ -41,7 +41,7 @@ _SLICE_S = 0.1
 _SILENT_AFTER_S = 10.0
 """Wall time without a message until the body counts as silent."""
 _FRESH_S = 0.1
-"""Wall time for which a message tells how things are now, unless a motion ended since it came."""
+"""Site time for which a message tells how things are now, unless a motion ended since it came."""
 _GOAL_TIME_TOLERANCE_S = 3
 
 
@@ -77,7 +77,8 @@ class Latest:
         self._lock = threading.Lock()
         self._cdr = b""
         self._count = 0
-        self._arrived_s = -math.inf
+        self._arrived_s = self._arrived_site_s = -math.inf
+        """When the newest came, by the wall's clock and by the site's."""
         # Inline, because a message that waits in a queue of its own while the result of a motion overtakes
         # it would show the arm where it was before.
         node.raw_subscription(topic, typename, self._on_message, inline=True)
@@ -87,6 +88,7 @@ class Latest:
             self._cdr = info.cdr
             self._count += 1
             self._arrived_s = time.monotonic()
+            self._arrived_site_s = self._clock.now_s()
 
     def recent(self) -> Any:
         """The newest message without waiting, None when it is older than `_SILENT_AFTER_S`."""
@@ -100,8 +102,8 @@ class Latest:
         What is asked after a motion has ended must not be answered with what was sent before.
         """
         with self._lock:
-            cdr, arrived_s = self._cdr, self._arrived_s
-        if arrived_s > moved_s and time.monotonic() - arrived_s < _FRESH_S:
+            cdr, arrived_s = self._cdr, self._arrived_site_s
+        if arrived_s > moved_s and self._clock.now_s() - arrived_s < _FRESH_S:
             message = self._decoded(cdr)
             if message is not None:
                 return message
@@ -144,13 +146,14 @@ class Body:
         self._battery = Latest(node, topics.BATTERY_STATE.name(**names), topics.BATTERY_STATE.type, clock)
         pose = topics.MOCAP_POSE.name(body=robot.name) if site.lab.mocap else topics.POSE.name(**names)
         self._pose = Latest(node, pose, topics.MOCAP_POSE.type, clock)
+        self._clock = clock
         self._dock = site.dock
         self._navigate, self._follow, self._grip = (
             ActionClient(node, action.name(**names), action.type, clock=clock)
             for action in (topics.NAVIGATE_TO_POSE, topics.FOLLOW_JOINT_TRAJECTORY, topics.GRIPPER_CMD)
         )
         self._moved_s = -math.inf
-        """Wall time at which the last motion ended."""
+        """Site time at which the last motion ended."""
         self._stop_client = node.client(topics.EMERGENCY_STOP.name(**names), topics.EMERGENCY_STOP.type)
         self._power_client = node.client(topics.MOTOR_POWER.name(**names), topics.MOTOR_POWER.type)
         self._powered: bool | None = None
@@ -285,7 +288,7 @@ class Body:
                     raise MotionFailed(error.message, action=client.name) from error
                 refused = True
             finally:
-                self._moved_s = time.monotonic()
+                self._moved_s = self._clock.now_s()
 
 
 def _joints(message: Any) -> Joints:

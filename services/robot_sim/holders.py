@@ -174,7 +174,9 @@ class Holders:
         seen = self._seen.values()
         if self._awaited or any(one.hold.busy for one in seen):
             if time.monotonic() - self._marked_s > _REPEAT_S:
+                late = self._awaited
                 self._mark(now_ns, then)
+                self._awaited = late
             return False
         due = any(one.hold.until_ns is not None and one.hold.until_ns <= now_ns for one in seen)
         worked = any(one.hold.works != one.worked_before for one in seen)
