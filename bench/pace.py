@@ -94,8 +94,10 @@ def _night() -> dict[str, float]:
 
 def _charging() -> float:
     """Site time per wall time while a battery is filled from _EMPTY_SOC."""
-    robot = Site.load(SITE).robots[0].name
-    with _site(0.0, 0.0, robots=[{"name": robot, "battery": {"soc": _EMPTY_SOC}}]) as (site, bus, clock):
+    first = Site.load(SITE).robots[0]
+    robot, pose = first.name, first.pose.model_dump()
+    empty = {"name": robot, "pose": pose, "battery": {"soc": _EMPTY_SOC}}
+    with _site(0.0, 0.0, robots=[empty]) as (site, bus, clock):
         flowing: list[tuple[float, float]] = []
         over = threading.Event()
 

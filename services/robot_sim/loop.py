@@ -180,7 +180,9 @@ class Loop:
             self.simulation.time_ns = max(self.simulation.time_ns, time.time_ns())
         while not self._stop.is_set():
             speed, idle_speed = self._limited(self._clock.speed), self._limited(self._clock.idle_speed)
-            skipping = (self.simulation.parked and idle_speed != speed) or self._resting
+            # With both as fast as can be, a charge is skipped as well.
+            strides = idle_speed != speed or speed == 0
+            skipping = (self.simulation.parked and strides) or self._resting
             if self._wait_turn(idle_speed if skipping else speed) or self._held():
                 continue
             if skipping:

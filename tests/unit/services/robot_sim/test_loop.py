@@ -76,6 +76,18 @@ def test_the_clock_goes_no_faster_than_it_may_idle_or_not(
     assert (world.skipped > 0) == skips
 
 
+def test_a_charge_is_skipped_also_where_everything_is_as_fast_as_can_be() -> None:
+    world, stop = World(), threading.Event()
+    loop = Loop(world, Nothing(), ClockConfig(speed=0, idle_speed=0), stop)  # type: ignore[arg-type]
+    thread = threading.Thread(target=loop.run, args=(Nothing(),))
+    thread.start()
+    threading.Event().wait(WALL_S)
+    stop.set()
+    thread.join()
+    assert world.skipped > 0
+    assert world.time_ns == world.skipped * IDLE_PERIOD_NS
+
+
 def test_of_actions_that_end_at_the_same_time_none_keeps_the_clock() -> None:
     stop = threading.Event()
     loop = Loop(World(), Nothing(), ClockConfig(), stop)  # type: ignore[arg-type]
