@@ -1,6 +1,6 @@
 """How a whole site's time passes: cleanings at any speed, a charge, and a night in which nothing happens.
 
-Minds, bin, dock, bridge and oracle hold the clock: what a cleaning takes on it depends on the site alone.
+Minds, bin, dock and bridge hold the clock, so that what a cleaning takes on it depends on the site alone.
 
 `sim_determinism` is 1 when the same commands at the same times give the same world to the last bit, and the
 same cleaning takes the same site time within 1 %, on a machine that is busy and on one that is not.
@@ -9,8 +9,6 @@ same cleaning takes the same site time within 1 %, on a machine that is busy and
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -32,16 +30,16 @@ from rodeo.messages import DaoEvent
 from rodeo.ros2 import Node, types
 from services.robot_sim.arm import Motion, Waypoint
 from services.robot_sim.simulation import Simulation
+from tests.support.load import busy_machine
 
 CLEANINGS = 10
 _SAME = 0.01
-_BURNERS = 3
 _EMPTY_SOC = 0.3
 _CHARGE_WALL_S = 900.0
 NIGHT_WALL_S = 20.0
 _READY_S = 60.0
 _IDLE_SPEED = 400.0
-_HOLDERS: dict[str, Any] = {"clock.holders": ["robot_agent", "itrash", "charger", "bridge", "oracle"]}
+_HOLDERS: dict[str, Any] = {"clock.holders": ["robot_agent", "itrash", "charger", "bridge"]}
 
 
 def run() -> dict[str, float]:
@@ -53,23 +51,12 @@ def run() -> dict[str, float]:
     figures["clock_wait_share"] = fast["wait_share"]
     figures["charging_realtime_factor"] = _charging()
     world = _world_after_commands()
-    with _busy_machine():
+    with busy_machine():
         busy_s, same_world = _cleanings(0.0, 1)["site_s"], _world_after_commands() == world
     same_time = math.isclose(busy_s, fast["site_s"], rel_tol=_SAME)
     print(f"  on a busy machine: {busy_s:.2f} s; the same world: {same_world}", flush=True)
     figures["sim_determinism"] = float(same_world and same_time)
     return figures
-
-
-@contextmanager
-def _busy_machine() -> Iterator[None]:
-    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(_BURNERS)]
-    try:
-        yield
-    finally:
-        for burner in burners:
-            burner.kill()
-            burner.wait()
 
 
 @contextmanager

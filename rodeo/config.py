@@ -59,13 +59,12 @@ class ClockConfig(_Table):
     idle_speed: float = Field(default=1.0, ge=0)
     """The same while a robot charges and nothing moves; 0 also jumps over all time in which robots rest and
     nobody has anything to do."""
-    holders: list[Literal["robot_agent", "itrash", "charger", "bridge", "oracle"]] = [
+    holders: list[Literal["robot_agent", "itrash", "charger", "bridge"]] = [
         "robot_agent",
         "itrash",
         "charger",
     ]
-    """For whose work a simulated clock waits (`rodeo.holding`). With the bridge a command takes
-    none, with the oracle a verdict."""
+    """For whose work a simulated clock waits (`rodeo.holding`). With the bridge a command takes none."""
     seed: int | None = Field(default=None, ge=0)
     """Of all that chance decides on the site, real or simulated (rodeo.chance). None: what a robot's mind
     chooses is another each time, and the simulated sensors' noise is the same, as of seed 0."""

@@ -18,7 +18,6 @@ import queue
 import tempfile
 import threading
 from collections.abc import Callable
-from contextlib import ExitStack
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
@@ -77,8 +76,8 @@ class Oracle:
         self._stop = service.stop
         self._store = Store(service.site)
         self._wallet = Participant(service.bus, service.site.org, "oracle")
-        self._submissions: queue.SimpleQueue[tuple[int, int, ExitStack] | None] = queue.SimpleQueue()
-        """Task, attempt and what holds the clock meanwhile, in chain order; None ends a thread."""
+        self._submissions: queue.SimpleQueue[tuple[int, int] | None] = queue.SimpleQueue()
+        """(task, attempt) in chain order; None ends a thread."""
         self._acts = ConsumedActs()
         self._verifying = threading.Semaphore(SIDE_BY_SIDE)
         self._running: dict[int, str] = {}
@@ -114,7 +113,7 @@ class Oracle:
     def serve(self) -> None:
         # The first verdict must not wait for what all of them share.
         worker.start()
-        events = DaoEvents(self._service.bus, self._site.org, self._on_event, clock=self._service.clock)
+        events = DaoEvents(self._service.bus, self._site.org, self._on_event)
         threads = [
             threading.Thread(target=self._work, args=(number,), name=f"verifier {number}", daemon=True)
             for number in range(AT_ONCE)
@@ -154,9 +153,7 @@ class Oracle:
             if (task_id, attempt) in self._in_work:
                 return
             self._in_work.add((task_id, attempt))
-        holding = ExitStack()
-        holding.enter_context(self._service.clock.hold())
-        self._submissions.put((task_id, attempt, holding))
+        self._submissions.put((task_id, attempt))
 
     def _waits(self, task_id: int, attempt: int) -> bool:
         submission = self._acts.submission(task_id, attempt)
@@ -189,8 +186,8 @@ class Oracle:
 
     def _work(self, number: int) -> None:
         while (next_one := self._submissions.get()) is not None:
-            task_id, attempt, holding = next_one
-            with about_task(task_id), holding:
+            task_id, attempt = next_one
+            with about_task(task_id):
                 try:
                     self._decide(number, task_id, attempt)
                 except Exception:
@@ -199,7 +196,7 @@ class Oracle:
                     self._acts.judged(task_id, attempt, None)
                 finally:
                     with self._lock:
-                        self._in_work.discard((task_id, attempt))
+                        self._in_work.discard(next_one)
                     self._show(number, None)
 
     def _decide(self, number: int, task_id: int, attempt: int) -> None:

@@ -78,6 +78,7 @@ class WristCamera:
                     return types.deserialize(messages.get(), topic.type)
                 except MalformedMessage as error:
                     log.warning("left out a message on %s: %s", topic.name(**self._names), error)
+                    checkpoint()
         raise NoAnswer("the wrist camera sends no pictures", timeout_s=_PICTURE_WALL_S)
 
     def _pose(self, checkpoint: Checkpoint) -> tuple[Array, Array]:

@@ -185,8 +185,12 @@ class Account:
         return round(now.soc, 4)
 
     def _moment(self, record: MeterRecord) -> Moment | None:
-        """Where the gauge stood when the meter was read last; where it stands if that was not read yet."""
-        return self._gauge.at(record.until_s) if record.until_s > 0 else self._gauge.latest
+        """Where the gauge stood when the meter was read last; where it stands when a session is opened.
+
+        An opening's own time is not asked: a seller who dates it back would count what flowed before.
+        """
+        opening = record.reason == "opening" or record.until_s <= 0
+        return self._gauge.latest if opening else self._gauge.at(record.until_s)
 
     def _open(self, record: MeterRecord, now: Moment) -> Reason | None:
         session, wh = self._session, record.register_wh

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
 import threading
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.integration.test_agent import Organization
+from tests.support.load import busy_machine
 from tests.support.site import RunningSite, write_site
 
 pytestmark = pytest.mark.long
@@ -23,24 +20,12 @@ pytestmark = pytest.mark.long
 SITE = """clock.speed = 0
 clock.idle_speed = 400
 clock.seed = 7
-clock.holders = ["robot_agent", "itrash", "charger", "bridge", "oracle"]
+clock.holders = ["robot_agent", "itrash", "charger", "bridge"]
 agent.explore_when_idle = false
 agent.charge_below = 0.1
 """
 STOPPED_S = 1.0
 """After it was named. Who is silent for 10 s has left the bus, and is not waited for."""
-BURNERS = 3
-
-
-@contextmanager
-def busy_machine() -> Iterator[None]:
-    burners = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(BURNERS)]
-    try:
-        yield
-    finally:
-        for burner in burners:
-            burner.kill()
-            burner.wait()
 
 
 def stop_for_a_while(running: RunningSite, name: str) -> None:

@@ -88,11 +88,12 @@ class Charge:
         return self.account.reason(self.record(self.delivered_wh if wh is None else wh, **fields))
 
 
-def test_a_robot_that_worked_for_hours_signs_at_what_charge_it_comes() -> None:
+@pytest.mark.parametrize("until_s", [0.0, 1.0], ids=["not yet read", "dated back by the seller"])
+def test_a_robot_that_worked_for_hours_signs_at_what_charge_it_comes(until_s: float) -> None:
     charge = Charge()
     for hour in range(1, 6):
         charge.gauge.reading(3600.0 * hour, 36.0, -2.0, 0.9 - 0.1 * hour)
-    opening = charge.record(0.0, reason="opening", until_s=0.0, recording=OTHER, attempt=2)
+    opening = charge.record(0.0, reason="opening", until_s=until_s, recording=OTHER, attempt=2)
     assert charge.account.reason(opening) == "opening"
     assert charge.account.soc(opening) == pytest.approx(0.4)
     # What it took in before is nobody's to sell.
