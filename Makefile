@@ -40,7 +40,7 @@ setup: $(VENV)/stamp  ## install what running needs; Foundry's anvil, too, where
 # -- what people run ---------------------------------------------------------------------------------
 
 demo: $(VENV)/stamp  ## one cleaning task and one charging session, end to end
-	@$(BIN)/python -m deploy.demo
+	@$(BIN)/rodeo demo
 
 PYTEST = $(BIN)/python -m pytest --chain $(CHAIN) --forks --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder \
 	--durations 25 --durations-min 5
@@ -52,17 +52,19 @@ test: $(VENV)/stamp node_modules/.stamp postgresql  ## everything that checks th
 test-long: $(VENV)/stamp node_modules/.stamp postgresql  ## the rest: the forgeries, and whole sites that are killed, kept busy, or do without
 	@$(PYTEST) -m long
 
-bench: $(VENV)/stamp node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, honest, margins, robot, itrash, bridge, autonomy, pace, soak, faults, console)
+bench: $(VENV)/stamp node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, kinds, honest, margins, robot, itrash, bridge, autonomy, pace, soak, faults, console)
 	@$(BIN)/python -m bench $(ONLY)
 
-lint: $(VENV)/stamp node_modules/.stamp  ## linters, type checker, built contracts equal to their sources
+lint: $(VENV)/stamp node_modules/.stamp  ## linters, type checker, imports, built contracts equal to their sources
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
+	@$(BIN)/lint-imports --no-logo --no-cache
 	@npm run --silent contracts:check
 
-contracts: node_modules/.stamp  ## build the contracts' ABI and bytecode
+contracts: $(VENV)/stamp node_modules/.stamp  ## build the contracts' ABI and bytecode, and their mirror in Python
 	@npm run --silent contracts:build
+	@$(BIN)/python -m rodeo.chain.generate
 
 clean:  ## remove what was installed, built and run
 	rm -rf $(VENV) node_modules out var contracts/out contracts/cache

@@ -16,6 +16,7 @@ AREAS = (
     "evidence",
     "oracle",
     "forgeries",
+    "kinds",
     "honest",
     "margins",
     "robot",
@@ -37,12 +38,14 @@ def main(names: list[str]) -> int:
         console.print(f"unknown area {unknown[0]!r}; one of: {', '.join(AREAS)}")
         return 2
     # Figures of areas that are not measured now stay, so that one area can be repeated alone.
-    figures: dict[str, float] = json.loads(OUT.read_text()) if names and OUT.exists() else {}
+    figures: dict[str, float | None] = json.loads(OUT.read_text()) if names and OUT.exists() else {}
     for name in names or AREAS:
         console.print(f"[bold]{name}[/] ...")
         started_s = time.monotonic()
-        measured = importlib.import_module(f"bench.{name}").run()
+        measured: dict[str, float | None] = importlib.import_module(f"bench.{name}").run()
         figures.update(measured)
+        # What could not be measured now has no figure: an older one would be taken for it.
+        figures = {figure: value for figure, value in figures.items() if value is not None}
         _print(console, name, measured, time.monotonic() - started_s)
     OUT.parent.mkdir(exist_ok=True)
     OUT.write_text(json.dumps(dict(sorted(figures.items())), indent=2) + "\n")
@@ -50,11 +53,17 @@ def main(names: list[str]) -> int:
     return 0
 
 
-def _print(console: Console, name: str, measured: dict[str, float], took_s: float) -> None:
+def _print(console: Console, name: str, measured: dict[str, float | None], took_s: float) -> None:
     table = Table("figure", "value", title=f"{name} ({took_s:.0f} s)", box=None, title_justify="left")
     for figure, value in sorted(measured.items()):
-        table.add_row(figure, f"{value:,.4g}" if isinstance(value, float) else f"{value:,}")
+        table.add_row(figure, _shown(value))
     console.print(table)
+
+
+def _shown(value: float | None) -> str:
+    if value is None:
+        return "missing"
+    return f"{value:,.4g}" if isinstance(value, float) else f"{value:,}"
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ import statistics
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -39,9 +39,9 @@ from rodeo.lab.config import FurnitureConfig, ItemConfig, Pose2
 from rodeo.lab.items import SHAPES
 from rodeo.lab.layout import BinLayout, dock_parking
 from rodeo.messages import DaoEvent
+from rodeo.robot.errors import Unreachable
+from rodeo.robot.navigation import Floor
 from rodeo.ros2 import Node
-from services.robot_agent.errors import Unreachable
-from services.robot_agent.navigation import Floor
 from services.robot_sim.planner import Map, PlanningFailed, plan
 from tests.support.site import free_port
 
@@ -54,7 +54,7 @@ _FREE_M = 0.62
 """Around each item: the robot has to stand and turn somewhere near it."""
 _APART_M = 0.9
 _READY_S = 180.0
-_TASK_WALL_S = 600.0
+TASK_WALL_S = 600.0
 _OVER = ("settled", "failed")
 _MOVING_M_S = 0.02
 _COST_SPEED = 10.0
@@ -193,7 +193,15 @@ def _world(seed: int) -> list[dict[str, Any]]:
 
 @contextmanager
 def running_site(tables: dict[str, Any], speed: float) -> Iterator[tuple[Site, Bus]]:
-    """The lab with other `tables`, running on free ports in a folder that is removed."""
+    """The lab with other `tables`, running on free ports in a folder that is removed, once it is ready."""
+    with starting_site(tables, speed) as (launcher, bus):
+        wait_ready(launcher, bus)
+        yield launcher.site, bus
+
+
+@contextmanager
+def starting_site(tables: dict[str, Any], speed: float) -> Iterator[tuple[Launcher, Bus]]:
+    """The same while it starts."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, "site.toml")
         path.write_text(
@@ -203,6 +211,7 @@ def running_site(tables: dict[str, Any], speed: float) -> Iterator[tuple[Site, B
                     f'data_dir = "{folder}/data"',
                     f'chain.url = "http://127.0.0.1:{free_port()}"',
                     "itrash.http_port = 0",
+                    f"console.port = {free_port()}",
                     f"clock.speed = {speed}",
                     "agent.explore_when_idle = false",
                     "agent.charge_below = 0.1",
@@ -211,8 +220,7 @@ def running_site(tables: dict[str, Any], speed: float) -> Iterator[tuple[Site, B
             )
         )
         with Launcher(path) as launcher, Bus.open(launcher.site.bus.router, timeout_s=_READY_S) as bus:
-            _wait_ready(launcher, bus)
-            yield launcher.site, bus
+            yield launcher, bus
 
 
 def _toml(value: Any) -> str:
@@ -224,7 +232,8 @@ def _toml(value: Any) -> str:
     return json.dumps(value)
 
 
-def _wait_ready(launcher: Launcher, bus: Bus) -> None:
+def wait_ready(launcher: Launcher, bus: Bus, meanwhile: Callable[[], object] = lambda: None) -> None:
+    """Until every process is ready; `meanwhile` is called again and again."""
     waiting = {process.name for process in launcher.selected()}
     done = threading.Event()
 
@@ -234,10 +243,11 @@ def _wait_ready(launcher: Launcher, bus: Bus) -> None:
         if not waiting:
             done.set()
 
-    bus.subscribe_json(f"rodeo/{launcher.site.org}/status/*", on_status)
+    bus.subscribe_json(topics.STATUS.pattern(org=launcher.site.org), on_status)
     deadline_s = time.monotonic() + _READY_S
     while not done.wait(0.2):
         launcher.poll()
+        meanwhile()
         if time.monotonic() > deadline_s:
             raise RuntimeError(f"not ready: {sorted(waiting)}")
 
@@ -251,15 +261,19 @@ def post(site: Site, bus: Bus, params: dict[str, Any]) -> int:
         "execution_window_s": 24 * 3600,
     }
     return int(
-        bus.query(f"rodeo/{site.org}/wallet/organization/register_task", request, timeout_s=60)["task_id"]
+        bus.query(
+            topics.COMMAND.name(org=site.org, participant="organization", command="register_task"),
+            request,
+            timeout_s=60,
+        )["task_id"]
     )
 
 
 def ended(site: Site, bus: Bus, task_id: int) -> dict[str, Any]:
     pause = threading.Event()
-    deadline_s = time.monotonic() + _TASK_WALL_S
+    deadline_s = time.monotonic() + TASK_WALL_S
     while True:
-        task = bus.query(f"rodeo/{site.org}/state/task/{task_id}", timeout_s=30)
+        task = bus.query(topics.STATE.name(org=site.org, what=f"task/{task_id}"), timeout_s=30)
         if task["state"] in _OVER or time.monotonic() > deadline_s:
             return task
         pause.wait(0.5)
@@ -274,7 +288,7 @@ def agent_cpu_s() -> float:
     Raises RuntimeError when one was not paid.
     """
     with running_site({}, _COST_SPEED) as (site, bus):
-        pid = int(bus.query(f"rodeo/{site.org}/status/robot_agent")["pid"])
+        pid = int(bus.query(topics.STATUS.name(org=site.org, process="robot_agent"))["pid"])
         used_s: dict[tuple[int | None, str], float] = {}
         changed = threading.Condition()
 

@@ -24,6 +24,7 @@ from eth_account import Account
 
 from deploy import contracts
 from deploy.launcher import Launcher
+from rodeo import topics
 from rodeo.bus import Bus
 from rodeo.chain import Call, ChainClient, Deployment, Log, Verdict, events
 from rodeo.dao import Participant
@@ -77,7 +78,7 @@ def _event_latency(bus: Bus, org: str, client: ChainClient) -> dict[str, float]:
         if len(heard) == EVENTS:
             everything.set()
 
-    subscriber = bus.subscribe_json(f"rodeo/{org}/event/Approval", on_approval)
+    subscriber = bus.subscribe_json(topics.EVENT.name(org=org, event="Approval"), on_approval)
     known: dict[str, float] = {}
     pace = threading.Event()
     for raw in _signed_approvals(client, EVENTS):
@@ -196,7 +197,7 @@ def _wait_ready(bus: Bus, org: str) -> None:
         if data["ready"]:
             ready.set()
 
-    subscriber = bus.subscribe_json(f"rodeo/{org}/status/bridge", on_status)
+    subscriber = bus.subscribe_json(topics.STATUS.name(org=org, process="bridge"), on_status)
     if not ready.wait(60.0):
         raise RuntimeError("the bridge did not get ready")
     subscriber.undeclare()

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from eth_account import Account
 
+from rodeo import topics
 from rodeo.clock import WallClock
 from rodeo.evidence import Binding, Recorder, open_proof
 from rodeo.ros2.types import new, serialize
@@ -51,10 +52,8 @@ def run() -> dict[str, float]:
         recorder = Recorder(path, BINDING, Account.create(), WallClock())
         for index in range(SECONDS * RATE_HZ):
             now_ns = START_NS + index * (10**9 // RATE_HZ)
-            recorder.write_ros("panther1/odom", "nav_msgs/msg/Odometry", odometry, now_ns, now_ns, index)
-            recorder.write_ros(
-                "panther1/joint_states", "sensor_msgs/msg/JointState", joints, now_ns, now_ns, index
-            )
+            for topic, message in ((topics.ODOM, odometry), (topics.JOINT_STATES, joints)):
+                recorder.write_ros(topic.name(ns="panther1"), topic.type, message, now_ns, now_ns, index)
         recorder.close()
         cpu_s, wall_s = time.process_time() - cpu_s, time.perf_counter() - wall_s
         size_bytes = path.stat().st_size

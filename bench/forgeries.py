@@ -1,6 +1,6 @@
 """What the oracle refuses, over many forged proofs.
 
-`forgery_kinds`: those made by hand, the catalogue of tests/forgeries, also by role; `forgeries_misnamed` of
+`forgery_kinds`: those made by hand, the catalogue in tests/forgeries, also by role; `forgeries_misnamed` of
 them were refused for another reason than theirs. `forgeries_spoiling`: ways to spoil an honest proof, which
 is paid in full all the same. `forgeries_under_noise`: both again at a site with moderate honest noise and
 losses. `forgeries_composed`: those that a seed puts together, see `tests.forgeries.composed`, every other one
@@ -22,15 +22,16 @@ from rich.console import Console
 
 from bench.hostile import hostile_proof_cpu_s
 from rodeo.config import Site
-from tests.forgeries import CATALOGUE, ROLES, Workshop, kinds
+from rodeo_testing.harness import ROLES
+from tests.forgeries.catalogue import CATALOGUE, Shops, kinds
 from tests.forgeries.composed import composed
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 COMPOSED = 1_000
 WORKERS = 2
 
-_shops: list[Workshop] = []
-"""Of a worker: the one it filmed."""
+_shops: list[Shops] = []
+"""Of a worker: those it filmed."""
 
 
 def run() -> dict[str, float]:
@@ -76,19 +77,18 @@ def _film(folder: Path) -> None:
     """Once in each worker."""
     own = folder / str(os.getpid())
     own.mkdir()
-    _shops.append(Workshop(Site.load(SITE), own))
+    _shops.append(Shops(Site.load(SITE), own))
 
 
 def _by_hand(job: tuple[str, bool]) -> tuple[str, bool, bool, bool, str]:
-    (name, noisy), shop = job, _shops[0]
-    forgery = CATALOGUE[name]
-    report = shop.judged(forgery.make(shop.under_noise(0) if noisy else shop))
-    shop.empty()
+    (name, noisy), shops = job, _shops[0]
+    forgery, report = CATALOGUE[name], shops.judged(name, 0 if noisy else None)
+    shops.empty()
     return name, noisy, forgery.worked(report), forgery.named(report), report.reason
 
 
 def _by_seed(seed: int) -> tuple[int, bool]:
-    shop = _shops[0]
-    accepted = shop.judged(composed(seed).make(shop)).accepted
-    shop.empty()
+    shops = _shops[0]
+    accepted = composed(seed).judged(shops).accepted
+    shops.empty()
     return seed, accepted

@@ -2,7 +2,7 @@
 
 `HONEST_RUNS` cleanings (300) of random items at random places, with random starts, ways and grips, and
 `HONEST_CHARGES` charges (100), a third each without, with moderate and with heavy noise: heavy is all of
-`tests.support.noise.HEAVY` at once, moderate a third of each. Friction, mass and size are the thing's own
+`rodeo_testing.noise.HEAVY` at once, moderate a third of each. Friction, mass and size are the thing's own
 while it is filmed; the oracle has the site file's.
 
 Sampled, so that it takes no more than 25 minutes on 2 cores: filming in the lab's physics costs most of a
@@ -36,22 +36,17 @@ from rich.console import Console
 from rich.table import Table
 
 from rodeo.charging import order_wh
+from rodeo.checks.report import Report
+from rodeo.checks.verify import verify_file
 from rodeo.config import Site
 from rodeo.lab.config import ItemClass, ItemConfig, Pose2
 from rodeo.lab.items import SHAPES
 from rodeo.lab.layout import PICK_DISTANCE_M
-from services.oracle.report import Report
-from services.oracle.verify import verify_file
-from tests.support.assignments import (
-    BINDING,
-    CHARGE_BINDING,
-    METER,
-    ROBOT,
-    charging_ledger,
-    cleaning_ledger,
-)
-from tests.support.noise import HEAVY, Noise, noisy
-from tests.support.recordings import Take, film_charging, film_cleaning, seal, without_mocap
+from rodeo_kinds.battery_charging.harness.film import charging_chain_record, film_charging
+from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning, without_mocap
+from rodeo_testing.assignments import BINDING, CHARGE_BINDING, METER, ROBOT
+from rodeo_testing.noise import HEAVY, Noise, noisy
+from rodeo_testing.recordings import Take, seal
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 HONEST_RUNS = int(os.environ.get("HONEST_RUNS", "300"))
@@ -218,16 +213,16 @@ def _recorded(
         "x_m": item.pose.x_m + error_m * math.cos(angle),
         "y_m": item.pose.y_m + error_m * math.sin(angle),
     }
-    ledger = cleaning_ledger(film, params)
+    chain_record = cleaning_chain_record(film, params)
     work = f"{name} of a {item.item_class} {item.shape}"
     with tempfile.TemporaryDirectory() as folder:
         path = seal(take, Path(folder, "proof.mcap"), BINDING, ROBOT, witnesses).path
-        outcomes = [_outcome(level, work, verify_file(path, site, ledger))]
+        outcomes = [_outcome(level, work, verify_file(path, site, chain_record))]
         if first and level == "none":
             blind = without_mocap(film, "item1", tuple(chance.normal(0, _SIGHT_NOISE_M, 2)))
             elsewhere = site.model_copy(update={"lab": site.lab.model_copy(update={"mocap": False})})
             path = seal(blind, Path(folder, "blind.mcap"), BINDING, ROBOT).path
-            outcomes.append(_outcome(level, f"{work} {_WITHOUT}", verify_file(path, elsewhere, ledger)))
+            outcomes.append(_outcome(level, f"{work} {_WITHOUT}", verify_file(path, elsewhere, chain_record)))
     return outcomes
 
 
@@ -299,5 +294,5 @@ def _charge(number: int, level: Level) -> list[Outcome]:
     params = {"soc_from": soc, "soc_target": TARGET_SOC, "energy_wh": ordered_wh}
     with tempfile.TemporaryDirectory() as folder:
         path = seal(take, Path(folder, "proof.mcap"), CHARGE_BINDING, METER, witnesses).path
-        report = verify_file(path, site, charging_ledger(film, params))
+        report = verify_file(path, site, charging_chain_record(film, params))
     return [_outcome(level, f"charge {number}", report)]

@@ -26,24 +26,19 @@ from eth_account import Account
 from eth_account.signers.local import LocalAccount
 from rich.console import Console
 
+from rodeo import topics
+from rodeo.checks.case import ChainRecord
+from rodeo.checks.counts import BURST_S, COUNTS
+from rodeo.checks.verify import verify_file
 from rodeo.config import Site
 from rodeo.evidence import attest
 from rodeo.metering import Reading
 from rodeo.ros2.types import new
-from services.charger.meter import Meter
-from services.oracle.case import Ledger
-from services.oracle.counts import BURST_S, COUNTS
-from services.oracle.verify import verify_file
-from tests.support.assignments import (
-    BINDING,
-    CHARGE_BINDING,
-    METER,
-    ROBOT,
-    charging_ledger,
-    cleaning_ledger,
-)
-from tests.support.recordings import (
-    ATTESTATION,
+from rodeo.topics import ATTESTATION_CHANNEL
+from rodeo_kinds.battery_charging.harness.film import charging_chain_record
+from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning, without_mocap
+from rodeo_testing.assignments import BINDING, CHARGE_BINDING, METER, ROBOT
+from rodeo_testing.recordings import (
     BATTERY,
     METER_RECORD,
     REGISTER_WH,
@@ -52,12 +47,11 @@ from tests.support.recordings import (
     TIMES,
     Sample,
     Take,
-    film_cleaning,
     seal,
     shifted_by,
     stamp,
-    without_mocap,
 )
+from services.charger.meter import Meter
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 
@@ -90,14 +84,14 @@ def hostile_proof_cpu_s() -> dict[str, float]:
         sightings_within_counts,
     ):
         with tempfile.TemporaryDirectory() as folder:
-            at, ledger, path = make(site, film, Path(folder))
-            cpu_s, reason = _cost(at, ledger, path)
+            at, chain_record, path = make(site, film, Path(folder))
+            cpu_s, reason = _cost(at, chain_record, path)
         Console().print(f"{make.__name__}: {cpu_s:.1f} s: {reason}", markup=False)
         figures[f"hostile_{make.__name__}_cpu_s"] = cpu_s
     return {"hostile_proof_cpu_s": max(figures.values())} | figures
 
 
-Hostile = tuple[Site, Ledger, Path]
+Hostile = tuple[Site, ChainRecord, Path]
 
 
 def strangers(site: Site, film: Take, folder: Path) -> Hostile:
@@ -162,7 +156,9 @@ def swaying_charge(site: Site, _film: Take, folder: Path) -> Hostile:
         soc = 0.9 + 0.04 * math.sin(second / 3600)
         current_a = dock.current_a * (0.5 + 0.5 * math.sin(second / 7)) if second else 0.0
         battery = new(BATTERY, voltage=dock.voltage_v, current=current_a, present=True, percentage=soc)
-        for number, topic in enumerate((f"{dock.name}/output", f"{robot.name}/battery_state")):
+        for number, topic in enumerate(
+            (topics.DOCK_OUTPUT.name(dock=dock.name), topics.BATTERY_STATE.name(ns=robot.name))
+        ):
             message = replace(
                 battery, header=replace(battery.header, stamp=new("builtin_interfaces/msg/Time"))
             )
@@ -173,7 +169,7 @@ def swaying_charge(site: Site, _film: Take, folder: Path) -> Hostile:
     record("close", now_ns + 2, soc)
     take = Take(samples)
     path = seal(take, folder / "proof.mcap", CHARGE_BINDING, METER).path
-    return site, charging_ledger(take, {"soc_from": 0.9}), path
+    return site, charging_chain_record(take, {"soc_from": 0.9}), path
 
 
 def _at(sample: Sample, time_ns: int) -> Sample:
@@ -206,7 +202,7 @@ def _statement(account: LocalAccount, film: Take, number: int = 0) -> Sample:
     """Its signature is well-formed, but of the statement with number 0."""
     signed = attest({"type": "mocap.motion", "seq": 0}, account).model_dump()
     payload = {"type": "mocap.motion", "seq": number}
-    return Sample(ATTESTATION, "", signed | {"payload": payload}, film.samples[0].time_ns)
+    return Sample(ATTESTATION_CHANNEL, "", signed | {"payload": payload}, film.samples[0].time_ns)
 
 
 def _tiny(film: Take) -> Sample:
@@ -216,22 +212,24 @@ def _tiny(film: Take) -> Sample:
 def _sealed(site: Site, film: Take, folder: Path, flood: list[Sample]) -> Hostile:
     """The film with this at its beginning, sealed by the executor's device."""
     take = Take([film.samples[0], *flood, *film.samples[1:]])
-    return site, cleaning_ledger(film), seal(take, folder / "proof.mcap", BINDING, ROBOT).path
+    return site, cleaning_chain_record(film), seal(take, folder / "proof.mcap", BINDING, ROBOT).path
 
 
-def _cost(site: Site, ledger: Ledger, path: Path) -> tuple[float, str]:
+def _cost(site: Site, chain_record: ChainRecord, path: Path) -> tuple[float, str]:
     """CPU time of a fresh process that verifies, s, and the verdict's reason."""
     receiver, sender = multiprocessing.Pipe(duplex=False)
-    child = multiprocessing.get_context("spawn").Process(target=_measure, args=(site, ledger, path, sender))
+    child = multiprocessing.get_context("spawn").Process(
+        target=_measure, args=(site, chain_record, path, sender)
+    )
     child.start()
     cost: tuple[float, str] = receiver.recv()
     child.join()
     return cost
 
 
-def _measure(site: Site, ledger: Ledger, path: Path, sender: Connection) -> None:
+def _measure(site: Site, chain_record: ChainRecord, path: Path, sender: Connection) -> None:
     started_s = time.process_time()
-    report = verify_file(path, site, ledger)
+    report = verify_file(path, site, chain_record)
     sender.send((time.process_time() - started_s, report.reason))
 
 

@@ -14,14 +14,15 @@ import httpx
 import numpy as np
 
 from bench.memory import peak_mb
+from rodeo.http import HttpServer
 from rodeo.lab.config import BinConfig, Pose2
 from rodeo.lab.render import RendererUnavailable
 from rodeo.vision.classification import MODEL_DIR, WEIGHTS
 from rodeo.vision.classifier import Classifier
-from services.itrash import evaluation, metrics, renderings
 from services.itrash.behaviour import compartment_of
-from services.itrash.dataset import Sample, load_photos
-from services.itrash.web import HttpServer, make_api
+from services.itrash.training import evaluation, metrics, renderings
+from services.itrash.training.dataset import Sample, load_photos
+from services.itrash.web import LIMITS, make_api
 
 TRASHNET = Path("../shared/data/trashnet")
 FRAME = Path("tests/unit/services/itrash/renderings/metal_1.jpg")
@@ -145,7 +146,7 @@ def _requests_per_s(classifier: Classifier) -> float:
                 http.post("/classify", content=jpeg).raise_for_status()
 
     with (
-        HttpServer(make_api(_LoneBin(classifier)), "127.0.0.1", 0) as server,
+        HttpServer(make_api(_LoneBin(classifier)), "127.0.0.1", 0, "the benchmark", LIMITS) as server,
         ThreadPoolExecutor(CLIENTS) as clients,
     ):
         started_s = time.perf_counter()

@@ -22,12 +22,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from rich.console import Console
 
+from rodeo import topics
+from rodeo.checks.phases import phases_of
+from rodeo.checks.replay import replay_of
+from rodeo.checks.verify import case_of, verify_file
 from rodeo.config import Site
 from rodeo.evidence import Attestation, open_proof
 from rodeo.witness import MeterRecord
-from services.oracle.case import Case
-from services.oracle.verify import verify_file
-from tests.forgeries.workshop import (
+from rodeo_kinds.battery_charging.harness.film import charging_chain_record, film_charging
+from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning
+from rodeo_testing.assignments import BINDING, CHARGE_BINDING, METER, ROBOT
+from rodeo_testing.noise import HEAVY, noisy
+from rodeo_testing.recordings import Sample, Sides, Take, Witnesses, seal
+from rodeo_testing.workshop import (
     ARM_STATE,
     FINGERS,
     GRIPPER_POSE,
@@ -45,31 +52,12 @@ from tests.forgeries.workshop import (
     with_fields,
     with_joints,
 )
-from tests.support.assignments import (
-    BINDING,
-    CHARGE_BINDING,
-    METER,
-    ROBOT,
-    charging_ledger,
-    cleaning_ledger,
-)
-from tests.support.noise import HEAVY, noisy
-from tests.support.recordings import (
-    MOCAP_TOPIC,
-    Sample,
-    Sides,
-    Take,
-    Witnesses,
-    film_charging,
-    film_cleaning,
-    seal,
-)
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 STEPS = 6
 """Halvings: to a sixty-fourth of the largest size that is tried."""
 ITEM = "item3"
-ITEM_POSE = f"mocap/{ITEM}/pose"
+ITEM_POSE = topics.MOCAP_POSE.name(body=ITEM)
 PLACE: dict[str, Any] = {"item_id": ITEM, "x_m": 5.4, "y_m": 2.5}
 CHARGED_FROM = 0.86
 
@@ -177,14 +165,16 @@ def judged(one: Disturbance, size: float) -> str | None:
         if one.charge:
             take = _charge()
             staged = one.stage(take, size)
-            ledger = charging_ledger(take, {"soc_from": CHARGED_FROM} | staged.params, **staged.task)
+            chain_record = charging_chain_record(
+                take, {"soc_from": CHARGED_FROM} | staged.params, **staged.task
+            )
             seal(staged.take, path, CHARGE_BINDING, METER, staged.witnesses)
         else:
             film = _cleaning()
             staged = one.stage(film, size)
-            ledger = cleaning_ledger(film.take, PLACE | staged.params, **staged.task)
+            chain_record = cleaning_chain_record(film.take, PLACE | staged.params, **staged.task)
             seal(staged.take, path, BINDING, ROBOT, staged.witnesses)
-        report = verify_file(path, site, ledger)
+        report = verify_file(path, site, chain_record)
     return None if report.accepted else report.reason
 
 
@@ -201,12 +191,12 @@ def _cleaning() -> Film:
     take = film_cleaning(site, ITEM, via=())
     for other in site.items:
         if other.id != ITEM:
-            take = take.without(f"mocap/{other.id}/pose")
+            take = take.without(topics.MOCAP_POSE.name(body=other.id))
     with tempfile.TemporaryDirectory() as folder:
         proof = open_proof(seal(take, Path(folder, "proof.mcap"), BINDING, ROBOT).path)
-    case = Case(proof, site, cleaning_ledger(take, PLACE))
-    phases = case.phases
-    return Film(take, phases.closing_s, phases.lifted_s, case.replay.release_s, phases.rest_s)
+    case = case_of(proof, site, cleaning_chain_record(take, PLACE))
+    phases = phases_of(case)
+    return Film(take, phases.closing_s, phases.lifted_s, replay_of(case).release_s, phases.rest_s)
 
 
 @cache
@@ -299,7 +289,7 @@ def base_jump(film: Film, size: float) -> Staged:
     """Base, gripper and item are seen elsewhere from the middle of the carry on."""
 
     def off(sample: Sample) -> Sample:
-        if MOCAP_TOPIC.fullmatch(sample.topic) and sample.time_ns * 1e-9 > film.middle_s:
+        if topics.MOCAP_POSE.parts(sample.topic) and sample.time_ns * 1e-9 > film.middle_s:
             return displaced(sample, x=size)
         return sample
 

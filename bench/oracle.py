@@ -29,23 +29,18 @@ from eth_account.signers.local import LocalAccount
 from bench.memory import peak_mb
 from rodeo import wallets
 from rodeo.bus import DaoEvents
+from rodeo.checks.case import ChainRecord
+from rodeo.checks.verify import verify_submission
 from rodeo.config import Site
-from rodeo.dao import CLEANING, Participant
+from rodeo.dao import Participant
 from rodeo.evidence import Binding, Store
 from rodeo.messages import DaoEvent
-from services.oracle.case import Ledger
-from services.oracle.verify import verify_submission
+from rodeo_kinds.battery_charging.harness.film import charging_chain_record, film_charging
+from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning
+from rodeo_testing.assignments import BINDING, CHARGE_BINDING, METER, ROBOT
+from rodeo_testing.recordings import Take, Witnesses, later, seal
 from services.oracle.worker import verify_apart
-from tests.support.assignments import (
-    BINDING,
-    CHARGE_BINDING,
-    METER,
-    ROBOT,
-    charging_ledger,
-    cleaning_ledger,
-)
 from tests.support.dao import Dao
-from tests.support.recordings import Take, Witnesses, film_charging, film_cleaning, later, seal
 from tests.support.site import RunningSite, write_site
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
@@ -74,10 +69,10 @@ def run() -> dict[str, float]:
         driving = film_cleaning(site, "item1", via=ROUND * ROUNDS, sway_rad=SWAY_RAD)
         charge = film_charging(site, soc=CHARGED_FROM)
         cases = {
-            "cleaning": _submitted(site, cleaning, cleaning_ledger(cleaning), BINDING, ROBOT),
-            "driving": _submitted(site, driving, cleaning_ledger(driving), BINDING, ROBOT),
+            "cleaning": _submitted(site, cleaning, cleaning_chain_record(cleaning), BINDING, ROBOT),
+            "driving": _submitted(site, driving, cleaning_chain_record(driving), BINDING, ROBOT),
             "charging": _submitted(
-                site, charge, charging_ledger(charge, {"soc_from": CHARGED_FROM}), CHARGE_BINDING, METER
+                site, charge, charging_chain_record(charge, {"soc_from": CHARGED_FROM}), CHARGE_BINDING, METER
             ),
         }
         figures = {
@@ -85,14 +80,16 @@ def run() -> dict[str, float]:
             "verified_driving_s": driving.end_s - driving.start_s,
             "verified_charging_s": charge.end_s - charge.start_s,
         }
-        for name, ledger in cases.items():
-            _verify(site, ledger)  # the first starts what later ones share
-            figures[f"verify_{name}_s"] = statistics.median(_verify(site, ledger) for _ in range(REPEATS))
+        for name, chain_record in cases.items():
+            _verify(site, chain_record)  # the first starts what later ones share
+            figures[f"verify_{name}_s"] = statistics.median(
+                _verify(site, chain_record) for _ in range(REPEATS)
+            )
         figures["verify_charging_cpu_s"], figures["verify_charging_peak_mb"] = _cost(site, cases["charging"])
         cpu_s = {}
         for length_s, film in films.items():
-            ledger = _submitted(site, film, cleaning_ledger(film), BINDING, ROBOT)
-            cpu_s[length_s], peak_mb = _cost(site, ledger)
+            chain_record = _submitted(site, film, cleaning_chain_record(film), BINDING, ROBOT)
+            cpu_s[length_s], peak_mb = _cost(site, chain_record)
             figures[f"verify_cleaning_{length_s:.0f}s_cpu_s"] = cpu_s[length_s]
             if length_s >= CLEANING_S:
                 figures[f"verify_cleaning_{length_s:.0f}s_peak_mb"] = peak_mb
@@ -110,7 +107,7 @@ def proof_to_verdict() -> dict[str, float]:
         try:
             dao.start()
             running.start("oracle")
-            dao.command("panther1", "register_service", kind=CLEANING, price_iec="100")
+            dao.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
             devices = "itrash", "panther1", "mocap"
             keys = {name: wallets.load(dao.site, f"{name}-device") for name in devices}
             film = film_cleaning(dao.site, "item1")
@@ -151,39 +148,41 @@ def _verdict_s(dao: Dao, keys: dict[str, LocalAccount], take: Take) -> float:
     return heard_s["VerdictPosted"] - heard_s["ProofSubmitted"]
 
 
-def _submitted(site: Site, take: Take, ledger: Ledger, binding: Binding, device: LocalAccount) -> Ledger:
+def _submitted(
+    site: Site, take: Take, chain_record: ChainRecord, binding: Binding, device: LocalAccount
+) -> ChainRecord:
     """The chain's view after the proof of `take` was put into the store."""
     with tempfile.TemporaryDirectory() as folder:
         proof = seal(take, Path(folder, "proof.mcap"), binding, device)
         fields = {"proof_uri": Store(site).put(proof.path), "proof_sha256": proof.sha256}
-    return ledger.model_copy(update={"task": ledger.task.model_copy(update=fields)})
+    return chain_record.model_copy(update={"task": chain_record.task.model_copy(update=fields)})
 
 
-def _verify(site: Site, ledger: Ledger) -> float:
+def _verify(site: Site, chain_record: ChainRecord) -> float:
     """Wall time of one verification, s."""
     started_s = time.perf_counter()
-    report = verify_apart(site, ledger, site.data_dir / "verifying", threading.Event())
+    report = verify_apart(site, chain_record, site.data_dir / "verifying", threading.Event())
     if report is None or not report.accepted:
         raise RuntimeError(f"an honest proof was refused: {report and report.reason}")
     return time.perf_counter() - started_s
 
 
-def _cost(site: Site, ledger: Ledger) -> tuple[float, float]:
+def _cost(site: Site, chain_record: ChainRecord) -> tuple[float, float]:
     """CPU time in s, median, and peak memory in MB of a process that verifies."""
     receiver, sender = multiprocessing.Pipe(duplex=False)
-    child = multiprocessing.get_context("spawn").Process(target=_measure, args=(site, ledger, sender))
+    child = multiprocessing.get_context("spawn").Process(target=_measure, args=(site, chain_record, sender))
     child.start()
     cost: tuple[float, float] = receiver.recv()
     child.join()
     return cost
 
 
-def _measure(site: Site, ledger: Ledger, sender: Connection) -> None:
+def _measure(site: Site, chain_record: ChainRecord, sender: Connection) -> None:
     spent_s, peak = [], 0.0
     for number in range(REPEATS):
         with tempfile.TemporaryDirectory() as folder:
             started_s = time.process_time()
-            verify_submission(site, ledger, Path(folder))
+            verify_submission(site, chain_record, Path(folder))
             spent_s.append(time.process_time() - started_s)
         if number == 0:
             peak = peak_mb()

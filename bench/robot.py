@@ -1,9 +1,12 @@
 """The simulated body: how fast the bare world, the whole process and its sensors are.
 
 `physics_step_us`, `physics_realtime_factor`: CPU time of mj_step while the robot drives and turns.
-`sim_realtime_factor`: the process at full speed while the robot drives, every topic but the cameras'
-subscribed, what belongs into a proof recorded and sealed by another process (this one), the state saved in
-each control period. `sim_realtime_factor_5`: the same with five robots that all drive.
+`sim_realtime_factor`: site time per wall time of the process at full speed, counted only while base or arm
+moves. It is sent the commands of one cleaning at their site times (`bench.replay`); every topic but the
+cameras' is subscribed, what belongs into a proof is recorded and sealed by another process (this one), motion
+capture signs, and the state is saved in each control period.
+`sim_realtime_factor_5`: the same with five robots that do it at once, each in a room of its own; it counts
+while one of them moves.
 `sim_core_percent`: CPU time of the simulator per wall time meanwhile.
 `sim_messages_per_s`: what was received.
 `cmd_vel_to_motion_ms`, `..._worst_ms`: wall time from a velocity command to the first odometry that moves, at
@@ -16,12 +19,11 @@ included; the mean of a cleaning of each item of the lab on a whole site at ten 
 
 from __future__ import annotations
 
-import itertools
 import json
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -31,15 +33,12 @@ from rodeo.config import Site
 
 # isort: split
 import mujoco
-from eth_account import Account
 
+from bench import replay
 from bench.autonomy import agent_cpu_s
-from bench.cpu import cpu_s
 from deploy.launcher import Launcher
 from rodeo import topics
 from rodeo.bus import Bus
-from rodeo.clock import SimClock
-from rodeo.evidence import Binding, Recorder
 from rodeo.lab.body import Body, Twist2
 from rodeo.lab.render import Camera, RendererUnavailable, encode
 from rodeo.lab.sensors import DepthCamera, Lidar
@@ -53,39 +52,26 @@ from rodeo.lab.world import (
     build_world,
 )
 from rodeo.ros2 import MessageInfo, Node, types
+from rodeo.sim_clock import SimClock
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 
 PHYSICS_S = 20.0
 """Simulated."""
-PROCESS_WALL_S = 5.0
 PICTURES = 20
 MOTIONS = 30
 _READY_S = 60.0
-_BINDING = Binding(
-    chain_id=31337,
-    task_manager="0x" + "12" * 20,
-    organization="0x" + "34" * 20,
-    device="panther1",
-    task_id=1,
-    attempt=1,
-    executor="0x" + "34" * 20,
-    nonce="0x" + "56" * 32,
-)
-_COMMAND_WALL_S = 0.002
-"""Between two velocity commands: at full speed their time-out is a few of these."""
 
 
 def run() -> dict[str, float]:
     """Measure, the process on a site of its own on a free port in a folder that is removed."""
     site = Site.load(SITE)
     measured = _physics(site) | _render(site) | _cast(site)
-    with _running("clock.speed = 0") as running:
-        measured |= _speed(*running)
-    with _running(f"clock.speed = 0\n{_robots(5)}") as running:
-        measured["sim_realtime_factor_5"] = _speed(*running)["sim_realtime_factor"]
-    with _running("clock.speed = 1") as running:
-        measured |= _latency(*running)
+    commands = replay.record()
+    measured |= replay.replay(commands)
+    measured["sim_realtime_factor_5"] = replay.replay(commands, 5)["sim_realtime_factor"]
+    with _running() as (site, bus, clock):
+        measured |= _latency(site, bus, clock)
     return measured | {"agent_cpu_s_per_cleaning": agent_cpu_s()}
 
 
@@ -137,10 +123,10 @@ def _cast(site: Site) -> dict[str, float]:
 
 
 @contextmanager
-def _running(extra: str) -> Iterator[tuple[Site, Bus, SimClock, int]]:
-    """A site of its own with router and simulator: site, bus, clock, the simulator's process id."""
+def _running() -> Iterator[tuple[Site, Bus, SimClock]]:
+    """A site of its own with router and simulator, at real-time speed: site, bus, clock."""
     with tempfile.TemporaryDirectory(prefix="rodeo-bench-") as folder:
-        path = _write_site(Path(folder), extra)
+        path = _write_site(Path(folder))
         with Launcher(path, only=("router", "robot_sim")) as launcher:
             site = launcher.site
             bus = Bus.open(site.bus.router, timeout_s=_READY_S)
@@ -148,80 +134,13 @@ def _running(extra: str) -> Iterator[tuple[Site, Bus, SimClock, int]]:
             try:
                 if not clock.wait_ready(threading.Event(), _READY_S):
                     raise RuntimeError("the simulation's clock was not heard")
-                yield site, bus, clock, int(bus.query(f"rodeo/{site.org}/status/robot_sim")["pid"])
+                yield site, bus, clock
             finally:
                 clock.close()
                 bus.close()
 
 
-def _speed(site: Site, bus: Bus, clock: SimClock, pid: int) -> dict[str, float]:
-    node = Node(bus.session, "bench", "", site.bus.domain_id, clock)
-    received = itertools.count()
-    lock, over = threading.Lock(), threading.Event()
-    with tempfile.TemporaryDirectory(prefix="rodeo-bench-") as folder:
-        recorder = Recorder(Path(folder, "proof.mcap"), _BINDING, Account.create(), clock)
-
-        def listener(name: str, topic: topics.Topic) -> Callable[[MessageInfo], None]:
-            def on_message(info: MessageInfo) -> None:
-                next(received)
-                if topic.recorded:
-                    with lock:
-                        # A message may still be on its way through a node that is closed.
-                        if not over.is_set():
-                            recorder.write_ros(
-                                name, topic.type, info.cdr, clock.now_ns(), info.source_time_ns, info.sequence
-                            )
-
-            return on_message
-
-        for name, topic in _published(site):
-            node.raw_subscription(name, topic.type, listener(name, topic))
-        command = types.new(topics.CMD_VEL.type)
-        command.linear.x = 0.2
-        wheels = [
-            node.publisher(topics.CMD_VEL.name(ns=robot.namespace), topics.CMD_VEL.type)
-            for robot in site.robots
-        ]
-        pace = threading.Event()
-        before_s, count, cpu_before_s = clock.now_s(), next(received), cpu_s(pid)
-        started_s = time.perf_counter()
-        while time.perf_counter() - started_s < PROCESS_WALL_S:
-            # Half of the time straight, half of it skidding round, as the bare physics is measured.
-            command.angular.z = 0.6 if clock.now_s() % 2 < 1 else 0.0
-            for wheel in wheels:
-                wheel.publish(command)
-            pace.wait(_COMMAND_WALL_S)
-        spent_s = time.perf_counter() - started_s
-        figures = {
-            "sim_realtime_factor": (clock.now_s() - before_s) / spent_s,
-            "sim_messages_per_s": (next(received) - count) / spent_s,
-            "sim_core_percent": 100 * (cpu_s(pid) - cpu_before_s) / spent_s,
-        }
-        node.close()
-        with lock:
-            over.set()
-        recorder.close()
-    return figures
-
-
-def _published(site: Site) -> Iterator[tuple[str, topics.Topic]]:
-    """(name, topic) of everything the simulator publishes at a fixed rate, but for the cameras."""
-    values = {
-        "ns": [robot.namespace for robot in site.robots],
-        "body": [*(robot.name for robot in site.robots), *(item.id for item in site.items)],
-        "bin": [site.bin.name],
-        "compartment": list(site.bin.compartments),
-        "dock": [site.dock.name],
-    }
-    for topic in topics.TOPICS:
-        if topic.plane is not topics.Plane.ROBOT or topic.rate_hz is None or "camera" in topic.key:
-            continue
-        fields = [field for field in values if f"{{{field}}}" in topic.key]
-        for chosen in itertools.product(*(values[field] for field in fields)):
-            yield topic.name(**dict(zip(fields, chosen, strict=True))), topic
-
-
-def _latency(site: Site, bus: Bus, clock: SimClock, _pid: int) -> dict[str, float]:
+def _latency(site: Site, bus: Bus, clock: SimClock) -> dict[str, float]:
     node = Node(bus.session, "bench", "", site.bus.domain_id, clock)
     moving, standing = threading.Event(), threading.Event()
     moved_s = 0.0
@@ -262,23 +181,12 @@ def _latency(site: Site, bus: Bus, clock: SimClock, _pid: int) -> dict[str, floa
     }
 
 
-def _robots(count: int) -> str:
-    """A site's robots, in a row along the lab's longer side; a lab that has room for them."""
-    tables = [
-        f"""[[robots]]
-name = "panther{number}"
-pose = {{ x_m = {1.5 + 2.0 * number}, y_m = 2.0 }}"""
-        for number in range(count)
-    ]
-    return f"lab.size_m = [{3.0 + 2.0 * count}, 5.0]\n" + "\n".join(tables)
-
-
-def _write_site(folder: Path, extra: str) -> Path:
+def _write_site(folder: Path) -> Path:
     path = folder / "site.toml"
     path.write_text(
         f"""extends = {json.dumps(str(SITE))}
 data_dir = {json.dumps(str(folder / "data"))}
-{extra}
+clock.speed = 1
 """
     )
     return path

@@ -1,7 +1,7 @@
 // Builds the contracts and writes what running needs, so that running needs no Node:
-//   node contracts/build.mjs          write rodeo/chain/artifacts/<Contract>.json
+//   node contracts/build.mjs          write rodeo/chain/artifacts/<Contract>.json and enums.json
 //   node contracts/build.mjs --check  fail if they differ from the sources
-import { existsSync, mkdirSync, readFileSync, writeFileSync } from "node:fs";
+import { existsSync, mkdirSync, readdirSync, readFileSync, writeFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
 import { forge } from "./forge.mjs";
@@ -32,14 +32,26 @@ function artifact(name) {
   };
 }
 
+// The ABI names enums, but does not say what is in them.
+function enums() {
+  const interfaces = join(root, "contracts", "src", "interfaces");
+  const source = readdirSync(interfaces)
+    .sort()
+    .map((name) => readFileSync(join(interfaces, name), "utf8"))
+    .join("\n");
+  const found = source.matchAll(/^enum (\w+) \{([^}]*)\}/gm);
+  return Object.fromEntries([...found].map(([, name, members]) => [name, members.match(/\w+/g)]));
+}
+
 const check = process.argv.includes("--check");
 if (forge("build", "--quiet", "contracts/src") !== 0) process.exit(1);
 mkdirSync(target, { recursive: true });
 
 const stale = [];
-for (const name of CONTRACTS) {
+const built = CONTRACTS.map((name) => [name, artifact(name)]);
+for (const [name, content] of [...built, ["enums", enums()]]) {
   const path = join(target, `${name}.json`);
-  const text = JSON.stringify(artifact(name), null, 1) + "\n";
+  const text = JSON.stringify(content, null, 1) + "\n";
   if (existsSync(path) && readFileSync(path, "utf8") === text) continue;
   if (check) stale.push(path);
   else writeFileSync(path, text);

@@ -13,14 +13,13 @@ What the rules do not allow is denied.
 from __future__ import annotations
 
 import itertools
-import re
 from collections.abc import Iterator
 from typing import Any
 
-from deploy.processes import processes_of
 from rodeo import topics
 from rodeo.config import Site, agent_process
 from rodeo.dao import ORGANIZATION
+from rodeo.processes import processes_of
 from rodeo.serving import served_by
 from rodeo.tls import OPERATOR
 from rodeo.topics import TOPICS, Form, Plane, Topic
@@ -90,7 +89,7 @@ def _written_by(site: Site, process: str) -> Iterator[str]:
         if topic is topics.SERVES:
             # Nobody keeps another from its work by claiming it.
             for what, name in served_by(site, process):
-                yield topic.name(org=site.org, what=what, name=name, state="*", holder="*")
+                yield topic.pattern(org=site.org, what=what, name=name)
         elif topic.writer in (_job(process), _EVERYBODY):
             for key in _keys(site, topic, process):
                 yield key
@@ -103,7 +102,7 @@ def _asked_by(site: Site, process: str) -> Iterator[str]:
     for topic in TOPICS:
         if topic.key == topics.COMMAND.key:
             for participant in _wallets_of(site, process):
-                yield f"rodeo/{site.org}/wallet/{participant}/**"
+                yield topics.COMMAND.pattern(org=site.org, participant=participant)
             if process in _WITNESSES:
                 yield topics.COMMAND.name(org=site.org, participant=ORGANIZATION, command="post_root")
             continue
@@ -137,22 +136,10 @@ def _devices_of(site: Site, process: str) -> list[str]:
 
 def _keys(site: Site, topic: Topic, process: str = "*") -> Iterator[str]:
     """Key expressions of `topic` on this site, of those that `process` says something on."""
-    names = _Names(org=site.org, bin=site.bin.name, dock=site.dock.name, process=process)
+    names = {"org": site.org, "bin": site.bin.name, "dock": site.dock.name, "process": process}
     namespaces = {robot.namespace for robot in site.robots}
     devices = _devices_of(site, process) if "{device}" in topic.key else ["*"]
     for namespace, device in itertools.product(namespaces, devices):
-        key = topic.key.format_map(_Names(names, ns=namespace, device=device))
-        if topic.plane is Plane.ROBOT:
-            yield f"{site.bus.domain_id}/{key}/**"
-        elif topic.form is Form.QUERY:
-            # One responder serves the whole branch: state/task/7 as well as state/tasks.
-            yield re.sub(r"(/\*)+$", "/**", key)
-        else:
-            yield key
-
-
-class _Names(dict[str, str]):
-    """Names in a key; what has none here stands for all."""
-
-    def __missing__(self, _name: str) -> str:
-        return "*"
+        key = topic.pattern(**names, ns=namespace, device=device)
+        # One responder serves a query's whole branch: state/task/7 as well as state/tasks.
+        yield f"{site.bus.domain_id}/{key}/**" if topic.plane is Plane.ROBOT else key

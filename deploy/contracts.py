@@ -46,9 +46,9 @@ from rodeo.chain import (
 from rodeo.chain.client import connect, require_chain
 from rodeo.chain.errors import translated
 from rodeo.config import Site
-from rodeo.dao import CHARGING, CLEANING, MACHINE_JUDGED
 from rodeo.errors import RodeoError, WalletError
-from rodeo.service import main
+from rodeo.kinds import kinds_of
+from rodeo.process import main
 
 log = logging.getLogger(__name__)
 
@@ -262,14 +262,10 @@ def _missing_rules(
     for role, account in roles:
         if account is not None and not client.has_role(role, account):
             yield administrator, calls.grant_role(role, account)
-    at_silence = {
-        CLEANING: site.economy.cleaning_at_silence,
-        CHARGING: site.economy.charging_at_silence,
-    }
-    for kind in site.kinds:
-        rules, review = client.kind(kind), Review.ORACLE if kind in MACHINE_JUDGED else Review.AUDITOR
+    for kind, declared in kinds_of(site).items():
+        rules, review = client.kind(kind), Review[declared.review.upper()]
         if review is Review.ORACLE and rules.silence is Silence.NONE:
-            silence = Silence[at_silence[kind].upper()]
+            silence = Silence[declared.at_silence.upper()]
             yield administrator, calls.set_audit(kind, site.economy.audit_window_s, silence)
         # A machine that judged what it has no checks for is corrected; that people judge more is not.
         if not rules.allowed or (review is Review.AUDITOR and rules.review is not review):

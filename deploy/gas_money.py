@@ -30,12 +30,17 @@ class Purse:
     needs: Decimal
 
     @property
+    def missing(self) -> Decimal:
+        """What should be sent to it."""
+        return max(self.needs - self.holds, Decimal(0))
+
+    @property
     def funded(self) -> bool:
-        return self.holds >= self.needs
+        return not self.missing
 
     def __str__(self) -> str:
         """One line with the whole address, to be copied."""
-        need = "" if self.funded else f"; send at least {self.needs - self.holds:f} more to it"
+        need = "" if self.funded else f"; send at least {self.missing:f} more to it"
         return f"{self.address} {self.name}: holds {self.holds.normalize():f}{need}"
 
 

@@ -20,7 +20,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from deploy.processes import Process, processes_of
 from rodeo.config import Site
 from rodeo.errors import RodeoError
 from rodeo.instance import (
@@ -31,6 +30,7 @@ from rodeo.instance import (
     lock_holder,
     lock_instance,
 )
+from rodeo.processes import ProcessEntry, processes_of
 from rodeo.tls import wants_certificates
 
 log = logging.getLogger(__name__)
@@ -65,7 +65,7 @@ class UnknownProcess(RodeoError):
 
 @dataclass
 class _Child:
-    process: Process
+    process: ProcessEntry
     popen: subprocess.Popen[bytes]
     started_s: float
     delay_s: float = _FIRST_PAUSE_S
@@ -128,7 +128,7 @@ class Launcher:
         folder = self.site.data_dir / LAUNCHER
         return [folder / name for name in self.only] or [folder]
 
-    def selected(self) -> Iterator[Process]:
+    def selected(self) -> Iterator[ProcessEntry]:
         return (p for p in processes_of(self.site) if not self.only or p.name in self.only)
 
     def running(self) -> dict[str, int]:
@@ -193,7 +193,7 @@ class Launcher:
                     popen.wait()
             self.children.clear()
 
-    def _start(self, process: Process) -> None:
+    def _start(self, process: ProcessEntry) -> None:
         if lock_holder(folder := self.site.data_dir / process.name) is None:
             forget_ending(folder)
         with _signals_held():

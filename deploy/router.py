@@ -15,7 +15,7 @@ from deploy.access import access_control
 from rodeo.config import Site
 from rodeo.endpoint import make_socket_folder
 from rodeo.errors import PortUnavailable
-from rodeo.service import Service, main
+from rodeo.process import Process, main
 from rodeo.tls import identity, openness
 
 log = logging.getLogger(__name__)
@@ -42,12 +42,12 @@ def run(site: Site, stop: threading.Event) -> None:
             reason = re.sub(r" at /\S+", "", str(error))
             raise PortUnavailable(f"cannot listen: {reason}", endpoint=site.bus.router) from error
 
-    with Service("router", site, stop, listen) as service:
+    with Process("router", site, stop, listen) as process:
         if warning := openness(site):
             log.warning("%s", warning)
-            service.warn(warning)
-        service.ready()
-        service.activity(f"routing at {site.bus.router}")
+            process.warn(warning)
+        process.ready()
+        process.activity(f"routing at {site.bus.router}")
         stop.wait()
 
 

@@ -23,6 +23,7 @@ import zenoh
 from pydantic import BaseModel, ValidationError
 from pydantic_core import from_json
 
+from rodeo import queries, topics
 from rodeo.clock import Clock
 from rodeo.endpoint import check_socket_folder
 from rodeo.errors import (
@@ -58,8 +59,10 @@ def zenoh_config(
     connect: Iterable[str] = (),
     listen: Iterable[str] = (),
     identity: Identity | None = None,
+    lease_s: float | None = None,
 ) -> zenoh.Config:
-    """A Zenoh configuration without discovery: what connects to what is written in the site file."""
+    """A Zenoh configuration without discovery: what connects to what is written in the site file. `lease_s`:
+    wall time after which others close a session that is silent; by default Zenoh's, 10 s."""
     config = zenoh.Config()
     for key, value in {
         "mode": mode,
@@ -72,6 +75,8 @@ def zenoh_config(
         "timestamping/enabled": {"router": True, "peer": True, "client": True},
     }.items():
         config.insert_json5(key, json.dumps(value))
+    if lease_s is not None:
+        config.insert_json5("transport/link/tx/lease", json.dumps(round(1000 * lease_s)))
     if identity is not None:
         config.insert_json5("transport/link/tls", json.dumps(identity.zenoh()))
     return config
@@ -143,8 +148,10 @@ class Bus:
         stop: threading.Event | None = None,
         timeout_s: float | None = None,
         identity: Identity | None = None,
+        lease_s: float | None = None,
     ) -> Bus:
-        """Connect to the router at `endpoint` (`site.bus.router`), however long that takes.
+        """Connect to the router at `endpoint` (`site.bus.router`), however long that takes; `lease_s` as for
+        `zenoh_config`.
 
         Raises BusUnavailable when `stop` is set or `timeout_s` (wall) passes first, and UnsafeSocketFolder
         when somebody else could be the router.
@@ -154,7 +161,8 @@ class Bus:
         while stop is None or not stop.is_set():
             check_socket_folder(endpoint)
             try:
-                return cls(zenoh.open(zenoh_config("client", connect=[endpoint], identity=identity)))
+                config = zenoh_config("client", connect=[endpoint], identity=identity, lease_s=lease_s)
+                return cls(zenoh.open(config))
             except zenoh.ZError as error:
                 if deadline_s is not None and time.monotonic() >= deadline_s:
                     raise BusUnavailable("no router answers", endpoint=endpoint) from error
@@ -374,7 +382,7 @@ class DaoEvents:
         self._lock = threading.Lock()
         self._clock = clock
         self._handing_over: AbstractContextManager[None] | None = None
-        self._subscriber = bus.subscribe_json(f"rodeo/{org}/event/*", self._on_live, inline=True)
+        self._subscriber = bus.subscribe_json(topics.EVENT.pattern(org=org), self._on_live, inline=True)
         self._thread = threading.Thread(target=self._run, name="dao-events", daemon=True)
         self._thread.start()
 
@@ -425,10 +433,8 @@ class DaoEvents:
     def _catch_up(self) -> None:
         while not self._stop.is_set():
             try:
-                answer = self._bus.query(
-                    f"rodeo/{self._org}/state/events",
-                    parameters={"after": self._seq, "limit": self._PAGE},
-                    timeout_s=5.0,
+                answer = queries.ask(
+                    self._bus, self._org, queries.EVENTS, timeout_s=5.0, after=self._seq, limit=self._PAGE
                 )
             except MalformedAnswer as error:
                 log.warning("the index does not answer with events: %s", error)
@@ -438,17 +444,17 @@ class DaoEvents:
                 log.debug("the index does not answer: %s", error)
                 return
             with self._lock:
-                if self._follow_chain(answer.get("chain", "")):
+                if self._follow_chain(answer.chain):
                     continue
-                if answer.get("last_seq", self._seq) < self._seq:
+                if answer.last_seq < self._seq:
                     log.info("the index was made anew: its events count from 1 again")
                     self._seq = 0
                     self._live.clear()
                     continue
-            if not answer["events"]:
+            if not answer.events:
                 return
-            for data in answer["events"]:
-                self._deliver(validate(DaoEvent, data))
+            for event in answer.events:
+                self._deliver(event)
 
     def _follow_chain(self, chain: str) -> bool:
         """Count from 1 again where a local chain was made anew; whether it was."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -26,16 +26,22 @@ REACHED_SHARE = 0.75
 nearly there before."""
 
 
+def shown(title: str, form: str, example: object = None) -> Any:
+    """How a form shows a parameter (`rodeo.kinds.FORMATS`), and what it proposes."""
+    extra: dict[str, Any] = {"format": form} if example is None else {"format": form, "examples": [example]}
+    return Field(title=title, json_schema_extra=extra)
+
+
 class ChargingParams(BaseModel):
-    """What a battery_charging task says beyond its reward."""
+    """What an order of energy says beyond its reward."""
 
     model_config = ConfigDict(extra="allow")
 
-    robot: Name
-    dock: Name
-    soc_from: Share
-    soc_target: Share
-    energy_wh: Annotated[Number, Field(gt=0, le=LARGEST_ORDER_WH)]
+    robot: Annotated[Name, shown("Robot", "robot")]
+    dock: Annotated[Name, shown("Dock", "follows")]
+    soc_from: Annotated[Share, shown("Charge now (%)", "percent", 0.5)]
+    soc_target: Annotated[Share, shown("Charge to (%)", "percent", 0.95)]
+    energy_wh: Annotated[Number, Field(gt=0, le=LARGEST_ORDER_WH), shown("Energy (Wh)", "follows")]
     """Ordered, at the dock's terminals: the price is for so much, or for what reaches `soc_target`."""
 
     def begins_at(self, soc: float) -> bool:

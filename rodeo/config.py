@@ -7,19 +7,29 @@ from __future__ import annotations
 
 import difflib
 import os
+import time
 import tomllib
+from collections.abc import Iterable, Iterator
 from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
+from urllib.parse import urlsplit
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Field,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, SettingsConfigDict
 
 from rodeo import endpoint
 from rodeo.errors import ConfigError
-from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, RobotConfig
-from rodeo.site_faults import faults
-from rodeo.site_problems import dotted, explained
+from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, Pose2, RobotConfig
+from rodeo.site_problems import Place, close, dotted, explained
 
 MiB = 1 << 20
 
@@ -59,15 +69,28 @@ class ClockConfig(_Table):
     idle_speed: float = Field(default=1.0, ge=0)
     """The same while a robot charges and nothing moves; 0 also jumps over all time in which robots rest and
     nobody has anything to do."""
-    holders: list[Literal["robot_agent", "itrash", "charger", "bridge"]] = [
+    holders: list[Literal["robot_agent", "itrash", "charger", "bridge", "oracle", "chain", "arrivals"]] = [
         "robot_agent",
         "itrash",
         "charger",
     ]
-    """For whose work a simulated clock waits (`rodeo.holding`). With the bridge a command takes none."""
+    """For whose work a simulated clock waits (`rodeo.holding`). With `bridge`, `oracle` and `chain` nothing
+    that a site does depends on how fast the machine is; `arrivals` posts the work of an experiment."""
+    start: AwareDatetime | None = None
+    """When a simulated site's time begins, with an offset: 2026-05-04T06:00:00Z. None takes the wall's."""
     seed: int | None = Field(default=None, ge=0)
     """Of all that chance decides on the site, real or simulated (rodeo.chance). None: what a robot's mind
     chooses is another each time, and the simulated sensors' noise is the same, as of seed 0."""
+
+    @model_validator(mode="after")
+    def _starts_only_what_goes_its_own_way(self) -> Self:
+        if self.start is not None and self.keeps_wall_time:
+            raise ValueError("start is for a simulated clock that does not keep the wall's time: set a speed")
+        return self
+
+    def begin_s(self) -> int:
+        """Unix time at which a new world, and the chain of its site, begins."""
+        return int(time.time() if self.start is None else self.start.timestamp())
 
     @property
     def keeps_wall_time(self) -> bool:
@@ -110,21 +133,11 @@ class EconomyConfig(_Table):
     """Minted to the organization and to each robot at deployment."""
     supply_iec: Decimal = Decimal(1_000_000)
     """All that will ever exist; what is left after the above goes to the organization's administrator."""
-    cleaning_reward_iec: Decimal = Decimal(100)
-    charging_reward_iec: Decimal = Decimal(200)
-    cleaning_window_s: int = 2 * 3600
-    """Long enough for a robot that must charge before it can do the work."""
-    charging_window_s: int = 4 * 3600
     verdict_window_s: int = 48 * 3600
     """Long against a verification: it only rescues the money when the oracle never answers. A simulated
     site skips hours in seconds while the robot charges."""
     audit_window_s: int = Field(default=7 * 24 * 3600, ge=60, le=30 * 24 * 3600)
     """How long the organization's auditors may look at what the oracle could not decide."""
-    cleaning_at_silence: Literal["executor", "creator"] = "executor"
-    """Who wins when they do not answer. The auditors are the organization's: their silence must not save it
-    money that a robot has earned."""
-    charging_at_silence: Literal["executor", "creator"] = "creator"
-    """The organization sells the energy: the silence of its own auditors must not earn it money."""
     max_attempts: int = Field(default=3, ge=1)
     electricity: list[TariffConfig] = [TariffConfig(from_hour=0, eur_kwh=Decimal("0.30"))]
     """Before the day's first hour named here the last one's price holds."""
@@ -161,6 +174,9 @@ class BridgeConfig(_Table):
     """Participant -> what its wallet may spend."""
 
 
+KindName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
+
+
 class ParticipantConfig(_Table):
     """Somebody with a wallet besides the organization, its oracle and its robots."""
 
@@ -168,7 +184,7 @@ class ParticipantConfig(_Table):
     address: str | None = Field(default=None, pattern=r"^0x[0-9a-fA-F]{40}$")
     """Of a wallet that lives elsewhere: its owner signs, the bridge only broadcasts. Without one the bridge
     has its keystore."""
-    kinds: list[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]] | None = None
+    kinds: list[KindName] | None = None
     """Kinds of work that it may offer. Left out, those that people judge: a person has no machine for the
     others. Name them for a participant whose own program does them."""
 
@@ -213,7 +229,7 @@ class StoreConfig(_Table):
 class OracleConfig(_Table):
     cpu_limit_s: float = Field(default=60.0, gt=0)
     """CPU time of one verification, a fuse: four times what the worst proof costs that keeps the counts
-    (`services.oracle.counts`). Beyond it, it is tried once more and then undecided."""
+    (`rodeo.checks.counts`). Beyond it, it is tried once more and then undecided."""
     time_limit_s: float = Field(default=600.0, gt=0)
     """Wall time of one verification, only to end one that hangs; what follows is the same."""
     handover_s: float = Field(default=3600.0, gt=0)
@@ -252,11 +268,46 @@ class MaintenanceConfig(_Table):
     Auditors judge it: no oracle sees whether it was done.
     """
 
-    kind: str = Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")
+    kind: KindName
     every_km: float = Field(gt=0)
     reward_iec: Decimal = Field(ge=0)
     description: str = Field(max_length=2000)
     execution_window_s: int = Field(default=24 * 3600, gt=0)
+
+
+class KindConfig(_Table):
+    """A kind of work that the organization knows.
+
+    With a `review` the table itself declares the kind, which has neither behaviour nor checks. Without one it
+    names an installed package, which says who judges. What is left out here is as the package says.
+    """
+
+    name: KindName
+    review: Literal["auditor"] | None = None
+    title: str = Field(default="", max_length=80)
+    description: str = Field(default="", max_length=2000)
+    parameters: dict[str, Any] = {}
+    """JSON Schema (draft 2020-12) of what a task says."""
+    price_iec: Decimal | None = Field(default=None, ge=0)
+    execution_window_s: int | None = Field(default=None, gt=0)
+    at_silence: Literal["executor", "creator"] | None = None
+
+    @model_validator(mode="after")
+    def _says_who_judges(self) -> KindConfig:
+        if self.review is None and (self.title or self.description or self.parameters):
+            raise ValueError(
+                f'{self.name} is declared here, so say who judges it: review = "auditor"; '
+                "or leave title, description and parameters to its package"
+            )
+        return self
+
+
+class DemoConfig(_Table):
+    """What `rodeo demo` has done, and paid for."""
+
+    kind: KindName
+    params: dict[str, Any] = {}
+    """What the kind leaves open is filled in."""
 
 
 class ConsoleConfig(_Table):
@@ -294,7 +345,8 @@ class Site(BaseSettings):
     org: str = Field(pattern=r"^[a-z][a-z0-9-]*$")
     """Name of the organization; the first part of every DAO-plane key."""
     data_dir: Path
-    """Where processes keep what must survive them; a relative path starts at the site file that says it."""
+    """Where processes keep what must survive them. A relative path is resolved against the site file that
+    sets it, and `~` is the user's home."""
 
     bus: BusConfig = BusConfig()
     clock: ClockConfig = ClockConfig()
@@ -316,6 +368,10 @@ class Site(BaseSettings):
     items: list[ItemConfig] = []
     participants: list[ParticipantConfig] = []
     people: PeopleConfig = PeopleConfig()
+    demo: DemoConfig | None = None
+    kinds: list[KindConfig] = []
+    """The kinds of work that the organization knows. The code of those that are installed is imported beside
+    the keys, so only what is named here is."""
 
     @field_validator("robots")
     @classmethod
@@ -362,6 +418,24 @@ class Site(BaseSettings):
             self.bus = self.bus.model_copy(update={"router": endpoint.local_socket(self.data_dir)})
         return self
 
+    @field_validator("kinds")
+    @classmethod
+    def _kinds_differ(cls, kinds: list[KindConfig]) -> list[KindConfig]:
+        names = [kind.name for kind in kinds]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ValueError(f"listed twice: {', '.join(twice)}")
+        return kinds
+
+    @model_validator(mode="after")
+    def _care_is_listed(self) -> Self:
+        for care in self.agent.maintenance:
+            if care.kind not in [kind.name for kind in self.kinds]:
+                raise ValueError(
+                    f"agent.maintenance asks for {care.kind}, which no [[kinds]] lists. Write: [[kinds]] "
+                    f'name = "{care.kind}", review = "auditor"'
+                )
+        return self
+
     @model_validator(mode="after")
     def _one_time(self) -> Self:
         if self.chain.backend == "external" and not self.clock.keeps_wall_time:
@@ -379,11 +453,6 @@ class Site(BaseSettings):
         clock = self.clock
         speeds = [] if clock.source == "wall" else [clock.speed, clock.idle_speed]
         return self.oracle.verdict_within_s * max([1.0, *(speed or FASTEST_CLOCK for speed in speeds)])
-
-    @property
-    def kinds(self) -> list[str]:
-        """The kinds of task that the site's organization knows."""
-        return ["waste_disposal", "battery_charging", *sorted({care.kind for care in self.agent.maintenance})]
 
     def robot(self, name: str) -> RobotConfig:
         """The robot called `name`. Raises ConfigError."""
@@ -437,7 +506,7 @@ def read_tables(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
         raise ConfigError(f"cannot read the site file: {reason}", path=str(path)) from error
     if isinstance(data_dir := tables.get("data_dir"), str):
         # Not at the working directory: `rodeo down` finds the site from wherever it is called.
-        tables["data_dir"] = str((path.parent / data_dir).resolve())
+        tables["data_dir"] = str((path.parent / Path(data_dir).expanduser()).resolve())
     for robot in tables.get("robots", []):
         if isinstance(robot, dict) and isinstance(kinematics := robot.get("kinematics"), str):
             robot["kinematics"] = str((path.parent / kinematics).resolve())
@@ -454,3 +523,95 @@ def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
         old = merged.get(key)
         merged[key] = _merge(old, value) if isinstance(old, dict) and isinstance(value, dict) else value
     return merged
+
+
+# -- what no site can be ------------------------------------------------------------------------------
+
+_OWN_WALLETS = ("organization", "oracle")
+
+
+def faults(site: Site) -> dict[Place, str]:
+    """Where -> what is wrong there; empty for a site that can be."""
+    found: dict[Place, str] = {}
+    for place, text in (*_outside(site), *_names(site), *_wallets(site), *_hours(site), *_ports(site)):
+        found.setdefault(place, text)
+    return found
+
+
+def _outside(site: Site) -> Iterator[tuple[Place, str]]:
+    length_m, width_m = site.lab.size_m
+    for place, name, pose in placed(site):
+        if not (0 <= pose.x_m <= length_m and 0 <= pose.y_m <= width_m):
+            yield (
+                (*place, "pose"),
+                f"{name} is outside the room: x_m is {pose.x_m:g} of 0 to {length_m:g}, y_m is {pose.y_m:g} "
+                f"of 0 to {width_m:g} (lab.size_m)",
+            )
+
+
+def placed(site: Site) -> Iterator[tuple[Place, str, Pose2]]:
+    """Everything that stands or lies in the room: where the file says so, its name, its pose."""
+    for number, furniture in enumerate(site.lab.furniture):
+        yield ("lab", "furniture", number), furniture.name, furniture.pose
+    yield ("bin",), site.bin.name, site.bin.pose
+    yield ("dock",), site.dock.name, site.dock.pose
+    for number, robot in enumerate(site.robots):
+        if robot.body == "sim":
+            yield ("robots", number), robot.name, robot.pose
+    for number, item in enumerate(site.items):
+        yield ("items", number), item.id, item.pose
+
+
+def _names(site: Site) -> Iterator[tuple[Place, str]]:
+    in_lab = [((*place, "id" if place[0] == "items" else "name"), name) for place, name, _ in placed(site)]
+    yield from _twice(in_lab, "two things in the lab are called {}")
+    signing: list[tuple[Place, str]] = [((), name) for name in _OWN_WALLETS]
+    signing += [(("robots", number, "wallet"), robot.wallet) for number, robot in enumerate(site.robots)]
+    signing += [(("participants", number, "name"), one.name) for number, one in enumerate(site.participants)]
+    yield from _twice(signing, "two participants have the keystore {}")
+
+
+def _twice(named: Iterable[tuple[Place, str]], text: str) -> Iterator[tuple[Place, str]]:
+    seen: set[str] = set()
+    for place, name in named:
+        if name in seen:
+            yield place, text.format(f'"{name}"')
+        seen.add(name)
+
+
+def _wallets(site: Site) -> Iterator[tuple[Place, str]]:
+    known = ["organization", "oracle", *(r.name for r in site.robots), *(p.name for p in site.participants)]
+    told: list[tuple[Place, str]] = [
+        (("bridge", "wallets", number), name) for number, name in enumerate(site.bridge.wallets or ())
+    ]
+    told += [(("bridge", "limits", name), name) for name in site.bridge.limits]
+    for place, name in told:
+        if name not in known:
+            yield place, f"nobody on this site is called {name}{close(name, known)}"
+
+
+def _hours(site: Site) -> Iterator[tuple[Place, str]]:
+    hours: set[int] = set()
+    for number, tariff in enumerate(site.economy.electricity):
+        if tariff.from_hour in hours:
+            place = ("economy", "electricity", number, "from_hour")
+            yield place, f"two prices of electricity begin at hour {tariff.from_hour}"
+        hours.add(tariff.from_hour)
+
+
+def _ports(site: Site) -> Iterator[tuple[Place, str]]:
+    listening: list[tuple[Place, str, int]] = [
+        (("itrash", "http_port"), site.itrash.http_host, site.itrash.http_port),
+        (("console", "port"), site.console.host, site.console.port),
+    ]
+    ports = site.metrics.ports.items()
+    listening += [(("metrics", "ports", process), site.metrics.host, port) for process, port in ports]
+    chain = urlsplit(site.chain.url)
+    if site.chain.backend != "external" and chain.port:
+        listening.insert(0, (("chain", "url"), chain.hostname or "", chain.port))
+    seen: dict[tuple[str, int], Place] = {}
+    for place, host, port in listening:
+        if port and (host, port) in seen:
+            first = ".".join(map(str, seen[host, port]))
+            yield place, f"port {port} of {host} is that of {first} already"
+        seen.setdefault((host, port), place)

@@ -2,66 +2,58 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from decimal import Decimal
 from typing import Any
 
 from eth_account.signers.local import LocalAccount
 from pydantic import BaseModel, ConfigDict
 
-from rodeo import topics
-from rodeo.bus import Bus, validate
-from rodeo.charging import ChargingParams
-from rodeo.cleaning import CleaningParams
+from rodeo import queries, topics
+from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.evidence import Binding
+from rodeo.kinds import Kind, kinds_of
 from rodeo.messages import (
     Broadcast,
     Command,
     Message,
+    Mined,
     Prepare,
+    Prepared,
     RegisterService,
     SubmitProof,
     Task,
     UpdateService,
 )
-
-CLEANING = "waste_disposal"
-CHARGING = "battery_charging"
+from rodeo.queries import A, Offer, Query
 
 ORGANIZATION = "organization"
 """The participant that speaks for the organization: its operator's wallet."""
-
-MACHINE_JUDGED = frozenset({CLEANING, CHARGING})
-"""Kinds with checks of their own. People judge every other kind: no oracle sees whether it was done."""
-
-
-KIND_PARAMS: dict[str, type[BaseModel]] = {CLEANING: CleaningParams, CHARGING: ChargingParams}
-"""Kinds whose parameters have a schema; those of other kinds are the participants' own affair."""
-
-
-def is_peoples(kind: str) -> bool:
-    """Whether a proof of this kind of work is people's word, which an auditor judges: the oracle has checks
-    of its own for the other kinds only."""
-    return kind not in MACHINE_JUDGED
 
 
 def cannot_do(site: Site, participant: str, kind: str) -> str:
     """Why `participant` of the site cannot do work of this kind, as a sentence; empty where it can.
 
-    A robot's mind does cleaning, the organization's dock sells charging, and the oracle judges. People, which
-    the organization has, too, do the kinds that people judge. The site file says what else a participant's
-    own program does.
+    A robot's mind does what has a behaviour, the organization's dock sells energy, and the oracle judges.
+    People, which the organization has, too, do the kinds that people judge. The site file says what else a
+    participant's own program does.
     """
+    kinds = kinds_of(site)
+    by_people = kinds.by_people(kind)
     if participant in [robot.name for robot in site.robots]:
-        able, does = kind == CLEANING, f"robots do {CLEANING} only"
+        robots_do = [name for name, one in kinds.items() if one.behaviour]
+        able, does = kind in robots_do, f"robots do {', '.join(robots_do) or 'nothing'} only"
     elif participant == "oracle":
         able, does = False, "the oracle judges work and does none"
     elif participant == ORGANIZATION:
-        able = kind == CHARGING or is_peoples(kind)
-        does = f"the organization sells {CHARGING} at its dock, and its people do what auditors judge"
+        energy = kinds.providing("energy")
+        able = by_people or (energy is not None and kind == energy.name)
+        does = f"the organization sells {energy.name} at its dock, and " if energy else ""
+        does += "its people do what auditors judge"
     else:
         declared = next((one.kinds for one in site.participants if one.name == participant), None)
-        able = is_peoples(kind) if declared is None else kind in declared
+        able = by_people if declared is None else kind in declared
         does = (
             "people do the kinds that auditors judge; what a participant's own program does is named in "
             "the site file, in the participant's `kinds`"
@@ -106,33 +98,32 @@ class Participant:
     # -- queries ---------------------------------------------------------------------------------------
 
     def task(self, task_id: int) -> Task:
-        return validate(Task, self.state(f"task/{task_id}"))
+        return self.ask(queries.TASK, id=task_id)
 
     def tasks(self, **filters: Any) -> list[Task]:
         """The newest tasks that pass the filters (`state`, `kind`, ...), at most 100."""
-        answer = self.state("tasks", limit=100, **filters)
-        return [validate(Task, task) for task in answer["tasks"]]
+        return self.ask(queries.TASKS, limit=100, **filters).tasks
 
     def assignments(self, kind: str) -> list[Task]:
         """Tasks that this participant has to do now, the oldest first."""
         mine = [task for task in self.tasks(kind=kind, state="assigned") if task.executor_name == self.name]
         return sorted(mine, key=lambda task: (task.assigned or 0.0, task.id))
 
-    def own_service(self, kind: str) -> dict[str, Any] | None:
+    def own_service(self, kind: str) -> Offer | None:
         """The service of this kind that this participant offers, unless it is retired."""
-        for service in self.state("services")["services"]:
-            mine = service["provider_name"] == self.name and service["kind"] == kind
-            if mine and service["state"] != "retired":
-                return dict(service)
+        for service in self.ask(queries.SERVICES).services:
+            mine = service.provider_name == self.name and service.kind == kind
+            if mine and service.state != "retired":
+                return service
         return None
 
     def binding(self, task: Task, device: str) -> Binding:
         """What ties a recording by `device` to this assignment."""
-        chain = self.state("chain")
+        chain = self.ask(queries.CHAIN)
         return Binding(
-            chain_id=int(chain["chain_id"]),
-            task_manager=chain["contracts"]["TaskManager"],
-            organization=chain["contracts"]["Organization"],
+            chain_id=chain.chain_id,
+            task_manager=chain.contracts.task_manager,
+            organization=chain.contracts.organization,
             device=device,
             task_id=task.id,
             attempt=task.attempt,
@@ -142,24 +133,35 @@ class Participant:
 
     def assignment(self, task: Task) -> Assignment:
         """Which attempt `task` is in now; what is remembered of an attempt is remembered under this."""
-        chain = self.state("chain")
+        chain = self.ask(queries.CHAIN)
         return Assignment(
-            genesis_hash=chain["genesis_hash"],
-            chain_id=int(chain["chain_id"]),
-            task_manager=chain["contracts"]["TaskManager"],
-            organization=chain["contracts"]["Organization"],
+            genesis_hash=chain.genesis_hash,
+            chain_id=chain.chain_id,
+            task_manager=chain.contracts.task_manager,
+            organization=chain.contracts.organization,
             task_id=task.id,
             attempt=task.attempt,
             nonce=task.nonce or "",
         )
 
+    def doubt(self, kind: Kind | None, params: Mapping[str, Any]) -> str:
+        """Why a task to be posted can probably not be done as it says; empty where nothing tells so."""
+        subject = params.get(kind.subject) if kind else None
+        if kind is None or not isinstance(subject, str):
+            return ""
+        return kind.doubt(params, self.ask(queries.TASKS, text=subject).tasks)
+
+    def ask(self, query: Query[A], **parameters: Any) -> A:
+        """The index's answer. Raises MalformedAnswer, too."""
+        return queries.ask(self._bus, self._org, query, **parameters)
+
     def state(self, what: str, **parameters: Any) -> dict[str, Any]:
-        """The index's answer to `state/<what>`."""
+        """The same as JSON, for who asks by name."""
         return self._bus.query(topics.STATE.name(org=self._org, what=what), parameters=parameters)
 
     # -- commands --------------------------------------------------------------------------------------
 
-    def offer_service(self, kind: str, price_iec: Decimal, description: str) -> dict[str, Any] | None:
+    def offer_service(self, kind: str, price_iec: Decimal, description: str) -> Offer | None:
         """Register the service, or bring price and state of the one that there is in line.
 
         Returns the service as it was before, None when there was none. Doing it twice changes nothing.
@@ -175,10 +177,10 @@ class Participant:
                     description=description,
                 ),
             )
-        elif Decimal(service["price_iec"]) != price_iec or service["state"] != "active":
+        elif service.price_iec != price_iec or service.state != "active":
             self.command(
                 "update_service",
-                UpdateService(service_id=int(service["id"]), price_iec=price_iec, state="active"),
+                UpdateService(service_id=service.id, price_iec=price_iec, state="active"),
             )
         return service
 
@@ -198,33 +200,31 @@ class Participant:
             ),
         )
 
-    def command(self, name: str, request: Command) -> dict[str, Any]:
+    def command(self, name: str, request: Command) -> Mined:
         """Send a transaction through the bridge and wait for its receipt (at most 30 s of wall time)."""
-        if self._account is None or request.dry_run:
-            return self._ask(name, request)
+        if self._account is None:
+            return self._send(name, request, Mined)
         while True:
-            prepared = self._ask(
-                "prepare",
-                Prepare(command=name, request=request.model_dump(mode="json", exclude_defaults=True)),
-            )
-            reply = self._ask("broadcast", self._signed(prepared, request))
-            if not prepared["remaining"]:
-                return reply
+            prepare = Prepare(command=name, request=request.model_dump(mode="json", exclude_defaults=True))
+            prepared = self._send("prepare", prepare, Prepared)
+            mined = self._send("broadcast", self._signed(prepared, request), Mined)
+            if not prepared.remaining:
+                return mined
 
-    def _signed(self, prepared: dict[str, Any], request: Command) -> Broadcast:
+    def _signed(self, prepared: Prepared, request: Command) -> Broadcast:
         """What `prepare` said, signed here; or signed before, where the request was made before."""
         assert self._account is not None
-        raw = prepared.get("raw")
-        if raw is None:
-            raw = self._account.sign_transaction(prepared["transaction"]).raw_transaction.to_0x_hex()
+        raw = prepared.raw
+        if raw is None and prepared.transaction is not None:
+            raw = self._account.sign_transaction(prepared.transaction).raw_transaction.to_0x_hex()
         # What comes before the command's own transaction is no answer to its request.
-        own = not prepared["remaining"]
+        own = not prepared.remaining
         return Broadcast(
             raw=raw,
             request_id=request.request_id if own else None,
-            content_sha256=prepared["content_sha256"] or None if own else None,
+            content_sha256=prepared.content_sha256 or None if own else None,
         )
 
-    def _ask(self, command: str, request: Message) -> dict[str, Any]:
+    def _send(self, command: str, request: Message, answer: type[A]) -> A:
         key = topics.COMMAND.name(org=self._org, participant=self.name, command=command)
-        return self._bus.query(key, request, timeout_s=30.0)
+        return queries.fitting(answer, self._bus.query(key, request, timeout_s=30.0), key)

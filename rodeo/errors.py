@@ -121,7 +121,7 @@ class QueryTimeout(BusError):
 
 
 class MalformedAnswer(BusError):
-    """The responder answered with what is no JSON object, or with an error that has no code."""
+    """The answer is no JSON object, does not fit the question, or is an error that has no code."""
 
 
 class RemoteError(RodeoError):

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
+from typing import BinaryIO
 
 from rodeo.errors import DiskFull
 
@@ -35,22 +36,34 @@ def writing(path: Path) -> Iterator[None]:
         raise DiskFull(f"no space left to write {path}", reason=error.strerror) from error
 
 
-def replace_file(path: Path, text: str) -> None:
-    """Replace the file at `path`: whatever ends the process leaves the old one or the new one, on disk.
+@contextmanager
+def replacing(path: Path, *, mode: int = 0o666, part: Path | None = None) -> Iterator[BinaryIO]:
+    """A file to write, which takes the place of `path` at the end of the block.
 
-    Raises DiskFull, and then the old one is as it was.
+    Whatever ends the process leaves the old one or the new one, on disk; an error leaves the old one. Raises
+    OSError.
+
+    Args:
+        mode: permissions of a new file, less the umask.
+        part: where it is written, in the same folder; several writers of one file need one each.
     """
-    part = path.with_suffix(".part")
-    with writing(path):
-        try:
-            with part.open("w") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            part.replace(path)
-        except OSError:
-            part.unlink(missing_ok=True)  # it would keep the room that others need
-            raise
+    part = path.with_suffix(".part") if part is None else part
+    try:
+        with open(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, mode), "wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except BaseException:
+        part.unlink(missing_ok=True)  # it would keep the room that others need
+        raise
+
+
+def replace_file(path: Path, content: str | bytes, *, mode: int = 0o666) -> None:
+    """Replace the file at `path` with `content`, as `replacing` does. Raises DiskFull, and other OSErrors."""
+    data = content.encode() if isinstance(content, str) else content
+    with writing(path), replacing(path, mode=mode) as file:
+        file.write(data)
 
 
 def set_aside(path: Path, why: str) -> Path:

@@ -24,8 +24,12 @@ log = logging.getLogger(__name__)
 class Waiter:
     """A thread that waits for something to happen, or for `until_ns` of site time."""
 
-    def __init__(self, until_ns: int | None, releases: bool, resting: bool) -> None:
+    def __init__(
+        self, until_ns: int | None, releases: bool, resting: bool, concerned: Callable[[], bool]
+    ) -> None:
         self.until_ns = until_ns
+        self.concerned = concerned
+        """Whether what there is now has to be looked at: nobody is woken for what he does not wait for."""
         self.releases = releases
         """Whether it is one of those whose work holds the clock."""
         self.resting = resting
@@ -105,8 +109,8 @@ class Holder:
                 self._held -= 1
                 self.tell()
 
-    def waiter(self, until_ns: int | None, resting: bool) -> Waiter:
-        return Waiter(until_ns, threading.get_ident() in self._actors, resting)
+    def waiter(self, until_ns: int | None, resting: bool, concerned: Callable[[], bool]) -> Waiter:
+        return Waiter(until_ns, threading.get_ident() in self._actors, resting, concerned)
 
     def goes_on(self, waiter: Waiter) -> None:
         """The thread does something now, and does not only look."""

@@ -27,7 +27,7 @@ PARENT_VARIABLE = "RODEO_PARENT"
 
 
 PREDECESSOR_S = 8.0
-"""Wall time for which a process waits for one that is ending, which takes `rodeo.service.STOP_S` at most."""
+"""Wall time for which a process waits for one that is ending, which takes `rodeo.process.STOP_S` at most."""
 
 _LOOK_S = 0.1
 """Wall time between two looks whether it has ended."""

@@ -5,13 +5,24 @@ from __future__ import annotations
 from decimal import Decimal
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Base64Bytes, BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from pydantic import (
+    Base64Bytes,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    StringConstraints,
+    model_validator,
+)
 
 Hex32 = Annotated[str, StringConstraints(pattern=r"^0x[0-9a-f]{64}$")]
 """32 bytes as lower-case hex with 0x."""
 
 Iec = Annotated[Decimal, Field(ge=0, max_digits=36, decimal_places=18)]
 """An amount of IEC; 18 decimals as on chain."""
+
+Amount = Annotated[Decimal, PlainSerializer(lambda iec: f"{iec:f}", return_type=str, when_used="json")]
+"""IEC that the bridge tells; in JSON a decimal string without exponent."""
 
 Kind = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
 """A kind of task or service: fits a bytes32 as ASCII."""
@@ -345,6 +356,40 @@ class Broadcast(Message):
     """As `prepare` said."""
 
 
+class Reply(BaseModel):
+    """What a command is answered with. A newer bridge may say more; that is ignored."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True)
+
+
+class Mined(Reply):
+    """A command's transaction is on the chain."""
+
+    tx_hash: str
+    block: int
+    task_id: int | None = None
+    """Of a new task."""
+    service_id: int | None = None
+    """Of a new service."""
+
+
+class Prepared(Reply):
+    """A command's first transaction: as it is to be signed, or as it was signed before."""
+
+    transaction: dict[str, Any] | None = None
+    """As eth-account, ethers and hardware wallets sign it; None where there is `raw`."""
+    raw: str | None = None
+    content_sha256: str
+    remaining: int
+    """Transactions that the command needs after this one."""
+
+    @model_validator(mode="after")
+    def _can_be_broadcast(self) -> Self:
+        if (self.transaction is None) == (self.raw is None):
+            raise ValueError("either transaction or raw is needed")
+        return self
+
+
 class ProofCopy(Message):
     """A device's answer to whoever asks for its copy of a proof."""
 
@@ -390,10 +435,10 @@ class Task(Message):
     executor: str | None
     executor_name: str | None
     service_id: int | None
-    reward_iec: Decimal
-    price_iec: Decimal | None
-    paid_iec: Decimal
-    refunded_iec: Decimal = Decimal(0)
+    reward_iec: Amount
+    price_iec: Amount | None
+    paid_iec: Amount
+    refunded_iec: Amount = Decimal(0)
     """What the creator has back of the reward."""
     params: dict[str, Any]
     description: str

@@ -10,6 +10,7 @@ from pathlib import Path
 import zenoh
 from pydantic import ValidationError
 
+from rodeo import topics
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.errors import WrongBus
@@ -46,7 +47,7 @@ def check_bus(bus: Bus, site: Site, *, strict: bool = True) -> None:
     ours = origin_of(site)
     strangers = []
     heard = False
-    for _, status in statuses_at(bus, f"rodeo/{site.org}/status/*"):
+    for _, status in statuses_at(bus, topics.STATUS.pattern(org=site.org)):
         theirs, heard = status.origin, True
         if theirs is None:
             continue
@@ -63,7 +64,7 @@ def check_bus(bus: Bus, site: Site, *, strict: bool = True) -> None:
         raise _wrong(site, site.org, strangers[0])
     if heard or not strict:
         return
-    for org, status in statuses_at(bus, "rodeo/*/status/*"):
+    for org, status in statuses_at(bus, topics.STATUS.pattern()):
         if org != site.org:
             raise _wrong(site, org, status.origin)
 
@@ -85,7 +86,8 @@ def statuses_at(bus: Bus, key: str, timeout_s: float = _ANSWER_S) -> Iterator[tu
         except ValidationError:
             # Somebody else's answer on our key is not the status of a process.
             continue
-        yield str(reply.ok.key_expr).split("/")[1], status
+        if (parts := topics.STATUS.parts(str(reply.ok.key_expr))) is not None:
+            yield parts["org"], status
 
 
 def _wrong(site: Site, org: str, theirs: Origin | None) -> WrongBus:

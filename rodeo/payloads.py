@@ -12,10 +12,7 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from rodeo import queries
-from rodeo.charging import ChargingParams
-from rodeo.cleaning import CleaningParams
-from rodeo.dao import KIND_PARAMS
+from rodeo import kinds, queries, topics
 from rodeo.evidence.attestation import Attestation
 from rodeo.evidence.seal import Binding, SealHead
 from rodeo.messages import (
@@ -57,7 +54,7 @@ _ADDRESS, _OTHER = "0x" + "1f" * 20, "0x" + "2e" * 20
 _DIGEST, _BEFORE = "0x" + "3d" * 32, "0x" + "4c" * 32
 _TASK = {
     "id": 7,
-    "kind": "waste_disposal",
+    "kind": "window_cleaning",
     "state": "assigned",
     "attempt": 1,
     "max_attempts": 3,
@@ -69,7 +66,7 @@ _TASK = {
     "reward_iec": "100",
     "price_iec": "100",
     "paid_iec": "0",
-    "params": {"item_id": "item1", "x_m": 4.6, "y_m": 1.2},
+    "params": {"window": "north"},
     "description": "",
     "registered": 1795320000.0,
     "assigned": 1795320001.0,
@@ -221,23 +218,15 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "works": 5,
         "resting": False,
     },
-    CleaningParams: {"item_id": "item1", "x_m": 4.6, "y_m": 1.2},
-    ChargingParams: {
-        "robot": "panther1",
-        "dock": "dock1",
-        "soc_from": 0.2,
-        "soc_target": 0.9,
-        "energy_wh": 480.0,
-    },
     Prepare: {"command": "cancel_task", "request": {"task_id": 7}},
     Broadcast: {"raw": "0x02f8b2", "request_id": "cancel-7", "content_sha256": "7a" * 32},
 }
 """Of the models whose fields need more than `_VALUES`."""
 
 _VALUES: dict[str, Any] = {
-    "kind": "waste_disposal",
+    "kind": "window_cleaning",
     "reward_iec": "100",
-    "params": {"item_id": "item1", "x_m": 4.6, "y_m": 1.2},
+    "params": {"window": "north"},
     "task_id": 7,
     "attempt": 1,
     "proof_sha256": _DIGEST,
@@ -281,7 +270,7 @@ _OWN: dict[str, dict[str, Any]] = {
 }
 _PARAMETERS: dict[str, dict[str, Any]] = {
     "tasks": {"state": "open,assigned", "limit": 10},
-    "services": {"kind": "waste_disposal"},
+    "services": {"kind": "window_cleaning"},
     "wallet": {"account": "panther1"},
     "transfers": {"account": "panther1", "limit": 10},
     "transactions": {"task_id": 7},
@@ -321,7 +310,7 @@ def _payloads() -> str:
         "",
         "### Commands",
         "",
-        "`rodeo/{org}/wallet/{participant}/{command}`, answered once the transaction is mined, for example",
+        f"`{topics.COMMAND.key}`, answered once the transaction is mined, for example",
         '`{"tx_hash": "0x...", "block": 118, "task_id": 7}`; the number of a new task or service is in it.',
         "Every command may hold:",
         "",
@@ -331,20 +320,22 @@ def _payloads() -> str:
     for name, command in COMMANDS.items():
         parts += _section(name, command, example_of(command, name), without=Command)
     parts += ["`params` of a task, by its kind; those of other kinds are the participants' own affair:", ""]
-    for kind, params in KIND_PARAMS.items():
-        parts += _section(kind, params, EXAMPLES[params])
+    for name in kinds.installed():
+        kind = kinds.load(name)
+        if kind.params is not None:
+            parts += _section(name, kind.params, dict(kind.example))
     parts += ["A wallet whose key the bridge does not have signs by itself:", ""]
     parts += _section("prepare", Prepare, EXAMPLES[Prepare])
     parts += _section("broadcast", Broadcast, EXAMPLES[Broadcast])
     parts += ["### Questions", ""]
-    parts += ["`rodeo/{org}/state/{what}`, with parameters in the selector: `?name=value;name=value`.", ""]
+    parts += [f"`{topics.STATE.key}`, with parameters in the selector: `?name=value;name=value`.", ""]
     for what, query in queries.QUERIES.items():
         parts += [f"#### {what}", "", f"{query.meaning[:1].upper()}{query.meaning[1:]}.", ""]
         if query.parameters is not queries.Nothing:
             parts += [*_table(query.parameters), ""]
         selector = ";".join(f"{name}={value}" for name, value in parameters_of(what).items())
-        shown = f"rodeo/lab/state/{what.format(id=7)}" + (f"?{selector}" if selector else "")
-        fields = ", ".join(f"`{name}`" for name in query.answer) or "those of Task"
+        shown = topics.STATE.name(org="lab", what=what.format(id=7)) + (f"?{selector}" if selector else "")
+        fields = "those of Task" if query is queries.TASK else _fields(query.answer)
         parts += [f"    {shown}", "", f"Fields of the answer: {fields}.", ""]
     for title, about, models in _GROUPS:
         parts += [f"### {title}", "", *textwrap.wrap(about, 116), ""]
@@ -357,12 +348,12 @@ def _payloads() -> str:
 _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
     (
         "Tasks and events",
-        "What `state/tasks` and `state/task/{id}` answer, and what `rodeo/{org}/event/{event}` tells.",
+        f"What `state/tasks` and `state/task/{{id}}` answer, and what `{topics.EVENT.key}` tells.",
         (Task, DaoEvent),
     ),
     (
         "What devices sign",
-        "On `rodeo/{org}/witness/{device}/statement` each statement is the `payload` of an Attestation. "
+        f"On `{topics.WITNESS_STATEMENT.key}` each statement is the `payload` of an Attestation. "
         "`.../statements?after=SEQ;limit=N` answers with `device` and `statements`, a list of them. "
         "Its fields are those of Header and those of its own type; the signature is over the payload's "
         "canonical JSON (RFC 8785).",
@@ -370,34 +361,34 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
     ),
     (
         "Seals",
-        "On `rodeo/{org}/seal/{device}` the `payload` of an Attestation is a SealHead; the opening one has "
+        f"On `{topics.SEAL.key}` the `payload` of an Attestation is a SealHead; the opening one has "
         "the binding of its recording.",
         (SealHead, Binding),
     ),
     (
         "The bin",
-        "`rodeo/{org}/itrash/{bin}/state` answers with `bin`, `state`, `since_s`, `pending`, `presented`, "
+        f"`{topics.BIN_STATE.key}` answers with `bin`, `state`, `since_s`, `pending`, `presented`, "
         "`loads_n`, `fill`, and with `classification` and `disposal`: its last attestations, null "
-        "before the first. `rodeo/{org}/itrash/{bin}/picture?sha256=0x...` answers with `sha256` and "
+        f"before the first. `{topics.BIN_PICTURE.key}?sha256=0x...` answers with `sha256` and "
         "`data_base64`.",
         (),
     ),
     (
         "Orders to a robot",
-        "`rodeo/{org}/robot/{robot}/pause`, `resume`, `charge`, `cancel` and `stop` take an empty payload. "
-        "They and `state` answer with `paused`, `stopped`, `charge_ordered`, `robot`, `task_id`, `attempt`, "
-        "`activity`, `driven_km`, `working_w` and, where they are known, `progress`, `eta_s`, `soc` and "
-        "`docked`.",
+        f"`{topics.ROBOT_ORDER.key}`: `pause`, `resume`, `charge`, `cancel` and `stop` take an empty "
+        "payload. They and `state` answer with `paused`, `stopped`, `charge_ordered`, `robot`, `task_id`, "
+        "`attempt`, `activity`, `driven_km`, `working_w` and, where they are known, `progress`, `eta_s`, "
+        "`soc` and `docked`.",
         (),
     ),
     (
         "Heartbeats",
-        "`rodeo/{org}/status/{process}`: published each second, and answered to who asks.",
+        f"`{topics.STATUS.key}`: published each second, and answered to who asks.",
         (Status,),
     ),
     (
         "Who holds the simulator's clock",
-        "`rodeo/{org}/clock/mark` and `rodeo/{org}/clock/hold/{process}/{session}`, which is a liveliness "
+        f"`{topics.CLOCK_MARK.key}` and `{topics.CLOCK_HOLD.key}`, which is a liveliness "
         "token, too. A process that never says how it is, a real device for instance, is not waited for.",
         (ClockMark, ClockHold),
     ),
@@ -419,6 +410,10 @@ def _section(
     if example is not None:
         parts += ["```json", json.dumps(example, indent=2), "```", ""]
     return parts
+
+
+def _fields(model: type[BaseModel]) -> str:
+    return ", ".join(f"`{field.alias or name}`" for name, field in model.model_fields.items())
 
 
 def _table(model: type[BaseModel], without: type[BaseModel] | None = None) -> list[str]:

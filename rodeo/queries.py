@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Any, Generic, Literal, Protocol, TypeVar
 
-from pydantic import Field, StringConstraints
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
-from rodeo.messages import Id, Kind, Message, Party, ServiceState
+from rodeo import topics
+from rodeo.errors import MalformedAnswer, wrong_fields
+from rodeo.messages import Amount, DaoEvent, Device, Id, Kind, Message, Party, Root, ServiceState, Task
 
 MAX_PAGE = 500
 """Entries of one answer."""
@@ -98,51 +100,305 @@ class Nothing(Message):
     """Questions without parameters."""
 
 
+# -- answers -------------------------------------------------------------------------------------------------
+
+
+class Answer(BaseModel):
+    """What a question is answered with. A newer bridge may say more; that is ignored."""
+
+    model_config = ConfigDict(extra="ignore", frozen=True, populate_by_name=True)
+
+
+class Tasks(Answer):
+    tasks: list[Task]
+    total: int
+    """Of all that pass the filters, on this page or not."""
+
+
+class Offer(Answer):
+    """A service, as the organization's contract calls it."""
+
+    id: int
+    kind: str
+    provider: str
+    provider_name: str | None
+    """None for somebody whose key is not on this site; the same of every name below."""
+    price_iec: Amount
+    state: ServiceState
+    description: str
+    task_id: int | None
+    """The task that it does now."""
+    completed: int
+    rejected: int
+    expired: int
+    bond_iec: Amount
+    penalty_iec: Amount
+    max_failures: int
+    failures: int
+    """In a row."""
+    place: int
+    """In the queue of idle services, lower first; 0 while it does not wait."""
+    reputation: int
+    """In 64ths."""
+
+
+class Services(Answer):
+    services: list[Offer]
+    total: int
+
+
+class Person(Answer):
+    """A participant, with what it did until now."""
+
+    name: str | None
+    address: str
+    role: str | None
+    """On this site."""
+    roles_on_chain: list[str]
+    balance_iec: Amount
+    created: dict[str, int]
+    """State -> number of tasks."""
+    executed: dict[str, int]
+    member: bool
+
+
+class Participants(Answer):
+    participants: list[Person]
+
+
+class Wallet(Answer):
+    name: str
+    address: str
+    balance_iec: Amount
+    owed_iec: Amount
+    """What the token refused and `collect` pays."""
+
+
+class Wallets(Answer):
+    wallets: list[Wallet]
+    supply_iec: Amount
+
+
+class Balance(Answer):
+    name: str | None
+    address: str
+    balance_iec: Amount
+    in_escrow_iec: Amount
+
+
+class Transfer(Answer):
+    seq: int
+    block: int
+    time_s: float
+    tx_hash: str
+    sender: str
+    sender_name: str | None
+    to: str
+    to_name: str | None
+    amount_iec: Amount
+    task_id: int | None
+    reason: str
+    change_iec: Amount | None = None
+    """Of the account that was asked for; with `balance_iec`, its balance afterwards."""
+    balance_iec: Amount | None = None
+
+
+class Transfers(Answer):
+    transfers: list[Transfer]
+    total: int
+
+
+class Transaction(Answer):
+    """What it cost is None while the node does not know its receipt."""
+
+    tx_hash: str
+    block: int
+    time_s: float
+    events: list[str]
+    task_ids: list[int]
+    sender: str | None
+    sender_name: str | None
+    gas_used: int | None
+    gas_price_wei: str | None
+    fee_wei: str | None
+
+
+class Transactions(Answer):
+    transactions: list[Transaction]
+    total: int
+
+
+class Bucket(Answer):
+    start_s: float
+    registered: int
+    settled: int
+    failed: int
+    cancelled: int
+    paid_iec: Amount
+    mean_execution_s: float | None
+    mean_verification_s: float | None
+
+
+class History(Answer):
+    buckets: list[Bucket]
+    bucket_s: float
+
+
+class OwnedDevice(Device):
+    owner_name: str | None = None
+
+
+class Devices(Answer):
+    devices: list[OwnedDevice]
+
+
+class PostedRoot(Root):
+    time_s: float
+    """Of the block in which it was posted."""
+    tx_hash: str
+
+
+class Roots(Answer):
+    roots: list[PostedRoot]
+    total: int
+
+
+class KindRules(Answer):
+    kind: str
+    allowed: bool
+    review: Literal["oracle", "auditor", "none"]
+    min_window_s: int
+    audit_window_s: int
+    silence: Literal["executor", "creator", "none"]
+    """Who wins if the auditors do not answer."""
+
+
+class Terms(Answer):
+    """What services agree to that are registered from now on."""
+
+    bond_iec: Amount
+    penalty_iec: Amount
+    max_failures: int
+
+
+class Holder(Answer):
+    """Of a role."""
+
+    address: str
+    name: str | None
+
+
+class Contracts(Answer):
+    """Addresses of the organization's contracts."""
+
+    model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True)
+
+    organization: str = Field(alias="Organization")
+    task_manager: str = Field(alias="TaskManager")
+    service_manager: str = Field(alias="ServiceManager")
+
+
+class Organization(Answer):
+    address: str
+    treasury_iec: Amount
+    policy: str
+    kinds: list[KindRules]
+    terms: Terms
+    members_only: bool
+    roles: dict[str, list[Holder]]
+    """By the contract's name of the role."""
+    contracts: Contracts
+
+
+class Chain(Answer):
+    chain_id: int
+    genesis_hash: str
+    url: str
+    head: int
+    """The newest block that is known."""
+    time_s: float
+    """That block's."""
+    contracts: Contracts
+    organization: str
+    kinds: list[str]
+    """Those that the organization accepts."""
+    last_seq: int
+    """Of the newest event."""
+    stores: list[str]
+    """Prefixes of the URIs that a proof may have."""
+
+
+class Events(Answer):
+    events: list[DaoEvent]
+    last_seq: int
+    chain: str
+    """Genesis hash of the chain that they are of."""
+
+
+# -- the table -----------------------------------------------------------------------------------------------
+
+A = TypeVar("A", bound=BaseModel)
+
+
 @dataclass(frozen=True)
-class Query:
+class Query(Generic[A]):
+    what: str
+    """The last part of the key."""
     parameters: type[Message]
-    answer: tuple[str, ...]
-    """Names of the answer's fields."""
+    answer: type[A]
     meaning: str
 
 
-QUERIES: dict[str, Query] = {
-    "tasks": Query(TaskFilters, ("tasks", "total"), "tasks that pass the filters, each as a Task below"),
-    "task/{id}": Query(Nothing, (), "one Task, as below"),
-    "services": Query(ServiceFilters, ("services", "total"), "what participants offer"),
-    "participants": Query(
-        Nothing, ("participants",), "who there is, with balance, roles and numbers of tasks"
-    ),
-    "wallets": Query(Nothing, ("wallets", "supply_iec"), "balances of the site's participants"),
-    "wallet": Query(Account, ("name", "address", "balance_iec", "in_escrow_iec"), "one account"),
-    "transfers": Query(TransferFilters, ("transfers", "total"), "payments, the newest first"),
-    "transactions": Query(TransactionFilters, ("transactions", "total"), "transactions with what they cost"),
-    "history": Query(HistoryRange, ("buckets", "bucket_s"), "numbers per span of time, for charts"),
-    "devices": Query(Nothing, ("devices",), "keys that sign evidence"),
-    "roots": Query(RootFilters, ("roots", "total"), "what fixes on chain what a key signed on a day"),
-    "organization": Query(
-        Nothing,
-        ("address", "treasury_iec", "policy", "kinds", "terms", "members_only", "roles", "contracts"),
-        "the organization's rules and who holds which role",
-    ),
-    "chain": Query(
-        Nothing,
-        (
-            "chain_id",
-            "genesis_hash",
-            "url",
-            "head",
-            "time_s",
-            "contracts",
-            "organization",
-            "kinds",
-            "last_seq",
-            "stores",
-        ),
-        "which chain it is, and how far it is known",
-    ),
-    "events": Query(
-        EventRange, ("events", "last_seq", "chain"), "events after a number, each as a DaoEvent below"
-    ),
+TASKS = Query("tasks", TaskFilters, Tasks, "tasks that pass the filters, each as a Task below")
+TASK = Query("task/{id}", Nothing, Task, "one Task, as below")
+SERVICES = Query("services", ServiceFilters, Services, "what participants offer")
+PARTICIPANTS = Query(
+    "participants", Nothing, Participants, "who there is, with balance, roles and numbers of tasks"
+)
+WALLETS = Query("wallets", Nothing, Wallets, "balances of the site's participants")
+WALLET = Query("wallet", Account, Balance, "one account")
+TRANSFERS = Query("transfers", TransferFilters, Transfers, "payments, the newest first")
+TRANSACTIONS = Query("transactions", TransactionFilters, Transactions, "transactions with what they cost")
+HISTORY = Query("history", HistoryRange, History, "numbers per span of time, for charts")
+DEVICES = Query("devices", Nothing, Devices, "keys that sign evidence")
+ROOTS = Query("roots", RootFilters, Roots, "what fixes on chain what a key signed on a day")
+ORGANIZATION = Query(
+    "organization", Nothing, Organization, "the organization's rules and who holds which role"
+)
+CHAIN = Query("chain", Nothing, Chain, "which chain it is, and how far it is known")
+EVENTS = Query("events", EventRange, Events, "events after a number, each as a DaoEvent below")
+
+QUERIES: dict[str, Query[Any]] = {
+    query.what: query for query in list(globals().values()) if isinstance(query, Query)
 }
 """Every question that there is."""
+
+
+class Bus(Protocol):
+    """The part of `rodeo.bus.Bus` that asks."""
+
+    def query(
+        self, key: str, *, parameters: dict[str, Any] | None = None, timeout_s: float = 10.0
+    ) -> dict[str, Any]: ...
+
+
+def ask(bus: Bus, org: str, query: Query[A], *, timeout_s: float = 10.0, **parameters: Any) -> A:
+    """The bridge's answer, which fits the question. `timeout_s` is wall time.
+
+    Parameters that are None are left out; one that the question's name has becomes part of the key. Raises
+    BusError (MalformedAnswer where the answer does not fit), RemoteError.
+    """
+    names = {name: value for name, value in parameters.items() if f"{{{name}}}" in query.what}
+    wanted = {name: value for name, value in parameters.items() if name not in names and value is not None}
+    key = topics.STATE.name(org=org, what=query.what.format(**names))
+    return fitting(query.answer, bus.query(key, parameters=wanted, timeout_s=timeout_s), key)
+
+
+def fitting(model: type[A], answer: dict[str, Any], key: str) -> A:
+    """`answer` as `model`. Raises MalformedAnswer, which names each wrong field."""
+    try:
+        return model.model_validate(answer)
+    except ValidationError as error:
+        raise MalformedAnswer(
+            f"the answer does not fit {model.__name__}", key=key, fields=wrong_fields(error)
+        ) from error

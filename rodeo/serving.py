@@ -212,7 +212,7 @@ class Claim:
 
     @property
     def _expression(self) -> str:
-        return topics.SERVES.name(org=self._org, what="*", name="*", state="*", holder="*")
+        return topics.SERVES.pattern(org=self._org)
 
     def _declare(self, state: str) -> list[zenoh.LivelinessToken]:
         names = [
@@ -241,11 +241,13 @@ class Claim:
 
     def _parse(self, token: str) -> Rival | None:
         """The rival of a token; None for our own, and for what is not ours to serve."""
-        *_, what, name, state, encoded = token.split("/")
-        thing, holder = Thing(what, name), Holder.decode(encoded)
+        parts = topics.SERVES.parts(token)
+        if parts is None:
+            return None
+        thing, holder = Thing(parts["what"], parts["name"]), Holder.decode(parts["holder"])
         if thing not in self._things or holder is None or holder == self.holder:
             return None
-        return Rival(thing, state == SERVES, holder)
+        return Rival(thing, parts["state"] == SERVES, holder)
 
 
 def _served_elsewhere(rivals: list[Rival]) -> ServedElsewhere:

@@ -7,8 +7,10 @@ they say. Robot-plane names become Zenoh keys by `rodeo.ros2`; DAO-plane names a
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import cache
 
 
 class Plane(StrEnum):
@@ -46,7 +48,37 @@ class Topic:
     """Published only while somebody subscribes, because it is costly."""
 
     def name(self, **names: str) -> str:
+        """The key with each part filled in. Raises KeyError for a part that is missing."""
         return self.key.format(**names)
+
+    def pattern(self, **names: str) -> str:
+        """A key expression. A part that is left out matches any one name.
+
+        Those left out at the end of a query's key match its whole branch, as `state/**` does `state/task/7`.
+        """
+        expression = self.key.format_map(_AnyOf(names))
+        return re.sub(r"(/\*)+$", "/**", expression) if self.form is Form.QUERY else expression
+
+    def parts(self, key: str) -> dict[str, str] | None:
+        """What `key` says for each part, None where it is not of this topic. The last may hold slashes."""
+        found = _matcher(self.key).fullmatch(key)
+        return None if found is None else found.groupdict()
+
+
+class _AnyOf(dict[str, str]):
+    def __missing__(self, _name: str) -> str:
+        return "*"
+
+
+@cache
+def _matcher(key: str) -> re.Pattern[str]:
+    *parts, last = re.split(r"\{(\w+)\}", key)
+    literals, names = parts[::2], parts[1::2]
+    text = "".join(
+        f"{re.escape(literal)}(?P<{name}>{'.+' if name == names[-1] else '[^/]+'})"
+        for literal, name in zip(literals, names, strict=True)
+    )
+    return re.compile(text + re.escape(last))
 
 
 def _topic(key: str, type: str, rate_hz: float | None, writer: str, recorded: bool, meaning: str) -> Topic:
@@ -326,6 +358,18 @@ CLOCK_HOLD = _dao(
     "whether the process is busy, or has nothing to do before a time: the simulator's clock waits for it, as "
     "long as there is a liveliness token of this name",
 )
+
+# -- a recording's own channels, beside those of the robot's topics ------------------------------------------
+
+EVENT_CHANNEL = "rodeo/event"
+"""Contract events of the task, and what the recorder and the robot note: JSON."""
+ATTESTATION_CHANNEL = "rodeo/attestation"
+"""Signed statements of other devices: JSON."""
+SEAL_CHANNEL = "rodeo/seal"
+"""Seals: JSON."""
+
+ROBOT_STATE = (ODOM, JOINT_STATES, ARM_STATE, GRIPPER_STATE, BATTERY_STATE, POSE)
+"""What a robot tells of itself, for a proof of its work."""
 
 TOPICS: tuple[Topic, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Topic))
 

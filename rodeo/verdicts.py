@@ -2,32 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping
-from typing import Any
+from collections.abc import Collection, Iterable
 
-from rodeo.dao import is_peoples
+from rodeo.kinds import Kinds
+from rodeo.queries import Transaction
 
 POSTED = "VerdictPosted"
 
 
 def is_peoples_verdict(
-    kind: str, verdict: str | None, audit_deadline: float | None = None, audited: Collection[str] = ()
+    kinds: Kinds,
+    kind: str,
+    verdict: str | None,
+    audit_deadline: float | None = None,
+    audited: Collection[str] = (),
 ) -> bool:
     """Whether a verdict on work of this kind is an auditor's: on people's work, on kinds that the
     organization has auditors judge (`audited`), and on what the oracle had left undecided."""
     if verdict not in ("accepted", "rejected"):
         return False
-    return is_peoples(kind) or kind in audited or audit_deadline is not None
+    return kinds.by_people(kind) or kind in audited or audit_deadline is not None
 
 
-def judge_of(transactions: Iterable[Mapping[str, Any]], tx_hash: str | None = None) -> str | None:
+def judge_of(transactions: Iterable[Transaction], tx_hash: str | None = None) -> str | None:
     """Whose key posted the newest verdict, or the one in `tx_hash`: name or address; None if unknown.
 
     `transactions` are a task's as the index tells them, the newest first.
     """
     for one in transactions:
-        if POSTED in one["events"] and tx_hash in (None, one["tx_hash"]):
-            return one["sender_name"] or one["sender"]
+        if POSTED in one.events and tx_hash in (None, one.tx_hash):
+            return one.sender_name or one.sender
     return None
 
 

@@ -24,8 +24,9 @@ from eth_utils import to_checksum_address
 
 from rodeo.config import Site
 from rodeo.errors import KeystoreMissing, WalletError
-from rodeo.files import writing
+from rodeo.files import replace_file
 
+_PRIVATE = 0o600
 PASSPHRASE_VARIABLE = "RODEO_KEYSTORE_PASSPHRASE"
 
 KEY_VARIABLE = "RODEO_KEY_"
@@ -121,7 +122,7 @@ def ensure_wallets(site: Site) -> list[str]:
     names."""
     folder = _folder(site)
     if PASSPHRASE_VARIABLE not in os.environ and not (folder / "passphrase").exists():
-        _write_private(folder / "passphrase", secrets.token_urlsafe(24))
+        replace_file(folder / "passphrase", secrets.token_urlsafe(24), mode=_PRIVATE)
     return make_missing(site, _SCRYPT_N)
 
 
@@ -135,7 +136,7 @@ def make_missing(site: Site, scrypt_n: int | None = None) -> list[str]:
     made = _missing(site, [*wallet_names(site), *device_names(site)])
     for name in made:
         keystore = Account.encrypt(Account.create().key, _passphrase(site), kdf="scrypt", iterations=scrypt_n)
-        _write_private(keystore_path(site, name), json.dumps(keystore))
+        replace_file(keystore_path(site, name), json.dumps(keystore), mode=_PRIVATE)
     return made
 
 
@@ -188,13 +189,3 @@ def _read(path: Path, name: str) -> dict[str, object]:
     if not isinstance(keystore, dict):
         raise WalletError("this is not a keystore", name=name, path=str(path))
     return keystore
-
-
-def _write_private(path: Path, text: str) -> None:
-    # Written beside and renamed, so that a crash leaves no half keystore behind.
-    part = path.with_suffix(".part")
-    with writing(path):
-        descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
-        with os.fdopen(descriptor, "w") as file:
-            file.write(text)
-        part.replace(path)

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from bench.faults.lab import Lab
+from typing import Any
 
 BASE = ("router", "chain", "bridge")
 """Enough to post, prove, judge and pay a task, where the case itself speaks for executor and oracle."""
 
-Script = Callable[["Lab"], Iterator[None]]
-"""Causes the fault; yields while it stands; ends it; yields until the site works again; then asserts."""
+Script = Callable[[Any], Iterator[None]]
+"""Gets the `Lab`. Causes the fault; yields while it stands; ends it; yields until the site works again; then
+asserts."""
 
 
 @dataclass(frozen=True)

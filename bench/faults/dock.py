@@ -13,7 +13,7 @@ from bench.faults.files import CHAIN, remove, stopped
 from bench.faults.lab import Lab, need
 from bench.faults.net import Link
 from rodeo.dao import Participant
-from tests.support.dock import Buyer, Hardware
+from rodeo_testing.dock import Buyer, Hardware
 from tests.support.site import free_port
 
 DOCK = (*BASE, "charger")

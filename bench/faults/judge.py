@@ -14,12 +14,13 @@ import zenoh
 
 from bench.faults.case import BASE, case
 from bench.faults.lab import PLACE, WORKERS, Lab, need
-from rodeo import wallets
+from rodeo import topics, wallets
 from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.evidence import Store
+from rodeo_kinds.waste_disposal.harness.film import film_cleaning
+from rodeo_testing.recordings import Take, Witnesses, seal
 from tests.support.clock import publish_clock
-from tests.support.recordings import Take, Witnesses, film_cleaning, seal
 
 JUDGED = (*BASE, "oracle")
 
@@ -176,7 +177,7 @@ def killed_oracle_while_verifying(lab: Lab) -> Iterator[None]:
 def index_behind(lab: Lab) -> Iterator[None]:
     lab.post("meanwhile")
     task = lab.assigned("meanwhile")
-    key = f"rodeo/{lab.site.org}/state/task/{task['id']}"
+    key = topics.STATE.name(org=lab.site.org, what=f"task/{task['id']}")
     old = json.dumps(task)
 
     def answer(query: zenoh.Query) -> None:

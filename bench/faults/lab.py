@@ -31,16 +31,17 @@ from typing import Any, TypeVar
 from bench.faults.case import BASE, Case
 from deploy.chain.record import give_up_chain
 from deploy.launcher import Launcher
+from rodeo import topics
 from rodeo.bus import Bus
 from rodeo.chain import ChainClient, Deployment, TaskState, from_wei
 from rodeo.chain.events import TaskRegistered, TaskSettled
-from rodeo.cli.site import read_rows
 from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.instance import lock_holder
 from rodeo.messages import Status
 from rodeo.tls import OPERATOR, identity
 from rodeo.wallets import ensure_wallets
+from rodeo_cli.site import read_rows
 from tests.support.index import index_differences
 from tests.support.site import write_site
 
@@ -259,7 +260,7 @@ class Lab:
 
     def rodeo(self, *arguments: str, timeout_s: float = 60.0, env: dict[str, str] | None = None) -> str:
         """What `rodeo ARGUMENTS` prints, whatever its exit status."""
-        return self.program("rodeo", *arguments, timeout_s=timeout_s, env=env)[1]
+        return self.program("rodeo_cli", *arguments, timeout_s=timeout_s, env=env)[1]
 
     def program(
         self, module: str, *arguments: str, timeout_s: float = 60.0, env: dict[str, str] | None = None
@@ -389,7 +390,7 @@ class Lab:
         if self._bus is None:
             shown = identity(self.site, OPERATOR)
             self._bus = Bus.open(self.site.bus.router, timeout_s=START_S, identity=shown)
-            self._bus.subscribe_json(f"rodeo/{self.site.org}/status/*", self._on_status)
+            self._bus.subscribe_json(topics.STATUS.pattern(org=self.site.org), self._on_status)
         return self._bus
 
     def _on_status(self, _key: str, data: dict[str, Any]) -> None:
@@ -405,7 +406,7 @@ class Lab:
         try:
             # Of all that are called so: there may be a second one.
             answers = self.bus.query_all(
-                f"rodeo/{self.site.org}/status/{name}", parameters={}, timeout_s=ASK_S, most=8
+                topics.STATUS.name(org=self.site.org, process=name), parameters={}, timeout_s=ASK_S, most=8
             )
         except BusError:
             return False
@@ -436,14 +437,18 @@ class Lab:
         self.closing.wait(seconds)
 
     def state(self, what: str, **parameters: Any) -> dict[str, Any]:
-        return self.patiently(f"rodeo/{self.site.org}/state/{what}", None, parameters)
+        return self.patiently(topics.STATE.name(org=self.site.org, what=what), None, parameters)
 
     def command(
         self, participant: str, name: str, within_s: float = RECOVERED_S, **fields: Any
     ) -> dict[str, Any]:
         """The reply, however often it has to be asked for: the fields hold a request_id."""
         assert "request_id" in fields
-        return self.patiently(f"rodeo/{self.site.org}/wallet/{participant}/{name}", fields, within_s=within_s)
+        return self.patiently(
+            topics.COMMAND.name(org=self.site.org, participant=participant, command=name),
+            fields,
+            within_s=within_s,
+        )
 
     def patiently(
         self,

@@ -11,8 +11,8 @@ from bench.faults.case import BASE, Case, Script, add, case
 from bench.faults.disks import FULL
 from bench.faults.files import CHAIN, remove, stopped
 from bench.faults.lab import Lab, need
-from rodeo.clock import SimClock
 from rodeo.errors import RemoteError
+from rodeo.sim_clock import SimClock
 
 WHOLE = (*BASE, "oracle", "itrash", "charger", "robot_sim", "robot_agent")
 FAST = """clock.speed = 20

@@ -142,7 +142,7 @@ def other_sites_bus(lab: Lab) -> Iterator[None]:
             "task",
             "create",
             "waste_disposal",
-            "--item",
+            "--item-id",
             "item1",
             "--reward",
             "10",
@@ -159,7 +159,7 @@ def other_sites_bus(lab: Lab) -> Iterator[None]:
 @case("a misspelt variable of the environment", said=r"is RODEO__CHAIN(__URL)? meant", asks=False)
 def misspelt_variable(lab: Lab) -> Iterator[None]:
     status, output = lab.program(
-        "rodeo", "status", "--site", str(lab.path), env={"RODEO__CHIAN__URL": "http://127.0.0.1:1"}
+        "rodeo_cli", "status", "--site", str(lab.path), env={"RODEO__CHIAN__URL": "http://127.0.0.1:1"}
     )
     need(status != 0, "it was ignored")
     lab.say(output)
@@ -183,7 +183,7 @@ def unknown_shape(lab: Lab) -> Iterator[None]:
 def item_outside_the_room(lab: Lab) -> Iterator[None]:
     items = ITEM.format(shape="can", x_m=17.0)
     wrong = lab.variant("wrong", items, data=False)
-    status, output = lab.program("rodeo", "site", "check", str(wrong))
+    status, output = lab.program("rodeo_cli", "site", "check", str(wrong))
     need(status != 0 and "item1" in output, f"nothing was found: {output[-200:]}")
     lab.say(output)
     yield

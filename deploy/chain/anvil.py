@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from deploy.chain.errors import AnvilFailed
-from deploy.chain.server import host_and_port, listen
+from deploy.chain.server import PURPOSE, host_and_port
 from rodeo.errors import AlreadyRunning
+from rodeo.http import listen
 from rodeo.instance import lock_instance
 
 log = logging.getLogger(__name__)
@@ -43,7 +44,7 @@ _LIBC = ctypes.CDLL(None, use_errno=True)
 class Anvil:
     """The anvil process, from entering to leaving; it ends with this process however this one ends.
 
-    `now_s()` as for `Ledger`. State lives in `folder`. Entering raises AnvilFailed or PortUnavailable.
+    `now_s()` as for `LocalChain`. State lives in `folder`. Entering raises AnvilFailed or PortUnavailable.
     """
 
     def __init__(
@@ -61,7 +62,7 @@ class Anvil:
     def __enter__(self) -> Anvil:
         self._lock = self._wait_for_predecessor()
         # Before anvil finds out: whoever answers there must not be taken for it, and told our time.
-        listen(self._url).close()
+        listen(self._host, self._port, PURPOSE).close()
         self._process = subprocess.Popen(
             [
                 *_find_anvil(),

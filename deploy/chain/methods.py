@@ -1,4 +1,4 @@
-"""The table of JSON-RPC methods and what each does with the ledger.
+"""The table of JSON-RPC methods and what each does with the local chain.
 
 Parameters and results as in the execution-apis specification; refusals worded as geth words them, because
 clients match on them.
@@ -30,7 +30,7 @@ from deploy.chain.codec import (
     transaction_json,
 )
 from deploy.chain.errors import InvalidParams, MethodNotFound, RpcError, TransactionRejected
-from deploy.chain.ledger import PRIORITY_FEE_WEI, Call, Ledger
+from deploy.chain.local_chain import PRIORITY_FEE_WEI, Call, LocalChain
 from deploy.chain.store import StoredLog
 
 MAX_FILTERS = 1_000
@@ -92,9 +92,9 @@ class _Filter:
 
 @dataclass
 class Methods:
-    """Answers one request at a time from `ledger`; owned by the same worker thread."""
+    """Answers one request at a time from `local_chain`; owned by the same worker thread."""
 
-    ledger: Ledger
+    local_chain: LocalChain
     _filters: OrderedDict[int, _Filter] = field(default_factory=OrderedDict)
     _filters_made: int = 0
 
@@ -113,7 +113,7 @@ class Methods:
         return f"rodeo/eth-tester/{version('eth-tester')}/py-evm/{version('py-evm')}"
 
     def network_version(self) -> str:
-        return str(self.ledger.chain_id)
+        return str(self.local_chain.chain_id)
 
     def listening(self) -> bool:
         return True
@@ -125,18 +125,18 @@ class Methods:
         return data(keccak(parse_data(value, "data")))
 
     def chain_id(self) -> str:
-        return quantity(self.ledger.chain_id)
+        return quantity(self.local_chain.chain_id)
 
     def syncing(self) -> bool:
         return False
 
     def block_number(self) -> str:
-        return quantity(self.ledger.head.block_number)
+        return quantity(self.local_chain.head.block_number)
 
     # Fees ---------------------------------------------------------------------------------------------------
 
     def gas_price(self) -> str:
-        return quantity(self.ledger.next_header().base_fee_per_gas + PRIORITY_FEE_WEI)
+        return quantity(self.local_chain.next_header().base_fee_per_gas + PRIORITY_FEE_WEI)
 
     def max_priority_fee_per_gas(self) -> str:
         return quantity(PRIORITY_FEE_WEI)
@@ -151,7 +151,7 @@ class Methods:
             last -= 1
         first = max(0, last - wanted + 1)
         headers = [self._header(quantity(number)) for number in range(first, last + 1)]
-        following = self.ledger.header(last + 1) or self.ledger.next_header()
+        following = self.local_chain.header(last + 1) or self.local_chain.next_header()
         history: Json = {
             "oldestBlock": quantity(first),
             "baseFeePerGas": [quantity(header.base_fee_per_gas) for header in (*headers, following)],
@@ -192,11 +192,11 @@ class Methods:
         return self._transaction_at(self._block_by_hash(block_hash), index)
 
     def transaction_by_hash(self, transaction_hash: Any) -> Json | None:
-        found = self.ledger.find_transaction(parse_data(transaction_hash, "hash", size=32))
+        found = self.local_chain.find_transaction(parse_data(transaction_hash, "hash", size=32))
         return found and transaction_json(*found)
 
     def transaction_receipt(self, transaction_hash: Any) -> Json | None:
-        found = self.ledger.find_transaction(parse_data(transaction_hash, "hash", size=32))
+        found = self.local_chain.find_transaction(parse_data(transaction_hash, "hash", size=32))
         return found and self._receipts(found[0])[found[1]]
 
     def block_receipts(self, tag: Any) -> list[Json] | None:
@@ -206,16 +206,16 @@ class Methods:
     # State --------------------------------------------------------------------------------------------------
 
     def accounts(self) -> list[str]:
-        return [account.address for account in self.ledger.dev_accounts.values()]
+        return [account.address for account in self.local_chain.dev_accounts.values()]
 
     def balance(self, address: Any, tag: Any = "latest") -> str:
-        return quantity(self.ledger.state(self._header(tag)).get_balance(parse_address(address)))
+        return quantity(self.local_chain.state(self._header(tag)).get_balance(parse_address(address)))
 
     def code(self, address: Any, tag: Any = "latest") -> str:
-        return data(self.ledger.state(self._header(tag)).get_code(parse_address(address)))
+        return data(self.local_chain.state(self._header(tag)).get_code(parse_address(address)))
 
     def transaction_count(self, address: Any, tag: Any = "latest") -> str:
-        return quantity(self.ledger.state(self._header(tag)).get_nonce(parse_address(address)))
+        return quantity(self.local_chain.state(self._header(tag)).get_nonce(parse_address(address)))
 
     def storage_at(self, address: Any, slot: Any, tag: Any = "latest") -> str:
         # Both encodings are in use: a quantity, and 32 bytes of data.
@@ -223,39 +223,39 @@ class Methods:
             index = int.from_bytes(parse_data(slot, "slot", size=32), "big")
         else:
             index = parse_quantity(slot, "slot")
-        value = self.ledger.state(self._header(tag)).get_storage(parse_address(address), index)
+        value = self.local_chain.state(self._header(tag)).get_storage(parse_address(address), index)
         return data(value.to_bytes(32, "big"))
 
     def call(self, transaction: Any, tag: Any = "latest") -> str:
-        return data(self.ledger.call(self._call(transaction), self._header(tag)))
+        return data(self.local_chain.call(self._call(transaction), self._header(tag)))
 
     def estimate_gas(self, transaction: Any, tag: Any = "pending") -> str:
-        return quantity(self.ledger.estimate_gas(self._call(transaction), self._header(tag)))
+        return quantity(self.local_chain.estimate_gas(self._call(transaction), self._header(tag)))
 
     # Sending ------------------------------------------------------------------------------------------------
 
     def send_raw_transaction(self, raw: Any) -> str:
-        return data(self.ledger.send_raw(parse_data(raw, "transaction")))
+        return data(self.local_chain.send_raw(parse_data(raw, "transaction")))
 
     def send_transaction(self, transaction: Any) -> str:
         fields = parse_object(transaction, "transaction")
         call = self._call(fields)
-        account = self.ledger.dev_accounts.get(call.sender)
+        account = self.local_chain.dev_accounts.get(call.sender)
         if account is None:
             raise TransactionRejected(f"unknown account {data(call.sender)}: only dev accounts are unlocked")
-        pending = self.ledger.next_header()
+        pending = self.local_chain.next_header()
         nonce = fields.get("nonce")
         unsigned: Json = {
-            "chainId": self.ledger.chain_id,
+            "chainId": self.local_chain.chain_id,
             "nonce": (
-                self.ledger.state(self.ledger.head).get_nonce(call.sender)
+                self.local_chain.state(self.local_chain.head).get_nonce(call.sender)
                 if nonce is None
                 else parse_quantity(nonce, "nonce")
             ),
             "to": to_checksum_address(call.to) if call.to else "",
             "value": call.value,
             "data": call.data,
-            "gas": call.gas if call.gas is not None else self.ledger.estimate_gas(call, pending),
+            "gas": call.gas if call.gas is not None else self.local_chain.estimate_gas(call, pending),
         }
         if fields.get("gasPrice") is not None:
             unsigned["gasPrice"] = parse_quantity(fields["gasPrice"], "gasPrice")
@@ -270,10 +270,10 @@ class Methods:
                 if fee_cap is None
                 else parse_quantity(fee_cap, "maxFeePerGas")
             )
-        return data(self.ledger.send_raw(bytes(account.sign_transaction(unsigned).raw_transaction)))
+        return data(self.local_chain.send_raw(bytes(account.sign_transaction(unsigned).raw_transaction)))
 
     def mine(self) -> str:
-        self.ledger.mine_empty()
+        self.local_chain.mine_empty()
         return "0x0"
 
     # Logs and filters ---------------------------------------------------------------------------------------
@@ -284,7 +284,7 @@ class Methods:
         if fields.get("blockHash") is not None:
             if fields.get("fromBlock") is not None or fields.get("toBlock") is not None:
                 raise InvalidParams("cannot specify both blockHash and fromBlock/toBlock")
-            header = self.ledger.header_by_hash(parse_data(fields["blockHash"], "blockHash", size=32))
+            header = self.local_chain.header_by_hash(parse_data(fields["blockHash"], "blockHash", size=32))
             if header is None:
                 raise RpcError("unknown block")
             first = last = header.block_number
@@ -299,7 +299,7 @@ class Methods:
         return self._add_filter(
             _Filter(
                 changes=lambda first, last: self._logs(criteria, first, last),
-                next_block=self.ledger.head.block_number + 1,
+                next_block=self.local_chain.head.block_number + 1,
                 first_block=first,
                 criteria=criteria,
                 last_block=None if fields.get("toBlock") in (None, *_NEWEST, "pending") else last,
@@ -314,7 +314,7 @@ class Methods:
 
     def filter_changes(self, filter_id: Any) -> list[Any]:
         found = self._filter(filter_id)
-        first, last = found.next_block, self.ledger.head.block_number
+        first, last = found.next_block, self.local_chain.head.block_number
         found.next_block = last + 1
         return found.changes(
             max(first, found.first_block), last if found.last_block is None else min(last, found.last_block)
@@ -324,7 +324,7 @@ class Methods:
         found = self._filter(filter_id)
         if found.criteria is None:
             raise RpcError("filter not found")
-        last = self.ledger.head.block_number if found.last_block is None else found.last_block
+        last = self.local_chain.head.block_number if found.last_block is None else found.last_block
         return self._logs(found.criteria, found.first_block, last)
 
     def uninstall_filter(self, filter_id: Any) -> bool:
@@ -334,7 +334,7 @@ class Methods:
 
     def _number(self, tag: Any) -> int:
         """Block number of a tag; "pending" is the one after the head."""
-        head = self.ledger.head.block_number
+        head = self.local_chain.head.block_number
         if tag is None or tag in _NEWEST:
             return head
         if tag == "earliest":
@@ -344,11 +344,11 @@ class Methods:
     def _header(self, tag: Any) -> BlockHeaderAPI:
         """Of a tag, a number or an EIP-1898 object. Raises RpcError when there is no such block."""
         if tag == "pending":
-            return self.ledger.next_header()
+            return self.local_chain.next_header()
         if isinstance(tag, dict) and "blockHash" in tag:
-            header = self.ledger.header_by_hash(parse_data(tag["blockHash"], "blockHash", size=32))
+            header = self.local_chain.header_by_hash(parse_data(tag["blockHash"], "blockHash", size=32))
         else:
-            header = self.ledger.header(
+            header = self.local_chain.header(
                 self._number(tag.get("blockNumber") if isinstance(tag, dict) else tag)
             )
         if header is None:
@@ -357,13 +357,13 @@ class Methods:
 
     def _block(self, tag: Any) -> BlockAPI | None:
         if tag == "pending":
-            return self.ledger.pending_block()
-        header = self.ledger.header(self._number(tag))
-        return header and self.ledger.block(header)
+            return self.local_chain.pending_block()
+        header = self.local_chain.header(self._number(tag))
+        return header and self.local_chain.block(header)
 
     def _block_by_hash(self, block_hash: Any) -> BlockAPI | None:
-        header = self.ledger.header_by_hash(parse_data(block_hash, "hash", size=32))
-        return header and self.ledger.block(header)
+        header = self.local_chain.header_by_hash(parse_data(block_hash, "hash", size=32))
+        return header and self.local_chain.block(header)
 
     def _transaction_at(self, block: BlockAPI | None, index: Any) -> Json | None:
         position = parse_quantity(index, "index")
@@ -372,8 +372,8 @@ class Methods:
         return transaction_json(block, position)
 
     def _receipts(self, block: BlockAPI) -> list[Json]:
-        receipts = self.ledger.receipts(block)
-        logs = self.ledger.logs(block.number, block.number)
+        receipts = self.local_chain.receipts(block)
+        logs = self.local_chain.logs(block.number, block.number)
         return [
             receipt_json(block, index, receipts, [log for log in logs if log.transaction_index == index])
             for index in range(len(receipts))
@@ -388,7 +388,7 @@ class Methods:
             to=b"" if to is None else parse_address(to, "to"),
             data=b"" if body is None else parse_data(body, "data"),
             value=0 if value is None else parse_quantity(value, "value"),
-            gas=None if gas is None else min(parse_quantity(gas, "gas"), self.ledger.head.gas_limit),
+            gas=None if gas is None else min(parse_quantity(gas, "gas"), self.local_chain.head.gas_limit),
         )
 
     def _block_range(self, fields: Json) -> tuple[int, int]:
@@ -398,7 +398,7 @@ class Methods:
         return first, last
 
     def _logs(self, criteria: LogCriteria, first: int, last: int) -> list[Json]:
-        found = self.ledger.logs(first, last, criteria.addresses)
+        found = self.local_chain.logs(first, last, criteria.addresses)
         return [log_json(log) for log in found if criteria.matches(log)]
 
     def _add_changes(self, of_block: Callable[[BlockAPI], list[str]]) -> str:
@@ -406,7 +406,7 @@ class Methods:
             blocks = (self._block(quantity(number)) for number in range(first, last + 1))
             return [item for block in blocks if block is not None for item in of_block(block)]
 
-        next_block = self.ledger.head.block_number + 1
+        next_block = self.local_chain.head.block_number + 1
         return self._add_filter(_Filter(changes=changes, next_block=next_block, first_block=next_block))
 
     def _add_filter(self, new: _Filter) -> str:
@@ -474,3 +474,6 @@ def _arity(method: _Method) -> tuple[int, int]:
 
 
 _ARITY = {name: _arity(method) for name, method in _METHODS.items()}
+
+MINING = frozenset({"eth_sendRawTransaction", "eth_sendTransaction", "evm_mine"})
+"""What makes a block."""

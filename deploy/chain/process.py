@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
+from typing import Any
 
 from deploy.chain.anvil import STATE_FILE, Anvil
 from deploy.chain.errors import AnvilFailed, ChainStoreUnwritable
-from deploy.chain.ledger import Ledger
-from deploy.chain.methods import Methods
+from deploy.chain.local_chain import LocalChain
+from deploy.chain.methods import MINING, Methods
 from deploy.chain.record import check_not_lost
 from deploy.chain.server import RpcServer
 from deploy.chain.store import Store
@@ -20,7 +21,7 @@ from rodeo.clock import Clock, WallClock
 from rodeo.config import Site
 from rodeo.errors import ClockUnavailable
 from rodeo.instance import HEARTBEAT_S, PREDECESSOR_S, lock_instance
-from rodeo.service import Service
+from rodeo.process import Process
 
 log = logging.getLogger(__name__)
 
@@ -33,6 +34,10 @@ class SiteTime:
 
     def follow(self, clock: Clock) -> None:
         self._clock = clock
+
+    def hold(self) -> AbstractContextManager[None]:
+        """What is done meanwhile takes no site time, on a site whose clock waits for its chain."""
+        return nullcontext() if self._clock is None else self._clock.hold()
 
     def now_s(self) -> int | None:
         try:
@@ -56,14 +61,21 @@ def _run_embedded(site: Site, folder: Path, site_time: SiteTime, stop: threading
     check_not_lost(site, folder / "chain.sqlite")
     lock_instance(folder, PREDECESSOR_S, stop)
     store = Store(folder / "chain.sqlite")
-    ledger = Ledger(store, site.chain.id, int(time.time()), site_time.now_s)
-    log.info("chain %d at block %d on %s", site.chain.id, ledger.head.block_number, site.chain.url)
-    with RpcServer(site.chain.url, Methods(ledger)) as server:
+    local_chain = LocalChain(store, site.chain.id, site.clock.begin_s(), site_time.now_s)
+    log.info("chain %d at block %d on %s", site.chain.id, local_chain.head.block_number, site.chain.url)
+    methods = Methods(local_chain)
+
+    def answer(method: str, params: Sequence[Any]) -> Any:
+        # Who only reads waits for the answer itself.
+        with site_time.hold() if method in MINING else nullcontext():
+            return methods(method, params)
+
+    with RpcServer(site.chain.url, answer) as server:
 
         def block_number() -> int:
             if store.failure is not None:
                 server.do(store.try_to_write)
-            return ledger.head.block_number
+            return local_chain.head.block_number
 
         _keep_heartbeat(site, site_time, stop, block_number, stop.wait)
     store.close()
@@ -71,7 +83,7 @@ def _run_embedded(site: Site, folder: Path, site_time: SiteTime, stop: threading
 
 def _run_anvil(site: Site, folder: Path, site_time: SiteTime, stop: threading.Event) -> None:
     check_not_lost(site, folder / STATE_FILE)
-    with Anvil(site.chain.url, folder, site.chain.id, int(time.time()), site_time.now_s) as anvil:
+    with Anvil(site.chain.url, folder, site.chain.id, site.clock.begin_s(), site_time.now_s) as anvil:
         log.info("anvil, chain %d at block %d on %s", site.chain.id, anvil.block_number(), site.chain.url)
         _keep_heartbeat(site, site_time, stop, anvil.block_number, lambda: anvil.wait(stop))
 
@@ -100,16 +112,16 @@ def _keep_heartbeat(
     """
 
     def beat() -> None:
-        with Service("chain", site, stop) as service:
-            site_time.follow(service.clock)
-            service.ready()
+        with Process("chain", site, stop) as process:
+            site_time.follow(process.clock)
+            process.ready()
             while not stop.wait(HEARTBEAT_S):
                 try:
-                    service.activity("serving blocks", block=block_number())
-                    service.ready()
+                    process.activity("serving blocks", block=block_number())
+                    process.ready()
                 except (AnvilFailed, ChainStoreUnwritable) as error:
                     # Anvil is busy; whether it has ended is watched by `wait`.
-                    service.not_ready(str(error))
+                    process.not_ready(str(error))
 
     with ThreadPoolExecutor(max_workers=1, thread_name_prefix="presence") as background:
         presence = background.submit(beat)

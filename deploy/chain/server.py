@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import socket
-import threading
+import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
-import uvicorn
 from pydantic_core import from_json
 from starlette.applications import Starlette
 from starlette.requests import Request
@@ -19,7 +17,8 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
 from deploy.chain.errors import InternalError, InvalidRpcRequest, ParseError, RpcError
-from rodeo.errors import ConfigError, PortUnavailable
+from rodeo.errors import ConfigError
+from rodeo.http import HttpServer, Limits, answer_with_problems, health, problem
 
 T = TypeVar("T")
 
@@ -27,6 +26,11 @@ log = logging.getLogger(__name__)
 
 MAX_BODY_BYTES = 5 * 1024 * 1024
 """Same limit as geth's; the largest honest body is a contract's creation, about 50 kB."""
+
+LIMITS = Limits(body_bytes=MAX_BODY_BYTES, connections=256, request_s=300.0, requests_per_s=math.inf)
+"""It listens for the site's own processes, which ask often and wait for the one that answers."""
+
+PURPOSE = "the chain (chain.url)"
 
 MAX_BATCH = 1_000
 """Requests in one batch; same limit as geth's."""
@@ -84,45 +88,26 @@ def _failed(identifier: Any, error: RpcError) -> dict[str, Any]:
 class RpcServer:
     """Serves `answer` on `url` from entering to leaving; all calls to `answer` come from one thread.
 
-    Raises PortUnavailable when the address is taken.
+    Raises ConfigError, and PortUnavailable when the address is taken.
     """
 
     def __init__(self, url: str, answer: Answer) -> None:
         self._answer = answer
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="chain")
-        config = uvicorn.Config(
-            Starlette(routes=[Route("/", self._post, methods=["POST"])]),
-            log_config=None,
-            log_level="warning",
-            access_log=False,
-            timeout_graceful_shutdown=2,
-        )
-        listener = listen(url)
-        # Inherited by what it accepts. asyncio leaves it off for a socket without an explicit protocol, and
-        # then each answer waits 40 ms for the client's delayed acknowledgement.
-        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._server = uvicorn.Server(config)
-        # Outside the main thread uvicorn leaves signals alone: they belong to the process.
-        self._thread = threading.Thread(target=self._server.run, args=([listener],), name="rpc", daemon=True)
+        api = Starlette(routes=[Route("/", self._post, methods=["POST"]), *health(lambda: "")])
+        answer_with_problems(api)
+        host, port = host_and_port(url)
+        self._server = HttpServer(api, host, port, PURPOSE, LIMITS)
 
     async def _post(self, request: Request) -> Response:
         # Browsers cannot send this type to another origin without asking first, which nothing here answers:
         # a web page must not reach the unlocked accounts.
         if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
-            return JSONResponse(
-                _failed(None, InvalidRpcRequest("content-type must be application/json")), status_code=415
-            )
-        body = bytearray()
-        async for chunk in request.stream():
-            body += chunk
-            if len(body) > MAX_BODY_BYTES:
-                return JSONResponse(
-                    _failed(None, InvalidRpcRequest(f"body larger than {MAX_BODY_BYTES} bytes")), 413
-                )
+            return problem(415, "unsupported_media_type", "content-type must be application/json")
         try:
             # Bounds the depth of nesting by itself; the json module relies on the interpreter's recursion
             # limit, which py-evm raises beyond what the stack holds.
-            payload = from_json(bytes(body))
+            payload = from_json(await request.body())
         except ValueError:
             return JSONResponse(_failed(None, ParseError("parse error")))
         loop = asyncio.get_running_loop()
@@ -134,22 +119,12 @@ class RpcServer:
         return self._worker.submit(function).result()
 
     def __enter__(self) -> RpcServer:
-        self._thread.start()
+        self._server.start()
         return self
 
     def __exit__(self, *_error: object) -> None:
-        self._server.should_exit = True
-        self._thread.join()
+        self._server.close()
         self._worker.shutdown()
-
-
-def listen(url: str) -> socket.socket:
-    """A listening socket for `url`. Raises ConfigError or PortUnavailable."""
-    host, port = host_and_port(url)
-    try:
-        return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
-    except OSError as error:
-        raise PortUnavailable(f"cannot listen: {error}", url=url) from error
 
 
 def host_and_port(url: str) -> tuple[str, int]:

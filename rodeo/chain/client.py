@@ -11,11 +11,14 @@ from web3 import HTTPProvider, Web3
 from web3.contract import Contract
 from web3.types import TxReceipt
 
-from rodeo.chain import artifacts, events, transactions
-from rodeo.chain.calls import Call, Calls, OrganizationCalls
+from rodeo.chain import artifacts, transactions
+from rodeo.chain.abi import Device, KindRules, Service, Task, Terms
+from rodeo.chain.calls import Calls, OrganizationCalls
 from rodeo.chain.deployment import Deployment
+from rodeo.chain.encoding import Call
 from rodeo.chain.errors import WrongChain, translated
-from rodeo.chain.types import Device, KindRules, Role, Service, Task, Terms, kind_to_bytes32, value
+from rodeo.chain.logs import Log, decode_log, event_topics
+from rodeo.chain.types import Role, kind_to_bytes32, value
 from rodeo.config import ChainConfig
 
 
@@ -91,14 +94,6 @@ class ChainClient:
         """The service of `kind` that has waited longest among those that cost at most `max_price`."""
         return self._view("ServiceManager", "longestIdle", kind_to_bytes32(kind), max_price) or None
 
-    def cheapest_idle(self, kind: str, max_price: int) -> int | None:
-        """The cheapest service of `kind` that waits, if it costs at most `max_price`."""
-        return self._view("ServiceManager", "cheapestIdle", kind_to_bytes32(kind), max_price) or None
-
-    def most_reputable_idle(self, kind: str, max_price: int) -> int | None:
-        """The service of `kind` with the best reputation of those that wait and cost at most `max_price`."""
-        return self._view("ServiceManager", "mostReputableIdle", kind_to_bytes32(kind), max_price) or None
-
     def owed(self, account: str) -> int:
         """What the token refused to `account` and `collect` pays, wei."""
         return self._view("TaskManager", "owed", to_checksum_address(account))
@@ -106,11 +101,6 @@ class ChainClient:
     def device(self, address: str) -> Device:
         """Raises ContractReverted: UnknownDevice."""
         return self._view("Organization", "device", to_checksum_address(address))
-
-    def device_named(self, role: str, name: str) -> str | None:
-        """The key that has this name in this role now."""
-        found: str = self._view("Organization", "deviceNamed", kind_to_bytes32(role), kind_to_bytes32(name))
-        return None if int(found, 16) == 0 else found
 
     def root(self, device: str, day: int) -> bytes | None:
         """The root of what the device signed on `day`, counted from 1970-01-01 UTC; None: not posted."""
@@ -133,13 +123,6 @@ class ChainClient:
     def is_member(self, account: str) -> bool:
         return self._view("Organization", "isMember", to_checksum_address(account))
 
-    def may_judge(self, account: str, kind: str) -> bool:
-        return self._view("Organization", "mayJudge", to_checksum_address(account), kind_to_bytes32(kind))
-
-    def may_audit(self, account: str) -> bool:
-        """Whether `account` may decide what an oracle left undecided."""
-        return self._view("Organization", "mayAudit", to_checksum_address(account))
-
     def administrator(self) -> ChecksumAddress:
         return self._view("Organization", "defaultAdmin")
 
@@ -156,14 +139,6 @@ class ChainClient:
     def allowance(self, owner: str, spender: str) -> int:
         return self._view("IECoin", "allowance", to_checksum_address(owner), to_checksum_address(spender))
 
-    def permit_nonce(self, owner: str) -> int:
-        """The nonce that `owner` signs next into a permit or a delegation."""
-        return self._view("IECoin", "nonces", to_checksum_address(owner))
-
-    def votes(self, account: str) -> int:
-        """Tokens that vote through `account` now, wei."""
-        return self._view("IECoin", "getVotes", to_checksum_address(account))
-
     def total_supply(self) -> int:
         return self._view("IECoin", "totalSupply")
 
@@ -176,7 +151,7 @@ class ChainClient:
 
     # -- events --------------------------------------------------------------------------------------------
 
-    def logs(self, first_block: int, last_block: int) -> list[events.Log]:
+    def logs(self, first_block: int, last_block: int) -> list[Log]:
         """Events of the contracts in the inclusive range of blocks, in chain order."""
         with translated():
             found = self.w3.eth.get_logs(
@@ -184,17 +159,17 @@ class ChainClient:
                     "fromBlock": first_block,
                     "toBlock": last_block,
                     "address": [contract.address for contract in self._contracts.values()],
-                    "topics": [events.topics()],
+                    "topics": [event_topics()],
                 }
             )
-        return sorted(map(events.decode_log, found), key=lambda log: (log.block, log.log_index))
+        return sorted(map(decode_log, found), key=lambda log: (log.block, log.log_index))
 
-    def logs_of(self, receipt: TxReceipt) -> list[events.Log]:
+    def logs_of(self, receipt: TxReceipt) -> list[Log]:
         """The contracts' events in a receipt, in order."""
         addresses = {contract.address for contract in self._contracts.values()}
-        topics = set(events.topics())
+        topics = set(event_topics())
         return [
-            events.decode_log(log)
+            decode_log(log)
             for log in receipt["logs"]
             if log["address"] in addresses and log["topics"][0].to_0x_hex() in topics
         ]

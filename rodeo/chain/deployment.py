@@ -11,6 +11,7 @@ from web3 import Web3
 
 from rodeo.chain import artifacts
 from rodeo.chain.errors import ChainError, DeploymentMismatch, NotDeployed, translated
+from rodeo.files import replace_file
 from rodeo.origin import record_path
 
 
@@ -65,9 +66,7 @@ class Deployment(BaseModel):
         """Write the record, all of it or nothing; the path."""
         path = self.path(data_dir, self.chain_id)
         path.parent.mkdir(parents=True, exist_ok=True)
-        part = path.with_suffix(".part")
-        part.write_text(self.model_dump_json(indent=2) + "\n")
-        part.replace(path)
+        replace_file(path, self.model_dump_json(indent=2) + "\n")
         return path
 
     def verify(self, w3: Web3) -> None:

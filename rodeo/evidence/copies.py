@@ -94,14 +94,16 @@ class Copies:
 def ask_to_put(bus: Bus, org: str, sha256: str) -> str:
     """Ask whoever has a copy to put it into the store again; where it is now by the first answer, "" if
     nobody says that it is. Raises BusError."""
-    answers = _asked(bus, f"rodeo/{org}/proof/*", {"sha256": sha256, "put": 1}, PUT_WALL_S, most=1)
+    answers = _asked(
+        bus, topics.PROOF_COPY.pattern(org=org), {"sha256": sha256, "put": 1}, PUT_WALL_S, most=1
+    )
     return next((one.uri for one in answers), "")
 
 
 def hand_over(bus: Bus, org: str, wanted: str, path: Path, max_bytes: int) -> bool:
     """Fetch the proof with this hash over the bus, from whoever has a whole copy, to `path`; whether it is
     there now. Raises BusError, and OSError where it cannot be written."""
-    everybody = topics.PROOF_COPY.name(org=org, device="*")
+    everybody = topics.PROOF_COPY.pattern(org=org)
     for holder in _asked(bus, everybody, {"sha256": wanted, "offset": 0}, _PART_WALL_S, _MOST_ANSWERS):
         key = topics.PROOF_COPY.name(org=org, device=holder.device)
         with path.open("wb") as file:

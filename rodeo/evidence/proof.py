@@ -14,9 +14,9 @@ from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import CorruptProof, LayoutChanged, ProofNotFound, UnsealedProof
 from rodeo.evidence.plain_json import read_json
 from rodeo.evidence.reader import SealedReader
-from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.evidence.seal import Binding
 from rodeo.evidence.series import Table, table
+from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 
 
 class TopicMessages:

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from rodeo.evidence.container import Container, Limits, RawMessage
 from rodeo.evidence.errors import BrokenSeal
-from rodeo.evidence.seal import SEAL_TOPIC, RunningHash, SealAudit, channel_digest
+from rodeo.evidence.seal import RunningHash, SealAudit, channel_digest
+from rodeo.topics import SEAL_CHANNEL
 
 
 class SealedReader:
@@ -33,7 +34,7 @@ class SealedReader:
             if channel is None:
                 channel = channels[message.channel_id] = self._channel(message.channel_id)
             topic, schema_name, digest = channel
-            if topic == SEAL_TOPIC:
+            if topic == SEAL_CHANNEL:
                 unsealed_ns = 0 if unsealed_since_ns is None else last_ns - unsealed_since_ns
                 self.audit.see(message.data, self.running, unsealed_ns)
                 unsealed_since_ns = None

@@ -32,19 +32,10 @@ from rodeo.evidence.errors import (
     RecordingSealed,
 )
 from rodeo.evidence.reader import SealedReader
-from rodeo.evidence.seal import (
-    SEAL_PERIOD_NS,
-    SEAL_TOPIC,
-    Binding,
-    RunningHash,
-    SealAudit,
-    SealChain,
-    channel_digest,
-)
+from rodeo.evidence.seal import SEAL_PERIOD_NS, Binding, RunningHash, SealAudit, SealChain, channel_digest
 from rodeo.ros2.types import schema_text
+from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
 
-EVENT_CHANNEL = "rodeo/event"
-ATTESTATION_CHANNEL = "rodeo/attestation"
 CLOSED = "recording_closed"
 """Last event of a recording: {"event", "topics": {topic: {"seen", "published"}}}, see `Tally`."""
 RESUMED = "recording_resumed"
@@ -369,7 +360,7 @@ class _SealedFile:
         """Take over the messages of an earlier file, their seals included."""
         for entry in entries:
             self._write(entry)
-            if entry.topic == SEAL_TOPIC:
+            if entry.topic == SEAL_CHANNEL:
                 self._chain.adopt(entry.data)
                 self._unsealed_since_ns = None
         self._flush()
@@ -398,7 +389,7 @@ class _SealedFile:
             self._write_tallies()
             data = self._chain.final(self.running)
             self._write(
-                _Entry(SEAL_TOPIC, "", self.running.messages, self._last_log_ns, self._last_log_ns, data)
+                _Entry(SEAL_CHANNEL, "", self.running.messages, self._last_log_ns, self._last_log_ns, data)
             )
         self._writer.finish()
         self._stream.flush()
@@ -414,7 +405,9 @@ class _SealedFile:
 
     def _write_seal(self) -> None:
         data = self._chain.next(self.running, self._last_log_ns)
-        self._write(_Entry(SEAL_TOPIC, "", self.running.messages, self._last_log_ns, self._last_log_ns, data))
+        self._write(
+            _Entry(SEAL_CHANNEL, "", self.running.messages, self._last_log_ns, self._last_log_ns, data)
+        )
         self._unsealed_since_ns = None
         self._flush()
         if self._on_seal is not None:

@@ -32,7 +32,6 @@ from rodeo.evidence.attestation import Attestation, attest, recover, verify_atte
 from rodeo.evidence.errors import BadAttestation, BrokenSeal, UnsealedProof
 from rodeo.evidence.plain_json import read_json
 
-SEAL_TOPIC = "rodeo/seal"
 SEAL_PERIOD_NS = 1_000_000_000
 """Longest stretch of recorded time that one seal leaves unsigned."""
 QUIET_SEAL_PERIOD_NS = 3_000_000_000

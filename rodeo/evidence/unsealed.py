@@ -20,9 +20,8 @@ from rosbags.typesys.store import Typestore
 from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import CorruptProof, ProofNotFound, ProofTooLarge
 from rodeo.evidence.proof import Proof, TopicMessages
-from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
-from rodeo.evidence.seal import SEAL_TOPIC
 from rodeo.ros2.types import STORE
+from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
 
 _JSON = {"/" + channel: channel for channel in (EVENT_CHANNEL, ATTESTATION_CHANNEL)}
 _STRING = "std_msgs/msg/String"
@@ -42,7 +41,7 @@ def is_never_sealed(path: Path) -> bool:
     except Exception:  # noqa: BLE001 - the reader raises a dozen unrelated types for what is malformed
         return False
     topics = [channel.topic for channel in summary.channels.values()] if summary else []
-    return bool(topics) and SEAL_TOPIC not in topics
+    return bool(topics) and SEAL_CHANNEL not in topics
 
 
 def open_bag(path: Path, limits: Limits | None = None) -> Proof:

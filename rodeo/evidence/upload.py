@@ -5,12 +5,13 @@ An upload that was cut off goes on if the store can: S3 keeps the parts; folders
 
 from __future__ import annotations
 
-import os
-import tempfile
+import secrets
 from collections.abc import Callable, Iterator
 from hashlib import md5
 from pathlib import Path
 from typing import IO, Any
+
+from rodeo.files import replacing
 
 BLOCK_BYTES = 1 << 20
 PART_BYTES = 8 << 20
@@ -37,17 +38,11 @@ def _folder(_filesystem: Any, path: Path, target: str) -> None:
     """Written beside, flushed to the disk, then renamed."""
     final = Path(target)
     final.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, part = tempfile.mkstemp(dir=final.parent, prefix=".part-")
-    try:
-        with open(descriptor, "wb") as file, path.open("rb") as source:
-            for block in blocks(source):
-                file.write(block)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(part, final)
-    except BaseException:
-        os.unlink(part)
-        raise
+    # Several processes may upload the same file at once.
+    part = final.with_name(f".part-{secrets.token_hex(8)}")
+    with replacing(final, mode=0o600, part=part) as file, path.open("rb") as source:
+        for block in blocks(source):
+            file.write(block)
 
 
 def _http(filesystem: Any, path: Path, target: str) -> None:

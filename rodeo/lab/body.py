@@ -1,6 +1,5 @@
 """The robot's motors and encoders in a MuJoCo world: what its drivers command, what its sensors read."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -8,6 +7,7 @@ import mujoco
 import numpy as np
 
 from rodeo.lab.config import MotionLimits, Pose2
+from rodeo.lab.geometry import yaw_of
 from rodeo.lab.world import (
     ARM_JOINTS,
     CONTROL_PERIOD_S,
@@ -74,10 +74,14 @@ class Body:
     @property
     def pose(self) -> Pose2:
         """Where the base stands, in the map frame."""
-        x, y, _ = self.position_m.tolist()
-        w, qx, qy, qz = self.quat_wxyz.tolist()
-        yaw = math.atan2(2 * (w * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
-        return Pose2.model_construct(x_m=x, y_m=y, yaw_rad=yaw)
+        x_m, y_m, yaw_rad = self.place
+        return Pose2.model_construct(x_m=x_m, y_m=y_m, yaw_rad=yaw_rad)
+
+    @property
+    def place(self) -> tuple[float, float, float]:
+        """The same for who asks fifty times a second: x and y in m, yaw in rad."""
+        x_m, y_m, _ = self.position_m.tolist()
+        return x_m, y_m, yaw_of(*self.quat_wxyz.tolist())
 
     @property
     def positions(self) -> np.ndarray:

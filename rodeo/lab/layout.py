@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from rodeo.lab.config import BinConfig, DockConfig, Pose2
+from rodeo.lab.geometry import ahead, facing, wrap
 
 BUMPER_M = 0.4025
 """From the robot's centre to its front: the front wheels reach as far as the bumper."""
@@ -24,23 +25,6 @@ BUCKET_GAP_M = 0.002
 """Between the walls of neighbouring compartments: each stands on a scale of its own."""
 
 Vec3 = tuple[float, float, float]
-
-
-def ahead(pose: Pose2, forward_m: float, left_m: float = 0.0) -> tuple[float, float]:
-    """The point `forward_m` along and `left_m` across the pose's x axis (map frame)."""
-    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
-    return pose.x_m + c * forward_m - s * left_m, pose.y_m + s * forward_m + c * left_m
-
-
-def wrap(angle_rad: float) -> float:
-    """The same angle in (-pi, pi]."""
-    return math.remainder(angle_rad, math.tau)
-
-
-def facing(pose: Pose2, distance_m: float) -> Pose2:
-    """The pose `distance_m` in front of `pose`, looking back at it."""
-    x, y = ahead(pose, distance_m)
-    return Pose2(x_m=x, y_m=y, yaw_rad=wrap(pose.yaw_rad + math.pi))
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,4 @@
-"""Pictures of the lab: `python -m rodeo.lab.render --site FILE --out FILE.png`."""
-
-import argparse
-from pathlib import Path
+"""Pictures of the lab, by MuJoCo's own renderer."""
 
 import cv2
 import mujoco
@@ -40,24 +37,3 @@ def encode(image: np.ndarray, extension: str = ".jpg", quality: int = 90) -> byt
     if not ok:
         raise RodeoError("cannot encode the image", extension=extension, shape=image.shape)
     return data.tobytes()
-
-
-def main() -> None:
-    from rodeo.config import Site
-    from rodeo.lab.world import begin, build_world
-
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--site", required=True, type=Path)
-    parser.add_argument("--out", required=True, type=Path)
-    parser.add_argument("--camera", default="overview")
-    parser.add_argument("--size", type=int, nargs=2, default=(1600, 900), metavar=("WIDTH", "HEIGHT"))
-    arguments = parser.parse_args()
-    site = Site.load(arguments.site)
-    model = build_world(site)
-    camera = Camera(model, arguments.camera, *arguments.size)
-    arguments.out.write_bytes(encode(camera.image(begin(model, site)), arguments.out.suffix))
-    camera.close()
-
-
-if __name__ == "__main__":
-    main()

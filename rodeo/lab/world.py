@@ -27,6 +27,7 @@ from rodeo.lab.config import (
     Rgb,
     RobotConfig,
 )
+from rodeo.lab.geometry import quaternion_of
 from rodeo.lab.layout import BinLayout, Vec3
 
 TIMESTEP_S = 0.002
@@ -160,10 +161,6 @@ def _set_physics(spec: mujoco.MjSpec) -> None:
     spec.compiler.degree = False
 
 
-def _turn(yaw_rad: float) -> list[float]:
-    return [math.cos(yaw_rad / 2), 0, 0, math.sin(yaw_rad / 2)]
-
-
 def _box(body: mujoco.MjsBody, size: Vec3, pos: Vec3, rgb: Rgb = _WALL, solid: bool = True) -> None:
     """Add a box of this extent; if it is not solid it is only seen."""
     body.add_geom(
@@ -177,7 +174,7 @@ def _box(body: mujoco.MjsBody, size: Vec3, pos: Vec3, rgb: Rgb = _WALL, solid: b
 
 
 def _place(spec: mujoco.MjSpec, name: str, pose: Pose2) -> mujoco.MjsBody:
-    return spec.worldbody.add_body(name=name, pos=[pose.x_m, pose.y_m, 0], quat=_turn(pose.yaw_rad))
+    return spec.worldbody.add_body(name=name, pos=[pose.x_m, pose.y_m, 0], quat=quaternion_of(pose.yaw_rad))
 
 
 def _add_room(spec: mujoco.MjSpec, lab: LabConfig) -> None:
@@ -414,7 +411,9 @@ def robot_spec(robot: RobotConfig) -> mujoco.MjSpec:
 
 def _add_robot(spec: mujoco.MjSpec, robot: RobotConfig) -> None:
     child = robot_spec(robot)
-    frame = spec.worldbody.add_frame(pos=[robot.pose.x_m, robot.pose.y_m, 0], quat=_turn(robot.pose.yaw_rad))
+    frame = spec.worldbody.add_frame(
+        pos=[robot.pose.x_m, robot.pose.y_m, 0], quat=quaternion_of(robot.pose.yaw_rad)
+    )
     child.body("base_link").add_freejoint(name="base")
     tyres = [geom for geom in child.geoms if geom.contype == ROLLING]
     for number, tyre in enumerate(tyres, 1):

@@ -21,6 +21,7 @@ from rodeo.evidence.series import Layout
 from rodeo.metrics import RECORDER_REFUSED
 from rodeo.ros2 import MessageInfo, types
 from rodeo.ros2.errors import MalformedMessage
+from rodeo.stamps import SECOND_NS
 from rodeo.topics import Topic
 
 What = Literal["message", "statement"]
@@ -129,7 +130,8 @@ class MessageDoor:
         self._layout: Layout | None = None
         self._gid: bytes | None = None
         self._sequence = 0
-        self._stamp_ns = 0
+        self.stamp_ns = 0
+        """Of the last message that may be written."""
         self._heard_s = 0.0
 
     def refusal(self, info: MessageInfo, now_ns: int) -> Refusal | None:
@@ -138,7 +140,7 @@ class MessageDoor:
             stamp_ns = types.stamp_ns(info.cdr)
         except MalformedMessage:
             return Refusal.MALFORMED
-        if int.from_bytes(info.cdr[8:12], "little") >= 1_000_000_000:
+        if int.from_bytes(info.cdr[8:12], "little") >= SECOND_NS:
             return Refusal.ABSURD_TIME  # nanoseconds that are more than a second
         if not 0 <= info.sequence < _SEQUENCES:
             return Refusal.ABSURD_NUMBER
@@ -151,7 +153,7 @@ class MessageDoor:
             return refusal
         if not self._budget.take(stamp_ns * 1e-9):
             return Refusal.OVER_BUDGET
-        self._gid, self._sequence, self._stamp_ns = info.gid, info.sequence, stamp_ns
+        self._gid, self._sequence, self.stamp_ns = info.gid, info.sequence, stamp_ns
         self._heard_s = self._wall_s()
         return None
 
@@ -183,12 +185,12 @@ class MessageDoor:
         """What keeps the message from being the next of the publisher that is followed."""
         if self._gid is None or self._wall_s() - self._heard_s >= SILENT_WALL_S:
             # A stamp that was written already would be there twice, whoever says it now.
-            return Refusal.DOUBLED if stamp_ns == self._stamp_ns else None
+            return Refusal.DOUBLED if stamp_ns == self.stamp_ns else None
         if info.gid != self._gid:
             return Refusal.STRANGER
-        if info.sequence <= self._sequence or stamp_ns <= self._stamp_ns:
+        if info.sequence <= self._sequence or stamp_ns <= self.stamp_ns:
             return Refusal.DOUBLED
-        lasted_s = (stamp_ns - self._stamp_ns) * 1e-9
+        lasted_s = (stamp_ns - self.stamp_ns) * 1e-9
         if info.sequence - self._sequence > _LOST + _FASTER * self._rate_hz * lasted_s:
             return Refusal.ABSURD_NUMBER
         return None

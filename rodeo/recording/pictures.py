@@ -16,6 +16,7 @@ from rodeo import topics
 from rodeo.bus import Bus
 from rodeo.errors import BusError, RemoteError
 from rodeo.ros2 import types
+from rodeo.stamps import set_stamp
 from rodeo.witness import Classification
 
 log = logging.getLogger(__name__)
@@ -107,6 +108,6 @@ class PictureFetcher:
 def _message(picture: bytes, time_ns: int) -> bytes:
     """A sensor_msgs/msg/CompressedImage."""
     message = types.new(topics.BIN_IMAGE.type, format="png" if picture[:4] == b"\x89PNG" else "jpeg")
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(time_ns, 1_000_000_000)
+    set_stamp(message, time_ns)
     message.data = np.frombuffer(picture, np.uint8)
     return types.serialize(message)

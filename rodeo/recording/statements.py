@@ -9,10 +9,11 @@ journal, where nobody else speaks in between.
 from __future__ import annotations
 
 import logging
+import queue
 import threading
 import time
 from collections.abc import Callable, Collection, Iterable, Mapping
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
@@ -21,7 +22,7 @@ from rodeo import topics
 from rodeo.budget import Bucket
 from rodeo.bus import Bus, decode_json
 from rodeo.clock import Clock
-from rodeo.errors import BusError, MalformedJson, RemoteError
+from rodeo.errors import BusError, MalformedJson, RemoteError, RodeoError
 from rodeo.evidence.attestation import Attestation, verify_attestation
 from rodeo.evidence.errors import BadAttestation, BadStatement
 from rodeo.recording.door import Refusal, Refusals
@@ -341,7 +342,7 @@ class StatementListener:
 
     Args:
         only: name of the one device that is listened to; all by default.
-        hold: entered while a statement is looked at, for a clock that waits for it.
+        hold: entered from when a statement arrives until it was looked at, for a clock that waits for it.
     """
 
     def __init__(
@@ -363,13 +364,20 @@ class StatementListener:
         self._lock = threading.RLock()
         self._wake = threading.Event()
         self._closed = threading.Event()
+        self._arriving = threading.Lock()
+        """So that nothing arrives after the end: it would hold the clock for ever."""
+        self._arrived: queue.Queue[tuple[str, bytes, ExitStack] | None] = queue.Queue()
+        # Until it is known who is a device nobody can be heard: no site time passes for that.
+        asking = ExitStack()
+        asking.enter_context(hold())
         self._subscriber = bus.subscribe_bytes(
-            topics.WITNESS_STATEMENT.name(org=org, device=only), self._on_statement
+            topics.WITNESS_STATEMENT.name(org=org, device=only), self._on_statement, inline=True
         )
         self._threads = [
+            threading.Thread(target=self._hear, name="heard", daemon=True),
             threading.Thread(target=self._look_after, name="statements", daemon=True),
             threading.Thread(
-                target=self._devices.look_after, args=(self._closed,), name="devices", daemon=True
+                target=self._devices.look_after, args=(self._closed, asking), name="devices", daemon=True
             ),
         ]
         for thread in self._threads:
@@ -381,7 +389,9 @@ class StatementListener:
         return self._devices.answered
 
     def close(self) -> None:
-        self._closed.set()
+        with self._arriving:
+            self._closed.set()
+            self._arrived.put(None)
         self._wake.set()
         self._subscriber.undeclare()
         for thread in self._threads:
@@ -389,9 +399,15 @@ class StatementListener:
 
     def catch_up(self) -> None:
         """Ask everybody who was heard for what they stated since. Waits for the answers."""
+        self.settle()
         with self._lock:
             known = self._door.known()
         self._ask(known)
+
+    def settle(self) -> None:
+        """Return when all that arrived was looked at."""
+        if not self._closed.is_set():
+            self._arrived.join()
 
     def read(self, name: str, answer: Any) -> None:
         """Take what device `name` answered elsewhere: {"statements": [...]}, its last ones for example."""
@@ -402,11 +418,28 @@ class StatementListener:
     # -- inside ----------------------------------------------------------------------------------------
 
     def _on_statement(self, key: str, payload: bytes) -> None:
-        name = key.split("/")[-2]
-        with self._hold(), self._lock:
-            heard = self._door.hear(name, payload)
-            if heard is not None:
-                self._deliver(heard)
+        with self._arriving:
+            if self._closed.is_set():
+                return
+            arrived = ExitStack()
+            arrived.enter_context(self._hold())
+            self._arrived.put((key.split("/")[-2], payload, arrived))
+
+    def _hear(self) -> None:
+        while (one := self._arrived.get()) is not None:
+            name, payload, arrived = one
+            with arrived, self._lock:
+                try:
+                    heard = self._door.hear(name, payload)
+                    if heard is not None:
+                        self._deliver(heard)
+                except RodeoError as error:
+                    log.warning("left out a statement of %s: %s", name, error)
+                except Exception:
+                    # The next one must be heard whatever happened to this one.
+                    log.exception("the handler of what %s states failed", name)
+            self._arrived.task_done()
+        self._arrived.task_done()
 
     def _look_after(self) -> None:
         while not self._closed.is_set():

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import zenoh
 
+from rodeo import stamps
 from rodeo.clock import Clock, WallClock
 from rodeo.errors import RodeoError
 from rodeo.ros2 import types, wire
@@ -165,7 +166,7 @@ class ActionServer:
                         other.cancel_requested.set()
                 goal = ServerGoal(self, goal_id, pending.request.goal, stamp_ns)
                 self._goals[goal_id] = goal
-        pending.respond(types.new(response, accepted=accepted, stamp=_stamp(stamp_ns)))
+        pending.respond(types.new(response, accepted=accepted, stamp=types.time_message(stamp_ns)))
         if accepted:
             threading.Thread(target=self._run, args=(goal,), name=f"action {self._name}", daemon=True).start()
 
@@ -210,7 +211,7 @@ class ActionServer:
     def _on_cancel(self, pending: PendingRequest) -> None:
         info = pending.request.goal_info
         goal_id = info.goal_id.uuid.tobytes()
-        stamp_ns = info.stamp.sec * 1_000_000_000 + info.stamp.nanosec
+        stamp_ns = stamps.stamp_ns(info.stamp)
         with self._lock:
             chosen = [goal for goal in self._goals.values() if _cancels(goal, goal_id, stamp_ns)]
             live = [goal for goal in chosen if not goal.status.ended]
@@ -409,13 +410,10 @@ def _uuid(goal_id: bytes) -> Any:
     return types.new("unique_identifier_msgs/msg/UUID", uuid=np.frombuffer(goal_id, np.uint8))
 
 
-def _stamp(time_ns: int) -> Any:
-    sec, nanosec = divmod(time_ns, 1_000_000_000)
-    return types.new("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
-
-
 def _goal_info(goal: ServerGoal) -> Any:
-    return types.new("action_msgs/msg/GoalInfo", goal_id=_uuid(goal.goal_id), stamp=_stamp(goal.stamp_ns))
+    return types.new(
+        "action_msgs/msg/GoalInfo", goal_id=_uuid(goal.goal_id), stamp=types.time_message(goal.stamp_ns)
+    )
 
 
 def _cancels(goal: ServerGoal, goal_id: bytes, stamp_ns: int) -> bool:

@@ -176,6 +176,7 @@ class Node:
 
         What does not decode is dropped with a warning.
         """
+        types.prepare(typename)
         return self.raw_subscription(
             topic,
             typename,

@@ -10,7 +10,7 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import zenoh
 
@@ -18,13 +18,24 @@ from rodeo.errors import RodeoError
 from rodeo.ros2 import types, wire
 from rodeo.ros2.errors import MalformedMessage, ServiceFailed, ServiceTimeout, ServiceUnavailable
 
-if TYPE_CHECKING:
-    from rodeo.ros2.node import Node
-
 log = logging.getLogger(__name__)
 
 _TIMEOUT_MARGIN_S = 0.05
 """Zenoh ends a query that timed out a little before or after the time; closer than this counts."""
+
+
+class EndpointNode(Protocol):
+    """What a service needs of the node that it belongs to (`rodeo.ros2.node.Node`)."""
+
+    @property
+    def session(self) -> zenoh.Session: ...
+
+    @property
+    def domain_id(self) -> int: ...
+
+    def declare_endpoint(
+        self, kind: wire.EntityKind, name: str, typename: str, qos: wire.QoS
+    ) -> tuple[zenoh.LivelinessToken, bytes]: ...
 
 
 class PendingRequest:
@@ -61,7 +72,7 @@ class DeferredService:
     """Hands each request over as a PendingRequest, in Zenoh's receiving thread."""
 
     def __init__(
-        self, node: Node, name: str, typename: str, on_request: Callable[[PendingRequest], None]
+        self, node: EndpointNode, name: str, typename: str, on_request: Callable[[PendingRequest], None]
     ) -> None:
         self._name = name
         self._request_type = f"{typename}_Request"
@@ -91,7 +102,7 @@ class DeferredService:
 class Service:
     """Answers requests one at a time in a thread of its own."""
 
-    def __init__(self, node: Node, name: str, typename: str, handler: Callable[[Any], Any]) -> None:
+    def __init__(self, node: EndpointNode, name: str, typename: str, handler: Callable[[Any], Any]) -> None:
         self._name = name
         self._handler = handler
         self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix=f"service {name}")
@@ -117,10 +128,12 @@ class Service:
 class Client:
     """Calls one service, and knows whether a server is there."""
 
-    def __init__(self, node: Node, name: str, typename: str) -> None:
+    def __init__(self, node: EndpointNode, name: str, typename: str) -> None:
         self._session = node.session
         self._name = name
         self._response_type = f"{typename}_Response"
+        types.prepare(f"{typename}_Request")
+        types.prepare(self._response_type)
         self._key = wire.data_key(node.domain_id, name, typename)
         self._token, self._gid = node.declare_endpoint("SC", name, typename, wire.DEFAULT)
         self._sequence = itertools.count(1)

@@ -11,17 +11,28 @@ rosbags dataclasses: sequences of numbers are numpy arrays, nested messages are 
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import numpy as np
-from rosbags.interfaces import Nodetype
+from rosbags.interfaces import Msgdef, Nodetype
 from rosbags.serde import SerdeError
+from rosbags.serde.cdr import generate_deserialize_cdr, generate_getsize_cdr, generate_serialize_cdr
+from rosbags.serde.ros1 import (
+    generate_cdr_to_ros1,
+    generate_deserialize_ros1,
+    generate_getsize_ros1,
+    generate_ros1_to_cdr,
+    generate_serialize_ros1,
+)
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.base import normalize_fieldname
 from rosbags.typesys.store import Typestore
 
 from rodeo.ros2.errors import MalformedMessage, UnknownType
 from rodeo.ros2.interfaces import ACTIONS, MESSAGES, SERVICES
+from rodeo.stamps import SECOND_NS, sec_nanosec
 
 _ENCAPSULATION_BYTES = 4
 _STAMP = struct.Struct("<iI")
@@ -104,8 +115,50 @@ def _char_as_uint8(descriptor: Any) -> Any:
     return "uint8" if descriptor == "char" else descriptor
 
 
+class _Store(Typestore):
+    """Generates at first what every process needs, little-endian CDR, and the rest with its first use: big
+    endian and ROS 1, of foreign robots and bags, which take four times as long."""
+
+    def get_msgdef(self, typename: str) -> Msgdef[object]:
+        if typename not in self.cache:
+            fields = [(normalize_fieldname(name), kind) for name, kind in self.fielddefs[typename][1]]
+            getsize, size = generate_getsize_cdr(fields, self)
+            self.cache[typename] = Msgdef(
+                typename,
+                fields,
+                self.types[typename],
+                size,
+                getsize,
+                serialize_cdr_le=generate_serialize_cdr(fields, self, "le"),
+                serialize_cdr_be=_later(lambda: generate_serialize_cdr(fields, self, "be")),
+                deserialize_cdr_le=generate_deserialize_cdr(fields, self, "le"),
+                deserialize_cdr_be=_later(lambda: generate_deserialize_cdr(fields, self, "be")),
+                size_ros1=_UNKNOWN_SIZE,
+                getsize_ros1=_later(lambda: generate_getsize_ros1(fields, self)[0]),
+                serialize_ros1=_later(lambda: generate_serialize_ros1(fields, self)),
+                deserialize_ros1=_later(lambda: generate_deserialize_ros1(fields, self)),
+                getsize_ros1_to_cdr=_later(lambda: generate_ros1_to_cdr(fields, typename, self, copy=False)),
+                ros1_to_cdr=_later(lambda: generate_ros1_to_cdr(fields, typename, self, copy=True)),
+                getsize_cdr_to_ros1=_later(lambda: generate_cdr_to_ros1(fields, typename, self, copy=False)),
+                cdr_to_ros1=_later(lambda: generate_cdr_to_ros1(fields, typename, self, copy=True)),
+            )
+        return self.cache[typename]
+
+
+_UNKNOWN_SIZE = 0
+"""rosbags then asks for the size of each message."""
+
+
+def _later(generate: Callable[[], Callable[..., Any]]) -> Callable[..., Any]:
+    """The generated function, generated with its first call."""
+    generated = cache(generate)
+    return lambda *arguments: generated()(*arguments)
+
+
 def _build_store() -> Typestore:
-    store = get_typestore(Stores.ROS2_JAZZY)
+    store, jazzy = _Store(), get_typestore(Stores.ROS2_JAZZY)
+    store.fielddefs.update(jazzy.fielddefs)
+    store.types.update(jazzy.types)
     for typename, (constants, fields) in store.fielddefs.items():
         store.fielddefs[typename] = (constants, [(name, _char_as_uint8(desc)) for name, desc in fields])
     added: dict[str, Any] = {}
@@ -158,6 +211,14 @@ def _zero(descriptor: Any) -> Any:
     return [_zero((element_kind, element)) for _ in range(length)]
 
 
+def prepare(typename: str) -> None:
+    """Make what packs and unpacks the type now, which takes 10 to 100 ms, and not with the first message.
+
+    Raises UnknownType.
+    """
+    STORE.get_msgdef(_known(typename))
+
+
 def serialize(message: Any) -> bytes:
     """CDR (little endian, with encapsulation header) of a message made by `msg` or `new`."""
     return bytes(STORE.serialize_cdr(message, message.__msgtype__))
@@ -176,7 +237,19 @@ def stamp_ns(cdr: bytes) -> int:
     if len(cdr) < _STAMP.size + _ENCAPSULATION_BYTES:
         raise MalformedMessage("too short for a header", length_bytes=len(cdr))
     sec, nanosec = _STAMP.unpack_from(cdr, _ENCAPSULATION_BYTES)
-    return int(sec) * 1_000_000_000 + int(nanosec)
+    return int(sec) * SECOND_NS + int(nanosec)
+
+
+def time_message(time_ns: int) -> Any:
+    """builtin_interfaces/msg/Time."""
+    sec, nanosec = sec_nanosec(time_ns)
+    return new("builtin_interfaces/msg/Time", sec=sec, nanosec=nanosec)
+
+
+def duration_message(duration_ns: int) -> Any:
+    """builtin_interfaces/msg/Duration."""
+    sec, nanosec = sec_nanosec(duration_ns)
+    return new("builtin_interfaces/msg/Duration", sec=sec, nanosec=nanosec)
 
 
 @cache

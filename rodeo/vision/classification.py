@@ -1,8 +1,8 @@
 """What the bin says of a picture, and the data that decide it: weights, classes, preprocessing, thresholds.
 
 Preprocessing, classes and thresholds are data beside the weights (`model/preprocessing.json`, written by
-`services.itrash.train`), so that weights and their preprocessing cannot drift apart. Their hashes stand in
-what the bin signs: who judges a picture later knows which network and which thresholds spoke.
+`services.itrash.training.train`), so that weights and their preprocessing cannot drift apart. Their hashes
+stand in what the bin signs: who judges a picture later knows which network and which thresholds spoke.
 """
 
 from __future__ import annotations

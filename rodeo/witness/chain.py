@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 from eth_account.signers.local import LocalAccount
 
-from rodeo import ocmf
 from rodeo.evidence.attestation import Attestation, attest
+from rodeo.witness import ocmf
 from rodeo.witness.days import Days
 from rodeo.witness.heads import HeadBook
 from rodeo.witness.journal import Journal

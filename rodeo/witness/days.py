@@ -20,6 +20,7 @@ from pydantic import BaseModel, Field, ValidationError
 
 from rodeo.evidence.attestation import Attestation, attest, verify_attestation
 from rodeo.evidence.errors import BadStatement
+from rodeo.files import replace_file
 from rodeo.witness.journal import Journal
 from rodeo.witness.statement import Address, Digest, Name, Scope, payload_digest
 
@@ -94,7 +95,7 @@ class Days:
     A line is written after the statement is in the journal. What a crash kept from being written is taken
     from the journal at the next start, or with the next statement.
 
-    Raises OSError when the folder cannot be used.
+    Raises OSError when the folder cannot be used, DiskFull.
     """
 
     def __init__(self, folder: Path, journal: Journal) -> None:
@@ -130,9 +131,7 @@ class Days:
         """Its root is on chain: nothing of it is needed here any more."""
         with self._lock:
             *_, (seq, _) = _lines(one.path)
-            part = self._folder / f"{_POSTED}.part"
-            part.write_text(str(max(seq, self._posted())))
-            part.replace(self._folder / _POSTED)
+            replace_file(self._folder / _POSTED, str(max(seq, self._posted())))
             one.path.unlink()
 
     def signed(self, one: Unposted, device: str, scope: Scope, account: LocalAccount) -> Attestation:
@@ -178,9 +177,7 @@ class Days:
         for one in self.unposted():
             whole = [f"{seq} {digest}\n" for seq, digest in _lines(one.path)]
             if one.path.stat().st_size != sum(map(len, whole)):
-                part = one.path.with_suffix(".part")
-                part.write_text("".join(whole))
-                os.replace(part, one.path)
+                replace_file(one.path, "".join(whole))
             if not whole:
                 one.path.unlink()
                 continue

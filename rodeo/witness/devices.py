@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import logging
-import math
 import threading
 import time
+from contextlib import AbstractContextManager, nullcontext
 
-from pydantic import ValidationError
-
-from rodeo import topics
+from rodeo import queries
 from rodeo.bus import Bus
 from rodeo.errors import BusError, RemoteError
 from rodeo.messages import Device
@@ -33,7 +31,7 @@ class DeviceTable:
 
     def __init__(self, bus: Bus, org: str) -> None:
         self._bus = bus
-        self._key = topics.STATE.name(org=org, what="devices")
+        self._org = org
         self._devices: dict[str, Device] = {}
         self.answered = False
         """Whether the bridge has told which devices there are: before, nobody is known, and no stranger."""
@@ -54,24 +52,26 @@ class DeviceTable:
         """Ask the bridge now."""
         self._ask()
 
-    def look_after(self, closed: threading.Event) -> None:
+    def look_after(
+        self, closed: threading.Event, first: AbstractContextManager[object] | None = None
+    ) -> None:
         """Keep the table fresh until `closed`: every `_KNOWN_WALL_S`, sooner after a stranger spoke, and soon
-        again when there was no answer."""
-        asked_s, strangers, told = -math.inf, 0, False
-        while not closed.is_set():
+        again when there was no answer. `first` is left once the bridge was asked for the first time."""
+        asked_s, strangers = time.monotonic(), self._strangers
+        with first or nullcontext():
+            told = self._ask()
+        while not closed.wait(_LOOK_WALL_S):
             now_s = time.monotonic()
             period_s = _KNOWN_WALL_S if told and self._strangers == strangers else _STRANGER_WALL_S
             if now_s - asked_s >= period_s:
                 asked_s, strangers = now_s, self._strangers
                 told = self._ask()
-            closed.wait(_LOOK_WALL_S)
 
     def _ask(self) -> bool:
         """Whether there was an answer."""
         try:
-            rows = self._bus.query(self._key, timeout_s=_ANSWER_WALL_S)["devices"]
-            devices = [Device.model_validate(row) for row in rows]
-        except (BusError, RemoteError, KeyError, TypeError, ValidationError) as error:
+            devices = queries.ask(self._bus, self._org, queries.DEVICES, timeout_s=_ANSWER_WALL_S).devices
+        except (BusError, RemoteError) as error:
             # Once: it is asked again every second, by each who listens.
             log.log(
                 logging.DEBUG if self._silent else logging.INFO,

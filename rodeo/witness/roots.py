@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 import threading
 
+from rodeo import queries
 from rodeo.config import Site
 from rodeo.dao import Participant
-from rodeo.errors import BusError, RemoteError
+from rodeo.errors import BusError, DiskFull, RemoteError
 from rodeo.evidence.errors import BadStatement, EvidenceError
 from rodeo.evidence.store import Store
 from rodeo.messages import PostRoot
@@ -64,7 +65,7 @@ class DailyRoots:
             try:
                 self.post_due()
                 self._said, pause_s = None, _LOOK_WALL_S
-            except (BusError, RemoteError, EvidenceError, OSError) as error:
+            except (BusError, RemoteError, EvidenceError, OSError, DiskFull) as error:
                 pause_s = _RETRY_WALL_S
                 if self._said != str(error):
                     self._said = str(error)
@@ -73,8 +74,8 @@ class DailyRoots:
     def _chain_s(self) -> float:
         """Time of the newest block, which is behind the site's; 0 while nobody tells."""
         try:
-            return float(self._participant.state("chain")["time_s"])
-        except (BusError, RemoteError, KeyError, TypeError) as error:
+            return self._participant.ask(queries.CHAIN).time_s
+        except (BusError, RemoteError) as error:
             log.debug("the chain's time is not known: %s", error)
             return 0.0
 
@@ -107,7 +108,5 @@ class DailyRoots:
         log.info("the root of day %d is on chain: %s", one.day, root)
 
     def _posted(self, one: Unposted) -> str | None:
-        for row in self._participant.state("roots", device=one.address)["roots"]:
-            if row["day"] == one.day:
-                return str(row["root"])
-        return None
+        posted = self._participant.ask(queries.ROOTS, device=one.address).roots
+        return next((root.root for root in posted if root.day == one.day), None)

@@ -199,7 +199,7 @@ class MeterRecord(Header):
     soc: float | None = Field(ge=0, le=1)
     """What the robot signed last."""
     ocmf: str = Field(max_length=MAX_OCMF)
-    """The same for other software (`rodeo.ocmf`)."""
+    """The same for other software (`rodeo.witness.ocmf`)."""
 
 
 class Receipt(Header):

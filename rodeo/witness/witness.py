@@ -14,7 +14,7 @@ import zenoh
 from eth_account.signers.local import LocalAccount
 from pydantic import ValidationError
 
-from rodeo import topics
+from rodeo import queries, topics
 from rodeo.budget import Bucket
 from rodeo.bus import Bus, Request, decode_json
 from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
@@ -79,8 +79,8 @@ class Witness:
         """Registered address -> number of its newest statement that was heard."""
         self._closed = threading.Event()
         self._endpoints: list[zenoh.Subscriber[None] | zenoh.Queryable[None]] = [
-            bus.subscribe_bytes(topics.SEAL.name(org=org, device="*"), self._on_seal),
-            bus.subscribe_bytes(topics.WITNESS_STATEMENT.name(org=org, device="*"), self._on_statement),
+            bus.subscribe_bytes(topics.SEAL.pattern(org=org), self._on_seal),
+            bus.subscribe_bytes(topics.WITNESS_STATEMENT.pattern(org=org), self._on_statement),
             bus.serve(topics.WITNESS_STATEMENTS.name(org=org, device=device), self._serve),
         ]
         for name, target, arguments in (
@@ -117,17 +117,15 @@ class Witness:
     # -- inside ----------------------------------------------------------------------------------------
 
     def _find_scope(self) -> None:
-        key = topics.STATE.name(org=self._org, what="chain")
         while not self._closed.is_set():
             try:
-                answer = self._bus.query(key, timeout_s=_ANSWER_WALL_S)
-                contracts = answer["contracts"]
+                chain = queries.ask(self._bus, self._org, queries.CHAIN, timeout_s=_ANSWER_WALL_S)
                 scope = Scope(
-                    chain_id=answer["chain_id"],
-                    task_manager=contracts["TaskManager"],
-                    organization=contracts["Organization"],
+                    chain_id=chain.chain_id,
+                    task_manager=chain.contracts.task_manager,
+                    organization=chain.contracts.organization,
                 )
-            except (BusError, RemoteError, KeyError, TypeError, ValidationError) as error:
+            except (BusError, RemoteError, ValidationError) as error:
                 log.debug("%s is not told for whom it signs: %s", self.device, error)
                 self._closed.wait(_RETRY_WALL_S)
                 continue

@@ -1,10 +1,10 @@
 """The bridge: the only process that talks to the chain for the others.
 
-service.py    the process: attaches to node and contracts, keeps following, says why when it cannot
-follower.py   new blocks -> index -> events on the bus
-index.py      the organization as its events tell it; schema.py has the tables
-queries.py    `state/...`: answers from the index
-commands.py   `wallet/<participant>/...`: what each command checks, calls and replies
-sender.py     one wallet's transactions, one after the other, journaled before they are sent
-journal.py    what a crash must not forget
+process.py       attaches to node and contracts, keeps following, says why when it cannot
+follower.py      new blocks -> index -> events on the bus
+index.py         the organization as its events tell it; schema.py has the tables
+queries.py       `state/...`: answers from the index
+commands.py      `wallet/<participant>/...`: what each command checks, calls and replies
+transactions.py  the transactions of all wallets, journaled before they are sent
+journal.py       what a crash must not forget
 """

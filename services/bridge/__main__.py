@@ -2,8 +2,8 @@
 
 import sys
 
-from rodeo.service import main
-from services.bridge.service import run
+from rodeo.process import main
+from services.bridge.process import run
 
 if __name__ == "__main__":
     sys.exit(

@@ -30,9 +30,9 @@ from rodeo.chain import (
     to_wei,
 )
 from rodeo.config import EconomyConfig
-from rodeo.dao import KIND_PARAMS, MACHINE_JUDGED
 from rodeo.errors import InvalidRequest
 from rodeo.evidence import Store
+from rodeo.kinds import EXECUTION_WINDOW_S, Kinds
 from rodeo.messages import (
     Admit,
     AllowKind,
@@ -79,8 +79,9 @@ from services.bridge.errors import (
 from services.bridge.index import Index
 from services.bridge.journal import decoded
 from services.bridge.names import ORGANIZATION, Names
-from services.bridge.outbox import Order, Outbox
+from services.bridge.orders import Order
 from services.bridge.projection import ZERO_ADDRESS
+from services.bridge.transactions import Transactions
 
 _UNLIMITED = 2**256 - 1
 
@@ -97,27 +98,37 @@ class Wallet:
     """A participant's commands. `execute` is used by one thread, the participant's own."""
 
     participant: str
-    address: str
-    """Who creates, executes and pays on chain."""
-    key_address: str
-    """Who signs."""
     client: ChainClient
-    calls: ParticipantCalls
-    """Direct, or through the Organization contract."""
-    outbox: Outbox
+    transactions: Transactions
     index: Index
     names: Names
     store: Store
     economy: EconomyConfig
+    kinds: Kinds
     _approved: set[str] = field(default_factory=set)
     _offering: dict[str, tuple[str | None, Future[Reply]]] = field(default_factory=dict)
     """Kind -> `request_id` and reply of the last offer of it that this process has sent."""
+
+    @property
+    def address(self) -> str:
+        """Who creates, executes and pays on chain."""
+        return self.names.addresses[self.participant]
+
+    @property
+    def key_address(self) -> str:
+        """Who signs."""
+        return self.names.keys[self.participant]
+
+    @property
+    def calls(self) -> ParticipantCalls:
+        """Direct, or through the Organization contract."""
+        return self.client.organization_calls if self.participant == ORGANIZATION else self.client.calls
 
     def execute(self, name: str, data: dict[str, Any]) -> Reply | Future[Reply]:
         """Carry out the command `name`; its reply, now or once mined.
 
         The same `request_id` again gives the same reply. Raises RequestError before anything was sent, and
-        what `Outbox` raises.
+        what `Orders` and `Signer` raise.
         """
         if name == "prepare":
             return self._prepare(validate(Prepare, data))
@@ -128,13 +139,13 @@ class Wallet:
             orders = self._orders(name, command, build)
             calls = [order.call.name for order in orders]
             # What comes after the first depends on it.
-            return {"dry_run": True, "calls": calls, **self.outbox.cost(orders[0])}
+            return {"dry_run": True, "calls": calls, **self.transactions.signer.cost(orders[0])}
         if (known := self._before(name, command)) is not None:
-            return self.outbox.submit(known)
+            return self.transactions.orders.submit(known)
         *before, order = self._orders(name, command, build)
         for first in before:
-            self.outbox.submit(first).result()
-        sent = self.outbox.submit(order)
+            self.transactions.orders.submit(first).result()
+        sent = self.transactions.orders.submit(order)
         if isinstance(command, RegisterService):
             self._offering[command.kind] = command.request_id, sent
         return sent
@@ -174,7 +185,7 @@ class Wallet:
         if command.request_id is None:
             return None
         content = _content_sha256(name, command)
-        entry = self.outbox.find(self.participant, command.request_id, content)
+        entry = self.transactions.orders.find(self.participant, command.request_id, content)
         if entry is None:
             return None
         return Order(self.participant, name, Call(entry.to, "0x", name), command.request_id, content)  # type: ignore[arg-type]
@@ -197,12 +208,12 @@ class Wallet:
         command, build = self._parse(request.command, request.request)
         content = _content_sha256(request.command, command)
         if command.request_id is not None:
-            entry = self.outbox.find(self.participant, command.request_id, content)
+            entry = self.transactions.orders.find(self.participant, command.request_id, content)
             if entry is not None:
                 return {"raw": "0x" + entry.raw.hex(), "content_sha256": content, "remaining": 0}
         first, *others = self._orders(request.command, command, build)
         return {
-            "transaction": self.outbox.unsigned(first),
+            "transaction": self.transactions.signer.unsigned(first),
             "content_sha256": first.content_sha256,
             "remaining": len(others),
         }
@@ -230,7 +241,7 @@ class Wallet:
             )
         call = Call(to, "0x" + bytes(fields["data"]).hex(), "broadcast")  # type: ignore[arg-type]
         content = request.content_sha256 or sha256(raw).hexdigest()
-        return self.outbox.broadcast(
+        return self.transactions.orders.broadcast(
             Order(
                 self.participant, "broadcast", call, request.request_id or sha256(raw).hexdigest(), content
             ),
@@ -241,8 +252,9 @@ class Wallet:
 
     def _register_task(self, command: RegisterTask) -> list[Call]:
         self._require_kind(command.kind)
-        if command.kind in KIND_PARAMS:
-            validate(KIND_PARAMS[command.kind], command.params)
+        kind = self.kinds.get(command.kind)
+        if kind is not None:
+            kind.validate(command.params)
         text = json.dumps(
             {"description": command.description, "params": command.params}, separators=(",", ":")
         )
@@ -254,8 +266,7 @@ class Wallet:
         if not command.allow_wait:
             self._require_affordable_service(command.kind, reward)
         self._require_funds(self.address, reward)
-        is_charging = command.kind == "battery_charging"
-        window_s = self.economy.charging_window_s if is_charging else self.economy.cleaning_window_s
+        window_s = EXECUTION_WINDOW_S if kind is None else kind.execution_window_s
         request = TaskRequest(
             kind=command.kind,
             reward=reward,
@@ -364,11 +375,11 @@ class Wallet:
 
     def _allow_kind(self, command: AllowKind) -> list[Call]:
         calls = self.client.organization_calls
-        if command.review == "oracle" and command.kind not in MACHINE_JUDGED:
+        if command.review == "oracle" and self.kinds.by_people(command.kind):
             raise KindWithoutChecks(
                 "the oracle has no checks for this kind: let auditors judge it",
                 kind=command.kind,
-                kinds_with_checks=sorted(MACHINE_JUDGED),
+                kinds_with_checks=sorted(name for name, kind in self.kinds.items() if not kind.by_people),
             )
         found: list[Call] = []
         if command.audit_window_s is not None and command.at_silence is not None:
@@ -435,7 +446,7 @@ class Wallet:
         request_id, sent = self._offering.get(kind, (None, None))
         if sent is not None and not sent.done():
             if request_id is not None and request_id == command.request_id:
-                return  # the same one again, which the outbox knows
+                return  # the same one again, which is known
             raise AlreadyOffered(
                 f"{self.participant} is offering {kind} already; the chain has not answered yet", kind=kind
             )

@@ -1,4 +1,4 @@
-"""Databases of the bridge: SQLite files by default, PostgreSQL by URL, brought to the newest schema.
+"""Databases of the bridge: SQLite files by default, PostgreSQL by URL, and the journal's migrations.
 
 The index can be rebuilt from the chain and so may lose its last moments in a power cut; the journal may not.
 """
@@ -20,7 +20,7 @@ _CHECKPOINT_S = 2.0
 _CHECKPOINT_PAGES = 10_000
 """Of 4 KiB, after which the log begins anew: it does so by itself only when nothing is written meanwhile."""
 
-_MIGRATIONS = Path(__file__).parent / "migrations"
+_MIGRATIONS = Path(__file__).parent / "migrations" / "journal"
 
 
 def open_database(url: str, schema: str = "", *, durable: bool = False) -> Engine:
@@ -91,23 +91,23 @@ class Checkpointer:
         self._thread.join()
 
 
-def migrate(engine: Engine, what: str, revision: str = "head") -> None:
-    """Bring the database to `revision` of the migrations in `migrations/<what>`."""
-    if revision == "head" and _revision(engine) == _newest(what):
+def migrate(engine: Engine, revision: str = "head") -> None:
+    """Bring the journal's database to `revision` of its migrations."""
+    if revision == "head" and _revision(engine) == _newest():
         return
     # Imported here: half a second that a start without news does not have to wait.
     from alembic import command
 
     with engine.begin() as connection:
-        command.upgrade(_config(connection, what), revision)
+        command.upgrade(_config(connection), revision)
 
 
-def stamp(engine: Engine, what: str, revision: str) -> None:
-    """Note that a database made before there were migrations is at `revision`."""
+def stamp(engine: Engine, revision: str) -> None:
+    """Note that a journal made before there were migrations is at `revision`."""
     from alembic import command
 
     with engine.begin() as connection:
-        command.stamp(_config(connection, what), revision)
+        command.stamp(_config(connection), revision)
 
 
 def _revision(engine: Engine) -> str | None:
@@ -118,16 +118,16 @@ def _revision(engine: Engine) -> str | None:
         return connection.scalar(sqlalchemy.text("select version_num from alembic_version"))
 
 
-def _newest(what: str) -> str:
+def _newest() -> str:
     """Files are named `<revision>_<what it does>.py`, in order."""
-    return max(path.name for path in (_MIGRATIONS / what / "versions").glob("[0-9]*.py")).partition("_")[0]
+    return max(path.name for path in (_MIGRATIONS / "versions").glob("[0-9]*.py")).partition("_")[0]
 
 
-def _config(connection: sqlalchemy.Connection, what: str) -> Any:
+def _config(connection: sqlalchemy.Connection) -> Any:
     from alembic.config import Config
 
     config = Config()
-    config.set_main_option("script_location", str(_MIGRATIONS / what))
+    config.set_main_option("script_location", str(_MIGRATIONS))
     config.attributes["connection"] = connection
     return config
 

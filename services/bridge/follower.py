@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from rodeo.chain import ChainError, Deployment, RpcFailed, events
+from rodeo.chain import ChainError, Deployment, RpcFailed
+from rodeo.chain.logs import decode_json_log, event_topics
 from rodeo.messages import DaoEvent
 from services.bridge.errors import ChainReorganized
 from services.bridge.heads import Header
@@ -56,7 +57,7 @@ class Follower:
         self._grace_s = grace_s
         self._filter = {
             "address": list(deployment.contracts.values()),
-            "topics": [events.topics()],
+            "topics": [event_topics()],
         }
         self._max_blocks = MAX_BLOCKS
         self._behind_since_s: float | None = None
@@ -176,7 +177,7 @@ class Follower:
             at_block = header["number"] == one["blockNumber"]
             return int(header["timestamp"] if at_block else one["blockTimestamp"], 16)
 
-        logs = [TimedLog(events.decode_json_log(one), time_s(one)) for one in found]
+        logs = [TimedLog(decode_json_log(one), time_s(one)) for one in found]
         logs.sort(key=lambda one: (one.log.block, one.log.log_index))
         applied = self._index.apply(logs, _position(end), head=self.head)
         if self._unpublished or not self._put_on_bus(applied):

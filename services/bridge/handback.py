@@ -15,13 +15,12 @@ from typing import Any
 
 from eth_account.signers.local import LocalAccount
 
-from rodeo.chain import Deployment
 from rodeo.clock import Clock
 from rodeo.errors import RodeoError
 from rodeo.evidence import Binding, Recorder, Store
-from rodeo.evidence.recorder import EVENT_CHANNEL
+from rodeo.topics import EVENT_CHANNEL
+from services.bridge.chain import Chain
 from services.bridge.commands import Wallet
-from services.bridge.index import Index
 from services.bridge.names import Names
 
 log = logging.getLogger(__name__)
@@ -34,17 +33,16 @@ class HandBack:
 
     def __init__(
         self,
-        index: Index,
+        chain: Chain,
         names: Names,
-        deployment: Deployment,
         store: Store,
         clock: Clock,
         accounts: Mapping[str, LocalAccount],
         folder: Path,
     ) -> None:
-        self._index = index
+        self._index = chain.index
         self._names = names
-        self._deployment = deployment
+        self._deployment = chain.deployment
         self._store = store
         self._clock = clock
         self._accounts = accounts

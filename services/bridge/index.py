@@ -34,7 +34,7 @@ from rodeo.chain import Log
 from rodeo.messages import LIVE_STATES, DaoEvent
 from services.bridge import schema
 from services.bridge.amounts import event_args
-from services.bridge.database import Checkpointer, damage, migrate, open_database, upsert
+from services.bridge.database import Checkpointer, damage, open_database, upsert
 from services.bridge.digest import MODULUS, position_digest, row_digest, rows_digest
 from services.bridge.errors import IndexDamaged, IndexUnusable
 from services.bridge.projection import Projection
@@ -89,7 +89,8 @@ class Page:
 
 
 class Index:
-    """The database at `url`, for the chain and contracts given; one that holds another chain is emptied.
+    """The database at `url`, for the chain and contracts given; one that holds another chain is emptied,
+    and one of another schema version is rebuilt.
 
     On PostgreSQL it lives in `schema_name`. One thread applies, any thread reads. A damaged SQLite file
     is set aside. Raises IndexUnusable when the database cannot be opened.
@@ -104,7 +105,7 @@ class Index:
         schema_name: str = "",
     ) -> None:
         self._identity = {
-            "version": schema.VERSION,
+            "version": schema.version(),
             "chain_id": chain_id,
             "genesis_hash": genesis_hash,
             "contracts": dict(contracts),
@@ -116,7 +117,7 @@ class Index:
         _set_aside_if_damaged(url)
         try:
             self._engine = open_database(url, schema_name)
-            self._migrate()
+            self._make_tables()
             rows = self._rows(select(schema.cursor))
         except DBAPIError as error:
             raise IndexUnusable(
@@ -134,16 +135,28 @@ class Index:
             self.clear()
         self._checkpointer = Checkpointer(self._engine) if self._engine.dialect.name == "sqlite" else None
 
-    def _migrate(self) -> None:
-        tables = schema.metadata.tables
+    def _make_tables(self) -> None:
+        """Drop the tables of another schema version, and create those of this one."""
+        expected = self._identity["version"]
         with self._engine.begin() as connection:
-            names = set(inspect(connection).get_table_names())
-            if names & set(tables) and "alembic_version" not in names:
-                # From before there were migrations; it can be read from the chain again.
+            there = inspect(connection)
+            names = set(there.get_table_names())
+            found = None
+            if "cursor" in names and "version" in {one["name"] for one in there.get_columns("cursor")}:
+                found = connection.scalar(select(schema.cursor.c.version))
+            if found == expected:
+                return
+            # Older versions were migrated by alembic, which kept a table of its own.
+            if old := names & {*schema.metadata.tables, "alembic_version"}:
+                log.warning(
+                    "the index has schema version %s, not %s: it is rebuilt from the chain's events",
+                    found or "none",
+                    expected,
+                )
                 before = MetaData()
-                before.reflect(connection, only=sorted(names & set(tables)))
+                before.reflect(connection, only=sorted(old))
                 before.drop_all(connection)
-        migrate(self._engine, "index")
+            schema.metadata.create_all(connection)
 
     def clear(self) -> None:
         """Start again from the chain's beginning, as if nothing had been published."""
@@ -378,6 +391,20 @@ class Index:
             | ((tasks.state == "undecided") & (tasks.audit_deadline < now_s))
         )
         return [row["id"] for row in self._rows(late)]
+
+    def next_end_s(self, now_s: float) -> float | None:
+        """When the first window that runs at `now_s` ends; None where none does."""
+        tasks = schema.tasks.c
+        ends = [
+            select(func.min(deadline).label("end")).where(tasks.state == state, deadline >= now_s)
+            for state, deadline in (
+                ("assigned", tasks.execution_deadline),
+                ("submitted", tasks.verdict_deadline),
+                ("undecided", tasks.audit_deadline),
+            )
+        ]
+        found = [row["end"] for one in ends for row in self._rows(one)]
+        return min((float(end) for end in found if end is not None), default=None)
 
     def task_counts(self, column: str) -> dict[str, dict[str, int]]:
         """Address in `column` (creator, executor) -> state -> number of tasks."""

@@ -144,8 +144,8 @@ class Journal:
         self._outcomes = open_database(f"sqlite:///{path}")
         names = inspect(self._engine).get_table_names()
         if "transactions" in names and "alembic_version" not in names:
-            stamp(self._engine, "journal", "0001")
-        migrate(self._engine, "journal")
+            stamp(self._engine, "0001")
+        migrate(self._engine)
 
     def find(self, wallet: str, request_id: str) -> Entry | None:
         """The wallet's transaction for this request."""

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from rodeo.bus import Request, validate
-from rodeo.chain import ChainClient, Deployment, Role
+from rodeo.chain import ChainClient, Role
 from rodeo.messages import Message, TaskState
 from rodeo.queries import (
     Account,
@@ -19,10 +19,10 @@ from rodeo.queries import (
     TransferFilters,
 )
 from services.bridge.amounts import iec
+from services.bridge.chain import Chain
 from services.bridge.errors import UnknownQuery, UnknownTask
-from services.bridge.index import Index, Page
+from services.bridge.index import Page
 from services.bridge.names import ORGANIZATION, Names
-from services.bridge.node import Node
 
 Json = dict[str, Any]
 
@@ -36,22 +36,13 @@ class _States(Message):
 class Queries:
     """Answers questions about the organization."""
 
-    def __init__(
-        self,
-        index: Index,
-        names: Names,
-        deployment: Deployment,
-        client: ChainClient,
-        node: Node,
-        url: str,
-        stores: list[str],
-    ) -> None:
+    def __init__(self, chain: Chain, names: Names, client: ChainClient, url: str, stores: list[str]) -> None:
         """`stores` are the prefixes of the URIs that a proof may have."""
-        self._index = index
+        self._index = chain.index
         self._names = names
-        self._deployment = deployment
+        self._deployment = chain.deployment
         self._client = client
-        self._node = node
+        self._node = chain.node
         self._url = url
         self._stores = stores
         self._table: Mapping[str, Callable[[Request], Json]] = {

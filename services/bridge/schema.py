@@ -1,9 +1,11 @@
-"""Tables of the index. They hold nothing that the chain does not, so they are emptied at will.
+"""Tables of the index. They hold nothing that the chain does not, so they are never migrated.
 
-A change here needs a migration (`migrations/index`), a change of what is written to them a new VERSION.
+An index of another `version()` is dropped and rebuilt from the chain's events.
 """
 
 from __future__ import annotations
+
+from hashlib import blake2b
 
 from sqlalchemy import (
     JSON,
@@ -21,8 +23,8 @@ from sqlalchemy import (
     TypeDecorator,
 )
 
-VERSION = 6
-"""Raised when what is written to the tables changes; an index of another version is rebuilt."""
+_CONTENT = 7
+"""Raise this when the same events write other rows than before. Changes of the tables need no raise."""
 
 metadata = MetaData()
 
@@ -62,7 +64,7 @@ cursor = Table(
     "cursor",
     metadata,
     Column("id", Integer, primary_key=True, autoincrement=False),
-    Column("version", Integer, nullable=False),
+    Column("version", String(64), nullable=False, doc="see `version`"),
     Column("chain_id", BigInteger, nullable=False),
     Column("genesis_hash", String(66), nullable=False),
     Column("contracts", JSON, nullable=False, doc="name -> address that the index was built from"),
@@ -253,3 +255,16 @@ receipts = Table(
     Column("gas_price", Wei, nullable=False, doc="wei per gas, paid"),
     comment="of transactions that somebody asked for",
 )
+
+
+def version() -> str:
+    """Changes with the tables, their columns and indexes, and with `_CONTENT`."""
+    columns = [
+        (table.name, column.name, repr(column.type), column.nullable, column.primary_key, column.index)
+        for table in metadata.sorted_tables
+        for column in table.columns
+    ]
+    indexes = sorted(
+        (index.name, *index.columns.keys()) for table in metadata.sorted_tables for index in table.indexes
+    )
+    return f"{_CONTENT}-{blake2b(repr((columns, indexes)).encode(), digest_size=8).hexdigest()}"

@@ -19,15 +19,17 @@ from rodeo.charging import ChargingParams
 from rodeo.clock import Clock
 from rodeo.errors import RodeoError
 from rodeo.evidence import Attestation, Binding, Recorder, SealedProof
-from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL, OnSeal
+from rodeo.evidence.recorder import OnSeal
 from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS
 from rodeo.messages import DaoEvent
-from rodeo.metering import STEP_WH, Reading
+from rodeo.metering import RECORD_WH, STEP_WH, Reading
 from rodeo.recording import Heard, MessageDoor, Refusals
 from rodeo.ros2 import MessageInfo
+from rodeo.stamps import stamp_s
+from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.witness import MeterRecord, Receipt, WitnessChain, parse
 from rodeo.witness.statement import digest, payload_digest
-from services.charger.job import Job, Recorded, recover, stamp_s
+from services.charger.job import Job, Recorded, recover
 from services.charger.meter import Meter, load_register, store_register
 from services.charger.session import End, Phase, Session, SessionLimits
 
@@ -86,6 +88,8 @@ class Delivery:
         self._lock = threading.RLock()
         self._failure: RodeoError | None = None
         self._last_time_s = 0.0
+        self._look_s = math.inf
+        """Site time of the first reading at which there may be something to do."""
         output, battery = topics.DOCK_OUTPUT, topics.BATTERY_STATE
         self._output_topic = output.name(dock=chain.device)
         self._doors = {
@@ -189,7 +193,7 @@ class Delivery:
         with self._step():
             if not self._let_in(self._output_topic, topics.DOCK_OUTPUT.type, info):
                 return
-            reading = Reading(stamp_s(message), float(message.voltage), float(message.current))
+            reading = Reading(stamp_s(message.header.stamp), float(message.voltage), float(message.current))
             self._last_time_s = reading.time_s
             if self.job.session.phase is not Phase.WAITING:
                 self._meter.reading(reading)
@@ -197,10 +201,10 @@ class Delivery:
             self.session.reading(*reading, bool(message.present), self.energy_wh, self._covered)
             phase = self.job.session.phase
             if phase is Phase.CHARGING and self._meter.due:
-                self._say("step")
+                self._sign("step")
             elif phase is Phase.AWAITING_RECEIPT and self._answered and not self._covered:
                 # What was read before the contactor opened came after it was said to be open.
-                self._say_again(reading.time_s)
+                self._sign_again(reading.time_s)
 
     def on_battery(self, _message: Any, info: MessageInfo) -> None:
         """The robot's battery: on record from the moment that the robot is on the contacts, for people to see
@@ -232,12 +236,19 @@ class Delivery:
     # -- from the main thread --------------------------------------------------------------------------
 
     def wait(self, timeout_s: float) -> None:
-        """Until the contactor has to be told or the session is over, at most `timeout_s` of wall time.
+        """Until the contactor has to be told or the session is over, at most `timeout_s` of wall time. Before
+        the reading at which there may be something to do a simulated clock need not wait for the dock.
 
         Raises what kept the recording from being written.
         """
+        look_s = self._look_s
         self._clock.wait_for(
-            lambda: bool(self._failure or self.session.commands_contactor or self.session.ended),
+            lambda: (
+                bool(self._failure or self.session.commands_contactor or self.session.ended)
+                or self._look_s != look_s
+            ),
+            # Where the reading does not come, there is nothing to wait for.
+            until_s=look_s if look_s > self._clock.now_s() else None,
             wall_s=timeout_s,
             resting=True,
         )
@@ -259,7 +270,7 @@ class Delivery:
         with self._step():
             said = self._last is not None and self._last.payload["reason"] == "close"
             if self._meter.begin_wh is not None and not said:
-                self._say("close")
+                self._sign("close")
         if self._failure is not None:
             raise self._failure
 
@@ -299,12 +310,35 @@ class Delivery:
             try:
                 yield
                 self._follow(before[0])
+                self._look_ahead()
             except RodeoError as error:
                 self._failure = error
             if self._essence() != before:
                 log.info("%s: %s", self.job.name, self.job.session.phase.value)
                 self._save(self.job)
         self._clock.notify()
+
+    def _look_ahead(self) -> None:
+        """Say which reading the dock acts on next, as far as the power stays what it is. In a step it
+        rises by less than what is left of _STEADY."""
+        due_s, last_s = self.session.due_s, self._last_time_s
+        if self.job.session.phase is Phase.CHARGING and self.power_w > 0:
+            left_s = _STEADY * self._left_wh * 3600 / self.power_w
+            due_s = min(due_s, last_s + left_s, last_s + self._meter.readings_left * _READING_S)
+        readings = max(1, math.ceil(min(max(due_s - last_s, 0.0), _FAR_S) / _READING_S))
+        look_s = last_s + readings * _READING_S - _EARLY_S
+        if last_s >= self._look_s or look_s < self._look_s - _READING_S / 2:
+            self._look_s = look_s
+
+    @property
+    def _left_wh(self) -> float:
+        """What may flow before a record is due, the order is delivered or the robot has to have signed."""
+        signed_wh = self._meter.register_wh if self._receipted_wh is None else self._receipted_wh
+        return min(
+            RECORD_WH - self._meter.unrecorded_wh,
+            self._order.limits.max_energy_wh - self.energy_wh,
+            STEP_WH - (self._meter.register_wh - signed_wh),
+        )
 
     def _follow(self, before: Phase) -> None:
         """Say where the meter stands when the contactor waits for the robot's signature."""
@@ -313,9 +347,9 @@ class Delivery:
             return
         if self._last is None:
             store_register(self._order.register, self._meter.register_wh)
-            self._say("opening")
+            self._sign("opening")
         elif not self._covered:
-            self._say("pause")
+            self._sign("pause")
 
     def _essence(self) -> tuple[Any, ...]:
         state = self.job.session
@@ -330,9 +364,9 @@ class Delivery:
             return False
         return self._meter.register_wh - signed_wh < STEP_WH
 
-    def _say_again(self, now_s: float) -> None:
+    def _sign_again(self, now_s: float) -> None:
         if self._listed or now_s - self._said_s > _AGAIN_S:
-            self._say("pause")
+            self._sign("pause")
 
     def _wrong_with(self, receipt: Receipt, own: str) -> str | None:
         """Why a receipt must not be on record: who pays must not be able to spoil the seller's proof by it.
@@ -376,8 +410,13 @@ class Delivery:
         self._recorder.write_ros(topic, typename, info.cdr, now_ns, info.source_time_ns, info.sequence)
         return True
 
-    def _say(self, reason: Reason) -> None:
+    def _sign(self, reason: Reason) -> None:
         """Sign where the meter stands, record it, tell it."""
+        # A simulated clock waits until the robot has it, too.
+        with self._clock.hold():
+            self._publish(self._signed(reason))
+
+    def _signed(self, reason: Reason) -> Attestation:
         state = self.job.session
         signed = self._chain.sign(
             MeterRecord,
@@ -398,12 +437,18 @@ class Delivery:
         self._last, self._said_s = signed, self._last_time_s
         if reason != "step":
             store_register(self._order.register, self._meter.register_wh)
-        self._publish(signed)
+        return signed
 
     def _note(self, payload: dict[str, Any]) -> None:
         self._recorder.write_json(EVENT_CHANNEL, payload)
 
 
+_READING_S = 1.0
+"""Between two readings of the dock's terminals."""
+_EARLY_S = 0.001
+"""Seconds in a float are less exact than a clock: what is due at a reading must not be due after it."""
+_STEADY = 0.995
+_FAR_S = 1e9
 _AGAIN_S = 10.0
 """Between two records for a robot that does not list this recording."""
 _REMEMBERED = 1000

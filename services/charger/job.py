@@ -7,7 +7,6 @@ import logging
 from dataclasses import dataclass, field
 from hashlib import sha256
 from pathlib import Path
-from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
@@ -19,20 +18,16 @@ from rodeo.errors import RodeoError, unreadable
 from rodeo.evidence import Attestation
 from rodeo.evidence.errors import ContainerError
 from rodeo.evidence.reader import SealedReader
-from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
-from rodeo.evidence.seal import SEAL_TOPIC
 from rodeo.files import replace_file, set_aside
+from rodeo.kinds import providing_energy
 from rodeo.messages import Task
 from rodeo.metering import Reading
 from rodeo.ros2.types import deserialize
+from rodeo.stamps import stamp_s
+from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
 from services.charger.session import SessionState
 
 log = logging.getLogger(__name__)
-
-
-def stamp_s(message: Any) -> float:
-    """A message's header stamp in s of site time."""
-    return message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
 
 
 class BadTask(RodeoError):
@@ -127,8 +122,10 @@ def recover(path: Path, output_topic: str) -> Recorded:
         for topic, _, message in SealedReader(path):
             if topic == output_topic:
                 output = deserialize(message.data, topics.DOCK_OUTPUT.type)
-                found.unsaid.append(Reading(stamp_s(output), float(output.voltage), float(output.current)))
-            elif topic == SEAL_TOPIC:
+                found.unsaid.append(
+                    Reading(stamp_s(output.header.stamp), float(output.voltage), float(output.current))
+                )
+            elif topic == SEAL_CHANNEL:
                 found.seals.add("0x" + sha256(message.data).hexdigest())
             elif topic == ATTESTATION_CHANNEL:
                 attestation = Attestation.model_validate_json(message.data)
@@ -154,7 +151,7 @@ def wrong_order(task: Task, params: ChargingParams, site: Site) -> str | None:
     A session is paid by the share of its order, so who orders a thousand times what a battery takes would pay
     next to nothing for a full one. And none that costs more than the tariff is paid at all.
     """
-    price_iec, tariff_iec = task.price_iec, site.economy.charging_reward_iec
+    price_iec, tariff_iec = task.price_iec, providing_energy(site).price_iec
     if price_iec is not None and price_iec > tariff_iec:
         return f"it costs {price_iec} IEC, more than the {tariff_iec} IEC of a session here"
     soc_from = max(params.soc_from - SOC_USED, 0.0)

@@ -83,7 +83,17 @@ class Meter:
     @property
     def due(self) -> bool:
         """Whether a record is due."""
-        return self._register_wh - self._recorded_wh >= RECORD_WH or len(self._unsaid) >= MOST_READINGS
+        return self.unrecorded_wh >= RECORD_WH or len(self._unsaid) >= MOST_READINGS
+
+    @property
+    def unrecorded_wh(self) -> float:
+        """Counted since the last record."""
+        return self._register_wh - self._recorded_wh
+
+    @property
+    def readings_left(self) -> int:
+        """After so many more a record is due although little flowed."""
+        return MOST_READINGS - len(self._unsaid)
 
     def reading(self, reading: Reading) -> None:
         """Count it. What is not newer than the last is left out, and what is no reading raises ValueError."""

@@ -10,6 +10,7 @@ the stamps of the dock's readings, which may come hundreds of times faster than 
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -185,6 +186,25 @@ class Session:
             state.phase, state.paused = Phase.OPENING, True
         elif state.phase is Phase.CHARGING:
             self._charge(time_s, voltage_v, current_a, energy_wh)
+
+    @property
+    def due_s(self) -> float:
+        """Site time before which there is nothing to do however much is delivered: who comes, leaves, signs
+        or switches the power is heard in between. -inf where each reading may be the one that decides."""
+        state, limits = self.state, self._limits
+        if state.phase in (Phase.AWAITING_RECEIPT, Phase.CLOSING):
+            return -math.inf
+        since = [
+            (self._present_since_s if state.phase is Phase.WAITING else None, limits.present_s),
+            (self._absent_since_s if state.phase is Phase.CHARGING else None, limits.absent_s),
+        ]
+        if state.phase is Phase.CHARGING and self._small_since_s is not None:
+            told_s = max(self._told_s, self._small_since_s)
+            since += [(self._small_since_s, limits.taper_s), (told_s, limits.reclose_s)]
+            since.append((self._small_since_s, limits.no_current_s))
+        ends_s = [begun_s + lasts_s for begun_s, lasts_s in since if begun_s is not None]
+        give_up_s = state.wait_until_s if state.phase is Phase.WAITING else math.inf
+        return min([*ends_s, give_up_s, limits.deadline_s])
 
     # -- inside ----------------------------------------------------------------------------------------
 

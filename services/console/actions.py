@@ -14,12 +14,11 @@ from pydantic import Base64Bytes, BaseModel, Field, StringConstraints
 
 from rodeo import topics, wallets
 from rodeo.bus import Bus, validate
-from rodeo.cleaning import doubt_about
 from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.errors import InvalidRequest, NoResponder, RodeoError
-from rodeo.evidence.statement import MAX_NOTE_CHARACTERS, MAX_PHOTOS, Executor, judge
+from rodeo.kinds import Kinds
 from rodeo.messages import (
     Admit,
     AllowKind,
@@ -42,6 +41,7 @@ from rodeo.messages import (
     UpdateService,
     Withdraw,
 )
+from rodeo.person.statement import MAX_NOTE_CHARACTERS, MAX_PHOTOS, Executor, judge
 from services.console.accounts import (
     MAX_PASSPHRASE,
     MIN_PASSPHRASE,
@@ -146,10 +146,11 @@ class Action:
 class Actions:
     """Carries out actions for people whose roles allow them. Its methods block; call them from a thread."""
 
-    def __init__(self, bus: Bus, site: Site, accounts: Accounts, clock: Clock) -> None:
+    def __init__(self, bus: Bus, site: Site, kinds: Kinds, accounts: Accounts, clock: Clock) -> None:
         self._clock = clock
         self.bus = bus
         self.site = site
+        self.kinds = kinds
         self.accounts = accounts
 
     def perform(self, user: User, name: str, request: BaseModel | Json) -> Json:
@@ -169,12 +170,9 @@ class Actions:
         return action.run(self, user, request)
 
     def doubt(self, request: RegisterTask) -> str:
-        """Why the item of a cleaning is probably not where the request says; empty for what seems right."""
-        item_id = request.params.get("item_id")
-        if not isinstance(item_id, str):
-            return ""
-        found = Participant(self.bus, self.site.org, ORGANIZATION).state("tasks", text=item_id)
-        return doubt_about(item_id, found["tasks"])
+        """Why the task can probably not be done as it says; empty for what seems right."""
+        organization = Participant(self.bus, self.site.org, ORGANIZATION)
+        return organization.doubt(self.kinds.get(request.kind), request.params)
 
     # -- what they become ------------------------------------------------------------------------------
 
@@ -235,7 +233,7 @@ def _of_participant(command: str) -> Perform:
 
 
 def _post_task(actions: Actions, _user: User, request: RegisterTask) -> Json:
-    wrong = problems(actions.site, request)
+    wrong = problems(actions.site, actions.kinds, request)
     if wrong:
         raise InvalidRequest("the task cannot be posted like this", fields=wrong)
     doubt = actions.doubt(request)

@@ -29,7 +29,7 @@ def router(console: Console) -> APIRouter:
     @routes.get("/files/proof/{task_id}")
     def proof(task_id: int, folder: Annotated[Path, Depends(folder)], attempt: int | None = None) -> Response:
         try:
-            copy = console.reads.proof(console.reads.evidence(task_id, attempt), folder)
+            copy = console.queries.proof(console.queries.evidence(task_id, attempt), folder)
         except RodeoError as error:
             return JSONResponse(error.to_json(), status_of(error))
         return FileResponse(copy, filename=f"task-{task_id}.mcap", media_type="application/octet-stream")
@@ -50,7 +50,7 @@ def _transfers(console: Console, account: str) -> Iterator[dict[str, Any]]:
     """All transfers of the account, newest first, asked page by page."""
     offset = 0
     while True:
-        page = console.reads.state("transfers", account=account, limit=_PAGE, offset=offset)["transfers"]
+        page = console.queries.state("transfers", account=account, limit=_PAGE, offset=offset)["transfers"]
         yield from page
         offset += len(page)
         if len(page) < _PAGE:

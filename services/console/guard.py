@@ -15,12 +15,13 @@ from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, quote, urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.responses import JSONResponse, RedirectResponse, Response
+from starlette.responses import RedirectResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from rodeo.charset import is_utf8
 from rodeo.config import ConsoleConfig
 from rodeo.errors import ConfigError
+from rodeo.http import LimitBody, problem
 from services.console.accounts import Accounts, Session
 from services.console.errors import NotLoggedIn
 
@@ -32,7 +33,7 @@ MAX_LOGIN_BODY_BYTES = 16 << 10
 _WITH_PHOTOS = "/api/actions/submit-work"
 
 _SAFE_METHODS = {"GET", "HEAD", "OPTIONS"}
-_PUBLIC = ("/login", "/api/", "/static/", "/favicon.ico")
+_PUBLIC = ("/login", "/api/", "/static/", "/favicon.ico", "/livez", "/readyz")
 _USER_EVENT = '42["event"'
 """How socket.io writes that a person did something on the page; everything else is housekeeping."""
 _POLICY_VIOLATION = 1008
@@ -84,7 +85,7 @@ class Guard:
         origins: set[str],
         owner: Callable[[str], str | None],
     ) -> None:
-        self.app = app
+        self.app = LimitBody(app, _limit_bytes)
         self._accounts = accounts
         self._origins = origins
         self._hosts = {urlsplit(origin).netloc for origin in origins}
@@ -113,32 +114,29 @@ class Guard:
         except NotLoggedIn:
             session = None
         scope["state"]["session"] = session
-        limit_bytes = _limit_bytes(path)
         if headers.get("host") not in self._hosts:
-            respond = _problem(421, "unknown_host", "the console does not serve this host name")
+            respond = problem(421, "unknown_host", "the console does not serve this host name")
         elif path.startswith("/_nicegui_ws/"):
-            respond = _problem(400, "websocket_only", "pages talk to the console over a websocket")
-        elif not _size_stated_within(headers, limit_bytes):
-            respond = _problem(413, "too_large", f"a request has at most {limit_bytes} bytes")
+            respond = problem(400, "websocket_only", "pages talk to the console over a websocket")
         elif not is_utf8(headers.get("content-type", "")):
-            respond = _problem(415, "unknown_charset", "texts are UTF-8")
+            respond = problem(415, "unknown_charset", "texts are UTF-8")
         elif (
             method not in _SAFE_METHODS
             and not path.startswith("/api/")
             and headers.get("origin") not in self._origins
         ):
-            respond = _problem(403, "foreign_origin", "this request does not come from a page of the console")
+            respond = problem(403, "foreign_origin", "this request does not come from a page of the console")
         elif session is None and not _is_public(path):
             wants_page = method == "GET" and "text/html" in headers.get("accept", "")
             asked = f"{path}?{scope['query_string'].decode('latin-1')}".removesuffix("?")
             respond = (
                 RedirectResponse(f"/login?next={quote(asked)}", 303)
                 if wants_page
-                else _problem(401, "not_logged_in", "log in first")
+                else problem(401, "not_logged_in", "log in first")
             )
         elif (client_id := _client_of(path)) is not None and not self._owns(session, client_id):
-            respond = _problem(403, "forbidden", "this page belongs to another session")
-        await respond(scope, _limited(receive, limit_bytes), self._with_headers(send, scope, nonce))
+            respond = problem(403, "forbidden", "this page belongs to another session")
+        await respond(scope, receive, self._with_headers(send, scope, nonce))
 
     def token(self, headers: Headers) -> str | None:
         """What the session's cookie holds."""
@@ -216,33 +214,11 @@ def _client_of(path: str) -> str | None:
     return path.removeprefix("/_nicegui/client/").partition("/")[0]
 
 
-def _problem(status: int, code: str, message: str) -> Response:
-    return JSONResponse({"code": code, "message": message, "details": {}}, status)
-
-
 def _limit_bytes(path: str) -> int:
     """Of a request's body: everybody may send one to the login."""
     if path in ("/login", "/logout"):
         return MAX_LOGIN_BODY_BYTES
     return MAX_API_BODY_BYTES if path.startswith("/api/") and path != _WITH_PHOTOS else MAX_BODY_BYTES
-
-
-def _size_stated_within(headers: Headers, limit_bytes: int) -> bool:
-    stated = headers.get("content-length", "0")
-    return stated.isdecimal() and int(stated) <= limit_bytes
-
-
-def _limited(receive: Receive, limit_bytes: int) -> Receive:
-    """Cut off a body that is longer than it said."""
-    received_bytes = 0
-
-    async def limited() -> Message:
-        nonlocal received_bytes
-        message = await receive()
-        received_bytes += len(message.get("body", b""))
-        return {"type": "http.disconnect"} if received_bytes > limit_bytes else message
-
-    return limited
 
 
 async def _have_page_load_again(receive: Receive, send: Send) -> None:

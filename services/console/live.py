@@ -12,23 +12,25 @@ import time
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
 import zenoh
 
-from deploy.processes import processes_of
-from rodeo import topics
+from rodeo import queries, topics
 from rodeo.bus import Bus, DaoEvents, validate
 from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.instance import HEARTBEAT_S
+from rodeo.lab.geometry import on_plane
 from rodeo.messages import DaoEvent, Status, Task
-from rodeo.people import Pace
+from rodeo.person.pace import Pace
+from rodeo.processes import processes_of
 from rodeo.ros2 import types, wire
 from rodeo.ros2.errors import MalformedMessage
-from services.console.reads import Reads
-from services.console.scene import ARM_JOINTS, arm_points, yaw_of
+from services.console.queries import Queries
+from services.console.scene import ARM_JOINTS, arm_points
 
 log = logging.getLogger(__name__)
 
@@ -104,18 +106,18 @@ class Summary:
     """Tasks by state."""
     queue: list[Task] = field(default_factory=list)
     verdicts: list[Task] = field(default_factory=list)
-    wallets: list[Json] = field(default_factory=list)
-    services: list[Json] = field(default_factory=list)
-    supply_iec: str = "0"
+    wallets: list[queries.Wallet] = field(default_factory=list)
+    services: list[queries.Offer] = field(default_factory=list)
+    supply_iec: Decimal = Decimal(0)
 
 
 class Live:
     """Lives on the event loop; `run` there. Listeners are called there, without arguments."""
 
-    def __init__(self, bus: Bus, site: Site, reads: Reads) -> None:
+    def __init__(self, bus: Bus, site: Site, queries: Queries) -> None:
         self._bus = bus
         self._site = site
-        self._reads = reads
+        self._queries = queries
         self._listeners: dict[str, list[Listener]] = {
             "map": [],
             "processes": [],
@@ -134,8 +136,8 @@ class Live:
     async def run(self) -> None:
         """Until it is cancelled."""
         self._loop = asyncio.get_running_loop()
-        self._tell_processes()
-        subscriber = self._bus.subscribe_json(f"rodeo/{self._site.org}/status/*", self._on_status)
+        self._notify_processes()
+        subscriber = self._bus.subscribe_json(topics.STATUS.pattern(org=self._site.org), self._on_status)
         dao = DaoEvents(self._bus, self._site.org, self._on_event)
         try:
             async with asyncio.TaskGroup() as group:
@@ -156,7 +158,7 @@ class Live:
         self._listeners[what].append(listener)
         return lambda: self._listeners[what].remove(listener)
 
-    def _tell(self, what: str) -> None:
+    def _notify(self, what: str) -> None:
         for listener in list(self._listeners[what]):
             try:
                 listener()
@@ -172,7 +174,7 @@ class Live:
 
     def _take_status(self, status: Status) -> None:
         self._statuses[status.process] = status, time.monotonic()
-        self._tell_processes()
+        self._notify_processes()
 
     @property
     def pace(self) -> Pace | None:
@@ -184,9 +186,9 @@ class Live:
     async def _watch_heartbeats(self) -> None:
         while True:
             await asyncio.sleep(HEARTBEAT_S)
-            self._tell_processes()
+            self._notify_processes()
 
-    def _tell_processes(self) -> None:
+    def _notify_processes(self) -> None:
         jobs = {process.name: process.job for process in processes_of(self._site)}
         names = [*jobs, *(name for name in sorted(self._statuses) if name not in jobs)]
         processes = [self._process(name, jobs.get(name, "")) for name in names]
@@ -195,7 +197,7 @@ class Live:
                 # Ask it again: what is shown may have become old, or current again.
                 self._changed.set()
             self.processes = processes
-            self._tell("processes")
+            self._notify("processes")
 
     def _bridge(self, processes: list[ProcessState]) -> str:
         name = self._site.bridge.name
@@ -228,11 +230,11 @@ class Live:
         self._changed.set()
         if not self._events_due:
             self._events_due = True
-            self._loop.call_later(_SETTLE_S, self._tell_events)
+            self._loop.call_later(_SETTLE_S, self._notify_events)
 
-    def _tell_events(self) -> None:
+    def _notify_events(self) -> None:
         self._events_due = False
-        self._tell("events")
+        self._notify("events")
 
     async def _follow_organization(self) -> None:
         while True:
@@ -244,10 +246,10 @@ class Live:
                 self.summary.problem = f"The bridge does not answer: {error.message}"
             except RodeoError as error:
                 self.summary.problem = f"The bridge's answer cannot be read: {error.message}"
-            self._tell("organization")
+            self._notify("organization")
             if self.summary.problem != problem:
                 # The pages cannot tell by themselves that the bridge answers again.
-                self._tell("events")
+                self._notify("events")
             wait_s = _RETRY_S if self.summary.problem else None
             try:
                 await asyncio.wait_for(self._changed.wait(), wait_s)
@@ -260,20 +262,20 @@ class Live:
         counts: dict[str, int] = {}
         queue: list[Task] = []
         for state in ("undecided", "submitted", "assigned", "open"):
-            found, counts[state] = self._reads.tasks(QUEUE_SHOWN, state=state, order="oldest")
+            found, counts[state] = self._queries.tasks(QUEUE_SHOWN, state=state, order="oldest")
             queue += found
-        judged, counts["ended"] = self._reads.tasks(_ENDED_ASKED, state="settled,failed")
-        _, counts["settled"] = self._reads.tasks(1, state="settled")
+        judged, counts["ended"] = self._queries.tasks(_ENDED_ASKED, state="settled,failed")
+        _, counts["settled"] = self._queries.tasks(1, state="settled")
         judged.sort(key=lambda task: task.settled or task.proof_submitted or task.registered, reverse=True)
-        wallets = self._reads.state("wallets")
+        wallets = self._queries.ask(queries.WALLETS)
         return Summary(
             problem="",
             counts=counts,
             queue=queue[:QUEUE_SHOWN],
             verdicts=judged[:VERDICTS_SHOWN],
-            wallets=wallets["wallets"],
-            supply_iec=wallets["supply_iec"],
-            services=self._reads.state("services")["services"],
+            wallets=wallets.wallets,
+            supply_iec=wallets.supply_iec,
+            services=self._queries.ask(queries.SERVICES).services,
         )
 
     # -- map -------------------------------------------------------------------------------------------
@@ -291,7 +293,7 @@ class Live:
             state = self._map_state()
             if state != self.map:
                 self.map = state
-                self._tell("map")
+                self._notify("map")
 
     def _subscribe(self) -> None:
         session, domain_id = self._bus.session, self._site.bus.domain_id
@@ -346,11 +348,8 @@ class Live:
 
 
 def _pose(pose: Any) -> Json:
-    return {
-        "x": _mm(pose.position.x),
-        "y": _mm(pose.position.y),
-        "yaw": round(yaw_of(pose.orientation), 3),
-    }
+    at = on_plane(pose)
+    return {"x": _mm(at.x_m), "y": _mm(at.y_m), "yaw": round(at.yaw_rad, 3)}
 
 
 def _mm(value_m: float) -> float:

@@ -9,7 +9,7 @@ from decimal import Decimal
 from typing import Any
 
 from rodeo.config import TariffConfig
-from services.console.words import moment
+from services.console.formatting import moment
 
 Json = dict[str, Any]
 

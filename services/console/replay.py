@@ -11,12 +11,13 @@ from rodeo import topics
 from rodeo.config import Site
 from rodeo.evidence import Attestation, Proof
 from rodeo.evidence.errors import BadStatement, LayoutChanged
-from rodeo.evidence.recorder import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.evidence.series import Table
+from rodeo.lab.geometry import yaws_of
+from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.witness import Classification, Drop, Motion, Removal, parse
 from rodeo.witness.motion import track as signed_track
+from services.console.formatting import phrase
 from services.console.scene import ARM_JOINTS, arm_points
-from services.console.words import phrase
 
 Json = dict[str, Any]
 Array = np.ndarray[Any, Any]
@@ -82,9 +83,8 @@ def _pose(motion: list[Motion], body: str, at_ns: Array) -> Json | None:
         return None
     rows = np.clip(np.searchsorted(seen.time_us, at_ns // 1000, side="right") - 1, 0, len(seen.time_us) - 1)
     x, y, z = seen.position_m[rows].T
-    qw, qx, qy, qz = seen.quaternion[rows].T
-    yaw = np.arctan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
-    return {"x": _rounded(x), "y": _rounded(y), "z": _rounded(z), "yaw": _rounded(yaw)}
+    yaw = _rounded(yaws_of(seen.quaternion[rows]))
+    return {"x": _rounded(x), "y": _rounded(y), "z": _rounded(z), "yaw": yaw}
 
 
 def _robot(proof: Proof, motion: list[Motion], name: str, namespace: str, at_ns: Array) -> Json | None:
@@ -111,8 +111,7 @@ def _robot(proof: Proof, motion: list[Motion], name: str, namespace: str, at_ns:
 
 
 def _yaw(table: Table, path: str, rows: Array) -> Array:
-    x, y, z, w = (table[f"{path}.{axis}"][rows] for axis in "xyzw")
-    return np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    return yaws_of(np.stack([table[f"{path}.{axis}"][rows] for axis in "wxyz"], axis=1))
 
 
 def _rounded(values: Array, digits: int = 3) -> list[float]:

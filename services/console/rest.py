@@ -4,17 +4,15 @@
 
 import tempfile
 from collections.abc import Callable, Iterator
-from http import HTTPStatus
 from pathlib import Path
 from typing import Annotated, Any
 
 from fastapi import Body, Depends, FastAPI, Query, Request, Security
 from fastapi import Path as PathParameter
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import FileResponse, JSONResponse
+from fastapi.responses import FileResponse, Response
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from pydantic import BaseModel, Field
-from starlette.exceptions import HTTPException
 
 from rodeo.errors import (
     BusUnavailable,
@@ -24,9 +22,9 @@ from rodeo.errors import (
     QueryTimeout,
     RequestError,
     RodeoError,
-    snake_case,
 )
 from rodeo.evidence import EvidenceError
+from rodeo.http import answer_with_problems, problem, problems
 from rodeo.messages import Kind, Task, TaskState
 from services.console.accounts import User
 from services.console.actions import ACTIONS, ORGANIZATION, Action
@@ -39,14 +37,6 @@ Json = dict[str, Any]
 
 TaskId = Annotated[int, PathParameter(ge=0, lt=2**63)]
 AttemptNumber = Annotated[int | None, Query(ge=1, lt=2**8, description="The last one if left out")]
-
-
-class Problem(BaseModel):
-    """Every 4xx and 5xx of this interface."""
-
-    code: str
-    message: str
-    details: dict[str, Any] = {}
 
 
 class TaskPage(BaseModel):
@@ -69,9 +59,8 @@ _STATUS_BY_CODE = {
     "weak_passphrase": 422,
 }
 
-_PROBLEMS: dict[int | str, dict[str, Any]] = {
-    status: {"model": Problem, "description": text}
-    for status, text in {
+_PROBLEMS = problems(
+    {
         400: "The request cannot be read",
         401: "No token, or one that was revoked",
         403: "The token's owner has none of the roles that may do this",
@@ -81,8 +70,8 @@ _PROBLEMS: dict[int | str, dict[str, Any]] = {
         422: "A field is wrong",
         503: "The bridge is away; try again later",
         504: "No answer in time; look whether it happened before you try again",
-    }.items()
-}
+    }
+)
 
 
 def make_api(console: Console) -> FastAPI:
@@ -104,23 +93,12 @@ def make_api(console: Console) -> FastAPI:
 
     Caller = Annotated[User, Depends(caller)]  # noqa: N806 - a type
 
-    @api.exception_handler(RodeoError)
-    async def refuse(_request: Request, error: RodeoError) -> JSONResponse:
-        headers = {"WWW-Authenticate": "Bearer"} if isinstance(error, NotLoggedIn) else None
-        problem = Problem(code=error.code, message=error.message, details=_plain(error.details))
-        return JSONResponse(problem.model_dump(), status_of(error), headers)
+    answer_with_problems(api, status_of)
 
     @api.exception_handler(RequestValidationError)
-    async def refuse_fields(_request: Request, error: RequestValidationError) -> JSONResponse:
+    async def refuse_fields(_request: Request, error: RequestValidationError) -> Response:
         fields = {".".join(map(str, one["loc"])): one["msg"] for one in error.errors()}
-        problem = Problem(code="invalid_request", message="a field is wrong", details={"fields": fields})
-        return JSONResponse(problem.model_dump(), 422)
-
-    @api.exception_handler(HTTPException)
-    async def refuse_http(_request: Request, error: HTTPException) -> JSONResponse:
-        phrase = HTTPStatus(error.status_code).phrase.title().replace(" ", "")
-        problem = Problem(code=snake_case(phrase), message=str(error.detail))
-        return JSONResponse(problem.model_dump(), error.status_code, headers=error.headers)
+        return problem(422, "invalid_request", "a field is wrong", {"fields": fields})
 
     _questions(api, console, Caller)
     for action in ACTIONS.values():
@@ -129,7 +107,7 @@ def make_api(console: Console) -> FastAPI:
 
 
 def _questions(api: FastAPI, console: Console, caller: Any) -> None:
-    reads = console.reads
+    queries = console.queries
 
     @api.get("/tasks")
     def tasks(
@@ -141,23 +119,23 @@ def _questions(api: FastAPI, console: Console, caller: Any) -> None:
         offset: Annotated[int, Field(ge=0, lt=2**63)] = 0,
     ) -> TaskPage:
         """One page of tasks, newest first."""
-        found, total = reads.tasks(limit, offset, state=state, kind=kind, text=text)
+        found, total = queries.tasks(limit, offset, state=state, kind=kind, text=text)
         return TaskPage(tasks=found, total=total)
 
     @api.get("/tasks/{task_id}")
     def task(task_id: TaskId, _user: caller) -> Task:
         """One task."""
-        return reads.task(task_id)
+        return queries.task(task_id)
 
     @api.get("/tasks/{task_id}/attempts")
     def attempts(task_id: TaskId, _user: caller) -> list[Attempt]:
         """Who tried it when, with which proof, and what was said of it."""
-        return attempts_of(reads.history(reads.task(task_id).id))
+        return attempts_of(queries.history(queries.task(task_id).id))
 
     @api.get("/tasks/{task_id}/report")
     def report(task_id: TaskId, _user: caller, attempt: AttemptNumber = None) -> Json:
         """The oracle's report on its proof, check by check."""
-        return reads.report(reads.evidence(task_id, attempt))
+        return queries.report(queries.evidence(task_id, attempt))
 
     @api.get(
         "/tasks/{task_id}/proof",
@@ -188,7 +166,7 @@ def _questions(api: FastAPI, console: Console, caller: Any) -> None:
         offset: Annotated[int, Field(ge=0, lt=2**63)] = 0,
     ) -> Json:
         """One page of an account's transfers with the reason of each, newest first."""
-        return reads.state("transfers", account=account, limit=limit, offset=offset)
+        return queries.state("transfers", account=account, limit=limit, offset=offset)
 
     for name, summary in {
         "organization": "Its rules: kinds of work, who is chosen, bonds and penalties.",
@@ -204,7 +182,7 @@ def _questions(api: FastAPI, console: Console, caller: Any) -> None:
 
 def _state(console: Console, what: str, caller: Any) -> Callable[..., Json]:
     def state(_user: caller) -> Json:
-        return console.reads.state(what)
+        return console.queries.state(what)
 
     return state
 
@@ -212,7 +190,7 @@ def _state(console: Console, what: str, caller: Any) -> Callable[..., Json]:
 def _copy_of_proof(console: Console, caller: Any) -> Callable[..., Iterator[Path]]:
     def copy(task_id: TaskId, _user: caller, attempt: AttemptNumber = None) -> Iterator[Path]:
         with tempfile.TemporaryDirectory(prefix="rodeo-proof-") as folder:
-            yield console.reads.proof(console.reads.evidence(task_id, attempt), Path(folder))
+            yield console.queries.proof(console.queries.evidence(task_id, attempt), Path(folder))
 
     return copy
 
@@ -251,9 +229,3 @@ def status_of(error: RodeoError) -> int:
         return 404
     # What the bridge or a contract refused: the request was understood, the organization says no.
     return 400 if isinstance(error, RequestError) else 409
-
-
-def _plain(details: Json) -> Json:
-    """Details that are JSON whatever they were."""
-    return {key: value if isinstance(value, int | float | bool | dict | list | None) else str(value)
-            for key, value in details.items()}  # fmt: skip

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from rodeo.config import Site
-from rodeo.lab.layout import BUMPER_M, HALF_WIDTH_M, BinLayout, ahead, dock_parking
+from rodeo.lab.geometry import ahead
+from rodeo.lab.layout import BUMPER_M, HALF_WIDTH_M, BinLayout, dock_parking
 
 Array = np.ndarray[Any, Any]
 Json = dict[str, Any]
@@ -55,12 +56,6 @@ def _rotation(axis: str, angle_rad: float) -> Array:
     if axis == "y":
         return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-
-
-def yaw_of(orientation: Any) -> float:
-    """Heading (rad) of a geometry_msgs Quaternion."""
-    x, y, z, w = orientation.x, orientation.y, orientation.z, orientation.w
-    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
 
 
 def lab(site: Site) -> Json:

@@ -1,6 +1,6 @@
 import sys
 
-from rodeo.service import main
-from services.itrash.app import run
+from rodeo.process import main
+from services.itrash.process import run
 
 sys.exit(main("itrash", run, "The smart bin: classifies what it is shown, confirms what falls in."))

@@ -323,7 +323,7 @@ class Bin:
         )
         self.memory.pending = None if record.full else record
         self._enter(State.FULL if record.full else State.AWAITING_DROP, time_s)
-        return [self._say(record)]
+        return [self._sign(record)]
 
     def photo_failed(self, time_s: float) -> list[Action]:
         """The camera gave no usable photo; the item is looked at again after a pause."""
@@ -365,7 +365,7 @@ class Bin:
             self._cells[name].account()
         settled_s = max(grown[name].time_s for name in fell)
         return [
-            self._say(self._drop(name, replace(grown[name], time_s=settled_s), shown=name == fell[-1]))
+            self._sign(self._drop(name, replace(grown[name], time_s=settled_s), shown=name == fell[-1]))
             for name in fell
         ]
 
@@ -410,7 +410,7 @@ class Bin:
         return tuple(one.claimant for one in self.memory.presented if one.at_s >= since_s)
 
     def _removal(self, compartment: str, step: Step) -> Attest:
-        return self._say(
+        return self._sign(
             RemovalRecord(
                 compartment=compartment,
                 weight_n=round(-step.delta_n, 3),
@@ -442,7 +442,7 @@ class Bin:
             self._enter(State.CONFIRMED if record.correct else State.WRONG_COMPARTMENT, step.time_s)
         return record
 
-    def _say(self, record: Record) -> Attest:
+    def _sign(self, record: Record) -> Attest:
         self.memory.unsigned.append(record)
         return Attest(record)
 

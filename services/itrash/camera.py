@@ -23,6 +23,7 @@ from rodeo.errors import RodeoError
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.ros2.errors import ServiceUnavailable
 from rodeo.ros2.types import new
+from rodeo.stamps import stamp_s
 from rodeo.vision.images import IMAGE_LIMITS
 
 log = logging.getLogger(__name__)
@@ -62,11 +63,6 @@ def open_camera(config: CameraConfig, node: Node, bin_name: str, clock: Clock) -
     return BusCamera(node, bin_name)
 
 
-def stamp_s(message: Any) -> float:
-    """The header's stamp in s of site time."""
-    return message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
-
-
 class BusCamera:
     """A camera on the robot plane: its software trigger, then the frame on its topic."""
 
@@ -81,7 +77,7 @@ class BusCamera:
 
     def _on_frame(self, message: Any, _info: MessageInfo) -> None:
         with self._arrived:
-            self._frame, self._problem = (stamp_s(message), message.data.tobytes()), None
+            self._frame, self._problem = (stamp_s(message.header.stamp), message.data.tobytes()), None
             self._arrived.notify_all()
 
     def capture(self, after_s: float) -> tuple[float, bytes]:

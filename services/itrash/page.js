@@ -36,7 +36,7 @@ function showFill(fill) {
 }
 
 function showHealth(health) {
-  byId("health").textContent = health.status === undefined ? `silent: ${health.details.sensors.join(", ")}` : "";
+  byId("health").textContent = health.detail ?? "";
 }
 
 const camera = byId("camera");
@@ -50,7 +50,7 @@ async function refresh() {
     showVerdict(state.classification);
     showDisposal(state.disposal);
     showFill(state.fill);
-    showHealth(await (await fetch("health")).json());
+    showHealth(await (await fetch("readyz")).json());
     camera.src = `image?at=${Date.now()}`;
   } catch (error) {
     byId("state").textContent = `the bin does not answer: ${error.message}`;
@@ -68,7 +68,7 @@ byId("try").addEventListener("change", async (event) => {
     const said = await answer.json();
     byId("answer").textContent = answer.ok
       ? `${said.class} → ${said.compartment}, ${percent(said.confidence)}, ${said.milliseconds} ms`
-      : said.message;
+      : said.detail;
   } catch (error) {
     byId("answer").textContent = `no answer to ${file.name}: ${error.message}`;
   }

@@ -6,7 +6,8 @@ import re
 from hashlib import sha256
 from pathlib import Path
 
-from rodeo.errors import RequestError, RodeoError
+from rodeo.errors import DiskFull, RequestError, RodeoError
+from rodeo.files import replace_file
 
 _KEPT = 32
 """More than a bin shows in the minutes for which a robot records."""
@@ -31,15 +32,15 @@ class Pictures:
     def keep(self, data: bytes) -> str:
         """Keep a picture and let go of the oldest; its SHA-256 (0x). Raises PictureNotKept."""
         name = "0x" + sha256(data).hexdigest()
-        part = self._folder / f"{name}.part"
         try:
-            part.write_bytes(data)
-            part.replace(self._folder / name)
+            replace_file(self._folder / name, data)
             pictures = [path for path in self._folder.iterdir() if _NAME.fullmatch(path.name)]
             for path in sorted(pictures, key=lambda path: path.stat().st_mtime_ns)[:-_KEPT]:
                 path.unlink(missing_ok=True)
-        except OSError as error:
-            raise PictureNotKept("a picture cannot be kept", path=str(part), cause=str(error)) from error
+        except (OSError, DiskFull) as error:
+            raise PictureNotKept(
+                "a picture cannot be kept", path=str(self._folder), cause=str(error)
+            ) from error
         return name
 
     def find(self, name: str) -> bytes:

@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
-import socket
-import threading
 import time
 from collections.abc import Callable
-from functools import partial
-from http import HTTPStatus
 from pathlib import Path
-from types import TracebackType
-from typing import Annotated, Any, Protocol, Self
+from typing import Annotated, Any, Protocol
 
 import anyio
-import uvicorn
 from fastapi import FastAPI, Request, Response
 from fastapi.responses import JSONResponse
 from pydantic import BaseModel, Field
 from starlette.datastructures import UploadFile
 from starlette.exceptions import HTTPException
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
-from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from rodeo.charset import is_utf8
-from rodeo.errors import PortUnavailable, snake_case
+from rodeo.errors import RodeoError
+from rodeo.http import Limits, answer_with_problems, health, problems
 from rodeo.vision.classification import Classification
 from rodeo.vision.classifier import Classifier
 from rodeo.vision.images import (
@@ -40,10 +32,7 @@ from rodeo.vision.images import (
 _MULTIPART_OVERHEAD_BYTES = 64 * 1024
 _DECODED_AT_ONCE = 2
 """Photos in memory as pixels: one at the network, one on its way. More would wait there, 48 MB each."""
-MAX_CONNECTIONS = 64
-_KEEP_ALIVE_S = 5
-_REQUEST_S = 30.0
-"""For a request and its answer; a large photo over a slow link takes less."""
+LIMITS = Limits(body_bytes=IMAGE_LIMITS.max_bytes + _MULTIPART_OVERHEAD_BYTES)
 _HERE = Path(__file__).parent
 _PAGE = (
     ("/", "page.html", "text/html"),
@@ -81,14 +70,6 @@ class Verdict(BaseModel):
     milliseconds: float
 
 
-class Problem(BaseModel):
-    """Every 4xx and 5xx of this interface."""
-
-    code: str
-    message: str
-    details: dict[str, Any] = {}
-
-
 _PHOTO_BODY = {
     "requestBody": {
         "required": True,
@@ -104,35 +85,21 @@ _PHOTO_BODY = {
     }
 }  # fmt: skip
 
-_PROBLEMS: dict[int | str, dict[str, Any]] = {
-    400: {"model": Problem, "description": "No photo in the request"},
-    413: {"model": Problem, "description": "Too many bytes, pixels or scans"},
-    415: {"model": Problem, "description": "Neither JPEG, PNG nor WebP"},
-    422: {"model": Problem, "description": "The photo is broken"},
-}
+_PROBLEMS = problems(
+    {
+        400: "No photo in the request",
+        413: "Too many bytes, pixels or scans",
+        415: "Neither JPEG, PNG nor WebP",
+        422: "The photo is broken",
+    }
+)
 
 
 def make_api(bin_: BinView, limits: ImageLimits = IMAGE_LIMITS) -> FastAPI:
     """The application. It holds no state of its own."""
     api = FastAPI(title="iTrash", summary="Photo in, waste class and compartment out.", version="1")
     decoding = anyio.CapacityLimiter(_DECODED_AT_ONCE)
-    api.add_middleware(LimitBody, max_bytes=limits.max_bytes + _MULTIPART_OVERHEAD_BYTES)
-
-    @api.exception_handler(ImageError)
-    async def refuse(_request: Request, error: ImageError) -> JSONResponse:
-        return JSONResponse(error.to_json(), _status_of(error))
-
-    @api.exception_handler(HTTPException)
-    async def refuse_http(_request: Request, error: HTTPException) -> JSONResponse:
-        problem = Problem(code=snake_case(HTTPStatus(error.status_code).phrase.title().replace(" ", "")),
-                          message=str(error.detail))  # fmt: skip
-        return JSONResponse(problem.model_dump(), error.status_code, headers=error.headers)
-
-    @api.exception_handler(Exception)
-    async def own_up(_request: Request, _error: Exception) -> JSONResponse:
-        # Starlette raises the error again behind this answer, and uvicorn logs it with its traceback.
-        problem = Problem(code="internal_error", message="the bin failed; its log says why")
-        return JSONResponse(problem.model_dump(), 500)
+    answer_with_problems(api, _status_of)
 
     def classify_bytes(data: bytes) -> Verdict:
         started_s = time.perf_counter()
@@ -179,15 +146,11 @@ def make_api(bin_: BinView, limits: ImageLimits = IMAGE_LIMITS) -> FastAPI:
             return Response(status_code=204)
         return Response(data, media_type=media_type(data), headers={"cache-control": "no-store"})
 
-    @api.get("/health", responses={503: {"model": Problem, "description": "A sensor is silent"}})
-    def health() -> Response:
-        """200 when every sensor reports."""
+    def why_not_ready() -> str:
         missing = bin_.missing_sensors()
-        if missing:
-            problem = Problem(code="sensors_silent", message="no readings", details={"sensors": missing})
-            return JSONResponse(problem.model_dump(), 503)
-        return JSONResponse({"status": "ok"})
+        return f"no readings from {', '.join(missing)}" if missing else ""
 
+    api.router.routes.extend(health(why_not_ready))
     for path, file, kind in _PAGE:
         api.add_api_route(path, _sends(_HERE / file, kind), include_in_schema=False)
     return api
@@ -214,7 +177,7 @@ async def _photo_of(request: Request) -> bytes:
     return data
 
 
-def _status_of(error: ImageError) -> int:
+def _status_of(error: RodeoError) -> int:
     if isinstance(error, MissingPhoto):
         return 400
     if isinstance(error, ImageTooLarge):
@@ -224,94 +187,3 @@ def _status_of(error: ImageError) -> int:
 
 def _data_or_nothing(value: dict[str, Any] | None) -> Response:
     return Response(status_code=204) if value is None else JSONResponse(value)
-
-
-class LimitBody:
-    """ASGI middleware: reading a body beyond `max_bytes` raises ImageTooLarge, whatever its headers claim."""
-
-    def __init__(self, app: ASGIApp, max_bytes: int) -> None:
-        self._app = app
-        self._max_bytes = max_bytes
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        received_bytes = 0
-
-        async def limited() -> Message:
-            nonlocal received_bytes
-            message = await receive()
-            received_bytes += len(message.get("body", b""))
-            if received_bytes > self._max_bytes:
-                raise ImageTooLarge("the request is too large", max_bytes=self._max_bytes)
-            return message
-
-        await self._app(scope, limited, send)
-
-
-class ImpatientProtocol(H11Protocol):
-    """Cuts a connection that did not send its request and read the answer in time. Uvicorn would wait for
-    ever, and as many of them as there may be would keep everybody else out."""
-
-    def __init__(self, *arguments: Any, request_s: float, **named: Any) -> None:
-        super().__init__(*arguments, **named)
-        self._request_s = request_s
-        self._deadline: asyncio.TimerHandle | None = None
-
-    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        super().connection_made(transport)
-        self._set_deadline()
-
-    def on_response_complete(self) -> None:
-        super().on_response_complete()
-        self._set_deadline()
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        super().connection_lost(exc)
-        self._cancel_deadline()
-
-    def _set_deadline(self) -> None:
-        self._cancel_deadline()
-        self._deadline = self.loop.call_later(self._request_s, self.transport.abort)
-
-    def _cancel_deadline(self) -> None:
-        if self._deadline is not None:
-            self._deadline.cancel()
-
-
-class HttpServer:
-    """Serves an application from a thread of its own while the context is open."""
-
-    def __init__(self, api: FastAPI, host: str, port: int, request_s: float = _REQUEST_S) -> None:
-        """`port` 0 takes a free one; slower requests than `request_s` are cut off. Raises PortUnavailable."""
-        try:
-            self._socket = socket.create_server((host, port))
-        except OSError as error:
-            raise PortUnavailable.of("the bin's page (itrash.http_port)", host, port, error) from error
-        config = uvicorn.Config(
-            api,
-            http=partial(ImpatientProtocol, request_s=request_s),  # type: ignore[arg-type]
-            log_config=None,
-            access_log=False,
-            lifespan="off",
-            limit_concurrency=MAX_CONNECTIONS,
-            timeout_keep_alive=_KEEP_ALIVE_S,
-        )
-        self._server = uvicorn.Server(config)
-        self._thread = threading.Thread(
-            target=self._server.run, kwargs={"sockets": [self._socket]}, name="http", daemon=True
-        )
-
-    @property
-    def url(self) -> str:
-        host, port = self._socket.getsockname()[:2]
-        return f"http://{host}:{port}"
-
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._server.should_exit = True
-        self._thread.join(timeout=5.0)
-        self._socket.close()

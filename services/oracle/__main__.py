@@ -1,7 +1,7 @@
 import sys
 
-from rodeo.service import main
-from services.oracle.app import run
+from rodeo.process import main
+from services.oracle.process import run
 
 if __name__ == "__main__":
     # Spawned verifications import this module again and must not start another oracle.

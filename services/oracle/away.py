@@ -26,6 +26,7 @@ from pathlib import Path
 from typing import Literal
 
 from rodeo.bus import Bus
+from rodeo.checks.report import Check, Report
 from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.errors import BusError, ClockUnavailable, DiskFull, RodeoError
@@ -34,7 +35,6 @@ from rodeo.evidence.copies import ask_to_put, hand_over
 from rodeo.evidence.errors import EvidenceError, ProofUriNotAllowed, StoreUnavailable
 from rodeo.logs import about_task
 from rodeo.messages import Task
-from services.oracle.report import Check, Report
 
 log = logging.getLogger(__name__)
 
@@ -102,6 +102,8 @@ class MissingProofs:
         self._sought: dict[tuple[int, int], _Sought] = {}
         self._copies: dict[tuple[int, int], Path] = {}
         self._last_words: dict[tuple[int, int], Report] = {}
+        self._looked = threading.Event()
+        """Since it was asked last, a look has ended."""
         self._pool = ThreadPoolExecutor(_SEEKERS, thread_name_prefix="seeker")
 
     def seek(self, task: Task, away: ProofAway) -> None:
@@ -114,16 +116,39 @@ class MissingProofs:
 
     def run(self, stop: threading.Event, tell: Callable[[], None]) -> None:
         """Until `stop`; `tell` is called now and then to show how it stands."""
-        while not stop.wait(LOOK_S):
-            tell()
-            now_s = time.monotonic()
-            with self._lock:
-                due = [one for one in self._sought.values() if not one.busy and one.due_s <= now_s]
-                for one in due:
-                    one.busy = True
-            for one in due:
-                self._pool.submit(self._look, one)
+        with self._clock.acting():
+            while not stop.is_set():
+                self._looked.clear()
+                tell()
+                if self._look_around():
+                    # A simulated clock, which may jump, waits for the last word on what is due.
+                    self._looked.wait(LOOK_S)
+                else:
+                    until_s = self._first_due_s()
+                    self._clock.wait_for(lambda: False, stop, until_s=until_s, wall_s=LOOK_S, resting=True)
         self._pool.shutdown(wait=False, cancel_futures=True)
+
+    def _look_around(self) -> bool:
+        """Begin what is to be looked at now; whether a verdict is due on any of it."""
+        now_s = time.monotonic()
+        with self._lock:
+            overdue = {key for key, one in self._sought.items() if self._verdict_is_due(one.task)}
+            begun = [
+                one
+                for key, one in self._sought.items()
+                if not one.busy and (one.due_s <= now_s or key in overdue)
+            ]
+            for one in begun:
+                one.busy = True
+        for one in begun:
+            self._pool.submit(self._look, one)
+        return bool(overdue)
+
+    def _first_due_s(self) -> float | None:
+        """Site time of the first verdict that is due on what is looked for; None where none is."""
+        with self._lock:
+            times = (due_s(one.task, self._site) for one in self._sought.values())
+            return min((time_s for time_s in times if time_s is not None), default=None)
 
     def keys(self) -> set[tuple[int, int]]:
         """Submissions whose proof is looked for."""
@@ -179,19 +204,22 @@ class MissingProofs:
                 # The next look must come whatever happened in this one.
                 log.exception("looking for the proof of task %d attempt %d failed", *key)
                 copy, word = None, None
-            with self._lock:
-                one.busy = False
-                one.due_s = time.monotonic() + one.pause_s
-                one.pause_s = min(2 * one.pause_s, _PAUSE_S[1])
-                if copy is None and word is None:
-                    return
-                self._sought.pop(key, None)
-                if copy is not None:
-                    self._copies[key] = copy
-                if word is not None:
-                    self._last_words[key] = word
-            log.info("task %d attempt %d: %s", *key, "the proof is here" if copy else word and word.reason)
-            self._found(*key)
+            with self._clock.hold():
+                with self._lock:
+                    one.busy = False
+                    one.due_s = time.monotonic() + one.pause_s
+                    one.pause_s = min(2 * one.pause_s, _PAUSE_S[1])
+                    if copy is None and word is None:
+                        return
+                    self._sought.pop(key, None)
+                    if copy is not None:
+                        self._copies[key] = copy
+                    if word is not None:
+                        self._last_words[key] = word
+                said = "the proof is here" if copy else word and word.reason
+                log.info("task %d attempt %d: %s", *key, said)
+                self._found(*key)
+            self._looked.set()
 
     def _obtain(self, one: _Sought) -> Path | None:
         """The proof, from the store or from its executor; None says in `one` why not."""
@@ -264,16 +292,21 @@ class MissingProofs:
         return is_due(task, self._site, self._clock)
 
 
-def is_due(task: Task, site: Site, clock: Clock) -> bool:
-    """Whether the verdict on a submitted task cannot wait any longer, or its window passes without one."""
+def due_s(task: Task, site: Site) -> float | None:
+    """Site time from which the verdict on a submitted task cannot wait any longer, or its window passes
+    without one; None where no window runs."""
     if task.verdict_deadline is None:
-        return False
+        return None
+    return task.verdict_deadline - min(site.min_verdict_window_s, _MARGIN_SHARE * task.verdict_window_s)
+
+
+def is_due(task: Task, site: Site, clock: Clock) -> bool:
+    """Whether the verdict on a submitted task cannot wait any longer."""
+    time_s = due_s(task, site)
     try:
-        now_s = clock.now_s()
+        return time_s is not None and clock.now_s() >= time_s
     except ClockUnavailable:
         return False
-    margin_s = min(site.min_verdict_window_s, _MARGIN_SHARE * task.verdict_window_s)
-    return now_s >= task.verdict_deadline - margin_s
 
 
 def owner_of(error: EvidenceError, uri: str, site: Site, stores: Callable[[], list[str]]) -> Owner:

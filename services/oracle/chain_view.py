@@ -8,28 +8,30 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
+from rodeo import queries
+from rodeo.checks.case import ChainRecord
+from rodeo.checks.counts import COUNTS
+from rodeo.checks.daily_logs import logged
+from rodeo.checks.verify import case_of
 from rodeo.config import Site
 from rodeo.dao import Participant
 from rodeo.evidence import EvidenceError, Limits, Proof, open_proof
 from rodeo.messages import DaoEvent, Device, Root
 from rodeo.witness.days import day_of
-from services.oracle.case import Case, Ledger
-from services.oracle.counts import COUNTS
-from services.oracle.logs import logged
 
 _PAGE = 500
 
 
-def read_ledger(participant: Participant, task_id: int) -> Ledger:
+def read_chain_record(participant: Participant, task_id: int) -> ChainRecord:
     """Raises BusError, RemoteError."""
-    chain, task = participant.state("chain"), participant.task(task_id)
+    chain, task = participant.ask(queries.CHAIN), participant.task(task_id)
     from_s = task.assigned or task.registered
-    return Ledger(
-        chain_id=chain["chain_id"],
-        task_manager=chain["contracts"]["TaskManager"],
-        organization=chain["contracts"]["Organization"],
+    return ChainRecord(
+        chain_id=chain.chain_id,
+        task_manager=chain.contracts.task_manager,
+        organization=chain.contracts.organization,
         task=task,
-        devices=[Device.model_validate(one) for one in participant.state("devices")["devices"]],
+        devices=[Device.model_validate(dict(one)) for one in participant.ask(queries.DEVICES).devices],
         # A slow clock's statement from before midnight is of the day before.
         roots=list(_roots(participant, day_of(from_s) - 1)),
     )
@@ -47,20 +49,20 @@ def verdict_block(participant: Participant, task_id: int, attempt: int) -> int |
 class AsOf(NamedTuple):
     """What the chain said in a block, and what came later."""
 
-    ledger: Ledger
+    chain_record: ChainRecord
     revoked: list[Device]
     """Keys that were revoked later."""
     roots: list[Root]
     """Posted later."""
 
 
-def as_of(ledger: Ledger, block: int, keys: dict[str, tuple[float, float]]) -> AsOf:
-    """`ledger` without what happened to keys and days after `block`: it changes no past verdict.
+def as_of(chain_record: ChainRecord, block: int, keys: dict[str, tuple[float, float]]) -> AsOf:
+    """`chain_record` without what happened to keys and days after `block`: it changes no past verdict.
 
     `keys`: lower-case address -> block in which it was registered, and in which it was revoked.
     """
     devices, later = [], []
-    for device in ledger.devices:
+    for device in chain_record.devices:
         registered, revoked = keys.get(device.address.lower(), (0, math.inf))
         if registered > block:
             continue
@@ -69,11 +71,11 @@ def as_of(ledger: Ledger, block: int, keys: dict[str, tuple[float, float]]) -> A
             device = device.model_copy(update={"revoked": None, "revoked_because": None})
         devices.append(device)
     return AsOf(
-        ledger.model_copy(
-            update={"devices": devices, "roots": [one for one in ledger.roots if one.block <= block]}
+        chain_record.model_copy(
+            update={"devices": devices, "roots": [one for one in chain_record.roots if one.block <= block]}
         ),
         later,
-        [one for one in ledger.roots if one.block > block],
+        [one for one in chain_record.roots if one.block > block],
     )
 
 
@@ -92,25 +94,23 @@ def _key_blocks(participant: Participant) -> dict[str, tuple[float, float]]:
 def _events(participant: Participant, **filters: str | int) -> Iterator[DaoEvent]:
     after = 0
     while True:
-        rows = participant.state("events", after=after, limit=_PAGE, **filters)["events"]
-        for row in rows:
-            yield DaoEvent.model_validate(row)
-        if len(rows) < _PAGE:
+        events = participant.ask(queries.EVENTS, after=after, limit=_PAGE, **filters).events
+        yield from events
+        if len(events) < _PAGE:
             return
-        after = int(rows[-1]["seq"])
+        after = events[-1].seq
 
 
 def _roots(participant: Participant, from_day: int) -> Iterator[Root]:
     """Of that day and later; the index gives the newest first."""
     offset = 0
     while True:
-        rows = participant.state("roots", limit=_PAGE, offset=offset)["roots"]
-        for row in rows:
-            root = Root.model_validate(row)
+        roots = participant.ask(queries.ROOTS, limit=_PAGE, offset=offset).roots
+        for root in roots:
             if root.day < from_day:
                 return
-            yield root
-        if len(rows) < _PAGE:
+            yield Root.model_validate(dict(root))
+        if len(roots) < _PAGE:
             return
         offset += _PAGE
 
@@ -118,7 +118,7 @@ def _roots(participant: Participant, from_day: int) -> Iterator[Root]:
 class View(NamedTuple):
     """What the chain says about a file, and what people should know beside the verdict."""
 
-    ledger: Ledger | None
+    chain_record: ChainRecord | None
     """As of the block of its verdict, if it has one; None if this chain knows nothing of it."""
     warnings: list[str]
 
@@ -132,19 +132,21 @@ def view(path: Path, site: Site, participant: Participant) -> View:
     binding = proof.binding
     if binding is None:
         return View(None, [])
-    chain = participant.state("chain")
-    here = chain["chain_id"], chain["contracts"]["TaskManager"].lower()
+    chain = participant.ask(queries.CHAIN)
+    here = chain.chain_id, chain.contracts.task_manager.lower()
     if (binding.chain_id, binding.task_manager.lower()) != here:
         return View(None, ["it was recorded for another chain: what only that one knows is skipped"])
-    ledger = read_ledger(participant, binding.task_id)
-    if ledger.task.attempt != binding.attempt:
-        said = f"the chain is at attempt {ledger.task.attempt} of task {binding.task_id}, this is attempt"
+    chain_record = read_chain_record(participant, binding.task_id)
+    if chain_record.task.attempt != binding.attempt:
+        said = (
+            f"the chain is at attempt {chain_record.task.attempt} of task {binding.task_id}, this is attempt"
+        )
         return View(None, [f"{said} {binding.attempt}: what only the chain knows is skipped"])
     block = verdict_block(participant, binding.task_id, binding.attempt)
     if block is None:
-        return View(ledger, [])
-    then = as_of(ledger, block, _key_blocks(participant))
-    return View(then.ledger, later_warnings(proof, site, then))
+        return View(chain_record, [])
+    then = as_of(chain_record, block, _key_blocks(participant))
+    return View(then.chain_record, later_warnings(proof, site, then))
 
 
 def later_warnings(proof: Proof, site: Site, then: AsOf) -> list[str]:
@@ -156,7 +158,7 @@ def later_warnings(proof: Proof, site: Site, then: AsOf) -> list[str]:
         for device in then.revoked
         if device.address.lower() in signers
     ]
-    found = logged(Case(proof, site, then.ledger), then.roots)
+    found = logged(case_of(proof, site, then.chain_record), then.roots)
     return [*warnings, *(sentence for _, sentence in found.lacking), *found.unread]
 
 

@@ -11,20 +11,19 @@ import logging
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 from pydantic import BaseModel, ValidationError
 
 from rodeo.bus import Bus
+from rodeo.checks.acts import Judged
 from rodeo.config import Site
 from rodeo.errors import BusError, DiskFull
 from rodeo.evidence import EvidenceError, Store
 from rodeo.evidence.copies import ask_to_put, hand_over
 from rodeo.evidence.errors import ProofUriNotAllowed, StoreUnavailable
 from rodeo.files import replace_file
-from rodeo.messages import DaoEvent
 
 log = logging.getLogger(__name__)
 
@@ -37,31 +36,6 @@ _MISSING_S = 3600.0
 """And at least this often."""
 _SAID = 5
 """Of the files that are gone, so many are named in the status."""
-
-
-class Judged(NamedTuple):
-    """A file that the store must have, because a verdict names it."""
-
-    what: str
-    """In words."""
-    uri: str
-    sha256: str
-    """As 0x hex."""
-
-
-def judged_files(events: Iterable[DaoEvent]) -> Iterator[Judged]:
-    """What the verdicts in a task's events, which are in chain order, say that the store has."""
-    proof: DaoEvent | None = None
-    for event in events:
-        if event.name == "ProofSubmitted":
-            proof = event
-        elif event.name == "VerdictPosted":
-            args = event.args
-            of = f"task {event.task_id} attempt {args['attempt']}"
-            # Nobody ever had the bytes of what was not handed over.
-            if proof is not None and not str(args["reason"]).startswith("fetched: "):
-                yield Judged(f"the proof of {of}", proof.args["uri"], str(proof.args["proof_hash"]).lower())
-            yield Judged(f"the report on {of}", args["report_uri"], str(args["report_hash"]).lower())
 
 
 class _Progress(BaseModel):
@@ -80,7 +54,7 @@ class Scrub:
         folder: where its progress is kept.
         reports: the oracle's own copies of reports, by their hash.
         files: what the store must have by now.
-        tell: gets what is wrong now, in a sentence; "" when nothing is.
+        warn: gets what is wrong now, in a sentence; "" when nothing is.
     """
 
     def __init__(
@@ -90,12 +64,12 @@ class Scrub:
         folder: Path,
         reports: Path,
         files: Callable[[], list[Judged]],
-        tell: Callable[[str], None],
+        warn: Callable[[str], None],
     ) -> None:
         self._site, self._bus = site, bus
         self._store = Store(site)
         self._folder, self._reports = folder, reports
-        self._files, self._tell = files, tell
+        self._files, self._warn = files, warn
         self._pass_s = site.store.scrub_days * _DAY_S
         self._path = folder / "scrub.json"
         self._progress = self._load()
@@ -112,7 +86,7 @@ class Scrub:
                 self.look()
             except (StoreUnavailable, BusError, DiskFull, OSError) as error:
                 log.warning("the store cannot be looked through now: %s", error)
-                self._tell(f"the store cannot be looked through: {error}")
+                self._warn(f"the store cannot be looked through: {error}")
                 stop.wait(_LOOK_S[1])
 
     def look(self) -> None:
@@ -128,7 +102,7 @@ class Scrub:
             for one in list(self._gone.values()):
                 if one.sha256 not in files or self._is_whole(one) or self._restore(one):
                     del self._gone[one.sha256]
-            self._say()
+            self._update_warning()
         if not files or abs(now_s - self._progress.last_s) < self._pass_s / len(files):
             return
         looked_s = self._progress.looked_s
@@ -144,7 +118,7 @@ class Scrub:
             if not self._restore(one):
                 self._gone[one.sha256] = one
         self.checked += 1
-        self._say()
+        self._update_warning()
 
     def _pause_s(self) -> float:
         least_s, most_s = _LOOK_S
@@ -181,13 +155,13 @@ class Scrub:
             if hand_over(self._bus, self._site.org, one.sha256, path, self._site.store.max_bytes):
                 self._store.put(path)
 
-    def _say(self) -> None:
+    def _update_warning(self) -> None:
         if not self._gone:
-            self._tell("")
+            self._warn("")
             return
         named = ", ".join(one.what for one in list(self._gone.values())[:_SAID])
         more = len(self._gone) - _SAID
-        self._tell(
+        self._warn(
             f"the store has lost or damaged {named}{f' and {more} more' if more > 0 else ''}: nobody on the "
             "bus has a copy; restore the store from a backup, or start the executor that has one"
         )

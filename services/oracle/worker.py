@@ -3,7 +3,7 @@
 The child writes its report to a file and ends; the parent reads it, or learns from the exit that there is
 none. Nothing is shared, so a crash, a hang or a full memory costs one proof its verdict and nobody else.
 
-What a proof may cost is bounded by counts that every judge finds the same (`services.oracle.counts`). What
+What a proof may cost is bounded by counts that every judge finds the same (`rodeo.checks.counts`). What
 the limits here allow differs from machine to machine, so they never reject: a verification that meets one is
 tried once more and then undecided.
 """
@@ -28,6 +28,8 @@ from functools import cache
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
+from rodeo.checks.case import ChainRecord
+from rodeo.checks.report import Check, Report
 from rodeo.config import OracleConfig, Site
 from rodeo.errors import DiskFull, RodeoError, snake_case
 from rodeo.evidence.errors import (
@@ -38,10 +40,9 @@ from rodeo.evidence.errors import (
     ProofUriNotAllowed,
     StoreUnavailable,
 )
-from rodeo.files import is_full, writing
-from rodeo.service import die_with
-from services.oracle.case import Ledger
-from services.oracle.report import Check, Report
+from rodeo.files import is_full, replace_file, writing
+from rodeo.kinds import kinds_of
+from rodeo.process import die_with
 
 log = logging.getLogger(__name__)
 
@@ -56,16 +57,16 @@ _SIGNAL_GRACE_S = 1.0
 """Between the end of a child and our own signal, when both got one."""
 
 
-def start() -> None:
+def start(site: Site) -> None:
     """Start the process that verifications are forked from; returns when it has loaded what they need."""
-    child = _context().Process(target=_nothing, name="first child", daemon=True)
+    child = _context_of(site).Process(target=_nothing, name="first child", daemon=True)
     child.start()
     child.join()
 
 
 def verify_apart(
     site: Site,
-    ledger: Ledger,
+    chain_record: ChainRecord,
     scratch: Path,
     stop: threading.Event,
     *,
@@ -83,12 +84,12 @@ def verify_apart(
     limits = limits or site.oracle
     ended = ""
     for _ in range(ATTEMPTS):
-        report, ended = _once(site, ledger, scratch, stop, limits, memory_bytes, copy)
+        report, ended = _once(site, chain_record, scratch, stop, limits, memory_bytes, copy)
         # Signals that end the oracle may reach the child first: that is no fault of the proof.
         if report is not None or stop.wait(_SIGNAL_GRACE_S):
             return report
-        log.warning("task %d attempt %d: %s", ledger.task.id, ledger.task.attempt, ended)
-    task = ledger.task
+        log.warning("task %d attempt %d: %s", chain_record.task.id, chain_record.task.attempt, ended)
+    task = chain_record.task
     check = Check(
         name="verification_ended",
         passed=False,
@@ -103,7 +104,7 @@ def verify_apart(
 
 def _once(
     site: Site,
-    ledger: Ledger,
+    chain_record: ChainRecord,
     scratch: Path,
     stop: threading.Event,
     limits: OracleConfig,
@@ -113,10 +114,10 @@ def _once(
     """The report of one child, or why there is none. Raises EvidenceError, DiskFull."""
     with writing(scratch), _folder_in(scratch) as folder:
         path, away = Path(folder, _REPORT), Path(folder, _AWAY)
-        process = _context().Process(
+        process = _context_of(site).Process(
             target=_child,
-            args=(site, ledger, Path(folder), limits.cpu_limit_s, memory_bytes, copy),
-            name=f"verify task {ledger.task.id}",
+            args=(site, chain_record, Path(folder), limits.cpu_limit_s, memory_bytes, copy),
+            name=f"verify task {chain_record.task.id}",
             daemon=True,
         )
         process.start()
@@ -142,12 +143,20 @@ def _once(
 
 
 @cache
-def _context() -> ForkServerContext:
-    """Children come from a process that has loaded already what they need."""
+def _context(site_kinds: tuple[str, ...]) -> ForkServerContext:
+    """Children come from a process that has loaded already what they need: of a kind its checks, and what a
+    module `preload` beside them loads."""
     context = multiprocessing.get_context("forkserver")
-    loaded = ["worker", "verify", "replay", "preload"]
-    context.set_forkserver_preload([f"services.oracle.{name}" for name in loaded])
+    # The fork server passes over what it cannot import: few kinds have a `preload`.
+    loaded = [name for checks in site_kinds for name in (checks, f"{checks}.preload")]
+    context.set_forkserver_preload(
+        ["services.oracle.worker", "rodeo.checks.verify", *loaded, "services.oracle.preload"]
+    )
     return context
+
+
+def _context_of(site: Site) -> ForkServerContext:
+    return _context(tuple(kind.checks.partition(":")[0] for kind in kinds_of(site).values() if kind.checks))
 
 
 _REPORT, _AWAY = "report.json", "away.json"
@@ -181,7 +190,12 @@ def _nothing() -> None:
 
 
 def _child(
-    site: Site, ledger: Ledger, folder: Path, cpu_limit_s: float, memory_bytes: int, copy: Path | None
+    site: Site,
+    chain_record: ChainRecord,
+    folder: Path,
+    cpu_limit_s: float,
+    memory_bytes: int,
+    copy: Path | None,
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent decides what Ctrl-C means
     die_with(os.getppid(), signal.SIGKILL)  # the fork server, which ends with the oracle
@@ -190,18 +204,16 @@ def _child(
     resource.setrlimit(resource.RLIMIT_CPU, (math.ceil(cpu_limit_s), math.ceil(cpu_limit_s) + 1))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     # Imported here: the oracle itself has no use for MuJoCo.
-    from services.oracle.verify import verify_submission
+    from rodeo.checks.verify import verify_submission
 
     try:
         try:
-            report = verify_submission(site, ledger, folder, copy, may_wait=True)
+            report = verify_submission(site, chain_record, folder, copy, may_wait=True)
             name, data = _REPORT, report.to_bytes()
         except (EvidenceError, DiskFull) as error:
             name, data = _AWAY, json.dumps(error.to_json()).encode()
-        part = folder / (name + ".part")
-        part.write_bytes(data)
-        part.replace(folder / name)
-    except OSError as error:
+        replace_file(folder / name, data)
+    except (OSError, DiskFull) as error:
         if not is_full(error):
             raise
         sys.exit(_NO_ROOM)

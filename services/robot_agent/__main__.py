@@ -6,7 +6,7 @@ import threading
 from pathlib import Path
 
 from rodeo.config import Site, agent_process
-from rodeo.service import noting_its_end, supervise
+from rodeo.process import noting_its_end, supervise
 from services.robot_agent.process import run
 
 

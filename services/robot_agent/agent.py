@@ -6,7 +6,7 @@ import logging
 import math
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,30 +17,20 @@ from pydantic import ValidationError
 from rodeo import topics
 from rodeo.bus import DaoEvents
 from rodeo.chance import generator
-from rodeo.cleaning import CleaningParams
-from rodeo.dao import CHARGING, CLEANING
 from rodeo.errors import BusError, DiskFull, RemoteError, wrong_fields
 from rodeo.evidence import EvidenceError, Recorder, Store
 from rodeo.evidence.copies import Copies
 from rodeo.evidence.errors import RecordingSealed
 from rodeo.files import is_full
-from rodeo.lab.config import RobotConfig
-from rodeo.lab.drop import RECORDED_AFTER_DROP_S
+from rodeo.kinds import kinds_of, providing_energy
+from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Task
-from rodeo.ros2 import Node, types
-from rodeo.service import Service
-from rodeo.tls import bus_is_closed
-from rodeo.witness import Inputs
-from rodeo.witness.witness import Witness
-from services.robot_agent.account import Account
-from services.robot_agent.arm import Arm
-from services.robot_agent.bin import SmartBin
-from services.robot_agent.body import Body
-from services.robot_agent.charging import Charging
-from services.robot_agent.cleaning import Cleaning
-from services.robot_agent.decision import Intent, Situation, decide, require_time_for_verdict, takes_work
-from services.robot_agent.errors import (
+from rodeo.process import Process
+from rodeo.robot.arm import Arm
+from rodeo.robot.behaviour import Behaviour, Estimate, Irrevocable, Robot
+from rodeo.robot.bin import SmartBin
+from rodeo.robot.errors import (
     AgentError,
     Cancelled,
     Halted,
@@ -51,21 +41,31 @@ from services.robot_agent.errors import (
     TaskFailed,
     Unreachable,
 )
-from services.robot_agent.eyes import WristCamera
+from rodeo.robot.manipulator import MobileManipulator
+from rodeo.robot.memory import Held, Memory
+from rodeo.robot.navigation import Floor
+from rodeo.robot.perception import Sighting
+from rodeo.robot.recording import Recording
+from rodeo.robot.ros_body import RosBody
+from rodeo.robot.wrist_camera import WristCamera
+from rodeo.ros2 import Node, types
+from rodeo.stamps import set_stamp
+from rodeo.tls import bus_is_closed
+from rodeo.witness import Inputs
+from rodeo.witness.witness import Witness
+from services.robot_agent.charging import Charging
+from services.robot_agent.decision import Intent, Situation, decide, require_time_for_verdict, takes_work
 from services.robot_agent.journal import Journal, Phase, recording_of
-from services.robot_agent.memory import Held, Memory
-from services.robot_agent.navigation import Floor, Point
 from services.robot_agent.orders import Order, Orders
-from services.robot_agent.perception import Sighting
+from services.robot_agent.participant import RobotParticipant
 from services.robot_agent.receipts import Receipts
-from services.robot_agent.recording import Recording, tells_of_disposal, when_released
 from services.robot_agent.upkeep import Upkeep
 
 log = logging.getLogger(__name__)
 
 _RETRY_WALL_S = 1.0
 """Pause before asking again what just failed: the bridge, the store, the body."""
-_IDLE_WALL_S, _IDLE_S = 2.0, 300.0
+_IDLE_WALL_S, _IDLE_S = 2.0, 600.0
 """Longest wall and site time without a look at chain and battery while nothing happens."""
 _REFUSED_WALL_S = 10.0
 """Pause after the organization refused a request."""
@@ -86,19 +86,10 @@ def _set_aside(recording: Path) -> None:
     recording.rename(recording.with_name(f"interrupted-{number}.mcap"))
 
 
-def _place(task: Task) -> Point:
-    """Where the task says that its item lies. Raises TaskFailed."""
-    try:
-        params = CleaningParams.model_validate(task.params)
-    except ValidationError as error:
-        raise TaskFailed("the task names no item and place", fields=wrong_fields(error)) from error
-    return params.x_m, params.y_m
-
-
 class AssignmentWatch:
     """Notices when the chain takes an assignment away."""
 
-    def __init__(self, dao: Account, events: DaoEvents, task: Task) -> None:
+    def __init__(self, dao: RobotParticipant, events: DaoEvents, task: Task) -> None:
         self._dao = dao
         self._events = events
         self._task = task
@@ -124,54 +115,49 @@ class AssignmentWatch:
 
 
 class Agent:
-    """One robot. `run` returns when the service is asked to stop."""
+    """One robot. `run` returns when the process is asked to stop."""
 
-    def __init__(self, service: Service, robot: RobotConfig) -> None:
-        site, bus = service.site, service.bus
-        self._service = service
+    def __init__(self, process: Process, robot: RobotConfig) -> None:
+        site, bus = process.site, process.bus
+        self._process = process
         self._site = site
         self._robot = robot
-        self._stop = service.stop
-        self._clock = service.clock
-        self._device: LocalAccount = service.wait_account(f"{robot.name}-device")
+        self._stop = process.stop
+        self._kinds = kinds_of(site)
+        self._energy = providing_energy(site)
+        self._clock = process.clock
+        self._device: LocalAccount = process.wait_account(f"{robot.name}-device")
         self._store = Store(site)
         self._node = self._make_node("robot_agent")
-        self._dao = Account(bus, site.org, robot.name)
-        self._body = Body(self._node, site, robot, self._clock)
+        self._dao = RobotParticipant(bus, site.org, robot.name)
+        self._body = RosBody(self._node, site, robot, self._clock)
         self._floor = Floor(site)
         # Where the robot stands and what it holds, it is told over the bus.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
-        self._witness = Witness(bus, site.org, robot.name, self._device, service.data_dir, inputs)
+        self._witness = Witness(bus, site.org, robot.name, self._device, process.data_dir, inputs)
         self._bin = SmartBin(bus, site, self._clock, self._witness)
-        self._memory = Memory(site, service.data_dir / "memory.json")
+        self._memory = Memory(site, process.data_dir / "memory.json")
         arm = Arm(robot.limits, robot.kinematics)
         item_pose = topics.ITEM_POSE
         self._item_pose = self._node.publisher(item_pose.name(ns=robot.namespace), item_pose.type)
-        self._cleaning = Cleaning(
-            site,
-            self._body,
-            arm,
-            WristCamera(self._make_node, robot, self._body, arm, self._clock),
-            self._floor,
-            self._memory,
-            self._bin,
-            self._clock,
-            self._stop,
-            self._announce,
+        camera = WristCamera(self._make_node, robot, self._body, arm, self._clock)
+        self._manipulator = MobileManipulator(
+            site, self._body, arm, camera, self._floor, self._memory, self._clock, self._stop
         )
-        self._upkeep = Upkeep(site, robot, self._node, self._body, self._dao, self._clock, service.data_dir)
+        self._upkeep = Upkeep(site, robot, self._node, self._body, self._dao, self._clock, process.data_dir)
+        self._behaviours = self._make_behaviours()
         self._receipts = Receipts(site, robot, self._witness, bus, self._node, self._clock)
         self._charging = Charging(
             site,
             robot.name,
             self._dao,
             self._body,
-            self._floor,
-            self._memory,
+            self._manipulator,
             self._clock,
             self._receipts,
+            self._behaviours,
         )
-        self._chance = generator(site, service.name, "explore")
+        self._chance = generator(site, process.name, "explore")
         self._schedule = robot.schedule
         self._off_since: Situation | None = None
         """How things were when the robot was switched off; None while it is on."""
@@ -187,21 +173,41 @@ class Agent:
         self._events: deque[DaoEvent] = deque(maxlen=_EVENTS_KEPT)
         self._events_lock = threading.Lock()
         self._orders = Orders(
-            bus, site.org, robot.name, service.data_dir / "orders.json", self._on_order, self._state
+            bus, site.org, robot.name, process.data_dir / "orders.json", self._on_order, self._state
         )
-        find = partial(recording_of, service.data_dir / "tasks")
+        find = partial(recording_of, process.data_dir / "tasks")
         self._copies = Copies(bus, site.org, robot.name, self._store, find)
         self._dao_events = DaoEvents(bus, site.org, self._on_event, clock=self._clock)
 
+    def _make_behaviours(self) -> dict[str, Behaviour]:
+        """Kind -> how this robot does it, of the kinds that the site lists. Raises KindError."""
+        made: dict[str, Behaviour] = {}
+        for name, kind in self._kinds.items():
+            if (behaviour := kind.load_behaviour()) is not None:
+                made[name] = behaviour(
+                    Robot(
+                        name=self._robot.name,
+                        site=self._site,
+                        body=self._manipulator,
+                        floor=self._floor,
+                        memory=self._memory,
+                        bin=self._bin,
+                        clock=self._clock,
+                        announce=self._announce,
+                        estimate=partial(self._upkeep.estimate, name),
+                    )
+                )
+        return made
+
     def _make_node(self, name: str) -> Node:
-        session, domain_id = self._service.bus.session, self._site.bus.domain_id
+        session, domain_id = self._process.bus.session, self._site.bus.domain_id
         return Node(session, name, self._robot.namespace, domain_id, self._clock)
 
     def _announce(self, sighting: Sighting) -> None:
         now_ns = self._clock.now_ns()
         message = types.new(topics.ITEM_POSE.type)
         message.header.frame_id = "map"
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(now_ns, 1_000_000_000)
+        set_stamp(message, now_ns)
         at, turn = message.pose.position, message.pose.orientation
         at.x, at.y, at.z = sighting.position_m
         turn.w, turn.x, turn.y, turn.z = sighting.quat_wxyz
@@ -259,7 +265,7 @@ class Agent:
                 except Halted as error:
                     self._stand_still(error)
                 except JournalBroken as error:
-                    self._service.not_ready(str(error))
+                    self._process.not_ready(str(error))
                     self._wait_out("waiting for a file to be restored", _RETRY_WALL_S, error)
                 except BusError as error:
                     self._wait_out(f"waiting for the organization: {error.message}", _RETRY_WALL_S, error)
@@ -270,7 +276,7 @@ class Agent:
                 except (AgentError, EvidenceError, DiskFull) as error:
                     full = is_full(error)
                     if full:
-                        self._service.not_ready(f"waiting for room on the disk: {error}")
+                        self._process.not_ready(f"waiting for room on the disk: {error}")
                     trouble = "waiting for room on the disk" if full else f"in trouble: {error.message}"
                     self._wait_out(trouble, _RETRY_WALL_S, error)
         finally:
@@ -291,20 +297,20 @@ class Agent:
                 self._off_since = None
                 self._report("switched on")
                 return  # from now on the body is asked again
-        idle = intent is not Intent.CLEAN and not self._orders.standing.paused
+        idle = intent is not Intent.WORK and not self._orders.standing.paused
         if (
             idle
             and self._off_since is None
             and self._memory.held is not None
             and (held := self._feel()) is not None
         ):
-            self._tidy(held)
-        if intent is not Intent.CLEAN:
+            self._put_back(held)
+        if intent is not Intent.WORK:
             # A task to be done comes first: its motion must not wait for the chain.
-            self._open_service(takes_work(situation))
-        self._service.ready()
+            self._open_services(situation.able if takes_work(situation) else ())
+        self._process.ready()
         act: dict[Intent, Callable[[Situation], None]] = {
-            Intent.CLEAN: self._clean,
+            Intent.WORK: self._work,
             Intent.DOCK: self._dock,
             Intent.BUY_CHARGE: self._buy_charge,
             Intent.AWAIT_CHARGE: self._await_charge,
@@ -318,24 +324,48 @@ class Agent:
         """How things are. Of a robot that is off the body is not asked."""
         self._checkpoint()
         standing = self._orders.standing
-        charge = self._dao.own_live_task(CHARGING)
+        charge = self._dao.own_live_task(self._energy.name)
         off = self._off_since
         soc = self._body.battery(self._checkpoint).soc if off is None else off.soc
-        assignment = next(iter(self._dao.assignments(CLEANING)), None)
-        if off is None:
-            lasts = self._upkeep.lasts(soc, assignment, self._body.base_pose(self._checkpoint))
+        assignment = self._dao.next_assignment(self._behaviours)
+        able: frozenset[str] = frozenset()
+        if off is not None:
+            battery_suffices, able = off.battery_suffices, off.able
         else:
-            lasts = off.lasts
+            here = self._body.base_pose(self._checkpoint)
+            if assignment is not None:
+                needs = self._weigh(assignment.kind, assignment, here)
+                # What cannot be done is given up at once.
+                battery_suffices = needs is None or self._upkeep.battery_suffices(soc, needs)
+            else:
+                able = frozenset(self._able(soc, here))
+                battery_suffices = bool(able)
         return Situation(
             soc=soc,
             assignment=assignment,
             charge=charge,
-            lasts=lasts,
+            battery_suffices=battery_suffices,
+            able=able,
             begun=assignment is not None and self._has_begun(assignment),
-            paused=standing.paused or bool(self._service.disk_problem),
+            paused=standing.paused or bool(self._process.disk_problem),
             charge_ordered=standing.charge,
             off_duty=self._off_duty,
         )
+
+    def _able(self, soc: float, here: Pose2) -> Iterator[str]:
+        """The kinds of work for which the battery lasts, whatever the task."""
+        for kind in self._behaviours:
+            needs = self._weigh(kind, None, here)
+            if needs is not None and self._upkeep.battery_suffices(soc, needs):
+                yield kind
+
+    def _weigh(self, kind: str, task: Task | None, here: Pose2) -> Estimate | None:
+        """What the task takes, or the longest one of its kind; None where it cannot be done."""
+        try:
+            return self._behaviours[kind].weigh(task, here)
+        except (TaskFailed, ValidationError) as error:
+            log.info("cannot do %s: %s", kind if task is None else f"task {task.id}", error)
+            return None
 
     @property
     def _off_duty(self) -> bool:
@@ -375,35 +405,33 @@ class Agent:
             left_s = self._expected_s * (1 - progress)
         eta = {} if left_s is None else {"eta_s": round(left_s)}
         self._doing = {"activity": text, "progress": progress, **eta}
-        self._service.activity(text, progress, **eta, **self._body.vitals(), **self._upkeep.state())
+        self._process.activity(text, progress, **eta, **self._body.vitals(), **self._upkeep.state())
 
-    def _open_service(self, wanted: bool) -> None:
-        """Offer cleaning, or pause the offer; done again, it also mends what a killed process left behind.
+    def _open_services(self, wanted: Collection[str]) -> None:
+        """Offer the `wanted` kinds of work, and pause the other offers. Done again, it also mends what a
+        killed process left behind.
 
         A pause does not put off what the robot has been given already, so that is done first.
         """
-        if wanted:
-            self._dao.offer_service(
-                CLEANING,
-                self._site.economy.cleaning_reward_iec,
-                f"{self._robot.name} brings an item to the bin, which says where it belongs",
-            )
-            return
-        if not self._dao.assignments(CLEANING):
-            self._close_service()
+        for name in wanted:
+            kind = self._kinds[name]
+            self._dao.offer_service(name, kind.price_iec, f"{kind.title} by {self._robot.name}")
+        if len(wanted) < len(self._behaviours) and self._dao.next_assignment(self._behaviours) is None:
+            self._close_services(self._behaviours.keys() - set(wanted))
 
-    def _close_service(self) -> None:
-        """Pause the offer, also while the robot is at work: no further task comes after that."""
-        service = self._dao.own_service(CLEANING)
-        if service is not None and service["state"] == "active":
-            self._dao.set_service_state(int(service["id"]), "paused")
+    def _close_services(self, kinds: Collection[str]) -> None:
+        """Pause the offers, also while the robot is at work: no further task comes after that."""
+        for kind in kinds:
+            service = self._dao.own_service(kind)
+            if service is not None and service.state == "active":
+                self._dao.set_service_state(service.id, "paused")
 
     # -- idle ------------------------------------------------------------------------------------------
 
     def _rest(self, situation: Situation) -> None:
         # A charge that ended while this process was down leaves the robot on the dock.
         self._charging.clear_the_dock(self._checkpoint, self._report)
-        if self._service.disk_problem:
+        if self._process.disk_problem:
             self._report("waiting for room on the disk")
         elif situation.paused:
             self._report("paused by an operator")
@@ -435,7 +463,7 @@ class Agent:
     def _fold(self) -> None:
         """So that the next task can begin with driving."""
         try:
-            self._cleaning.stow(self._undistracted)
+            self._manipulator.fold(self._undistracted)
         except Distracted:
             return
         except (MotionFailed, Unreachable) as error:
@@ -448,7 +476,7 @@ class Agent:
             return
         self._report("going where it is in nobody's way")
         try:
-            self._cleaning.stow(self._undistracted)
+            self._manipulator.fold(self._undistracted)
             self._body.navigate(home, self._undistracted)
         except Distracted:
             return
@@ -470,7 +498,7 @@ class Agent:
         self._report("exploring")
         goal = next(self._floor.explore(self._memory.lying(), self._chance))
         try:
-            self._cleaning.stow(self._undistracted)
+            self._manipulator.fold(self._undistracted)
             self._body.navigate(goal, self._undistracted)
         except Distracted:
             return
@@ -498,11 +526,11 @@ class Agent:
         assert situation.charge is not None  # decide() says DOCK only with a charging task
         self._charging.take(situation.charge, self._wake, self._checkpoint, self._report)
 
-    # -- cleaning --------------------------------------------------------------------------------------
+    # -- work ------------------------------------------------------------------------------------------
 
-    def _clean(self, situation: Situation) -> None:
+    def _work(self, situation: Situation) -> None:
         task = situation.assignment
-        assert task is not None  # decide() says CLEAN only with an assignment
+        assert task is not None  # decide() says WORK only with an assignment
         folder = self._task_folder(task)
         journal = Journal.open(folder, self._dao.assignment(task))
         self._attempt = task
@@ -513,7 +541,7 @@ class Agent:
             self._attempt = None
 
     def _task_folder(self, task: Task) -> Path:
-        return self._service.data_dir / "tasks" / f"{task.id}-{task.attempt}"
+        return self._process.data_dir / "tasks" / f"{task.id}-{task.attempt}"
 
     def _has_begun(self, task: Task) -> bool:
         folder = self._task_folder(task)
@@ -531,10 +559,10 @@ class Agent:
             self._seal(task, journal, folder)
         if journal.phase == Phase.SEALED:
             if self._off_duty:
-                self._close_service_first(task)
+                self._close_services_first(task)
             self._submit(task, journal, folder)
-            # After work that failed, or that was interrupted at the bin.
-            self._cleaning.clear_the_bin(self._checkpoint)
+            # Work that failed, or was interrupted, may have left the robot in somebody's way.
+            self._behaviours[task.kind].tidy(self._checkpoint)
         if journal.phase == Phase.SUBMITTED:
             self._wait_for_news()  # the index is about to say so
             if (now := self._dao.task(task.id)).state == "assigned" and now.nonce == task.nonce:
@@ -545,22 +573,21 @@ class Agent:
     def _record(self, task: Task, journal: Journal, folder: Path) -> None:
         """Do the work while it is recorded.
 
-        A recording with a hole in the work proves little, so what was interrupted begins again: with the
-        item back on the floor, in a new recording. What was released before the interruption cannot be done
-        again; then the old recording goes on.
+        A recording with a hole in the work proves little, so what was interrupted begins again: with nothing
+        in the gripper, in a new recording. Where something was done for good the old recording goes on.
         """
         path = folder / "recording.mcap"
-        if problem := self._service.look_at_disk():
+        if problem := self._process.look_at_disk():
             raise DiskFull(problem)
         if (held := self._feel()) is not None:
-            self._tidy(held)
-        released_s = when_released(path) if path.exists() else None
-        if released_s is not None and tells_of_disposal(path, released_s, RECORDED_AFTER_DROP_S):
+            self._put_back(held)
+        done = self._behaviours[task.kind].irrevocable(path) if path.exists() else None
+        if done is not None and done.complete:
             journal.advance(folder, Phase.EXECUTED)  # interrupted when everything was said
             return
         if held is not None:
-            released_s = None
-        if path.exists() and released_s is None:
+            done = None
+        if path.exists() and done is None:
             _set_aside(path)
         recording = Recording(
             path,
@@ -570,12 +597,13 @@ class Agent:
             self._make_node("recorder"),
             self._site,
             self._robot.name,
-            self._service.bus,
-            holes_allowed=released_s is not None,
+            self._process.bus,
+            holes_allowed=done is not None,
+            records=self._kinds[task.kind].records,
         )
         self._start_recording(recording, task)
         try:
-            journal.failure = self._execute(task, recording, released_s)
+            journal.failure = self._execute(task, recording, done)
             recording.catch_up()
             self._stop_recording()
             recording.stop()
@@ -587,10 +615,10 @@ class Agent:
             self._stop_recording()
             recording.suspend()
 
-    def _close_service_first(self, task: Task) -> None:
-        """Before the verdict frees the service, and the next task that waits is given to it."""
+    def _close_services_first(self, task: Task) -> None:
+        """Before the verdict frees a service, and the next task that waits is given to it."""
         try:
-            self._close_service()
+            self._close_services(self._behaviours)
         except RemoteError as error:
             log.warning("the proof of task %d goes first: %s", task.id, error)
 
@@ -607,16 +635,16 @@ class Agent:
     def _feel(self) -> Held | None:
         """What the gripper holds, as far as the body can tell."""
         try:
-            return self._cleaning.feel(self._checkpoint)
+            return self._manipulator.held(self._checkpoint)
         except MotionFailed as error:
             log.warning("cannot feel what is in the gripper: %s", error)
             return self._memory.held
 
-    def _tidy(self, held: Held) -> None:
+    def _put_back(self, held: Held) -> None:
         """Lay an item that an interruption or a failed attempt left in the gripper where it was taken."""
         self._report(f"putting {held.item_id or 'what is held'} back to start again", 0.1)
         try:
-            self._cleaning.put_back(held, self._checkpoint)
+            self._manipulator.put_back(held, self._checkpoint)
         except (MotionFailed, Unreachable) as error:
             log.warning("the item stays in the gripper: %s", error)
 
@@ -631,8 +659,8 @@ class Agent:
         with self._events_lock:
             self._recording = self._recorded_task = None
 
-    def _execute(self, task: Task, recording: Recording, released_s: float | None) -> str | None:
-        """The physical work, or what is left of it when the item was let go of at `released_s`.
+    def _execute(self, task: Task, recording: Recording, done: Irrevocable | None) -> str | None:
+        """The physical work, or what is left of it after what is `done` for good.
 
         A failure goes on record and is returned; the oracle says what it is worth.
         """
@@ -645,17 +673,18 @@ class Agent:
             if self._orders.cancelled(task.nonce):
                 raise Cancelled("given up by an operator", task_id=task.id)
 
-        item_id = str(task.params.get("item_id"))
-        self._expected_s = self._upkeep.task_s(task, self._body.base_pose(self._checkpoint))
+        behaviour = self._behaviours[task.kind]
+        needs = self._weigh(task.kind, task, self._body.base_pose(self._checkpoint))
+        self._expected_s = 0.0 if needs is None else needs.duration_s
         started_s = self._clock.now_s()
         duration_s: float | None = None
         self._upkeep.task_begins()
         try:
-            if released_s is not None:
-                self._cleaning.confirm(released_s, checkpoint, self._report, recording)
+            if done is not None:
+                behaviour.finish(done, task, checkpoint, self._report, recording)
             else:
                 require_time_for_verdict(task, self._site)
-                self._cleaning.dispose(item_id, _place(task), checkpoint, self._report, recording)
+                self._begin(task, checkpoint, recording)
             duration_s = self._clock.now_s() - started_s
         except (TaskFailed, Cancelled) as error:
             log.error("task %d failed: %s", task.id, error)
@@ -664,14 +693,23 @@ class Agent:
             self._abort(self._checkpoint)
             return error.message
         finally:
-            self._upkeep.task_ends(duration_s)
-        recording.note({"event": "execution_finished", "item": item_id})
+            self._upkeep.task_ends(task.kind, duration_s)
+        recording.note({"event": "execution_finished"})
         return None
+
+    def _begin(self, task: Task, checkpoint: Callable[[], None], recording: Recording) -> None:
+        try:
+            self._behaviours[task.kind].execute(task, checkpoint, self._report, recording)
+        except ValidationError as error:
+            # Not every creator asks the bridge, so a behaviour may meet parameters that fit no model.
+            raise TaskFailed(
+                "the parameters are not those of the kind", fields=wrong_fields(error)
+            ) from error
 
     def _abort(self, checkpoint: Callable[[], None]) -> None:
         """Leave the arm folded, and on record how things are."""
         try:
-            self._cleaning.stow(checkpoint)
+            self._manipulator.fold(checkpoint)
         except (MotionFailed, Unreachable) as error:
             log.error("the arm cannot be folded: %s", error)
         self._clock.wait_until(self._clock.now_s() + _LAST_LOOK_S, self._stop)

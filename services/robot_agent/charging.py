@@ -4,26 +4,23 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections.abc import Collection
 from typing import Protocol
 
 from rodeo.charging import order_wh
 from rodeo.clock import Clock
 from rodeo.config import Site
-from rodeo.dao import CHARGING, CLEANING
-from rodeo.lab.layout import dock_parking, on_contacts
+from rodeo.kinds import providing_energy
+from rodeo.lab.layout import dock_parking
 from rodeo.messages import RegisterTask, Task
-from services.robot_agent.account import Account
-from services.robot_agent.body import Body, Checkpoint
-from services.robot_agent.cleaning import Report
-from services.robot_agent.errors import MotionFailed
-from services.robot_agent.memory import Memory
-from services.robot_agent.navigation import Floor
-from services.robot_agent.parking import leave
+from rodeo.robot.body import Checkpoint
+from rodeo.robot.manipulator import MobileManipulator
+from rodeo.robot.ros_body import RosBody
+from services.robot_agent.participant import RobotParticipant
 from services.robot_agent.receipts import Receipts
 
 log = logging.getLogger(__name__)
 
-_DOCKINGS = 4
 _LOOK_WALL_S = 1.0
 """Wall time between two looks at task and battery."""
 
@@ -49,19 +46,21 @@ class Charging:
         self,
         site: Site,
         robot: str,
-        dao: Account,
-        body: Body,
-        floor: Floor,
-        memory: Memory,
+        dao: RobotParticipant,
+        body: RosBody,
+        manipulator: MobileManipulator,
         clock: Clock,
         receipts: Receipts,
+        work: Collection[str],
     ) -> None:
+        """A robot that has enough does not let tasks of the kinds `work` wait."""
         self._site = site
+        self._energy = providing_energy(site)
+        self._work = work
         self._robot = robot
         self._dao = dao
         self._body = body
-        self._floor = floor
-        self._memory = memory
+        self._manipulator = manipulator
         self._clock = clock
         self._receipts = receipts
 
@@ -78,9 +77,9 @@ class Charging:
         if ordered and soc >= target:
             target = 1.0
         request = RegisterTask(
-            request_id=f"charge-{self._robot}-{self._dao.count(CHARGING)}",
-            kind=CHARGING,
-            reward_iec=self._site.economy.charging_reward_iec,
+            request_id=f"charge-{self._robot}-{self._dao.count(self._energy.name)}",
+            kind=self._energy.name,
+            reward_iec=self._energy.price_iec,
             params={
                 "robot": self._robot,
                 "dock": self._site.dock.name,
@@ -89,7 +88,7 @@ class Charging:
                 "energy_wh": order_wh(self._site.robot(self._robot).battery, self._site.dock, soc, target),
             },
             description=f"Charge {self._robot} at {self._site.dock.name} to {target:.0%}",
-            execution_window_s=self._site.economy.charging_window_s,
+            execution_window_s=self._energy.execution_window_s,
         )
         return self._dao.post(request, self._clock.now_s(), self._site.agent.daily_spending_cap_iec)
 
@@ -100,7 +99,7 @@ class Charging:
         """
         report("driving to the dock", 0.0)
         self._receipts.begin(task)
-        self._dock(checkpoint)
+        self._manipulator.dock(checkpoint)
         soc_from = float(task.params["soc_from"])
         soc_target = float(task.params["soc_target"])
         begun: tuple[float, float] | None = None
@@ -116,46 +115,23 @@ class Charging:
             current = self._dao.task(task.id)
             if current.state not in ("open", "assigned"):
                 break
-            if battery.soc >= soc_target and self._dao.assignments(CLEANING):
+            if battery.soc >= soc_target and self._dao.next_assignment(self._work):
                 break
-            if not battery.charging and not on_contacts(self._site.dock, self._body.base_pose(checkpoint)):
+            if not battery.charging and not self._manipulator.docked(checkpoint):
                 log.warning("not on the dock's contacts any more; docking again")
-                self._dock(checkpoint)
+                self._manipulator.dock(checkpoint)
             self._wait(wake, checkpoint)
         self.clear_the_dock(checkpoint, report)
 
-    def clear_the_dock(self, checkpoint: Checkpoint, report: Report) -> None:
+    def clear_the_dock(self, checkpoint: Checkpoint, report: Tell) -> None:
         """Make room for whoever charges next, if the robot stands on the contacts."""
-        if not on_contacts(self._site.dock, self._body.base_pose(checkpoint)):
+        if not self._manipulator.docked(checkpoint):
             return
         report("leaving the dock", 1.0)
-        leave(
-            self._body,
-            self._floor,
-            dock_parking(self._site.dock),
-            self._memory.lying(),
-            checkpoint,
-        )
-
-    def _dock(self, checkpoint: Checkpoint) -> None:
-        parking = dock_parking(self._site.dock)
-        if on_contacts(self._site.dock, self._body.base_pose(checkpoint)):
-            return
-        for attempt in range(1, _DOCKINGS + 1):
-            try:
-                self._body.navigate(parking, checkpoint)
-            except MotionFailed as error:
-                if attempt == _DOCKINGS:
-                    raise
-                log.warning("could not dock: %s", error)
-            if on_contacts(self._site.dock, self._body.base_pose(checkpoint)):
-                return
-            log.info("missed the contacts; docking again")
-            leave(self._body, self._floor, parking, self._memory.lying(), checkpoint)
-        raise MotionFailed("the robot does not get onto the dock's contacts", dockings=_DOCKINGS)
+        self._manipulator.leave(dock_parking(self._site.dock), checkpoint)
 
     def _wait(self, wake: threading.Event, checkpoint: Checkpoint) -> None:
         """Until something happens on chain or it is time to look again."""
-        self._clock.wait_for(wake.is_set, wall_s=_LOOK_WALL_S, check=checkpoint)
+        self._clock.wait_for(wake.is_set, wall_s=_LOOK_WALL_S, check=checkpoint, resting=True)
         wake.clear()
         checkpoint()

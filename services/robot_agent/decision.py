@@ -7,11 +7,11 @@ from enum import StrEnum
 
 from rodeo.config import AgentConfig, Site
 from rodeo.messages import Task
-from services.robot_agent.errors import TaskFailed
+from rodeo.robot.errors import TaskFailed
 
 
 class Intent(StrEnum):
-    CLEAN = "clean"
+    WORK = "work"
     DOCK = "dock"
     BUY_CHARGE = "buy charge"
     AWAIT_CHARGE = "await charge"
@@ -26,11 +26,13 @@ class Intent(StrEnum):
 class Situation:
     soc: float
     assignment: Task | None
-    """The cleaning task to do next."""
+    """The task to do next."""
     charge: Task | None
     """The robot's own charging task, if one is live."""
-    lasts: bool = True
-    """Whether the battery lasts for the assignment, or the farthest one there may be, and the way home."""
+    battery_suffices: bool = True
+    """Whether the battery lasts for the assignment, or else for one kind of work, and the way home."""
+    able: frozenset[str] = frozenset()
+    """Kinds of work for which the battery lasts, whatever the task; empty with an assignment."""
     begun: bool = False
     """Work on the assignment has begun."""
     paused: bool = False
@@ -53,19 +55,19 @@ def require_time_for_verdict(task: Task, site: Site) -> None:
 def takes_work(now: Situation) -> bool:
     """Whether the robot's service should be open to new tasks."""
     charging = now.charge is not None and now.charge.state != "submitted"
-    return not (now.off_duty or now.paused or now.charge_ordered or charging) and now.lasts
+    return not (now.off_duty or now.paused or now.charge_ordered or charging) and now.battery_suffices
 
 
 def decide(now: Situation, agent: AgentConfig) -> Intent:
     """Outside its working hours a robot ends what it was given before: an assignment, a charge that began."""
     waits = now.assignment is not None and (now.begun or not now.paused)
-    can_clean = waits and now.lasts
+    can_work = waits and now.battery_suffices
     charge_state = now.charge.state if now.charge is not None else None
     full = now.soc >= agent.charge_target
-    if charge_state == "assigned" and not (full and can_clean):
+    if charge_state == "assigned" and not (full and can_work):
         return Intent.DOCK
-    if can_clean and not (now.charge_ordered and not now.begun):
-        return Intent.CLEAN
+    if can_work and not (now.charge_ordered and not now.begun):
+        return Intent.WORK
     low = now.soc < agent.charge_below or waits
     wanted = now.charge_ordered or (low and (waits or not (now.paused or now.off_duty)))
     if wanted and charge_state is None:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from rodeo.dao import Assignment
 from rodeo.errors import unreadable
 from rodeo.files import replace_file, set_aside, writing
-from services.robot_agent.errors import JournalBroken
+from rodeo.robot.errors import JournalBroken
 
 log = logging.getLogger(__name__)
 

@@ -22,7 +22,7 @@ from rodeo import topics
 from rodeo.bus import Bus, Request
 from rodeo.errors import DiskFull, RequestError, unreadable
 from rodeo.files import replace_file
-from services.robot_agent.errors import JournalBroken
+from rodeo.robot.errors import JournalBroken
 
 log = logging.getLogger(__name__)
 
@@ -82,10 +82,13 @@ class Orders:
         self._lock = threading.Lock()
         self._standing = _load(path)
         self._nonce: str | None = None
-        key = topics.ROBOT_ORDER.name(org=org, robot=robot, order="{}")
+
+        def key(order: str) -> str:
+            return topics.ROBOT_ORDER.name(org=org, robot=robot, order=order)
+
         self._queryables = [
-            *(bus.serve(key.format(order), self._taker(order)) for order in Order),
-            bus.serve(key.format("state"), lambda _request: self._answer()),
+            *(bus.serve(key(order), self._taker(order)) for order in Order),
+            bus.serve(key("state"), lambda _request: self._answer()),
         ]
 
     @property

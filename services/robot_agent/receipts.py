@@ -8,7 +8,7 @@ import threading
 from collections import deque
 from typing import Any, Literal, NamedTuple
 
-from rodeo import ocmf, topics
+from rodeo import topics
 from rodeo.bus import Bus
 from rodeo.clock import Clock
 from rodeo.config import Site
@@ -20,8 +20,9 @@ from rodeo.metering import METER_CLASS, STEP_WH
 from rodeo.recording import Heard, Refusals, StatementDoor, StatementListener
 from rodeo.recording.door import stamp_slack_s
 from rodeo.ros2 import Node
+from rodeo.stamps import stamp_s
 from rodeo.wallets import SiteDevice
-from rodeo.witness import MeterRecord, Receipt, parse
+from rodeo.witness import MeterRecord, Receipt, ocmf, parse
 from rodeo.witness.statement import payload_digest
 from rodeo.witness.witness import Witness
 
@@ -130,7 +131,7 @@ class _Session(NamedTuple):
     closed: bool = False
 
 
-class Account:
+class ReceiptPolicy:
     """Decides for which records of one task the robot signs. One thread at a time."""
 
     def __init__(self, gauge: Gauge, dock: str, robot: str, task_id: int) -> None:
@@ -227,7 +228,7 @@ class Receipts:
         self._clock = clock
         self._lock = threading.RLock()
         self._gauge = Gauge(robot.battery)
-        self._account: Account | None = None
+        self._account: ReceiptPolicy | None = None
         self._begun: tuple[int, float] | None = None
         """Task and when it was registered: another chain has a task of the same number."""
         self._pending: deque[Heard] = deque(maxlen=_WAITING)
@@ -236,8 +237,12 @@ class Receipts:
         """The last record that the robot did not sign for."""
         self._last: Attestation | None = None
         battery = topics.BATTERY_STATE
+        # In the receiving thread: whoever hears of a record has heard of what the gauge showed before.
         node.subscription(
-            battery.name(ns=robot.namespace), battery.type, lambda message, _info: self._on_battery(message)
+            battery.name(ns=robot.namespace),
+            battery.type,
+            lambda message, _info: self._on_battery(message),
+            inline=True,
         )
         self._listener = StatementListener(
             bus,
@@ -267,7 +272,7 @@ class Receipts:
                 return
             self._begun = task.id, task.registered
             self._refused = None
-            self._account = Account(self._gauge, self._site.dock.name, self._robot.name, task.id)
+            self._account = ReceiptPolicy(self._gauge, self._site.dock.name, self._robot.name, task.id)
             self._restore(self._account, task.registered)
             self._answer_pending()
 
@@ -286,7 +291,7 @@ class Receipts:
 
     # -- inside ----------------------------------------------------------------------------------------
 
-    def _restore(self, account: Account, since_s: float) -> None:
+    def _restore(self, account: ReceiptPolicy, since_s: float) -> None:
         """`since_s`: what was signed earlier was for a task of the same number on another chain."""
         chain = self._witness.chain
         for attestation in () if chain is None else reversed(chain.last(_LOOKED_AT)):
@@ -299,7 +304,7 @@ class Receipts:
                 return
 
     def _on_battery(self, message: Any) -> None:
-        time_s = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+        time_s = stamp_s(message.header.stamp)
         with self._lock:
             self._gauge.reading(
                 time_s, float(message.voltage), float(message.current), float(message.percentage)
@@ -332,7 +337,7 @@ class Receipts:
                 self._answer(account, heard, record)
         self._pending.extend(later)
 
-    def _answer(self, account: Account, heard: Heard, record: MeterRecord) -> None:
+    def _answer(self, account: ReceiptPolicy, heard: Heard, record: MeterRecord) -> None:
         chain = self._witness.chain
         assert chain is not None  # `begin` waits for it
         reason = account.reason(record)

@@ -9,21 +9,20 @@ import time
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from rodeo import topics
-from rodeo.cleaning import CleaningParams
 from rodeo.clock import Clock
 from rodeo.config import MaintenanceConfig, Site
 from rodeo.errors import DiskFull, RemoteError
 from rodeo.lab.config import Pose2, RobotConfig
-from rodeo.lab.layout import BinLayout, dock_parking
+from rodeo.lab.layout import dock_parking
 from rodeo.messages import RegisterTask, Task
+from rodeo.robot.behaviour import Estimate
+from rodeo.robot.energy import DETOUR, Consumption, EnergyMeter, battery_suffices
+from rodeo.robot.errors import CapReached
+from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import Node
-from services.robot_agent.account import Account
-from services.robot_agent.body import Body
-from services.robot_agent.energy import DETOUR, Consumption, EnergyMeter, lasts
-from services.robot_agent.errors import CapReached
+from rodeo.stamps import stamp_s
+from services.robot_agent.participant import RobotParticipant
 
 log = logging.getLogger(__name__)
 
@@ -41,7 +40,14 @@ class Upkeep:
     """Listens to battery and base in a thread of the bus; asked by the agent's own thread."""
 
     def __init__(
-        self, site: Site, robot: RobotConfig, node: Node, body: Body, dao: Account, clock: Clock, folder: Path
+        self,
+        site: Site,
+        robot: RobotConfig,
+        node: Node,
+        body: RosBody,
+        dao: RobotParticipant,
+        clock: Clock,
+        folder: Path,
     ) -> None:
         self._site = site
         self._robot = robot
@@ -66,7 +72,7 @@ class Upkeep:
     # -- measuring -------------------------------------------------------------------------------------
 
     def _on_battery(self, message: Any) -> None:
-        time_s = message.header.stamp.sec + message.header.stamp.nanosec * 1e-9
+        time_s = stamp_s(message.header.stamp)
         base = self._body.recent_base_pose()
         with self._lock:
             if self._working:
@@ -98,51 +104,32 @@ class Upkeep:
             self._driving_s = 0.0
             self._working = True
 
-    def task_ends(self, duration_s: float | None) -> None:
+    def task_ends(self, kind: str, duration_s: float | None) -> None:
         """After `duration_s` of site time from beginning to end, None for a task that was not completed."""
         with self._lock:
             self._working = False
             self._consumption.learn_power(self._meter.energy_wh, self._meter.duration_s)
             if duration_s is not None:
-                self._consumption.learn_task(duration_s, self._driving_s)
+                self._consumption.learn_task(kind, duration_s, self._driving_s)
             self._consumption.save(self._path)
 
     # -- energy ----------------------------------------------------------------------------------------
 
-    def lasts(self, soc: float, task: Task | None, base: Pose2) -> bool:
-        """Whether the battery lasts for `task`, or else the farthest item, and the way to the dock."""
-        task_wh, home_wh = self.needs_wh(task, base)
-        return lasts(soc, self._robot.battery, task_wh, home_wh)
-
-    def needs_wh(self, task: Task | None, base: Pose2) -> tuple[float, float]:
-        """For the task as expected, and for the way to the dock after it."""
-        bin_, dock = BinLayout(self._site.bin).parking, dock_parking(self._site.dock)
-        home_m = DETOUR * math.dist((bin_.x_m, bin_.y_m), (dock.x_m, dock.y_m))
-        way_m = DETOUR * self._way_m((base.x_m, base.y_m), task, (bin_.x_m, bin_.y_m))
+    def estimate(self, kind: str, way_m: float, ends_at: Pose2) -> Estimate:
+        """For a task of this kind with `way_m` to drive in straight lines."""
+        way_m *= DETOUR
         with self._lock:
-            return self._consumption.task_wh(way_m), self._consumption.drive_wh(home_m)
+            return Estimate(
+                self._consumption.task_wh(kind, way_m), self._consumption.task_s(kind, way_m), ends_at
+            )
 
-    def _way_m(self, start: Point, task: Task | None, end: Point) -> float:
-        """From `start` over the item to the bin."""
-        places: list[Point] = [(item.pose.x_m, item.pose.y_m) for item in self._site.items]
-        if task is not None:
-            try:
-                params = CleaningParams.model_validate(task.params)
-                places = [(params.x_m, params.y_m)]
-            except ValidationError as error:  # it is given up later; until then the farthest item counts
-                log.info("task %d names no item and place: %s", task.id, error)
-        length_m, width_m = self._site.lab.size_m
-        return max(
-            (math.dist(start, place) + math.dist(place, end) for place in places),
-            default=2 * math.hypot(length_m, width_m),
-        )
-
-    def task_s(self, task: Task, base: Pose2) -> float:
-        """How long the task takes, as things go."""
-        bin_ = BinLayout(self._site.bin).parking
+    def battery_suffices(self, soc: float, needs: Estimate) -> bool:
+        """Whether the battery lasts for such a task, and the way to the dock after it."""
+        end, dock = needs.ends_at, dock_parking(self._site.dock)
+        home_m = DETOUR * math.dist((end.x_m, end.y_m), (dock.x_m, dock.y_m))
         with self._lock:
-            way_m = DETOUR * self._way_m((base.x_m, base.y_m), task, (bin_.x_m, bin_.y_m))
-            return self._consumption.drive_s(way_m) + self._consumption.handling_s
+            home_wh = self._consumption.drive_wh(home_m)
+        return battery_suffices(soc, self._robot.battery, needs.energy_wh, home_wh)
 
     def state(self) -> dict[str, Any]:
         with self._lock:

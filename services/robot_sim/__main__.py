@@ -4,7 +4,7 @@ import threading
 from pathlib import Path
 
 from rodeo.config import Site
-from rodeo.service import noting_its_end, supervise
+from rodeo.process import noting_its_end, supervise
 from services.robot_sim.process import run
 
 parser = argparse.ArgumentParser(

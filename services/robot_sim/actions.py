@@ -9,9 +9,10 @@ import numpy as np
 
 from rodeo import topics
 from rodeo.lab.config import Pose2
-from rodeo.lab.layout import wrap
+from rodeo.lab.geometry import on_plane
 from rodeo.lab.world import ARM_JOINTS
 from rodeo.ros2 import LATCHED, ActionServer, Node, ServerGoal, types
+from rodeo.stamps import SECOND_NS, stamp_s
 from services.robot_sim import messages
 from services.robot_sim.arm import (
     GOAL_TIME_TOLERANCE_S,
@@ -110,7 +111,7 @@ class Actions:
         turn.begins(drive.finished)
         now_ns = self._simulation.time_ns
         path = messages.path(now_ns, self._robot.base.way)
-        self._loop.outbox.then(lambda: self._plan.publish(path, now_ns))
+        self._loop.publish_queue.then(lambda: self._plan.publish(path, now_ns))
         if self._robot.halted:
             self._robot.base.stop()
 
@@ -157,14 +158,12 @@ class Actions:
 
     def _navigation_feedback(self, drive: Drive, started_ns: int, replans: int) -> Any:
         now_ns, at = self._simulation.time_ns, self._robot.body.pose
-        sec, nanosec = divmod(now_ns - started_ns, 1_000_000_000)
         left_s = drive.remaining_m / self._robot.config.limits.cruise_m_s
-        duration = types.msg("builtin_interfaces/msg/Duration")
         return types.new(
             "nav2_msgs/action/NavigateToPose_Feedback",
             current_pose=messages.pose_stamped(now_ns, messages.planar_pose(at.x_m, at.y_m, at.yaw_rad)),
-            navigation_time=duration(sec=sec, nanosec=nanosec),
-            estimated_time_remaining=duration(sec=int(left_s), nanosec=0),
+            navigation_time=types.duration_message(now_ns - started_ns),
+            estimated_time_remaining=types.duration_message(int(left_s) * SECOND_NS),
             number_of_recoveries=replans,
             distance_remaining=drive.remaining_m,
         )
@@ -251,13 +250,12 @@ class Actions:
 
 def _goal_pose(target: Any) -> Pose2:
     """Raises UnknownFrame, GoalOutsideMap."""
-    frame, at, turn = target.header.frame_id, target.pose.position, target.pose.orientation
+    frame, pose = target.header.frame_id, on_plane(target.pose)
     if frame not in ("", "map"):
         raise UnknownFrame(202, "goals are in the frame map", frame=frame)
-    yaw_rad = math.atan2(2 * (turn.w * turn.z + turn.x * turn.y), 1 - 2 * (turn.y**2 + turn.z**2))
-    if not all(map(math.isfinite, (at.x, at.y, yaw_rad))):
-        raise GoalOutsideMap(204, "the goal is not a place", x=at.x, y=at.y, yaw=yaw_rad)
-    return Pose2(x_m=at.x, y_m=at.y, yaw_rad=wrap(yaw_rad))
+    if not all(map(math.isfinite, (pose.x_m, pose.y_m, pose.yaw_rad))):
+        raise GoalOutsideMap(204, "the goal is not a place", x=pose.x_m, y=pose.y_m, yaw=pose.yaw_rad)
+    return pose
 
 
 def _motion(goal: ServerGoal) -> Motion:
@@ -273,19 +271,15 @@ def _motion(goal: ServerGoal) -> Motion:
         given = [v for v in values if len(v)]
         if len(values[0]) != 6 or any(len(v) != 6 for v in given) or (len(values[2]) and not len(values[1])):
             raise BadTrajectory(TrajectoryError.INVALID_GOAL, "a point lacks joints or derivatives", point=k)
-        time_s = _seconds(point.time_from_start)
+        time_s = stamp_s(point.time_from_start)
         waypoints.append(Waypoint(time_s, tuple(v[order] for v in given)))
     return Motion(
         waypoints,
         lambda: goal.is_cancel_requested,
         _tolerance(goal.request.path_tolerance, PATH_TOLERANCE_RAD),
         _tolerance(goal.request.goal_tolerance, GOAL_TOLERANCE_RAD),
-        _seconds(goal.request.goal_time_tolerance) or GOAL_TIME_TOLERANCE_S,
+        stamp_s(goal.request.goal_time_tolerance) or GOAL_TIME_TOLERANCE_S,
     )
-
-
-def _seconds(duration: Any) -> float:
-    return duration.sec + duration.nanosec * 1e-9
 
 
 def _tolerance(given: list[Any], default_rad: float) -> np.ndarray:

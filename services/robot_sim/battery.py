@@ -1,5 +1,7 @@
 """A Li-ion battery as a voltage source with a resistance, and a dock's CC/CV supply."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from enum import IntEnum
@@ -36,6 +38,9 @@ class Battery:
     def voltage_v(self) -> float:
         return self.open_circuit_v + self.current_a * self.config.resistance_ohm
 
+    def copy(self) -> Battery:
+        return Battery(self.config, self.soc, self.current_a)
+
     def step(self, load_w: float, supply_a: float, dt_s: float) -> None:
         """Give `load_w` to the robot and take `supply_a` from the dock for `dt_s`."""
         self.current_a = supply_a - self.load_current_a(load_w)
@@ -60,6 +65,11 @@ class Supply:
     """A battery is on the contacts: their sense line tells with an open contactor, too."""
     voltage_v: float = 0.0
     current_a: float = 0.0
+
+    def copy(self) -> Supply:
+        return Supply(
+            self.config, self.enabled, self.finished, self.connected, self.voltage_v, self.current_a
+        )
 
     def enable(self, closed: bool) -> None:
         if closed != self.enabled:

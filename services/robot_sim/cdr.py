@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from rodeo.ros2 import types
+from rodeo.stamps import sec_nanosec
 
 _STAMP = struct.Struct("<iI")
 _STAMP_AT = 4
@@ -29,7 +30,7 @@ class StampedDoubles:
 
     def encode(self, time_ns: int, *blocks: tuple[int, Any]) -> bytes:
         """CDR with each block (index of the first number, numbers) written over what was there."""
-        _STAMP.pack_into(self._buffer, _STAMP_AT, *divmod(time_ns, 1_000_000_000))
+        _STAMP.pack_into(self._buffer, _STAMP_AT, *sec_nanosec(time_ns))
         for first, numbers in blocks:
             self._numbers[first : first + len(numbers)] = numbers
         return bytes(self._buffer)
@@ -50,7 +51,7 @@ class StampedFields:
 
     def encode(self, time_ns: int, *numbers: float) -> bytes:
         """CDR with `numbers`, one for each field in their order."""
-        _STAMP.pack_into(self._buffer, _STAMP_AT, *divmod(time_ns, 1_000_000_000))
+        _STAMP.pack_into(self._buffer, _STAMP_AT, *sec_nanosec(time_ns))
         for (kind, place), number in zip(self._places, numbers, strict=True):
             kind.pack_into(self._buffer, place, number)
         return bytes(self._buffer)
@@ -87,7 +88,7 @@ class StampedSequence:
 
     def encode(self, time_ns: int, numbers: np.ndarray) -> bytes:
         """`numbers` in the shape of one row, of any kind that the sequence's can be made from."""
-        _STAMP.pack_into(self._buffer, _STAMP_AT, *divmod(time_ns, 1_000_000_000))
+        _STAMP.pack_into(self._buffer, _STAMP_AT, *sec_nanosec(time_ns))
         self._numbers[:] = numbers
         return bytes(self._buffer)
 
@@ -107,7 +108,7 @@ class Transforms:
 
     def encode(self, time_ns: int, poses: np.ndarray) -> bytes:
         """`poses` (n, 7): x, y, z in m and qx, qy, qz, qw of each frame in its parent."""
-        seconds, nanoseconds = divmod(time_ns, 1_000_000_000)
+        seconds, nanoseconds = sec_nanosec(time_ns)
         self._words[self._stamp_word], self._words[self._stamp_word + 1] = seconds, nanoseconds
         self._numbers[self._index] = poses
         return bytes(self._buffer)
@@ -137,7 +138,7 @@ class JointStates:
         ]
 
     def encode(self, time_ns: int, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> bytes:
-        _STAMP.pack_into(self._buffer, _STAMP_AT, *divmod(time_ns, 1_000_000_000))
+        _STAMP.pack_into(self._buffer, _STAMP_AT, *sec_nanosec(time_ns))
         for sequence, values in zip(self._sequences, (position, velocity, effort), strict=True):
             sequence[:] = values
         return bytes(self._buffer)
@@ -158,7 +159,7 @@ class ControllerStates:
         )
 
     def encode(self, time_ns: int, reference: np.ndarray, measured: np.ndarray) -> bytes:
-        _STAMP.pack_into(self._buffer, _STAMP_AT, *divmod(time_ns, 1_000_000_000))
+        _STAMP.pack_into(self._buffer, _STAMP_AT, *sec_nanosec(time_ns))
         self._reference[:], self._feedback[:] = reference, measured
         self._error[:] = reference - measured
         return bytes(self._buffer)

@@ -39,6 +39,11 @@ class Session(NamedTuple):
     process: str
     id: str
 
+    @property
+    def kind(self) -> str:
+        """As `clock.holders` has it: the minds are one."""
+        return self.process.partition(".")[0]
+
     @classmethod
     def of(cls, key: object) -> Session:
         """Whose key `rodeo/{org}/clock/hold/{process}/{session}` is."""
@@ -58,16 +63,24 @@ class Holders:
 
     Args:
         wake: called when somebody said something, from Zenoh's threads.
-        tell: hears who holds the clock for longer than LONG_S, and with an empty text that it goes on.
+        warn: hears who holds the clock for longer than LONG_S, and with an empty text that it goes on.
+        missing: who of the simulation's own is not up yet, for an experiment that begins with everybody.
     """
 
-    def __init__(self, bus: Bus, site: Site, wake: Callable[[], None], tell: Callable[[str], None]) -> None:
+    def __init__(
+        self,
+        bus: Bus,
+        site: Site,
+        wake: Callable[[], None],
+        warn: Callable[[str], None],
+        missing: Callable[[], frozenset[str]] = frozenset,
+    ) -> None:
         self._wake = wake
-        self._tell = tell
+        self._warn = warn
         self._told = ""
         self._lock = threading.Lock()
         self._kinds = frozenset(site.clock.holders)
-        self._minds = {agent_process(site, robot.name) for robot in site.robots}
+        self._minds = frozenset(agent_process(site, robot.name) for robot in site.robots)
         self._seen: dict[Session, _Seen] = {}
         self._mark_key = topics.CLOCK_MARK.name(org=site.org)
         self._marks = bus.session.declare_publisher(
@@ -100,6 +113,11 @@ class Holders:
                 with self._lock:
                     self._there.add(Session.of(reply.ok.key_expr))
         self._begins_s: float | None = None
+        self._begun = False
+        self._own_missing = missing
+        self._expected = (self._kinds - {"robot_agent"}) | self._minds
+        self._missing = self._expected if "arrivals" in self._kinds else frozenset()
+        """Who is not there yet: an experiment begins with everybody whom its clock waits for."""
 
     # -- what is heard ---------------------------------------------------------------------------------
 
@@ -140,7 +158,7 @@ class Holders:
         self._wake()
 
     def _may_hold(self, session: Session) -> bool:
-        return session.process.partition(".")[0] in self._kinds
+        return session.kind in self._kinds
 
     # -- the simulation's thread -----------------------------------------------------------------------
 
@@ -155,13 +173,29 @@ class Holders:
         with everything else. After False, `wake` is called when it is worth while to ask again."""
         if now_ns < self._free_until_ns:
             return True
-        with self._lock:
-            passes = self._settled(now_ns, then)
+        passes = not self._missing or self._everybody_came(now_ns, then)
+        if passes:
+            with self._lock:
+                passes = self._settled(now_ns, then)
         self._count(passes)
         return passes
 
+    def _everybody_came(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> bool:
+        if time.monotonic() - self._marked_s < _REPEAT_S:
+            return False
+        # Not under the lock: a keystore takes its time to open.
+        own = self._own_missing()
+        with self._lock:
+            there = {name for one in self._there for name in (one.process, one.kind)}
+            self._missing = (self._expected - there) | own
+            if self._missing:
+                # Whoever comes must hear what time it is.
+                self._mark(now_ns, then)
+        return not self._missing
+
     def _settled(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> bool:
-        if self._number == 0:
+        if not self._begun:
+            self._begun = True
             self._begins_s = time.monotonic()
             self._mark(now_ns, then)
             self._awaited = set(filter(self._may_hold, self._there))
@@ -183,7 +217,7 @@ class Holders:
         if seen and (self._asks or worked or (due and self._marked_ns != now_ns)):
             self._mark(now_ns, then)
             return False
-        self._free_until_ns = self.next_ns
+        self._free_until_ns = self._next_ns
         return True
 
     def _mark(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> None:
@@ -200,6 +234,11 @@ class Holders:
     @property
     def next_ns(self) -> int:
         """Site time before which nobody has anything to do."""
+        with self._lock:
+            return self._next_ns
+
+    @property
+    def _next_ns(self) -> int:
         times = (one.hold.until_ns for one in self._seen.values())
         return min((time_ns for time_ns in times if time_ns is not None), default=_NEVER_NS)
 
@@ -221,14 +260,13 @@ class Holders:
             self._held_since_s = None
         if text != self._told:
             log.warning("%s", text or "the clock goes on")
-            self._tell(text)
+            self._warn(text)
             self._told = text
 
     def _complaint(self) -> str:
         with self._lock:
-            late = {who.process for who, one in self._seen.items() if one.hold.busy} | {
-                who.process for who in self._awaited
-            }
+            busy = {who.process for who, one in self._seen.items() if one.hold.busy}
+            late = busy | {who.process for who in self._awaited} | self._missing
         return f"the clock waits for {', '.join(sorted(late))}"
 
     def close(self) -> None:

@@ -14,7 +14,7 @@ from typing import Protocol, TypeVar
 from rodeo.config import ClockConfig
 from rodeo.errors import RodeoError
 from services.robot_sim.holders import Holders
-from services.robot_sim.outbox import Outbox
+from services.robot_sim.publish_queue import PublishQueue
 from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS, Simulation
 from services.robot_sim.state import StateFile
 
@@ -44,12 +44,21 @@ class SimulationStopped(RodeoError):
 class Publisher(Protocol):
     """What shows the world to others, after the state that it shows was saved."""
 
-    def take(self) -> None:
-        """Copy what is to be shown; in the simulation's thread, between two control periods."""
+    def take(self, skipped: bool) -> bool:
+        """Copy what is to be shown, in the simulation's thread, between two control periods; whether somebody
+        may act on it."""
         ...
 
     def publish(self, skipped: bool) -> None:
-        """Add what was copied to the outbox; in the outbox's thread, meanwhile the world goes on."""
+        """Add what was copied to the publish queue, in the queue's thread; meanwhile the world goes on."""
+        ...
+
+    def take_power(self) -> None:
+        """Like `take`, where nothing but power flows and nobody needs to see how nothing moves."""
+        ...
+
+    def publish_power(self, due: bool) -> None:
+        """Like `publish` after `take_power`; with the time, where somebody has something to do now."""
         ...
 
 
@@ -98,11 +107,11 @@ class Loop:
         self.holders: Holders | None = None
         """For whom the clock waits; nobody where it is the wall's."""
         self.tell_time: Callable[[int], object] = lambda time_ns: None
-        """Publishes the site's time (ns) on /clock; in the outbox's thread."""
+        """Publishes the site's time (ns) on /clock; in the publish queue's thread."""
         self._turns: set[Turn] = set()
         self._turns_lock = threading.Lock()
         self.simulation = simulation
-        self.outbox = Outbox(stop)
+        self.publish_queue = PublishQueue(stop)
         self._state = state
         self._clock = clock
         self._limited = limited
@@ -182,7 +191,10 @@ class Loop:
             speed, idle_speed = self._limited(self._clock.speed), self._limited(self._clock.idle_speed)
             # With both as fast as can be, a charge is skipped as well.
             strides = idle_speed != speed or speed == 0
-            skipping = (self.simulation.parked and strides) or self._resting
+            parked, resting = self.simulation.parked, self._resting
+            skipping = (parked and strides) or resting
+            # A person who has time to look is shown everything.
+            power_only = parked and resting and idle_speed == 0
             if self._wait_turn(idle_speed if skipping else speed) or self._held():
                 continue
             if skipping:
@@ -190,12 +202,22 @@ class Loop:
             else:
                 self.simulation.step()
             self._state.save(self.simulation.time_ns, self.simulation.row())
-            if self.outbox.ready():
-                publisher.take()
-                self.outbox.publish(partial(publisher.publish, skipped=skipping), self._ahead)
+            if not self.publish_queue.ready():
+                break
+            if power_only:
+                publisher.take_power()
+                acted_on = self._due or not self.simulation.parked
+                show = partial(publisher.publish_power, acted_on)
+            else:
+                acted_on = publisher.take(skipping)
+                show = partial(publisher.publish, skipping)
+            self.publish_queue.publish(show, self._ahead)
+            if acted_on and self.holders is not None:
+                # Before the next period, or by how fast the machine is it would be known one later.
+                self.publish_queue.ready(keep=True)
         self.simulation.halt()
         self._closed.set()
-        self.outbox.close()
+        self.publish_queue.close()
 
     def _wait_turn(self, speed: float) -> bool:
         """Wait for the next period or for something asked for; True if it is not yet time to advance."""
@@ -221,6 +243,11 @@ class Loop:
         """Whether time may be jumped over until somebody has something to do."""
         jumps = self._clock.idle_speed == 0 and self.holders is not None
         return jumps and self.simulation.still and self.holders is not None and self.holders.resting
+
+    @property
+    def _due(self) -> bool:
+        """Whether somebody has something to do now."""
+        return self.holders is not None and self.holders.next_ns <= self.simulation.time_ns
 
     @property
     def _stride_ns(self) -> int:
@@ -254,7 +281,7 @@ class Loop:
             self.tell_time(now_ns)
             send()
 
-        self.outbox.then(work)
+        self.publish_queue.then(work)
 
     @property
     def _ahead(self) -> bool:
@@ -285,4 +312,4 @@ class Loop:
         except Exception as error:  # noqa: BLE001 - raised again in the thread that asked
             done.set_exception(error)
         else:
-            self.outbox.then(lambda: done.set_result(result))
+            self.publish_queue.then(lambda: done.set_result(result))

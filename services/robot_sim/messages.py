@@ -9,9 +9,11 @@ import numpy as np
 
 from rodeo.lab.body import JOINTS
 from rodeo.lab.config import BatteryConfig, NoiseConfig
+from rodeo.lab.geometry import quaternion_of
 from rodeo.lab.sensors import Lidar, Pinhole
 from rodeo.lab.world import CAMERA_SITE, LIDAR_SITE
 from rodeo.ros2 import types
+from rodeo.stamps import sec_nanosec
 from services.robot_sim.battery import Battery, Supply, SupplyStatus
 from services.robot_sim.cdr import (
     ControllerStates,
@@ -54,7 +56,7 @@ LOAD_Z = 2
 
 
 def stamp(time_ns: int) -> Any:
-    sec, nanosec = divmod(time_ns, 1_000_000_000)
+    sec, nanosec = sec_nanosec(time_ns)
     return _Time(sec=sec, nanosec=nanosec)
 
 
@@ -77,7 +79,7 @@ def pose(position_m: Numbers, quat_wxyz: Numbers) -> Any:
 
 
 def planar_pose(x_m: float, y_m: float, yaw_rad: float) -> Any:
-    return pose((x_m, y_m, 0.0), (math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)))
+    return pose((x_m, y_m, 0.0), quaternion_of(yaw_rad))
 
 
 def pose_stamped(time_ns: int, pose_in_map: Any) -> Any:
@@ -215,41 +217,57 @@ def path(time_ns: int, corners: Sequence[Point2]) -> Any:
     return types.new("nav_msgs/msg/Path", header=header(time_ns, "map"), poses=poses)
 
 
-def battery_state(time_ns: int, namespace: str, battery: Battery) -> Any:
-    config: BatteryConfig = battery.config
-    charging = battery.current_a > 0
-    return types.new(
-        "sensor_msgs/msg/BatteryState",
-        header=header(time_ns, f"{namespace}/base_link"),
-        voltage=battery.voltage_v,
-        temperature=math.nan,
-        current=battery.current_a,
-        charge=battery.soc * config.capacity_ah,
-        capacity=config.capacity_ah,
-        design_capacity=config.capacity_ah,
-        percentage=battery.soc,
-        power_supply_status=int(SupplyStatus.CHARGING if charging else SupplyStatus.DISCHARGING),
-        power_supply_health=1,
-        power_supply_technology=_LION,
-        present=True,
-    )
+class BatteryState:
+    """sensor_msgs/BatteryState of one robot's pack."""
+
+    def __init__(self, namespace: str, config: BatteryConfig) -> None:
+        self._capacity_ah = config.capacity_ah
+        template = types.new(
+            "sensor_msgs/msg/BatteryState",
+            header=header(0, f"{namespace}/base_link"),
+            temperature=math.nan,
+            capacity=config.capacity_ah,
+            design_capacity=config.capacity_ah,
+            power_supply_health=1,
+            power_supply_technology=_LION,
+            present=True,
+        )
+        self._fields = StampedFields(
+            template, voltage="f", current="f", charge="f", percentage="f", power_supply_status="B"
+        )
+
+    def encode(self, time_ns: int, battery: Battery) -> bytes:
+        charging = battery.current_a > 0
+        return self._fields.encode(
+            time_ns,
+            battery.voltage_v,
+            battery.current_a,
+            battery.soc * self._capacity_ah,
+            battery.soc,
+            SupplyStatus.CHARGING if charging else SupplyStatus.DISCHARGING,
+        )
 
 
-def dock_output(time_ns: int, supply: Supply) -> Any:
-    """What the meter at the terminals sees; `present`: a battery is on the contacts."""
-    return types.new(
-        "sensor_msgs/msg/BatteryState",
-        header=header(time_ns, supply.config.name),
-        voltage=supply.voltage_v,
-        temperature=math.nan,
-        current=supply.current_a,
-        charge=math.nan,
-        capacity=math.nan,
-        design_capacity=math.nan,
-        percentage=math.nan,
-        power_supply_status=int(supply.status),
-        present=supply.connected,
-    )
+class DockOutput:
+    """sensor_msgs/BatteryState as the meter at the dock's terminals sees it; `present`: a battery is on the
+    contacts."""
+
+    def __init__(self, dock: str) -> None:
+        template = types.new(
+            "sensor_msgs/msg/BatteryState",
+            header=header(0, dock),
+            temperature=math.nan,
+            charge=math.nan,
+            capacity=math.nan,
+            design_capacity=math.nan,
+            percentage=math.nan,
+        )
+        self._fields = StampedFields(template, voltage="f", current="f", power_supply_status="B", present="?")
+
+    def encode(self, time_ns: int, supply: Supply) -> bytes:
+        return self._fields.encode(
+            time_ns, supply.voltage_v, supply.current_a, supply.status, supply.connected
+        )
 
 
 def presence(time_ns: int, frame: str, distance_m: float) -> Any:

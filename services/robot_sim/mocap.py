@@ -79,6 +79,13 @@ class MotionCapture:
             self._full = False
             witness.publish(attestation)
 
+    def missing(self) -> frozenset[str]:
+        """Its name while it cannot sign yet; empty once it can."""
+        if not self._site.lab.mocap:
+            return frozenset()
+        witness = self._witness or self._enroll(self._ask_ns)
+        return frozenset([NAME] if witness is None or witness.chain is None else [])
+
     def stall(self, from_ns: int, to_ns: int) -> None:
         """The lab stood still in this time: it is told in the next statement."""
         if self._log is not None:

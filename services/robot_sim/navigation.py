@@ -12,7 +12,7 @@ from itertools import pairwise
 
 from rodeo.lab.body import Body, Twist2
 from rodeo.lab.config import MotionLimits, Pose2
-from rodeo.lab.layout import wrap
+from rodeo.lab.geometry import wrap
 from rodeo.lab.world import CONTROL_PERIOD_S
 from services.robot_sim.planner import Point2, Route
 
@@ -72,7 +72,7 @@ class BaseDriver:
         self._command = Twist2()
         self._command_until_s = -math.inf
         self._twist = Twist2()
-        self._progress: tuple[float, Pose2] | None = None
+        self._progress: tuple[float, tuple[float, float, float]] | None = None
 
     @property
     def idle(self) -> bool:
@@ -144,13 +144,13 @@ class BaseDriver:
         drive.finished.set()
 
     def _stuck(self, now_s: float) -> bool:
-        pose = self._body.pose
+        x_m, y_m, yaw_rad = self._body.place
         if self._progress is not None:
-            since_s, before = self._progress
-            moved_m = math.hypot(pose.x_m - before.x_m, pose.y_m - before.y_m)
-            if moved_m < 0.04 and abs(wrap(pose.yaw_rad - before.yaw_rad)) < 0.04:
+            since_s, (before_x_m, before_y_m, before_rad) = self._progress
+            moved_m = math.hypot(x_m - before_x_m, y_m - before_y_m)
+            if moved_m < 0.04 and abs(wrap(yaw_rad - before_rad)) < 0.04:
                 return now_s - since_s > PATIENCE_S
-        self._progress = (now_s, pose)
+        self._progress = (now_s, (x_m, y_m, yaw_rad))
         return False
 
     def _apply(self, wanted: Twist2) -> None:

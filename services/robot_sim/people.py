@@ -14,12 +14,14 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from rodeo import topics
-from rodeo.bus import Bus, validate
+from rodeo import queries, topics
+from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError
+from rodeo.kinds import kinds_of
 from rodeo.messages import Task
-from rodeo.people import deadline_s, runs_fast
+from rodeo.person.pace import deadline_s, runs_fast
+from rodeo.queries import A, Query
 
 log = logging.getLogger(__name__)
 
@@ -58,7 +60,8 @@ class PeoplesTime:
         self._thread: threading.Thread | None = None
         if self._min_s > 0 and runs_fast(site):
             self.limit = 1.0 if site.participants else math.inf
-            self._events = bus.subscribe_json(f"rodeo/{site.org}/event/*", lambda *_: self._wake.set())
+            self._kinds = kinds_of(site)
+            self._events = bus.subscribe_json(topics.EVENT.pattern(org=site.org), lambda *_: self._wake.set())
             self._thread = threading.Thread(target=self._follow, name="people", daemon=True)
             self._thread.start()
 
@@ -101,24 +104,27 @@ class PeoplesTime:
         tasks: list[Task] = []
         total = 1
         while len(tasks) < total:
-            page = self._state(
-                "tasks", state="assigned,submitted,undecided", order="oldest", limit=_PAGE, offset=len(tasks)
+            page = self._answer(
+                queries.TASKS,
+                state="assigned,submitted,undecided",
+                order="oldest",
+                limit=_PAGE,
+                offset=len(tasks),
             )
-            total = page["total"] if page["tasks"] else 0
-            tasks += [validate(Task, task) for task in page["tasks"]]
-        kinds = self._state("organization")["kinds"]
-        return tasks, [kind["kind"] for kind in kinds if kind["review"] == "auditor"]
+            total = page.total if page.tasks else 0
+            tasks += page.tasks
+        kinds = self._answer(queries.ORGANIZATION).kinds
+        return tasks, [kind.kind for kind in kinds if kind.review == "auditor"]
 
-    def _state(self, what: str, **parameters: Any) -> dict[str, Any]:
-        key = topics.STATE.name(org=self._site.org, what=what)
-        return self._bus.query(key, parameters=parameters, timeout_s=_QUERY_S)
+    def _answer(self, query: Query[A], **parameters: Any) -> A:
+        return queries.ask(self._bus, self._site.org, query, timeout_s=_QUERY_S, **parameters)
 
     def take(self, tasks: Iterable[Task], audited: Iterable[str], wall_s: float) -> None:
         """Remember what people have to do, from when it was first heard of (monotonic wall time)."""
         kinds = frozenset(audited)
         ends: dict[Key, tuple[float, float]] = {}
         for task in tasks:
-            until_s = deadline_s(task, kinds)
+            until_s = deadline_s(task, kinds, self._kinds)
             if until_s is not None:
                 key = task.id, task.attempt, task.state
                 _, wall_end_s = self._ends.get(key, (until_s, wall_s + self._min_s))

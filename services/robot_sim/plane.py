@@ -11,6 +11,7 @@ from rodeo import topics
 from rodeo.lab.body import Twist2
 from rodeo.lab.world import ARM_JOINTS, CAMERA_SITE, FINGER_JOINTS
 from rodeo.ros2 import DEFAULT, LATCHED, MessageInfo, Node, Publisher, types
+from rodeo.stamps import stamp_ns
 from services.robot_sim import messages
 from services.robot_sim.camera import BinCamera, WristCamera
 from services.robot_sim.commander import Commander
@@ -23,14 +24,12 @@ from services.robot_sim.snapshot import XYZW, RobotSnapshot, Snapshot
 
 log = logging.getLogger(__name__)
 
-_SLOW_TICKS = 5
+SLOW_TICKS = 5
+"""Everything that somebody acts on is told in such periods, or when it was asked for."""
 _DEPTH_TICKS = 10
 _SECOND_TICKS = 50
 """Control periods between messages of 10 Hz, 5 Hz and 1 Hz."""
 _CLOCK_WALL_PERIOD_S = 0.01
-_METERED_NS = 5_000_000_000
-"""Site time of charging after which the clock waits for the dock, which may be late by so much: less than
-1 Wh. To wait for it each second takes longer than all else."""
 _SHOWN_M, _FELL_N = 0.02, 0.05
 """By so much a reading of the bin has changed when the bin may act on it."""
 _NOTHING_SHOWN = -1e3
@@ -69,7 +68,8 @@ class LabPlane:
             for name in site.bin.compartments
         }
         self._told_bin = np.full(1 + len(self._loads), np.nan)
-        self._told_dock_ns, self._told_charging = 0, False
+        self._told_dock = False, False
+        self._dock_output = messages.DockOutput(self._dock)
         self._image = publisher(topics.BIN_IMAGE, bin=self._bin)
         self._output = publisher(topics.DOCK_OUTPUT, dock=self._dock)
         node.service(topics.BIN_CAPTURE.name(bin=self._bin), topics.BIN_CAPTURE.type, self._capture)
@@ -82,7 +82,7 @@ class LabPlane:
         )
 
     def publish(self, tick: int, skipped: bool) -> None:
-        seen, add = self._snapshot, self._loop.outbox.add
+        seen, add = self._snapshot, self._loop.publish_queue.add
         now_ns = seen.time_ns
         for stall in seen.stalls_ns:
             add(self._mocap.stall, *stall)
@@ -92,7 +92,7 @@ class LabPlane:
                 if body in self._mocap_poses:
                     add(self._mocap_poses[body].publish_cdr, self._pose.encode(now_ns, (0, pose)), now_ns)
             add(self._mocap.see, poses, now_ns)
-        if skipped or tick % _SLOW_TICKS == 0:
+        if skipped or tick % SLOW_TICKS == 0:
             presence_m = seen.presence_m()
             add(self._presence.publish_cdr, self._presence_cdr.encode(now_ns, presence_m), now_ns)
             weights_n = {name: seen.weight_n(name) for name in self._loads}
@@ -103,8 +103,14 @@ class LabPlane:
             shown = presence_m / _SHOWN_M if math.isfinite(presence_m) else _NOTHING_SHOWN
             self._watch_bin(np.array([shown, *(weight_n / _FELL_N for weight_n in weights_n.values())]))
         if skipped or seen.stalls_ns or tick % _SECOND_TICKS == 0:
-            add(self._output.publish, messages.dock_output(now_ns, seen.supply), now_ns)
-            self._watch_dock(now_ns, seen.supply.current_a > 0)
+            self.publish_power()
+
+    def publish_power(self) -> None:
+        """What the dock reads at its terminals."""
+        now_ns, supply = self._snapshot.time_ns, self._snapshot.supply
+        output = self._dock_output.encode(now_ns, supply)
+        self._loop.publish_queue.add(self._output.publish_cdr, output, now_ns)
+        self._watch_dock((supply.connected, supply.current_a > 0))
 
     def _watch_bin(self, readings: np.ndarray) -> None:
         """The bin acts on readings that change."""
@@ -112,11 +118,11 @@ class LabPlane:
             self._told_bin = readings
             self._loop.sent()
 
-    def _watch_dock(self, now_ns: int, charging: bool) -> None:
-        """The dock acts on power that comes or goes, and on how much of it has come."""
-        late = charging and now_ns - self._told_dock_ns >= _METERED_NS
-        if late or charging != self._told_charging:
-            self._told_dock_ns, self._told_charging = now_ns, charging
+    def _watch_dock(self, stands: tuple[bool, bool]) -> None:
+        """The dock acts on robots and on power that come or go. When it acts on how much has come, it says
+        itself."""
+        if stands != self._told_dock:
+            self._told_dock = stands
             self._loop.sent()
 
     @property
@@ -124,13 +130,13 @@ class LabPlane:
         """Whether time was skipped before what is shown now."""
         return bool(self._snapshot.stalls_ns)
 
-    def publish_clock(self) -> None:
+    def publish_clock(self, at_once: bool = False) -> None:
         """At most every _CLOCK_WALL_PERIOD_S: whoever reads the clock needs no more than that."""
         now_s = time.monotonic()
-        if self.stalled or now_s - self._clock_sent_s >= _CLOCK_WALL_PERIOD_S:
+        if at_once or self.stalled or now_s - self._clock_sent_s >= _CLOCK_WALL_PERIOD_S:
             self._clock_sent_s = now_s
             now_ns = self._snapshot.time_ns
-            self._loop.outbox.add(self._clock.publish_cdr, self._clock_cdr.encode(now_ns), now_ns)
+            self._loop.publish_queue.add(self._clock.publish_cdr, self._clock_cdr.encode(now_ns), now_ns)
 
     def tell_time(self, now_ns: int) -> None:
         """Publish /clock at once."""
@@ -140,7 +146,7 @@ class LabPlane:
         def take() -> None:
             jpeg, now_ns = self._camera.jpeg(), self._simulation.time_ns
             image = messages.compressed_image(now_ns, f"{self._bin}/camera", jpeg)
-            self._loop.outbox.then(lambda: self._image.publish(image, now_ns))
+            self._loop.publish_queue.then(lambda: self._image.publish(image, now_ns))
 
         self._loop.call(take)
         return types.new("std_srvs/srv/Trigger_Response", success=True)
@@ -173,7 +179,7 @@ def _entity_state(state: Any) -> EntityState | None:
     ])  # fmt: skip
     if not (np.isfinite(vectors).all() and math.isfinite(norm) and norm > 0):
         return None
-    time_ns = stamp.sec * 1_000_000_000 + stamp.nanosec
+    time_ns = stamp_ns(stamp)
     return EntityState(position_m, quat_wxyz / norm, linear_m_s, angular_rad_s, time_ns)
 
 
@@ -215,6 +221,7 @@ class RobotPlane:
         self._arm_state = messages.controller_state_template(ARM_JOINTS)
         self._gripper_state = messages.controller_state_template(FINGER_JOINTS)
         self._battery = publisher(topics.BATTERY_STATE)
+        self._battery_state = messages.BatteryState(self._ns, robot.config.battery)
         self._scan, self._scan_cdr = publisher(topics.SCAN), messages.scan_template(self._ns)
         self._depth_image, self._depth_info = (
             publisher(topics.WRIST_DEPTH),
@@ -241,15 +248,15 @@ class RobotPlane:
         node.service(power.name(ns=self._ns), power.type, self._on_motor_power)
 
     def publish(self, tick: int, skipped: bool) -> None:
-        now_ns, seen, add = self._snapshot.time_ns, self._seen, self._loop.outbox.add
+        now_ns, seen, add = self._snapshot.time_ns, self._seen, self._loop.publish_queue.add
         self._publish_motion(now_ns)
-        if tick % _SLOW_TICKS == 0:
+        if tick % SLOW_TICKS == 0:
             self._publish_controllers(now_ns)
         if skipped or tick % _SECOND_TICKS == 0:
-            add(self._battery.publish, messages.battery_state(now_ns, self._ns, seen.battery), now_ns)
+            self.publish_power()
         if self._tf.matched:
             add(self._tf.publish_cdr, self._transforms.encode(now_ns, self._frame_poses()), now_ns)
-        if (skipped or tick % _SLOW_TICKS == 0) and self._scan.matched:
+        if (skipped or tick % SLOW_TICKS == 0) and self._scan.matched:
             add(self._scan.publish_cdr, self._scan_cdr.encode(now_ns, seen.scan_m()), now_ns)
         if (skipped or tick % _DEPTH_TICKS == 0) and self._depth_image.matched:
             add(self._depth_info.publish_cdr, self._depth_info_cdr.encode(now_ns), now_ns)
@@ -262,8 +269,13 @@ class RobotPlane:
                 frame = f"{self._ns}/{CAMERA_SITE}"
                 add(self._image.publish, messages.compressed_image(now_ns, frame, jpeg), now_ns)
 
+    def publish_power(self) -> None:
+        now_ns = self._snapshot.time_ns
+        state = self._battery_state.encode(now_ns, self._seen.battery)
+        self._loop.publish_queue.add(self._battery.publish_cdr, state, now_ns)
+
     def _publish_motion(self, now_ns: int) -> None:
-        seen, add = self._seen, self._loop.outbox.add
+        seen, add = self._seen, self._loop.publish_queue.add
         half = seen.yaw_rad / 2
         odometry = self._odometry.encode(
             now_ns,
@@ -282,7 +294,7 @@ class RobotPlane:
         add(self._joints.publish_cdr, joints, now_ns)
 
     def _publish_controllers(self, now_ns: int) -> None:
-        seen, add, position = self._seen, self._loop.outbox.add, self._seen.body.positions
+        seen, add, position = self._seen, self._loop.publish_queue.add, self._seen.body.positions
         arm = self._arm_state.encode(now_ns, seen.arm_reference_rad, position[:6])
         add(self._arm.publish_cdr, arm, now_ns)
         fingers = self._gripper_state.encode(now_ns, seen.gripper_reference_m * _FINGER_SIDES, position[6:8])

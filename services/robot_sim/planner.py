@@ -18,7 +18,8 @@ from scipy.sparse.csgraph import dijkstra
 
 from rodeo.errors import RodeoError
 from rodeo.lab.config import Pose2
-from rodeo.lab.layout import BUMPER_M, FOOTPRINT_RADIUS_M, HALF_WIDTH_M, BinLayout, ahead
+from rodeo.lab.geometry import ahead
+from rodeo.lab.layout import BUMPER_M, FOOTPRINT_RADIUS_M, HALF_WIDTH_M, BinLayout
 from rodeo.lab.world import LabSite
 
 CELL_M = 0.05

@@ -1,6 +1,5 @@
 """The world as it was at the end of a control period, to be published while the next one is computed."""
 
-import copy
 import math
 from collections.abc import Iterator
 
@@ -40,11 +39,14 @@ class RobotSnapshot:
         self.x_m, self.y_m, self.yaw_rad = reckoned.x_m, reckoned.y_m, reckoned.yaw_rad
         """In the frame odom, as the wheels have it."""
         self.twist = reckoned.twist
-        self.battery = copy.copy(self._robot.battery)
+        self.take_power()
         self.arm_reference_rad, self.gripper_reference_m = (
             self._robot.arm.reference_rad,
             self._robot.gripper.position_m,
         )
+
+    def take_power(self) -> None:
+        self.battery = self._robot.battery.copy()
 
     def scan_m(self) -> np.ndarray:
         """(Lidar.BEAMS,) ranges as the lidar measures them, noise included."""
@@ -79,11 +81,17 @@ class Snapshot:
     def take(self) -> None:
         """Copy the world as it is now."""
         mujoco.mj_copyData(self.data, self.model, self._simulation.data)
-        self.time_ns = self._simulation.time_ns
         self.stalls_ns = self._simulation.take_stalls()
-        self.supply = copy.copy(self._simulation.supply)
+        self.take_power()
         for robot in self.robots:
             robot.take(self.time_ns)
+
+    def take_power(self) -> None:
+        """Only what changes while nothing moves."""
+        self.time_ns = self._simulation.time_ns
+        self.supply = self._simulation.supply.copy()
+        for robot in self.robots:
+            robot.take_power()
 
     def captured_poses(self) -> Iterator[tuple[str, np.ndarray]]:
         """Each body that motion capture sees in the lab, and its pose (7,): x, y, z in m, qx, qy, qz, qw."""

@@ -73,9 +73,11 @@ class Steps:
                     self._still[model.joint(f"{robot}/{name}").dofadr[0]] = most
             fingers += [model.joint(f"{robot}/{name}").qposadr[0] for name in FINGER_JOINTS]
         self._fingers = np.array(fingers, int)
-        self._bases = np.array([model.body(f"{robot}/base_link").id for robot in robots], int)
+        bases = [model.body(f"{robot}/base_link").id for robot in robots]
         self._hands = np.array([model.site(f"{robot}/{GRASP_SITE}").id for robot in robots], int)
-        self._loose = np.array([model.body(body).id for body in loose], int)
+        self._bases = len(bases)
+        self._bodies = np.array([*bases, *(model.body(body).id for body in loose)], int)
+        self._near_m2 = np.repeat([BASE_NEAR_M * BASE_NEAR_M, HAND_NEAR_M * HAND_NEAR_M], len(bases))
 
     @property
     def narrow(self) -> bool:
@@ -90,15 +92,10 @@ class Steps:
 
     def _near(self) -> bool:
         # These are from before the last step: by a few millimetres of a moving base.
-        loose_m = self._data.xpos[self._loose, None, :2]
-        for places_m, near_m in (
-            (self._data.xpos[self._bases, :2], BASE_NEAR_M),
-            (self._data.site_xpos[self._hands, :2], HAND_NEAR_M),
-        ):
-            way_m = loose_m - places_m
-            if ((way_m * way_m).sum(axis=2) < near_m * near_m).any():
-                return True
-        return False
+        bodies_m = self._data.xpos[self._bodies, :2]
+        places_m = np.concatenate((bodies_m[: self._bases], self._data.site_xpos[self._hands, :2]))
+        way_m = bodies_m[self._bases :, None] - places_m
+        return bool(((way_m * way_m).sum(axis=2) < self._near_m2).any())
 
     def advance(self) -> None:
         """One control period."""

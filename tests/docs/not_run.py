@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-_SUITE = "starts the suite itself"
+_SUITE = "runs the suite itself, or a part of it"
 _MINUTES = "takes more than a minute"
 _ROS = "needs a robot that runs ROS 2"
 _SHELL = "sets the reader's shell up"
@@ -11,7 +11,11 @@ _CHAIN = "needs an Ethereum node of one's own: tests/integration/test_another_ch
 
 NOT_RUN: dict[str, str] = {
     "make demo": f"{_MINUTES}: tests/integration/test_demo.py runs what it runs",
+    "make setup": "installs packages",
+    "make lint": _SUITE,
     "make test": _SUITE,
+    "make test-long": _SUITE,
+    "npm run contracts:test -- --match-contract TermsTest": _SUITE,
     "make bench ONLY=contracts": _MINUTES,
     "npm run contracts:test": _SUITE,
     "npm run contracts:coverage": _SUITE,
@@ -23,7 +27,12 @@ NOT_RUN: dict[str, str] = {
     "rodeo up --new-journal": "is for a site whose journal is lost",
     "rodeo up --only oracle": "is for a site whose oracle does not run yet",
     'pip install --constraint constraints.txt -e ".[train]"': "installs gigabytes",
-    "python -m services.itrash.train --data ../shared/data/trashnet": f"{_MINUTES}, and needs the extra",
+    "pip wheel --no-deps .": "tests/integration/test_wheel.py builds the wheel",
+    'pip install "rodeo_dao-0.1.0-py3-none-any.whl[site]"': "tests/integration/test_wheel.py installs it",
+    "rodeo demo": f"{_MINUTES}: tests/integration/test_wheel.py runs it",
+    "python -m services.itrash.training.train --data ../shared/data/trashnet": (
+        f"{_MINUTES}, and needs the extra"
+    ),
     "export RODEO_KEYSTORE_PASSPHRASE=...": _SHELL,
     "rodeo up --site my-site.toml": _CHAIN,
     "rodeo site prepare --site my-site.toml": _CHAIN,
@@ -33,7 +42,22 @@ NOT_RUN: dict[str, str] = {
 }
 """Command -> reason."""
 
-BEGINNINGS = {"export ": _SHELL, "ros2 ": _ROS}
+_NEW_KIND = "tests/docs/test_write_a_kind.py runs it in an environment of its own"
+
+ON_THEIR_OWN = (
+    "rodeo kind new inspect_door --into inspect-door",
+    "pip install --no-deps --editable ./inspect-door",
+    "rodeo kind list",
+    "rodeo kind check inspect_door",
+    "rodeo kind show inspect_door",
+    "rodeo kind check inspect_door --only looks_away",
+    "rodeo kind check inspect_door",
+    "python -m pytest inspect-door/tests",
+)
+"""The commands of docs/write-a-kind.md, in order."""
+NOT_RUN |= dict.fromkeys(ON_THEIR_OWN, _NEW_KIND)
+
+BEGINNINGS = {"export ": _SHELL, "ros2 ": _ROS, "python -m pytest ": _SUITE}
 """The same for all commands that begin so."""
 
 

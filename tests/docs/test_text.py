@@ -1,4 +1,4 @@
-"""What README and docs say is so: options and files exist, snippets are valid, links lead somewhere."""
+"""What the documentation says is so: options and files exist, snippets are valid, links lead somewhere."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ import pytest
 import typer
 import zenoh
 
-from rodeo.cli import app
 from rodeo.config import Site
+from rodeo.kinds import kinds_of
 from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import robot_model
+from rodeo_cli import app
 from tests.docs.not_run import NOT_RUN, reason
 from tests.docs.text import ROOT, Block, Command, blocks, commands, links, mentioned
 from tests.support.site import LAB
 
 MADE_BY_THE_READER = {"my-site.toml", "my_bin.py", "photo.jpg", "wheels.jpg", "site.toml"}
 """Files of which the text says that the reader brings them or writes them."""
-KINDS = {"shell", "toml", "python", "json", "mermaid", "question", "diagram"}
+KINDS = {"shell", "toml", "python", "json", "mermaid", "question", "diagram", "diff"}
 DIAGRAMS = {"docs/evidence.md"}
 """Pages with blocks that are only to be looked at."""
 PLACEHOLDERS = {'"0x..."': '"0x' + "1f" * 20 + '"'}
@@ -112,6 +113,8 @@ def test_a_command_has_the_options_and_files_that_it_is_told_with(thing: Command
         case "npm":
             scripts = json.loads((ROOT / "package.json").read_text())["scripts"]
             assert words[0] == "run" and words[1] in scripts, words
+        case "python" if words[:2] == ["-m", "pytest"]:
+            check_tests(words[2:])
         case "python" if words[0] == "-m":
             check_module(words[1], words[2:])
         case "pip":
@@ -133,6 +136,11 @@ def check_rodeo(words: list[str], written_in_full: bool) -> None:
         assert words[0] in node.commands, f"{words[0]}: there are {sorted(node.commands)}"
         node, words = node.commands[words[0]], words[1:]
     known = {spelling: one for one in node.params for spelling in (*one.opts, *one.secondary_opts)}
+    if node.context_settings.get(
+        "allow_extra_args"
+    ):  # `task create`: each parameter of the kind is an option
+        properties = kinds_of(Site.load(LAB))[words[0]].schema["properties"]
+        known |= {f"--{name.replace('_', '-')}": None for name in properties}
     given = [word.partition("=")[0] for word in words if word.startswith("-")]
     assert set(given) <= {*known, "--help"}, f"{node.name}: {given}, there are {sorted(known)}"
     if written_in_full:
@@ -159,17 +167,23 @@ def check_module(module: str, words: list[str]) -> None:
     assert source.exists(), module
     declared = source.read_text()
     if "main(" in declared:
-        declared += (ROOT / "rodeo" / "service.py").read_text()
+        declared += (ROOT / "rodeo" / "process.py").read_text()
     for word in words:
         if word.startswith("--"):
             assert f'"{word}"' in declared, f"{module} knows no {word}"
 
 
+def check_tests(words: list[str]) -> None:
+    for word in words:
+        path, _, test = word.partition("::")
+        assert not test or f"def {test}(" in (ROOT / path).read_text(), word
+
+
 def check_pip(words: list[str]) -> None:
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     for word in words:
-        if found := re.fullmatch(r"\.\[(\w+)\]", word):
-            assert found[1] in extras
+        if found := re.fullmatch(r"(\.|rodeo_dao-\S+\.whl)\[(\w+)\]", word):
+            assert found[2] in extras
 
 
 def check_export(text: str) -> None:

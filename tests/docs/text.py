@@ -1,4 +1,4 @@
-"""Reads the documentation as a reader would: its blocks, the commands in them, what each is for."""
+"""Queries the documentation as a reader would: its blocks, the commands in them, what each is for."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from markdown_it import MarkdownIt
 
 ROOT = Path(__file__).parents[2]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md")), ROOT / "CONTRIBUTING.md"]
 PROGRAMS = ("rodeo", "make", "python", "pip", "npm", "ros2", "source", "export", "cast", "curl")
 """First words of a block that is typed into a shell."""
 
@@ -47,7 +47,7 @@ class Command:
 
 @cache
 def blocks() -> list[Block]:
-    """Every fenced or indented block of README and docs, in order."""
+    """Every fenced or indented block of README, docs and CONTRIBUTING, in order."""
     return [block for page in PAGES for block in _blocks(page)]
 
 

@@ -1,5 +1,5 @@
 """Prints docs/forgeries.md: `python -m tests.forgeries > docs/forgeries.md`."""
 
-from tests.forgeries import listed
+from tests.forgeries.catalogue import listed
 
 print(listed(), end="")

@@ -15,19 +15,22 @@ from typing import Any, TypeVar
 import numpy as np
 from eth_account.signers.local import LocalAccount
 
+from rodeo.checks.case import ChainRecord
+from rodeo.checks.completeness import MISSED_SHARE
+from rodeo.checks.report import Report
 from rodeo.evidence import Attestation, Binding
 from rodeo.witness import Header, MeterRecord, Receipt, Scope
-from services.oracle.case import Ledger
-from services.oracle.checks.completeness import MISSED_SHARE
-from tests.forgeries.workshop import (
+from rodeo_kinds.battery_charging.harness.film import KIND as BATTERY_CHARGING
+from rodeo_kinds.waste_disposal.harness.film import KIND as WASTE_DISPOSAL
+from rodeo_kinds.waste_disposal.harness.workshop import ITEM_POSE, PICTURE, PLACE
+from rodeo_testing.assignments import BIN, BINDING, METER, MOCAP, ROBOT
+from rodeo_testing.recordings import Sample, Take, Witnesses
+from rodeo_testing.workshop import (
     ARM_STATE,
     GRIPPER_POSE,
     GRIPPER_STATE,
-    ITEM_POSE,
     JOINT_STATES,
     ODOM,
-    PICTURE,
-    PLACE,
     ROBOT_POSE,
     STRANGER,
     WIDE,
@@ -51,8 +54,7 @@ from tests.forgeries.workshop import (
     with_joints,
     without_wheels,
 )
-from tests.support.assignments import BIN, BINDING, CHARGE_BINDING, METER, MOCAP, ROBOT, charging_ledger
-from tests.support.recordings import Sample, Take, Witnesses
+from tests.forgeries.catalogue import Shops
 
 T = TypeVar("T")
 Chance = np.random.Generator
@@ -147,7 +149,7 @@ def of_charge(primitive: Primitive) -> Primitive:
 @dataclass(frozen=True)
 class Composition:
     seed: int
-    charge: bool
+    kind: str
     steps: tuple[Step, ...]
     noise_seed: int | None
     """Of the honest noise under it, if there is any."""
@@ -155,38 +157,37 @@ class Composition:
     @property
     def words(self) -> str:
         """For the report."""
-        what = "a charge" if self.charge else "a cleaning"
         steps = "; ".join(step.words for step in self.steps)
-        return f"{what}: {steps}{'' if self.noise_seed is None else '; under honest noise and losses'}"
+        return f"{self.kind}: {steps}{'' if self.noise_seed is None else '; under honest noise and losses'}"
 
-    def make(self, shop: Workshop) -> Submission:
+    def judged(self, shops: Shops) -> Report:
+        """What the oracle says of it."""
+        shop = shops[self.kind]
         at = shop if self.noise_seed is None else shop.under_noise(self.noise_seed)
-        draft = Draft(at.charge, CHARGE_BINDING, METER) if self.charge else Draft(at.cleaning, BINDING, ROBOT)
+        draft = Draft(at.take, at.binding, at.device)
         for step in self.steps:
             step.do(draft)
         path = at.sealed(draft.take, draft.binding, draft.device, draft.witnesses)
-        return Submission(_ledger(at, draft, self.charge), path)
+        return shop.judged(Submission(_chain_record(at, draft), path))
 
 
 def composed(seed: int) -> Composition:
     """The forgery that this seed stands for: each once as it is, and once under honest noise and losses."""
     chance = np.random.default_rng(seed // 2)
     charge = bool(chance.random() < CHARGES_SHARE)
-    primitives = CHARGE if charge else CLEANING
+    kind, primitives = (BATTERY_CHARGING, CHARGE) if charge else (WASTE_DISPOSAL, CLEANING)
     count = int(chance.choice([1, 2, 3], p=[0.5, 0.3, 0.2]))
     chosen = chance.choice(len(primitives), count, replace=False)
     steps = tuple(primitives[index](chance) for index in sorted(chosen))
-    return Composition(seed, charge, steps, int(chance.integers(NOISES)) if seed % 2 else None)
+    return Composition(seed, kind, steps, int(chance.integers(NOISES)) if seed % 2 else None)
 
 
-def _ledger(shop: Workshop, draft: Draft, charge: bool) -> Ledger:
-    if charge:
-        ledger = charging_ledger(shop.charge, params=draft.params, **draft.task)
-    else:
-        ledger = shop.cleaning_ledger(params=PLACE | draft.params, **draft.task)
+def _chain_record(shop: Workshop, draft: Draft) -> ChainRecord:
+    honest = shop.chain_record().task.params
+    chain_record = shop.chain_record(params=honest | draft.params, **draft.task)
     for change in draft.registered:
-        ledger = with_devices(ledger, change)
-    return ledger
+        chain_record = with_devices(chain_record, change)
+    return chain_record
 
 
 def _one(chance: Chance, choices: list[T]) -> T:
@@ -573,7 +574,7 @@ def other_words(chance: Chance) -> Step:
 @of_cleaning
 def other_place(chance: Chance) -> Step:
     x, y = _off(chance, 0.6, 3.0)
-    place = {"x_m": PLACE["x_m"] + x, "y_m": PLACE["y_m"] + y}  # type: ignore[operator]
+    place = {"x_m": PLACE["x_m"] + x, "y_m": PLACE["y_m"] + y}
     return Step(f"a task ({x:.2f}, {y:.2f}) m from the item", lambda draft: draft.params.update(place))
 
 

@@ -7,7 +7,9 @@ from pathlib import Path
 import pytest
 
 from rodeo.config import Site
-from tests.forgeries import CATALOGUE, ROLES, Submission, Workshop, kinds, listed
+from rodeo_testing.harness import ROLES
+from rodeo_testing.workshop import Submission
+from tests.forgeries.catalogue import CATALOGUE, HARNESSES, Shops, kinds, listed
 from tests.support.site import LAB
 
 pytestmark = pytest.mark.long
@@ -18,32 +20,32 @@ SOME = list(CATALOGUE)[::12]
 
 
 @pytest.fixture(scope="module")
-def workshop(tmp_path_factory: pytest.TempPathFactory) -> Workshop:
-    return Workshop(Site.load(LAB), tmp_path_factory.mktemp("forgeries"))
+def shops(tmp_path_factory: pytest.TempPathFactory) -> Shops:
+    return Shops(Site.load(LAB), tmp_path_factory.mktemp("forgeries"))
 
 
 @pytest.mark.parametrize("name", CATALOGUE)
-def test_a_forgery_is_refused_for_its_own_reason_and_spoils_nothing(workshop: Workshop, name: str) -> None:
-    forgery = CATALOGUE[name]
-    report = workshop.judged(forgery.make(workshop))
+def test_a_forgery_is_refused_for_its_own_reason_and_spoils_nothing(shops: Shops, name: str) -> None:
+    forgery, report = CATALOGUE[name], shops.judged(name)
     assert not forgery.worked(report), report.reason
     assert forgery.named(report), report.reason
 
 
 @pytest.mark.parametrize("name", SOME)
-def test_noise_and_losses_help_nobody(workshop: Workshop, name: str) -> None:
+def test_noise_and_losses_help_nobody(shops: Shops, name: str) -> None:
     """The benchmark asks all of them."""
-    forgery = CATALOGUE[name]
-    report = workshop.judged(forgery.make(workshop.under_noise(0)))
-    assert not forgery.worked(report), report.reason
+    report = shops.judged(name, noise_seed=0)
+    assert not CATALOGUE[name].worked(report), report.reason
 
 
-def test_what_the_forgeries_are_made_of_is_honest(workshop: Workshop) -> None:
+def test_what_the_forgeries_are_made_of_is_honest(shops: Shops) -> None:
     """After all of them, too: nothing that was refused is in the way of the next proof."""
-    rewritten = Submission(workshop.cleaning_ledger(), workshop.rewritten(lambda messages: messages))
-    for submission in (rewritten, workshop.charged(workshop.charge)):
-        report = workshop.judged(submission)
-        assert report.accepted, report.reason
+    for kind in HARNESSES:
+        shop = shops[kind]
+        rewritten = Submission(shop.chain_record(), shop.rewritten(lambda messages: messages))
+        for submission in (rewritten, shop.submitted(shop.take)):
+            report = shop.judged(submission)
+            assert report.accepted, report.reason
 
 
 def test_there_are_enough_of_them() -> None:

@@ -20,10 +20,10 @@ from rodeo.clock import WallClock
 from rodeo.evidence import Store, open_proof
 from rodeo.lab.world import begin, build_world
 from rodeo.messages import DaoEvent, Status
+from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import Node, types
 from rodeo.witness import Classification, Drop, Motion, parse
 from rodeo.witness.motion import track
-from services.robot_agent.body import Body
 from tests.support.site import WAIT_S as CALL_S
 from tests.support.site import RunningSite, write_site
 
@@ -121,7 +121,9 @@ def test_an_idle_robot_explores(organization: Organization) -> None:
     running = organization.running
     organization.wait_for_activity("exploring")
     clock = WallClock()
-    body = Body(Node(running.bus.session, "test", "", 0, clock), running.site, running.site.robots[0], clock)
+    body = RosBody(
+        Node(running.bus.session, "test", "", 0, clock), running.site, running.site.robots[0], clock
+    )
     start = body.base_pose(_go_on)
     pause, deadline_s = threading.Event(), time.monotonic() + WAIT_S
     while time.monotonic() < deadline_s:

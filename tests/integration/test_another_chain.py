@@ -18,7 +18,7 @@ import pytest
 from web3 import HTTPProvider, Web3
 
 from rodeo import wallets
-from rodeo.clock import SimClock
+from rodeo.sim_clock import SimClock
 from tests.support.dao import Dao
 from tests.support.foundry import program
 from tests.support.site import RunningSite, free_port, write_site
@@ -60,7 +60,7 @@ def node() -> Iterator[str]:
 def rodeo(path: Path, *arguments: str, status: int = 0) -> str:
     """What the command line says in a terminal of 80 columns."""
     done = subprocess.run(
-        [sys.executable, "-m", "rodeo", *arguments, "--site", str(path)],
+        [sys.executable, "-m", "rodeo_cli", *arguments, "--site", str(path)],
         capture_output=True,
         text=True,
         timeout=240,

@@ -18,8 +18,8 @@ from rodeo.dao import Participant
 from rodeo.errors import InvalidRequest, RemoteError
 from rodeo.evidence import Store
 from rodeo.messages import DaoEvent
+from rodeo_testing.recordings import START_NS, Sample, Take, seal
 from tests.support.dao import CHARGING, PARAMS, WAIT_S, Dao
-from tests.support.recordings import START_NS, Sample, Take, seal
 from tests.support.site import RunningSite, write_site
 
 CLEANING = "waste_disposal"

@@ -18,8 +18,8 @@ from rodeo.bus import Bus, DaoEvents
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError
 from rodeo.evidence import Store
-from rodeo.evidence.statement import fetch_statement
 from rodeo.messages import DaoEvent, Status, Task
+from rodeo.person.statement import fetch_statement
 from rodeo.witness import Removal
 from rodeo.witness.days import SignedDay, day_of
 from rodeo.witness.roots import DailyRoots

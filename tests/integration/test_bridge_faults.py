@@ -14,7 +14,6 @@ from typing import Any
 import pytest
 from eth_account import Account
 
-from bench import soak
 from deploy.chain.errors import ChainLost, RpcError
 from deploy.chain.process import run as serve_chain
 from deploy.chain.record import give_up_chain
@@ -25,6 +24,7 @@ from rodeo.chain import WrongChain
 from rodeo.chain.client import connect
 from rodeo.errors import NoResponder, RemoteError
 from services.bridge.node import Node
+from tests.support import soak
 from tests.support.chain import Answer, EmbeddedChain, FaultyNode
 from tests.support.dao import PARAMS, Dao
 from tests.support.site import WAIT_S, RunningSite, readyz

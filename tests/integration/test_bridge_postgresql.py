@@ -11,7 +11,7 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 
 from rodeo.chain import Cause, Event, Log, Review, Verdict, events
-from services.bridge import journal, schema
+from services.bridge import journal
 from services.bridge.database import migrate, open_database
 from services.bridge.index import NOWHERE, UNDONE, Index, Page, Position, TimedLog, sqlite_url
 from tests.integration.test_bridge import assert_index_equals_contracts
@@ -135,18 +135,46 @@ def test_two_bridges_share_a_database_without_seeing_each_other(url: str) -> Non
     other.close()
 
 
-@pytest.mark.parametrize("what", ["index", "journal"])
 @pytest.mark.parametrize("database", ["sqlite", "postgresql"])
-def test_migrations_make_the_tables_that_the_code_uses(
-    url: str, tmp_path: Path, what: str, database: str
+def test_an_index_of_another_version_is_rebuilt_and_answers_the_same(
+    url: str, tmp_path: Path, database: str, caplog: pytest.LogCaptureFixture
 ) -> None:
-    metadata = {"index": schema.metadata, "journal": journal.metadata}[what]
+    here = url if database == "postgresql" else sqlite_url(tmp_path / "index.sqlite")
+    index = opened(here, "versions")
+    fill(index, history())
+    before = everything(index)
+    index.close()
+    engine = open_database(here, "versions")
+    with engine.begin() as connection:
+        for statement in (
+            "update cursor set version = '6-before'",
+            "alter table tasks drop column reason",
+            "alter table services add column colour text",
+            "drop table roots",
+        ):
+            connection.exec_driver_sql(statement)
+    engine.dispose()
+    index = opened(here, "versions")
+    assert index.position == NOWHERE and index.last_seq() == 0
+    assert "has schema version 6-before" in caplog.text
+    fill(index, history())
+    assert everything(index) == before
+    index.close()
+    kept = opened(here, "versions")
+    assert everything(kept) == before
+    kept.close()
+
+
+@pytest.mark.parametrize("database", ["sqlite", "postgresql"])
+def test_the_journals_migrations_make_the_tables_that_the_code_uses(
+    url: str, tmp_path: Path, database: str
+) -> None:
     here = url if database == "postgresql" else sqlite_url(tmp_path / "database.sqlite")
-    engine = open_database(here, f"migrations-{what}")
-    migrate(engine, what)
-    migrate(engine, what)
+    engine = open_database(here, "migrations")
+    migrate(engine)
+    migrate(engine)
     with engine.connect() as connection:
-        assert compare_metadata(MigrationContext.configure(connection), metadata) == []
+        assert compare_metadata(MigrationContext.configure(connection), journal.metadata) == []
     engine.dispose()
 
 

@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from decimal import Decimal
 from itertools import pairwise
 from typing import Any
 
 import pytest
 
 from rodeo import topics, wallets
-from rodeo.dao import CHARGING, Participant
+from rodeo.dao import Participant
 from rodeo.evidence import Proof, Store, open_proof
 from rodeo.messages import PostVerdict, RegisterTask, Task
 from rodeo.metering import STEP_WH, unpack
 from rodeo.witness import MeterRecord, Receipt, parse
-from services.charger.app import PROOF_SHARE
-from tests.support.dock import SLOW_TICK_S, TARGET_SOC, Buyer, Hardware
+from rodeo_testing.dock import SLOW_TICK_S, TARGET_SOC, Buyer, Hardware
+from services.charger.process import PROOF_SHARE
 from tests.support.site import WAIT_S, RunningSite, write_site
 
 ORDERED_WH = 400.0
@@ -46,10 +47,11 @@ class Organization:
             "energy_wh": ORDERED_WH,
             **params,
         }
-        request = RegisterTask.model_validate({
-            "kind": CHARGING, "reward_iec": "200", "params": wanted | params, "execution_window_s": 14400
-        })  # fmt: skip
-        return int(self.robot.command("register_task", request)["task_id"])
+        params = wanted | params
+        request = RegisterTask(
+            kind="battery_charging", reward_iec=Decimal(200), params=params, execution_window_s=14400
+        )
+        return self.robot.command("register_task", request).task_id or 0
 
     def wait_for(self, task_id: int, state: str) -> Task:
         waits = 0

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
-import pytest
 from typer.testing import CliRunner
 
-from rodeo.cli import app
+from rodeo_cli import app
+from rodeo_testing.recordings import RENDERINGS
 from tests.support.site import LAB
 
-PICTURES = Path(__file__).parents[1] / "unit" / "services" / "itrash" / "renderings"
 CLASSES = {"cardboard", "glass", "metal", "paper", "plastic", "trash"}
 
 
@@ -21,7 +23,7 @@ def classify(*arguments: str) -> tuple[int, str, str]:
 
 
 def test_each_photo_gets_one_line_with_its_class_compartment_and_time() -> None:
-    code, out, _ = classify(str(PICTURES / "metal_1.jpg"), str(PICTURES / "paper_1.jpg"))
+    code, out, _ = classify(str(RENDERINGS / "metal_1.jpg"), str(RENDERINGS / "paper_1.jpg"))
     first, second = out.splitlines()
     assert code == 0
     assert "metal_1.jpg: metal -> yellow" in first
@@ -29,18 +31,29 @@ def test_each_photo_gets_one_line_with_its_class_compartment_and_time() -> None:
     assert first.endswith(" ms")
 
 
-def test_no_site_is_needed_unless_one_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    photo = str((PICTURES / "glass_1.jpg").absolute())
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("RODEO_SITE", raising=False)
-    answer = CliRunner().invoke(app, ["classify", photo])
-    assert (answer.exit_code, ": glass -> green" in answer.stdout) == (0, True)
-    refused = CliRunner().invoke(app, ["classify", "--site", "none.toml", photo])
-    assert (refused.exit_code, "config_error" in refused.stderr) == (1, True)
+def test_no_site_is_needed_unless_one_is_named(tmp_path: Path) -> None:
+    photo = str((RENDERINGS / "glass_1.jpg").absolute())
+    environment = {name: value for name, value in os.environ.items() if name != "RODEO_SITE"}
+
+    def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+        return subprocess.run(
+            [sys.executable, "-m", "rodeo_cli", "classify", *arguments, photo],
+            cwd=tmp_path,
+            env=environment | {"PYTHONPATH": str(Path.cwd())},
+            capture_output=True,
+            text=True,
+            timeout=60,
+            check=False,
+        )
+
+    answer = run()
+    assert (answer.returncode, ": glass -> green" in answer.stdout) == (0, True), answer.stderr
+    refused = run("--site", "none.toml")
+    assert (refused.returncode, "config_error" in refused.stderr) == (1, True)
 
 
 def test_json_holds_everything_and_unknown_is_not_guessed() -> None:
-    code, out, _ = classify(str(PICTURES / "unknown_1.jpg"), "--json")
+    code, out, _ = classify(str(RENDERINGS / "unknown_1.jpg"), "--json")
     (answer,) = json.loads(out)
     assert code == 0
     assert (answer["class"], answer["compartment"]) == ("unknown", "grey")
@@ -52,7 +65,7 @@ def test_json_holds_everything_and_unknown_is_not_guessed() -> None:
 def test_a_bad_file_is_named_and_the_others_are_still_classified(tmp_path: Path) -> None:
     broken = tmp_path / "broken.jpg"
     broken.write_bytes(b"\xff\xd8\xff\xe0 no photo")
-    code, out, err = classify(str(broken), str(tmp_path / "none.jpg"), str(PICTURES / "glass_1.jpg"))
+    code, out, err = classify(str(broken), str(tmp_path / "none.jpg"), str(RENDERINGS / "glass_1.jpg"))
     assert code == 1
     assert "glass_1.jpg: glass -> green" in out
     assert "broken_image" in err and "broken.jpg" in err

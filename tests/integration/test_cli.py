@@ -16,13 +16,13 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
-from deploy.processes import PROCESSES
-from rodeo.cli import app
 from rodeo.config import Site
 from rodeo.instance import lock_holder
+from rodeo.processes import PROCESSES
+from rodeo_cli import app
 from tests.support.site import RunningSite, free_port, write_site
 
-RODEO = (sys.executable, "-m", "rodeo")
+RODEO = (sys.executable, "-m", "rodeo_cli")
 WAIT_S = 150.0
 """Longer than `rodeo up --detach` itself waits for the site."""
 QUIET = "clock.speed = 1.0\nagent.explore_when_idle = false"
@@ -233,7 +233,7 @@ def test_a_killed_process_is_seen_and_comes_back(up: Path) -> None:
 
 def test_a_task_is_posted_shown_listed_and_cancelled(up: Path) -> None:
     text = "[/red] careful: [bold]glass"
-    create = ("task", "create", "waste_disposal", "--item", "item1", "--reward", "1", "--wait")
+    create = ("task", "create", "waste_disposal", "--item-id", "item1", "--reward", "1", "--wait")
     posted = json.loads(rodeo(up, *create, "--description", text, "--json").stdout)
     task_id = str(posted["task_id"])
     shown = rodeo(up, "task", "show", task_id).stdout
@@ -247,14 +247,14 @@ def test_a_task_is_posted_shown_listed_and_cancelled(up: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("--reward", "1", "--item", "item1"), ("reward_below_price", "100 IEC", "--wait")),
-        (("--reward", "100000", "--item", "item1"), ("insufficient_funds",)),
-        (("--reward", "ten", "--item", "item1"), ("invalid_request", "--reward: enter an amount of IEC")),
-        (("--reward", "100", "--item", "item99"), ("no such item", "item1")),
-        (("--reward", "100"), ("invalid_request", "say --item ITEM")),
+        (("--reward", "1", "--item-id", "item1"), ("reward_below_price", "100 IEC", "--wait")),
+        (("--reward", "100000", "--item-id", "item1"), ("insufficient_funds",)),
+        (("--reward", "ten", "--item-id", "item1"), ("invalid_request", "--reward: enter an amount of IEC")),
+        (("--reward", "100", "--item-id", "item99"), ("--item-id: choose one of this site", "item1")),
+        (("--reward", "100"), ("invalid_request", "--item-id: choose one of this site")),
         (("--reward", "100", "--params", "{"), ("malformed_json", "--params")),
-        (("--reward", "100", "--item", "item1", "--as", "bob"), ("unknown_participant", "organization")),
-        (("--reward", "100", "--item", "item1", "--as", ""), ("invalid_request",)),
+        (("--reward", "100", "--item-id", "item1", "--as", "bob"), ("unknown_participant", "organization")),
+        (("--reward", "100", "--item-id", "item1", "--as", ""), ("invalid_request",)),
     ],
 )
 def test_a_task_that_cannot_be_posted_says_why(

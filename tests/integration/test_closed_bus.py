@@ -17,9 +17,9 @@ from playwright.sync_api import expect
 
 from rodeo import topics
 from rodeo.bus import Bus
-from rodeo.clock import SimClock
 from rodeo.instance import GAVE_UP
 from rodeo.messages import Status
+from rodeo.sim_clock import SimClock
 from rodeo.tls import bus_is_closed
 from tests.integration.test_itrash import Office
 from tests.support.browser import chromium, log_in
@@ -100,7 +100,7 @@ def test_a_router_does_not_listen_where_others_could_be_it(running: RunningSite)
 
 def status(path: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "rodeo", "status", "--site", str(path)],
+        [sys.executable, "-m", "rodeo_cli", "status", "--site", str(path)],
         capture_output=True,
         text=True,
         timeout=WAIT_S,

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
 
-from rodeo.photo_code import photo_code
+from rodeo.person.photo_code import photo_code
+from rodeo_testing.recordings import RENDERINGS
 from tests.support.accessibility import everything_is_named, nothing_is_faint
 from tests.support.browser import chromium, watch
 from tests.support.console import WAIT_MS, Desk, click_map, open_page
@@ -23,7 +23,7 @@ people.min_window_s = 900
 [[participants]]
 name = "eva"
 """
-PHOTO = Path(__file__).parents[1] / "unit" / "services" / "itrash" / "renderings" / "paper_1.jpg"
+PHOTO = RENDERINGS / "paper_1.jpg"
 
 
 @pytest.fixture(scope="module")

@@ -500,7 +500,7 @@ def test_an_open_page_says_that_it_is_not_current_and_recovers_by_itself(desk: O
 
 
 # Made here, and not asked of the process, so that each of its operations is a test of its own.
-DOCUMENT = make_api(SimpleNamespace(reads=None)).openapi()
+DOCUMENT = make_api(SimpleNamespace(queries=None)).openapi()
 SCHEMA = schemathesis.openapi.from_dict(DOCUMENT)
 # One case for each limit of each field is a thousand requests; chance finds its way with fewer.
 SCHEMA.config.phases.coverage.enabled = False

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from deploy.processes import PROCESSES
+from rodeo.processes import PROCESSES
 from tests.support.site import WAIT_S
 
 LIMIT_S = 400.0
@@ -22,7 +22,7 @@ LIMIT_S = 400.0
 def start_demo(out: Path, chain_backend: str) -> subprocess.Popen[str]:
     options = ("--out", str(out), "--chain", chain_backend, "--limit", str(LIMIT_S))
     return subprocess.Popen(
-        [sys.executable, "-m", "deploy.demo", *options],
+        [sys.executable, "-m", "rodeo_cli", "demo", *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,

@@ -24,11 +24,12 @@ from rodeo.ros2.types import new
 from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo.witness import Claimant, Classification, Drop, HeadBook, Presentation, Scope, WitnessChain, parse
 from rodeo.witness import Journal as WitnessJournal
+from rodeo_testing import answers
+from rodeo_testing.recordings import RENDERINGS
 from services.itrash.behaviour import DropRecord, Memory
 from services.itrash.journal import Journal
 from tests.support.site import WAIT_S, RunningSite
 
-RENDERINGS = Path(__file__).parents[1] / "unit" / "services" / "itrash" / "renderings"
 TICK_S = 0.01
 """Wall time between two rounds of readings, which are 0.1 s of site time apart."""
 
@@ -110,12 +111,15 @@ class Office:
 
     def __init__(self, site: RunningSite) -> None:
         robot = {"address": ROBOT.address, "role": "robot", "name": "panther1", "owner": "0x" + "56" * 20}
-        contracts = {"TaskManager": SCOPE.task_manager, "Organization": SCOPE.organization}
-        answers = {
-            "chain": {"chain_id": SCOPE.chain_id, "contracts": contracts},
-            "devices": {"devices": [robot | {"revoked": None}]},
+        contracts = answers.CONTRACTS | {
+            "TaskManager": SCOPE.task_manager,
+            "Organization": SCOPE.organization,
         }
-        for what, answer in answers.items():
+        answered = {
+            "chain": answers.chain(chain_id=SCOPE.chain_id, contracts=contracts),
+            "devices": {"devices": [robot | {"registered": 0.0, "revoked": None, "revoked_because": None}]},
+        }
+        for what, answer in answered.items():
             site.bus.serve(topics.STATE.name(org=site.site.org, what=what), lambda _request, one=answer: one)
 
 
@@ -178,7 +182,7 @@ def test_a_shown_item_is_classified_and_its_drop_confirmed_on_the_bus_and_over_h
     assert parse(httpx.get(f"{url}/disposal").json()["payload"]) == dropped
     assert parse(httpx.get(f"{url}/classification").json()["payload"]) == classified
     assert len(httpx.get(f"{url}/events").json()) == 2
-    assert httpx.get(f"{url}/health").status_code == 200
+    assert httpx.get(f"{url}/readyz").status_code == 200
     verdict = httpx.post(f"{url}/classify", content=hardware.photo, timeout=WAIT_S).json()
     assert verdict["class"] == "plastic"
 

@@ -11,13 +11,14 @@ import pytest
 
 from rodeo import topics, wallets
 from rodeo.bus import Request
-from rodeo.clock import SimClock
 from rodeo.evidence import Recorder, open_proof, verify_attestation
+from rodeo.robot.recording import Recording
 from rodeo.ros2 import Node
+from rodeo.sim_clock import SimClock
 from rodeo.witness import Motion, parse
 from rodeo.witness.motion import track
-from services.robot_agent.recording import Recording
-from tests.support.assignments import BINDING, ROBOT
+from rodeo_testing import answers
+from rodeo_testing.assignments import BINDING, ROBOT
 from tests.support.site import RunningSite, write_site
 
 pytestmark = pytest.mark.long
@@ -32,8 +33,8 @@ class Office:
             running.bus.serve(topics.STATE.name(org=running.site.org, what=what), answer)
 
     def _chain(self, _request: Request) -> dict[str, Any]:
-        contracts = {"TaskManager": BINDING.task_manager, "Organization": BINDING.organization}
-        return {"chain_id": BINDING.chain_id, "contracts": contracts}
+        signed = {"TaskManager": BINDING.task_manager, "Organization": BINDING.organization}
+        return answers.chain(chain_id=BINDING.chain_id, contracts=answers.CONTRACTS | signed)
 
     def _devices(self, _request: Request) -> dict[str, Any]:
         registered = (("robot", "panther1", ROBOT.address), ("mocap", "mocap", self._mocap))
@@ -44,7 +45,9 @@ class Office:
                     "name": name,
                     "address": address,
                     "owner": BINDING.organization,
+                    "registered": 0.0,
                     "revoked": None,
+                    "revoked_because": None,
                 }
                 for role, name, address in registered
             ]
@@ -62,7 +65,7 @@ def test_a_recording_holds_what_motion_capture_saw_under_the_heads_that_it_heard
         assert clock.wait_ready(threading.Event(), 60)
         node = Node(bus.session, "recorder", "", site.bus.domain_id, clock)
         path = tmp_path / "proof.mcap"
-        recording = Recording(path, BINDING, ROBOT, clock, node, site, "panther1", bus)
+        recording = Recording(path, BINDING, ROBOT, clock, node, site, "panther1", bus, topics.ROBOT_STATE)
         recording.await_witness("item1", lambda: None)
         ended_s = clock.now_s()
         recording.catch_up()

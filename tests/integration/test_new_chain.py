@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from deploy.chain.record import give_up_chain
-from rodeo.dao import CHARGING, ORGANIZATION, Participant
+from rodeo.dao import ORGANIZATION, Participant
 from tests.integration.test_agent import SITE, Organization
 from tests.support.site import RunningSite, write_site
 
@@ -35,7 +35,10 @@ def test_task_1_of_a_new_chain_is_done_and_paid_and_the_charger_offers_again(tmp
 
         assert organization.post("item2") == 1
         organization.wait_for_event("TaskSettled", 1)
-        assert Participant(running.bus, running.site.org, ORGANIZATION).own_service(CHARGING) is not None
+        assert (
+            Participant(running.bus, running.site.org, ORGANIZATION).own_service("battery_charging")
+            is not None
+        )
         assert "of another chain" in running.log("robot_agent")
         attempts = {path.name for path in (running.site.data_dir / "robot_agent" / "tasks").iterdir()}
         assert attempts == {"1-1", "1-1.of-another-assignment-1"}

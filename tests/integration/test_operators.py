@@ -13,12 +13,13 @@ import numpy as np
 import pytest
 
 from rodeo import wallets
-from rodeo.clock import SimClock, WallClock
+from rodeo.clock import WallClock
 from rodeo.dao import Participant
 from rodeo.evidence import Store, open_proof
-from rodeo.evidence.statement import Executor, NotAccepted, NotYourTask, read_statement
+from rodeo.person.statement import Executor, NotAccepted, NotYourTask, read_statement
+from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import Node
-from services.robot_agent.body import Body
+from rodeo.sim_clock import SimClock
 from tests.integration.test_agent import Organization
 from tests.support.site import RunningSite, write_site
 
@@ -29,6 +30,11 @@ clock.idle_speed = 400
 agent.explore_when_idle = true
 people.min_window_s = 60
 participants = [{ name = "alice" }]
+kinds = [
+    { name = "waste_disposal" },
+    { name = "battery_charging" },
+    { name = "wheel_cleaning", review = "auditor" },
+]
 
 [[agent.maintenance]]
 kind = "wheel_cleaning"
@@ -60,7 +66,7 @@ def service_state(organization: Organization) -> str:
     dao = Participant(organization.running.bus, organization.running.site.org, "panther1")
     service = dao.own_service("waste_disposal")
     assert service is not None
-    return str(service["state"])
+    return service.state
 
 
 def wait_until(what: str, holds: Any) -> None:
@@ -139,7 +145,9 @@ def test_a_stopped_robot_stands_still_in_the_middle_of_its_work_and_goes_on_when
 ) -> None:
     running = organization.running
     clock = WallClock()
-    body = Body(Node(running.bus.session, "test", "", 0, clock), running.site, running.site.robots[0], clock)
+    body = RosBody(
+        Node(running.bus.session, "test", "", 0, clock), running.site, running.site.robots[0], clock
+    )
     organization.lay("item3")
     task_id = organization.post("item3")
     wait_until("the robot to work", lambda: order(organization, "state")["task_id"] == task_id)

@@ -15,16 +15,17 @@ from typer.testing import CliRunner
 
 from rodeo import wallets
 from rodeo.chain import to_wei
-from rodeo.cli import app
+from rodeo.checks.report import Report
 from rodeo.dao import Participant
 from rodeo.evidence import Store, attest, open_proof
 from rodeo.evidence.copies import Copies
 from rodeo.messages import PostRoot
 from rodeo.witness import Scope
 from rodeo.witness.days import DayLog, day_of
-from services.oracle.report import Report
+from rodeo_cli import app
+from rodeo_kinds.waste_disposal.harness.film import film_cleaning
+from rodeo_testing.recordings import Take, Witnesses, later, seal
 from tests.support.dao import Dao
-from tests.support.recordings import Take, Witnesses, film_cleaning, later, seal
 from tests.support.site import RunningSite, write_site
 
 PLACE = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}

@@ -9,8 +9,8 @@ import cv2
 import pytest
 from typer.testing import CliRunner
 
-from rodeo.cli import app
-from rodeo.photo_code import photo_code
+from rodeo.person.photo_code import photo_code
+from rodeo_cli import app
 from tests.support.dao import Dao
 from tests.support.site import RunningSite, write_site
 from tests.unit.vision.test_likeness import jpeg, scene

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from rodeo.cli import app
+from rodeo_cli import app
 from tests.support.dao import Dao
 from tests.support.site import RunningSite, write_site
 

@@ -12,16 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rodeo.clock import SimClock
 from rodeo.lab.config import Pose2
 from rodeo.lab.layout import HALF_WIDTH_M, BinLayout
 from rodeo.lab.world import GRIPPER_CLOSED_M
+from rodeo.robot.arm import READY_RAD, Arm, Trajectory, pointing_down
+from rodeo.robot.errors import MotionFailed, Stopped
+from rodeo.robot.navigation import Floor
+from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import ActionClient, Node, types
 from rodeo.ros2.errors import GoalCanceled
-from services.robot_agent.arm import READY_RAD, Arm, Trajectory, pointing_down
-from services.robot_agent.body import Body
-from services.robot_agent.errors import MotionFailed, Stopped
-from services.robot_agent.navigation import Floor
+from rodeo.sim_clock import SimClock
 from tests.support.site import WAIT_S, RunningSite, write_site
 
 BEHIND_DESK = Pose2(x_m=4.7, y_m=3.2, yaw_rad=1.0)
@@ -45,7 +45,7 @@ def lab(tmp_path_factory: pytest.TempPathFactory) -> Iterator[RunningSite]:
 
 
 @pytest.fixture(scope="module")
-def slow(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Node, Body]]:
+def slow(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Node, RosBody]]:
     """One that a busy machine is in time to interrupt, too."""
     running = RunningSite(
         write_site(tmp_path_factory.mktemp("slow"), extra="clock.speed = 4\nclock.idle_speed = 4")
@@ -54,7 +54,7 @@ def slow(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Node, Body]
     clock = SimClock(running.bus.session, 0)
     assert clock.wait_ready(threading.Event(), WAIT_S)
     node = Node(running.bus.session, "test", "", 0, clock)
-    yield node, Body(node, running.site, running.site.robots[0], clock)
+    yield node, RosBody(node, running.site, running.site.robots[0], clock)
     node.close()
     clock.close()
     running.stop()
@@ -73,8 +73,8 @@ def node(lab: RunningSite, clock: SimClock) -> Node:
 
 
 @pytest.fixture(scope="module")
-def body(lab: RunningSite, node: Node, clock: SimClock) -> Body:
-    return Body(node, lab.site, lab.site.robots[0], clock)
+def body(lab: RunningSite, node: Node, clock: SimClock) -> RosBody:
+    return RosBody(node, lab.site, lab.site.robots[0], clock)
 
 
 def collect(node: Node, topic: str, typename: str, count: int) -> list[Any]:
@@ -123,7 +123,7 @@ def test_joint_states_name_every_joint(node: Node) -> None:
     assert len(message.position) == len(message.velocity) == len(message.effort) == len(message.name) == 12
 
 
-def test_it_drives_around_the_furniture(lab: RunningSite, body: Body) -> None:
+def test_it_drives_around_the_furniture(lab: RunningSite, body: RosBody) -> None:
     floor = Floor(lab.site)
     clearances: list[float] = []
 
@@ -139,14 +139,14 @@ def test_it_drives_around_the_furniture(lab: RunningSite, body: Body) -> None:
     body.navigate(lab.site.robots[0].pose, go_on)
 
 
-def test_a_place_inside_the_furniture_is_refused_with_a_code(lab: RunningSite, body: Body) -> None:
+def test_a_place_inside_the_furniture_is_refused_with_a_code(lab: RunningSite, body: RosBody) -> None:
     inside = lab.site.bin.pose
     with pytest.raises(MotionFailed) as caught:
         body.navigate(inside, go_on)
     assert caught.value.details["result"]["error_code"] > 0
 
 
-def test_a_cancelled_drive_stops_the_robot(slow: tuple[Node, Body]) -> None:
+def test_a_cancelled_drive_stops_the_robot(slow: tuple[Node, RosBody]) -> None:
     node, body = slow
     moving = threading.Event()
 
@@ -161,7 +161,7 @@ def test_a_cancelled_drive_stops_the_robot(slow: tuple[Node, Body]) -> None:
     assert math.dist((stopped.x_m, stopped.y_m), (BEHIND_DESK.x_m, BEHIND_DESK.y_m)) > 0.5
 
 
-def test_a_newer_goal_replaces_the_one_under_way(lab: RunningSite, slow: tuple[Node, Body]) -> None:
+def test_a_newer_goal_replaces_the_one_under_way(lab: RunningSite, slow: tuple[Node, RosBody]) -> None:
     node, body = slow
     client = ActionClient(node, "panther1/navigate_to_pose", NAVIGATE)
     assert client.wait_for_server(WAIT_S)
@@ -174,7 +174,7 @@ def test_a_newer_goal_replaces_the_one_under_way(lab: RunningSite, slow: tuple[N
         first.result(WAIT_S)
 
 
-def test_the_arm_follows_a_planned_trajectory(lab: RunningSite, body: Body) -> None:
+def test_the_arm_follows_a_planned_trajectory(lab: RunningSite, body: RosBody) -> None:
     arm = Arm(lab.site.robots[0].limits)
     target = pointing_down((0.50, 0.1, 0.62), 1.57)
     body.follow(lambda now: arm.trajectory([now, arm.inverse(target, now)]), go_on)
@@ -183,7 +183,7 @@ def test_the_arm_follows_a_planned_trajectory(lab: RunningSite, body: Body) -> N
     body.follow(lambda now: arm.trajectory([now, READY_RAD]), go_on)
 
 
-def test_closing_on_nothing_closes_the_gripper(body: Body) -> None:
+def test_closing_on_nothing_closes_the_gripper(body: RosBody) -> None:
     assert body.grip(0.0, 5.0, go_on).position_m == pytest.approx(GRIPPER_CLOSED_M, abs=0.002)
     opened = body.grip(0.057, 5.0, go_on)
     assert opened.position_m == pytest.approx(0.057, abs=0.002)
@@ -191,7 +191,7 @@ def test_closing_on_nothing_closes_the_gripper(body: Body) -> None:
 
 
 @pytest.mark.parametrize("joint", ["waist", "shoulder"])
-def test_a_trajectory_beyond_a_joints_range_is_refused(body: Body, joint: str) -> None:
+def test_a_trajectory_beyond_a_joints_range_is_refused(body: RosBody, joint: str) -> None:
     index = ["waist", "shoulder"].index(joint)
 
     def too_far(now: Any) -> Trajectory:
@@ -204,14 +204,14 @@ def test_a_trajectory_beyond_a_joints_range_is_refused(body: Body, joint: str) -
     assert joint in caught.value.details["result"]["error_string"]
 
 
-def test_the_bin_can_be_parked_at(lab: RunningSite, body: Body) -> None:
+def test_the_bin_can_be_parked_at(lab: RunningSite, body: RosBody) -> None:
     parking = BinLayout(lab.site.bin).parking
     body.navigate(parking, go_on)
     reached = body.base_pose(go_on)
     assert math.dist((reached.x_m, reached.y_m), (parking.x_m, parking.y_m)) < 0.02
 
 
-def test_the_world_goes_on_where_it_was_killed(lab: RunningSite, node: Node, body: Body) -> None:
+def test_the_world_goes_on_where_it_was_killed(lab: RunningSite, node: Node, body: RosBody) -> None:
     before = body.base_pose(go_on)
     before_ns = node.clock.now_ns()
     lab.kill("robot_sim")
@@ -221,7 +221,7 @@ def test_the_world_goes_on_where_it_was_killed(lab: RunningSite, node: Node, bod
     assert node.clock.now_ns() >= before_ns
 
 
-def test_a_drive_goes_on_after_the_simulator_was_killed(lab: RunningSite, body: Body) -> None:
+def test_a_drive_goes_on_after_the_simulator_was_killed(lab: RunningSite, body: RosBody) -> None:
     moving, done = threading.Event(), threading.Event()
     goal = lab.site.robots[0].pose
 

@@ -14,12 +14,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rodeo.clock import SimClock
 from rodeo.lab.config import Pose2
-from rodeo.lab.layout import BinLayout, dock_parking, on_contacts, wrap
+from rodeo.lab.geometry import wrap
+from rodeo.lab.layout import BinLayout, dock_parking, on_contacts
 from rodeo.lab.world import ARM_JOINTS, STOWED_RAD
 from rodeo.ros2 import LATCHED, ActionClient, MessageInfo, Node, types
 from rodeo.ros2.errors import ActionServerLost, GoalAborted, GoalRejected
+from rodeo.sim_clock import SimClock
 from tests.support.site import RunningSite, write_site
 
 WALL_LIMIT_S = 60.0

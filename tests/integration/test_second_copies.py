@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.cli.site import read_rows
 from rodeo.instance import GAVE_UP
 from rodeo.serving import Claim, served_by
+from rodeo_cli.site import read_rows
 from tests.support.dao import Dao
 from tests.support.site import READY_S, RunningSite, free_port, write_site
 

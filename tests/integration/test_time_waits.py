@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from rodeo import topics
 from tests.integration.test_agent import Organization
 from tests.support.load import busy_machine
 from tests.support.site import RunningSite, write_site
@@ -18,14 +19,16 @@ from tests.support.site import RunningSite, write_site
 pytestmark = pytest.mark.long
 
 SITE = """clock.speed = 0
-clock.idle_speed = 400
+clock.idle_speed = 0
 clock.seed = 7
-clock.holders = ["robot_agent", "itrash", "charger", "bridge"]
+clock.holders = ["robot_agent", "itrash", "charger", "bridge", "oracle", "chain"]
 agent.explore_when_idle = false
 agent.charge_below = 0.1
 """
-STOPPED_S = 1.0
-"""After it was named. Who is silent for 10 s has left the bus, and is not waited for."""
+WINDOW_S, LATE_S = 7200, 2
+"""Of site time: a window in which nobody does anything, and by how much it may end late."""
+STOPPED_S = 20.0
+"""After it was named: longer than a silent session lasts elsewhere."""
 
 
 def stop_for_a_while(running: RunningSite, name: str) -> None:
@@ -40,6 +43,19 @@ def stop_for_a_while(running: RunningSite, name: str) -> None:
     assert after.details["site_time_s"] == before.details["site_time_s"]
     assert waits in after.warnings
     running.wait_for_status("robot_sim", lambda status: waits not in status.warnings)
+
+
+def expire(running: RunningSite, organization: Organization) -> None:
+    """Nothing moves while a window runs: the clock jumps to its end, and not over it."""
+    task_id = organization.post("item2", execution_window_s=WINDOW_S, max_attempts=1)
+    organization.wait_for_event("TaskAssigned", task_id)
+    order = topics.ROBOT_ORDER.name(org=running.site.org, robot="panther1", order="stop")
+    running.bus.query(order, timeout_s=10.0)
+    failed = organization.wait_for_event("TaskFailed", task_id)
+    assigned = next(
+        one for one in organization.events if (one.name, one.task_id) == ("TaskAssigned", task_id)
+    )
+    assert WINDOW_S < failed.time_s - assigned.time_s <= WINDOW_S + LATE_S
 
 
 def run(folder: Path, chain_backend: str, stopped: str | None) -> dict[str, Any]:
@@ -60,6 +76,8 @@ def run(folder: Path, chain_backend: str, stopped: str | None) -> dict[str, Any]
         came_to = {name: task[name] for name in ("state", "attempt", "verdict", "paid_iec")}
         came_to["balances_iec"] = {one["name"]: one["balance_iec"] for one in participants}
         came_to["events"] = Counter(event.name for event in organization.events if event.task_id == task_id)
+        if stopped is None:
+            expire(running, organization)
         return came_to
     finally:
         organization.close()

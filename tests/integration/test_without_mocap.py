@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from rodeo.bus import DaoEvents
+from rodeo.checks.report import Report
 from rodeo.evidence import Store, open_proof
 from rodeo.messages import DaoEvent
-from services.oracle.report import Report
 from tests.support.site import RunningSite, write_site
 
 pytestmark = pytest.mark.long

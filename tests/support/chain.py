@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from deploy.chain.ledger import Ledger
+from deploy.chain.local_chain import LocalChain
 from deploy.chain.methods import Methods
 from deploy.chain.store import Store
 from tests.support.evm import creation
@@ -34,7 +34,7 @@ class EmbeddedChain:
 
     def open(self, chain_id: int = CHAIN_ID) -> None:
         self.store = Store(self.path)
-        self.methods = Methods(Ledger(self.store, chain_id, GENESIS_S, lambda: self.now_s))
+        self.methods = Methods(LocalChain(self.store, chain_id, GENESIS_S, lambda: self.now_s))
 
     def reopen(self) -> None:
         """Without closing first: what SIGKILL leaves."""

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import struct
 
+from rodeo import topics
 from rodeo.bus import Bus
+from rodeo.stamps import sec_nanosec
 
 
 def publish_clock(bus: Bus, domain_id: int, time_s: float) -> None:
     """Put rosgraph_msgs/msg/Clock on the robot plane: CDR, little endian, sec and nanosec."""
-    seconds, nanoseconds = divmod(int(time_s * 1e9), 1_000_000_000)
+    seconds, nanoseconds = sec_nanosec(int(time_s * 1e9))
     payload = b"\x00\x01\x00\x00" + struct.pack("<iI", seconds, nanoseconds)
-    bus.session.put(f"{domain_id}/clock/rosgraph_msgs::msg::dds_::Clock_/RIHS01_test", payload)
+    bus.session.put(
+        f"{domain_id}/{topics.CLOCK.name()}/rosgraph_msgs::msg::dds_::Clock_/RIHS01_test", payload
+    )

@@ -9,6 +9,7 @@ from typing import Any
 
 from web3 import Web3
 
+from rodeo import topics
 from rodeo.bus import DaoEvents
 from rodeo.chain import ChainClient, Deployment
 from rodeo.messages import DaoEvent
@@ -41,12 +42,12 @@ class Dao:
             self._source.close()
 
     def command(self, participant: str, command: str, **fields: Any) -> dict[str, Any]:
-        key = f"rodeo/{self.site.org}/wallet/{participant}/{command}"
+        key = topics.COMMAND.name(org=self.site.org, participant=participant, command=command)
         return self.running.bus.query(key, fields, timeout_s=WAIT_S)
 
     def state(self, what: str, **parameters: Any) -> dict[str, Any]:
         return self.running.bus.query(
-            f"rodeo/{self.site.org}/state/{what}", parameters=parameters, timeout_s=WAIT_S
+            topics.STATE.name(org=self.site.org, what=what), parameters=parameters, timeout_s=WAIT_S
         )
 
     def task(self, task_id: int) -> dict[str, Any]:

@@ -32,11 +32,11 @@ _IMPORTED = {
     "deploy.chain": "deploy.chain.process",
     "deploy.contracts": "deploy.contracts",
     "deploy.router": "deploy.router",
-    "services.bridge": "services.bridge.service",
-    "services.charger": "services.charger.app",
-    "services.console": "services.console.app",
-    "services.itrash": "services.itrash.app",
-    "services.oracle": "services.oracle.app",
+    "services.bridge": "services.bridge.process",
+    "services.charger": "services.charger.process",
+    "services.console": "services.console.process",
+    "services.itrash": "services.itrash.process",
+    "services.oracle": "services.oracle.process",
     "services.robot_agent": "services.robot_agent.process",
     "services.robot_sim": "services.robot_sim.process",
 }
@@ -154,7 +154,7 @@ def main(control: socket.socket) -> None:
         asked = json.loads(message)
         # A module that cannot be imported is the child's to tell of.
         with suppress(ImportError):
-            importlib.import_module(_IMPORTED.get(asked["module"], "rodeo.service"))
+            importlib.import_module(_IMPORTED.get(asked["module"], "rodeo.process"))
         gc.collect()
         # What is imported is not looked at again: pages that nobody touches stay shared.
         gc.freeze()
@@ -172,7 +172,7 @@ def main(control: socket.socket) -> None:
             return
         os.close(output)
         reporting[pid] = news
-        _tell(news, pid)
+        _send(news, pid)
 
 
 def _report(reporting: dict[int, int]) -> None:
@@ -182,11 +182,11 @@ def _report(reporting: dict[int, int]) -> None:
         if pid == 0:
             return
         news = reporting.pop(pid)
-        _tell(news, os.waitstatus_to_exitcode(status))
+        _send(news, os.waitstatus_to_exitcode(status))
         os.close(news)
 
 
-def _tell(news: int, number: int) -> None:
+def _send(news: int, number: int) -> None:
     # Nobody may be there to read it: a test that took too long has given up.
     with suppress(BrokenPipeError):
         os.write(news, _NUMBER.pack(number))

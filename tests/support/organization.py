@@ -15,7 +15,7 @@ from web3.types import TxReceipt
 
 from deploy import contracts
 from deploy.chain.anvil import Anvil
-from deploy.chain.ledger import Ledger
+from deploy.chain.local_chain import LocalChain
 from deploy.chain.methods import Methods
 from deploy.chain.server import RpcServer
 from deploy.chain.store import Store
@@ -87,6 +87,6 @@ def running_chain(backend: str, folder: Path, now_s: Callable[[], int] = lambda:
         else:
             store = Store(folder / "chain.sqlite")
             stack.callback(store.close)
-            ledger = Ledger(store, CHAIN_ID, GENESIS_S, now_s)
-            stack.enter_context(RpcServer(site.chain.url, Methods(ledger)))
+            local_chain = LocalChain(store, CHAIN_ID, GENESIS_S, now_s)
+            stack.enter_context(RpcServer(site.chain.url, Methods(local_chain)))
         yield site

@@ -17,12 +17,13 @@ from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar
 
-from deploy.processes import processes_of
+from rodeo import topics
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.errors import BusError
 from rodeo.instance import PARENT_VARIABLE
 from rodeo.messages import Status
+from rodeo.processes import processes_of
 from rodeo.tls import OPERATOR, identity
 from rodeo.wallets import ensure_wallets
 from tests.support.nursery import Fork, Nursery
@@ -127,7 +128,7 @@ class RunningSite:
                 if not waiting:
                     done.set()
 
-        subscriber = self.bus.subscribe_json(f"rodeo/{self.site.org}/status/*", on_status)
+        subscriber = self.bus.subscribe_json(topics.STATUS.pattern(org=self.site.org), on_status)
         try:
             assert done.wait(READY_S), f"not ready: {sorted(waiting)}\n" + "\n".join(map(self.log, waiting))
         finally:
@@ -143,7 +144,9 @@ class RunningSite:
         status = None
         while True:
             with suppress(BusError):
-                status = Status.model_validate(self.bus.query(f"rodeo/{self.site.org}/status/{name}"))
+                status = Status.model_validate(
+                    self.bus.query(topics.STATUS.name(org=self.site.org, process=name))
+                )
                 if holds(status):
                     return status
             assert time.monotonic() < deadline_s, f"{name}: {status}\n{self.log(name)}"

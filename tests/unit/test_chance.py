@@ -147,6 +147,7 @@ def test_two_robots_have_minds_and_sensors_of_their_own() -> None:
 # -- nobody draws elsewhere --------------------------------------------------------------------------------
 
 ELSEWHERE = {
+    "rodeo/evidence/upload.py": "names of files that are being written",
     "rodeo/chance.py": "this is where",
     "rodeo/lab/items.py": "the geometry of a shape, which bin, simulator and oracle share",
     "rodeo/ros2/action.py": "goal ids are unique, and decide nothing",
@@ -154,11 +155,11 @@ ELSEWHERE = {
     "services/console/accounts.py": "tokens, and the hash of nobody's passphrase",
     "services/console/guard.py": "the nonce of a page",
     "services/console/pages/tasks.py": "ids of requests",
-    "services/oracle/replay.py": "a verdict is the same on every site",
-    "services/itrash/evaluation.py": "measures the classifier; does not run on a site",
-    "services/itrash/renderings.py": "makes pictures to train on",
-    "services/itrash/train.py": "trains the classifier",
-    "deploy/chain/ledger.py": "the identity of a local chain and of its blocks",
+    "rodeo/checks/replay.py": "a verdict is the same on every site",
+    "services/itrash/training/evaluation.py": "measures the classifier; does not run on a site",
+    "services/itrash/training/renderings.py": "makes pictures to train on",
+    "services/itrash/training/train.py": "trains the classifier",
+    "deploy/chain/local_chain.py": "the identity of a local chain and of its blocks",
 }
 """Files that draw from a source of their own, and why they may."""
 SOURCES = ("random", "secrets", "uuid")
@@ -181,6 +182,10 @@ def sources(path: Path) -> Iterator[str]:
 
 
 def test_nobody_in_the_deployed_code_draws_from_a_source_that_the_site_does_not_seed() -> None:
-    files = [path for folder in ("rodeo", "services", "deploy") for path in (ROOT / folder).rglob("*.py")]
+    files = [
+        path
+        for folder in ("rodeo", "rodeo_cli", "services", "deploy")
+        for path in (ROOT / folder).rglob("*.py")
+    ]
     found = {str(path.relative_to(ROOT)) for path in files if any(sources(path))}
     assert found == set(ELSEWHERE)

@@ -13,9 +13,9 @@ import zenoh
 
 from rodeo import topics
 from rodeo.bus import zenoh_config
-from rodeo.clock import SimClock
 from rodeo.ros2 import Node, Publisher
 from rodeo.ros2.types import new
+from rodeo.sim_clock import SimClock
 from tests.support.nodes import make_node as make_node
 from tests.support.nodes import router_port as router_port
 
@@ -92,7 +92,7 @@ def test_bytes_from_a_session_that_announces_nothing_do_not_move_it(
 def test_nobody_takes_over_unannounced_when_the_body_has_ended(
     make_node: MakeNode, follower: SimClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rodeo.clock._SILENT_S", 0.0)
+    monkeypatch.setattr("rodeo.sim_clock._SILENT_S", 0.0)
     node, stranger = make_node("lab"), make_node("stranger")
     first = publisher(node)
     reaches(follower, 1000, lambda: first.publish(clock_at(1000)))

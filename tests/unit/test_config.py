@@ -127,3 +127,12 @@ def test_a_chain_elsewhere_cannot_follow_a_clock_that_runs_faster(tmp_path: Path
         Site.load(path)
     path.write_text(path.read_text() + "clock.speed = 1\nclock.idle_speed = 1\n")
     assert Site.load(path).chain.backend == "external"
+
+
+def test_a_simulated_site_begins_when_its_file_says(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'extends = "{LAB}"\nclock.start = 2026-05-04T10:00:00+02:00\n')
+    assert Site.load(path).clock.begin_s() == 1_777_881_600
+    path.write_text(path.read_text() + "clock.speed = 1\nclock.idle_speed = 1\n")
+    with pytest.raises(ConfigError, match="start"):
+        Site.load(path)

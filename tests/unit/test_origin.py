@@ -14,7 +14,7 @@ from rodeo.bus import Bus, zenoh_config
 from rodeo.config import Site
 from rodeo.errors import WrongBus
 from rodeo.origin import check_bus, record_path
-from rodeo.service import Service
+from rodeo.process import Process
 from tests.support.site import free_port, write_site
 
 OURS, THEIRS = "0x" + "11" * 20, "0x" + "22" * 20
@@ -42,7 +42,7 @@ def router() -> Iterator[str]:
 def theirs(tmp_path: Path, router: str) -> Iterator[Site]:
     """A site of the organization `lab` that runs."""
     site = make_site(tmp_path / "theirs", router, contract=THEIRS)
-    with Service("bridge", site, threading.Event()):
+    with Process("bridge", site, threading.Event()):
         yield site
 
 
@@ -79,5 +79,5 @@ def test_a_bus_with_nobody_on_it_is_nobodys(tmp_path: Path, router: str) -> None
 
 def test_a_process_does_not_join_a_bus_of_other_contracts(theirs: Site, tmp_path: Path, router: str) -> None:
     ours = make_site(tmp_path / "ours", router, contract=OURS)
-    with pytest.raises(WrongBus, match="is not this site's"), Service("oracle", ours, threading.Event()):
+    with pytest.raises(WrongBus, match="is not this site's"), Process("oracle", ours, threading.Event()):
         pass

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 
+from rodeo.config import Site
+from rodeo.kinds import kinds_of
+from rodeo.queries import Transaction
 from rodeo.verdicts import is_peoples_verdict, judge_of, verdict_words
+from rodeo_testing import answers
+from tests.support.site import LAB
 
 
 def test_a_persons_verdict_is_told_as_a_persons_word() -> None:
@@ -34,12 +37,14 @@ def test_a_persons_verdict_is_told_as_a_persons_word() -> None:
 def test_it_is_known_whether_a_person_judged(
     kind: str, verdict: str, audit_deadline: float | None, audited: tuple[str, ...], by_people: bool
 ) -> None:
-    assert is_peoples_verdict(kind, verdict, audit_deadline, audited) == by_people
+    kinds = kinds_of(Site.load(LAB))
+    assert is_peoples_verdict(kinds, kind, verdict, audit_deadline, audited) == by_people
 
 
 def test_the_judge_is_whose_key_posted_the_newest_verdict() -> None:
-    def posted(tx_hash: str, name: str | None, *events: str) -> dict[str, Any]:
-        return {"tx_hash": tx_hash, "events": events, "sender_name": name, "sender": "0x12"}
+    def posted(tx_hash: str, name: str | None, *events: str) -> Transaction:
+        told = answers.transaction(tx_hash=tx_hash, events=list(events), sender_name=name, sender="0x12")
+        return Transaction.model_validate(told)
 
     told = [
         posted("0x3", "alice", "ProofSubmitted"),

@@ -41,6 +41,13 @@ class Artifact:
 
 
 @cache
+def enums() -> dict[str, list[str]]:
+    """Enum of the contracts -> its members, in their order."""
+    found: dict[str, list[str]] = json.loads((resources.files(__name__) / "enums.json").read_text())
+    return found
+
+
+@cache
 def load(name: str) -> Artifact:
     """The artifact of contract `name`, one of CONTRACTS."""
     text = (resources.files(__name__) / f"{name}.json").read_text()

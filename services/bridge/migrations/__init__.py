@@ -1,5 +1,5 @@
-"""Schema migrations (alembic), one folder per database: `index` and `journal`.
+"""Schema migrations of the journal (alembic). The index has none: it is rebuilt from the chain instead.
 
-A new revision is a file `NNNN_what.py` in `versions`; a test compares what the revisions make with the tables
-in schema.py and journal.py.
+A new revision is a file `NNNN_what.py` in `journal/versions`. A test compares the tables that
+the revisions make with those in `services/bridge/journal.py`.
 """

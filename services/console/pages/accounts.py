@@ -8,6 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from services.console.accounts import User, workers
+from services.console.formatting import moment
 from services.console.pages.frame import Console, act, ask, frame, user
 from services.console.pages.widgets import (
     Field,
@@ -22,7 +23,6 @@ from services.console.pages.widgets import (
     table,
 )
 from services.console.roles import Role
-from services.console.words import moment
 
 Json = dict[str, Any]
 

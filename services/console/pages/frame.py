@@ -11,17 +11,18 @@ from typing import Any, ParamSpec, TypeVar
 from nicegui import background_tasks, context, run, ui
 from pydantic import BaseModel
 
-from rodeo import people
 from rodeo.config import Site
 from rodeo.errors import RodeoError
+from rodeo.kinds import Kinds
+from rodeo.person import pace
 from rodeo.tls import openness
 from services.console.accounts import Accounts, Session, User
 from services.console.actions import Actions
+from services.console.formatting import explain
 from services.console.live import Live
 from services.console.pages.widgets import Link, Section, Text, notice
-from services.console.reads import Reads
+from services.console.queries import Queries
 from services.console.roles import Role
-from services.console.words import explain
 
 log = logging.getLogger(__name__)
 
@@ -41,9 +42,10 @@ class Console:
     site: Site
     accounts: Accounts
     actions: Actions
-    reads: Reads
+    queries: Queries
     live: Live
     lab: Json
+    kinds: Kinds
 
 
 @dataclass(frozen=True)
@@ -234,7 +236,7 @@ def time_left(console: Console, deadline_s: float) -> None:
     """A text that follows how much time there is until then, by the site's clock and by the wall's."""
 
     def words() -> str:
-        return people.time_left(console.live.pace, deadline_s)
+        return pace.time_left(console.live.pace, deadline_s)
 
     # A screen reader reads it where it stands, and not each time that it changes.
     shown = Text("span", words(), "soft").props('aria-live="off"')

@@ -9,6 +9,7 @@ from nicegui import ui
 
 from rodeo.durations import span
 from rodeo.errors import RodeoError
+from services.console.formatting import explain, share
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
     Console,
@@ -33,7 +34,6 @@ from services.console.pages.widgets import (
     progress_bar,
 )
 from services.console.roles import Role
-from services.console.words import explain, share
 
 Json = dict[str, Any]
 
@@ -97,7 +97,7 @@ class RobotCard:
 
     async def _load(self) -> None:
         try:
-            state = await ask(self._console.reads.robot, self._robot)
+            state = await ask(self._console.queries.robot, self._robot)
         except RodeoError as error:
             unheard = error.code in ("no_responder", "query_timeout")
             self._problem.show(f"The agent of {self._robot} does not answer." if unheard else explain(error))

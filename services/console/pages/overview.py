@@ -8,8 +8,11 @@ from typing import Any
 from nicegui import ui
 
 from rodeo.durations import span
+from rodeo.kinds import Kinds
 from rodeo.messages import Task
+from rodeo.queries import Wallet
 from rodeo.verdicts import is_peoples_verdict, verdict_words
+from services.console.formatting import iec, kind, moment, party, share
 from services.console.lab_map import LabMap
 from services.console.live import ProcessState
 from services.console.pages.frame import Console, follow, frame, page_head, problem_section, user
@@ -25,7 +28,6 @@ from services.console.pages.widgets import (
     tile,
 )
 from services.console.roles import Role
-from services.console.words import iec, kind, moment, party, share
 
 Json = dict[str, Any]
 
@@ -55,7 +57,7 @@ def register(console: Console) -> None:
                     with card("Queue"):
                         queue = Section(_draw_queue).waiting()
                     with card("Last verdicts"):
-                        verdicts = Section(_draw_verdicts).waiting().live()
+                        verdicts = Section(partial(_draw_verdicts, console.kinds)).waiting().live()
                 with ui.element("div").classes("stack span-5"):
                     with card("Now"):
                         now = Section(_draw_now)
@@ -161,7 +163,7 @@ def _draw_queue(tasks: list[Task]) -> None:
                 Text("span", f"{iec(amount)}{who}", "soft")
 
 
-def _draw_verdicts(tasks: list[Task]) -> None:
+def _draw_verdicts(kinds: Kinds, tasks: list[Task]) -> None:
     if not tasks:
         empty("No verdict yet.")
         return
@@ -170,19 +172,19 @@ def _draw_verdicts(tasks: list[Task]) -> None:
             with ui.element("li"):
                 Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
                 badge(task.verdict or "")
-                by_people = is_peoples_verdict(task.kind, task.verdict, task.audit_deadline)
+                by_people = is_peoples_verdict(kinds, task.kind, task.verdict, task.audit_deadline)
                 paid = f"{iec(task.paid_iec)} to {party(task.executor_name, task.executor)} · "
                 said = f"{verdict_words(task.verdict or '', task.reason, None, by_people)} · "
                 when = moment(task.settled or task.proof_submitted)
                 Text("span", (paid if task.state == "settled" else "") + said + when, "soft")
 
 
-def _draw_wallets(wallets: list[Json]) -> None:
+def _draw_wallets(wallets: list[Wallet]) -> None:
     if not wallets:
         empty("No wallets known yet.")
         return
     table(
         "Balances",
         [("Wallet", ""), ("IEC", "number")],
-        [(wallet["name"], iec(wallet["balance_iec"]).removesuffix(" IEC")) for wallet in wallets],
+        [(wallet.name, iec(wallet.balance_iec).removesuffix(" IEC")) for wallet in wallets],
     )

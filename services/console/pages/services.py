@@ -8,10 +8,11 @@ from typing import Any
 
 from nicegui import ui
 
-from rodeo.dao import MACHINE_JUDGED, cannot_do
+from rodeo.dao import cannot_do
 from rodeo.durations import span
 from rodeo.errors import RodeoError
 from services.console.actions import ORGANIZATION, speaks_for
+from services.console.formatting import iec, kind, moment, party, share, short
 from services.console.pages.frame import (
     Console,
     act,
@@ -38,7 +39,6 @@ from services.console.pages.widgets import (
     table,
 )
 from services.console.roles import Role
-from services.console.words import iec, kind, moment, party, share, short
 
 Json = dict[str, Any]
 
@@ -84,7 +84,7 @@ class ServicesPage:
         self._refresh = follow_async(console, "events", self._load)
 
     async def _load(self) -> None:
-        state = self._console.reads.state
+        state = self._console.queries.state
         try:
             services = (await ask(state, "services"))["services"]
             participants = (await ask(state, "participants"))["participants"]
@@ -343,7 +343,7 @@ class ServicesPage:
     async def _allow_kind(self, name: str) -> None:
         """Who judges it is said each time: nothing is meant by saying nothing."""
         judges = {_UNSAID: "Choose who judges it", "auditor": "an auditor"}
-        if not name or name in MACHINE_JUDGED:
+        if not name or not self._console.kinds.by_people(name):
             judges["oracle"] = "the oracle, where it has checks for it"
 
         async def allow(answer: dict[str, str]) -> bool:
@@ -365,7 +365,9 @@ class ServicesPage:
 
     @on_page
     async def _change_audit(self) -> None:
-        judged = [one for one in self._organization["kinds"] if one["kind"] in MACHINE_JUDGED]
+        judged = [
+            one for one in self._organization["kinds"] if not self._console.kinds.by_people(one["kind"])
+        ]
         await ask_form(
             "When the oracle cannot decide",
             {

@@ -10,16 +10,18 @@ from typing import Any
 
 from nicegui import ui
 
-from rodeo.dao import is_peoples
 from rodeo.durations import span
 from rodeo.errors import RodeoError
 from rodeo.evidence import open_proof
+from rodeo.kinds import Kinds
 from rodeo.messages import LIVE_STATES, Task
-from rodeo.people import running_out_s
-from rodeo.photo_code import photo_code
+from rodeo.person.pace import running_out_s
+from rodeo.person.photo_code import photo_code
+from rodeo.queries import DEVICES, TRANSACTIONS, OwnedDevice, Transaction
 from rodeo.verdicts import is_peoples_verdict, judge_of, verdict_words
 from services.console.accounts import workers
 from services.console.attempts import Attempt, attempts, ended_s
+from services.console.formatting import explain, iec, kind, moment, number, parameter, party, phrase, short
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
     Console,
@@ -51,10 +53,9 @@ from services.console.pages.widgets import (
     retitle,
     table,
 )
-from services.console.reads import Seal
+from services.console.queries import Seal
 from services.console.replay import track
 from services.console.roles import Role
-from services.console.words import explain, iec, kind, moment, number, parameter, party, phrase, short
 
 Json = dict[str, Any]
 
@@ -101,7 +102,7 @@ class TaskPage:
                         self._replay.visible = False
                 with ui.element("div").classes("stack span-5"):
                     with card("Agreement"):
-                        self._agreement = Section(_draw_agreement).waiting()
+                        self._agreement = Section(partial(_draw_agreement, console.kinds)).waiting()
                     with card("Proof"):
                         self._proof = Section(self._draw_proof).waiting()
             with card(_ORACLES_REPORT) as self._report_head:
@@ -117,10 +118,10 @@ class TaskPage:
             self._map.show(self._console.live.map)
 
     async def _load(self) -> None:
-        reads = self._console.reads
+        queries = self._console.queries
         try:
-            task = await ask(reads.task, self._task_id)
-            events = await ask(reads.history, self._task_id)
+            task = await ask(queries.task, self._task_id)
+            events = await ask(queries.history, self._task_id)
         except RodeoError as error:
             if error.code != "unknown_task":
                 self._problem.show(stale(error))
@@ -137,16 +138,17 @@ class TaskPage:
         self._live = task.state in LIVE_STATES
         self._head.show(task)
         self._progress.show(task, ended_s(events))
-        names = {one["address"]: one["name"] for one in self._console.live.summary.wallets}
+        names = {one.address: one.name for one in self._console.live.summary.wallets}
         try:
-            transactions = (await ask(reads.state, "transactions", task_id=self._task_id))["transactions"]
+            transactions = (await ask(queries.ask, TRANSACTIONS, task_id=self._task_id)).transactions
             self._transactions.show(transactions, "")
         except RodeoError as error:
             transactions = []
             self._transactions.show([], explain(error))
         people = workers(self._console.site)
         self._verdicts = {
-            one.number: _verdict(task.kind, one, transactions, people) for one in self._attempts
+            one.number: _verdict(self._console.kinds.by_people(task.kind), one, transactions, people)
+            for one in self._attempts
         }
         self._tries.show(self._attempts, names, None if shown is None else shown.number, self._verdicts)
         self._agreement.show(task)
@@ -168,16 +170,16 @@ class TaskPage:
             self._report.show(None, "Nobody has judged this proof yet.")
         else:
             try:
-                self._report.show(await ask(self._console.reads.report, shown), "")
+                self._report.show(await ask(self._console.queries.report, shown), "")
             except RodeoError as error:
                 self._report.show(None, explain(error))
         try:
-            seal = await ask(self._console.reads.seal, shown)
-            devices = (await ask(self._console.reads.state, "devices"))["devices"]
+            seal = await ask(self._console.queries.seal, shown)
+            devices = (await ask(self._console.queries.ask, DEVICES)).devices
         except RodeoError as error:
             self._proof.show(shown, {"Sealed by": explain(error)})
             return
-        names = {one["address"]: one["name"] for one in self._console.live.summary.wallets}
+        names = {one.address: one.name for one in self._console.live.summary.wallets}
         self._proof.show(shown, _seal_facts(seal, devices, names))
 
     def _draw_attempts(
@@ -298,16 +300,16 @@ class TaskPage:
 def _track(console: Console, attempt: Attempt) -> Json:
     """The attempt's recording as the map replays it. Raises UnknownFile, EvidenceError."""
     with tempfile.TemporaryDirectory(prefix="rodeo-replay-") as folder:
-        return track(open_proof(console.reads.proof(attempt, Path(folder))), console.site)
+        return track(open_proof(console.queries.proof(attempt, Path(folder))), console.site)
 
 
-def _seal_facts(seal: Seal, devices: list[Json], names: dict[str, str]) -> dict[str, str]:
-    signer = next((one for one in devices if one["address"] == seal.signer), None)
+def _seal_facts(seal: Seal, devices: list[OwnedDevice], names: dict[str, str]) -> dict[str, str]:
+    signer = next((one for one in devices if one.address == seal.signer), None)
     owner = names.get(seal.signer or "")
     whose, revoked = "unknown" if owner is None else f"none: {owner}'s own key", ""
     if signer is not None:
-        whose = f"{signer['role']} {signer['name']} of {signer['owner_name'] or signer['owner']}"
-        revoked = f" (revoked: {signer['revoked_because']})" if signer["revoked"] else ""
+        whose = f"{signer.role} {signer.name} of {signer.owner_name or signer.owner}"
+        revoked = f" (revoked: {signer.revoked_because})" if signer.revoked else ""
     return {
         "Sealed by": seal.signer or "nobody",
         "Device": whose + revoked,
@@ -316,13 +318,16 @@ def _seal_facts(seal: Seal, devices: list[Json], names: dict[str, str]) -> dict[
     }
 
 
-def _verdict(kind_of_work: str, attempt: Attempt, transactions: list[Json], people: list[str]) -> str:
-    """What was said of the attempt, and by whom; empty while nobody has said anything."""
+def _verdict(by_kind: bool, attempt: Attempt, transactions: list[Transaction], people: list[str]) -> str:
+    """What was said of the attempt, and by whom; empty while nobody has said anything.
+
+    `by_kind`: people judge its kind of work.
+    """
     if attempt.verdict is None:
         return ""
     judge = judge_of(transactions, attempt.verdict_tx) if attempt.verdict_tx else None
     by_people = attempt.verdict in ("accepted", "rejected") and (
-        is_peoples(kind_of_work) or attempt.was_undecided or judge in people
+        by_kind or attempt.was_undecided or judge in people
     )
     return verdict_words(attempt.verdict, attempt.reason, judge, by_people)
 
@@ -346,7 +351,7 @@ def _draw_progress(console: Console, task: Task, ended: float | None) -> None:
             "done" if task.proof_submitted else "now" if task.state == "assigned" else "",
         ),
         (
-            _verdict_step(task),
+            _verdict_step(console.kinds, task),
             None,
             {"accepted": "done", "rejected": "bad", "expired": "bad", "undecided": "done"}.get(
                 task.verdict or "", "now" if task.state == "submitted" else ""
@@ -383,10 +388,10 @@ def _draw_progress(console: Console, task: Task, ended: float | None) -> None:
         time_left(console, ends_s)
 
 
-def _verdict_step(task: Task) -> str:
+def _verdict_step(kinds: Kinds, task: Task) -> str:
     if not task.verdict:
         return "Verdict"
-    by_people = is_peoples_verdict(task.kind, task.verdict, task.audit_deadline)
+    by_people = is_peoples_verdict(kinds, task.kind, task.verdict, task.audit_deadline)
     return f"Verdict: {task.verdict}" + (" by an auditor" if by_people else "")
 
 
@@ -411,12 +416,12 @@ def _deadline(task: Task) -> str:
     return ""
 
 
-def _draw_agreement(task: Task) -> None:
+def _draw_agreement(kinds: Kinds, task: Task) -> None:
     live = task.state in LIVE_STATES
     with facts():
         fact("Creator", party(task.creator_name, task.creator))
         fact("Executor", party(task.executor_name, task.executor) if task.executor else "nobody yet")
-        if task.nonce and is_peoples(task.kind):
+        if task.nonce and kinds.by_people(task.kind):
             fact("Code that a photo should show", photo_code(task.nonce))
         fact("Reward", iec(task.reward_iec))
         fact("Agreed price", iec(task.price_iec))
@@ -469,7 +474,7 @@ def _measured(value: Any, unit: Any) -> str:
     return f"{text} {unit}" if unit else text
 
 
-def _draw_transactions(transactions: list[Json], problem: str) -> None:
+def _draw_transactions(transactions: list[Transaction], problem: str) -> None:
     if problem:
         notice(problem)
     elif not transactions:
@@ -481,17 +486,17 @@ def _draw_transactions(transactions: list[Json], problem: str) -> None:
             [
                 (
                     partial(_draw_transaction, one),
-                    f"{one['gas_used']:,}" if one["gas_used"] is not None else "–",
-                    "–" if one["fee_wei"] is None else number(Decimal(one["fee_wei"]) / 10**18, 8),
-                    partial(hash_text, one["tx_hash"]),
+                    f"{one.gas_used:,}" if one.gas_used is not None else "–",
+                    "–" if one.fee_wei is None else number(Decimal(one.fee_wei) / 10**18, 8),
+                    partial(hash_text, one.tx_hash),
                 )
                 for one in transactions
             ],
         )
 
 
-def _draw_transaction(transaction: Json) -> None:
-    told = [name for name in transaction["events"] if name not in _TOKEN_EVENTS] or transaction["events"]
+def _draw_transaction(transaction: Transaction) -> None:
+    told = [name for name in transaction.events if name not in _TOKEN_EVENTS] or transaction.events
     Text("span", ", ".join(map(phrase, told)))
-    sender = transaction["sender_name"] or short(transaction["sender"] or "unknown")
-    Text("div", f"{moment(transaction['time_s'])} by {sender}", "soft")
+    sender = transaction.sender_name or short(transaction.sender or "unknown")
+    Text("div", f"{moment(transaction.time_s)} by {sender}", "soft")

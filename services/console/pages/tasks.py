@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import uuid
 from decimal import Decimal, InvalidOperation
 from functools import partial
@@ -12,13 +11,12 @@ from urllib.parse import urlencode
 
 from nicegui import ui
 
-from rodeo.bus import decode_json, validate
-from rodeo.charging import order_wh
-from rodeo.dao import CHARGING, CLEANING
+from rodeo.bus import validate
 from rodeo.durations import span
 from rodeo.errors import InvalidRequest, MalformedJson, QueryTimeout, RodeoError
 from rodeo.messages import RegisterTask, Task
-from rodeo.people import runs_fast
+from rodeo.person.pace import runs_fast
+from services.console.formatting import exact, explain, iec, kind, moment, party
 from services.console.lab_map import LabMap
 from services.console.pages.frame import (
     Console,
@@ -32,10 +30,10 @@ from services.console.pages.frame import (
     stale,
     user,
 )
+from services.console.pages.parameters import Parameters
 from services.console.pages.widgets import Link, Section, Text, badge, card, confirm, empty, notice, table
 from services.console.posting import problems
 from services.console.roles import Role
-from services.console.words import exact, explain, iec, kind, moment, party
 
 Json = dict[str, Any]
 
@@ -105,7 +103,7 @@ def _list(console: Console, page: int, state: str, kind_: str, text: str) -> Non
     async def load() -> None:
         try:
             (found, total), chain = await asyncio.gather(
-                ask(_find, console, wanted), ask(console.reads.state, "chain")
+                ask(_find, console, wanted), ask(console.queries.state, "chain")
             )
             last = max(1, -(-total // PAGE_ROWS))
             if wanted["page"] > last:
@@ -126,12 +124,12 @@ def _find(console: Console, wanted: Json) -> tuple[list[Task], int]:
     text = wanted["text"].strip().removeprefix("#")
     if text.isdecimal() and len(text) <= _MAX_DIGITS:
         try:
-            return [console.reads.task(int(text))], 1
+            return [console.queries.task(int(text))], 1
         except RodeoError as error:
             if error.code != "unknown_task":
                 raise
             return [], 0
-    return console.reads.tasks(
+    return console.queries.tasks(
         PAGE_ROWS,
         (wanted["page"] - 1) * PAGE_ROWS,
         state=wanted["state"] or None,
@@ -194,44 +192,33 @@ class PostForm:
         self._console = console
         site = console.site
         self._request_id = f"console-{uuid.uuid4()}"
-        items = {item.id: f"{item.id} ({item.item_class.value})" for item in site.items}
         with ui.element("div").classes("grid"):
             with ui.element("div").classes("stack span-5"), card("Task"):
                 with ui.element("div").classes("form"):
-                    self.kind = ui.select(
-                        {CLEANING: kind(CLEANING), CHARGING: kind(CHARGING)}, value=CLEANING, label="Kind"
-                    )
-                    self.kind.on_value_change(self._changed)
-                    self.item = ui.select(items, value=next(iter(items), None), label="Item")
-                    self.item.on_value_change(self._item_chosen)
-                    robots = [one.name for one in site.robots]
-                    self.robot = ui.select(robots, value=next(iter(robots), None), label="Robot")
-                    self.x = ui.number("East, x (m)", step=0.05, format="%.2f", on_change=self._typed)
-                    self.y = ui.number("North, y (m)", step=0.05, format="%.2f", on_change=self._typed)
-                    self.soc_from = ui.number(
-                        "Charge now (%)", value=50, min=0, max=100, on_change=self._changed
-                    )
-                    self.soc_target = ui.number(
-                        "Charge to (%)", value=95, min=1, max=100, on_change=self._changed
-                    )
-                    self.params = ui.textarea("Parameters (JSON object)", value="{}", on_change=self._changed)
-                    self.params.classes("whole")
+                    known = {name: kind(name) for name in console.kinds}
+                    self.kind = ui.select(known, value=next(iter(known), None), label="Kind")
+                    self.kind.on_value_change(self._kind_chosen)
+                    self._parameters = {
+                        name: Parameters(site, one, self._changed) for name, one in console.kinds.items()
+                    }
+                    self._others = Parameters(site, None, self._changed)
+                    for params in self._parameters.values():
+                        if (item := params.field("item")) is not None:
+                            item.on_value_change(self._item_chosen)
+                        for place in (params.field("map-x"), params.field("map-y")):
+                            if place is not None:
+                                place.on_value_change(self._typed)
                     self.reward = ui.input("Reward (IEC)", on_change=self._changed)
-                    self.reward.value = str(site.economy.cleaning_reward_iec)
                     self.window = ui.number("Time to do it (min)", min=1, max=10080, on_change=self._changed)
                     self.attempts = ui.number("Attempts", min=1, max=20, precision=0, on_change=self._changed)
                     self.attempts.value = site.economy.max_attempts
-                    self.window.value = site.economy.cleaning_window_s / 60
                     if runs_fast(site):
                         self.window.props('hint="of site time, which runs faster than the wall clock"')
                     self.description = ui.input("Note for people")
                     self.wait = ui.checkbox(
                         "Let it wait if every service costs more", on_change=self._changed
                     ).classes("whole")
-                for field in (
-                    *(self.kind, self.item, self.robot, self.x, self.y, self.soc_from, self.soc_target),
-                    *(self.params, self.reward, self.window, self.attempts, self.description),
-                ):
+                for field in (self.kind, self.reward, self.window, self.attempts, self.description):
                     field.props("outlined dense")
                 self.description.props("maxlength=2000")
                 self._hints = Section(_draw_hints).live()
@@ -239,12 +226,12 @@ class PostForm:
             with ui.element("div").classes("stack span-7 pickable"), card("Place") as head:
                 with head:
                     self._where = Text("span", "", "soft")
-                self.map = LabMap(console.lab, "Map of the lab: click where the item lies", self._picked)
+                self.map = LabMap(console.lab, "Map of the lab: click on the place", self._picked)
         self._summary_changed()
         if like is not None:
             ui.timer(0, lambda: self._copy(like), once=True)
-        elif items:
-            self._item_chosen()
+        else:
+            self._kind_chosen()
         follow(console, "map", lambda: self.map.show(console.live.map))
         follow(console, "organization", self._summary_changed)
         self._changed()
@@ -254,49 +241,63 @@ class PostForm:
     async def _copy(self, task_id: int) -> None:
         """Fill in what another task asked for."""
         try:
-            task = await ask(self._console.reads.task, task_id)
+            task = await ask(self._console.queries.task, task_id)
         except RodeoError as error:
             fail(error)
             return
         self.kind.set_options({**dict(self.kind.options), task.kind: kind(task.kind)}, value=task.kind)
-        params = task.params
-        if params.get("item_id") in self.item.options:
-            self.item.value = params["item_id"]
-        self.x.value, self.y.value = params.get("x_m"), params.get("y_m")
-        if params.get("robot") in self.robot.options:
-            self.robot.value = params["robot"]
-        for field, name in ((self.soc_from, "soc_from"), (self.soc_target, "soc_target")):
-            if isinstance(params.get(name), int | float):
-                field.value = round(100 * params[name])
-        self.params.value = json.dumps(params)
+        self._shown().fill(task.params)
         self.reward.value = exact(task.reward_iec).removesuffix(" IEC").replace(",", "")
         self.window.value = task.execution_window_s / 60
         self.attempts.value = task.max_attempts
         self.description.value = task.description
         self._changed()
 
+    def _shown(self) -> Parameters:
+        """The fields of the kind that is chosen."""
+        return self._parameters.get(self.kind.value, self._others)
+
+    def _kind_chosen(self) -> None:
+        """Propose what the kind usually costs and takes."""
+        chosen = self._console.kinds.get(self.kind.value)
+        if chosen is not None:
+            self.window.value = chosen.execution_window_s / 60
+            if chosen.price_iec:
+                self.reward.value = str(chosen.price_iec)
+        self._item_chosen()
+
     def _item_chosen(self) -> None:
         """Propose where the item is seen now, or where the site file put it."""
-        item_id = self.item.value
-        seen = self._console.live.map["items"].get(item_id)
-        if seen is not None and seen["fresh"]:
-            place = seen["x"], seen["y"]
-        else:
-            pose = next(item.pose for item in self._console.site.items if item.id == item_id)
-            place = pose.x_m, pose.y_m
-        self.x.value, self.y.value = (round(value, 2) for value in place)
+        params = self._shown()
+        item, x, y = params.field("item"), params.field("map-x"), params.field("map-y")
+        if item is not None and item.value is not None and x is not None and y is not None:
+            seen = self._console.live.map["items"].get(item.value)
+            if seen is not None and seen["fresh"]:
+                place = seen["x"], seen["y"]
+            else:
+                pose = next(one.pose for one in self._console.site.items if one.id == item.value)
+                place = pose.x_m, pose.y_m
+            x.value, y.value = (round(value, 2) for value in place)
+        self._typed()
+
+    def _place(self) -> tuple[float, float] | None:
+        x, y = self._shown().field("map-x"), self._shown().field("map-y")
+        chosen = x is not None and y is not None and x.value is not None and y.value is not None
+        return (x.value, y.value) if chosen else None
 
     def _picked(self, x_m: float, y_m: float) -> None:
-        self.x.value, self.y.value = x_m, y_m
+        x, y = self._shown().field("map-x"), self._shown().field("map-y")
+        if x is not None and y is not None:
+            x.value, y.value = x_m, y_m
 
     def _typed(self) -> None:
-        x_m, y_m = self.x.value, self.y.value
-        self.map.mark_place(None if x_m is None or y_m is None else (x_m, y_m))
+        if hasattr(self, "map"):
+            self.map.mark_place(self._place())
         self._changed()
 
     def _summary_changed(self) -> None:
-        kinds = {str(service["kind"]) for service in self._console.live.summary.services}
-        known = {name: kind(name) for name in sorted({CLEANING, CHARGING, *kinds, *self.kind.options})}
+        kinds = {service.kind for service in self._console.live.summary.services}
+        known = {name: kind(name) for name in sorted({*kinds, *self.kind.options})}
         if known != self.kind.options:
             self.kind.set_options(known)
         self._changed()
@@ -304,14 +305,10 @@ class PostForm:
     def _changed(self) -> None:
         if not hasattr(self, "map"):
             return
-        cleaning, charging = self.kind.value == CLEANING, self.kind.value == CHARGING
-        for field in (self.item, self.x, self.y):
-            field.visible = cleaning
-        for field in (self.robot, self.soc_from, self.soc_target):
-            field.visible = charging
-        self.params.visible = not (cleaning or charging)
-        placed = cleaning and self.x.value is not None and self.y.value is not None
-        self._where.set_text(f"{self.x.value:.2f} m east, {self.y.value:.2f} m north" if placed else "")
+        for params in (*self._parameters.values(), self._others):
+            params.show(params is self._shown())
+        place = self._place()
+        self._where.set_text("" if place is None else f"{place[0]:.2f} m east, {place[1]:.2f} m north")
         self._hints.show(tuple(self._problems()))
 
     # -- checking --------------------------------------------------------------------------------------
@@ -324,23 +321,9 @@ class PostForm:
             raise InvalidRequest(
                 "the reward is not a number", fields={"reward_iec": "a number of IEC"}
             ) from None
-        params: Json
-        if self.kind.value == CLEANING:
-            params = {"item_id": self.item.value, "x_m": self.x.value, "y_m": self.y.value}
-        elif self.kind.value == CHARGING:
-            site = self._console.site
-            soc_from, soc_target = (self.soc_from.value or 0) / 100, (self.soc_target.value or 0) / 100
-            params = {
-                "robot": self.robot.value,
-                "dock": site.dock.name,
-                "soc_from": soc_from,
-                "soc_target": soc_target,
-            }
-            if self.robot.value is not None:
-                battery = site.robot(self.robot.value).battery
-                params["energy_wh"] = order_wh(battery, site.dock, soc_from, soc_target)
-        else:
-            params = decode_json((self.params.value or "{}").encode())
+        params, chosen = self._shown().values(), self._console.kinds.get(self.kind.value)
+        if chosen is not None:
+            params = chosen.complete(self._console.site, params)
         request: Json = {
             "request_id": self._request_id,
             "kind": self.kind.value,
@@ -362,13 +345,14 @@ class PostForm:
         except (InvalidRequest, MalformedJson) as error:
             return [explain(error)]
         summary = self._console.live.summary
-        wrong = [text[:1].upper() + text[1:] for text in problems(self._console.site, request).values()]
+        wrong = [
+            text[:1].upper() + text[1:]
+            for text in problems(self._console.site, self._console.kinds, request).values()
+        ]
         if summary.problem:
             return [*wrong, summary.problem]
         prices = [
-            Decimal(one["price_iec"])
-            for one in summary.services
-            if one["kind"] == request.kind and one["state"] == "active"
+            one.price_iec for one in summary.services if one.kind == request.kind and one.state == "active"
         ]
         if not request.allow_wait and prices and min(prices) > request.reward_iec:
             wrong.append(f"The cheapest service of this kind costs {iec(min(prices))}")
@@ -379,7 +363,7 @@ class PostForm:
 
     def _balance(self) -> Decimal | None:
         wallets = self._console.live.summary.wallets
-        return next((Decimal(one["balance_iec"]) for one in wallets if one["name"] == "organization"), None)
+        return next((one.balance_iec for one in wallets if one.name == "organization"), None)
 
     # -- posting ---------------------------------------------------------------------------------------
 
@@ -390,11 +374,7 @@ class PostForm:
             return
         request = self._request()
         reward = exact(request.reward_iec)
-        lines = [("Kind", kind(request.kind)), ("Reward", reward)]
-        if request.kind == CLEANING:
-            lines.append(
-                ("Item", f"{self.item.value} at {self.x.value:.2f} m east, {self.y.value:.2f} m north")
-            )
+        lines = [("Kind", kind(request.kind)), ("Reward", reward), *self._shown().told()]
         if request.execution_window_s is not None:
             lines.append(("Time to do it", f"{span(request.execution_window_s)} of site time"))
         balance = self._balance()

@@ -10,6 +10,7 @@ from nicegui import ui
 
 from rodeo.errors import RodeoError
 from services.console.actions import ORGANIZATION
+from services.console.formatting import count, exact, iec, moment, party, short
 from services.console.money import prices, reason
 from services.console.pages.frame import (
     Console,
@@ -36,7 +37,6 @@ from services.console.pages.widgets import (
     tile,
 )
 from services.console.roles import Role
-from services.console.words import count, exact, iec, kind, moment, party, short
 
 Json = dict[str, Any]
 
@@ -92,7 +92,7 @@ class TreasuryPage:
         self._refresh()
 
     async def _load(self) -> None:
-        state = self._console.reads.state
+        state = self._console.queries.state
         try:
             charted = (await ask(state, "transfers", account=self._account, limit=CHARTED))["transfers"]
             page = await ask(
@@ -107,7 +107,7 @@ class TreasuryPage:
             self._problem.show(stale(error))
             return
         self._problem.show("")
-        names = [wallet["name"] for wallet in self._console.live.summary.wallets] or [ORGANIZATION]
+        names = [wallet.name for wallet in self._console.live.summary.wallets] or [ORGANIZATION]
         if names != self._select.options:
             self._select.set_options(names)
         self._csv.props(f'href="/files/transfers.csv?account={self._account}"')
@@ -189,9 +189,7 @@ class TreasuryPage:
                 return False
             lines = [("Amount", exact(amount)), ("To", answer["to"])]
             wallets = self._console.live.summary.wallets
-            balance = next(
-                (Decimal(one["balance_iec"]) for one in wallets if one["name"] == ORGANIZATION), None
-            )
+            balance = next((one.balance_iec for one in wallets if one.name == ORGANIZATION), None)
             if balance is not None:
                 lines.append(("Treasury after", iec(balance - amount)))
             done = f"{iec(amount)} paid to {short(answer['to'])}"
@@ -246,8 +244,9 @@ def _draw_tariffs(console: Console) -> None:
     with facts():
         for tariff in sorted(economy.electricity, key=lambda tariff: tariff.from_hour):
             fact(f"Electricity from {tariff.from_hour}:00", f"{tariff.eur_kwh:.2f} EUR/kWh")
-        fact(f"Usual reward, {kind('waste_disposal')}", iec(economy.cleaning_reward_iec))
-        fact("Price of a charge", iec(economy.charging_reward_iec))
+        for one in console.kinds.values():
+            if one.price_iec:
+                fact(f"Usual price, {one.title.lower()}", iec(one.price_iec))
     Text("p", "Tariffs are set under [economy] in the site file; hours are UTC.", "soft")
 
 

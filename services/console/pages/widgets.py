@@ -11,7 +11,7 @@ from typing import Any, ParamSpec, TypeVar
 from nicegui import context, ui
 from nicegui.elements.mixins.text_element import TextElement
 
-from services.console.words import STATE_COLOURS, short
+from services.console.formatting import STATE_COLOURS, short
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -9,14 +9,15 @@ from typing import Any
 from nicegui import ui
 from nicegui.events import UploadEventArguments
 
-from rodeo import people
-from rodeo.dao import is_peoples
 from rodeo.errors import RodeoError
-from rodeo.evidence.statement import MAX_PHOTO_BYTES, MAX_PHOTOS, Statement, check_photo, photo_format
+from rodeo.kinds import Kinds
 from rodeo.messages import Task
-from rodeo.people import running_out_s
-from rodeo.photo_code import photo_code
+from rodeo.person import pace
+from rodeo.person.pace import running_out_s
+from rodeo.person.photo_code import photo_code
+from rodeo.person.statement import MAX_PHOTO_BYTES, MAX_PHOTOS, Statement, check_photo, photo_format
 from rodeo.verdicts import is_peoples_verdict, verdict_words
+from services.console.formatting import count, explain, iec, kind, moment
 from services.console.pages.frame import (
     Console,
     act,
@@ -43,7 +44,6 @@ from services.console.pages.widgets import (
     tile,
 )
 from services.console.roles import Role
-from services.console.words import count, explain, iec, kind, moment
 
 Json = dict[str, Any]
 
@@ -55,7 +55,7 @@ def register(console: Console) -> None:
     def work() -> None:
         with frame(console, "My work", "/work"):
             person = user()
-            if warning := people.warning(console.site):
+            if warning := pace.warning(console.site):
                 notice(warning)
             if not person.has(Role.EXECUTOR, Role.AUDITOR):
                 notice(
@@ -86,18 +86,18 @@ class ExecutorDesk:
             with ui.element("div").classes("stack span-7"), card("To do"):
                 self._assigned = Section(self._draw_assigned).waiting().live()
             with ui.element("div").classes("stack span-5"), card("Handed in"):
-                self._ended = Section(_draw_ended).waiting().live()
+                self._ended = Section(partial(_draw_ended, console.kinds)).waiting().live()
         self._refresh = follow_async(console, "events", self._load)
 
     async def _load(self) -> None:
-        reads = self._console.reads
-        mine = partial(reads.tasks, executor=self._participant)
+        queries = self._console.queries
+        mine = partial(queries.tasks, executor=self._participant)
         try:
             todo, total = await ask(mine, SHOWN, state="assigned", order="oldest")
             ended, _ = await ask(mine, SHOWN, state="submitted,undecided,settled,failed")
             _, waiting = await ask(mine, 1, state="submitted,undecided")
             _, paid = await ask(mine, 1, state="settled")
-            wallet = await ask(reads.state, "wallet", account=self._participant)
+            wallet = await ask(queries.state, "wallet", account=self._participant)
         except RodeoError as error:
             self._problem.show(stale(error))
             return
@@ -192,7 +192,7 @@ class ExecutorDesk:
         await dialog
 
 
-def _draw_ended(tasks: list[Task]) -> None:
+def _draw_ended(kinds: Kinds, tasks: list[Task]) -> None:
     if not tasks:
         empty("You have handed in nothing yet.")
         return
@@ -202,7 +202,7 @@ def _draw_ended(tasks: list[Task]) -> None:
                 Link(f"{task.id} · {kind(task.kind)}", f"/tasks/{task.id}", "title")
                 badge(task.verdict or task.state)
                 if task.state == "settled":
-                    by_people = is_peoples_verdict(task.kind, task.verdict, task.audit_deadline)
+                    by_people = is_peoples_verdict(kinds, task.kind, task.verdict, task.audit_deadline)
                     said = verdict_words(task.verdict or "", task.reason, None, by_people)
                     outcome = f"paid {iec(task.paid_iec)} on {moment(task.settled)} · {said}"
                 elif task.state == "undecided":
@@ -233,18 +233,18 @@ class AuditorDesk:
         self._refresh = follow_async(console, "events", self._load)
 
     async def _load(self) -> None:
-        reads = self._console.reads
+        queries = self._console.queries
         try:
-            kinds = (await ask(reads.state, "organization"))["kinds"]
+            kinds = (await ask(queries.state, "organization"))["kinds"]
             waiting = [
                 task
                 for one in kinds
                 if one["review"] == "auditor"
                 for task in (
-                    await ask(reads.tasks, SHOWN, state="submitted", kind=one["kind"], order="oldest")
+                    await ask(queries.tasks, SHOWN, state="submitted", kind=one["kind"], order="oldest")
                 )[0]
             ]
-            waiting += (await ask(reads.tasks, SHOWN, state="undecided", order="oldest"))[0]
+            waiting += (await ask(queries.tasks, SHOWN, state="undecided", order="oldest"))[0]
         except RodeoError as error:
             self._problem.show(stale(error))
             return
@@ -272,15 +272,15 @@ class AuditorDesk:
     async def _open(self, task: Task) -> None:
         """Show the evidence and ask for a verdict; the form stays until it is given or it is closed."""
         statement: Statement | None = None
-        if is_peoples(task.kind):
+        if self._console.kinds.by_people(task.kind):
             try:
-                statement = await ask(self._console.reads.statement, task)
+                statement = await ask(self._console.queries.statement, task)
             except RodeoError as error:
                 fail(error)
         known: list[str] = []
         if statement is not None:
             try:
-                known = (await ask(self._console.reads.review, task)).lines()
+                known = (await ask(self._console.queries.review, task)).lines()
             except RodeoError as error:
                 known = [f"What is known of it could not be found out: {explain(error)}"]
 

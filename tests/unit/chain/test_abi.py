@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from rodeo import chain
 from rodeo.chain import (
     Calls,
     Deployment,
@@ -23,8 +25,7 @@ from rodeo.chain import (
     Verdict,
     artifacts,
 )
-from rodeo.chain.events import IGNORED
-from rodeo.errors import snake_case
+from rodeo.chain.generate import BETWEEN_CONTRACTS, IGNORED_EVENTS, generated
 
 ADDRESS = "0x" + "00" * 19 + "01"
 DEPLOYMENT = Deployment(
@@ -36,16 +37,6 @@ DEPLOYMENT = Deployment(
     },
 )
 
-BETWEEN_CONTRACTS = {
-    "acquire",
-    "holdBond",
-    "offer",
-    "placeService",
-    "reinstate",
-    "release",
-    "returnBond",
-    "suspend",
-}
 SAMPLES: dict[str, Any] = {
     "request": TaskRequest("cleaning", 1, 60, 60, 1, "{}"),
     "role": "robot",
@@ -75,14 +66,35 @@ def _entries(kind: str) -> list[tuple[str, dict[str, Any]]]:
     ]
 
 
-def test_every_event_has_a_record_with_its_parameters_or_is_ignored_on_purpose() -> None:
-    records = {record.__name__: [field.name for field in fields(record)] for record in Event.__subclasses__()}
-    declared = {
-        entry["name"]: [snake_case(p["name"]).replace("from", "sender") for p in entry["inputs"]]
-        for _, entry in _entries("event")
-    }
-    assert {name: names for name, names in declared.items() if name not in IGNORED} == records
-    assert set(declared) >= IGNORED
+@pytest.mark.parametrize("name", ["abi.py", "events.py"])
+def test_the_generated_files_are_what_the_artifacts_say(name: str) -> None:
+    assert Path(chain.__file__).with_name(name).read_text() == generated()[name], "run `make contracts`"
+
+
+def test_another_abi_makes_another_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    before = generated()
+    built = artifacts.load("TaskManager")
+    (cancelled,) = (entry for entry in built.abi if entry.get("name") == "TaskCancelled")
+    inputs = [*cancelled["inputs"], {"name": "by", "type": "address", "internalType": "address"}]
+    changed = [entry | {"inputs": inputs} if entry is cancelled else entry for entry in built.abi]
+    monkeypatch.setattr(
+        artifacts,
+        "load",
+        lambda name, load=artifacts.load: (
+            replace(load(name), abi=changed) if name == "TaskManager" else load(name)
+        ),
+    )
+    monkeypatch.setattr(artifacts, "enums", lambda: {"Review": ["None", "Oracle", "TwoOracles"]})
+    after = generated()
+    assert "    by: str\n" in after["events.py"] and "    by: str\n" not in before["events.py"]
+    assert "    TWO_ORACLES = 2\n" in after["abi.py"]
+
+
+def test_every_event_has_a_record_or_is_ignored_on_purpose() -> None:
+    records = {record.__name__ for record in Event.__subclasses__()}
+    declared = {entry["name"] for _, entry in _entries("event")}
+    assert declared - IGNORED_EVENTS == records
+    assert declared >= IGNORED_EVENTS
 
 
 @pytest.mark.parametrize("calls", [Calls(DEPLOYMENT), OrganizationCalls(DEPLOYMENT)])

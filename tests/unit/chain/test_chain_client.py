@@ -22,6 +22,7 @@ from rodeo.chain import (
     from_wei,
     to_wei,
 )
+from rodeo.chain.abi import Cause, Verdict
 from rodeo.chain.events import (
     ProofSubmitted,
     ServiceRegistered,
@@ -34,7 +35,6 @@ from rodeo.chain.events import (
     Transfer,
     VerdictPosted,
 )
-from rodeo.chain.types import Cause, Verdict
 from tests.support.organization import KIND, PROOF, REPORT, Organization
 from tests.support.site import free_port
 

@@ -14,6 +14,7 @@ from rodeo import wallets
 from rodeo.chain import ChainError, Deployment, DeploymentMismatch, NotDeployed, Role, artifacts, to_wei
 from rodeo.chain.client import connect
 from rodeo.chain.events import Transfer
+from rodeo.kinds import kinds_of
 from tests.support.organization import CHAIN_ID, Organization, running_chain
 
 
@@ -35,7 +36,7 @@ def test_the_organization_is_set_up_as_the_site_says(organization: Organization)
     assert client.has_role(Role.OPERATOR, organization.operator.address)
     assert client.has_role(Role.ORACLE, organization.oracle.address)
     assert not client.has_role(Role.ORACLE, organization.operator.address)
-    assert all(client.is_kind_allowed(kind) for kind in site.kinds)
+    assert all(client.is_kind_allowed(kind) for kind in kinds_of(site))
     robot = client.device(wallets.address(site, "panther1-device"))
     assert (robot.role, robot.owner) == ("robot", organization.robot.address)
     meter = client.device(wallets.address(site, "meter-device"))
@@ -127,4 +128,4 @@ def test_on_a_chain_elsewhere_wallets_bring_their_own_keys_and_gas_money(
         for account in accounts.values():
             w3.eth.send_transaction({"from": w3.eth.accounts[0], "to": account, "value": 10**19})
         contracts.run(site, threading.Event())
-        assert Organization(site).client.is_kind_allowed(site.kinds[0])
+        assert Organization(site).client.is_kind_allowed(site.kinds[0].name)

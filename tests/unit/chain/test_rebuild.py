@@ -26,10 +26,9 @@ from rodeo.chain import (
     events,
     to_wei,
 )
-from rodeo.chain.permit import sign_permit
+from rodeo_testing.rebuild import ZERO_ADDRESS, rebuild
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
-from tests.support.rebuild import ZERO_ADDRESS, rebuild
 
 STEPS = 40
 DEVICE = "0x" + "00" * 19 + "01"
@@ -73,20 +72,13 @@ class Life:
 
     def step(self) -> None:
         often = [self.post, self.offer, self.prove, self.judge, self.audit]
-        seldom = [self.update, self.expire, self.cancel, self.govern, self.post_with_permit]
+        seldom = [self.update, self.expire, self.cancel, self.govern]
         self.random.choice([*often, *often, *seldom])()
 
     def post(self) -> None:
         reward = self.random.choice([30, 60, 100])
         call = self.organization.client.organization_calls.register_task(self.organization.request(reward))
         self.organization.send(self.organization.operator, call)
-
-    def post_with_permit(self) -> None:
-        # Not the robot: a permit would replace its lasting approval.
-        client, creator = self.organization.client, self.organization.operator
-        request = self.organization.request(30)
-        permit = sign_permit(client, creator, request.reward, self.clock.now_s + 10**6)
-        self.organization.send(creator, client.calls.register_task_with_permit(request, *permit))
 
     def offer(self) -> None:
         price = to_wei(Decimal(self.random.choice([20, 50, 80])))

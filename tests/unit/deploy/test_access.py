@@ -4,9 +4,9 @@ import pytest
 import zenoh
 
 from deploy.access import access_control, everybody
-from deploy.processes import PROCESSES
 from rodeo.config import Site
 from rodeo.lab.config import Pose2, RobotConfig
+from rodeo.processes import PROCESSES
 from rodeo.topics import SEAL, TOPICS, WITNESS_STATEMENT, WITNESS_STATEMENTS, Topic
 from tests.support.site import LAB
 

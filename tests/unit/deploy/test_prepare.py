@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
 import re
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
 
 import pytest
 from eth_utils import to_checksum_address
+from typer.testing import CliRunner
 from web3 import Web3
 
 from deploy import contracts
@@ -21,6 +24,7 @@ from rodeo import wallets
 from rodeo.chain import ChainUnavailable, Deployment
 from rodeo.chain.client import connect
 from rodeo.config import Site
+from rodeo_cli import app
 from tests.support.organization import CHAIN_ID, running_chain
 from tests.support.site import write_site
 
@@ -132,7 +136,7 @@ def test_addresses_are_whole_in_a_narrow_terminal(tmp_path: Path) -> None:
     path = write_site(tmp_path, "external", ELSEWHERE)
     environment = {"COLUMNS": "80", "PATH": "", wallets.PASSPHRASE_VARIABLE: "secret"}
     done = subprocess.run(
-        [sys.executable, "-m", "deploy.wallets", "--site", str(path)],
+        [sys.executable, "-m", "rodeo_cli", "site", "wallets", "--site", str(path)],
         capture_output=True,
         text=True,
         env=environment,
@@ -140,5 +144,25 @@ def test_addresses_are_whole_in_a_narrow_terminal(tmp_path: Path) -> None:
     )
     site = Site.load(path)
     for name in [*wallets.wallet_names(site), *wallets.device_names(site)]:
-        assert f"{wallets.address(site, name)} {name}: " in done.stdout, done.stderr
+        assert f"{wallets.address(site, name)}  {name} " in done.stdout, done.stderr
     assert f"no node answers at {site.chain.url}" in done.stdout
+
+
+def test_accounts_are_json_with_what_they_hold_and_lack_for_gas(elsewhere: Path) -> None:
+    site = Site.load(elsewhere)
+    wallets.make_missing(site)
+    pay(connect(site.chain.url), wallets.address(site, "oracle"), "2.5")
+    done = CliRunner().invoke(app, ["site", "wallets", "--site", str(elsewhere), "--json"])
+    document = json.loads(done.stdout)
+    accounts = {one.pop("name"): one for one in document.pop("accounts")}
+    assert document == {"chain_url": site.chain.url, "problem": ""}
+    assert list(accounts) == [*wallets.wallet_names(site), *wallets.device_names(site)]
+    assert all(one["address"] == wallets.address(site, name) for name, one in accounts.items())
+    assert (
+        accounts["oracle"].items()
+        >= {"signs": "transactions", "holds_eth": "2.5", "missing_eth": "0"}.items()
+    )
+    assert accounts["organization"]["holds_eth"] == "0"
+    assert Decimal(accounts["organization"]["missing_eth"]) > 0
+    device = accounts[next(iter(wallets.device_names(site)))]
+    assert device.items() >= {"signs": "evidence", "holds_eth": None, "missing_eth": None}.items()

@@ -11,7 +11,7 @@ from rodeo.lab.config import ItemClass, ItemConfig, Pose2
 from rodeo.lab.items import SHAPES
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout
 from rodeo.lab.world import begin, build_world, scale_weight_n
-from tests.support.operator import Operator
+from rodeo_testing.operator import Operator
 from tests.support.site import LAB
 
 GRAVITY = 9.81

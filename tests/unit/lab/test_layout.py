@@ -5,7 +5,8 @@ import math
 import pytest
 
 from rodeo.lab.config import BinConfig, DockConfig, ItemClass, Pose2
-from rodeo.lab.layout import BUMPER_M, BinLayout, ahead, dock_parking, facing, on_contacts
+from rodeo.lab.geometry import ahead, facing
+from rodeo.lab.layout import BUMPER_M, BinLayout, dock_parking, on_contacts
 
 BIN = BinLayout(BinConfig(pose=Pose2(x_m=5.0, y_m=4.0, yaw_rad=-math.pi / 2)))
 DOCK = DockConfig(pose=Pose2(x_m=1.0, y_m=2.0, yaw_rad=math.pi / 2))

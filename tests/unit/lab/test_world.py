@@ -9,7 +9,7 @@ import pytest
 from rodeo.config import Site
 from rodeo.lab.body import JOINTS, Body, Twist2
 from rodeo.lab.config import Pose2
-from rodeo.lab.layout import wrap
+from rodeo.lab.geometry import wrap
 from rodeo.lab.world import ARM_JOINTS, CONTROL_STEPS, begin, build_world, robot_model
 from tests.support.site import LAB
 

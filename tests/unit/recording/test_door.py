@@ -109,6 +109,12 @@ def test_what_is_not_a_number_is_left_out(entrance: Entrance, value: float) -> N
     assert entrance.next() is None
 
 
+def test_infinities_that_cancel_are_left_out_and_numbers_of_any_size_are_written(entrance: Entrance) -> None:
+    opposite = {"position": [float("inf")], "velocity": [float("-inf")]}
+    assert entrance.next(**opposite) is Refusal.NOT_A_NUMBER
+    assert entrance.next(position=[1.7e308], velocity=[1.7e308]) is None
+
+
 def test_a_battery_need_not_measure_everything() -> None:
     entrance = Entrance(topics.BATTERY_STATE)
     assert entrance.next(voltage=25.0, percentage=0.5, current=float("nan")) is None

@@ -15,7 +15,7 @@ from rodeo.recording import statements as statements_module
 from rodeo.wallets import SiteDevice
 from rodeo.witness import Head, HeadBook, Journal, Removal, Scope, WitnessChain
 from rodeo.witness.devices import Device
-from tests.unit.services.robot_agent.fakes import ManualClock
+from tests.unit.robot.fakes import ManualClock
 
 BIN, MOCAP, STRANGER, ABROAD = (Account.create() for _ in range(4))
 SCOPE = Scope(chain_id=31337, task_manager="0x" + "12" * 20, organization="0x" + "34" * 20)

@@ -83,3 +83,20 @@ def test_bytes_that_are_no_message_are_malformed(cdr: bytes) -> None:
     with pytest.raises(MalformedMessage) as caught:
         types.deserialize(cdr, "sensor_msgs/msg/JointState")
     assert caught.value.details["length_bytes"] == len(cdr)
+
+
+def test_a_big_endian_message_is_read_as_the_little_endian_one() -> None:
+    twist = types.new("geometry_msgs/msg/TwistStamped")
+    twist.header.frame_id, twist.twist.linear.x = "map", 0.25
+    cdr = bytes(types.STORE.serialize_cdr(twist, twist.__msgtype__, little_endian=False))
+    assert cdr[1] == 0
+    assert types.deserialize(cdr, twist.__msgtype__) == twist
+
+
+def test_a_type_is_made_ready_before_its_first_message() -> None:
+    typename = "sensor_msgs/msg/MagneticField"
+    assert typename not in types.STORE.cache
+    types.prepare(typename)
+    assert typename in types.STORE.cache
+    with pytest.raises(UnknownType):
+        types.prepare("sensor_msgs/msg/Nothing")

@@ -24,8 +24,9 @@ from rodeo.vision.classification import (
 )
 from rodeo.vision.classifier import Classifier, shrink
 from rodeo.vision.images import BrokenImage, ImageLimits, ImageTooLarge, UnsupportedImage, decode_image
+from rodeo_testing import recordings
 
-RENDERINGS = sorted((Path(__file__).parents[1] / "services" / "itrash" / "renderings").glob("*.jpg"))
+RENDERINGS = sorted(recordings.RENDERINGS.glob("*.jpg"))
 SMALL = Preprocessing(
     classes=["a", "b"], input_px=8, mean=127, scale=1 / 128, temperature=2.0, unknown_below=0.7
 )

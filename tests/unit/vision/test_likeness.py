@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -19,8 +18,9 @@ from rodeo.vision.likeness import (
     to_text,
     turned_prints,
 )
+from rodeo_testing import recordings
 
-RENDERINGS = sorted((Path(__file__).parents[1] / "services" / "itrash" / "renderings").glob("*.jpg"))
+RENDERINGS = sorted(recordings.RENDERINGS.glob("*.jpg"))
 
 
 def scene(seed: int) -> np.ndarray:

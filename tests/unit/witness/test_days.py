@@ -15,10 +15,12 @@ from rodeo.errors import NoResponder, RemoteError
 from rodeo.evidence.errors import BadAttestation, BadStatement, StoreUnavailable
 from rodeo.evidence.store import Store
 from rodeo.messages import PostRoot
+from rodeo.queries import A, Query
 from rodeo.witness import HeadBook, Journal, Removal, Scope, WitnessChain, roots
 from rodeo.witness.days import DAY_S, Days, SignedDay, lacks
 from rodeo.witness.roots import DailyRoots
 from rodeo.witness.statement import digest
+from rodeo_testing import answers
 from tests.support.site import LAB
 
 BIN, NEXT = Account.create(), Account.create()
@@ -55,12 +57,11 @@ class Bridge:
         self.dies_after = False
         """The answer to the next command is lost."""
 
-    def state(self, what: str, **_parameters: Any) -> dict[str, Any]:
+    def ask(self, query: Query[A], **_parameters: Any) -> A:
         if self.away:
-            raise NoResponder("nobody serves this key", key=what)
-        if what == "chain":
-            return {"time_s": self.time_s}
-        return {"roots": [one.model_dump() for one in self.roots]}
+            raise NoResponder("nobody serves this key", key=query.what)
+        roots = answers.roots([one.model_dump() for one in self.roots])
+        return answers.answered(query, {"chain": answers.chain(time_s=self.time_s), "roots": roots})
 
     def command(self, name: str, request: PostRoot) -> None:
         assert name == "post_root"

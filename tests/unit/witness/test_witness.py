@@ -20,6 +20,7 @@ from rodeo.witness import devices as devices_module
 from rodeo.witness import witness as witness_module
 from rodeo.witness.devices import DeviceTable
 from rodeo.witness.witness import Witness
+from rodeo_testing import answers
 from tests.support.site import WAIT_S
 
 MOCAP, ROBOT, STRANGER = (Account.create() for _ in range(3))
@@ -54,12 +55,12 @@ class Bus:
     def undeclare(self) -> None:
         pass
 
-    def query(self, key: str, timeout_s: float) -> dict[str, Any]:
+    def query(self, key: str, parameters: dict[str, Any], timeout_s: float) -> dict[str, Any]:
         if self.slow.is_set():
             Event().wait(timeout_s)
             raise NoResponder("nobody serves this key", key=key)
         if key.endswith("/chain"):
-            return {"chain_id": 31337, "contracts": self.contracts}
+            return answers.chain(contracts=answers.CONTRACTS | self.contracts)
         owner = "0x" + "56" * 20
         return {"devices": [{"address": ROBOT.address, "role": "robot", "name": "panther1", "owner": owner}]}
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+import sqlalchemy
 
 from rodeo.chain import Cause, Event, Log, Review, Revocation, ServiceState, Silence, Verdict, events
-from services.bridge.database import migrate, open_database
+from services.bridge import schema
 from services.bridge.errors import IndexDamaged, IndexUnusable
 from services.bridge.index import NOWHERE, Index, Page, Position, TimedLog, sqlite_url
 from services.bridge.projection import ZERO_ADDRESS, parse_task_text
@@ -96,21 +96,77 @@ def test_the_index_of_another_chain_or_deployment_is_emptied(
     assert emptied.task(1) is None and emptied.last_seq() == 0
 
 
-def test_an_index_of_the_first_schema_is_read_from_the_chain_again(tmp_path: Path) -> None:
-    url = sqlite_url(tmp_path / "index.sqlite")
-    engine = open_database(url)
-    migrate(engine, "index", "0001")
-    with engine.begin() as connection:
-        connection.exec_driver_sql(
-            "insert into cursor values (1, 2, 31337, ?, ?, 7, '0x07', 1000, 4)",
-            (GENESIS, json.dumps(CONTRACTS)),
-        )
-        connection.exec_driver_sql("insert into kinds values ('waste_disposal', 1, 'oracle', 0)")
-    engine.dispose()
+@pytest.mark.parametrize(
+    "ddl",
+    [
+        "alter table tasks add column colour text",
+        "drop index tasks_by_state_and_kind",
+        "alter table services drop column penalty",
+    ],
+)
+def test_an_index_that_names_another_version_gets_the_tables_of_this_one(
+    chain: Chain, tmp_path: Path, ddl: str, caplog: pytest.LogCaptureFixture
+) -> None:
+    chain.block(registered(), offered())
+    chain.index.close()
+    with sqlite3.connect(tmp_path / "index.sqlite") as connection:
+        made = connection.execute("select sql from sqlite_master order by name").fetchall()
+        connection.execute(ddl)
+        connection.execute("update cursor set version = '6-before'")
+    again = Chain(open_index(tmp_path))
+    assert (again.index.position, again.index.last_seq()) == (NOWHERE, 0)
+    assert "has schema version 6-before" in caplog.text and "rebuilt from the chain's events" in caplog.text
+    with sqlite3.connect(tmp_path / "index.sqlite") as connection:
+        assert connection.execute("select sql from sqlite_master order by name").fetchall() == made
+    again.block(registered(), offered())
+    assert task(again)["execution_window_s"] == 3600
+
+
+def test_an_index_that_migrations_made_is_dropped(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with sqlite3.connect(tmp_path / "index.sqlite") as connection:
+        connection.execute("create table alembic_version (version_num text)")
+        connection.execute("create table cursor (id integer primary key, version integer not null)")
+        connection.execute("insert into cursor values (1, 6)")
+        connection.execute("create table kinds (kind text primary key, allowed boolean)")
+        connection.execute("insert into kinds values ('waste_disposal', 1)")
+        connection.execute("create table notes (text text)")
     chain = Chain(open_index(tmp_path))
     assert (chain.index.position, chain.index.kinds()) == (NOWHERE, [])
-    chain.block(registered(), offered())
-    assert (task(chain)["execution_window_s"], task(chain)["verdict_window_s"]) == (3600, 600)
+    assert "has schema version 6," in caplog.text
+    with sqlite3.connect(tmp_path / "index.sqlite") as connection:
+        tables = {name for (name,) in connection.execute("select name from sqlite_master")}
+    assert "alembic_version" not in tables
+    assert "notes" in tables, "what is not the index's stays"
+
+
+def test_an_index_of_this_version_is_kept_and_a_new_file_is_no_news(
+    chain: Chain, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    chain.block(registered())
+    assert open_index(tmp_path).task(1) is not None
+    assert "version" not in caplog.text
+
+
+def test_every_change_of_the_tables_makes_another_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    versions = {schema.version()}
+    monkeypatch.setattr(schema.tasks.c.description, "nullable", True)
+    versions.add(schema.version())
+    monkeypatch.setattr(schema.tasks.c.state, "type", sqlalchemy.String(17))
+    versions.add(schema.version())
+    other = sqlalchemy.MetaData()
+    for table in schema.metadata.sorted_tables:
+        table.to_metadata(other)
+    monkeypatch.setattr(schema, "metadata", other)
+    assert schema.version() in versions
+    sqlalchemy.Index(
+        "tasks_by_creator_and_state", other.tables["tasks"].c.creator, other.tables["tasks"].c.state
+    )
+    versions.add(schema.version())
+    other.tables["kinds"].append_column(sqlalchemy.Column("colour", sqlalchemy.Text))
+    versions.add(schema.version())
+    monkeypatch.setattr(schema, "_CONTENT", 1_000)
+    versions.add(schema.version())
+    assert len(versions) == 6
 
 
 @pytest.mark.parametrize("spoil", [lambda data: b"not a database" * 100, lambda data: _flipped(data)])
@@ -302,8 +358,8 @@ def test_the_roots_of_days_are_kept_by_device(chain: Chain) -> None:
 
 def test_overdue_is_what_runs_beyond_its_window(chain: Chain) -> None:
     chain.block(registered(), offered(), assigned(deadline=4_600))
-    assert chain.index.overdue(4_600) == []
-    assert chain.index.overdue(4_601) == [1]
+    assert chain.index.overdue(4_600) == [] and chain.index.next_end_s(4_600) == 4_600
+    assert chain.index.overdue(4_601) == [1] and chain.index.next_end_s(4_601) is None
     chain.block(proved())
     assert chain.index.overdue(1_700) == [] and chain.index.overdue(1_701) == [1]
     chain.block(judged(True), events.TaskSettled(1, ROBOT, 100 * IEC, 0))

@@ -34,7 +34,7 @@ def test_a_journal_of_the_first_schema_is_upgraded_with_what_is_in_it(tmp_path: 
     )
     values = ("panther1", "transfer", "c" * 64, "0x" + "11" * 20, b"", signed.hash.to_0x_hex())
     engine = open_database(f"sqlite:///{path}", durable=True)
-    migrate(engine, "journal", "0001")
+    migrate(engine, "0001")
     with engine.begin() as connection:
         for request_id, state, outcome in [("a", "mined", '{"block": 3}'), ("b", "sent", None)]:
             wallet, *others = values

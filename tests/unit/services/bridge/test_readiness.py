@@ -3,7 +3,7 @@
 import pytest
 
 from services.bridge.index import Position
-from services.bridge.service import why_late
+from services.bridge.process import why_late
 
 
 @pytest.mark.parametrize(

@@ -18,11 +18,12 @@ from rodeo.witness import Head, HeadBook, Journal, MeterRecord, Receipt, Scope, 
 from rodeo.witness.devices import Device
 from rodeo.witness.statement import digest
 from rodeo.witness.witness import unverified_seal
+from rodeo_kinds.battery_charging.harness.film import charging_chain_record
+from rodeo_testing.assignments import CHARGE_BINDING, METER, ROBOT
+from rodeo_testing.recordings import Take
 from services.charger.delivery import Delivery, Order
 from services.charger.job import Job
 from services.charger.session import End, Phase, SessionLimits, SessionState
-from tests.support.assignments import CHARGE_BINDING, METER, ROBOT, charging_ledger
-from tests.support.recordings import Take
 
 START_S = 1_900_000_000
 BATTERY = "sensor_msgs/msg/BatteryState"
@@ -33,6 +34,8 @@ class Clock(WallClock):
     def __init__(self) -> None:
         super().__init__()
         self.time_s = float(START_S)
+        self.named_s: float | None = None
+        """Up to when somebody waits."""
 
     def now_ns(self) -> int:
         return round(self.time_s * 1e9)
@@ -42,6 +45,10 @@ class Clock(WallClock):
 
     def wait_until(self, time_s: float, stop: object = None) -> bool:
         return True
+
+    def wait_for(self, *args: Any, until_s: float | None = None, **how: Any) -> bool:
+        self.named_s = until_s
+        return super().wait_for(*args, until_s=until_s, **how)
 
 
 class Bench:
@@ -62,7 +69,7 @@ class Bench:
         self.robot = WitnessChain(
             "panther1", ROBOT, self.scope, "sensor", Journal(folder / "robot.jsonl"), HeadBook()
         )
-        task = charging_ledger(Take([_Moment(START_S)])).task  # type: ignore[list-item]
+        task = charging_chain_record(Take([_Moment(START_S)])).task  # type: ignore[list-item]
         self.job = Job(task=task, session=SessionState(wait_until_s=START_S + 1800))
         self.closed = False
         self.delivered_wh = 0.0
@@ -159,6 +166,27 @@ def test_the_register_is_recorded_at_least_every_step_and_no_reading_is_lost(tmp
     assert max(steps) <= STEP_WH
     assert bench.delivery.receipted_wh == bench.records[-1].register_wh
     assert bench.phase is Phase.CHARGING
+
+
+@pytest.mark.parametrize("signed_s", [100, 2000], ids=["until the robot is silent", "until all is delivered"])
+def test_the_dock_acts_at_no_reading_that_it_did_not_name_and_names_few(
+    tmp_path: Path, signed_s: int
+) -> None:
+    bench = Bench(tmp_path)
+    named_s, acts = set[float | None](), 0
+    while not bench.delivery.session.ended and bench.clock.time_s < START_S + 1000:
+        bench.signs = bench.clock.time_s < START_S + signed_s
+        bench.delivery.wait(0.0)
+        due_s, before = bench.clock.named_s, (bench.phase, len(bench.published))
+        bench.run(1)
+        named_s.add(due_s)
+        if (bench.phase, len(bench.published)) != before:
+            acts += 1
+            # The first reading is the one that nobody can name.
+            assert due_s is None or due_s <= bench.clock.time_s
+    assert acts > 5
+    waiting = 0 if signed_s == 2000 else 900  # for a receipt each reading may be the one that decides
+    assert len(named_s) <= 3 * acts + waiting
 
 
 def test_silence_opens_the_contactor_one_step_after_the_last_receipt(tmp_path: Path) -> None:

@@ -12,11 +12,11 @@ from eth_account import Account
 from rodeo.charging import ChargingParams
 from rodeo.config import ClockConfig, Site
 from rodeo.evidence import Binding, Recorder
-from rodeo.evidence.recorder import EVENT_CHANNEL
 from rodeo.messages import Task
+from rodeo.topics import EVENT_CHANNEL
+from rodeo_kinds.battery_charging.harness.film import charging_chain_record
+from rodeo_testing.recordings import Sample, Take
 from services.charger.job import BadTask, Job, JobBroken, recover, require_payable, wrong_order
-from tests.support.assignments import charging_ledger
-from tests.support.recordings import Sample, Take
 from tests.support.site import LAB
 
 ACCOUNT = Account.create()
@@ -35,7 +35,7 @@ START_S = 1_800_000_000
 
 def task(**fields: Any) -> Task:
     take = Take([Sample("", "", None, START_S * 10**9)])
-    return charging_ledger(take, **{"verdict_window_s": 30 * 86_400, **fields}).task
+    return charging_chain_record(take, **{"verdict_window_s": 30 * 86_400, **fields}).task
 
 
 PARAMS = ChargingParams.model_validate(task().params)
@@ -103,6 +103,6 @@ def test_what_would_not_be_paid_is_not_delivered(
     order: dict[str, Any], price_iec: Decimal, says: str | None
 ) -> None:
     moment = Take([Sample("", "", None, START_S * 10**9)])
-    ordered = charging_ledger(moment, order, price_iec=Decimal(price_iec)).task
+    ordered = charging_chain_record(moment, order, price_iec=Decimal(price_iec)).task
     problem = wrong_order(ordered, ChargingParams.model_validate(ordered.params), Site.load(LAB))
     assert problem is None if says is None else says in str(problem)

@@ -14,15 +14,18 @@ from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.dao import Assignment
 from rodeo.errors import RemoteError
+from rodeo.kinds import providing_energy
 from rodeo.messages import DaoEvent, Task
-from services.charger.app import Charger
+from rodeo.queries import A, Query
+from rodeo_kinds.battery_charging.harness.film import charging_chain_record
+from rodeo_testing import answers
+from rodeo_testing.recordings import Sample, Take
 from services.charger.job import FOREIGN, Job
+from services.charger.process import Charger
 from services.charger.session import SessionState
-from tests.support.assignments import charging_ledger
-from tests.support.recordings import Sample, Take
 from tests.support.site import LAB
 
-TASK = charging_ledger(Take([Sample("", "", None, 1_800_000_000 * 10**9)])).task
+TASK = charging_chain_record(Take([Sample("", "", None, 1_800_000_000 * 10**9)])).task
 
 
 class Organization:
@@ -33,8 +36,8 @@ class Organization:
         self.now: Task | None = TASK
         self.offers = 0
 
-    def state(self, what: str) -> dict[str, Any]:
-        return {"genesis_hash": self.genesis_hash, "contracts": {"ServiceManager": "0x" + "05" * 20}}
+    def ask(self, query: Query[A]) -> A:
+        return answers.answered(query, {"chain": answers.chain(genesis_hash=self.genesis_hash)})
 
     def assignment(self, task: Task) -> Assignment:
         return Assignment(
@@ -60,8 +63,9 @@ class Organization:
 def charger(tmp_path: Path) -> Charger:
     made: Any = Charger.__new__(Charger)
     made._site = Site.load(LAB)
+    made._energy = providing_energy(made._site)
     made._organization = Organization()
-    made._service = SimpleNamespace(
+    made._process = SimpleNamespace(
         stop=threading.Event(),
         data_dir=tmp_path,
         ready=lambda: None,

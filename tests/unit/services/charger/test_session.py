@@ -72,6 +72,22 @@ def test_the_contactor_closes_only_once_a_robot_stands_on_the_contacts() -> None
     assert (dock.phase, dock.commands) == (Phase.CHARGING, [True])
 
 
+@pytest.mark.parametrize("present", [True, False], ids=["a robot without current", "nobody"])
+def test_nothing_comes_of_time_before_the_session_names_it(present: bool) -> None:
+    dock = Dock()
+    dock.present, dock.delivers = present, False
+    changes = 0
+    while dock.phase is not Phase.ENDED and dock.time_s < 2000:
+        due_s, before = dock.session.due_s, (dock.phase, len(dock.commands))
+        dock.run(1)
+        if (dock.phase, len(dock.commands)) != before:
+            changes += 1
+            # That somebody came is a reading, and not the time.
+            assert due_s <= dock.time_s or dock.time_s <= LIMITS.present_s + 1
+    assert dock.end is (End.NO_CURRENT if present else End.NO_ROBOT)
+    assert changes > (10 if present else 0)
+
+
 def test_a_touch_of_the_contacts_does_not_close_the_contactor() -> None:
     dock = Dock()
     for _ in range(20):

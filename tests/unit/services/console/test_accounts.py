@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from rodeo.cli import app
 from rodeo.config import ConsoleConfig, ParticipantConfig, Site
 from rodeo.errors import InvalidRequest
+from rodeo_cli import app
 from services.console.accounts import Accounts, require_participant
 from services.console.errors import (
     AccountExists,

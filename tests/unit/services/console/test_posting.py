@@ -8,14 +8,19 @@ from typing import Any
 import pytest
 
 from rodeo.config import Site
+from rodeo.kinds import kinds_of
 from rodeo.messages import RegisterTask
-from services.console.posting import problems
+from services.console import posting
 from tests.support.site import LAB
 
 
 @pytest.fixture(scope="module")
 def site() -> Site:
     return Site.load(LAB)
+
+
+def problems(site: Site, request: RegisterTask) -> dict[str, str]:
+    return posting.problems(site, kinds_of(site), request)
 
 
 def cleaning(**fields: Any) -> RegisterTask:

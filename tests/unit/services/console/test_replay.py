@@ -12,10 +12,10 @@ from rodeo.config import Site
 from rodeo.evidence import Recorder, attest, open_proof
 from rodeo.witness import HeadBook, Journal, Motion, Removal, Scope, WitnessChain
 from rodeo.witness.poses import pack
+from rodeo_testing.assignments import BIN, BINDING, MOCAP, ROBOT
 from services.console.replay import track
-from tests.support.assignments import BIN, BINDING, MOCAP, ROBOT
 from tests.support.site import LAB
-from tests.unit.services.robot_agent.fakes import ManualClock
+from tests.unit.robot.fakes import ManualClock
 
 SCOPE = Scope(chain_id=BINDING.chain_id, task_manager=BINDING.task_manager, organization=BINDING.organization)
 

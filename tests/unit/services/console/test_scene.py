@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import mujoco
 import numpy as np
 import pytest
@@ -26,12 +24,3 @@ def test_the_drawn_arm_is_the_models_seen_from_above(seed: int) -> None:
     for point, body in zip(points[1:6], bodies, strict=True):
         assert point == pytest.approx(data.body(body).xpos[:2], abs=0.001), body
     assert points[-1] == pytest.approx(data.site("grasp").xpos[:2], abs=0.001)
-
-
-@pytest.mark.parametrize("yaw_rad", [-3.0, -0.5, 0.0, 1.2])
-def test_the_heading_of_a_quaternion_about_the_vertical_is_its_angle(yaw_rad: float) -> None:
-    class Quaternion:
-        x = y = 0.0
-        z, w = math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)
-
-    assert scene.yaw_of(Quaternion()) == pytest.approx(yaw_rad)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -14,10 +13,11 @@ from hypothesis import HealthCheck, settings
 from schemathesis.specs.openapi.checks import positive_data_acceptance
 
 from rodeo.vision.images import ImageLimits
+from rodeo_testing.recordings import RENDERINGS
 from services.itrash.web import make_api
 from tests.unit.services.itrash.test_web import QuietBin
 
-PHOTO = cv2.imread(str(Path(__file__).parent / "renderings" / "metal_1.jpg"))
+PHOTO = cv2.imread(str(RENDERINGS / "metal_1.jpg"))
 API = make_api(QuietBin(), ImageLimits(max_bytes=200_000, max_pixels=1_000_000))
 SCHEMA = schemathesis.openapi.from_asgi("/openapi.json", API)
 REFUSED = {400, 413, 415, 422}

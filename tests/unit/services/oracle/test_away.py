@@ -8,22 +8,24 @@ from pathlib import Path
 
 import pytest
 
+from rodeo.checks.report import Report
+from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.evidence import Store
 from rodeo.messages import Task
+from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
+from rodeo_testing.recordings import Take
 from services.oracle import away
 from services.oracle.away import MissingProofs, ProofAway
-from services.oracle.report import Report
-from tests.support.assignments import cleaning_ledger
 from tests.support.copies import CopyBus
-from tests.support.recordings import Take
 
 WAIT_S = 20.0
 DATA = b"a proof" * 100_000
 
 
-class Clock:
+class Clock(WallClock):
     def __init__(self) -> None:
+        super().__init__()
         self.time_s = 0.0
 
     def now_s(self) -> float:
@@ -41,7 +43,7 @@ class Search:
         self.missing = MissingProofs(
             site,
             self.bus,  # type: ignore[arg-type]
-            self.clock,  # type: ignore[arg-type]
+            self.clock,
             folder / "proofs",
             lambda *_: self.done.set(),
             lambda *_: True,
@@ -89,7 +91,7 @@ def search(
         sha256 = "0x" + there.rpartition("/")[2].removesuffix(".mcap")
         (tmp_path / "data" / "store" / f"{sha256[2:]}.mcap").unlink()
         fields = {"proof_uri": uri.format(sha256=sha256[2:]) or there, "proof_sha256": sha256}
-        made = Search(own, tmp_path, cleaning_ledger(cleaning, **fields).task, list(stores))
+        made = Search(own, tmp_path, cleaning_chain_record(cleaning, **fields).task, list(stores))
         made.bus.store = Store(own)
         request.addfinalizer(made.close)
         return made

@@ -9,11 +9,12 @@ from typing import Any
 
 import pytest
 
+from rodeo.checks.acts import Judged, judged_files
 from rodeo.config import Site
 from rodeo.evidence import Store
 from rodeo.messages import DaoEvent
 from services.oracle import scrub
-from services.oracle.scrub import Judged, Scrub, judged_files
+from services.oracle.scrub import Scrub
 from tests.support.copies import CopyBus
 
 DAY_S = 86400.0

@@ -10,15 +10,16 @@ from pathlib import Path
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
+from rodeo.checks.report import Report
+from rodeo.checks.verify import verify_file, verify_submission
 from rodeo.config import OracleConfig, Site
 from rodeo.evidence import Store
 from rodeo.evidence.errors import ProofHashMismatch, ProofNotFound, ProofUriNotAllowed, StoreUnavailable
-from services.oracle.app import SIDE_BY_SIDE
-from services.oracle.report import Report
-from services.oracle.verify import verify_file, verify_submission
+from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
+from rodeo_testing.assignments import BINDING, ROBOT
+from rodeo_testing.recordings import Take, Witnesses, seal, write_bag
+from services.oracle.process import SIDE_BY_SIDE
 from services.oracle.worker import ATTEMPTS, MEMORY_BYTES, verify_apart
-from tests.support.assignments import BINDING, ROBOT, cleaning_ledger
-from tests.support.recordings import Take, Witnesses, seal, write_bag
 
 MIB = 1 << 20
 
@@ -36,7 +37,7 @@ def submitted(
     at = site.model_copy(update={"data_dir": tmp_path / "data"})
     proof = seal(take, tmp_path / "proof.mcap", BINDING, ROBOT)
     fields = {"proof_uri": Store(at).put(proof.path), "proof_sha256": proof.sha256} | task
-    chain = cleaning_ledger(take, **fields)
+    chain = cleaning_chain_record(take, **fields)
     report = verify_apart(
         at, chain, tmp_path / "work", threading.Event(), limits=limits, memory_bytes=memory_bytes
     )
@@ -57,13 +58,13 @@ def test_a_bag_is_rejected_whatever_keeps_the_oracle_from_deciding_it(
     """Else a witness that failed, or a file that breaks its reader, would leave it to people."""
     doubtful = Witnesses(mocap_inputs="open_bus")
     bag = write_bag(cleaning, tmp_path / "bag", StoragePlugin.MCAP, witnesses=doubtful) / "bag.mcap"
-    assert verify_file(bag, site, cleaning_ledger(cleaning)).outcome == "rejected"
+    assert verify_file(bag, site, cleaning_chain_record(cleaning)).outcome == "rejected"
     broken = tmp_path / "broken.bag"
     broken.write_bytes(b"#ROSBAG V2.0\n" + bytes(1000))
     for file in (bag, broken):
         at = site.model_copy(update={"data_dir": tmp_path / "data"})
         sha256 = "0x" + hashlib.sha256(file.read_bytes()).hexdigest()
-        chain = cleaning_ledger(cleaning, proof_uri=Store(at).put(file), proof_sha256=sha256)
+        chain = cleaning_chain_record(cleaning, proof_uri=Store(at).put(file), proof_sha256=sha256)
         report = verify_submission(at, chain, tmp_path)
         assert report.outcome == "rejected"
         assert report.reason.startswith("sealed: ")
@@ -130,7 +131,9 @@ def test_one_that_hangs_keeps_no_other_waiting(site: Site, cleaning: Take, tmp_p
     with socket.create_server(("127.0.0.1", 0)) as silent:
         url = f"http://127.0.0.1:{silent.getsockname()[1]}"
         slow = site.model_copy(update={"store": site.store.model_copy(update={"allowed": [url]})})
-        chain = cleaning_ledger(cleaning, proof_uri=f"{url}/{'ab' * 32}.mcap", proof_sha256="0x" + "ab" * 32)
+        chain = cleaning_chain_record(
+            cleaning, proof_uri=f"{url}/{'ab' * 32}.mcap", proof_sha256="0x" + "ab" * 32
+        )
         hanging = threading.Thread(
             target=lambda: verdicts.append(verify_apart(slow, chain, tmp_path / "hanging", stop))
         )
@@ -153,4 +156,4 @@ def test_a_verification_without_memory_is_undecided(site: Site, cleaning: Take, 
 def test_an_oracle_that_stops_gives_no_verdict(site: Site, cleaning: Take, tmp_path: Path) -> None:
     stop = threading.Event()
     stop.set()
-    assert verify_apart(site, cleaning_ledger(cleaning), tmp_path / "work", stop) is None
+    assert verify_apart(site, cleaning_chain_record(cleaning), tmp_path / "work", stop) is None

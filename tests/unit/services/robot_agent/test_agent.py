@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -16,39 +15,17 @@ from rodeo.clock import WallClock
 from rodeo.config import AgentConfig
 from rodeo.lab.config import Pose2
 from rodeo.messages import DaoEvent, Task
+from rodeo.robot.behaviour import Estimate
+from rodeo.robot.errors import BodySilent
+from rodeo.robot.ros_body import Battery
 from rodeo.schedule import Schedule
-from services.robot_agent.agent import Agent, _place
-from services.robot_agent.body import Battery
-from services.robot_agent.errors import BodySilent, TaskFailed
+from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
+from rodeo_testing.recordings import Sample, Take
+from services.robot_agent.agent import Agent
 from services.robot_agent.journal import Phase
 from services.robot_agent.orders import Standing
-from tests.support.assignments import cleaning_ledger
-from tests.support.recordings import Sample, Take
 
-TASK = cleaning_ledger(Take([Sample("", "", None, 1_900_000_000 * 10**9)])).task
-
-
-def test_the_place_of_an_item_is_the_tasks() -> None:
-    assert _place(TASK) == (TASK.params["x_m"], TASK.params["y_m"])
-
-
-@pytest.mark.parametrize(
-    "params",
-    [
-        pytest.param({"x_m": math.nan}, id="not a number"),
-        pytest.param({"x_m": 1e300}, id="beyond the world"),
-        pytest.param({"x_m": 10**400}, id="no float"),
-        pytest.param({"y_m": "1.2"}, id="text"),
-        pytest.param({"y_m": True}, id="a truth value"),
-        pytest.param({"item_id": 7}, id="a number for a name"),
-        pytest.param(None, id="no object"),
-    ],
-)
-def test_a_task_that_is_nonsense_is_given_up_and_breaks_nothing(params: dict[str, Any] | None) -> None:
-    posted = {} if params is None else TASK.params | params
-    with pytest.raises(TaskFailed) as refused:
-        _place(TASK.model_copy(update={"params": posted}))
-    assert refused.value.details["fields"].keys() == (params or TASK.params).keys()
+TASK = cleaning_chain_record(Take([Sample("", "", None, 1_900_000_000 * 10**9)])).task
 
 
 def test_events_of_another_chain_are_not_recorded_for_the_task_of_the_same_number() -> None:
@@ -96,16 +73,18 @@ class Night:
         agent._schedule, agent._off_since = Schedule(["08:00-18:00"]), None
         agent._orders = SimpleNamespace(standing=self.standing)
         agent._site = SimpleNamespace(agent=AgentConfig(explore_when_idle=False), robots=[None])
+        agent._energy = SimpleNamespace(name="energy")
         agent._robot = SimpleNamespace(name="panther1", pose=Pose2(x_m=0, y_m=0))
-        agent._service = SimpleNamespace(disk_problem="", ready=lambda: None)
+        agent._process = SimpleNamespace(disk_problem="", ready=lambda: None)
         agent._memory = SimpleNamespace(held=None)
         agent._body, agent._dao, agent._upkeep, agent._charging = self, self, self, self
-        agent._cleaning = SimpleNamespace(stow=lambda _check: self.did.append("fold"))
+        agent._manipulator = SimpleNamespace(fold=lambda _check: self.did.append("fold"))
         agent._report = lambda text, *_: self.said.append(text)
         agent._rest = lambda _situation: self.did.append("rest")
-        agent._clean = lambda _situation: (self.did.append("clean"), self.assigned.clear())
+        agent._work = lambda _situation: (self.did.append("work"), self.assigned.clear())
         agent._dock = lambda _situation: (self.did.append("dock"), setattr(self, "charge", None))
-        agent._open_service = lambda wanted: setattr(self, "service", "active" if wanted else "paused")
+        agent._energy, agent._behaviours = SimpleNamespace(name="charge"), {TASK.kind: self}
+        agent._open_services = lambda wanted: setattr(self, "service", "active" if wanted else "paused")
         agent._has_begun = lambda _task: False
         self.agent = agent
         return agent
@@ -130,11 +109,18 @@ class Night:
     def own_live_task(self, _kind: str) -> Task | None:
         return self.charge
 
-    def assignments(self, _kind: str) -> list[Task]:
-        return self.assigned
+    def next_assignment(self, _kinds: Any) -> Task | None:
+        return next(iter(self.assigned), None)
+
+    # the work
+    def weigh(self, _task: Task | None, here: Pose2) -> Estimate:
+        return Estimate(1.0, 1.0, here)
+
+    def tidy(self, _checkpoint: Any) -> None:
+        pass
 
     # what keeps it fit, and the dock
-    def lasts(self, *_: Any) -> bool:
+    def battery_suffices(self, *_: Any) -> bool:
         return True
 
     def ask_for_care(self) -> None:
@@ -199,7 +185,7 @@ def test_while_it_is_off_news_on_chain_do_not_make_it_ask_its_body() -> None:
     assert set(night.waits) == {at(32)}
 
 
-@pytest.mark.parametrize(("news", "does"), [("assigned", "clean"), ("charge", "dock")])
+@pytest.mark.parametrize(("news", "does"), [("assigned", "work"), ("charge", "dock")])
 def test_what_it_was_given_before_its_hours_were_over_it_does_and_is_off_again(news: str, does: str) -> None:
     night = Night(at(23))
     steps(night, 1)
@@ -217,7 +203,7 @@ def test_what_it_was_given_before_its_hours_were_over_it_does_and_is_off_again(n
 def test_a_robot_that_is_called_on_its_way_home_decides_again_before_it_is_switched_off() -> None:
     night = Night(at(18))
     agent = night.mind()
-    agent._cleaning = SimpleNamespace(stow=lambda _check: agent._wake.set())
+    agent._manipulator = SimpleNamespace(fold=lambda _check: agent._wake.set())
     steps(night, 1)
     assert night.powered and not night.waits
 
@@ -226,7 +212,7 @@ def test_a_robot_that_is_called_on_its_way_home_decides_again_before_it_is_switc
 def test_a_robot_that_comes_home_when_its_hours_begin_does_not_sleep_through_the_day(late_s: float) -> None:
     night = Night(at(31.9))
     agent = night.mind()
-    agent._cleaning = SimpleNamespace(stow=lambda _check: setattr(night, "now_s", at(32) + late_s))
+    agent._manipulator = SimpleNamespace(fold=lambda _check: setattr(night, "now_s", at(32) + late_s))
     steps(night, 1)
     assert night.powered and not night.waits
 
@@ -254,8 +240,7 @@ def test_the_offer_is_paused_before_the_verdict_on_work_that_ended_after_hours(
     night, done = Night(at(hour)), []
     agent = night.mind()
     agent._clock, agent._orders.working_on = NightClock(night), lambda _nonce: None
-    agent._close_service = lambda: done.append("pause")
+    agent._close_services = lambda _kinds: done.append("pause")
     agent._submit = lambda *_: done.append("submit")
-    agent._cleaning = SimpleNamespace(clear_the_bin=lambda _check: None)
     agent._advance(TASK, SimpleNamespace(phase=Phase.SEALED), None)
     assert done == (["pause", "submit"] if paused else ["submit"])

@@ -11,21 +11,20 @@ from rodeo.charging import ChargingParams
 from rodeo.config import Site
 from rodeo.lab.layout import dock_parking, on_contacts
 from rodeo.messages import RegisterTask
+from rodeo.robot.memory import Memory
 from services.robot_agent.charging import Charging, left_s
-from services.robot_agent.memory import Memory
-from services.robot_agent.navigation import Floor
 from tests.support.site import LAB
-from tests.unit.services.robot_agent.fakes import KinematicBody, ManualClock
+from tests.unit.robot.fakes import KinematicBody, ManualClock, RayCamera, manipulator
 
 SITE = Site.load(LAB)
 
 
-def charging(body: KinematicBody, folder: Path) -> Charging:
-    dao: Any = None
+def charging(body: KinematicBody, folder: Path, dao: Any = None) -> Charging:
     receipts: Any = None
+    ros: Any = body
     memory = Memory(SITE, folder / "memory.json")
-    clock: Any = ManualClock()
-    return Charging(SITE, "panther1", dao, body, Floor(SITE), memory, clock, receipts)  # type: ignore[arg-type]
+    hands = manipulator(SITE, body, RayCamera(body), memory)
+    return Charging(SITE, "panther1", dao, ros, hands, body.clock, receipts, ["sweeping"])
 
 
 def test_a_robot_on_the_contacts_leaves_them(tmp_path: Path) -> None:
@@ -63,9 +62,8 @@ class Organization:
 
 
 def test_a_robot_orders_the_energy_that_its_battery_takes_and_what_it_uses_meanwhile(tmp_path: Path) -> None:
-    organization: Any = Organization()
-    nothing: Any = None
-    Charging(SITE, "panther1", organization, nothing, nothing, nothing, ManualClock(), nothing).buy(0.5)  # type: ignore[arg-type]
+    organization = Organization()
+    charging(KinematicBody(SITE, ManualClock()), tmp_path, organization).buy(0.5)
     params = ChargingParams.model_validate(organization.posted[0].params)
     battery = SITE.robots[0].battery
     stored_wh = (params.soc_target - 0.5) * battery.capacity_wh

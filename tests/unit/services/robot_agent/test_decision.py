@@ -6,32 +6,12 @@ import pytest
 
 from rodeo.config import AgentConfig, ClockConfig, Site
 from rodeo.messages import Task
+from rodeo.robot.errors import TaskFailed
 from services.robot_agent.decision import Intent, Situation, decide, require_time_for_verdict, takes_work
-from services.robot_agent.errors import TaskFailed
 from tests.support.site import LAB
+from tests.support.tasks import task
 
 AGENT = AgentConfig(charge_below=0.5, charge_target=0.95, explore_when_idle=True)
-
-
-def task(state: str) -> Task:
-    unknown = dict.fromkeys(Task.model_fields)
-    known = {
-        "id": 1,
-        "kind": "waste_disposal",
-        "state": state,
-        "attempt": 1,
-        "max_attempts": 3,
-        "creator": "0x0",
-        "reward_iec": "100",
-        "paid_iec": "0",
-        "refunded_iec": "0",
-        "params": {},
-        "description": "",
-        "registered": 0.0,
-        "execution_window_s": 7200,
-        "verdict_window_s": 3600,
-    }
-    return Task.model_validate(unknown | known)
 
 
 JOB = task("assigned")
@@ -41,13 +21,13 @@ JOB = task("assigned")
     ("soc", "assignment", "charge", "intent"),
     [
         (0.9, None, None, Intent.EXPLORE),
-        (0.9, JOB, None, Intent.CLEAN),
-        (0.4, JOB, None, Intent.CLEAN),  # enough energy: finish what was taken on first
+        (0.9, JOB, None, Intent.WORK),
+        (0.4, JOB, None, Intent.WORK),  # enough energy: finish what was taken on first
         (0.4, None, None, Intent.BUY_CHARGE),
         (0.4, None, "open", Intent.AWAIT_CHARGE),
         (0.4, None, "assigned", Intent.DOCK),
         (0.4, JOB, "assigned", Intent.DOCK),
-        (0.96, JOB, "assigned", Intent.CLEAN),  # full, and somebody waits
+        (0.96, JOB, "assigned", Intent.WORK),  # full, and somebody waits
         (0.96, None, "assigned", Intent.DOCK),  # full, but the session is not over
         (0.96, None, "submitted", Intent.EXPLORE),
         (0.4, None, "submitted", Intent.REST),  # paid for less than hoped; do not buy two at once
@@ -61,7 +41,7 @@ def test_what_the_robot_does_next(
 
 
 def test_an_assignment_that_the_battery_does_not_last_for_waits_for_a_charge() -> None:
-    assert decide(Situation(0.12, JOB, None, lasts=False), AGENT) == Intent.BUY_CHARGE
+    assert decide(Situation(0.12, JOB, None, battery_suffices=False), AGENT) == Intent.BUY_CHARGE
 
 
 def test_exploring_can_be_turned_off() -> None:
@@ -75,12 +55,12 @@ def test_exploring_can_be_turned_off() -> None:
         (Situation(0.9, None, None, paused=True), Intent.REST),
         (Situation(0.4, None, None, paused=True), Intent.REST),  # it buys nothing by itself
         (Situation(0.9, JOB, None, paused=True), Intent.REST),
-        (Situation(0.9, JOB, None, paused=True, begun=True), Intent.CLEAN),  # what is begun is finished
+        (Situation(0.9, JOB, None, paused=True, begun=True), Intent.WORK),  # what is begun is finished
         (Situation(0.4, None, task("assigned"), paused=True), Intent.DOCK),  # so is a charge
         (Situation(0.4, None, None, paused=True, charge_ordered=True), Intent.BUY_CHARGE),
         (Situation(0.9, None, None, charge_ordered=True), Intent.BUY_CHARGE),
         (Situation(0.9, JOB, None, charge_ordered=True), Intent.BUY_CHARGE),
-        (Situation(0.9, JOB, None, charge_ordered=True, begun=True), Intent.CLEAN),
+        (Situation(0.9, JOB, None, charge_ordered=True, begun=True), Intent.WORK),
     ],
 )
 def test_operators_orders_come_before_the_robots_own_plans(situation: Situation, intent: Intent) -> None:
@@ -99,11 +79,11 @@ def off_duty(
         (off_duty(), Intent.OFF),
         (off_duty(0.3), Intent.OFF),  # it buys nothing by itself
         (off_duty(paused=True), Intent.OFF),
-        (off_duty(assignment=JOB, begun=True), Intent.CLEAN),  # what is begun is finished
-        (off_duty(assignment=JOB), Intent.CLEAN),  # so is what it was given while it took work
+        (off_duty(assignment=JOB, begun=True), Intent.WORK),  # what is begun is finished
+        (off_duty(assignment=JOB), Intent.WORK),  # so is what it was given while it took work
         (off_duty(assignment=JOB, paused=True), Intent.OFF),
-        (off_duty(0.12, JOB, lasts=False), Intent.BUY_CHARGE),
-        (off_duty(0.12, JOB, "open", lasts=False), Intent.OFF),  # until somebody takes the charge
+        (off_duty(0.12, JOB, battery_suffices=False), Intent.BUY_CHARGE),
+        (off_duty(0.12, JOB, "open", battery_suffices=False), Intent.OFF),  # until somebody takes the charge
         (off_duty(0.4, charge="open"), Intent.OFF),
         (off_duty(0.4, charge="assigned"), Intent.DOCK),
         (off_duty(0.96, charge="assigned"), Intent.DOCK),
@@ -120,7 +100,7 @@ def test_outside_its_working_hours_a_robot_ends_what_it_was_given_and_is_off(
     ("situation", "open_to_work"),
     [
         (Situation(0.9, None, None), True),
-        (Situation(0.3, None, None, lasts=False), False),
+        (Situation(0.3, None, None, battery_suffices=False), False),
         (Situation(0.9, None, None, paused=True), False),
         (off_duty(), False),
         (off_duty(assignment=JOB, begun=True), False),

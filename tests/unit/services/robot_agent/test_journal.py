@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rodeo.dao import Assignment
-from services.robot_agent.errors import JournalBroken
+from rodeo.robot.errors import JournalBroken
 from services.robot_agent.journal import Journal, Phase
 
 OURS = Assignment(

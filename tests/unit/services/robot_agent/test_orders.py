@@ -10,7 +10,7 @@ import pytest
 
 from rodeo.bus import Handler, Request
 from rodeo.errors import DiskFull
-from services.robot_agent.errors import JournalBroken
+from rodeo.robot.errors import JournalBroken
 from services.robot_agent.orders import NothingToCancel, Order, Orders
 
 

@@ -11,18 +11,18 @@ from typing import Any, cast
 
 import pytest
 
-from rodeo import ocmf
 from rodeo.config import Site
 from rodeo.evidence import Attestation, attest
 from rodeo.lab.config import BatteryConfig
 from rodeo.metering import STEP_WH
 from rodeo.ros2.types import new
-from rodeo.witness import HeadBook, Journal, MeterRecord, Receipt, Scope, WitnessChain, parse
-from services.robot_agent.receipts import RESOLUTION_WH, Account, Gauge, Receipts
-from tests.support.assignments import METER, ROBOT, charging_ledger
-from tests.support.recordings import Sample, Take
+from rodeo.witness import HeadBook, Journal, MeterRecord, Receipt, Scope, WitnessChain, ocmf, parse
+from rodeo_kinds.battery_charging.harness.film import charging_chain_record
+from rodeo_testing.assignments import METER, ROBOT
+from rodeo_testing.recordings import Sample, Take
+from services.robot_agent.receipts import RESOLUTION_WH, Gauge, ReceiptPolicy, Receipts
 from tests.support.site import LAB, WAIT_S
-from tests.unit.services.robot_agent.fakes import ManualClock
+from tests.unit.robot.fakes import ManualClock
 
 ADDRESS = "0x" + "11" * 20
 RECORDING, OTHER = "0x" + "22" * 32, "0x" + "33" * 32
@@ -44,7 +44,7 @@ class Charge:
 
     def __init__(self, gauge: float = 1.0) -> None:
         self.gauge = Gauge(BATTERY)
-        self.account = Account(self.gauge, "dock1", "panther1", task_id=7)
+        self.account = ReceiptPolicy(self.gauge, "dock1", "panther1", task_id=7)
         self.share = gauge
         self.seconds = 0
         self.soc = 0.5
@@ -232,7 +232,7 @@ def test_a_new_process_goes_on_after_what_the_old_one_signed() -> None:
         "reason": "step",
     }
     charge.gauge = Gauge(BATTERY)
-    charge.account = Account(charge.gauge, "dock1", "panther1", task_id=7)
+    charge.account = ReceiptPolicy(charge.gauge, "dock1", "panther1", task_id=7)
     charge.account.restore(Receipt.model_validate(HEADER | fields))
     charge.run(300, every=300)
     for _ in range(30):
@@ -265,10 +265,12 @@ class Surroundings:
         state.header.stamp.sec = int(self.clock.time_s)
         self._callbacks[0](state, None)
 
-    def subscription(self, _name: str, _type: str, callback: Callable[..., None]) -> None:
+    def subscription(
+        self, _name: str, _type: str, callback: Callable[..., None], *, inline: bool = False
+    ) -> None:
         self._callbacks.append(callback)
 
-    def subscribe_bytes(self, _key: str, callback: Callable[..., None]) -> Any:
+    def subscribe_bytes(self, _key: str, callback: Callable[..., None], *, inline: bool = False) -> Any:
         self._callbacks.append(callback)
         return self
 
@@ -276,7 +278,7 @@ class Surroundings:
         """Nobody calls back any more."""
         self._callbacks.clear()
 
-    def query(self, _key: str, timeout_s: float) -> dict[str, Any]:
+    def query(self, _key: str, parameters: dict[str, Any], timeout_s: float) -> dict[str, Any]:
         return {"devices": [{"address": METER.address, "role": "meter", "name": "dock1", "owner": ADDRESS}]}
 
     def query_all(self, _key: str, **_options: Any) -> list[dict[str, Any]]:
@@ -310,9 +312,10 @@ class Surroundings:
         assert isinstance(said, MeterRecord)
         told = attest(signed.payload | {"ocmf": text(said)}, METER)
         self._callbacks[1]("rodeo/lab/witness/dock1/statement", told.model_dump_json().encode())
+        self.receipts._listener.settle()
 
 
-JOB = charging_ledger(Take([Sample("", "", None, 1_900_000_000 * 10**9)])).task
+JOB = charging_chain_record(Take([Sample("", "", None, 1_900_000_000 * 10**9)])).task
 
 
 @pytest.fixture

@@ -55,8 +55,8 @@ class Bench:
         self._thread = threading.Thread(target=loop.run, args=(self,))
         self._thread.start()
 
-    def take(self) -> None:
-        pass
+    def take(self, skipped: bool) -> bool:
+        return skipped
 
     def publish(self, skipped: bool) -> None:
         pass

@@ -8,7 +8,8 @@ import pytest
 from rodeo.config import Site
 from rodeo.lab.body import Twist2
 from rodeo.lab.config import NoiseConfig, Pose2
-from rodeo.lab.layout import BinLayout, dock_parking, wrap
+from rodeo.lab.geometry import wrap
+from rodeo.lab.layout import BinLayout, dock_parking
 from rodeo.lab.world import STOWED_RAD
 from services.robot_sim.arm import BadTrajectory, Grip, Motion, TrajectoryError, Waypoint, check
 from services.robot_sim.navigation import Drive, NavigationError

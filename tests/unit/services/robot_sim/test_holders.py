@@ -12,9 +12,9 @@ import zenoh
 
 from rodeo import topics
 from rodeo.bus import Bus, zenoh_config
-from rodeo.clock import SimClock
 from rodeo.config import Site
 from rodeo.ros2 import Node
+from rodeo.sim_clock import SimClock
 from services.robot_sim import holders as holders_module
 from services.robot_sim import messages
 from services.robot_sim.holders import Holders
@@ -27,14 +27,19 @@ NEVER = threading.Event()
 class Simulator:
     """The simulator's side: a clock that is published, and whoever holds it."""
 
-    def __init__(self, session: zenoh.Session, site: Site) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        site: Site,
+        missing: Callable[[], frozenset[str]] = frozenset,
+    ) -> None:
         self.session = session
         self.now_ns_ = 1_000_000_000_000
         self.told: list[str] = []
         self.woken = threading.Event()
         node = Node(session, "lab", "", site.bus.domain_id, self)
         self._clock = node.publisher(topics.CLOCK.name(), topics.CLOCK.type)
-        self.holders = Holders(Bus(session), site, self.woken.set, self.told.append)
+        self.holders = Holders(Bus(session), site, self.woken.set, self.told.append, missing)
 
     def now_ns(self) -> int:
         return self.now_ns_
@@ -186,6 +191,25 @@ def test_what_was_sent_is_taken_before_the_time_goes_on(simulator: Simulator, mi
         assert simulator.may_pass()
     subscriber.undeclare()
     assert taken == sent_ns
+
+
+def test_nobody_is_busy_with_news_for_which_he_does_not_wait(simulator: Simulator, mind: Mind) -> None:
+    begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S))
+    assert simulator.may_pass()
+    said: list[bytes] = []
+    everybody = topics.CLOCK_HOLD.name(org="*", process="*", session="*")
+    listener = simulator.session.declare_subscriber(
+        everybody,
+        zenoh.handlers.Callback(lambda sample: said.append(sample.payload.to_bytes()), indirect=False),
+    )
+    for _ in range(3):
+        for _ in range(100):
+            mind.clock.notify()
+        simulator.holders.sent()
+        assert simulator.may_pass()
+    listener.undeclare()
+    # The answers to the marks; the last may be under way.
+    assert 2 <= len(said) <= 3
 
 
 def test_who_only_looks_whether_to_go_on_is_not_asked_for_it(simulator: Simulator, mind: Mind) -> None:
@@ -377,3 +401,19 @@ def test_who_holds_it_for_long_is_named_until_it_goes_on(
     assert simulator.may_pass()
     assert simulator.told[-1] == ""
     assert simulator.holders.waited_s > 0.2
+
+
+def test_an_experiment_begins_when_everybody_has_come_and_motion_capture_can_sign(
+    connect: Callable[[], zenoh.Session], site: Site
+) -> None:
+    holders = ["robot_agent", "oracle", "arrivals"]
+    own = site.model_copy(update={"clock": site.clock.model_copy(update={"holders": holders})})
+    enrolled = threading.Event()
+    simulator = Simulator(connect(), own, lambda: frozenset() if enrolled.is_set() else frozenset({"mocap"}))
+    minds = [Mind(connect(), own, name) for name in ("robot_agent", "arrivals")]
+    assert not simulator.may_pass(2 * holders_module._REPEAT_S)
+    assert minds[0].clock.wait_ready(NEVER, SOON_S)  # who comes hears what time it is
+    Mind(connect(), own, "oracle")
+    assert not simulator.may_pass(2 * holders_module._REPEAT_S)
+    enrolled.set()
+    assert simulator.may_pass()

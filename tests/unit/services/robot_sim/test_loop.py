@@ -43,11 +43,52 @@ class Nothing:
     def save(self, *_state: object) -> None:
         pass
 
-    def take(self) -> None:
-        pass
+    def take(self, skipped: bool) -> bool:
+        return skipped
 
     def publish(self, skipped: bool) -> None:
         pass
+
+    def take_power(self) -> None:
+        pass
+
+    def publish_power(self, due: bool) -> None:
+        pass
+
+
+class Resting:
+    """Who holds the clock and has something to do at these times (ns), and not before."""
+
+    resting = True
+    waited_s = 0.0
+
+    def __init__(self, times_ns: list[int]) -> None:
+        self.left_ns = times_ns
+
+    @property
+    def next_ns(self) -> int:
+        return self.left_ns[0]
+
+    def may_pass(self, now_ns: int, _then: object) -> bool:
+        if len(self.left_ns) > 1 and self.left_ns[0] <= now_ns:
+            del self.left_ns[0]
+        return True
+
+
+class Dock(Nothing):
+    """Sees at which times power is told, and at which somebody is due."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self.told_ns: list[int] = []
+        self.due_ns: list[int] = []
+
+    def take_power(self) -> None:
+        self.told_ns.append(self.world.time_ns)
+
+    def publish_power(self, due: bool) -> None:
+        if due:
+            self.due_ns.append(self.told_ns[-1])
 
 
 @pytest.mark.parametrize(
@@ -88,6 +129,24 @@ def test_a_charge_is_skipped_also_where_everything_is_as_fast_as_can_be() -> Non
     assert world.time_ns == world.skipped * IDLE_PERIOD_NS
 
 
+def test_a_charge_is_told_each_second_and_at_each_time_that_somebody_named() -> None:
+    named_s, second_ns = [0.5, 4.0, 4.02, 9.999, 30.0, 1e6], IDLE_PERIOD_NS
+    world, stop = World(), threading.Event()
+    dock = Dock(world)
+    loop = Loop(world, Nothing(), ClockConfig(speed=0, idle_speed=0), stop)  # type: ignore[arg-type]
+    loop.holders = Resting([round(time_s * 1e9) for time_s in named_s])  # type: ignore[assignment]
+    thread = threading.Thread(target=loop.run, args=(dock,))
+    thread.start()
+    while world.time_ns < 40 * second_ns:
+        threading.Event().wait(0.01)
+    stop.set()
+    thread.join()
+    # The next whole period after each.
+    assert dock.due_ns == [round(time_s * 1e9) for time_s in (0.5, 4.0, 4.02, 10.0, 30.0)]
+    strides_ns = [b - a for a, b in zip(dock.told_ns, dock.told_ns[1:], strict=False)]
+    assert max(strides_ns) == second_ns
+
+
 def test_of_actions_that_end_at_the_same_time_none_keeps_the_clock() -> None:
     stop = threading.Event()
     loop = Loop(World(), Nothing(), ClockConfig(), stop)  # type: ignore[arg-type]
@@ -103,5 +162,5 @@ def test_of_actions_that_end_at_the_same_time_none_keeps_the_clock() -> None:
     for thread in threads:
         thread.join()
     stop.set()
-    loop.outbox.close()
+    loop.publish_queue.close()
     assert not loop._turns

@@ -14,6 +14,7 @@ import pytest
 from rodeo.config import ClockConfig, ParticipantConfig, PeopleConfig, Site
 from rodeo.errors import NoResponder
 from rodeo.messages import Task
+from rodeo_testing import answers
 from services.robot_sim.people import PeoplesTime
 from tests.support.site import LAB
 
@@ -194,7 +195,7 @@ def test_an_event_on_chain_slows_the_clock_and_a_silent_bridge_does_not_let_it_g
     def answer(key: str) -> dict[str, Any]:
         if key.endswith("tasks"):
             return {"tasks": [one.model_dump(mode="json") for one in tasks], "total": len(tasks)}
-        return {"kinds": []}
+        return answers.organization()
 
     bus.answer = answer
     held = PeoplesTime(bus, lab(), lambda: START_S)  # type: ignore[arg-type]

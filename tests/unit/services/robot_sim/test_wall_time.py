@@ -37,9 +37,10 @@ class Running:
         self._thread = threading.Thread(target=self.loop.run, args=(self,))
         self._thread.start()
 
-    def take(self) -> None:
+    def take(self, skipped: bool) -> bool:
         self.stalls_ns += self.simulation.take_stalls()
         self.taken.set()
+        return skipped
 
     def publish(self, skipped: bool) -> None:
         pass

@@ -1,0 +1,373 @@
+"""What was done can be paid for once: acts, and which of them accepted verdicts have consumed.
+
+An act is a line of text, `<what it is>/<number>` or `<what it is>/<from>-<to>`: `bin/itrash/drop/7`,
+`mocap/item3/120-180`, `meter/dock1/register/1000.0-1200.0`. Two acts overlap when they are of the same thing
+and their numbers do. Whole numbers count things, statements or drops, and both ends belong to the act;
+decimals measure a quantity, and where one ends the next may begin.
+
+Nothing is kept here that chain and store do not say: `ConsumedActs` is made again at every start, from the
+events and from the reports that verdicts name.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import threading
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from typing import NamedTuple, Self
+
+from rodeo.checks.report import Check
+from rodeo.errors import RodeoError
+from rodeo.messages import DaoEvent, Outcome
+
+log = logging.getLogger(__name__)
+
+_ACT = re.compile(
+    r"(?P<what>[^\s/]+(?:/[^\s/]+)*)/(?P<first>[0-9]+(?:\.[0-9]+)?)(?:-(?P<last>[0-9]+(?:\.[0-9]+)?))?",
+    re.ASCII,
+)
+_MAX_CHARACTERS = 300
+
+
+class Judged(NamedTuple):
+    """A file that the store must have, because a verdict names it."""
+
+    what: str
+    """In words."""
+    uri: str
+    sha256: str
+    """As 0x hex."""
+
+
+def judged_files(events: Iterable[DaoEvent]) -> Iterator[Judged]:
+    """What the verdicts in a task's events, which are in chain order, say that the store has."""
+    proof: DaoEvent | None = None
+    for event in events:
+        if event.name == "ProofSubmitted":
+            proof = event
+        elif event.name == "VerdictPosted":
+            args = event.args
+            of = f"task {event.task_id} attempt {args['attempt']}"
+            # Nobody ever had the bytes of what was not handed over.
+            if proof is not None and not str(args["reason"]).startswith("fetched: "):
+                yield Judged(f"the proof of {of}", proof.args["uri"], str(proof.args["proof_hash"]).lower())
+            yield Judged(f"the report on {of}", args["report_uri"], str(args["report_hash"]).lower())
+
+
+class MalformedAct(RodeoError):
+    """A report lists as an act what is none."""
+
+
+@dataclass(frozen=True)
+class Act:
+    """One act, read from its text."""
+
+    text: str
+    what: str
+    first: Decimal
+    last: Decimal
+    whole: bool
+    """Whether its numbers count things, so that `last` belongs to it."""
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Raises MalformedAct."""
+        found = _ACT.fullmatch(text) if len(text) <= _MAX_CHARACTERS else None
+        if found is None:
+            raise MalformedAct("this is no act", act=text[:_MAX_CHARACTERS])
+        first, last = found["first"], found["last"] or found["first"]
+        if Decimal(last) < Decimal(first):
+            raise MalformedAct("an act ends before it begins", act=text)
+        whole = "." not in first + last or found["last"] is None
+        return cls(text, found["what"], Decimal(first), Decimal(last), whole)
+
+    def overlaps(self, other: Act) -> bool:
+        if self.what != other.what:
+            return False
+        if self.whole or other.whole:
+            return self.first <= other.last and other.first <= self.last
+        return self.first < other.last and other.first < self.last
+
+
+@dataclass(frozen=True)
+class Submission:
+    """One submitted proof, as the chain's events tell of it."""
+
+    task_id: int
+    attempt: int
+    kind: str
+    executor: str
+    block: int
+    log_index: int
+    outcome: Outcome | None = None
+    """The last verdict; an undecided one is replaced by that of people."""
+    over: bool = False
+    """The attempt ended, with or without a verdict."""
+    reports: tuple[tuple[str, str], ...] = ()
+    """(uri, SHA-256 as 0x hex) of each verdict's report."""
+
+    @property
+    def key(self) -> tuple[int, int]:
+        return self.task_id, self.attempt
+
+    @property
+    def place(self) -> tuple[int, int]:
+        """Submissions in chain order are in the order of these."""
+        return self.block, self.log_index
+
+    @property
+    def waits(self) -> bool:
+        """Whether its first verdict is still to come."""
+        return self.outcome is None and not self.over
+
+    @property
+    def with_auditors(self) -> bool:
+        """Whether people may still accept what could not be decided; their silence may, too."""
+        return self.outcome == "undecided" and not self.over
+
+
+@dataclass(frozen=True)
+class Spent:
+    """An act that was paid for before, or that its executor already has somebody decide on."""
+
+    act: str
+    by: Submission
+    theirs: str
+    """The act of theirs that it overlaps."""
+    earlier: bool
+    """Whether it was submitted earlier in chain order."""
+
+
+@dataclass(frozen=True)
+class Wait:
+    """Whether an act is spent cannot be told yet."""
+
+    on: Submission
+    why: str
+
+
+class ConsumedActs:
+    """The acts of accepted verdicts, by the chain's events. Thread-safe.
+
+    Args:
+        tell: is called when something was learnt, under a lock: it must not ask anything here but `news`.
+    """
+
+    def __init__(self, tell: Callable[[], None] = lambda: None) -> None:
+        self._lock = threading.Lock()
+        self._tell = tell
+        self.news = 0
+        """Counts what was learnt."""
+        self._chain = ""
+        self._seq = 0
+        """Of the last event."""
+        self._events: defaultdict[int, list[DaoEvent]] = defaultdict(list)
+        """What happened to each task; what was undone is taken out again."""
+        self._submissions: dict[int, list[Submission]] = {}
+        self._listed: dict[str, list[Act]] = {}
+        """SHA-256 of a report -> the acts that it lists."""
+        self._judged: dict[tuple[int, int], list[Act] | None] = {}
+        """What own verifications found that a submission claims; None where they found nothing out."""
+        self._away: set[tuple[int, int]] = set()
+        """Submissions whose proofs cannot be read yet."""
+
+    def on_event(self, event: DaoEvent) -> None:
+        with self._lock:
+            if event.chain != self._chain or event.seq == 1 < self._seq:
+                # Another chain: its tasks are others. Or an index that was made anew: it tells all again.
+                if event.chain != self._chain:
+                    self._away.clear()
+                self._chain = event.chain
+                self._events.clear()
+                self._submissions.clear()
+                self._judged.clear()
+            self._seq = event.seq
+            if event.task_id is None:
+                return
+            events = self._events[event.task_id]
+            if event.name == "EventUndone":
+                undone = event.args["undone_seq"]
+                events[:] = [one for one in events if one.seq != undone]
+                if event.args["undone_name"] == "ProofSubmitted":
+                    self._judged.pop((event.task_id, int(event.args["attempt"])), None)
+            elif event.name in _TELLING and all(one.seq != event.seq for one in events):
+                events.append(event)
+            self._submissions[event.task_id] = list(_submissions(events))
+            self._told()
+
+    def _told(self) -> None:
+        self.news += 1
+        self._tell()
+
+    def submission(self, task_id: int, attempt: int) -> Submission | None:
+        """None when its event was not heard, or was undone."""
+        with self._lock:
+            return self._find(task_id, attempt)
+
+    def waiting(self) -> list[Submission]:
+        """Those whose first verdict is still to come."""
+        with self._lock:
+            return [one for one in self._all() if one.waits]
+
+    def judged_files(self) -> list[Judged]:
+        """What verdicts name in the store."""
+        with self._lock:
+            return [one for events in self._events.values() for one in judged_files(events)]
+
+    def unread(self) -> list[Submission]:
+        """Those with a report that has to be read: they were accepted, or may be yet."""
+        with self._lock:
+            return [one for one in self._all() if one.outcome in _PAID_FOR and self._unread(one)]
+
+    def read(self, sha256: str, listed: Iterable[str]) -> None:
+        """The report of this hash lists these acts; what is none is left out and logged."""
+        found = []
+        for text in listed:
+            try:
+                found.append(Act.parse(text))
+            except MalformedAct as error:
+                log.error("the report %s lists what is no act: %s", sha256, error)
+        with self._lock:
+            self._listed[sha256.lower()] = found
+            self._told()
+
+    def is_read(self, sha256: str) -> bool:
+        with self._lock:
+            return sha256.lower() in self._listed
+
+    def judged(self, task_id: int, attempt: int, claimed: Iterable[str] | None) -> None:
+        """A verification ended, so that others do not wait for it in vain: the submission claims these acts,
+        none if it is refused. None where it gets no verdict from here."""
+        found = None if claimed is None else [Act.parse(text) for text in claimed]
+        with self._lock:
+            self._judged[task_id, attempt] = found
+            self._told()
+
+    def away(self, task_id: int, attempt: int, is_away: bool) -> None:
+        """Whether the proof of a submission cannot be read yet. Only its own executor's later ones wait for
+        it then. Who submits the hash of nothing must hold up nobody else, nor be paid for an act twice by
+        handing over the first proof of it late."""
+        with self._lock:
+            (self._away.add if is_away else self._away.discard)((task_id, attempt))
+            self._told()
+
+    def spent(self, task_id: int, attempt: int, claimed: Iterable[str]) -> Spent | Wait | None:
+        """Whether any of the acts that a submission claims was paid for; None if none was.
+
+        What was submitted earlier goes first: while it waits for its verdict and may claim one of these acts,
+        the later one waits, too. What its own executor has auditors decide on is spent as well: they may
+        accept it, and no honest executor claims one act twice. Somebody else's claim there holds nobody up.
+        """
+        wanted: dict[str, list[Act]] = defaultdict(list)
+        for text in claimed:
+            act = Act.parse(text)
+            wanted[act.what].append(act)
+        with self._lock:
+            own = self._find(task_id, attempt)
+            if own is None or not wanted:
+                return None
+            wait: Wait | None = None
+            for other in sorted(self._all(), key=lambda one: one.place):
+                if other.kind != own.kind or other.key == own.key:
+                    continue
+                earlier = other.place < own.place
+                if other.outcome == "accepted" or (other.with_auditors and other.executor == own.executor):
+                    if self._unread(other):
+                        wait = wait or Wait(other, "the report of its verdict could not be read yet")
+                    elif (both := _overlap(wanted, self._acts(other))) is not None:
+                        return Spent(both[0].text, other, both[1].text, earlier)
+                elif other.key in self._away and other.executor != own.executor:
+                    continue
+                elif earlier and other.waits and wait is None:
+                    known = other.key in self._judged
+                    theirs = self._judged.get(other.key)
+                    if not known or (theirs is not None and _overlap(wanted, theirs) is not None):
+                        wait = Wait(other, "it was submitted earlier and has no verdict yet")
+            return wait
+
+    def _find(self, task_id: int, attempt: int) -> Submission | None:
+        return next((one for one in self._submissions.get(task_id, ()) if one.attempt == attempt), None)
+
+    def _all(self) -> Iterator[Submission]:
+        for submissions in self._submissions.values():
+            yield from submissions
+
+    def _unread(self, submission: Submission) -> bool:
+        return any(sha256 not in self._listed for _, sha256 in submission.reports)
+
+    def _acts(self, submission: Submission) -> list[Act]:
+        return [act for _, sha256 in submission.reports for act in self._listed[sha256]]
+
+
+def acts_unspent(claimed: list[str], found: Spent | None) -> Check:
+    """Whether what a proof claims was paid for before, as the check that is asked last."""
+    source = "accepted verdicts on chain and their reports"
+    if found is None:
+        return Check(name="acts_unspent", passed=True, source=source, detail=", ".join(claimed)[:300])
+    by = f"task {found.by.task_id} attempt {found.by.attempt}"
+    said = "is with auditors" if found.by.with_auditors else "was paid for"
+    # Who submitted first would have been paid, had its verdict come in time.
+    overtaken = not found.earlier and not found.by.with_auditors
+    return Check(
+        name="acts_unspent",
+        passed=False,
+        measured=found.act,
+        source=source,
+        detail=f"{found.act} {said} in {by} as {found.theirs}"[:300],
+        fault="the oracle, which decided a later submission first" if overtaken else None,
+    )
+
+
+_TELLING = frozenset(
+    {
+        "TaskRegistered",
+        "ProofSubmitted",
+        "VerdictPosted",
+        "TaskSettled",
+        "TaskRequeued",
+        "TaskFailed",
+        "TaskCancelled",
+    }
+)
+_PAID_FOR: frozenset[Outcome | None] = frozenset({"accepted", "undecided"})
+
+
+def _submissions(events: Iterable[DaoEvent]) -> Iterator[Submission]:
+    """Those of one task, from its events in chain order."""
+    kind, made = "", list[Submission]()
+    for event in events:
+        args = event.args
+        if event.name == "TaskRegistered":
+            kind = str(args["kind"])
+        elif event.name == "ProofSubmitted":
+            attempt = int(args["attempt"])
+            executor = str(args["executor"])
+            made.append(Submission(event.task_id or 0, attempt, kind, executor, event.block, event.log_index))
+        elif not made:
+            continue
+        elif event.name == "VerdictPosted":
+            report = str(args["report_uri"]), str(args["report_hash"]).lower()
+            made[-1] = replace(made[-1], outcome=outcome_of(event), reports=(*made[-1].reports, report))
+        elif event.name == "TaskSettled":
+            # Also where nobody judged what was undecided, and the kind's rules say that it is paid then.
+            made[-1] = replace(made[-1], outcome="accepted", over=True)
+        else:
+            made[-1] = replace(made[-1], over=True)
+    yield from made
+
+
+def outcome_of(verdict: DaoEvent) -> Outcome:
+    """What a VerdictPosted says."""
+    outcome: Outcome = verdict.args["verdict"]
+    return outcome
+
+
+def _overlap(wanted: dict[str, list[Act]], others: Iterable[Act]) -> tuple[Act, Act] | None:
+    """The first of `wanted` that one of `others` overlaps, and that one."""
+    return next(
+        ((own, other) for other in others for own in wanted.get(other.what, ()) if own.overlaps(other)), None
+    )

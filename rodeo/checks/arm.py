@@ -1,0 +1,195 @@
+"""Did arm and gripper stay within what a ViperX 300 S can do, and out of what is solid?"""
+
+from functools import cache
+
+import numpy as np
+
+from rodeo.checks.base import TOLERANCE, WINDOW_S
+from rodeo.checks.case import Case, CaseError
+from rodeo.checks.kinematics import kinematics_of
+from rodeo.checks.phases import phases_of
+from rodeo.checks.report import Finding, at_most
+from rodeo.checks.tables import increasing, joints_of, table_of
+from rodeo.evidence.series import Array
+from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, robot_model
+from rodeo.topics import ARM_STATE, GRIPPER_STATE, Topic
+
+RANGE_SLACK_RAD = 0.05
+"""Soft joint stops give way a little."""
+
+FOLLOWING_LIMIT_RAD = 0.25
+"""A trajectory that is off its path by 0.2 rad is aborted; another 0.05 for what passes until then."""
+USUALLY_WITHIN_RAD = 0.05
+"""The median: servos lag while they move and sag under the arm's weight, but mostly they hold still."""
+AGAINST_LIMIT_M = 0.005
+"""What fingers, of a millimetre of play, may give way under what they hold."""
+
+HELD_M = 0.003
+"""Fingers that are as far apart as usual during the carry, to this, hold what is carried."""
+HELD_SHARE = 0.9
+"""Of that; the command to open comes before they do."""
+COMPARED_S = 0.15
+"""A command is compared with joints that were recorded at most so far apart: an arm that moves goes 0.1 rad
+meanwhile."""
+NO_NUMBER_SHARE = 0.1
+"""Of a controller's states: as many may be missing."""
+
+SOLID_LIMIT_M = 0.02
+"""How deep a link may reach into what stands in the lab: things touch, poses have errors."""
+
+
+@cache
+def _ranges() -> Array:
+    """(6, 2) joint limits of the robot's model, rad."""
+    model = robot_model()
+    return np.array([model.joint(name).range for name in ARM_JOINTS])
+
+
+def joint_range(case: Case) -> Finding:
+    """How far a joint ever was beyond its range."""
+    position = joints_of(case).named("position", list(ARM_JOINTS))
+    low, high = _ranges().T
+    beyond = np.maximum(low - position, position - high).max(axis=0)
+    worst = int(beyond.argmax())
+    return at_most(
+        max(float(beyond[worst]), 0.0),
+        RANGE_SLACK_RAD,
+        "rad",
+        source="Interbotix vx300s description",
+        detail=f"{ARM_JOINTS[worst]} beyond its range",
+    )
+
+
+def joint_speed(case: Case) -> Finding:
+    """Fastest joint, by its positions."""
+    time_s = increasing(joints_of(case))
+    position = joints_of(case).named("position", list(ARM_JOINTS))
+    step = max(1, round(WINDOW_S / float(np.median(np.diff(time_s)))))
+    speed = np.abs(position[step:] - position[:-step]) / (time_s[step:] - time_s[:-step])[:, None]
+    worst = int(speed.max(axis=0).argmax())
+    return at_most(
+        float(speed[:, worst].max()),
+        case.robot.limits.joint_rad_s * TOLERANCE,
+        "rad/s",
+        source="Interbotix vx300s description",
+        detail=f"fastest joint: {ARM_JOINTS[worst]}",
+    )
+
+
+def stays_clear(case: Case) -> Finding:
+    """How deep any link of the robot ever was in furniture, bin, dock, walls or floor."""
+    touch = kinematics_of(case).deepest()
+    return at_most(
+        touch.depth_m,
+        SOLID_LIMIT_M,
+        "m",
+        source="the site's solid things and the robot's links",
+        detail=f"{touch.link} into {touch.into}",
+    )
+
+
+def gripper_force(case: Case) -> Finding:
+    """Strongest recorded push of a finger."""
+    return at_most(
+        float(np.abs(joints_of(case).named("effort", list(FINGER_JOINTS))).max()),
+        case.robot.limits.gripper_force_n * TOLERANCE,
+        "N",
+        source="the site's limits of the robot",
+        detail="strongest push of a finger",
+    )
+
+
+def arm_commanded(case: Case) -> Finding:
+    """The arm was where its controller wanted it: the joints moved because they were told to."""
+    time_s, wanted = _commands(case, ARM_STATE, ARM_JOINTS)
+    off = np.abs(wanted - _measured(case, time_s, ARM_JOINTS)).max(axis=1)
+    worst, median = float(off.max()), float(np.median(off))
+    if not worst <= FOLLOWING_LIMIT_RAD:
+        return at_most(
+            worst, FOLLOWING_LIMIT_RAD, "rad", source="path tolerance of the arm's controller", detail=_OFF
+        )
+    return at_most(
+        median,
+        USUALLY_WITHIN_RAD,
+        "rad",
+        source="lag and sag of the arm's servos",
+        detail=f"median of {_OFF}",
+    )
+
+
+_OFF = "commanded against measured joints"
+
+
+def gripper_commanded(case: Case) -> Finding:
+    """The fingers only ever went where they were commanded, though what they hold may stop them before."""
+    time_s, wanted = _commands(case, GRIPPER_STATE, FINGER_JOINTS)
+    wanted_m, gap_m = _half_gap(wanted), _half_gap(_measured(case, time_s, FINGER_JOINTS))
+    # By how much each step took the fingers away from what was commanded before it and after it, however
+    # often that changes.
+    away_m = np.minimum(
+        *(
+            np.abs(gap_m[1:] - wanted) - np.abs(gap_m[:-1] - wanted)
+            for wanted in (wanted_m[:-1], wanted_m[1:])
+        )
+    )
+    way_m = np.concatenate([[0.0], np.cumsum(away_m)])
+    worst_m = float((way_m - np.minimum.accumulate(way_m)).max())
+    if worst_m <= AGAINST_LIMIT_M:
+        return _held_by_command(case, time_s, wanted_m, gap_m)
+    return at_most(
+        worst_m,
+        AGAINST_LIMIT_M,
+        "m",
+        source="play of the fingers",
+        detail="a finger's way away from where it is commanded",
+    )
+
+
+def _held_by_command(case: Case, time_s: Array, wanted_m: Array, gap_m: Array) -> Finding:
+    """While they held something, the fingers were commanded to be no wider than they were."""
+    phases = phases_of(case)
+    lifted = (time_s >= phases.lifted_s) & (time_s <= (phases.lifted_s + phases.rest_s) / 2)
+    if not lifted.any():
+        raise CaseError("the gripper's commands were not recorded while it carried", lifted_s=phases.lifted_s)
+    held_m = float(np.median(gap_m[lifted]))
+    held = (np.abs(gap_m - held_m) <= HELD_M) & (time_s >= phases.lifted_s) & (time_s <= phases.rest_s)
+    return at_most(
+        float((wanted_m[held] > gap_m[held] + AGAINST_LIMIT_M).mean()),
+        1 - HELD_SHARE,
+        "",
+        source="play of the fingers",
+        detail="share of the carry over which the fingers were commanded to be wider than they were",
+    )
+
+
+def _commands(case: Case, topic: Topic, joints: tuple[str, ...]) -> tuple[Array, Array]:
+    """(n,) stamps and (n, len(joints)) references of a controller. What is no number commands nothing.
+
+    Raises CaseError when too little is left.
+    """
+    state = table_of(case, topic, ns=case.robot.namespace)
+    wanted = state.named("reference.positions", list(joints), "joint_names")
+    numbers = np.isfinite(wanted).all(axis=1)
+    if numbers.mean() < 1 - NO_NUMBER_SHARE:
+        raise CaseError(
+            "the controller's references are no numbers", topic=state.topic, share=float((~numbers).mean())
+        )
+    time_s, wanted = increasing(state)[numbers], wanted[numbers]
+    # Where joint states were lost nobody knows how the arm went; `cleaning_gaps` says how much that may be.
+    joints_s = increasing(joints_of(case))
+    after = np.clip(np.searchsorted(joints_s, time_s), 1, len(joints_s) - 1)
+    known = joints_s[after] - joints_s[after - 1] <= COMPARED_S
+    if not known.any():
+        raise CaseError("joints and commands were not recorded at the same time", topic=state.topic)
+    return time_s[known], wanted[known]
+
+
+def _measured(case: Case, at_s: Array, joints: tuple[str, ...]) -> Array:
+    """(n, len(joints)) recorded positions at these times."""
+    time_s = increasing(joints_of(case))
+    columns = joints_of(case).named("position", list(joints)).T
+    return np.stack([np.interp(at_s, time_s, column) for column in columns], axis=1)
+
+
+def _half_gap(fingers_m: Array) -> Array:
+    return np.asarray((fingers_m[:, 0] - fingers_m[:, 1]) / 2)

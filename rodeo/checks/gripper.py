@@ -1,0 +1,154 @@
+"""Was it the robot's gripper that moved, and that carried the item?
+
+Whoever computes the arm's motion afterwards knows where the item was carried, but cannot change where motion
+capture saw the gripper meanwhile.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rodeo.checks.case import NO_MOCAP, Case, CaseError
+from rodeo.checks.kinematics import inverse, kinematics_of, product, turned
+from rodeo.checks.phases import phases_of
+from rodeo.checks.poses import CLOCKS_S, Pose, base_of, pose_of
+from rodeo.checks.report import Finding, at_most, skipped
+from rodeo.checks.tables import gaps_of
+from rodeo.checks.witnesses import UNSEEN_S
+from rodeo.evidence.series import Array
+from rodeo.lab.config import gripper_body
+
+AGREE_M = 0.05
+"""Encoders off by 10 mrad each put a hand at 0.75 m off by 12 mm, a base's heading off by 5 mrad by another
+5, and poses repeat to 2 mm: an honest hand stays within half of this."""
+AGREE_SHARE = 0.99
+"""Of the time: where motion capture missed a few poses of a fast arm, its way is only guessed."""
+RIGID_M = 0.03
+"""What an item may slip or tilt between pads of 4 cm, and what poses of 2 mm and 5 mrad leave uncertain."""
+RIGID_SHARE = 0.99
+"""Of the carry, for single poses that are off."""
+LONGEST_OFF_S = 1.5
+"""And no more than this in all, however long it takes: in six of ten minutes' seconds a person carries it."""
+GUESSED_S = 0.2
+"""Between two messages of the joints: what a fast arm did in more than this is not known."""
+_LOOK_S, _LOOK_CLOSELY_S = 0.1, 0.02
+
+
+def gripper_agrees(case: Case) -> Finding:
+    """Motion capture saw the gripper where base and joints say that it was, throughout."""
+    if (missing := _missing(case)) is not None:
+        return missing
+    base, gripper, kinematics = base_of(case), _gripper(case), kinematics_of(case)
+    begin_s = max(kinematics.time_s[0], base.time_s[0], gripper.time_s[0]) + CLOCKS_S
+    end_s = min(kinematics.time_s[-1], base.time_s[-1], gripper.time_s[-1]) - CLOCKS_S
+    at_s = np.arange(begin_s, end_s, _LOOK_S)
+    # Where joints were lost nobody knows where they had it; `cleaning_gaps` says how much that may be.
+    after = np.searchsorted(kinematics.time_s, at_s)
+    at_s = at_s[kinematics.time_s[after] - kinematics.time_s[after - 1] <= GUESSED_S]
+    at_s = _seen(at_s, base, gripper)
+    if len(at_s) < 2:
+        raise CaseError("gripper and joints were not recorded at the same time", body=_name(case))
+    hand = kinematics.hand(at_s)
+    said_m, _ = _inside(*_poses(base, at_s), hand.position_m, hand.quaternion)
+
+    def off_m(shift_s: float) -> float:
+        # Both seen by one clock, the joints by another.
+        seen_m, _ = _inside(*_poses(base, at_s + shift_s), *_poses(gripper, at_s + shift_s))
+        return most_of(np.linalg.norm(seen_m - said_m, axis=1), _LOOK_S, AGREE_SHARE)
+
+    off, best_s = {0.0: off_m(0.0)}, 0.0
+    if off[0.0] > AGREE_M:
+        # A base that never turned does not tell how far apart the clocks are.
+        off |= {float(shift_s): off_m(shift_s) for shift_s in np.arange(-15, 16) * (CLOCKS_S / 15)}
+        best_s = min(off, key=lambda shift_s: (off[shift_s], abs(shift_s)))
+    return at_most(
+        off[best_s],
+        AGREE_M,
+        "m",
+        source="errors of encoders and motion capture",
+        detail=f"gripper seen from where base and joints have it, {AGREE_SHARE:.0%} of the time; "
+        f"clocks apart by {best_s:.2f} s",
+    )
+
+
+def item_in_gripper(case: Case) -> Finding:
+    """From the lift to the release the item moves with the gripper that motion capture saw, as one body."""
+    if (missing := _missing(case)) is not None:
+        return missing
+    gripper, item, phases = _gripper(case), pose_of(case, case.item.id), phases_of(case)
+    release_s = _release_s(case)
+    for start_s, end_s in gripper.unseen_s:
+        lost_s = min(end_s, release_s) - max(start_s, phases.closing_s)
+        if lost_s > UNSEEN_S:
+            return at_most(lost_s, UNSEEN_S, "s", _SOURCE, "over which nothing of the gripper is signed")
+    at_s = _seen(np.arange(phases.lifted_s, release_s, _LOOK_CLOSELY_S), gripper, item)
+    if len(at_s) < 2:
+        raise CaseError("motion capture did not see the item between lift and release")
+    inside_m, _ = _inside(*_poses(gripper, at_s), *_poses(item, at_s))
+    middle_m = np.median(inside_m, axis=0)
+    return at_most(
+        most_of(np.linalg.norm(inside_m - middle_m, axis=1), _LOOK_CLOSELY_S, RIGID_SHARE),
+        RIGID_M,
+        "m",
+        source="length of the pads",
+        detail="the item moves against the gripper by",
+    )
+
+
+def most_of(off: Array, step_s: float, share: float, longest_s: float = LONGEST_OFF_S) -> float:
+    """What is not exceeded for this share of the time, nor for longer than `longest_s` in all, of values
+    `step_s` apart (n,)."""
+    return float(np.quantile(off, max(share, 1 - longest_s / (len(off) * step_s))))
+
+
+_SOURCE = "statements of the motion capture"
+
+
+def _seen(at_s: Array, *poses: Pose) -> Array:
+    """Of these times those at which all are signed rather than guessed. How long the others may be is for
+    `seen_throughout` and `item_in_gripper` to say."""
+    for pose in poses:
+        for start_s, end_s in pose.unseen_s:
+            at_s = at_s[(at_s <= start_s) | (at_s >= end_s)]
+    return at_s
+
+
+def _missing(case: Case) -> Finding | None:
+    if not case.mocap:
+        return skipped(NO_MOCAP)
+    if not case.site.lab.mocap_gripper:
+        return skipped("the site's motion capture does not track grippers")
+    return None
+
+
+def _name(case: Case) -> str:
+    return gripper_body(case.robot.name)
+
+
+def _gripper(case: Case) -> Pose:
+    return pose_of(case, _name(case))
+
+
+def _release_s(case: Case) -> float:
+    """When the fingers are a little wider than they were during the carry, and stay so."""
+    time_s, gap_m = gaps_of(case)
+    phases = phases_of(case)
+    carried = (time_s >= phases.lifted_s) & (time_s <= phases.rest_s)
+    if not carried.any():
+        raise CaseError("the joints were not recorded during the carry")
+    held_m = float(np.median(gap_m[carried]))
+    closed = np.flatnonzero(carried & (gap_m <= held_m + 0.001))
+    return float(time_s[closed[-1]])
+
+
+def _poses(pose: Pose, at_s: Array) -> tuple[Array, Array]:
+    """(n, 3) positions and (n, 4) quaternions in between."""
+    columns = np.hstack([pose.position_m, pose.quaternion]).T
+    found = np.stack([np.interp(at_s, pose.time_s, column) for column in columns], axis=1)
+    return found[:, :3], found[:, 3:] / np.linalg.norm(found[:, 3:], axis=1, keepdims=True)
+
+
+def _inside(outer_m: Array, outer: Array, inner_m: Array, inner: Array) -> tuple[Array, Array]:
+    """Poses in the frame of others."""
+    back = inverse(outer)
+    return turned(back, inner_m - outer_m), product(back, inner)

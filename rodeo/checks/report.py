@@ -1,0 +1,203 @@
+"""What an oracle says about one proof: a verdict with one entry per check, recomputable by anyone.
+
+A verdict has one of three outcomes. *Rejected*: a check failed for a reason that the executor answers for.
+*Undecided*: a check failed for a reason that neither party owns (`Finding.fault`), so people decide.
+*Accepted*: none failed.
+
+Which failure names the verdict: stages run in order and end at the first with a failure, so that of an
+earlier stage goes before that of a later one, whichever they are. Within a stage a rejection goes before an
+undecided: the checks of a stage do not build on each other, so what the executor did wrong is as wrong when a
+witness failed beside it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from decimal import Decimal
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict
+
+from rodeo.messages import Outcome
+
+Measured = float | int | str | None
+
+
+class Finding(BaseModel):
+    """What one check found. `passed` is None when it could not be asked (no chain to compare with)."""
+
+    model_config = ConfigDict(frozen=True)
+
+    passed: bool | None
+    measured: Measured = None
+    limit: Measured = None
+    unit: str = ""
+    source: str = ""
+    """Where the limit comes from."""
+    detail: str = ""
+    fault: str | None = None
+    """Who failed, where a check did not pass and that is neither party's failure: "the oracle", "the site's
+    motion capture". The check is then undecided."""
+
+    @property
+    def undecided(self) -> bool:
+        return self.passed is False and self.fault is not None
+
+
+class Check(Finding):
+    """A finding under the name of its check."""
+
+    name: str
+
+
+class Report(BaseModel):
+    """`reason` is "accepted", or the name of the check that decided and why."""
+
+    model_config = ConfigDict(frozen=True)
+
+    kind: str | None
+    task_id: int | None
+    attempt: int | None
+    proof_sha256: str | None
+    item_pose_source: str | None = None
+    """Of a cleaning: who said where the item lay, "motion capture" or, weaker, the robot's "perception"."""
+    outcome: Outcome
+    reason: str
+    fault: str | None = None
+    """Of an undecided verdict: who failed."""
+    amount_iec: Decimal | None = None
+    """What an accepted proof is paid; None is the task's full price."""
+    acts: list[str] = []
+    """What was done and can be paid for only once (`rodeo.checks.acts`). Of an accepted proof, and of an
+    undecided one as far as they are known: people may accept it yet."""
+    rules_sha256: str | None = None
+    """Hash of the rules that the checks are (`rodeo.checks.rules`); None where people judge the kind."""
+    checks: list[Check]
+
+    @property
+    def accepted(self) -> bool:
+        return self.outcome == "accepted"
+
+    @classmethod
+    def of(
+        cls,
+        checks: list[Check],
+        *,
+        kind: str | None = None,
+        task_id: int | None = None,
+        attempt: int | None = None,
+        proof_sha256: str | None = None,
+        item_pose_source: str | None = None,
+        amount_iec: Decimal | None = None,
+        acts: Sequence[str] = (),
+        rules_sha256: str | None = None,
+    ) -> Report:
+        """The report that these checks make; what is paid, and for what, only where they allow it."""
+        failed = [check for check in checks if check.passed is False]
+        decisive = min(failed, key=lambda check: check.undecided, default=None)
+        outcome: Outcome = "rejected"
+        if decisive is not None and decisive.undecided:
+            outcome = "undecided"
+        elif decisive is None and checks:
+            outcome = "accepted"
+        return cls(
+            kind=kind,
+            task_id=task_id,
+            attempt=attempt,
+            proof_sha256=proof_sha256,
+            item_pose_source=item_pose_source,
+            outcome=outcome,
+            reason=describe(decisive) if decisive else "accepted" if checks else "nothing was checked",
+            fault=decisive.fault if decisive else None,
+            amount_iec=amount_iec if outcome == "accepted" else None,
+            acts=[] if outcome == "rejected" else list(acts),
+            rules_sha256=rules_sha256,
+            checks=checks,
+        )
+
+    def with_checks(self, *more: Check, first: bool = False) -> Report:
+        """The report that these checks make with the ones that there are, put before or behind them."""
+        checks = [*more, *self.checks] if first else [*self.checks, *more]
+        return Report.of(
+            checks,
+            kind=self.kind,
+            task_id=self.task_id,
+            attempt=self.attempt,
+            proof_sha256=self.proof_sha256,
+            item_pose_source=self.item_pose_source,
+            amount_iec=self.amount_iec,
+            acts=self.acts,
+            rules_sha256=self.rules_sha256,
+        )
+
+    def to_bytes(self) -> bytes:
+        """The JSON that is stored by content."""
+        return json.dumps(self.model_dump(mode="json"), indent=1, ensure_ascii=False).encode()
+
+    def rows(self) -> list[tuple[str, str, str, str, str, str]]:
+        """(check, result, measured, limit, source of the limit, detail) as text, for a table."""
+        words = {True: "passed", False: "FAILED", None: "skipped"}
+        return [
+            (
+                c.name,
+                "undecided" if c.undecided else words[c.passed],
+                _text(c.measured, c.unit),
+                _text(c.limit, c.unit),
+                c.source,
+                c.detail,
+            )
+            for c in self.checks
+        ]
+
+
+def describe(check: Check) -> str:
+    """One line for the verdict: which check failed, on what, and whose failure it is if not a party's."""
+    values = ""
+    if check.measured is not None and check.limit is not None:
+        values = f" ({_text(check.measured, check.unit)}, limit {_text(check.limit, check.unit)})"
+    fault = f"; not the executor's failure but that of {check.fault}" if check.undecided else ""
+    return f"{check.name}: {check.detail}{values}"[: 500 - len(fault)] + fault
+
+
+def _text(value: Any, unit: str) -> str:
+    if value is None:
+        return ""
+    number = f"{value:.4g}" if isinstance(value, float) else str(value)
+    return f"{number} {unit}".strip()
+
+
+def at_most(measured: float, limit: float, unit: str, source: str, detail: str = "") -> Finding:
+    """Passes when `measured` <= `limit`; a NaN fails."""
+    return Finding(
+        passed=bool(measured <= limit),
+        measured=float(measured),
+        limit=float(limit),
+        unit=unit,
+        source=source,
+        detail=detail,
+    )
+
+
+def at_least(measured: float, limit: float, unit: str, source: str, detail: str = "") -> Finding:
+    """Passes when `measured` >= `limit`; a NaN fails."""
+    return at_most(measured, limit, unit, source, detail).model_copy(
+        update={"passed": bool(measured >= limit)}
+    )
+
+
+def equal(measured: Measured, expected: Measured, source: str, detail: str = "") -> Finding:
+    """Passes when both are the same."""
+    return Finding(
+        passed=measured == expected, measured=measured, limit=expected, source=source, detail=detail
+    )
+
+
+def undecided(detail: str, fault: str, source: str = "") -> Finding:
+    """Neither party failed but `fault` did: people decide."""
+    return Finding(passed=False, source=source, detail=detail, fault=fault)
+
+
+def skipped(detail: str) -> Finding:
+    """Neither passed nor failed."""
+    return Finding(passed=None, detail=detail)

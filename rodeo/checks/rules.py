@@ -1,0 +1,148 @@
+"""The rules by which a kind of work is judged, as one hash: everybody who has the same rules finds the same.
+
+The hash covers the schema of a task's parameters, the limits, the source of the kind's checks and of the
+shared ones that they import, the model that they ask, and MuJoCo's major version. Comments, docstrings, line
+ends and where the files lie do not count.
+"""
+
+from __future__ import annotations
+
+import ast
+import hashlib
+from functools import cache
+from importlib.metadata import version
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from typing import Any
+
+import rfc8785
+
+from rodeo.kinds import Kind
+
+SHARED = "rodeo.checks"
+_PHYSICS = "mujoco"
+_FOR_PEOPLE = ("title", "description")
+_VALUES = ("const", "default", "enum", "examples")
+"""Of a schema: what stands there is data."""
+
+
+def rules_hash(kind: Kind) -> str | None:
+    """0x and the SHA-256 of the kind's rules as canonical JSON (RFC 8785); None where people judge it."""
+    found = rules(kind)
+    return None if found is None else "0x" + hashlib.sha256(rfc8785.dumps(found)).hexdigest()
+
+
+def rules(kind: Kind) -> dict[str, Any] | None:
+    """What the hash covers; None where people judge the kind. Raises KindError if the checks cannot be
+    imported."""
+    if not kind.checks:
+        return None
+    model_sha256 = kind.load_checks().model_sha256
+    sources = sources_of(kind.checks.partition(":")[0])
+    physics = any(source.physics for source in sources.values())
+    return {
+        "parameters": _said(kind.schema),
+        "limits": {module: source.limits for module, source in sources.items() if source.limits},
+        "sources": {module: source.sha256 for module, source in sources.items()},
+        "model_sha256": None if model_sha256 is None else model_sha256(),
+        "mujoco": version(_PHYSICS).partition(".")[0] if physics else None,
+    }
+
+
+class Source:
+    """One module's text, as far as it is a rule."""
+
+    def __init__(self, text: str) -> None:
+        tree = ast.parse(text)
+        nodes = list(ast.walk(tree))
+        self.sha256 = hashlib.sha256(_stripped(text, nodes)).hexdigest()
+        self.limits = {
+            node.targets[0].id: ast.unparse(node.value)
+            for node in tree.body
+            if isinstance(node, ast.Assign)
+            and isinstance(node.targets[0], ast.Name)
+            and node.targets[0].id.strip("_").isupper()
+        }
+        """Constant -> its value as it is written."""
+        self.imports = {name for node in nodes for name in _imported(node)}
+        self.physics = any(name.partition(".")[0] == _PHYSICS for name in self.imports)
+
+
+def _imported(node: ast.AST) -> list[str]:
+    """Names that an import gives, a module's or something in one: also of one inside a function."""
+    if isinstance(node, ast.Import):
+        return [one.name for one in node.names]
+    if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+        return [f"{node.module}.{one.name}" for one in node.names]
+    return []
+
+
+@cache
+def sources_of(first: str) -> dict[str, Source]:
+    """Module -> source: `first`, and what it imports of its own package and of the shared checks."""
+    own = first.partition(".")[0] + "."
+    found: dict[str, Source] = {}
+    waiting = [first]
+    while waiting:
+        module = waiting.pop()
+        if module in found:
+            continue
+        path = _path(module)
+        assert path is not None
+        found[module] = Source(path.read_text(encoding="utf-8"))
+        for name in found[module].imports:
+            if name.startswith((own, SHARED + ".")):
+                waiting.append(name if _path(name) is not None else name.rpartition(".")[0])
+    return found
+
+
+@cache
+def _path(module: str) -> Traversable | None:
+    """Of its file; None if there is no such module. Nothing below the first package is imported."""
+    top, *inner = module.split(".")
+    folder = files(top).joinpath(*inner)
+    candidates = [folder.joinpath("__init__.py")]
+    if inner:
+        candidates.append(files(top).joinpath(*inner[:-1]).joinpath(inner[-1] + ".py"))
+    return next((path for path in candidates if path.is_file()), None)
+
+
+def _is_string(node: ast.expr) -> bool:
+    return isinstance(node, ast.JoinedStr) or (
+        isinstance(node, ast.Constant) and isinstance(node.value, str | bytes)
+    )
+
+
+def _stripped(text: str, nodes: list[ast.AST]) -> bytes:
+    """Without comments, docstrings, empty lines and white space at the ends of lines."""
+    lines = text.encode().splitlines()
+    spans = [_span(node) for node in nodes if isinstance(node, ast.expr) and _is_string(node)]
+    for number, line in enumerate(lines):
+        at = line.find(b"#")
+        while at >= 0 and any(begin <= (number, at) < end for begin, end in spans):
+            at = line.find(b"#", at + 1)
+        if at >= 0:
+            lines[number] = line[:at]
+    alone = (node.value for node in nodes if isinstance(node, ast.Expr) and _is_string(node.value))
+    for (first, begin), (last, end) in sorted(map(_span, alone), reverse=True):
+        lines[first : last + 1] = [lines[first][:begin] + lines[last][end:]]
+    return b"\n".join(stripped for line in lines if (stripped := line.rstrip()))
+
+
+def _span(node: ast.expr) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Where it begins and where it ends: line and byte, both from 0."""
+    assert node.end_lineno is not None and node.end_col_offset is not None
+    return (node.lineno - 1, node.col_offset), (node.end_lineno - 1, node.end_col_offset)
+
+
+def _said(schema: Any) -> Any:
+    """A JSON Schema without what only people read of it."""
+    if isinstance(schema, list):
+        return [_said(one) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    return {
+        key: value if key in _VALUES else _said(value)
+        for key, value in schema.items()
+        if not (key in _FOR_PEOPLE and isinstance(value, str))
+    }

@@ -1,0 +1,180 @@
+"""What the devices of the site signed, as far as a recording holds it: one chain per device.
+
+A statement counts if its device signed it: it, or a later one that names its digest as the one before. So of
+a whole chain one signature is checked.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import NamedTuple
+
+from pydantic import ValidationError
+
+from rodeo.evidence import Attestation, Proof, verify_attestation
+from rodeo.evidence.errors import BadAttestation, BadStatement
+from rodeo.evidence.plain_json import read_json
+from rodeo.topics import ATTESTATION_CHANNEL
+from rodeo.witness import Statement, parse, payload_digest
+
+MAX_BAD_SIGNATURES = 200
+"""Of one device in one recording: a recorder that writes only what it verified has none. What follows is not
+looked at, so that nobody makes the oracle compute."""
+
+
+class Recorded(NamedTuple):
+    """An attestation as it is in the recording, its signature not checked."""
+
+    attestation: Attestation
+    log_s: float
+
+
+class Said(NamedTuple):
+    """A statement that its device signed."""
+
+    statement: Statement
+    digest: str
+    log_s: float
+
+
+@dataclass(frozen=True)
+class Testimony:
+    """What one device signed, in the order of its chain."""
+
+    address: str
+    """Lower-case."""
+    said: list[Said] = field(default_factory=list)
+    twice: int | None = None
+    """A number under which it signed two different statements."""
+    addresses: tuple[str, ...] = ()
+    """`keys`, where there are several."""
+    apart: str | None = None
+    """Why what it signed under several keys is no one chain."""
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Lower-case addresses of all keys that it signed with, the oldest first."""
+        return self.addresses or (self.address,)
+
+
+def joined(parts: Iterable[Testimony]) -> Testimony | None:
+    """What a device said under all of its keys, in the order of its chain; None if nothing.
+
+    A device that gets another key goes on with its chain under that one. Where the chains of two keys
+    overlap, or the later does not go on with the numbers of the earlier, the longest is left and `apart`
+    says so.
+    """
+    spoken = sorted((one for one in parts if one.said), key=lambda one: one.said[0].statement.time_s)
+    if not spoken:
+        return None
+    apart = next((why for pair in pairwise(spoken) if (why := _apart(*pair)) is not None), None)
+    twice = next((one.twice for one in spoken if one.twice is not None), None)
+    longest = max(spoken, key=lambda one: len(one.said))
+    said = longest.said if apart else [said for one in spoken for said in one.said]
+    return Testimony(longest.address, said, twice, tuple(one.address for one in spoken), apart)
+
+
+def _apart(before: Testimony, after: Testimony) -> str | None:
+    """Why the statements under a key do not go on with those under the key before; None if they do."""
+    last, first = before.said[-1], after.said[0]
+    keys = f"{before.address} and {after.address}"
+    if last.statement.time_s > first.statement.time_s or last.statement.seq >= first.statement.seq:
+        return f"the chains under its keys {keys} overlap"
+    if first.statement.seq == last.statement.seq + 1 and first.statement.previous != last.digest:
+        return f"the chain under its key {after.address} does not go on with that under {before.address}"
+    return None
+
+
+def recorded(proof: Proof, signers: Collection[str] | None) -> list[Recorded]:
+    """The statements said to be by one of `signers` (lower-case addresses; None: by anybody), in file order.
+
+    What is no statement, or by somebody else, is passed over: anybody may have put it there.
+    """
+    column = proof.topics.get(ATTESTATION_CHANNEL)
+    if column is None:
+        return []
+    wanted = None if signers is None else [address.encode() for address in signers]
+    found = []
+    for data, log_ns in zip(column.data, column.log_ns, strict=True):
+        if wanted is not None:
+            lowered = data.lower()
+            if not any(address in lowered for address in wanted):
+                continue
+        try:
+            attestation = Attestation.model_validate(read_json(data))
+        except (ValueError, RecursionError):
+            continue
+        if signers is None or attestation.signer.lower() in signers:
+            found.append(Recorded(attestation, log_ns * 1e-9))
+    return found
+
+
+def testimonies(statements: Iterable[Recorded]) -> dict[str, Testimony]:
+    """What each device said, by lower-case address."""
+    by_signer: dict[str, list[_Link]] = defaultdict(list)
+    for one in statements:
+        link = _link(one)
+        if link is not None:
+            by_signer[one.attestation.signer.lower()].append(link)
+    return {address: _testimony(address, links) for address, links in by_signer.items()}
+
+
+class _Link(NamedTuple):
+    statement: Statement
+    digest: str
+    recorded: Recorded
+
+
+def _link(one: Recorded) -> _Link | None:
+    try:
+        statement = parse(one.attestation.payload)
+        return _Link(statement, payload_digest(one.attestation.payload), one)
+    except (BadStatement, BadAttestation, ValidationError):
+        return None
+
+
+def _testimony(address: str, links: list[_Link]) -> Testimony:
+    by_number: dict[int, dict[str, _Link]] = defaultdict(dict)
+    for link in links:
+        by_number[link.statement.seq].setdefault(link.digest, link)
+    said: list[Said] = []
+    twice: int | None = None
+    named: tuple[int, str | None] = (0, None)
+    """Number and digest of the statement that the genuine one after it names."""
+    bad = 0
+    for number in sorted(by_number, reverse=True):
+        signed = []
+        for link in _most_likely_first(by_number[number], named[1] if named[0] == number else None):
+            if named != (number, link.digest):
+                if bad >= MAX_BAD_SIGNATURES:
+                    break
+                if not _genuine(link.recorded.attestation):
+                    bad += 1
+                    continue
+            signed.append(link)
+        if not signed:
+            continue
+        first = signed[0]
+        if len(signed) > 1 or (named[0] == number and named[1] != first.digest):
+            twice = number
+        said.append(Said(first.statement, first.digest, first.recorded.log_s))
+        named = number - 1, first.statement.previous
+    said.reverse()
+    return Testimony(address, said, twice)
+
+
+def _most_likely_first(links: dict[str, _Link], named: str | None) -> Iterator[_Link]:
+    if named in links:
+        yield links[named]
+    yield from (link for digest, link in links.items() if digest != named)
+
+
+def _genuine(attestation: Attestation) -> bool:
+    try:
+        verify_attestation(attestation)
+    except BadAttestation:
+        return False
+    return True

@@ -1,0 +1,172 @@
+"""From a file to a report. The same code runs in the oracle and as `rodeo verify FILE`."""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+from rodeo.checks import provenance
+from rodeo.checks.case import Case, CaseError, ChainRecord, CheckFunction, OthersFailed
+from rodeo.checks.counts import COUNTS
+from rodeo.checks.report import Check, Finding, Report, skipped, undecided
+from rodeo.checks.rules import rules_hash
+from rodeo.checks.stages import PEOPLE
+from rodeo.config import Site
+from rodeo.errors import RodeoError
+from rodeo.evidence import (
+    EvidenceError,
+    Limits,
+    Proof,
+    Store,
+    is_bag,
+    is_never_sealed,
+    open_bag,
+    open_proof,
+)
+from rodeo.evidence.errors import CorruptProof, SealError, StoreUnavailable
+from rodeo.kinds import kinds_of
+
+log = logging.getLogger(__name__)
+
+_UNFORESEEN = (KeyError, TypeError, ValueError, IndexError, ArithmeticError)
+"""What numbers and parameters of a kind that no check foresaw make Python raise."""
+
+
+def verify_file(
+    path: Path, site: Site, chain_record: ChainRecord | None = None, *, reads_bags: bool = True
+) -> Report:
+    """Check the proof at `path`. Without `chain_record`, what only the chain knows is skipped. A bag,
+    which is never paid for, is only read if `reads_bags`.
+
+    Never raises for what the file holds: a file that cannot be read is a report that says so.
+    """
+    checks: list[Check] = []
+    try:
+        proof = _open(path, Limits(file_bytes=site.store.max_bytes, messages=COUNTS.messages), reads_bags)
+    except EvidenceError as error:
+        return _report([_failed("readable_and_sealed", error)], site, chain_record)
+    if proof is None:
+        unsealed = Check(name="sealed", **provenance.vouched_for(False).model_dump())
+        return _report([unsealed], site, chain_record)
+    by = f"under {proof.seals} seals by {proof.signer}" if proof.sealed else "of a bag"
+    detail = f"{proof.messages} messages {by}"
+    checks.append(Check(name="readable_and_sealed", passed=True, source="docs/evidence.md", detail=detail))
+    case = case_of(proof, site, chain_record)
+    missed = ""
+    for stage in case.checks.stages:
+        if missed and (proof.sealed or provenance.sealed not in stage):  # nobody need be asked about a bag
+            checks += [_skipped(check, f"not asked: {missed} did not pass") for check in stage]
+            continue
+        checks += [_run(check, case) for check in stage]
+        missed = next((check.name for check in checks if check.passed is False), "")
+    report = _report(checks, site, chain_record, case)
+    if report.accepted:
+        paid = {"amount_iec": case.checks.amount_iec(case), "acts": case.checks.acts(case)}
+        return report.model_copy(update=paid)
+    if report.outcome == "undecided":
+        return report.model_copy(update={"acts": _claimed(case)})
+    return report
+
+
+def case_of(proof: Proof, site: Site, chain_record: ChainRecord | None) -> Case:
+    """By the checks of the task's kind; without a chain, of the first kind that the recording looks like.
+
+    Raises KindError if a kind that the site lists cannot be imported.
+    """
+    kinds = kinds_of(site)
+    if chain_record is not None:
+        name = chain_record.task.kind
+        checks = PEOPLE if kinds.by_people(name) else kinds[name].load_checks()
+        return Case(proof, site, chain_record, name, checks)
+    if not PEOPLE.recognizes(proof, site):
+        for name, kind in kinds.items():
+            if not kind.by_people and (checks := kind.load_checks()).recognizes(proof, site):
+                return Case(proof, site, None, name, checks)
+    return Case(proof, site, None, None, PEOPLE)
+
+
+def _claimed(case: Case) -> list[str]:
+    """The acts of a proof that could not be decided, as far as it tells them."""
+    try:
+        return case.checks.acts(case)
+    except (EvidenceError, *_UNFORESEEN) as error:
+        log.info("what an undecided proof claims is not known: %r", error)
+        return []
+
+
+def verify_submission(
+    site: Site, chain_record: ChainRecord, folder: Path, copy: Path | None = None, *, may_wait: bool = False
+) -> Report:
+    """Fetch the task's proof into `folder` and check it; `copy` is the proof, where it was had already.
+
+    Raises StoreUnavailable and DiskFull, which say nothing about the proof; with `may_wait` also whatever
+    else keeps the bytes away, unless the URI is none of a file with the submitted hash.
+    """
+    task = chain_record.task
+    uri, sha256 = task.proof_uri or "", task.proof_sha256 or ""
+    try:
+        path = copy or Store(site).fetch(uri, sha256, folder=folder)
+    except StoreUnavailable:
+        raise
+    except EvidenceError as error:
+        if may_wait and Store.names(uri, sha256):
+            raise
+        return _report([_failed("fetched", error)], site, chain_record)
+    # Bags are read by libraries that know no limits: what exhausts them must not be for people to decide.
+    report = verify_file(path, site, chain_record, reads_bags=False)
+    fetched = Check(name="fetched", passed=True, measured=task.proof_sha256, source=task.proof_uri or "")
+    return report.with_checks(fetched, first=True)
+
+
+def _open(path: Path, limits: Limits, reads_bags: bool) -> Proof | None:
+    """None for a bag that is not to be read. Raises EvidenceError."""
+    if is_bag(path):
+        return open_bag(path, limits) if reads_bags else None
+    try:
+        return open_proof(path, limits)
+    except (SealError, CorruptProof):
+        if is_never_sealed(path):
+            return open_bag(path, limits) if reads_bags else None
+        raise
+
+
+def _run(function: CheckFunction, case: Case) -> Check:
+    name = function.__name__
+    try:
+        finding = function(case)
+    except OthersFailed as error:
+        finding = undecided(str(error)[:300], error.fault, source="what others signed and posted")
+    except EvidenceError as error:
+        return _failed(name, error)
+    except _UNFORESEEN as error:
+        # The recording's numbers or the task's parameters are of a kind that no check foresaw.
+        log.exception("%s could not be computed", name)
+        finding = Finding(passed=False, detail=f"could not be computed: {error!r}"[:300])
+    return Check(name=name, **finding.model_dump())
+
+
+def _skipped(function: CheckFunction, why: str) -> Check:
+    return Check(name=function.__name__, **skipped(why).model_dump())
+
+
+def _failed(name: str, error: RodeoError) -> Check:
+    # A case's errors are findings in words; those of a broken file are known by their code.
+    detail = str(error) if isinstance(error, CaseError) else f"{error.code}: {error}"
+    return Check(name=name, passed=False, detail=detail[:300])
+
+
+def _report(
+    checks: list[Check], site: Site, chain_record: ChainRecord | None, case: Case | None = None
+) -> Report:
+    task = chain_record.task if chain_record else None
+    name = task.kind if task else case.kind if case else None
+    kind = kinds_of(site).get(name or "")
+    return Report.of(
+        checks,
+        kind=name,
+        task_id=task.id if task else None,
+        attempt=task.attempt if task else None,
+        proof_sha256=case.proof.sha256 if case else task.proof_sha256 if task else None,
+        item_pose_source=case.item_pose_source if case and case.checks.item else None,
+        rules_sha256=None if kind is None else rules_hash(kind),
+    )

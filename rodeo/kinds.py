@@ -1,0 +1,262 @@
+"""Kinds of work: what a task of a kind says, who judges it, and where the code is that does and checks it.
+
+A kind is a package that declares a `Kind` under the entry point group `rodeo.kinds`. One that has neither
+behaviour nor checks is a table `[[kinds]]` of the site file. A kind's code runs beside keys, so only what the
+site file names is imported. A declaration imports neither behaviour nor checks: their libraries, MuJoCo and
+OpenCV, are installed only where they are used.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from decimal import Decimal
+from functools import cache
+from importlib import import_module
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Literal
+
+import jsonschema_rs
+from pydantic import BaseModel, ValidationError
+
+from rodeo.config import KindConfig, Site
+from rodeo.errors import InvalidRequest, RodeoError, wrong_fields
+from rodeo.messages import Task
+from rodeo.topics import ROBOT_STATE, Topic
+
+GROUP = "rodeo.kinds"
+"""Of entry points: kind -> its `Kind`."""
+
+EXECUTION_WINDOW_S = 2 * 3600
+"""Of a kind that does not say how long an executor has, site time."""
+
+FORMATS = {
+    "item": "the id of an item of the site",
+    "robot": "the name of a robot of the site",
+    "map-x": "m east of the map's origin, chosen on the map",
+    "map-y": "m north of it",
+    "percent": "a share, 0 to 1, that people read in percent",
+    "follows": "what `complete` finds from the rest, so that nobody is asked",
+}
+"""`format` of a parameter's JSON Schema, for who shows it to people; others are shown by their type."""
+
+Judge = Literal["oracle", "auditor"]
+Doubt = Callable[[Mapping[str, Any], Sequence[Task]], str]
+"""Why a task with these parameters can probably not be done, by the tasks that name its subject, the newest
+first; empty where nothing tells so."""
+Completion = Callable[[Site, Mapping[str, Any]], dict[str, Any]]
+"""The parameters with what follows from them at a site."""
+Problems = Callable[[Site, Mapping[str, Any]], dict[str, str]]
+"""Field of the parameters -> what to do about it, for parameters that fit the schema but not the site."""
+
+
+class KindError(RodeoError):
+    """A kind that is not installed, or is not what it should be."""
+
+    code = "kind_error"
+
+
+def _no_doubt(_params: Mapping[str, Any], _tasks: Sequence[Task]) -> str:
+    return ""
+
+
+def _as_they_are(_site: Site, params: Mapping[str, Any]) -> dict[str, Any]:
+    return dict(params)
+
+
+def _no_problems(_site: Site, _params: Mapping[str, Any]) -> dict[str, str]:
+    return {}
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """A topic of which the executor's recording is evidence; the executor's device seals all of it."""
+
+    topic: Topic
+    signed_by: str = ""
+    """Role of the witness that signed it itself, for statements."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What is known of a kind of work without its code. `behaviour`, `checks` and `harness` are
+    "module:attribute"; empty where a kind has none."""
+
+    name: str
+    title: str
+    description: str
+    review: Judge
+    """Who judges a proof. An oracle judges only what has checks."""
+    params: type[BaseModel] | None = None
+    """A task's parameters; None where `parameters` says them."""
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    """JSON Schema of the parameters where there is no model."""
+    execution_window_s: int = EXECUTION_WINDOW_S
+    """Site time that an executor has where the task does not say."""
+    at_silence: Literal["executor", "creator"] = "executor"
+    """Who wins when the auditors, asked by the oracle, do not answer."""
+    price_iec: Decimal = Decimal(0)
+    """What the site's own robots and docks ask for."""
+    example: Mapping[str, Any] = field(default_factory=dict)
+    """Parameters of a task as somebody would post it."""
+    recorded: tuple[Recorded, ...] = ()
+    unit: str = "task"
+    """What a price is for."""
+    provides: Literal["", "energy"] = ""
+    """What a robot buys with a task of this kind."""
+    records: tuple[Topic, ...] = ROBOT_STATE
+    """Topics that a robot writes into its proof beside statements; `recorded` says what of it is judged."""
+    behaviour: str = ""
+    checks: str = ""
+    harness: str = ""
+    problems: Problems = _no_problems
+    complete: Completion = _as_they_are
+    subject: str = ""
+    """The parameter that names what a task is about, if there is one thing."""
+    doubt: Doubt = _no_doubt
+
+    def __post_init__(self) -> None:
+        if self.review == "oracle" and not self.checks:
+            raise KindError("the oracle has no checks for this kind: let auditors judge it", kind=self.name)
+
+    @property
+    def by_people(self) -> bool:
+        """Whether a proof is people's word, which an auditor judges."""
+        return not self.checks
+
+    @property
+    def schema(self) -> dict[str, Any]:
+        """JSON Schema of the parameters."""
+        return self.params.model_json_schema() if self.params else dict(self.parameters)
+
+    def wrong_fields(self, params: Mapping[str, Any]) -> dict[str, str]:
+        """Field -> why it does not fit the schema."""
+        if self.params is None:
+            return {
+                ".".join(map(str, error.instance_path)) or "params": error.message
+                for error in jsonschema_rs.validator_for(self.schema).iter_errors(dict(params))
+            }
+        try:
+            self.params.model_validate(params)
+        except ValidationError as error:
+            return wrong_fields(error)
+        return {}
+
+    def wrong_params(self, site: Site, params: Mapping[str, Any]) -> dict[str, str]:
+        """Field -> what to do about it, by the schema and by what there is at the site."""
+        return self.problems(site, params) or self.wrong_fields(params)
+
+    def validate(self, params: Mapping[str, Any]) -> None:
+        """Raises InvalidRequest, which names each wrong field."""
+        if wrong := self.wrong_fields(params):
+            raise InvalidRequest("the parameters are not those of this kind", kind=self.name, fields=wrong)
+
+    def load_behaviour(self) -> Any:
+        """What an executor does, or None."""
+        return _attribute(self, self.behaviour)
+
+    def load_checks(self) -> Any:
+        """How a proof is checked, or None."""
+        return _attribute(self, self.checks)
+
+    def load_harness(self) -> Any:
+        """Its honest runs and its forgeries, or None."""
+        return _attribute(self, self.harness)
+
+
+def _attribute(kind: Kind, where: str) -> Any:
+    if not where:
+        return None
+    module, _, name = where.partition(":")
+    try:
+        return getattr(import_module(module), name)
+    except (ImportError, AttributeError) as error:
+        raise KindError(
+            "this part of the kind cannot be imported", kind=kind.name, part=where, reason=str(error)
+        ) from error
+
+
+class Kinds(Mapping[str, Kind]):
+    """The kinds that a site lists, by name."""
+
+    def __init__(self, kinds: Mapping[str, Kind]) -> None:
+        self._kinds = dict(kinds)
+
+    def __getitem__(self, name: str) -> Kind:
+        return self._kinds[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._kinds)
+
+    def __len__(self) -> int:
+        return len(self._kinds)
+
+    def by_people(self, name: str) -> bool:
+        """Whether people do and judge this kind. A kind that the site does not list has no checks here."""
+        return name not in self or self[name].by_people
+
+    def providing(self, what: Literal["energy"]) -> Kind | None:
+        """The kind that provides it, if the site lists one."""
+        return next((kind for kind in self.values() if kind.provides == what), None)
+
+
+def kinds_of(site: Site) -> Kinds:
+    """The kinds that the site file lists. Raises KindError."""
+    return Kinds({one.name: _declared(one) for one in site.kinds})
+
+
+def providing_energy(site: Site) -> Kind:
+    """The kind of work with which a robot buys energy. Raises KindError where the site lists none."""
+    kind = kinds_of(site).providing("energy")
+    if kind is None:
+        listed = [one.name for one in site.kinds]
+        raise KindError("no kind that the site lists provides energy", listed=listed)
+    return kind
+
+
+def installed() -> dict[str, EntryPoint]:
+    """Every kind that is installed, by name; none is imported."""
+    return {point.name: point for point in sorted(entry_points(group=GROUP), key=lambda point: point.name)}
+
+
+@cache
+def load(name: str) -> Kind:
+    """The declaration of an installed kind. Raises KindError."""
+    point = installed().get(name)
+    if point is None:
+        raise KindError("no such kind is installed", kind=name, installed=sorted(installed()))
+    try:
+        kind = point.load()
+    except (ImportError, AttributeError) as error:
+        raise KindError(
+            "the kind cannot be imported", kind=name, where=point.value, reason=str(error)
+        ) from error
+    if not isinstance(kind, Kind) or kind.name != name:
+        raise KindError("the entry point is no Kind of its name", kind=name, where=point.value)
+    return kind
+
+
+def _declared(config: KindConfig) -> Kind:
+    """The package's declaration, or the table's own, with what the site file says otherwise."""
+    if config.review is None:
+        kind = load(config.name)
+    else:
+        title = config.title or config.name.replace("_", " ").capitalize()
+        kind = Kind(config.name, title, config.description, config.review, parameters=config.parameters)
+    said: dict[str, Any] = {
+        "price_iec": config.price_iec,
+        "execution_window_s": config.execution_window_s,
+        "at_silence": config.at_silence,
+    }
+    return replace(kind, **{name: value for name, value in said.items() if value is not None})
+
+
+def choose(what: str, known: Sequence[str]) -> str:
+    """What to do about a choice that the site does not have."""
+    return f"choose one of this site: {', '.join(known)}" if known else f"this site has no {what}"
+
+
+def is_number(value: object) -> bool:
+    """Whether it is a finite number, and no truth value."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

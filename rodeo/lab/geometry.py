@@ -1,0 +1,50 @@
+"""Poses on the floor and headings. Quaternions are unit quaternions."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rodeo.lab.config import Pose2
+
+
+def ahead(pose: Pose2, forward_m: float, left_m: float = 0.0) -> tuple[float, float]:
+    """The point `forward_m` along and `left_m` across the pose's x axis (map frame)."""
+    c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+    return pose.x_m + c * forward_m - s * left_m, pose.y_m + s * forward_m + c * left_m
+
+
+def wrap(angle_rad: float) -> float:
+    """The same angle in (-pi, pi]."""
+    return math.remainder(angle_rad, math.tau)
+
+
+def facing(pose: Pose2, distance_m: float) -> Pose2:
+    """The pose `distance_m` in front of `pose`, looking back at it."""
+    x, y = ahead(pose, distance_m)
+    return Pose2(x_m=x, y_m=y, yaw_rad=wrap(pose.yaw_rad + math.pi))
+
+
+def yaw_of(w: float, x: float, y: float, z: float) -> float:
+    """Heading (rad) of a quaternion."""
+    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+
+
+def yaws_of(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) headings (rad, in (-pi, pi]) of (n, 4) quaternions w, x, y, z."""
+    w, x, y, z = quaternions.T
+    return np.asarray(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
+
+
+def quaternion_of(yaw_rad: float) -> tuple[float, float, float, float]:
+    """(w, x, y, z) of a heading."""
+    return math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)
+
+
+def on_plane(pose: Any) -> Pose2:
+    """A geometry_msgs/msg/Pose in the map, seen from above."""
+    at, turn = pose.position, pose.orientation
+    return Pose2(x_m=at.x, y_m=at.y, yaw_rad=yaw_of(turn.w, turn.x, turn.y, turn.z))

@@ -1,0 +1,1 @@
+"""People who do tasks and judge them: statements with photos, what is known of those, deadlines."""

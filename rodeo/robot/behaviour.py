@@ -1,0 +1,119 @@
+"""How a kind of work is done: what the robot's mind asks of a kind, and what it offers it.
+
+The mind takes tasks, keeps the battery charged, records, submits and survives restarts; it knows no kind. A
+kind's declaration names a class below `Behaviour`, of which the mind makes one object when it starts. A robot
+that only drives somewhere needs `weigh` and `execute`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from rodeo.clock import Clock
+from rodeo.config import Site
+from rodeo.lab.config import Pose2
+from rodeo.messages import Task
+from rodeo.robot.bin import SmartBin
+from rodeo.robot.body import Body, Checkpoint
+from rodeo.robot.memory import Memory
+from rodeo.robot.navigation import Floor
+from rodeo.robot.perception import Sighting
+from rodeo.witness import Claimant
+
+Report = Callable[[str, float], None]
+"""Told what is being done, and what share of the task (0..1) is done by then."""
+
+
+class Record(Protocol):
+    """The recording of the work, which runs while the work is done."""
+
+    @property
+    def claimant(self) -> Claimant:
+        """For whom and what the robot works, as it tells devices that sign what they see."""
+        ...
+
+    def note(self, payload: dict[str, Any]) -> None:
+        """Add a note of the robot's own; `event` says what it is about."""
+        ...
+
+    def await_witness(self, item: str, checkpoint: Checkpoint) -> None:
+        """Return when motion capture lists this recording and has shown `item`. Raises NoAnswer."""
+        ...
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a task is expected to take."""
+
+    energy_wh: float
+    duration_s: float
+    ends_at: Pose2
+    """Where the robot stands at the end; from there it has to reach the dock."""
+
+
+@dataclass(frozen=True)
+class Irrevocable:
+    """What an interrupted attempt has done that cannot be done again."""
+
+    done_s: float
+    """When, site time."""
+    complete: bool
+    """Whether the recording holds what follows from it, too: then the attempt is over."""
+
+
+@dataclass(frozen=True)
+class Robot:
+    """What a behaviour works with."""
+
+    name: str
+    site: Site
+    body: Body
+    floor: Floor
+    memory: Memory
+    bin: SmartBin
+    clock: Clock
+    announce: Callable[[Sighting], None]
+    """Publishes where the robot sees the item that it is about to take."""
+    estimate: Callable[[float, Pose2], Estimate]
+    """For a task with so many metres to drive in straight lines, which ends at that pose: by what this robot
+    took for tasks of this kind before."""
+
+
+class Behaviour(ABC):
+    """Does tasks of one kind. An exception of the errors in `rodeo.robot.errors` other than TaskFailed ends
+    the attempt for now; it is then begun again, from perception rather than from memory. Parameters that
+    do not fit the kind's model (pydantic's ValidationError) fail the task, too."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot = robot
+
+    @abstractmethod
+    def weigh(self, task: Task | None, here: Pose2) -> Estimate:
+        """What the task takes a robot that stands `here`; without a task, what the longest on the site takes.
+
+        Raises TaskFailed where the task cannot be done. The robot then gives it up, on record; without a task
+        the robot offers no such work.
+        """
+
+    @abstractmethod
+    def execute(self, task: Task, checkpoint: Checkpoint, report: Report, recording: Record) -> None:
+        """Do the work. It may have been interrupted before. Raises TaskFailed when it cannot be done."""
+
+    def irrevocable(self, recording: Path) -> Irrevocable | None:
+        """What an interrupted attempt did for good, by its recording, which may be cut off. None: it can
+        all be done again, in a new recording."""
+        return None
+
+    def finish(
+        self, done: Irrevocable, task: Task, checkpoint: Checkpoint, report: Report, recording: Record
+    ) -> None:
+        """Do what is left after `done`, in the recording that goes on. Raises TaskFailed."""
+        raise NotImplementedError("a behaviour whose work cannot be done again says how to finish it")
+
+    def tidy(self, checkpoint: Checkpoint) -> None:
+        """After an attempt, however it ended: make room for whoever works here next."""
+        return None

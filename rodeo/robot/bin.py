@@ -1,0 +1,175 @@
+"""The smart bin as the robot knows it: signed statements about what it was shown and what fell."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections import deque
+from typing import TypeVar, get_args
+
+from rodeo import topics
+from rodeo.bus import Bus
+from rodeo.clock import Clock
+from rodeo.config import Site
+from rodeo.errors import BusError, RemoteError
+from rodeo.evidence import Attestation
+from rodeo.recording import Heard, Refusals, StatementDoor, StatementListener
+from rodeo.recording.door import stamp_slack_s
+from rodeo.robot.body import Checkpoint
+from rodeo.robot.errors import NoAnswer
+from rodeo.wallets import SiteDevice
+from rodeo.witness import Claimant, Classification, Drop, Presentation, Removal, Scope
+from rodeo.witness.witness import Witness
+
+log = logging.getLogger(__name__)
+
+Word = Classification | Drop | Removal
+Kind = TypeVar("Kind", Classification, Drop)
+
+_ASK_PERIOD_S = 2.0
+"""Wall time after which the bin is asked in case its message was lost (a router that restarts loses it)."""
+_PRESENT_PERIOD_S = 1.0
+"""Wall time after which the robot presents itself again, for the same reason."""
+_ANSWER_WALL_S = 2.0
+"""The bin answers at once, or not at all."""
+_KEPT = 50
+"""Statements of each kind."""
+
+
+class SmartBin:
+    """Hears what the site's bin states, and presents the robot to it.
+
+    What a statement is about is told by its own time, not by when it was heard. Close it before the bus.
+    """
+
+    def __init__(self, bus: Bus, site: Site, clock: Clock, witness: Witness) -> None:
+        """`witness` signs for the robot."""
+        self._bus = bus
+        self._clock = clock
+        self._name = site.bin.name
+        self._witness = witness
+        self._state_key = topics.BIN_STATE.name(org=site.org, bin=site.bin.name)
+        self._words: dict[type[Word], deque[Word]] = {kind: deque(maxlen=_KEPT) for kind in get_args(Word)}
+        self._lock = threading.Lock()
+        self._presented: Attestation | None = None
+        self._listener = StatementListener(
+            bus,
+            site.org,
+            lambda devices: StatementDoor(
+                devices.known,
+                [SiteDevice("bin", self._name)],
+                self._scope,
+                clock,
+                stamp_slack_s(site.clock.speed),
+                Refusals(),
+            ),
+            self._on_statement,
+            only=self._name,
+            hold=clock.hold,
+        )
+
+    def close(self) -> None:
+        self._listener.close()
+
+    # -- telling the bin -------------------------------------------------------------------------------
+
+    def present(self, claimant: Claimant) -> None:
+        """Say for whose recording the robot shows something next; said again while it waits for an answer.
+
+        Raises NoAnswer while it is not known for which organization the robot signs.
+        """
+        chain = self._witness.chain
+        if chain is None:
+            raise NoAnswer("the bridge has not told yet for which organization the robot signs")
+        fields = claimant.model_dump(include={"recording", "task_id", "attempt"})
+        self._presented = chain.sign(Presentation, self._clock.now_s(), bin=self._name, **fields)
+        self._witness.publish(self._presented)
+
+    # -- hearing it ------------------------------------------------------------------------------------
+
+    def said_after(self, kind: type[Kind], time_s: float) -> Kind | None:
+        """Its last statement of this kind about what was later than `time_s` (site time)."""
+        with self._lock:
+            words = [one for one in self._words[kind] if isinstance(one, kind) and moment_s(one) > time_s]
+        return max(words, key=moment_s, default=None)
+
+    def removed(self, compartment: str, after_s: float) -> Removal | None:
+        """What the bin says that was taken out of the compartment after `after_s`."""
+        self._ask()
+        with self._lock:
+            words = [one for one in self._words[Removal] if isinstance(one, Removal)]
+        return next((o for o in words if o.compartment == compartment and o.settled_s > after_s), None)
+
+    def wait_for(
+        self, kind: type[Kind], after_s: float, checkpoint: Checkpoint, timeout_wall_s: float
+    ) -> Kind:
+        """A statement about what was later than `after_s` (site time).
+
+        Raises NoAnswer after `timeout_wall_s`. Wall time, because another process has to work, however fast
+        the site's clock runs.
+        """
+        now_s = time.monotonic()
+        deadline_s = now_s + timeout_wall_s
+        ask_s = now_s + _ASK_PERIOD_S
+        present_s = now_s + _PRESENT_PERIOD_S if kind is Classification else math.inf
+        while True:
+            said = self.said_after(kind, after_s)
+            if said is not None:
+                return said
+            self._clock.wait_for(
+                lambda: self.said_after(kind, after_s) is not None,
+                wall_s=min(deadline_s, ask_s, present_s) - now_s,
+                check=checkpoint,
+            )
+            now_s = time.monotonic()
+            if now_s >= deadline_s:
+                if not self._listener.answered:
+                    raise NoAnswer(
+                        "the bridge could not be asked which devices there are, so that nobody knows whether "
+                        "it is the bin who states something",
+                        timeout_s=timeout_wall_s,
+                    )
+                last = self.said_after(kind, float("-inf"))
+                raise NoAnswer(
+                    f"the bin sent no {kind.__name__.lower()}",
+                    timeout_s=timeout_wall_s,
+                    after_s=after_s,
+                    last_s=None if last is None else moment_s(last),
+                )
+            if now_s >= ask_s:
+                self._ask()
+                ask_s = time.monotonic() + _ASK_PERIOD_S
+            if now_s >= present_s:
+                if self._presented is not None:
+                    self._witness.publish(self._presented)
+                present_s = now_s + _PRESENT_PERIOD_S
+
+    # -- inside ----------------------------------------------------------------------------------------
+
+    def _scope(self) -> Scope | None:
+        chain = self._witness.chain
+        return None if chain is None else chain.scope
+
+    def _on_statement(self, heard: Heard) -> None:
+        if isinstance(heard.statement, Word):
+            with self._lock:
+                self._words[type(heard.statement)].append(heard.statement)
+            self._clock.notify()
+
+    def _ask(self) -> None:
+        """For its last statements, and through the journal for what was missed in between."""
+        try:
+            state = self._bus.query(self._state_key, timeout_s=_ANSWER_WALL_S)
+        except (BusError, RemoteError) as error:
+            log.info("the bin does not answer: %s", error)
+            return
+        last = [state[kind] for kind in ("classification", "disposal") if state.get(kind) is not None]
+        self._listener.read(self._name, {"statements": last})
+        self._listener.catch_up()
+
+
+def moment_s(word: Word) -> float:
+    """Site time of what a statement is about."""
+    return word.shown_s if isinstance(word, Classification) else word.settled_s

@@ -1,0 +1,314 @@
+"""A mobile manipulator: the `Body` of a base with an arm, two fingers and a camera at the wrist."""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from rodeo.clock import Clock
+from rodeo.config import Site
+from rodeo.lab.config import ItemConfig, Pose2
+from rodeo.lab.geometry import ahead
+from rodeo.lab.items import top_grasps
+from rodeo.lab.layout import dock_parking, on_contacts
+from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M, STOWED_RAD
+from rodeo.robot.arm import (
+    ASIDE_RAD,
+    CRUISE_RAD_S,
+    LOOK_RAD,
+    READY_RAD,
+    Arm,
+    Trajectory,
+    Vector,
+    pointing_down,
+)
+from rodeo.robot.body import PATIENCE_S, Checkpoint, Point, Point3
+from rodeo.robot.errors import Blocked, GraspFailed, MotionFailed
+from rodeo.robot.memory import Held, Memory
+from rodeo.robot.navigation import Floor, in_base_frame
+from rodeo.robot.perception import Sighting, View
+from rodeo.robot.ros_body import RosBody
+from rodeo.robot.wrist_camera import WristCamera
+
+log = logging.getLogger(__name__)
+
+_PLACES = 12
+"""Of the places where it may stand for something, the robot tries so many."""
+_BLOCKED_S = 8.0
+"""Site time between two tries."""
+_DOCKINGS = 4
+_LOOK_AROUND_S = 10.0
+"""Site time after which a robot that waits hears of orders."""
+
+_ACROSS_RAD = math.pi / 2
+"""Closing direction, in the base frame, that keeps both fingers visible and out of a bin's walls."""
+_ABOVE_M = 0.12
+_LIFT_M = 0.15
+_DESCENT_RAD_S = 0.6
+_LIFT_RAD_S = 0.8
+_GRIP_FORCE_N = 5.0
+_NOTHING_HELD_M = GRIPPER_CLOSED_M + 0.001
+_OPEN_ENOUGH_M = GRIPPER_OPEN_M - 0.004
+_THERE_RAD = 0.03
+"""An arm this close to a posture need not move to it."""
+_PUT_DOWN_M = 0.004
+_PLACE_HIGH_M = 0.08
+_PLACE_LOW_M = 0.02
+_RETREAT_M = 0.08
+
+
+class MobileManipulator:
+    """Implements `rodeo.robot.body.Body`. One thread."""
+
+    def __init__(
+        self,
+        site: Site,
+        body: RosBody,
+        arm: Arm,
+        camera: WristCamera,
+        floor: Floor,
+        memory: Memory,
+        clock: Clock,
+        stop: threading.Event,
+    ) -> None:
+        """`stop` ends `wait`."""
+        self._dock = site.dock
+        self._body = body
+        self._arm = arm
+        self._camera = camera
+        self._floor = floor
+        self._memory = memory
+        self._clock = clock
+        self._stop = stop
+        self._above_placed: Point3 | None = None
+        """Of the base frame: to where the fingers go up from what was placed last."""
+
+    # -- the base --------------------------------------------------------------------------------------
+
+    def here(self, checkpoint: Checkpoint) -> Pose2:
+        return self._body.base_pose(checkpoint)
+
+    def drive(self, poses: Sequence[Pose2], checkpoint: Checkpoint, patience_s: float = PATIENCE_S) -> None:
+        give_up_s = self._clock.now_s() + patience_s
+        while True:
+            for pose in poses[:_PLACES]:
+                try:
+                    self._body.navigate(pose, checkpoint)
+                    return
+                except MotionFailed as error:
+                    log.warning("could not drive to x %.2f y %.2f: %s", pose.x_m, pose.y_m, error)
+                    failure = error
+            if self._clock.now_s() >= give_up_s:
+                raise Blocked(failure.message, waited_s=patience_s, **failure.details) from failure
+            self.wait(_BLOCKED_S, checkpoint)
+
+    def dock(self, checkpoint: Checkpoint) -> None:
+        if self.docked(checkpoint):
+            return
+        parking = dock_parking(self._dock)
+        for attempt in range(1, _DOCKINGS + 1):
+            try:
+                self._body.navigate(parking, checkpoint)
+            except MotionFailed as error:
+                if attempt == _DOCKINGS:
+                    raise
+                log.warning("could not dock: %s", error)
+            if self.docked(checkpoint):
+                return
+            log.info("missed the contacts; docking again")
+            self.leave(parking, checkpoint)
+        raise MotionFailed("the robot does not get onto the dock's contacts", dockings=_DOCKINGS)
+
+    def docked(self, checkpoint: Checkpoint) -> bool:
+        """Whether the robot stands on the dock's contacts."""
+        return on_contacts(self._dock, self._body.base_pose(checkpoint))
+
+    def leave(self, parked: Pose2, checkpoint: Checkpoint) -> None:
+        for pose in self._floor.ways_out(parked, self._memory.lying()):
+            try:
+                self._body.navigate(pose, checkpoint)
+                return
+            except MotionFailed as error:
+                log.info("not that way: %s", error)
+        log.warning("no way to drive clear of x %.2f y %.2f; staying", parked.x_m, parked.y_m)
+
+    def wait(self, seconds: float, checkpoint: Checkpoint) -> None:
+        until_s = self._clock.now_s() + seconds
+        while True:
+            next_s = min(until_s, self._clock.now_s() + _LOOK_AROUND_S)
+            self._clock.wait_until(next_s, self._stop)
+            checkpoint()
+            if next_s >= until_s:
+                return
+
+    # -- postures --------------------------------------------------------------------------------------
+
+    def fold(self, checkpoint: Checkpoint) -> None:
+        """Unless the arm is folded, as after a task or as when new."""
+        arm_rad = self._body.joints(checkpoint).arm_rad
+        if any(np.abs(arm_rad - folded).max() <= _THERE_RAD for folded in (READY_RAD, STOWED_RAD)):
+            return
+        self._body.follow(lambda now: self._arm.trajectory([now, READY_RAD]), checkpoint)
+
+    def carry(self, checkpoint: Checkpoint) -> None:
+        """On the side where the arm is."""
+        self._body.follow(self._plan_aside, checkpoint)
+
+    def _plan_aside(self, now: Vector) -> Trajectory:
+        mirror = np.array([1.0 if now[0] >= 0 else -1.0, 1, 1, 1, 1, 1])
+        return self._arm.trajectory([now, ASIDE_RAD * mirror])
+
+    # -- seeing ----------------------------------------------------------------------------------------
+
+    def look(self, checkpoint: Checkpoint, turn_rad: float = 0.0) -> list[View]:
+        posture = LOOK_RAD + np.array([turn_rad, 0, 0, 0, 0, 0])
+        self._body.follow(lambda now: self._arm.trajectory([now, posture]), checkpoint)
+        return self._camera.look(checkpoint)
+
+    def look_down(
+        self, place: Point, checkpoint: Checkpoint, height_m: float, left_m: float = 0.0
+    ) -> list[View]:
+        x_m, y_m, _ = in_base_frame(self._body.base_pose(checkpoint), (*place, 0.0))
+        # Fingers down and closing across, the gripper's z axis points ahead.
+        ahead_m = float(self._arm.camera_offset_m[2])
+        self._reach((x_m - ahead_m, y_m + left_m, height_m), _ACROSS_RAD, checkpoint)
+        return self._camera.look(checkpoint)
+
+    # -- taking ----------------------------------------------------------------------------------------
+
+    def open_fingers(self, checkpoint: Checkpoint) -> None:
+        if self._body.joints(checkpoint).gripper_m < _OPEN_ENOUGH_M:
+            self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
+
+    def grasp(self, item: ItemConfig, sighting: Sighting, checkpoint: Checkpoint) -> Held:
+        base = self._body.base_pose(checkpoint)
+        best = top_grasps(item, sighting.position_m, sighting.quat_wxyz)[0]
+        point = in_base_frame(base, best.point_m)
+        closing = _ACROSS_RAD if best.yaw_rad is None else best.yaw_rad - base.yaw_rad
+        self._reach(_raised(point, _ABOVE_M), closing, checkpoint)
+        self._straight(point, closing, _DESCENT_RAD_S, checkpoint)
+        held = Held(
+            item_id=item.id,
+            place_m=sighting.position_m[:2],
+            hang_m=point[2],
+            centre_m=sighting.position_m[2] - point[2],
+        )
+        self._memory.took(held)  # before it is so: a robot that is killed now finds it in its gripper
+        try:
+            _check_grip(self._body.grip(0.0, _GRIP_FORCE_N, checkpoint).position_m)
+            self._straight(_raised(point, _LIFT_M), closing, _LIFT_RAD_S, checkpoint)
+            _check_grip(self._body.joints(checkpoint).gripper_m)
+        except GraspFailed:
+            self._memory.let_go(held.place_m)
+            raise
+        self.carry(self.holding(checkpoint))
+        return held
+
+    def held(self, checkpoint: Checkpoint) -> Held | None:
+        """The fingers close on it if they are neither closed nor open."""
+        if self._fingers_apart(checkpoint):
+            self._body.grip(0.0, _GRIP_FORCE_N, checkpoint)
+            if self._fingers_apart(checkpoint):
+                return self._memory.held or self._unknown(checkpoint)
+        if self._memory.held is not None:
+            self._memory.let_go(self._below_pads(checkpoint))
+        return None
+
+    def _fingers_apart(self, checkpoint: Checkpoint) -> bool:
+        """Whether something keeps the fingers from closing, unless they are open."""
+        return _NOTHING_HELD_M < self._body.joints(checkpoint).gripper_m < _OPEN_ENOUGH_M
+
+    def _unknown(self, checkpoint: Checkpoint) -> Held:
+        """Something that nobody remembers taking; it hangs as low as any item does."""
+        return Held(item_id="", place_m=self._below_pads(checkpoint), hang_m=0.1, centre_m=0.0)
+
+    def _below_pads(self, checkpoint: Checkpoint) -> Point:
+        x_m, y_m, _ = self._arm.forward(self._body.joints(checkpoint).arm_rad).position_m
+        return ahead(self._body.base_pose(checkpoint), float(x_m), float(y_m))
+
+    def holding(self, checkpoint: Checkpoint) -> Checkpoint:
+        def check() -> None:
+            checkpoint()
+            gripper_m = self._body.recent_gripper_m()
+            if gripper_m is not None and gripper_m <= _NOTHING_HELD_M:
+                raise GraspFailed("the item slipped out on the way", gripper_m=round(gripper_m, 4))
+
+        return check
+
+    # -- bringing --------------------------------------------------------------------------------------
+
+    def show(self, held: Held, point: Point3, checkpoint: Checkpoint, turn_rad: float = 0.0) -> None:
+        x_m, y_m, z_m = in_base_frame(self._body.base_pose(checkpoint), point)
+        self._reach((x_m, y_m, z_m - held.centre_m), _ACROSS_RAD + turn_rad, checkpoint)
+
+    def place(self, held: Held, point: Point3, checkpoint: Checkpoint, releasing: Callable[[], None]) -> None:
+        x_m, y_m, z_m = in_base_frame(self._body.base_pose(checkpoint), point)
+        low: Point3 = (x_m, y_m, z_m + held.hang_m + _PLACE_LOW_M)
+        self._lower((x_m, y_m, z_m + held.hang_m + _PLACE_HIGH_M), low, checkpoint)
+        self._above_placed = _raised(low, _RETREAT_M)
+        releasing()
+        self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
+
+    def draw_back(self, checkpoint: Checkpoint) -> None:
+        """In one go: a gripper that pauses in a bin's view is looked at."""
+        if self._above_placed is None:
+            self.carry(checkpoint)
+            return
+        target, self._above_placed = pointing_down(self._above_placed, _ACROSS_RAD), None
+
+        def plan(now: Vector) -> Trajectory:
+            straight = self._arm.trajectory(self._arm.line(now, target), _LIFT_RAD_S)
+            return straight.then(self._plan_aside(straight.positions[-1]))
+
+        self._body.follow(plan, checkpoint)
+
+    def put_back(self, held: Held, checkpoint: Checkpoint) -> None:
+        self.carry(checkpoint)
+        base = self._body.base_pose(checkpoint)
+        lying = self._memory.lying(but=held.item_id)
+        self.drive(self._floor.grasp_poses(held.place_m, lying, base), checkpoint)
+        x_m, y_m, _ = in_base_frame(self._body.base_pose(checkpoint), (*held.place_m, 0.0))
+        low: Point3 = (x_m, y_m, held.hang_m + _PUT_DOWN_M)
+        self._lower((x_m, y_m, held.hang_m + _ABOVE_M), low, checkpoint)
+        self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
+        self._memory.let_go(held.place_m)
+        self._straight(_raised(low, _LIFT_M), _ACROSS_RAD, _LIFT_RAD_S, checkpoint)
+        self.fold(checkpoint)
+
+    # -- moving the fingers ----------------------------------------------------------------------------
+
+    def _lower(self, high: Point3, low: Point3, checkpoint: Checkpoint) -> None:
+        """To `high` any way, from there to `low` in a straight line."""
+        self._reach(high, _ACROSS_RAD, checkpoint)
+        self._straight(low, _ACROSS_RAD, _DESCENT_RAD_S, checkpoint)
+
+    def _reach(self, point: Point3, closing_rad: float, checkpoint: Checkpoint) -> None:
+        """Gripper to a point of the base frame, pointing down, any way."""
+        target = pointing_down(point, closing_rad)
+
+        def plan(now: Vector) -> Trajectory:
+            return self._arm.trajectory([now, self._arm.inverse(target, now)], CRUISE_RAD_S)
+
+        self._body.follow(plan, checkpoint)
+
+    def _straight(
+        self, point: Point3, closing_rad: float, speed_rad_s: float, checkpoint: Checkpoint
+    ) -> None:
+        """The same along a straight line."""
+        target = pointing_down(point, closing_rad)
+        self._body.follow(
+            lambda now: self._arm.trajectory(self._arm.line(now, target), speed_rad_s), checkpoint
+        )
+
+
+def _check_grip(position_m: float) -> None:
+    if position_m <= _NOTHING_HELD_M:
+        raise GraspFailed("the fingers closed on nothing", position_m=round(position_m, 4))
+
+
+def _raised(point: Point3, by_m: float) -> Point3:
+    return point[0], point[1], point[2] + by_m

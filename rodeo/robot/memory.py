@@ -1,0 +1,84 @@
+"""What the robot knows of things: what it holds, and where it last knew items to lie. Survives restarts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from rodeo.config import Site
+from rodeo.errors import unreadable
+from rodeo.files import replace_file
+from rodeo.robot.errors import JournalBroken
+
+Point = tuple[float, float]
+
+
+class Held(BaseModel):
+    """The item between the fingers."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    item_id: str
+    place_m: Point
+    """Where it was taken from, in the map."""
+    hang_m: float
+    """How far it reaches below where the pads meet, fingers down."""
+    centre_m: float
+    """How far its centre is above where the pads meet, fingers down."""
+
+
+class _Facts(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    held: Held | None = None
+    lying: dict[str, Point] = {}
+
+
+class Memory:
+    """Raises JournalBroken when its file holds something else. One thread."""
+
+    def __init__(self, site: Site, path: Path) -> None:
+        self._path = path
+        try:
+            self._facts = _Facts.model_validate_json(path.read_bytes())
+        except FileNotFoundError:
+            lying = {item.id: (item.pose.x_m, item.pose.y_m) for item in site.items}
+            self._facts = _Facts(lying=lying)
+        except (OSError, ValidationError) as error:
+            raise JournalBroken(
+                "the robot's memory is damaged: restore the file; or move it away, and the robot "
+                "looks for its items where the site file has them",
+                path=str(path),
+                reason=unreadable(error),
+            ) from error
+
+    @property
+    def held(self) -> Held | None:
+        return self._facts.held
+
+    def lying(self, but: str | None = None) -> list[Point]:
+        """Where items lay when the robot last knew, leaving out the item `but`."""
+        return [place for item, place in self._facts.lying.items() if item != but]
+
+    def place(self, item_id: str) -> Point | None:
+        return self._facts.lying.get(item_id)
+
+    def saw(self, item_id: str, place_m: Point) -> None:
+        self._facts.lying[item_id] = place_m
+        self._save()
+
+    def took(self, held: Held) -> None:
+        self._facts.held = held
+        self._facts.lying.pop(held.item_id, None)
+        self._save()
+
+    def let_go(self, place_m: Point | None) -> None:
+        """What was held lies at `place_m`, or is gone."""
+        if self._facts.held is not None and place_m is not None:
+            self._facts.lying[self._facts.held.item_id] = place_m
+        self._facts.held = None
+        self._save()
+
+    def _save(self) -> None:
+        replace_file(self._path, self._facts.model_dump_json())

@@ -1,0 +1,187 @@
+"""Where to drive: free floor, places to stand for grasping an item, targets for exploring.
+
+Pure geometry on the site file, in the map frame. Finding a path there is the body's job.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from rodeo.config import Site
+from rodeo.lab.config import Pose2
+from rodeo.lab.geometry import ahead, wrap
+from rodeo.lab.layout import (
+    BUMPER_M,
+    FOOTPRINT_RADIUS_M,
+    HALF_WIDTH_M,
+    PICK_DISTANCE_M,
+    BinLayout,
+)
+from rodeo.robot.errors import Unreachable
+
+Point = tuple[float, float]
+
+_TURN_CLEARANCE_M = FOOTPRINT_RADIUS_M + 0.06
+"""Wanted around the robot's centre: it may then turn on the spot."""
+_ITEM_CLEARANCE_M = 0.12
+"""Between the robot's footprint and trash that it does not want to drive over."""
+_ITEM_RADIUS_M = 0.05
+_HEADINGS = 24
+_LOOKOUT_M = (0.95, 1.1, 0.85)
+"""From the place that is looked at to the robot's centre: what lies 0.3 m off is in sight, not underneath."""
+_PLAN_M = 0.03
+"""The site's plan is right to so much."""
+_WAY_OUT_M = (0.7, 0.85, 1.0, 1.2, 1.5, 0.6)
+"""How far behind a parking place the robot looks for room, in this order."""
+_DOCK_DEPTH_M = 0.17
+_DOCK_WIDTH_M = 0.5
+_BIN_POST_M = 0.5
+"""The bin's camera post stands at most this far behind the middle of its compartments."""
+
+
+@dataclass(frozen=True)
+class Rectangle:
+    """Something on the floor: `pose` is its centre, halves along and across the pose's x axis."""
+
+    pose: Pose2
+    half_x_m: float
+    half_y_m: float
+
+    def distance_m(self, x_m: float, y_m: float) -> float:
+        """From the point to the rectangle; 0 inside."""
+        dx, dy = x_m - self.pose.x_m, y_m - self.pose.y_m
+        c, s = math.cos(self.pose.yaw_rad), math.sin(self.pose.yaw_rad)
+        along = max(abs(c * dx + s * dy) - self.half_x_m, 0.0)
+        across = max(abs(c * dy - s * dx) - self.half_y_m, 0.0)
+        return math.hypot(along, across)
+
+
+def _shifted(pose: Pose2, forward_m: float) -> Pose2:
+    x_m, y_m = ahead(pose, forward_m)
+    return Pose2(x_m=x_m, y_m=y_m, yaw_rad=pose.yaw_rad)
+
+
+def footprint(pose: Pose2) -> Rectangle:
+    """The floor that the robot covers at `pose`."""
+    return Rectangle(pose, BUMPER_M, HALF_WIDTH_M)
+
+
+class Floor:
+    """The site's floor and what stands on it."""
+
+    def __init__(self, site: Site) -> None:
+        self._size_m = site.lab.size_m
+        bin_ = BinLayout(site.bin)
+        front_m = bin_.depth_m / 2
+        self._obstacles = [
+            *(Rectangle(f.pose, f.size_m[0] / 2, f.size_m[1] / 2) for f in site.lab.furniture),
+            Rectangle(
+                _shifted(site.bin.pose, (front_m - _BIN_POST_M) / 2),
+                (front_m + _BIN_POST_M) / 2,
+                bin_.width_m / 2,
+            ),
+            Rectangle(_shifted(site.dock.pose, -_DOCK_DEPTH_M / 2), _DOCK_DEPTH_M / 2, _DOCK_WIDTH_M / 2),
+        ]
+
+    @property
+    def diagonal_m(self) -> float:
+        """From one corner to the opposite one."""
+        return math.hypot(*self._size_m)
+
+    def clearance_m(self, x_m: float, y_m: float) -> float:
+        """From the point to the nearest wall or thing; negative outside the room."""
+        length_m, width_m = self._size_m
+        walls_m = min(x_m, y_m, length_m - x_m, width_m - y_m)
+        return min(walls_m, *(obstacle.distance_m(x_m, y_m) for obstacle in self._obstacles))
+
+    def grasp_poses(self, item: Point, others: Iterable[Point], start: Pose2) -> list[Pose2]:
+        """Places to stand with the item right ahead, the nearest to `start` first.
+
+        The robot can turn there and covers none of the `others`. Raises Unreachable when there is none.
+        """
+        others = list(others)
+        poses = []
+        for pose in self._facing(item, PICK_DISTANCE_M):
+            covered = any(footprint(pose).distance_m(*other) < _ITEM_CLEARANCE_M for other in others)
+            if self.clearance_m(pose.x_m, pose.y_m) >= _TURN_CLEARANCE_M and not covered:
+                poses.append(pose)
+        if not poses:
+            raise Unreachable("nowhere to stand near the item", x_m=round(item[0], 3), y_m=round(item[1], 3))
+        return sorted(poses, key=lambda pose: travel_cost_m(start, pose))
+
+    def is_open(self, x_m: float, y_m: float) -> bool:
+        """Whether the plan shows nothing there, so that what stands there is none of the furniture."""
+        return self.clearance_m(x_m, y_m) > _PLAN_M
+
+    def lookouts(self, place: Point, others: Iterable[Point], start: Pose2) -> list[Pose2]:
+        """Places to look at `place` from, far enough not to touch what lies near it, the nearest first.
+
+        Raises Unreachable when there is none.
+        """
+        others = list(others)
+        poses = [
+            pose
+            for distance_m in _LOOKOUT_M
+            for pose in self._facing(place, distance_m)
+            if self.clearance_m(pose.x_m, pose.y_m) >= _TURN_CLEARANCE_M
+            and all(footprint(pose).distance_m(*other) >= _ITEM_CLEARANCE_M for other in others)
+        ]
+        if not poses:
+            raise Unreachable("nowhere to look from", x_m=round(place[0], 3), y_m=round(place[1], 3))
+        return sorted(poses, key=lambda pose: travel_cost_m(start, pose))
+
+    @staticmethod
+    def _facing(place: Point, distance_m: float) -> Iterator[Pose2]:
+        """Poses around `place`, looking at it."""
+        for index in range(_HEADINGS):
+            yaw = wrap(index * math.tau / _HEADINGS)
+            x_m, y_m = place[0] - distance_m * math.cos(yaw), place[1] - distance_m * math.sin(yaw)
+            yield Pose2(x_m=x_m, y_m=y_m, yaw_rad=yaw)
+
+    def ways_out(self, parked: Pose2, items: Iterable[Point]) -> list[Pose2]:
+        """Free poses near a narrow parking place, the best to back out to first; may be empty."""
+        items = list(items)
+        poses = []
+        for distance_m in _WAY_OUT_M:
+            x_m, y_m = ahead(parked, -distance_m)
+            near_item_m = min((math.dist((x_m, y_m), item) for item in items), default=math.inf)
+            if (
+                self.clearance_m(x_m, y_m) < _TURN_CLEARANCE_M
+                or near_item_m < _ITEM_RADIUS_M + _TURN_CLEARANCE_M
+            ):
+                continue
+            poses += [
+                Pose2(x_m=x_m, y_m=y_m, yaw_rad=wrap(parked.yaw_rad + turn * math.pi / 2))
+                for turn in (2, 1, -1, 0)
+            ]
+        return poses
+
+    def explore(self, items: Iterable[Point], chance: np.random.Generator) -> Iterator[Pose2]:
+        """Random free poses away from walls, things and trash, without end."""
+        items = list(items)
+        length_m, width_m = self._size_m
+        while True:
+            x_m, y_m = chance.uniform(0, length_m), chance.uniform(0, width_m)
+            near_item_m = min((math.dist((x_m, y_m), item) for item in items), default=math.inf)
+            if (
+                self.clearance_m(x_m, y_m) >= _TURN_CLEARANCE_M
+                and near_item_m >= FOOTPRINT_RADIUS_M + _ITEM_CLEARANCE_M
+            ):
+                yield Pose2(x_m=x_m, y_m=y_m, yaw_rad=chance.uniform(-math.pi, math.pi))
+
+
+def travel_cost_m(start: Pose2, goal: Pose2) -> float:
+    """How far apart two poses are; half a turn counts as much as a metre."""
+    turn = abs(wrap(goal.yaw_rad - start.yaw_rad)) / math.pi
+    return math.hypot(goal.x_m - start.x_m, goal.y_m - start.y_m) + turn
+
+
+def in_base_frame(base: Pose2, point: tuple[float, float, float]) -> tuple[float, float, float]:
+    """A point of the map as the robot at `base` sees it (x forward, y left, z up)."""
+    dx, dy = point[0] - base.x_m, point[1] - base.y_m
+    c, s = math.cos(base.yaw_rad), math.sin(base.yaw_rad)
+    return c * dx + s * dy, c * dy - s * dx, point[2]

@@ -1,0 +1,108 @@
+"""Finding an item with the depth camera on the wrist: a look from a distance, then one from above."""
+
+from __future__ import annotations
+
+import logging
+import math
+import queue
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from rodeo import topics
+from rodeo.clock import Clock
+from rodeo.lab.config import RobotConfig
+from rodeo.robot.arm import Arm
+from rodeo.robot.body import Checkpoint
+from rodeo.robot.errors import NoAnswer
+from rodeo.robot.perception import Array, View
+from rodeo.robot.ros_body import RosBody
+from rodeo.ros2 import MessageInfo, Node, types
+from rodeo.ros2.errors import MalformedMessage
+from rodeo.topics import Topic
+
+log = logging.getLogger(__name__)
+
+_FRAMES = 2
+"""Pictures per view: their noise differs."""
+_PICTURE_WALL_S = 10.0
+_DEPTH_ENCODING = "32FC1"
+_MOST_PIXELS = 1_000_000
+
+
+class WristCamera:
+    """Takes depth pictures; listens only while it looks, because the body only then makes them."""
+
+    def __init__(
+        self, make_node: Callable[[str], Node], robot: RobotConfig, body: RosBody, arm: Arm, clock: Clock
+    ) -> None:
+        self._make_node = make_node
+        self._names = {"ns": robot.namespace}
+        self._body = body
+        self._arm = arm
+        self._clock = clock
+        for topic in (topics.WRIST_DEPTH, topics.WRIST_DEPTH_INFO):
+            types.prepare(topic.type)
+
+    def look(self, checkpoint: Checkpoint) -> list[View]:
+        """What the camera sees from where it is, with robot and arm at rest. Raises NoAnswer, BodySilent."""
+        pictures: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        intrinsics: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        node = self._make_node("eyes")
+        try:
+            for topic, into in ((topics.WRIST_DEPTH, pictures), (topics.WRIST_DEPTH_INFO, intrinsics)):
+                self._subscribe(node, topic, into)
+            info = self._next(topics.WRIST_DEPTH_INFO, intrinsics, checkpoint)
+            # The first picture may have been taken before the arm came to rest.
+            frames = [self._next(topics.WRIST_DEPTH, pictures, checkpoint) for _ in range(1 + _FRAMES)][1:]
+        finally:
+            node.close()
+        position_m, rotation = self._pose(checkpoint)
+        matrix = np.array(info.k, float).reshape(3, 3)
+        try:
+            return [View(depth_image(frame), matrix, position_m, rotation) for frame in frames]
+        except MalformedMessage as error:
+            raise NoAnswer(f"the wrist camera sends no depth: {error.message}") from error
+
+    def _subscribe(self, node: Node, topic: Topic, into: queue.SimpleQueue[bytes]) -> None:
+        def take(info: MessageInfo) -> None:
+            into.put(info.cdr)
+            self._clock.notify()
+
+        node.raw_subscription(topic.name(**self._names), topic.type, take, inline=True)
+
+    def _next(self, topic: Topic, messages: queue.SimpleQueue[bytes], checkpoint: Checkpoint) -> Any:
+        deadline_s = time.monotonic() + _PICTURE_WALL_S
+        while (left_s := deadline_s - time.monotonic()) > 0:
+            if self._clock.wait_for(lambda: not messages.empty(), wall_s=left_s, check=checkpoint):
+                try:
+                    return types.deserialize(messages.get(), topic.type)
+                except MalformedMessage as error:
+                    log.warning("left out a message on %s: %s", topic.name(**self._names), error)
+                    checkpoint()
+        raise NoAnswer("the wrist camera sends no pictures", timeout_s=_PICTURE_WALL_S)
+
+    def _pose(self, checkpoint: Checkpoint) -> tuple[Array, Array]:
+        """Of the optical frame in the map."""
+        position_m, rotation = self._arm.camera(self._body.joints(checkpoint).arm_rad)
+        base = self._body.base_pose(checkpoint)
+        c, s = math.cos(base.yaw_rad), math.sin(base.yaw_rad)
+        turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        return turn @ position_m + (base.x_m, base.y_m, 0.0), turn @ rotation
+
+
+def depth_image(image: Any) -> Array:
+    """(h, w) m of a sensor_msgs/Image. Raises MalformedMessage."""
+    height, width, step = int(image.height), int(image.width), int(image.step)
+    data = np.asarray(image.data, np.uint8)
+    if image.encoding != _DEPTH_ENCODING or step < 4 * width or not 0 < height * width <= _MOST_PIXELS:
+        raise MalformedMessage(
+            "not a depth picture", encoding=str(image.encoding)[:20], width=width, height=height, step=step
+        )
+    if data.size < height * step:
+        raise MalformedMessage("the depth picture is cut off", bytes=int(data.size), expected=height * step)
+    rows = data[: height * step].reshape(height, step)[:, : 4 * width]
+    order = ">f4" if image.is_bigendian else "<f4"
+    return np.ascontiguousarray(rows).view(order).astype(float)

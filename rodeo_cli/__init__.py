@@ -1,0 +1,27 @@
+"""`rodeo`: run a site and use its organization from a terminal."""
+
+import typer
+
+from rodeo_cli import accounts, classify, demo, kinds, organization, people, robot, site, sites, tasks
+
+app = typer.Typer(
+    name="rodeo",
+    help="Robots join an organization, do physical work, prove it and get paid.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+for command in (site.up, site.down, site.status, demo.demo, tasks.wallet, tasks.verify, classify.classify):
+    app.command()(command)
+tasks.tasks.command()(people.accept)
+tasks.tasks.command()(people.submit)
+tasks.tasks.command()(people.review)
+tasks.tasks.command()(people.judge)
+tasks.services.command()(people.offer)
+app.add_typer(tasks.tasks, name="task")
+app.add_typer(tasks.services, name="service")
+app.add_typer(organization.organization, name="organization")
+app.add_typer(robot.robots, name="robot")
+app.add_typer(accounts.accounts, name="console")
+app.add_typer(sites.sites, name="site")
+app.add_typer(kinds.kinds, name="kind")

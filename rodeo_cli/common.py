@@ -1,0 +1,184 @@
+"""What the commands share: options, output, the connection to the site."""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from functools import wraps
+from pathlib import Path
+from typing import Annotated, Any, ParamSpec, TextIO, TypeVar
+
+import typer
+from pydantic import BaseModel
+from rich.console import Console
+from rich.markup import escape
+
+import deploy
+from rodeo import queries, topics
+from rodeo.bus import Bus
+from rodeo.config import Site
+from rodeo.errors import BusError, RemoteError, RodeoError
+from rodeo.messages import Status
+from rodeo.origin import check_bus
+from rodeo.tls import OPERATOR, identity
+from rodeo_cli import formatting
+from rodeo_cli.layout import Row, lines, printable
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+PIPE_WIDTH = 1_000_000
+"""Characters in a line of a pipe or a file, which have no width: nothing is folded or cut there."""
+
+
+def console_on(stream: TextIO | None, stderr: bool = False) -> Console:
+    """What prints on `stream`: colours and the terminal's width on a terminal, plain whole lines elsewhere.
+
+    FORCE_COLOR and COLUMNS change nothing where there is no terminal: a program reads what is printed there.
+    """
+    if stream is not None and stream.isatty():
+        return Console(stderr=stderr)
+    return Console(stderr=stderr, force_terminal=False, width=PIPE_WIDTH)
+
+
+console = console_on(sys.stdout)
+errors = console_on(sys.stderr, stderr=True)
+
+CHECKOUT_SITE = Path("deploy/sites/lab.toml")
+INSTALLED_SITE = Path(deploy.__file__).parent / "sites" / "installed.toml"
+DEFAULT_SITE = CHECKOUT_SITE if CHECKOUT_SITE.exists() else INSTALLED_SITE
+DEFAULT_SITE_SHOWN = f"{CHECKOUT_SITE}, or without it the installed lab"
+"""What --help says: the same text in a checkout and elsewhere."""
+
+SiteOption = Annotated[
+    Path,
+    typer.Option(
+        "--site", envvar="RODEO_SITE", help="Site file.", show_default=DEFAULT_SITE_SHOWN, metavar="FILE"
+    ),
+]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
+
+_CONNECT_S = 3.0
+_ADDRESS = re.compile(r"^0x[0-9a-fA-F]{40}$")
+
+_HINTS = {
+    "wrong_bus": "start the site with `rodeo up`, or choose another with --site FILE or RODEO_SITE",
+    "bus_unavailable": "start the site with `rodeo up`, or choose another with --site FILE or RODEO_SITE",
+    "no_responder": "`rodeo status` shows whether the bridge runs",
+    "bridge_not_ready": "`rodeo status` shows what the bridge waits for",
+    "config_error": "set the site file with --site FILE or RODEO_SITE",
+    "already_running": "`rodeo status` shows it, `rodeo down` stops it",
+    "reward_below_price": "offer more with --reward, or queue the task with --wait",
+}
+"""What to do about an error, by its code."""
+
+
+def reports_errors(command: Callable[P, T]) -> Callable[P, T]:
+    """A RodeoError becomes a sentence on stderr, with a hint where there is one, and exit status 1."""
+
+    @wraps(command)
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        logging.basicConfig(level=logging.WARNING, format="%(message)s")
+        try:
+            return command(*args, **kwargs)
+        except RodeoError as error:
+            sentence = formatting.explain(error, formatting.options_of(command))
+            errors.print(
+                f"[bold red]{error.code}[/]: {escape(printable(sentence))}", highlight=False, soft_wrap=True
+            )
+            if (hint := _HINTS.get(error.code)) is not None:
+                errors.print(f"[dim]{hint}[/]", highlight=False, soft_wrap=True)
+            raise typer.Exit(1) from error
+
+    return run
+
+
+@contextmanager
+def connected(site_path: Path) -> Iterator[tuple[Site, Bus]]:
+    """The site and a bus session on it. Raises ConfigError, BusUnavailable or WrongBus."""
+    site = Site.load(site_path)
+    with Bus.open(site.bus.router, timeout_s=_CONNECT_S, identity=identity(site, OPERATOR)) as bus:
+        check_bus(bus, site)
+        try:
+            yield site, bus
+        except RemoteError as error:
+            error.details = _named(bus, site.org, error.details)
+            raise
+
+
+def _named(bus: Bus, org: str, details: dict[str, Any]) -> dict[str, Any]:
+    """`details` with the names of participants for their addresses, as far as the bridge knows them."""
+    if not any(isinstance(value, str) and _ADDRESS.match(value) for value in details.values()):
+        return details
+    try:
+        people = queries.ask(bus, org, queries.PARTICIPANTS, timeout_s=_CONNECT_S).participants
+    except (BusError, RemoteError):
+        return details  # the error itself is what the caller has to hear of
+    names = {one.address: one.name for one in people if one.name}
+    return {
+        key: names.get(value, value) if isinstance(value, str) else value for key, value in details.items()
+    }
+
+
+def say(sentence: str) -> None:
+    """A line for people; whatever stands in it is text, never markup."""
+    console.print(escape(printable(sentence)), highlight=False, soft_wrap=True)
+
+
+def time_left(site: Site, bus: Bus, deadline_s: float) -> str:
+    """How much time there is until then, by the site's clock and by the wall's."""
+    from rodeo.person import pace  # takes its time to import
+
+    details: dict[str, Any] = {}
+    if site.clock.source == "sim":
+        # Silence is said in the text: nobody tells the site's time.
+        with suppress(BusError):
+            key = topics.STATUS.name(org=site.org, process="robot_sim")
+            details = queries.fitting(Status, bus.query(key), key).details
+    return pace.time_left(pace.Pace.of(site, details), deadline_s)
+
+
+def print_listing(
+    document: Any,
+    as_json: bool,
+    columns: Sequence[str],
+    rows: Iterable[Row],
+    folds: Sequence[int] = (),
+    after: str = "",
+) -> None:
+    """Print what a command found: `document` for programs with `--json`, else `rows` in a table for people.
+
+    `folds` are those of `print_table`, `after` is a sentence below it. With `--json`, `rows` are not read.
+    """
+    if as_json:
+        print_json(document)
+        return
+    print_table(columns, rows, folds)
+    if after:
+        say(after)
+
+
+def print_table(columns: Sequence[str], rows: Iterable[Row], folds: Sequence[int] = ()) -> None:
+    """A table for people, as wide as the terminal; `folds` are the columns that give way on a narrow one."""
+    for line in lines(columns, list(rows), console.width, folds):
+        console.print(line, soft_wrap=True)
+
+
+def print_facts(document: Any, as_json: bool, facts: Iterable[tuple[str, str]]) -> None:
+    """Print one thing: each label with its text, or `document` with `--json`. Empty texts are left out."""
+    rows = (Row(fact, {0: "bold"}) for fact in facts if fact[1])
+    print_listing(document, as_json, ("", ""), rows, folds=(1,))
+
+
+def print_json(value: Any) -> None:
+    """One JSON document on stdout; a model is written as it was on the bus."""
+    json.dump(value, sys.stdout, indent=2, default=_as_json)
+    sys.stdout.write("\n")
+
+
+def _as_json(value: Any) -> Any:
+    return value.model_dump(mode="json", by_alias=True) if isinstance(value, BaseModel) else str(value)

@@ -1,0 +1,174 @@
+"""Errors, times and amounts as people read them in a terminal."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from datetime import UTC, datetime
+from decimal import Decimal
+from typing import Any, get_type_hints
+
+from typer.models import ArgumentInfo, OptionInfo
+
+from rodeo.config import Site
+from rodeo.durations import span
+from rodeo.errors import RodeoError
+from services.console.formatting import FIELD_ADVICE, number, phrase
+
+_SENTENCES = {
+    "not_creator": "only who posted the task may do that",
+    "not_executor": "only who does the task may do that",
+    "not_provider": "only who offers the service may do that",
+    "not_device_owner": "only the owner of the device may do that",
+    "not_member": "only members may do that here",
+    "not_judge": "this participant does not judge tasks of this kind",
+    "judge_is_party": "who posted or did the task may not judge it",
+    "judged_before": "this auditor has judged the task before",
+    "auditor_must_decide": "only an auditor may decide this now",
+    "wrong_state": "the task is not in the state for it",
+    "unknown_task": "there is no such task",
+    "unknown_service": "there is no such service",
+    "unknown_device": "there is no such device",
+    "no_verdict": "there is no verdict yet",
+    "nothing_owed": "nothing is owed to this account",
+    "service_not_idle": "the service has tasks to do",
+    "service_is_retired": "the service was withdrawn for good",
+    "service_is_suspended": "the organization has suspended the service",
+    "device_name_taken": "another key has this role and name",
+    "device_already_registered": "this key is registered already",
+    "device_already_revoked": "this key was revoked before",
+    "deadline_passed": "it is too late for it",
+    "deadline_not_passed": "it is too early for it",
+    "access_control_unauthorized_account": "the account lacks the role for it",
+    "reward_below_price": "every service of this kind costs more than the reward",
+}
+"""What a contract or the bridge means by the name of its error."""
+
+_LENGTHS = {"_s": span, "_m": lambda value: f"{value:g} m"}
+
+_OPTION_OF_FIELD = {
+    "allow_wait": "wait",
+    "item_id": "item",
+    "x_m": "item",
+    "y_m": "item",
+    "device": "address",
+    "policy": "name",
+    "kind": "name",
+    "states": "state",
+    "who": "participant",
+}
+"""Where a request's field has another name on the command line."""
+
+_UNFIT = re.compile(r"^the (request|answer) does not fit \w+$")
+"""What `rodeo.bus.validate` says of a request, in the words of its programmer."""
+
+
+def options_of(command: Callable[..., Any]) -> dict[str, str]:
+    """What each parameter of a Typer command is called where it is typed: `--item`, or `AMOUNT`."""
+    called = {}
+    for name, hint in get_type_hints(command, include_extras=True).items():
+        for info in getattr(hint, "__metadata__", ()):
+            if isinstance(info, ArgumentInfo):
+                called[name] = name.upper()
+            elif isinstance(info, OptionInfo):
+                # Typer takes the first spelling for a default until the command is built.
+                declared = [one for one in (info.default, *(info.param_decls or ())) if isinstance(one, str)]
+                spellings = [one.partition("/")[0] for one in declared if one.startswith("--")]
+                called[name] = spellings[0] if spellings else f"--{name.replace('_', '-')}"
+    return called
+
+
+def explain(error: RodeoError, options: dict[str, str]) -> str:
+    """The error as a sentence: what was wrong, by the option that said it (`options_of` the command), and the
+    values that explain it."""
+    details = dict(error.details)
+    fields = details.pop("fields", None)
+    sentence = _SENTENCES.get(error.code, error.message)
+    if sentence.startswith("the contract refused: "):
+        sentence = f"the contract refused: {phrase(sentence.partition(': ')[2]).lower()}"
+    if isinstance(fields, dict):
+        wrong = list(dict.fromkeys(_wrong(str(name), str(text), options) for name, text in fields.items()))
+        sentence = "; ".join(wrong) if _UNFIT.match(sentence) else f"{sentence}: {'; '.join(wrong)}"
+    values = ", ".join(_value(name, value) for name, value in _shown(details).items())
+    return f"{sentence} ({values})" if values else sentence
+
+
+def _wrong(field: str, text: str, options: dict[str, str]) -> str:
+    """What to say instead of what one field of a request says."""
+    field = field.removeprefix("params.")
+    root = field.partition(".")[0]
+    text = re.sub(r"^(Value error, |Input |String |Value )", "", text)
+    option = next((options[name] for name in _names(root) if name in options), None)
+    if option is None:
+        # A rule about several fields names them in its sentence.
+        for name, spelled in options.items():
+            text = (
+                re.sub(rf"\b{re.escape(name)}\b", spelled, text)
+                if name in ("review", "audit_window_s", "at_silence")
+                else text
+            )
+        if root == "(whole)":
+            return text
+        if "params" not in options:
+            return f"{field}: {_lowered(text)}"
+        option = f"--{root.replace('_', '-')}"  # a parameter of the task's kind
+    if text == "Field required":
+        value = option.lstrip("-").replace("-", "_").upper()
+        return f"say {option} {value}" if option.startswith("-") else f"say {option}"
+    return f"{option}: {FIELD_ADVICE.get(root, _lowered(text))}"
+
+
+def _names(field: str) -> list[str]:
+    return [field, field.removesuffix("_iec"), field.removesuffix("_s"), _OPTION_OF_FIELD.get(field, field)]
+
+
+def _lowered(text: str) -> str:
+    return text[:1].lower() + text[1:]
+
+
+def _shown(details: dict[str, Any]) -> dict[str, Any]:
+    """Without what says nothing, and without the address of who is named."""
+    named = bool(details.get("name"))
+    return {
+        name: value
+        for name, value in details.items()
+        if value not in (None, "", []) and not (name == "account" and named)
+    }
+
+
+def _value(name: str, value: Any) -> str:
+    if name.endswith("_iec"):
+        return f"{_plain(name.removesuffix('_iec'))}: {iec(value)}"
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        for unit, words in _LENGTHS.items():
+            if name.endswith(unit):
+                return f"{_plain(name.removesuffix(unit))}: {f'{value:g} s' if value < 60 else words(value)}"
+    return f"{_plain(name)}: {plain(value)}"
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def plain(value: Any) -> str:
+    """A value from JSON without the marks of JSON."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {plain(one)}" for name, one in value.items())
+    if isinstance(value, list | tuple):
+        return ", ".join(map(plain, value))
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def iec(amount: Decimal | str | None) -> str:
+    """1,234.5 IEC; every digit of what is less than a hundredth."""
+    value = Decimal(str(amount or 0))
+    return f"{number(value, 18 if 0 < abs(value) < Decimal('0.01') else 2)} IEC"
+
+
+def moment(time_s: float, site: Site) -> str:
+    """Date and time, and whose: a simulated site has a time of its own, which may run faster than that of
+    the wall."""
+    zone = "UTC" if site.clock.source == "wall" else "(simulated time)"
+    return f"{datetime.fromtimestamp(time_s, UTC):%Y-%m-%d %H:%M:%S} {zone}"

@@ -1,0 +1,238 @@
+"""Kinds of work: which are installed, what one says, whether its checks hold, and how to begin a new one."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rodeo.config import Site
+from rodeo.durations import span
+from rodeo.kinds import Kind, KindError, installed, kinds_of, load
+from rodeo_cli.common import (
+    DEFAULT_SITE,
+    JsonOption,
+    SiteOption,
+    print_facts,
+    print_json,
+    print_listing,
+    reports_errors,
+    say,
+)
+from rodeo_cli.formatting import iec
+from rodeo_cli.layout import Row
+
+kinds = typer.Typer(help="Kinds of work: list, read, check and make them.", no_args_is_help=True)
+Name = Annotated[str, typer.Argument(help="Name of an installed kind.", metavar="NAME")]
+
+
+@kinds.command(name="list")
+@reports_errors
+def list_kinds(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """List the installed kinds, those that the site file declares, and which of them the site uses.
+
+    Without a site file the column is empty.
+    """
+    used = _used(site)
+    found: dict[str, Kind | KindError] = {name: _loaded(name) for name in installed()}
+    entries = [
+        {
+            "name": name,
+            "title": kind.title if isinstance(kind, Kind) else "(cannot be imported)",
+            "judged_by": kind.review if isinstance(kind, Kind) else "",
+            "installed": name in installed(),
+            "used_by_site": None if used is None else name in used,
+            "error": None if isinstance(kind, Kind) else str(kind),
+        }
+        for name, kind in sorted((found | (used or {})).items())
+    ]
+    words = {None: "", True: "yes", False: "no"}
+    rows = (
+        Row((str(one["name"]), str(one["title"]), str(one["judged_by"]), words[one["used_by_site"]]))  # type: ignore[index]
+        for one in entries
+    )
+    print_listing({"kinds": entries}, as_json, ("kind", "title", "judged by", "used by this site"), rows, [1])
+
+
+def _loaded(name: str) -> Kind | KindError:
+    """A kind of somebody else's that cannot be imported hides no other."""
+    try:
+        return load(name)
+    except KindError as error:
+        return error
+
+
+def _used(path: Path) -> dict[str, Kind] | None:
+    """The kinds that the site file lists; None where there is no such file."""
+    return dict(kinds_of(Site.load(path))) if path.exists() else None
+
+
+@kinds.command()
+@reports_errors
+def show(name: Name, as_json: JsonOption = False) -> None:
+    """Show what a kind says: parameters, windows, price, what is recorded, and its checks in order."""
+    kind = load(name)
+    document = _document(kind)
+    if as_json:
+        print_json(document)
+        return
+    print_facts(
+        document,
+        False,
+        (
+            ("kind", kind.name),
+            ("title", kind.title),
+            ("description", kind.description),
+            ("judged by", "the oracle, by the checks below" if kind.review == "oracle" else "auditors"),
+            ("time to do it", span(kind.execution_window_s)),
+            ("when auditors are silent", f"the {kind.at_silence} wins"),
+            ("price", f"{iec(kind.price_iec)} for a {kind.unit}"),
+            ("provides", kind.provides),
+            ("rules", str(document["rules_hash"] or "")),
+            ("done by", kind.behaviour or ("people, or a process of its own")),
+        ),
+    )
+    parameters = document["parameters"].get("properties", {})
+    needed = document["parameters"].get("required", [])
+    print_listing(
+        None,
+        False,
+        ("parameter", "type", "needed", "description"),
+        [
+            Row((field, _type(one), "yes" if field in needed else "no", str(one.get("description", ""))))
+            for field, one in parameters.items()
+        ],
+        [3],
+    )
+    say("")
+    print_listing(
+        None,
+        False,
+        ("recorded", "written by", "Hz", "signed by"),
+        [
+            Row((one["topic"], one["written_by"], str(one["rate_hz"] or ""), one["signed_by"]))
+            for one in document["recorded"]
+        ],
+    )
+    say("")
+    print_listing(
+        None,
+        False,
+        ("stage", "check", "what it asks", "source"),
+        [Row((str(c["stage"]), c["name"], c["asks"], c["source"])) for c in document["checks"]],
+        [2, 3],
+    )
+
+
+def _document(kind: Kind) -> dict[str, Any]:
+    # Imported here: what the checks use takes its time, and a listing needs none of it.
+    from rodeo.checks.rules import rules_hash
+
+    checks = kind.load_checks()
+    return {
+        "name": kind.name,
+        "title": kind.title,
+        "description": kind.description,
+        "judged_by": kind.review,
+        "execution_window_s": kind.execution_window_s,
+        "at_silence": kind.at_silence,
+        "price_iec": str(kind.price_iec),
+        "unit": kind.unit,
+        "provides": kind.provides,
+        "behaviour": kind.behaviour,
+        "rules_hash": rules_hash(kind),
+        "parameters": kind.schema,
+        "recorded": [
+            {
+                "topic": one.topic.key,
+                "written_by": one.topic.writer,
+                "rate_hz": one.topic.rate_hz,
+                "signed_by": one.signed_by or "the executor's seals",
+            }
+            for one in kind.recorded
+        ],
+        "checks": [
+            {
+                "stage": number,
+                "name": check.__name__,
+                "asks": " ".join((check.__doc__ or "").split()),
+                "source": f"{check.__module__}.{check.__name__}",
+            }
+            for number, stage in enumerate(checks.stages if checks else (), start=1)
+            for check in stage
+        ],
+    }
+
+
+def _type(schema: dict[str, Any]) -> str:
+    if "anyOf" in schema:
+        return " or ".join(_type(one) for one in schema["anyOf"])
+    return str(schema.get("type", schema.get("$ref", "any"))).rpartition("/")[2]
+
+
+@kinds.command()
+@reports_errors
+def check(
+    name: Name,
+    only: Annotated[
+        str, typer.Option("--only", help="Part of the names of the runs and forgeries that are made.")
+    ] = "",
+    as_json: JsonOption = False,
+) -> None:
+    """Make the kind's honest runs and its forgeries, and ask its checks about each.
+
+    Works in the lab that comes with RODEO. Exit status 0 if every honest run is accepted and every forgery is
+    refused for its own reason, else 1.
+    """
+    # Imported here: filming needs MuJoCo, and the other commands do not.
+    from rodeo_testing.check import lab, outcomes
+
+    harness = load(name).load_harness()
+    if harness is None:
+        say(f"{name} has no harness: there is nothing to check")
+        raise typer.Exit(1)
+    with tempfile.TemporaryDirectory() as folder:
+        found = list(outcomes(harness, lab(), Path(folder), only))
+    rows = (
+        Row(
+            (
+                one.what,
+                one.name.replace("_", " "),
+                "accepted" if one.accepted else "refused",
+                "" if one.passed else f"WRONG: expected {one.expected}",
+                one.reason,
+            )
+        )
+        for one in found
+    )
+    wrong = sum(not one.passed for one in found)
+    print_listing(
+        {"kind": name, "passed": bool(found) and not wrong, "outcomes": [asdict(one) for one in found]},
+        as_json,
+        ("what", "name", "verdict", "", "reason"),
+        rows,
+        [1, 4],
+        f"{len(found) - wrong} of {len(found)} as expected",
+    )
+    if wrong or not found:
+        raise typer.Exit(1)
+
+
+@kinds.command()
+@reports_errors
+def new(
+    name: Annotated[str, typer.Argument(help="Name of the new kind: inspect_door.", metavar="NAME")],
+    into: Annotated[Path, typer.Option("--into", help="Folder that is made for it.", metavar="DIR")],
+) -> None:
+    """Write a package for a kind in which a robot drives to a place and stays there.
+
+    It is complete: declaration, parameters, behaviour, checks, an honest run and three forgeries, and a test.
+    """
+    from rodeo_testing.template import write
+
+    for path in write(name, into):
+        say(str(path))
+    say(f"install it with `pip install --no-deps --editable {into}`, then run `rodeo kind check {name}`")

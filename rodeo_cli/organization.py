@@ -1,0 +1,370 @@
+"""Commands about the organization itself: its rules, members, devices and treasury."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, get_args
+
+import typer
+
+from rodeo import queries, topics
+from rodeo.durations import span
+from rodeo.errors import InvalidRequest
+from rodeo.messages import Policy, RoleName
+from rodeo_cli.common import (
+    DEFAULT_SITE,
+    JsonOption,
+    SiteOption,
+    connected,
+    print_facts,
+    print_listing,
+    reports_errors,
+    say,
+)
+from rodeo_cli.formatting import iec, moment
+from rodeo_cli.layout import Row
+from rodeo_cli.tasks import ParticipantOption
+from services.console.formatting import count
+
+organization = typer.Typer(
+    help="Show and change the organization's rules, members, devices and treasury.",
+    no_args_is_help=True,
+)
+
+AccountArgument = Annotated[str, typer.Argument(help="A participant's name or an address.")]
+RoleArgument = Annotated[str, typer.Argument(help=f"{', '.join(get_args(RoleName))}.")]
+AmountArgument = Annotated[str, typer.Argument(help="In IEC.")]
+
+
+@organization.command("show")
+@reports_errors
+def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """Show the rules, the treasury and who holds which role."""
+    with connected(site) as (loaded, bus):
+        state = queries.ask(bus, loaded.org, queries.ORGANIZATION)
+    terms = state.terms
+    told = [
+        ("address", state.address),
+        ("treasury", iec(state.treasury_iec)),
+        ("policy", state.policy),
+        (
+            "terms of new services",
+            f"bond {iec(terms.bond_iec)}, penalty {iec(terms.penalty_iec)}, "
+            + (
+                f"suspended after {count(terms.max_failures, 'failure')}"
+                if terms.max_failures
+                else "never suspended"
+            ),
+        ),
+        ("open to", "members" if state.members_only else "everybody"),
+        *((kind.kind, _kind_in_words(kind)) for kind in state.kinds),
+        *(
+            (_ROLES.get(role, role), ", ".join(one.name or one.address for one in holders) or "nobody")
+            for role, holders in sorted(state.roles.items())
+        ),
+    ]
+    print_facts(state, as_json, told)
+
+
+_ROLES = {
+    "DEFAULT_ADMIN_ROLE": "administrators",
+    "OPERATOR_ROLE": "operators",
+    "TREASURER_ROLE": "treasurers",
+    "ORACLE_ROLE": "oracles",
+    "AUDITOR_ROLE": "auditors",
+    "MEMBER_ROLE": "members",
+}
+"""Holders of a role that the contract knows by this name."""
+
+
+def _kind_in_words(kind: queries.KindRules) -> str:
+    if not kind.allowed:
+        return "not accepted"
+    told = f"judged by {'an auditor' if kind.review == 'auditor' else 'the oracle'}"
+    if kind.min_window_s:
+        told += f"; at least {span(kind.min_window_s)} to work"
+    if kind.review == "oracle" and kind.audit_window_s:
+        told += f"; where it cannot decide, auditors have {span(kind.audit_window_s)}"
+        told += f", then the {kind.silence} wins"
+    return told
+
+
+@organization.command("policy")
+@reports_errors
+def policy(
+    name: Annotated[str, typer.Argument(help=f"{', '.join(get_args(Policy))}.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Set how a service is chosen for a task."""
+    _send(site, participant, "set_policy", f"Services are now chosen by {name}.", policy=name)
+
+
+@organization.command("kind")
+@reports_errors
+def kind(
+    name: Annotated[str, typer.Argument(help="The kind of task.")],
+    allowed: Annotated[bool, typer.Option("--allow/--disallow")] = True,
+    review: Annotated[
+        str | None,
+        typer.Option(help="Who judges it: auditor (people) or oracle. Required to allow a kind."),
+    ] = None,
+    min_window_s: Annotated[
+        int | None, typer.Option("--min-window", help="Shortest execution window, in seconds.")
+    ] = None,
+    audit_window_s: Annotated[
+        int | None,
+        typer.Option("--audit-window", help="Time for auditors if the oracle cannot decide, in seconds."),
+    ] = None,
+    at_silence: Annotated[
+        str | None, typer.Option(help="Who wins if no auditor answers in time: executor or creator.")
+    ] = None,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Allow a kind of work, or stop allowing it. To allow it, set who judges it."""
+    if allowed and review is None:
+        raise InvalidRequest(
+            f"say who judges {name}: --review auditor for people, or --review oracle where it has checks",
+            kind=name,
+        )
+    fields = {
+        "kind": name,
+        "allowed": allowed,
+        "review": review,
+        "min_window_s": min_window_s,
+        "audit_window_s": audit_window_s,
+        "at_silence": at_silence,
+    }
+    accepted = f"judged by the {review}" if allowed else "no longer accepted"
+    _send(
+        site,
+        participant,
+        "allow_kind",
+        f"{name} is {'accepted and ' if allowed else ''}{accepted}.",
+        **fields,
+    )
+
+
+@organization.command("terms")
+@reports_errors
+def terms(
+    bond: Annotated[str, typer.Option(help="Bond that a service locks until it retires, in IEC.")] = "0",
+    penalty: Annotated[str, typer.Option(help="Amount that a failed attempt costs, in IEC.")] = "0",
+    max_failures: Annotated[int, typer.Option(help="Failures in a row until suspension; 0: never.")] = 0,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Set the terms for services that are offered from now on."""
+    fields = {"bond_iec": bond, "penalty_iec": penalty, "max_failures": max_failures}
+    _send(site, participant, "set_terms", "Services offered from now on agree to these terms.", **fields)
+
+
+@organization.command("members-only")
+@reports_errors
+def members_only(
+    enabled: Annotated[bool, typer.Option("--on/--off")] = True,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Let only members, or everybody, offer services and post tasks."""
+    who = "Only members may" if enabled else "Everybody may"
+    _send(site, participant, "set_members_only", f"{who} offer services and post tasks now.", enabled=enabled)
+
+
+@organization.command("admit")
+@reports_errors
+def admit(
+    account: AccountArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Make somebody a member."""
+    _send(site, participant, "admit", f"{account} is a member now.", account=account)
+
+
+@organization.command("dismiss")
+@reports_errors
+def dismiss(
+    account: AccountArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """End a membership."""
+    _send(site, participant, "dismiss", f"{account} is no member any more.", account=account)
+
+
+@organization.command("grant")
+@reports_errors
+def grant(
+    role: RoleArgument,
+    account: AccountArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Give somebody a role."""
+    _send(site, participant, "grant_role", f"{account} is {role} now.", role=role, account=account)
+
+
+@organization.command("revoke")
+@reports_errors
+def revoke(
+    role: RoleArgument,
+    account: AccountArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Take a role back."""
+    _send(site, participant, "revoke_role", f"{account} is {role} no more.", role=role, account=account)
+
+
+@organization.command("suspend")
+@reports_errors
+def suspend(
+    service_id: int, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
+) -> None:
+    """Give a service no more tasks."""
+    _send(
+        site,
+        participant,
+        "suspend_service",
+        f"Service {service_id} gets no more tasks until it is reinstated.",
+        service_id=service_id,
+    )
+
+
+@organization.command("reinstate")
+@reports_errors
+def reinstate(
+    service_id: int, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
+) -> None:
+    """Let a suspended service return: paused, until its provider activates it."""
+    _send(
+        site,
+        participant,
+        "reinstate_service",
+        f"Service {service_id} may return: it is paused until its provider activates it.",
+        service_id=service_id,
+    )
+
+
+@organization.command("deposit")
+@reports_errors
+def deposit(
+    amount: AmountArgument, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
+) -> None:
+    """Pay into the treasury from the account that signs."""
+    _send(site, participant, "deposit", f"{amount} IEC are in the treasury now.", amount_iec=amount)
+
+
+@organization.command("withdraw")
+@reports_errors
+def withdraw(
+    amount: AmountArgument,
+    to: Annotated[str, typer.Option(help="A participant's name or an address.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Pay out of the treasury."""
+    _send(
+        site,
+        participant,
+        "withdraw",
+        f"{amount} IEC of the treasury are {to}'s now.",
+        to=to,
+        amount_iec=amount,
+    )
+
+
+@organization.command("devices")
+@reports_errors
+def devices(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """List the keys that sign evidence."""
+    with connected(site) as (loaded, bus):
+        reply = queries.ask(bus, loaded.org, queries.DEVICES)
+    rows = []
+    for one in reply.devices:
+        gone = "" if one.revoked is None else f"revoked: {one.revoked_because}"
+        cells = (one.role, one.name, one.owner_name or one.owner, one.address)
+        rows.append(Row(cells, note=gone))
+    print_listing(reply, as_json, ("role", "name", "owner", "address"), rows, folds=(2, 1))
+
+
+@organization.command("roots")
+@reports_errors
+def roots(
+    device: Annotated[str | None, typer.Option(help="Address of a key; all by default.")] = None,
+    site: SiteOption = DEFAULT_SITE,
+    as_json: JsonOption = False,
+) -> None:
+    """List the daily roots of what devices signed, as recorded on chain."""
+    with connected(site) as (loaded, bus):
+        reply = queries.ask(bus, loaded.org, queries.ROOTS, device=device)
+        known = queries.ask(bus, loaded.org, queries.DEVICES).devices
+    if not (reply.roots or as_json):
+        say("No root of a day is on chain yet.")
+        return
+    names = {one.address: f"{one.role} {one.name}" for one in known}
+    rows = [
+        Row((moment(one.day * 86_400, loaded)[:10], names.get(one.device, one.device), one.root),
+            note=one.uri)
+        for one in reply.roots
+    ]  # fmt: skip
+    day = "day (UTC)" if loaded.clock.source == "wall" else "day of the simulated time"
+    print_listing(reply, as_json, (day, "device", "root"), rows, folds=(0, 1, 2))
+
+
+@organization.command("register-device")
+@reports_errors
+def register_device(
+    address: Annotated[str, typer.Argument(help="Address of the key that signs evidence.")],
+    role: Annotated[str, typer.Option(help="What the device is: robot, bin, meter or mocap.")],
+    owner: Annotated[str, typer.Option(help="A participant's name or an address.")],
+    name: Annotated[str, typer.Option(help="Its name on the site, for example panther1 or dock1.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Let a key sign evidence. If another key has this role and name, revoke that key first."""
+    _send(
+        site,
+        participant,
+        "register_device",
+        f"{address} signs as {role} {name} of {owner} from now on.",
+        device=address,
+        role=role,
+        owner=owner,
+        name=name,
+    )
+
+
+@organization.command("revoke-device")
+@reports_errors
+def revoke_device(
+    address: Annotated[str, typer.Argument(help="Address of the key that signs evidence.")],
+    reason: Annotated[
+        str,
+        typer.Option(
+            help="superseded: another key takes over; compromised: somebody else may have signed with it."
+        ),
+    ],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Reject everything that a key signs from now on. The reason decides about earlier signatures."""
+    _send(
+        site,
+        participant,
+        "revoke_device",
+        f"Nothing that {address} signs from now on counts.",
+        device=address,
+        reason=reason,
+    )
+
+
+def _send(site: Path, participant: str, command: str, done: str, **fields: Any) -> None:
+    """Do it, and say the sentence `done` when it is. Fields that are None are left out."""
+    request = {name: value for name, value in fields.items() if value is not None}
+    with connected(site) as (loaded, bus):
+        key = topics.COMMAND.name(org=loaded.org, participant=participant, command=command)
+        bus.query(key, request, timeout_s=30)
+    say(done)

@@ -1,0 +1,188 @@
+"""Commands of people who do tasks themselves, and of those who judge them."""
+
+from __future__ import annotations
+
+import threading
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rodeo import topics
+from rodeo.bus import Bus
+from rodeo.clock import Clock, WallClock
+from rodeo.config import Site
+from rodeo.errors import ClockUnavailable, InvalidRequest
+from rodeo.person.photo_code import photo_code
+from rodeo.sim_clock import SimClock
+from rodeo_cli.common import (
+    DEFAULT_SITE,
+    JsonOption,
+    SiteOption,
+    connected,
+    print_json,
+    reports_errors,
+    say,
+    time_left,
+)
+from rodeo_cli.formatting import iec
+
+if TYPE_CHECKING:
+    from rodeo.person.statement import Executor
+
+AsOption = Annotated[
+    str | None, typer.Option("--as", help="The participant; by default the only one in the site file.")
+]
+
+_CLOCK_S = 3.0
+
+
+@reports_errors
+def offer(
+    kind: Annotated[str, typer.Argument(help="The kind of task.")],
+    price: Annotated[str, typer.Option(help="Price in IEC.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: AsOption = None,
+    description: Annotated[str, typer.Option(help="A sentence for people.")] = "",
+) -> None:
+    """Offer to do tasks of a kind: from then on they may be assigned to the participant.
+
+    `rodeo service price`, `pause`, `resume` and `withdraw` change the offer.
+    """
+    from rodeo.kinds import kinds_of
+    from rodeo.person import pace  # takes its time to import, as in _executor
+
+    with connected(site) as (loaded, bus):
+        name = _name(loaded, participant)
+        request = {"kind": kind, "price_iec": price, "description": description}
+        reply = bus.query(
+            topics.COMMAND.name(org=loaded.org, participant=name, command="register_service"),
+            request,
+            timeout_s=30,
+        )
+    say(f"{name} offers {kind} for {iec(price)}: service {reply['service_id']}.")
+    if (warning := pace.warning(loaded)) and kinds_of(loaded).by_people(kind):
+        say(warning)
+
+
+@reports_errors
+def accept(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption = None) -> None:
+    """Begin a task that is assigned to a person. This opens the sealed recording of the assignment."""
+    with connected(site) as (loaded, bus):
+        task = _executor(loaded, bus, participant).accept(task_id)
+        left = time_left(loaded, bus, task.execution_deadline or 0.0)
+    say(f"You have begun task {task_id}: {task.description or task.kind}")
+    say(f"It pays {iec(task.price_iec)} when an auditor accepts it.")
+    say(f"Hand it in in time: {left}.")
+    say(f"Let a photo show this code: {photo_code(task.nonce or '')}")
+
+
+@reports_errors
+def submit(
+    task_id: int,
+    note: Annotated[str, typer.Option(help="What was done, in words.")],
+    photo: Annotated[
+        list[Path] | None,
+        typer.Option(exists=True, dir_okay=False, help="A JPEG or PNG picture; repeatable."),
+    ] = None,
+    site: SiteOption = DEFAULT_SITE,
+    participant: AsOption = None,
+) -> None:
+    """Submit a person's work: seal the note and photos, store them and put their hash on chain."""
+    photos = [path.read_bytes() for path in photo or []]
+    with connected(site) as (loaded, bus):
+        sha256 = _executor(loaded, bus, participant).submit(task_id, note, photos)
+    say(f"What you did for task {task_id} is handed in, and waits to be judged. Proof: {sha256}")
+
+
+@reports_errors
+def review(
+    task_id: int,
+    site: SiteOption = DEFAULT_SITE,
+    participant: Annotated[str, typer.Option("--as", help="The auditor.")] = "organization",
+    as_json: JsonOption = False,
+) -> None:
+    """Show a submitted statement: note, photos, metadata, and earlier uses of the same photos."""
+    from rodeo.dao import Participant
+    from rodeo.person.pace import running_out_s
+    from rodeo.person.review import Reviewer
+
+    with connected(site) as (loaded, bus):
+        auditor = Participant(bus, loaded.org, participant)
+        task = auditor.task(task_id)
+        found = Reviewer(loaded, auditor).review(task)
+        ends_s = running_out_s(task)
+        left = None if ends_s is None else time_left(loaded, bus, ends_s)
+    if as_json:
+        print_json(found.model_dump())
+        return
+    say(f"“{found.note}”")
+    for line in found.lines():
+        say(line)
+    say(f"Accepted, it pays {iec(task.price_iec)}.")
+    if left is not None:
+        say(f"Judge it in time: {left}.")
+
+
+@reports_errors
+def judge(
+    task_id: int,
+    accepted: Annotated[bool, typer.Option("--accept/--reject", help="The verdict.")],
+    reason: Annotated[str, typer.Option(help="Why, in words.")],
+    amount: Annotated[
+        str | None, typer.Option(help="What accepted work is paid, in IEC; the agreed price by default.")
+    ] = None,
+    site: SiteOption = DEFAULT_SITE,
+    participant: Annotated[str, typer.Option("--as", help="The auditor.")] = "organization",
+) -> None:
+    """Judge a submitted proof as an auditor, if people judge this kind or the oracle could not decide.
+
+    `rodeo task review` shows what is known of it.
+    """
+    from rodeo.dao import Participant  # takes its time to import, as in _executor
+    from rodeo.person import statement
+
+    with connected(site) as (loaded, bus):
+        auditor = Participant(bus, loaded.org, participant)
+        statement.judge(loaded, auditor, task_id, accepted, reason, _amount(amount))
+    word = "accepted" if accepted else "rejected"
+    say(f"Task {task_id} is {word} by the auditor {participant}, a person, who says: “{reason}”")
+
+
+def _amount(text: str | None) -> Decimal | None:
+    if text is None:
+        return None
+    try:
+        return Decimal(text)
+    except InvalidOperation:
+        raise InvalidRequest("--amount is not an amount", amount=text) from None
+
+
+def _name(site: Site, participant: str | None) -> str:
+    if participant is not None:
+        return participant
+    names = [one.name for one in site.participants]
+    if len(names) != 1:
+        raise InvalidRequest("say who with --as NAME", participants=names)
+    return names[0]
+
+
+def _executor(site: Site, bus: Bus, participant: str | None) -> Executor:
+    # Signing and sealing take their time to import; the other commands should not wait for them.
+    from rodeo import wallets
+    from rodeo.dao import Participant
+    from rodeo.person.statement import Executor
+
+    name = _name(site, participant)
+    account = wallets.load(site, name)
+    return Executor(site, Participant(bus, site.org, name), account, _clock(site, bus))
+
+
+def _clock(site: Site, bus: Bus) -> Clock:
+    if site.clock.source == "wall":
+        return WallClock()
+    clock = SimClock(bus.session, site.bus.domain_id)
+    if not clock.wait_ready(threading.Event(), _CLOCK_S):
+        raise ClockUnavailable("the simulation's /clock is not heard; is robot_sim running?")
+    return clock

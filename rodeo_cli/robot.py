@@ -1,0 +1,109 @@
+"""Orders to robots: pause, resume, charge, cancel, stop, and how they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rodeo import topics
+from rodeo.durations import span
+from rodeo_cli.common import (
+    DEFAULT_SITE,
+    JsonOption,
+    SiteOption,
+    connected,
+    print_facts,
+    reports_errors,
+    say,
+)
+from rodeo_cli.formatting import plain
+
+robots = typer.Typer(help="Give orders to robots and show their state.", no_args_is_help=True)
+
+NameArgument = Annotated[str, typer.Argument(help="The robot, by its name in the site file.", metavar="NAME")]
+
+ORDERS = {
+    "pause": "Finish the current attempt, then take no new work. Holds across restarts.",
+    "resume": "Take work again, and let go of a stop.",
+    "charge": "Buy a charge now.",
+    "cancel": "Give up the attempt under way: the arm is folded and the failure goes on chain.",
+    "stop": "Stand still at once, until resumed. Holds across restarts.",
+}
+
+
+def _ask(site: Path, name: str, order: str) -> dict[str, Any]:
+    with connected(site) as (loaded, bus):
+        robot = loaded.robot(name).name
+        return bus.query(topics.ROBOT_ORDER.name(org=loaded.org, robot=robot, order=order), timeout_s=10)
+
+
+def _command(order: str) -> Callable[..., None]:
+    def command(name: NameArgument, site: SiteOption = DEFAULT_SITE) -> None:
+        say(_taken(name, order, _ask(site, name, order)))
+
+    return command
+
+
+def _taken(name: str, order: str, state: dict[str, Any]) -> str:
+    """What the robot does now that it took the order."""
+    task_id = state.get("task_id")
+    resume = f"`rodeo robot resume {name}` lets it work again."
+    match order:
+        case "pause" if task_id is not None:
+            return f"{name} finishes task {task_id} and takes no new work then. {resume}"
+        case "pause":
+            return f"{name} is paused and takes no new work. {resume}"
+        case "resume":
+            return f"{name} may work again."
+        case "charge" if task_id is not None:
+            return f"{name} buys a charge as soon as it has finished task {task_id}."
+        case "charge":
+            return f"{name} buys a charge now."
+        case "cancel":
+            return f"{name} gives up its attempt at task {task_id}."
+    return f"{name} stands still. {resume}"
+
+
+for _order, _help in ORDERS.items():
+    robots.command(_order, help=_help)(reports_errors(_command(_order)))
+
+
+@robots.command("state")
+@reports_errors
+def state(name: NameArgument, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """Show the robot's state and the orders that hold."""
+    answer = _ask(site, name, "state")
+    print_facts(answer, as_json, _told(dict(answer)))
+
+
+def _told(state: dict[str, Any]) -> list[tuple[str, str]]:
+    """The robot's answer in words; a number that it does not know is left out."""
+    orders = {"paused": "take no new work", "stopped": "stand still", "charge_ordered": "buy a charge"}
+    standing = ", ".join(words for name, words in orders.items() if state.pop(name, False)) or "none"
+    known = [
+        ("robot", "{}", "robot"),
+        ("does", "{}", "activity"),
+        ("done", "{:.0%}", "progress"),
+        ("task", "{}", "task_id"),
+        ("attempt", "{}", "attempt"),
+        ("battery", "{:.0%}", "soc"),
+        ("on the dock", "{}", "docked"),
+        ("driven", "{:.3f} km", "driven_km"),
+        ("power at work", "{:.0f} W", "working_w"),
+    ]
+    if (left_s := state.pop("eta_s", None)) is not None:
+        state["time left"] = span(left_s)
+    told = [(label, _text(form, state.pop(name, None))) for label, form, name in known]
+    told.insert(2, ("orders", standing))
+    return told + [
+        (name.replace("_", " "), plain(value)) for name, value in state.items() if value is not None
+    ]
+
+
+def _text(form: str, value: Any) -> str:
+    if value is None:
+        return ""
+    return plain(value) if form == "{}" else form.format(value)

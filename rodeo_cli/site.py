@@ -1,0 +1,420 @@
+"""Commands about the site's processes: up, down, status."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Annotated, Any, Self
+
+import typer
+from rich.console import Group
+from rich.live import Live
+from rich.markup import escape
+
+from deploy.chain.record import give_up_chain
+from deploy.launcher import Launcher, log_tail, make_keys, stop_site
+from rodeo import topics
+from rodeo.bus import Bus, validate
+from rodeo.config import Site
+from rodeo.errors import BusUnavailable, RodeoError, WrongBus
+from rodeo.instance import HEARTBEAT_S, forget_ending, last_ending, lock_holder
+from rodeo.messages import Status
+from rodeo.origin import check_bus, statuses_at
+from rodeo.processes import processes_of
+from rodeo.tls import OPERATOR, bus_is_closed, identity, openness
+from rodeo_cli.common import (
+    CHECKOUT_SITE,
+    DEFAULT_SITE,
+    INSTALLED_SITE,
+    JsonOption,
+    SiteOption,
+    console,
+    print_listing,
+    reports_errors,
+    say,
+)
+from rodeo_cli.layout import Row as TableRow
+from rodeo_cli.layout import lines
+
+LOST_S = 3 * HEARTBEAT_S
+"""A heartbeat older than this says nothing about now."""
+
+COLUMNS, FOLDS = ("process", "state", "doing", "progress", "heartbeat"), (2,)
+COLOURS = {"ready": "green", "not ready": "yellow", "lost": "red", "down": "red", "gave up": "red"}
+
+_REFRESH_S = 0.25
+_WIDE = 100
+"""Characters from which on there is room for a bar."""
+
+
+class NotUp(RodeoError):
+    """The site did not come up."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """What there is to say about one process."""
+
+    name: str
+    state: str
+    """ready, not ready, lost (its heartbeat stopped), down, or gave up (no restart cures it)"""
+    reason: str = ""
+    """Why it is not ready, or for what it ended."""
+    status: Status | None = None
+    """Its last heartbeat."""
+    here: bool = True
+    """It works on this site's data directory, and not elsewhere on the same bus."""
+
+    @property
+    def where(self) -> str:
+        """Its state, and whether it is that of a process elsewhere."""
+        return self.state if self.here else f"{self.state} elsewhere"
+
+
+@reports_errors
+def up(
+    site: SiteOption = DEFAULT_SITE,
+    only: Annotated[
+        list[str] | None, typer.Option("--only", help="Start only this process; repeatable.")
+    ] = None,
+    services: Annotated[list[str] | None, typer.Argument(help="More names for --only.")] = None,
+    detach: Annotated[bool, typer.Option("--detach", "-d", help="Return when the site is ready.")] = False,
+    new_chain: Annotated[
+        bool,
+        typer.Option("--new-chain", help="Start a new local chain because the old one's file is lost."),
+    ] = False,
+    new_journal: Annotated[
+        bool,
+        typer.Option(
+            "--new-journal", help="Continue without the bridge's lost journal. Old request_ids count as new."
+        ),
+    ] = False,
+) -> None:
+    """Start the site's processes and keep them running until Ctrl-C, or in the background with --detach."""
+    names = (*(only or []), *(services or []))
+    if site == INSTALLED_SITE:
+        say(
+            f"There is no {CHECKOUT_SITE} here: starting the installed lab. Its data, keys and logs are in "
+            f"{Site.load(site).data_dir}"
+        )
+    if new_chain and (record := give_up_chain(Site.load(site))) is not None:
+        console.print(f"the old chain is given up; its record is {record}", soft_wrap=True)
+    if new_journal:
+        # Imported here: databases take their time, and this is seldom wanted.
+        from services.bridge.continuity import give_up_journal
+
+        give_up_journal(Site.load(site))
+        console.print("the bridge goes on without what its journal lacks", soft_wrap=True)
+    if detach:
+        _detach(site, names)
+        return
+    stop_on_signals()
+    try:
+        with Launcher(site, names) as launcher:
+            try:
+                _attend(launcher)
+            except KeyboardInterrupt:
+                console.print("stopping")
+    except KeyboardInterrupt:
+        pass
+    console.print("stopped")
+
+
+@reports_errors
+def down(site: SiteOption = DEFAULT_SITE) -> None:
+    """Stop every process of the site on this machine."""
+    loaded = Site.load(site)
+    ended = stop_site(loaded)
+    console.print(
+        f"stopped: {', '.join(ended)}" if ended else f"nothing of {loaded.data_dir} was running",
+        soft_wrap=True,
+    )
+
+
+@reports_errors
+def status(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """Show whether each process runs and is ready, and why not. Exit status 1 unless all are ready."""
+    loaded = Site.load(site)
+    wrong: list[str] = []
+    rows = read_rows(loaded, warn=wrong.append)
+    bus = {"router": loaded.bus.router, "closed": bus_is_closed(loaded), "problem": "; ".join(wrong)}
+    document = {"site": loaded.org, "bus": bus, "processes": [_row_json(loaded, row) for row in rows]}
+    print_listing(document, as_json, COLUMNS, map(_table_row, rows), folds=FOLDS)
+    if not as_json:
+        _print_warnings(loaded, rows, wrong)
+    if wrong or not all(row.state == "ready" for row in rows):
+        raise typer.Exit(1)
+
+
+def _print_warnings(site: Site, rows: list[Row], more: Sequence[str] = ()) -> None:
+    """What the site file and the processes warn of, each once."""
+    said = [
+        *more,
+        openness(site),
+        *(text for row in rows if row.status is not None for text in row.status.warnings),
+    ]
+    for text in dict.fromkeys(said):
+        if text:
+            console.print(f"[bold red]warning[/]: {escape(text)}", highlight=False, soft_wrap=True)
+
+
+def read_rows(site: Site, timeout_s: float = 5.0, warn: Callable[[str], None] | None = None) -> list[Row]:
+    """What each process of the site answers now; one that hangs has `timeout_s` of wall time to do so.
+
+    Processes of the same name elsewhere on the bus have rows of their own, before the site's. `warn(text)`
+    hears whose bus it is when it is another site's.
+    """
+    silence = "does not answer on the bus"
+    # A router that runs is waited for: on a busy machine it takes its time to answer.
+    router_s = timeout_s if lock_holder(site.data_dir / "router") is not None else 0.5
+    try:
+        with Bus.open(site.bus.router, timeout_s=router_s, identity=identity(site, OPERATOR)) as bus:
+            statuses = _ask(bus, site.org, timeout_s)
+            if warn is not None:
+                try:
+                    check_bus(bus, site)
+                except WrongBus as error:
+                    warn(error.message)
+    except BusUnavailable:
+        statuses = {}
+        silence = f"finds no router at {site.bus.router}"
+    rows = []
+    for process in processes_of(site):
+        name = process.name
+        pid = lock_holder(site.data_dir / name)
+        heard = [_heard(name, status, here=status.pid == pid) for status in statuses.get(name, [])]
+        rows += sorted(heard, key=lambda row: row.here)
+        if any(row.here for row in heard):
+            continue
+        if pid is not None:
+            rows.append(Row(name, "not ready", f"process {pid} runs, but {silence}"))
+        elif not heard or last_ending(site.data_dir / name) is not None:
+            rows.append(_ended(site, name))
+    return rows
+
+
+def _ended(site: Site, name: str) -> Row:
+    ending = last_ending(site.data_dir / name)
+    if ending is None:
+        return Row(name, "down", "not running")
+    if ending.gave_up:
+        return Row(name, "gave up", ending.reason)
+    return Row(name, "down", f"ended: {ending.reason}")
+
+
+def _ask(bus: Bus, org: str, timeout_s: float) -> dict[str, list[Status]]:
+    """What the processes of each name answer; there may be several on the bus."""
+    found: dict[str, list[Status]] = {}
+    for _, status in statuses_at(bus, topics.STATUS.pattern(org=org), timeout_s):
+        found.setdefault(status.process, []).append(status)
+    return found
+
+
+class StatusWatcher:
+    """The latest heartbeats, without ever blocking; empty until the router is there.
+
+    A context manager: a session left open keeps its threads, and so the process, alive.
+    """
+
+    def __init__(self, site: Site) -> None:
+        self._site = site
+        self._bus: Bus | None = None
+        self._statuses: dict[str, Status] = {}
+        self._of_process: dict[tuple[str, int], Status] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        if self._bus is not None:
+            self._bus.close()
+
+    @property
+    def connected(self) -> bool:
+        """A router was there."""
+        return self._bus is not None
+
+    def statuses(self) -> dict[str, Status]:
+        if self._bus is None:
+            try:
+                shown = identity(self._site, OPERATOR)
+                self._bus = Bus.open(self._site.bus.router, timeout_s=0.0, identity=shown)
+            except BusUnavailable:
+                return {}
+            self._bus.subscribe_json(topics.STATUS.pattern(org=self._site.org), self._on_status)
+        return dict(self._statuses)
+
+    def heard(self, name: str, pid: int) -> Status | None:
+        """The latest of process `pid`: another one elsewhere may have the same name."""
+        return self._of_process.get((name, pid))
+
+    def _on_status(self, _key: str, data: dict[str, Any]) -> None:
+        status = validate(Status, data)
+        self._of_process[status.process, status.pid] = status
+        self._statuses[status.process] = status
+
+
+def launcher_rows(launcher: Launcher, watcher: StatusWatcher) -> list[Row]:
+    """What is known of the launcher's children.
+
+    Heartbeats of others are left out: another site on the same router has processes of the same names.
+    """
+    watcher.statuses()
+    running, problems = launcher.running(), launcher.problems()
+    given_up = launcher.given_up()
+    starting = "starting"
+    if "router" not in running and not watcher.connected:
+        starting += f"; no router at {launcher.site.bus.router}"
+    rows = []
+    for process in launcher.selected():
+        name = process.name
+        pid, problem = running.get(name), problems.get(name)
+        if name in given_up:
+            rows.append(Row(name, "gave up", given_up[name]))
+        elif pid is None:
+            rows.append(Row(name, "down", problem or ""))
+        elif (status := watcher.heard(name, pid)) is not None:
+            rows.append(_heard(name, status))
+        else:
+            rows.append(Row(name, "not ready", f"started again; it {problem}" if problem else starting))
+    return rows
+
+
+def _heard(name: str, status: Status, here: bool = True) -> Row:
+    if time.time() - status.time_s > LOST_S:
+        return Row(name, "lost", "its heartbeat stopped", status, here)
+    return Row(name, "ready" if status.ready else "not ready", status.reason, status, here)
+
+
+def status_table(rows: list[Row]) -> Group:
+    """A table of the width of the terminal; what a process does or lacks is told in full."""
+    return Group(*lines(COLUMNS, [_table_row(row) for row in rows], console.width, FOLDS))
+
+
+def _table_row(row: Row) -> TableRow:
+    colours = {1: COLOURS[row.state], 3: "cyan"}
+    if row.status is None:
+        return TableRow((row.name, row.where, row.reason, "", ""), colours)
+    age = f"{max(0.0, time.time() - row.status.time_s):.1f} s ago"
+    room = 16 if console.is_terminal and console.width >= _WIDE else 0
+    doing = row.reason or row.status.activity
+    return TableRow((row.name, row.where, doing, bar(row.status.progress, room), age), colours)
+
+
+def bar(progress: float | None, width: int = 16) -> str:
+    """How much is done, in percent; with a `width` after a bar of so many characters."""
+    if progress is None:
+        return ""
+    if not width:
+        return f"{progress:.0%}"
+    full = round(progress * width)
+    return f"{'━' * full}{'─' * (width - full)} {progress:4.0%}"
+
+
+def _row_json(site: Site, row: Row) -> dict[str, Any]:
+    status = row.status
+    pid = lock_holder(site.data_dir / row.name) if status is None else status.pid
+    return {
+        "process": row.name,
+        "up": pid is not None,
+        "pid": pid,
+        "here": row.here,
+        "ready": row.state == "ready",
+        "gave_up": row.state == "gave up",
+        "reason": row.reason,
+        "activity": status and status.activity,
+        "warnings": status.warnings if status is not None else [],
+        "progress": status and status.progress,
+        "last_heartbeat": status and status.time_s,
+    }
+
+
+def stop_on_signals() -> None:
+    """SIGTERM and a closed terminal end the command as Ctrl-C does, which raises KeyboardInterrupt."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, interrupt)
+
+
+def _attend(launcher: Launcher) -> None:
+    """Keep the children running and show how they are, for ever."""
+    _print_warnings(launcher.site, [])
+    with StatusWatcher(launcher.site) as watcher, _display() as show:
+        while True:
+            launcher.poll()
+            show(launcher_rows(launcher, watcher))
+            time.sleep(_REFRESH_S)
+
+
+@contextmanager
+def _display() -> Iterator[Callable[[list[Row]], None]]:
+    """A live table on a terminal; elsewhere a line for each change of state."""
+    if console.is_terminal:
+        with Live(console=console, refresh_per_second=4) as live:
+            yield lambda rows: live.update(status_table(rows))
+        return
+    said: dict[str, tuple[str, str]] = {}
+
+    def tell(rows: list[Row]) -> None:
+        for row in rows:
+            if said.get(row.name) != (row.state, row.reason):
+                said[row.name] = row.state, row.reason
+                reason = f": {row.reason}" if row.reason else ""
+                say(f"{row.name} {row.where}{reason}")
+
+    yield tell
+
+
+def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 120.0) -> None:
+    launcher = Launcher(site_path, names)
+    wanted = {process.name for process in launcher.selected()}
+    child = None
+    if any(lock_holder(folder) is None for folder in launcher.lock_folders()):
+        make_keys(launcher.site)
+        launcher.logs.mkdir(parents=True, exist_ok=True)
+        for name in wanted:
+            if lock_holder(folder := launcher.site.data_dir / name) is None:
+                forget_ending(folder)
+        with open(launcher.logs / "launcher.log", "ab") as output:
+            child = subprocess.Popen(
+                [sys.executable, "-m", "rodeo_cli", "up", "--site", str(site_path), *names],
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                start_new_session=True,
+                env={**os.environ, "TERM": "dumb"},
+            )
+    deadline_s = time.monotonic() + timeout_s
+    while True:
+        rows = [row for row in read_rows(launcher.site) if row.name in wanted]
+        if reasons := [f"{row.name}: {row.reason}" for row in rows if row.state == "gave up"]:
+            console.print(status_table(rows))
+            going_on = any(lock_holder(folder) is not None for folder in launcher.lock_folders())
+            rest = "; the others go on until `rodeo down`" if going_on else ""
+            raise NotUp(f"no restart cures what ended: {'; '.join(reasons)}{rest}")
+        if child is not None and child.poll() is not None:
+            last = "\n".join(log_tail(launcher.site, "launcher"))
+            raise NotUp(f"the launcher ended; its log ends so:\n{last}")
+        if all(row.state == "ready" and row.here for row in rows):
+            console.print(status_table(rows))
+            _print_warnings(launcher.site, rows)
+            return
+        if time.monotonic() > deadline_s:
+            console.print(status_table(rows))
+            raise NotUp(
+                "not every process became ready; they go on trying until `rodeo down`",
+                timeout_s=timeout_s,
+                logs=str(launcher.logs),
+            )
+        time.sleep(_REFRESH_S)

@@ -1,0 +1,220 @@
+"""What can be found wrong in a site file before it runs, with the line where it stands."""
+
+from __future__ import annotations
+
+import math
+import os
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+from typing import Literal
+
+from pydantic import ValidationError
+
+from rodeo.config import Site, check_environment, faults, read_tables
+from rodeo.errors import ConfigError
+from rodeo.lab.config import Pose2
+from rodeo.lab.geometry import ahead, facing
+from rodeo.lab.layout import (
+    BUMPER_M,
+    HALF_WIDTH_M,
+    PICK_DISTANCE_M,
+    BinLayout,
+    dock_parking,
+)
+from rodeo.site_problems import Place, dotted, explained
+from rodeo.toml_lines import lines_of
+
+_TOUCH_M = 0.01
+"""Things that stand against each other may overlap by the rounding of their places."""
+_ITEM_M = 0.05
+"""How far an item reaches from its centre."""
+_DOCK_HALF_M = 0.085, 0.25
+"""Of the dock's box, which stands behind its pose (rodeo.lab.world)."""
+_SIDES = 16
+"""Directions from which the robot may come to an item."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something wrong (`error`: the site is refused) or doubtful (`warning`) in a site file."""
+
+    severity: Literal["error", "warning"]
+    path: Path
+    line: int | None
+    place: Place
+    text: str
+
+    def __str__(self) -> str:
+        where = f"{self.path}:{self.line}" if self.line else str(self.path)
+        what = f"{dotted(self.place)}: " if self.place else ""
+        return f"{where}: {self.severity}: {what}{self.text}"
+
+    def to_json(self) -> dict[str, str | int | None]:
+        """What `rodeo site check --json` says of it; `place` is the setting with its tables, by dots."""
+        return {
+            "severity": self.severity,
+            "file": str(self.path),
+            "line": self.line,
+            "place": dotted(self.place),
+            "text": self.text,
+        }
+
+
+def check(path: Path) -> list[Finding]:
+    """Everything that is wrong or doubtful in the site file at `path`; empty for a good one."""
+    try:
+        check_environment()
+        tables = read_tables(path)
+    except ConfigError as error:
+        return [Finding("error", path, error.details.get("line"), (), error.message)]
+    files = list(_files(path))
+
+    def finding(severity: Literal["error", "warning"], place: Place, text: str) -> Finding:
+        return Finding(severity, *_stands(files, place), place, text)
+
+    try:
+        site = Site(**tables)
+    except ValidationError as error:
+        return [finding("error", place, text) for place, text in explained(error, Site).items()]
+    if wrong := faults(site):
+        return [finding("error", place, text) for place, text in wrong.items()]
+    return [
+        finding("warning", place, text)
+        for place, text in (*_standby(site), *_overlaps(site), *_unreachable(site))
+    ]
+
+
+def _files(path: Path) -> Iterator[tuple[Path, dict[Place, int]]]:
+    """The file and those that it extends, with the lines of what they say."""
+    text = path.read_text()
+    yield path, lines_of(text)
+    base = tomllib.loads(text).get("extends")
+    if isinstance(base, str):
+        extended = path.parent / base
+        yield from _files(Path(os.path.relpath(extended)) if not path.is_absolute() else extended.resolve())
+
+
+def _stands(files: list[tuple[Path, dict[Place, int]]], place: Place) -> tuple[Path, int | None]:
+    """File and line of `place`, or of the nearest around it."""
+    entry = next((number for number, step in enumerate(place) if isinstance(step, int)), len(place))
+    for length in range(len(place), 0, -1):
+        for path, lines in files:
+            # A list is one file's as a whole.
+            if place[:length] in lines and (length > entry or place[:entry] in lines):
+                owner = next(p for p, known in files if place[: min(entry, length)] in known)
+                if owner == path:
+                    return path, lines[place[:length]]
+    return files[0][0], None
+
+
+# -- the room --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Box:
+    place: Place
+    name: str
+    pose: Pose2
+    half_x_m: float
+    half_y_m: float
+
+    @property
+    def corners(self) -> list[tuple[float, float]]:
+        c, s = math.cos(self.pose.yaw_rad), math.sin(self.pose.yaw_rad)
+        return [
+            (self.pose.x_m + c * x - s * y, self.pose.y_m + s * x + c * y)
+            for x, y in (
+                (self.half_x_m, self.half_y_m),
+                (self.half_x_m, -self.half_y_m),
+                (-self.half_x_m, -self.half_y_m),
+                (-self.half_x_m, self.half_y_m),
+            )
+        ]
+
+    def depth_m(self, other: _Box) -> float:
+        """How deep they are in each other, along the axis on which it is least (separating axes)."""
+        return min(
+            min(max(a), max(b)) - max(min(a), min(b))
+            for axis in (self.pose.yaw_rad, other.pose.yaw_rad)
+            for turn in (axis, axis + math.pi / 2)
+            for a, b in [[_along(box.corners, turn) for box in (self, other)]]
+        )
+
+
+def _along(corners: list[tuple[float, float]], turn_rad: float) -> list[float]:
+    return [x * math.cos(turn_rad) + y * math.sin(turn_rad) for x, y in corners]
+
+
+def _boxes(site: Site) -> Iterator[_Box]:
+    for number, one in enumerate(site.lab.furniture):
+        place: Place = ("lab", "furniture", number)
+        yield _Box(place, one.name, one.pose, one.size_m[0] / 2, one.size_m[1] / 2)
+    layout = BinLayout(site.bin)
+    yield _Box(("bin",), site.bin.name, site.bin.pose, layout.depth_m / 2, layout.width_m / 2)
+    x_m, y_m = ahead(site.dock.pose, -_DOCK_HALF_M[0])
+    behind = Pose2(x_m=x_m, y_m=y_m, yaw_rad=site.dock.pose.yaw_rad)
+    yield _Box(("dock",), site.dock.name, behind, *_DOCK_HALF_M)
+    for number, robot in enumerate(site.robots):
+        if robot.body == "sim":
+            yield _Box(("robots", number), robot.name, robot.pose, BUMPER_M, HALF_WIDTH_M)
+    for number, item in enumerate(site.items):
+        yield _Box(("items", number), item.id, item.pose, _ITEM_M, _ITEM_M)
+
+
+def _overlaps(site: Site) -> Iterator[tuple[Place, str]]:
+    boxes = list(_boxes(site))
+    for one, other in combinations(boxes, 2):
+        if one.depth_m(other) > _TOUCH_M:
+            yield (*other.place, "pose"), f"{other.name} is in {one.name}"
+    length_m, width_m = site.lab.size_m
+    for box in boxes:
+        x_m, y_m = zip(*box.corners, strict=True)
+        if max(-min(x_m), -min(y_m), max(x_m) - length_m, max(y_m) - width_m) > _TOUCH_M:
+            yield (*box.place, "pose"), f"{box.name} reaches into a wall"
+
+
+def _standby(site: Site) -> Iterator[tuple[Place, str]]:
+    for number, robot in enumerate(site.robots):
+        off_w, on_w = robot.battery.standby_power_w, robot.battery.idle_power_w
+        if off_w > on_w:
+            yield (
+                ("robots", number, "battery", "standby_power_w"),
+                f"{robot.name} draws more while it is off ({off_w:g} W) than while it stands ({on_w:g} W)",
+            )
+
+
+def _unreachable(site: Site) -> Iterator[tuple[Place, str]]:
+    # Imported here: scipy takes half a second, and most files fail before.
+    from services.robot_sim.planner import Map, PlanningFailed, plan
+
+    floor = Map.of(site)
+
+    def reaches(start: Pose2, goals: list[Pose2]) -> bool:
+        for goal in goals:
+            try:
+                plan(floor, start, goal)
+            except PlanningFailed:
+                continue
+            return True
+        return False
+
+    robot = next((robot for robot in site.robots if robot.body == "sim"), None)
+    if robot is None:
+        return
+    start = robot.pose
+    wanted: list[tuple[Place, str, list[Pose2]]] = [
+        (("bin", "pose"), f"the bin {site.bin.name}", [BinLayout(site.bin).parking]),
+        (("dock", "pose"), f"the dock {site.dock.name}", [dock_parking(site.dock)]),
+    ]
+    for number, item in enumerate(site.items):
+        around = [
+            facing(item.pose.model_copy(update={"yaw_rad": turn * math.tau / _SIDES}), PICK_DISTANCE_M)
+            for turn in range(_SIDES)
+        ]
+        wanted.append((("items", number, "pose"), item.id, [pose for pose in around if floor.fits(pose)]))
+    for place, name, goals in wanted:
+        if not reaches(start, goals):
+            yield place, f"{robot.name} finds no way to {name} from where it starts"

@@ -1,0 +1,83 @@
+"""Commands about a site before it runs: check its file, prepare it."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rodeo_cli.common import (
+    DEFAULT_SITE,
+    DEFAULT_SITE_SHOWN,
+    JsonOption,
+    SiteOption,
+    print_json,
+    print_listing,
+    reports_errors,
+    say,
+)
+
+sites = typer.Typer(help="Check a site file and prepare a site for its processes.", no_args_is_help=True)
+
+
+@sites.command()
+@reports_errors
+def check(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="Site file.", envvar="RODEO_SITE", metavar="FILE", show_default=DEFAULT_SITE_SHOWN
+        ),
+    ] = DEFAULT_SITE,
+    as_json: JsonOption = False,
+) -> None:
+    """Report errors and warnings in a site file, with their lines. Exit status 1 if there is an error."""
+    # Imported here: what looks for ways in the room takes its time, and the other commands need none.
+    from rodeo_cli.site_check import check as check_file
+
+    findings = check_file(file)
+    if as_json:
+        print_json({"site_file": str(file), "findings": [finding.to_json() for finding in findings]})
+    else:
+        for finding in findings:
+            say(str(finding))
+        if not findings:
+            say(f"{file}: nothing found")
+    if any(finding.severity == "error" for finding in findings):
+        raise typer.Exit(1)
+
+
+@sites.command()
+@reports_errors
+def prepare(
+    site: SiteOption = DEFAULT_SITE,
+    wait: Annotated[
+        bool, typer.Option("--wait", help="On an external chain, wait until wallets have their gas money.")
+    ] = False,
+) -> None:
+    """Generate keys and certificates, check for gas money and deploy the contracts.
+
+    Prints each step and does only what is missing. You may run it again.
+    """
+    # Imported here: the chain's library takes a second, and the other commands need none.
+    from deploy.prepare import prepare as prepare_site
+
+    prepare_site(site, say, threading.Event(), wait)
+
+
+@sites.command()
+@reports_errors
+def wallets(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """Generate the missing keystores of a site on an external chain, and print all accounts.
+
+    RODEO_KEYSTORE_PASSPHRASE encrypts them. Existing keystores are kept (Web3 Secret Storage, as
+    `cast wallet` writes it). The list shows which accounts need the chain's own currency for gas.
+    """
+    # Imported here: the chain's library takes a second, and the other commands need none.
+    from rodeo.config import Site
+    from rodeo_cli.wallets import COLUMNS, accounts, rows
+
+    found = accounts(Site.load(site))
+    print_listing(found, as_json, COLUMNS, rows(found), folds=(2,), after=found["problem"])

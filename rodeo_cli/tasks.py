@@ -1,0 +1,526 @@
+"""Commands about the organization: tasks, services, wallets, proofs."""
+
+from __future__ import annotations
+
+import json
+import textwrap
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.text import Text
+
+from rodeo import queries, topics
+from rodeo.bus import Bus
+from rodeo.config import Site
+from rodeo.durations import span
+from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
+from rodeo.messages import Task
+from rodeo.person.photo_code import photo_code
+from rodeo_cli import formatting
+from rodeo_cli.common import (
+    DEFAULT_SITE,
+    JsonOption,
+    SiteOption,
+    connected,
+    console,
+    errors,
+    print_facts,
+    print_json,
+    print_listing,
+    reports_errors,
+    say,
+    time_left,
+)
+from rodeo_cli.formatting import iec, plain
+from rodeo_cli.layout import Row, printable
+from services.console.formatting import count
+
+if TYPE_CHECKING:
+    from rodeo.checks.report import Report
+    from services.oracle.chain_view import View
+
+tasks = typer.Typer(help="Post, list, show and cancel tasks.", no_args_is_help=True)
+services = typer.Typer(help="List and change the services that participants offer.", no_args_is_help=True)
+
+STATE_COLOURS = {
+    "open": "yellow",
+    "assigned": "cyan",
+    "submitted": "blue",
+    "undecided": "magenta",
+    "settled": "green",
+    "cancelled": "dim",
+    "failed": "red",
+}
+
+RESULT_STYLES = {"passed": "green", "FAILED": "bold red", "undecided": "bold yellow", "skipped": "dim"}
+
+ParticipantOption = Annotated[str, typer.Option("--as", help="Whose wallet pays and signs.")]
+
+
+@tasks.command("create", context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
+@reports_errors
+def create(
+    context: typer.Context,
+    kind: Annotated[str, typer.Argument(help="A kind of work that the organization accepts.")],
+    reward: Annotated[str, typer.Option(help="Reward in IEC, put into escrow.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+    params: Annotated[str | None, typer.Option(help="The task's parameters as a JSON object.")] = None,
+    description: Annotated[str, typer.Option(help="A sentence for people.")] = "",
+    max_attempts: Annotated[int | None, typer.Option(help="Attempts before the reward is refunded.")] = None,
+    wait: Annotated[bool, typer.Option("--wait", help="Queue it even if every service costs more.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Post a task, for example: rodeo task create KIND --reward 100
+
+    Each parameter of the kind is an option of its own; `rodeo kind show KIND` lists them.
+    """
+    with connected(site) as (loaded, bus):
+        request: dict[str, Any] = {
+            "kind": kind,
+            "reward_iec": reward,
+            "params": _task_params(loaded, kind, context.args, params),
+            "description": description,
+            "allow_wait": wait,
+        }
+        if max_attempts is not None:
+            request["max_attempts"] = max_attempts
+        if doubt := _doubt(loaded, bus, kind, request["params"]):
+            errors.print(f"[bold yellow]warning[/]: {escape(doubt)}", highlight=False, soft_wrap=True)
+        reply = bus.query(
+            topics.COMMAND.name(org=loaded.org, participant=participant, command="register_task"),
+            request,
+            timeout_s=30,
+        )
+    if as_json:
+        print_json(reply | ({"warning": doubt} if doubt else {}))
+    else:
+        say(f"Task {reply['task_id']} is posted, and {iec(reward)} are in escrow for it.")
+
+
+@tasks.command("list")
+@reports_errors
+def list_tasks(
+    site: SiteOption = DEFAULT_SITE,
+    state: Annotated[str | None, typer.Option(help="Only tasks in this state.")] = None,
+    kind: Annotated[str | None, typer.Option(help="Only tasks of this kind.")] = None,
+    limit: Annotated[int, typer.Option(min=1, max=500)] = 50,
+    offset: Annotated[int, typer.Option(min=0)] = 0,
+    as_json: JsonOption = False,
+) -> None:
+    """List tasks."""
+    filters: dict[str, Any] = {"state": state, "kind": kind, "limit": limit, "offset": offset}
+    with connected(site) as (loaded, bus):
+        reply = queries.ask(bus, loaded.org, queries.TASKS, **filters)
+    columns = ("id", "kind", "state", "try", "creator", "executor", "reward", "paid")
+    shown = f"{len(reply.tasks)} of {count(reply.total, 'task')}"
+    print_listing(reply, as_json, columns, map(_task_row, reply.tasks), folds=(1, 4, 5), after=shown)
+
+
+def _task_row(task: Task) -> Row:
+    cells = (
+        str(task.id),
+        task.kind,
+        task.state,
+        f"{task.attempt}/{task.max_attempts}",
+        _party(task.creator_name, task.creator),
+        _party(task.executor_name, task.executor),
+        iec(task.reward_iec),
+        iec(task.paid_iec) if task.paid_iec else "",
+    )
+    return Row(cells, {2: STATE_COLOURS.get(task.state, "")}, _why(task))
+
+
+def _why(task: Task) -> str:
+    """Why the last attempt did not succeed, where it did not."""
+    if task.verdict in ("rejected", "undecided") and task.reason:
+        return str(task.reason)
+    if task.verdict == "expired":
+        return str(task.reason or "the executor handed in no proof in time, or nobody judged it in time")
+    return ""
+
+
+@tasks.command("show")
+@reports_errors
+def show(task_id: int, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """Show one task with its times, proof and verdict."""
+    with connected(site) as (loaded, bus):
+        task = queries.ask(bus, loaded.org, queries.TASK, id=task_id)
+        left, judged = (None, "") if as_json else (_left(loaded, bus, task), _judged(loaded, bus, task))
+    print_facts(task, as_json, () if as_json else _told(task, loaded, left, judged))
+
+
+def _told(task: Task, site: Site, left: str | None = None, judged: str = "") -> list[tuple[str, str]]:
+    """All that is known of a task, in words and in the order in which it happens.
+
+    `left` is how much time there is for what comes next, `judged` the verdict as a sentence.
+    """
+    from rodeo.kinds import kinds_of  # takes its time to import
+
+    def moment(time_s: float | None) -> str:
+        return "" if time_s is None else formatting.moment(time_s, site)
+
+    state = task.state
+    ended = state in ("settled", "failed", "cancelled")
+    due = {
+        "assigned": task.execution_deadline,
+        "submitted": task.verdict_deadline,
+        "undecided": task.audit_deadline,
+    }
+    verdict = task.verdict or ""
+    own = task.reason and task.reason != verdict
+    told = [
+        ("task", str(task.id)),
+        ("kind", task.kind),
+        ("description", task.description),
+        ("parameters", plain(task.params)),
+        ("state", state),
+        ("due by", moment(due.get(state))),
+        ("time left", left or ""),
+        ("attempt", f"{task.attempt} of {task.max_attempts}" if task.attempt else ""),
+        ("attempts", "" if task.attempt else f"none yet, {task.max_attempts} at most"),
+        ("verdict", judged or (f"{verdict}: {task.reason}" if own else verdict)),
+        ("reward", f"{iec(task.reward_iec)} by {_party(task.creator_name, task.creator)}"),
+        ("executor", _party(task.executor_name, task.executor)),
+        ("service", "" if task.service_id is None else str(task.service_id)),
+        ("price", iec(task.price_iec) if task.price_iec is not None else ""),
+        ("paid", iec(task.paid_iec) if ended else ""),
+        ("refunded", iec(task.refunded_iec) if ended else ""),
+        ("posted", moment(task.registered)),
+        ("assigned", moment(task.assigned)),
+        ("proof handed in", moment(task.proof_submitted)),
+        ("settled", moment(task.settled)),
+        ("time to work", span(task.execution_window_s)),
+        ("time to judge", span(task.verdict_window_s)),
+        ("without a word", f"the {task.at_silence} wins" if task.at_silence else ""),
+        ("proof", task.proof_sha256 or ""),
+        ("proof at", task.proof_uri or ""),
+        ("report", task.report_sha256 or ""),
+        ("report at", task.report_uri or ""),
+        ("nonce", task.nonce or ""),
+    ]
+    if task.nonce and kinds_of(site).by_people(task.kind):
+        told.append(("photo code", photo_code(task.nonce)))
+    return told
+
+
+def _judged(site: Site, bus: Bus, task: Task) -> str:
+    """The last verdict as a sentence: who gave it, and why; empty while there is none."""
+    from rodeo.kinds import kinds_of  # takes its time to import
+    from rodeo.verdicts import is_peoples_verdict, judge_of, verdict_words  # takes its time to import
+
+    if not task.verdict:
+        return ""
+    transactions = queries.ask(bus, site.org, queries.TRANSACTIONS, task_id=task.id).transactions
+    kinds = queries.ask(bus, site.org, queries.ORGANIZATION).kinds
+    audited = [one.kind for one in kinds if one.review == "auditor"]
+    by_people = is_peoples_verdict(kinds_of(site), task.kind, task.verdict, task.audit_deadline, audited)
+    return verdict_words(task.verdict, task.reason, judge_of(transactions), by_people)
+
+
+def _left(site: Site, bus: Bus, task: Task) -> str | None:
+    """How much time there is for what has to be done next, where there is an end to it."""
+    from rodeo.person.pace import running_out_s  # takes its time to import
+
+    ends_s = running_out_s(task)
+    return None if ends_s is None else time_left(site, bus, ends_s)
+
+
+@tasks.command("cancel")
+@reports_errors
+def cancel(
+    task_id: int, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
+) -> None:
+    """Cancel a task that is not assigned. Its reward is refunded."""
+    with connected(site) as (loaded, bus):
+        bus.query(
+            topics.COMMAND.name(org=loaded.org, participant=participant, command="cancel_task"),
+            {"task_id": task_id},
+            timeout_s=30,
+        )
+    say(f"Task {task_id} is cancelled; its reward is back with {participant}.")
+
+
+@services.command("list")
+@reports_errors
+def list_services(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """List the services on offer."""
+    with connected(site) as (loaded, bus):
+        reply = queries.ask(bus, loaded.org, queries.SERVICES)
+    rows = (
+        Row((str(one.id), one.kind, _party(one.provider_name, one.provider), iec(one.price_iec), one.state))
+        for one in reply.services
+    )
+    print_listing(reply, as_json, ("id", "kind", "provider", "price", "state"), rows, folds=(1, 2))
+
+
+ServiceArgument = Annotated[
+    int, typer.Argument(min=1, help="The service, by its number in `rodeo service list`.")
+]
+ProviderOption = Annotated[str | None, typer.Option("--as", help="Its provider; looked up by default.")]
+
+
+@services.command("price")
+@reports_errors
+def price(
+    service_id: ServiceArgument,
+    price: Annotated[str, typer.Argument(help="Price of each task from the next one on, in IEC.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ProviderOption = None,
+) -> None:
+    """Change a service's price. A task in progress keeps the old price."""
+    service = _change_service(site, service_id, participant, price_iec=price)
+    say(f"Service {service_id} costs {iec(service['price_iec'])} from the next task on.")
+
+
+@services.command("pause")
+@reports_errors
+def pause(
+    service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
+) -> None:
+    """Take no new tasks. A task in progress continues."""
+    _change_service(site, service_id, participant, state="paused")
+    say(f"Service {service_id} is paused; `rodeo service resume {service_id}` ends that.")
+
+
+@services.command("resume")
+@reports_errors
+def resume(
+    service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
+) -> None:
+    """Take tasks again."""
+    _change_service(site, service_id, participant, state="active")
+    say(f"Service {service_id} takes tasks again.")
+
+
+@services.command("withdraw")
+@reports_errors
+def withdraw(
+    service_id: ServiceArgument, site: SiteOption = DEFAULT_SITE, participant: ProviderOption = None
+) -> None:
+    """End an offer for good and refund the rest of its bond. A task in progress continues."""
+    _change_service(site, service_id, participant, state="retired")
+    say(f"Service {service_id} is withdrawn for good; `rodeo service offer` makes another one.")
+
+
+def _change_service(site: Path, service_id: int, participant: str | None, **change: str) -> dict[str, Any]:
+    """Update the service in its provider's name; returns it as it was, with the change.
+
+    Raises InvalidRequest when there is none, or its provider has no name here.
+    """
+    with connected(site) as (loaded, bus):
+        # They are numbered from 1 and told in that order.
+        one_page = {"offset": service_id - 1, "limit": 1}
+        services = queries.ask(bus, loaded.org, queries.SERVICES, **one_page).services
+        service = next((one for one in services if one.id == service_id), None)
+        if service is None:
+            raise InvalidRequest(
+                f"there is no service {service_id}; `rodeo service list` shows them", service_id=service_id
+            )
+        provider = service.provider_name
+        if provider is None or participant not in (None, provider):
+            raise InvalidRequest(
+                f"service {service_id} is not {participant}'s to change"
+                if participant
+                else f"service {service_id} belongs to somebody whose key is not on this site",
+                service_id=service_id,
+                provider=provider or service.provider,
+            )
+        request = {"service_id": service_id, **change}
+        bus.query(
+            topics.COMMAND.name(org=loaded.org, participant=provider, command="update_service"),
+            request,
+            timeout_s=30,
+        )
+    if provider in [robot.name for robot in loaded.robots] and change.get("state") != "retired":
+        say(
+            f"{provider} sets price and state of its own service again when it looks at it next: "
+            f"`rodeo robot pause {provider}` has it take no work, and the site file says its price "
+            "(price_iec of its kind)."
+        )
+    return service.model_dump(mode="json") | change
+
+
+@reports_errors
+def wallet(
+    name: Annotated[str | None, typer.Argument(help="One participant; all by default.")] = None,
+    site: SiteOption = DEFAULT_SITE,
+    as_json: JsonOption = False,
+) -> None:
+    """Show balances."""
+    with connected(site) as (loaded, bus):
+        known = queries.ask(bus, loaded.org, queries.WALLETS).wallets
+    wallets = [one for one in known if name in (None, one.name)]
+    if not wallets:
+        raise InvalidRequest("no such wallet", name=name, known=[one.name for one in known])
+    rows = (Row((one.name, iec(one.balance_iec), one.address)) for one in wallets)
+    document = wallets if name is None else wallets[0]
+    print_listing(document, as_json, ("name", "balance", "address"), rows, folds=(0,))
+
+
+@reports_errors
+def verify(
+    file: Annotated[
+        Path, typer.Argument(help="A proof (MCAP), or a ROS 1 or ROS 2 bag.", metavar="FILE", exists=True)
+    ],
+    site: SiteOption = DEFAULT_SITE,
+    offline: Annotated[
+        bool, typer.Option("--offline", help="Do not ask the bridge. Skip the checks that need the chain.")
+    ] = False,
+    verbose: Annotated[
+        bool,
+        typer.Option("--verbose", "-v", help="Show each check's limit, the source of the limit, and more."),
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Run the oracle's checks on a proof here and now. Exit status 1 when one fails.
+
+    What only the chain knows (who may sign, which days were posted) is taken as of the block of the verdict,
+    if there is one; what came later is a warning. Without a running site that is skipped, with a warning.
+    """
+    # Imported here: only this command needs MuJoCo and the readers of recordings.
+    from rodeo.checks.verify import verify_file
+    from services.oracle.chain_view import View
+
+    loaded = Site.load(site)
+    known = View(None, []) if offline else _chain_view(site, file)
+    report = verify_file(file, loaded, known.chain_record)
+    for warning in known.warnings:
+        errors.print(f"[bold yellow]warning[/]: {escape(warning)}", highlight=False, soft_wrap=True)
+    if as_json:
+        print_json(report.model_dump(mode="json") | {"warnings": known.warnings})
+    else:
+        for line in _check_lines(report, console.width, verbose):
+            console.print(line, soft_wrap=True)
+        console.print(_conclusion(site, report, offline), highlight=False, soft_wrap=True)
+    if not report.accepted:
+        raise typer.Exit(1)
+
+
+def _check_lines(report: Report, width: int, verbose: bool) -> Iterator[Text]:
+    """A line for each check; with `verbose` what it compared with follows in full."""
+    names = max((len(check.name) for check in report.checks), default=0)
+    for check, (name, result, measured, limit, source, about) in zip(
+        report.checks, report.rows(), strict=True
+    ):
+        line = Text(f"{result:9}  ", style=RESULT_STYLES[result]) + Text(f"{name:{names}}  ", style="")
+        if not verbose:
+            told = printable("  ".join(text for text in (measured, about) if text))
+            line.append(told, style="bold" if check.passed is False else "dim")
+            line.truncate(width, overflow="ellipsis")
+            line.rstrip()
+            yield line
+            continue
+        line.append(printable(measured))
+        yield line
+        indent = " " * 11
+        against = f"limit {limit}" if limit else ""
+        whence = f"from: {source}" if source else ""
+        for text in (about, "; ".join(one for one in (against, whence) if one)):
+            for part in textwrap.wrap(
+                printable(text), width, initial_indent=indent, subsequent_indent=indent
+            ):
+                yield Text(part, style="dim")
+
+
+def _outcome(report: Report) -> str:
+    """Why, or how much was asked where nothing failed."""
+    if not report.accepted:
+        return printable(report.reason)
+    skipped = sum(check.passed is None for check in report.checks)
+    passed = count(len(report.checks) - skipped, "check") + " passed"
+    return passed + (f", {skipped} were skipped" if skipped else "")
+
+
+def _conclusion(site_path: Path, report: Report, offline: bool) -> str:
+    """What the checks come to. A person's word is never the oracle's verdict: whoever judged it is named."""
+    from rodeo.kinds import kinds_of
+
+    kinds = kinds_of(Site.load(site_path))
+    if report.kind is None or not kinds.by_people(report.kind) or report.outcome == "rejected":
+        return f"[bold]{report.outcome}[/]: {escape(_outcome(report))}"
+    told = "[bold]a person's word[/], sealed as it should be; no machine can tell whether it is true"
+    if offline or report.task_id is None:
+        return f"{told}: an auditor judges it"
+    try:
+        with connected(site_path) as (site, bus):
+            task = queries.ask(bus, site.org, queries.TASK, id=report.task_id)
+            same = task.proof_sha256 == report.proof_sha256
+            judged = _judged(site, bus, task) if same else ""
+    except (BusError, RemoteError) as error:
+        judged = f"who judged it is not known: {error}"
+    return f"{told}\n" + (escape(judged) or f"an auditor judges it: `rodeo task review {report.task_id}`")
+
+
+def _chain_view(site_path: Path, file: Path) -> View:
+    """What the running site's bridge says about a proof; if none answers, a warning that says so."""
+    from rodeo.dao import ORGANIZATION, Participant
+    from services.oracle.chain_view import View, view
+
+    try:
+        with connected(site_path) as (site, bus):
+            return view(file, site, Participant(bus, site.org, ORGANIZATION))
+    except (BusError, RemoteError) as error:
+        return View(None, [f"what only the chain knows is skipped: {error}"])
+
+
+def _doubt(site: Site, bus: Bus, kind: str, params: dict[str, Any]) -> str:
+    """Why the task can probably not be done as it says."""
+    from rodeo.dao import ORGANIZATION, Participant
+    from rodeo.kinds import kinds_of
+
+    return Participant(bus, site.org, ORGANIZATION).doubt(kinds_of(site).get(kind), params)
+
+
+def _task_params(site: Site, name: str, flags: Sequence[str], params: str | None) -> dict[str, Any]:
+    """The task's parameters: the JSON object, what the options say, and what follows from both."""
+    from rodeo.kinds import kinds_of
+
+    values: dict[str, Any] = {}
+    if params is not None:
+        try:
+            values = json.loads(params)
+        except ValueError as error:
+            raise MalformedJson(f"--params is not JSON: {error}") from error
+        if not isinstance(values, dict):
+            raise MalformedJson("--params is not a JSON object")
+    kind = kinds_of(site).get(name)
+    values |= _flags(flags, {} if kind is None else kind.schema.get("properties", {}))
+    if kind is None:
+        return values
+    values = kind.complete(site, values)
+    if wrong := kind.wrong_params(site, values):
+        raise InvalidRequest("the task cannot be posted like this", fields=wrong)
+    return values
+
+
+def _flags(flags: Sequence[str], properties: dict[str, Any]) -> dict[str, Any]:
+    """`--item-id item1` as {"item_id": "item1"}, each value of the type that the schema says."""
+    values: dict[str, Any] = {}
+    rest = list(flags)
+    while rest:
+        flag, given, value = rest.pop(0).partition("=")
+        name = flag.removeprefix("--").replace("-", "_")
+        if not flag.startswith("--") or name not in properties:
+            known = ["--" + one.replace("_", "-") for one in properties]
+            raise InvalidRequest("this kind of work has no such parameter", given=flag, known=known)
+        if not given:
+            if not rest:
+                raise InvalidRequest("this parameter has no value", given=flag)
+            value = rest.pop(0)
+        values[name] = value if properties[name].get("type") == "string" else _json_value(flag, value)
+    return values
+
+
+def _json_value(flag: str, text: str) -> Any:
+    try:
+        return json.loads(text)
+    except ValueError:
+        raise InvalidRequest("this parameter is not as its kind says", given=flag, value=text) from None
+
+
+def _party(name: str | None, address: str | None) -> str:
+    return name or (f"{address[:8]}…" if address else "")

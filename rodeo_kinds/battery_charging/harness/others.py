@@ -1,0 +1,207 @@
+"""What those forge who do not do the work: creator, buyer, bystander, judge; and holders of two keys. Some of
+it is no forged proof, but spoils an honest one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import nan
+from typing import Any
+
+from eth_account import Account
+
+from rodeo.evidence import Attestation, attest
+from rodeo.witness import Header, Receipt
+from rodeo_kinds.battery_charging.harness.film import charging_chain_record
+from rodeo_kinds.battery_charging.harness.workshop import GAUGE, HARNESS, ChargingWorkshop
+from rodeo_testing.assignments import CHARGE_BINDING, METER, ROBOT
+from rodeo_testing.recordings import Sample, Sides, Witnesses
+from rodeo_testing.workshop import (
+    STRANGER,
+    Submission,
+    acts_of,
+    claimed_before,
+    said,
+    stated,
+    with_fields,
+)
+
+Fields = dict[str, Any]
+JUDGE = Account.create()
+"""Of an oracle or an auditor: an address on chain, and no device's."""
+_ANOTHER = "0x" + "5a" * 32
+"""A recording of something else."""
+
+
+@HARNESS.forgery("acts_unspent", "was paid for in task", role="creator")
+def one_charge_ordered_twice(shop: ChargingWorkshop) -> Submission:
+    """Two tasks for the same interval of the meter's register."""
+    return claimed_before(shop.charged(shop.take), shop, "meter/")
+
+
+@HARNESS.forgery("acts_unspent", "was paid for in task", role="seller")
+def a_charge_that_begins_in_the_last(shop: ChargingWorkshop) -> Submission:
+    """The register's interval overlaps by 1 Wh what was paid for before."""
+    submission = shop.charged(shop.take)
+    (claimed,) = acts_of(submission, shop)
+    what, _, interval = claimed.rpartition("/")
+    begin_wh = float(interval.split("-")[0])
+    return replace(submission, spent=(f"{what}/{begin_wh - 90.0:.4f}-{begin_wh + 1.0:.4f}",))
+
+
+@HARNESS.forgery("same_names", role="creator")
+def energy_of_no_amount(shop: ChargingWorkshop) -> Submission:
+    """A charge of which any share is the whole."""
+    return shop.charged(shop.take, params={"energy_wh": 0.0})
+
+
+@HARNESS.forgery("same_names", role="creator")
+def energy_below_nothing(shop: ChargingWorkshop) -> Submission:
+    """A charge of which any share is negative."""
+    return shop.charged(shop.take, params={"energy_wh": -100.0})
+
+
+@HARNESS.forgery("same_names", role="creator")
+def a_target_that_is_no_number(shop: ChargingWorkshop) -> Submission:
+    """A target that every robot reaches, or none."""
+    return shop.charged(shop.take, params={"soc_target": nan})
+
+
+def _receipts(edit: Callable[[Fields], Fields | None]) -> Sides:
+    def fields(model: type[Header], fields: Fields) -> Fields | None:
+        return edit(fields) if model is Receipt else fields
+
+    return replace(Sides(), fields=fields)
+
+
+def _gauge(shop: ChargingWorkshop, edit: Callable[[Sample], Sample | None]) -> Submission:
+    return shop.charged(shop.take.edited(GAUGE, edit))
+
+
+@HARNESS.spoiling(role="buyer")
+def a_gauge_that_stands_still(shop: ChargingWorkshop) -> Submission:
+    """The robot's battery says that nothing came."""
+    return _gauge(shop, lambda sample: with_fields(sample, percentage=0.5))
+
+
+@HARNESS.spoiling(role="buyer")
+def a_gauge_that_falls(shop: ChargingWorkshop) -> Submission:
+    """The robot's battery says that it lost energy."""
+    return _gauge(shop, lambda sample: with_fields(sample, percentage=1.0 - sample.message.percentage))
+
+
+@HARNESS.spoiling(role="buyer")
+def a_gauge_that_is_no_number(shop: ChargingWorkshop) -> Submission:
+    """The robot's battery says nothing that compares."""
+    return _gauge(shop, lambda sample: with_fields(sample, percentage=nan, voltage=nan, current=nan))
+
+
+@HARNESS.spoiling(role="buyer")
+def a_gauge_that_is_silent(shop: ChargingWorkshop) -> Submission:
+    """The robot's battery says nothing at all."""
+    return _gauge(shop, lambda _: None)
+
+
+@HARNESS.spoiling(role="buyer")
+def a_close_that_is_never_signed(shop: ChargingWorkshop) -> Submission:
+    """The robot has what it ordered, and leaves."""
+    return shop.charged(shop.take, sides=_receipts(lambda one: None if one["reason"] == "close" else one))
+
+
+@HARNESS.spoiling(role="buyer")
+def the_last_step_is_not_signed(shop: ChargingWorkshop) -> Submission:
+    """The robot does not sign for the last step, nor the close."""
+    end_wh = shop.take.of("meter/record")[-1].message["register_wh"]
+    held_back = lambda one: None if one["register_wh"] > end_wh - 2.5 else one  # noqa: E731
+    return shop.charged(shop.take, sides=_receipts(held_back))
+
+
+@HARNESS.spoiling(role="buyer")
+def a_state_of_charge_that_falls(shop: ChargingWorkshop) -> Submission:
+    """Receipts that say that the robot gets emptier and emptier."""
+    return shop.charged(
+        shop.take,
+        sides=_receipts(lambda one: one if one["reason"] == "opening" else one | {"soc": 0.0}),
+    )
+
+
+@HARNESS.forgery("both_signed", "two different statements", role="buyer")
+def a_receipt_of_two_minds(shop: ChargingWorkshop) -> Submission:
+    """The robot signs one number twice, so that what it signed can be denied."""
+    extra: list[Attestation] = []
+
+    def keep(signed: Attestation) -> Attestation:
+        payload = signed.payload
+        if payload["type"] == "robot.receipt" and payload["seq"] == 4:
+            extra.append(attest(payload | {"register_wh": payload["begin_wh"]}, ROBOT))
+        return extra.pop() if payload["type"] == "meter.record" and extra else signed
+
+    return shop.charged(shop.take, sides=replace(Sides(), keep=keep))
+
+
+@HARNESS.forgery("both_signed", "the robot signed for nothing of this recording", role="buyer")
+def receipts_for_another_task(shop: ChargingWorkshop) -> Submission:
+    """Receipts under the right register, for another task."""
+    return shop.charged(shop.take, sides=_receipts(lambda one: one | {"task_id": 99}))
+
+
+@HARNESS.forgery("both_signed", "the robot signed for nothing of this recording", role="buyer")
+def receipts_for_more(shop: ChargingWorkshop) -> Submission:
+    """The robot signs for more than the meter recorded, so that the two never agree."""
+    return shop.charged(
+        shop.take, sides=_receipts(lambda one: one | {"register_wh": one["register_wh"] + 1.0})
+    )
+
+
+@HARNESS.forgery("soc_from", role="buyer")
+def fuller_than_ordered(shop: ChargingWorkshop) -> Submission:
+    """The robot's opening receipt says that it is nearly full, which the task does not."""
+    return shop.charged(
+        shop.take,
+        sides=_receipts(lambda one: one | {"soc": 0.97} if one["reason"] == "opening" else one),
+    )
+
+
+@HARNESS.forgery("task_binding", role="bystander")
+def a_copied_charge(shop: ChargingWorkshop) -> Submission:
+    """The same with the proof of a charge."""
+    return shop.charged(shop.take, id=8, executor=STRANGER.address, executor_name="mallory")
+
+
+@HARNESS.spoiling(role="bystander")
+def receipts_by_a_stranger(shop: ChargingWorkshop) -> Submission:
+    """A receipt for nothing, under the robot's name, and not its key."""
+    forged = attest({"type": "robot.receipt", "device": "panther1", "seq": 5}, STRANGER)
+    return shop.charged(said(shop.take, stated(shop.take, forged)))
+
+
+@HARNESS.forgery("both_signed", "nothing signed by the task's meter", role="judge")
+def a_judge_as_the_meter(shop: ChargingWorkshop) -> Submission:
+    """The oracle's key signs what the meter would."""
+    return shop.charged(shop.take, sides=replace(Sides(), meter=JUDGE))
+
+
+@HARNESS.forgery("both_signed", "nothing signed by the task's robot", role="judge")
+def a_judge_as_the_robot(shop: ChargingWorkshop) -> Submission:
+    """An auditor's key signs the receipts."""
+    return shop.charged(shop.take, sides=replace(Sides(), robot=JUDGE))
+
+
+@HARNESS.forgery("power", role="holder of two keys")
+def a_charge_in_a_minute(shop: ChargingWorkshop) -> Submission:
+    """Meter and robot in one hand: both sign 90 Wh that took a minute."""
+    start_s = shop.take.start_s
+
+    def fast(_model: type[Header], fields: Fields) -> Fields:
+        sooner = {"until_s": start_s + (fields["until_s"] - start_s) / 20} if "until_s" in fields else {}
+        return fields | sooner
+
+    return shop.charged(shop.take, sides=replace(Sides(), fields=fast))
+
+
+@HARNESS.forgery("fresh", "no receipt of the robot lists this recording", role="holder of two keys")
+def receipts_made_beforehand(shop: ChargingWorkshop) -> Submission:
+    """Meter and robot in one hand: the receipts list the heads of another recording."""
+    witnesses = Witnesses(recording=_ANOTHER)
+    path = shop.sealed(shop.take, CHARGE_BINDING, METER, witnesses)
+    return Submission(charging_chain_record(shop.take), path)

@@ -1,0 +1,35 @@
+"""Carry an item from the floor to the smart bin, which says where it belongs."""
+
+from decimal import Decimal
+
+from rodeo import topics
+from rodeo.kinds import Kind, Recorded
+from rodeo.topics import ARM_STATE, BIN_IMAGE, GRIPPER_STATE, ITEM_POSE, JOINT_STATES, ODOM, WITNESS_STATEMENT
+from rodeo_kinds.waste_disposal.params import CleaningParams, complete, doubt, problems
+
+KIND = Kind(
+    name="waste_disposal",
+    title="Waste disposal",
+    description="A robot takes an item from the floor to the bin, which says where it belongs.",
+    review="oracle",
+    params=CleaningParams,
+    example={"item_id": "item1", "x_m": 4.6, "y_m": 1.2},
+    price_iec=Decimal(100),
+    execution_window_s=2 * 3600,  # long enough for a robot that must charge before it can do the work
+    # The auditors are the organization's: their silence must not save it money that a robot has earned.
+    at_silence="executor",
+    recorded=(
+        *map(Recorded, (ODOM, JOINT_STATES, ARM_STATE, GRIPPER_STATE, ITEM_POSE, BIN_IMAGE)),
+        Recorded(WITNESS_STATEMENT, signed_by="mocap"),
+        Recorded(WITNESS_STATEMENT, signed_by="bin"),
+        Recorded(WITNESS_STATEMENT, signed_by="robot"),
+    ),
+    records=(*topics.ROBOT_STATE, topics.ITEM_POSE, topics.BIN_LOAD, topics.DOCK_OUTPUT),
+    behaviour="rodeo_kinds.waste_disposal.behaviour:WasteDisposal",
+    checks="rodeo_kinds.waste_disposal.checks:CHECKS",
+    harness="rodeo_kinds.waste_disposal.harness:HARNESS",
+    problems=problems,
+    complete=complete,
+    subject="item_id",
+    doubt=doubt,
+)

@@ -1,0 +1,461 @@
+"""How to dispose of one item: find it, take it, show it to the bin, drop it where the bin says.
+
+What to do next follows from what is perceived (the camera sees it, the fingers feel it), not from what was
+done, so a slipped grasp and a restarted process need no code of their own.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from rodeo.errors import wrong_fields
+from rodeo.lab.config import ItemConfig, Pose2
+from rodeo.lab.drop import RECORDED_AFTER_DROP_S
+from rodeo.lab.geometry import wrap
+from rodeo.lab.items import NotGraspable
+from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout
+from rodeo.lab.place import PLACE_LIMIT_M, TAKEN_LIMIT_M
+from rodeo.messages import Task
+from rodeo.robot.behaviour import Behaviour, Estimate, Irrevocable, Record, Report, Robot
+from rodeo.robot.body import Checkpoint, Point
+from rodeo.robot.errors import (
+    Blocked,
+    GraspFailed,
+    MotionFailed,
+    NoAnswer,
+    NotFound,
+    TakenOut,
+    TaskFailed,
+    Unreachable,
+)
+from rodeo.robot.memory import Held
+from rodeo.robot.navigation import in_base_frame
+from rodeo.robot.perception import Cluster, Sighting, View, best, candidates, cloud, clusters
+from rodeo.robot.recording import last_s, notes, statements
+from rodeo.vision.classification import UNKNOWN
+from rodeo.witness import Claimant, Classification, Drop
+from rodeo_kinds.waste_disposal.params import CleaningParams
+
+log = logging.getLogger(__name__)
+
+_PICKS = 4
+_DELIVERIES = 4
+_SHOWS = 3
+_QUEUE_S = 900.0
+"""Site time for which the robot tries to reach the bin: other robots use it one after another."""
+
+_SEARCH_M = PLACE_LIMIT_M + 0.1
+"""With room for what a view from a distance is off by, and to say that the item lies too far off."""
+_LOOK_TURNS_RAD = (0.0, 0.15)
+"""Of the waist, between the pictures of one look: their picture elements fall on different points."""
+_FAR_MISFIT_M = 0.045
+"""Of extents seen from a distance, where a picture element covers 2 cm."""
+_NEAR_MISFIT_M = 0.02
+_NEAR_WITHIN_M = 0.12
+_CANDIDATES = 3
+"""Things seen from a distance that are worth a look from above."""
+_VIEWS_ABOVE_M = ((0.25, -0.012), (0.22, 0.012))
+"""Height of the pads and how far they are to the left of the item, for each view from above."""
+
+_FALL_S = 0.6
+"""From opening the fingers until the item lies in the compartment."""
+_HOLD_WALL_S = 5.0
+"""How long the arm is held still for the bin to speak: what is missing from a recording while nothing moves
+is no loss."""
+_LOOK_AROUND_S = 1.0
+"""Site time after which a robot that waits hears of orders."""
+_LOOK_AWAY_S = 1.5
+_OTHER_VIEWS_RAD = (0.6, -0.6)
+"""How far the gripper turns for the next views of what the bin does not know."""
+_AHEAD_M = (PICK_DISTANCE_M - 0.08, PICK_DISTANCE_M + 0.04)
+_BESIDE_M = 0.08
+"""With the item in this window ahead the robot need not drive to take it."""
+_AT_BIN_M = 0.5
+"""Nearer than this to its parking place the robot is in the way of others."""
+_BIN_ANSWER_WALL_S = 20.0
+_BIN_RECALL_WALL_S = 4.0
+
+
+class WasteDisposal(Behaviour):
+    """Disposes of items. `dispose` may be called again at any moment after an interruption."""
+
+    def __init__(self, robot: Robot) -> None:
+        super().__init__(robot)
+        self._items = robot.site.items
+        self._body = robot.body
+        self._floor = robot.floor
+        self._memory = robot.memory
+        self._bin = robot.bin
+        self._layout = BinLayout(robot.site.bin)
+        self._clock = robot.clock
+        self._announce = robot.announce
+
+    # -- what the mind asks ----------------------------------------------------------------------------
+
+    def weigh(self, task: Task | None, here: Pose2) -> Estimate:
+        """For the way over the item to the bin; without a task over the farthest item."""
+        end = self._layout.parking
+        if task is None:
+            places = [(item.pose.x_m, item.pose.y_m) for item in self._items]
+        else:
+            places = [place_of(task)]
+        way_m = max(
+            (
+                math.dist((here.x_m, here.y_m), place) + math.dist(place, (end.x_m, end.y_m))
+                for place in places
+            ),
+            default=2 * self._floor.diagonal_m,
+        )
+        return self.robot.estimate(way_m, end)
+
+    def execute(self, task: Task, checkpoint: Checkpoint, report: Report, recording: Record) -> None:
+        place = place_of(task)
+        self.dispose(str(task.params["item_id"]), place, checkpoint, report, recording)
+
+    def irrevocable(self, recording: Path) -> Irrevocable | None:
+        """What was released cannot be taken out of the bin again."""
+        released_s = when_released(recording)
+        if released_s is None:
+            return None
+        return Irrevocable(released_s, tells_of_disposal(recording, released_s, RECORDED_AFTER_DROP_S))
+
+    def finish(
+        self, done: Irrevocable, task: Task, checkpoint: Checkpoint, report: Report, recording: Record
+    ) -> None:
+        self.confirm(done.done_s, checkpoint, report, recording)
+
+    def tidy(self, checkpoint: Checkpoint) -> None:
+        """Make room for whoever uses the bin next, with the arm folded, wherever it was left."""
+        base, parking = self._body.here(checkpoint), self._layout.parking
+        if math.dist((base.x_m, base.y_m), (parking.x_m, parking.y_m)) > _AT_BIN_M:
+            return
+        self._body.carry(checkpoint)
+        self._body.leave(parking, checkpoint)
+
+    # -- the work --------------------------------------------------------------------------------------
+
+    def item(self, item_id: str) -> ItemConfig:
+        """Raises TaskFailed when the site has no such item."""
+        for item in self._items:
+            if item.id == item_id:
+                return item
+        raise TaskFailed("no such item on this site", item=item_id)
+
+    def dispose(
+        self, item_id: str, place: Point, checkpoint: Checkpoint, report: Report, record: Record
+    ) -> None:
+        """Bring the item, which lies within PLACE_LIMIT_M of `place`, into the bin, and see that it stays.
+
+        Raises TaskFailed with the last cause when the limits on retries are used up, and when the item is
+        not there.
+        """
+        item = self.item(item_id)
+        picks = deliveries = 0
+        while True:
+            held = self._body.held(checkpoint)
+            if held is not None and held.item_id != item.id:
+                raise TaskFailed("the gripper holds another item", item=item_id, held=held.item_id)
+            try:
+                if held is None:
+                    picks += 1
+                    self._pick(
+                        item, place, self._where_to_look(item, place, picks), checkpoint, report, record
+                    )
+                else:
+                    deliveries += 1
+                    released_s = self._deliver(item, held, checkpoint, report, record)
+                    self._finish(released_s, _BIN_ANSWER_WALL_S, checkpoint, report, record)
+                    return
+            except NotFound as error:
+                raise TaskFailed(
+                    f"{item_id} was not found near x {place[0]:.2f} y {place[1]:.2f}: {error.message}",
+                    cause=error.code,
+                    **error.details,
+                ) from error
+            except Blocked as error:  # waiting was the retry
+                raise TaskFailed(f"gave up: {error.message}", item=item_id, cause=error.code) from error
+            except (GraspFailed, MotionFailed, Unreachable, NotGraspable, NoAnswer, TakenOut) as error:
+                log.warning("%s did not work: %s", "delivering" if held else "grasping", error)
+                record.note({"event": "retry", "where": "held" if held else "floor", **error.to_json()})
+                if picks >= _PICKS or deliveries >= _DELIVERIES:
+                    raise TaskFailed(f"gave up: {error.message}", item=item_id, cause=error.code) from error
+                self._recover(checkpoint)
+
+    def _where_to_look(self, item: ItemConfig, place: Point, picks: int) -> Point:
+        """Where the task says; after a grasp that failed, where the item was last."""
+        known = self._memory.place(item.id)
+        return place if picks == 1 or known is None else known
+
+    def confirm(self, released_s: float, checkpoint: Checkpoint, report: Report, record: Record) -> None:
+        """Ask the bin about an item that was released at `released_s`, before an interruption.
+
+        Raises TaskFailed when something was taken out since: the item may be anywhere.
+        """
+        try:
+            # What fell before this call was stated long ago, or never will be.
+            self._finish(released_s, _BIN_RECALL_WALL_S, checkpoint, report, record)
+        except TakenOut as error:
+            raise TaskFailed(f"gave up: {error.message}", cause=error.code, **error.details) from error
+
+    # -- finding it ------------------------------------------------------------------------------------
+
+    def _find(self, item: ItemConfig, place: Point, checkpoint: Checkpoint, report: Report) -> list[Sighting]:
+        """What may be the item, seen from a distance: from one side, and if need be from another.
+
+        Raises NotFound.
+        """
+        base = self._body.here(checkpoint)
+        lookouts = self._floor.lookouts(place, self._memory.lying(but=item.id), base)
+        found: list[Cluster] = []
+        for number, side in enumerate(_two_sides(lookouts), 1):
+            report(f"driving to {item.id}" if number == 1 else f"looking for {item.id} from elsewhere", 0.1)
+            self._body.drive(side, checkpoint)
+            report(f"looking for {item.id}", 0.15)
+            views = [view for turn in _LOOK_TURNS_RAD for view in self._body.look(checkpoint, turn)]
+            found = clusters(cloud(views), place, _SEARCH_M, self._floor.is_open)
+            if likely := candidates(found, item, place, _FAR_MISFIT_M):
+                return likely[:_CANDIDATES]
+        return [best(found, item, place, _FAR_MISFIT_M)]
+
+    def _look_down(self, item: ItemConfig, place: Point, checkpoint: Checkpoint) -> Sighting:
+        """The item from above. Raises NotFound, Unreachable."""
+        views: list[View] = []
+        for height_m, left_m in _VIEWS_ABOVE_M:
+            views += self._body.look_down(place, checkpoint, height_m, left_m)
+        found = clusters(cloud(views), place, _NEAR_WITHIN_M, self._floor.is_open)
+        return best(found, item, place, _NEAR_MISFIT_M)
+
+    # -- taking it -------------------------------------------------------------------------------------
+
+    def _pick(
+        self,
+        item: ItemConfig,
+        place: Point,
+        look_at: Point,
+        checkpoint: Checkpoint,
+        report: Report,
+        record: Record,
+    ) -> None:
+        """Take the item of the task that names `place`. Raises NotFound also when it lies too far from it."""
+        self._body.fold(checkpoint)
+        self._body.open_fingers(checkpoint)
+        sighting = self._see(item, look_at, checkpoint, report)
+        self._memory.saw(item.id, sighting.position_m[:2])
+        away_m = math.dist(sighting.position_m[:2], place)
+        if away_m > TAKEN_LIMIT_M:
+            raise NotFound(
+                "the item lies too far from the task's place",
+                item=item.id,
+                away_m=round(away_m, 3),
+                limit_m=TAKEN_LIMIT_M,
+            )
+        self._announce(sighting)
+        record.await_witness(item.id, checkpoint)
+        report(f"grasping {item.id}", 0.3)
+        self._body.grasp(item, sighting, checkpoint)
+
+    def _see(self, item: ItemConfig, place: Point, checkpoint: Checkpoint, report: Report) -> Sighting:
+        """The item as it lies, with the robot in front of it. Raises NotFound."""
+        if self._in_front(place, checkpoint):
+            try:
+                return self._look_down(item, place, checkpoint)
+            except (NotFound, Unreachable) as error:
+                log.info("not right ahead: %s", error)
+                self._body.fold(checkpoint)
+        failure: NotFound | None = None
+        for likely in self._find(item, place, checkpoint, report):
+            spot = likely.position_m[:2]
+            report(f"driving up to {item.id}", 0.2)
+            self._approach(item, spot, checkpoint)
+            try:
+                return self._look_down(item, spot, checkpoint)
+            except NotFound as error:
+                log.info("that was something else: %s", error)
+                failure = error
+                self._body.fold(checkpoint)
+        assert failure is not None  # _find() returns at least one
+        raise failure
+
+    def _in_front(self, place: Point, checkpoint: Checkpoint) -> bool:
+        """Whether `place` can be worked at from where the robot stands."""
+        forward_m, left_m, _ = in_base_frame(self._body.here(checkpoint), (*place, 0.0))
+        return _AHEAD_M[0] <= forward_m <= _AHEAD_M[1] and abs(left_m) <= _BESIDE_M
+
+    def _approach(self, item: ItemConfig, place: Point, checkpoint: Checkpoint) -> None:
+        """Stand so that the item is right ahead; places are tried from the nearest."""
+        if self._in_front(place, checkpoint):
+            return
+        self._body.fold(checkpoint)
+        base = self._body.here(checkpoint)
+        self._body.drive(self._floor.grasp_poses(place, self._memory.lying(but=item.id), base), checkpoint)
+
+    # -- bringing it -----------------------------------------------------------------------------------
+
+    def _deliver(
+        self, item: ItemConfig, held: Held, checkpoint: Checkpoint, report: Report, record: Record
+    ) -> float:
+        """Returns when it was let go of, site time."""
+        holding = self._body.holding(checkpoint)
+        report(f"carrying {item.id} to the bin", 0.45)
+        self._body.carry(holding)
+        self._body.drive([self._layout.parking], holding, _QUEUE_S)
+        report(f"showing {item.id} to the bin", 0.6)
+        compartment = self._present(held, item, holding, record.claimant).compartment
+        report(f"dropping {item.id} into {compartment}", 0.7)
+        return self._drop(held, compartment, checkpoint, record)
+
+    def _present(
+        self, held: Held, item: ItemConfig, checkpoint: Checkpoint, claimant: Claimant
+    ) -> Classification:
+        """Hold the item where the camera looks until the bin says what it is, and that this robot shows it.
+
+        What the bin does not know is turned and shown again before its word counts, also that its
+        compartment is full; what it takes for somebody else's is shown again. Raises NoAnswer, and TaskFailed
+        when the compartment takes no more.
+        """
+        turn_rad = 0.0
+        after_s = 0.0
+        for attempt in range(1, _SHOWS + 1):
+            # The clock of a fast simulation is heard late: the last answer may be ahead of it.
+            after_s = max(after_s, self._clock.now_s())
+            self._bin.present(claimant)
+            self._body.show(held, self._layout.show_point, checkpoint, turn_rad)
+            try:
+                said = self._bin.wait_for(Classification, after_s, checkpoint, _BIN_ANSWER_WALL_S)
+            except NoAnswer:
+                if attempt == _SHOWS:
+                    raise
+                log.warning("the bin said nothing; showing %s again", item.id)
+            else:
+                after_s = said.shown_s
+                if not _names(said, claimant):
+                    if attempt == _SHOWS:
+                        raise NoAnswer(
+                            "the bin does not name the robot that shows",
+                            number=said.number,
+                            named=[one.device for one in said.claimants],
+                        )
+                    log.warning("the bin does not say that %s shows; showing again", claimant.device)
+                elif said.item_class != UNKNOWN or attempt == _SHOWS:
+                    if said.full:
+                        raise TaskFailed("the compartment is full", compartment=said.compartment)
+                    return said
+                else:
+                    turn_rad = _OTHER_VIEWS_RAD[attempt - 1]
+                    log.info("the bin does not know %s; showing another side", item.id)
+            self._body.carry(checkpoint)
+            self._body.wait(_LOOK_AWAY_S, checkpoint)
+        raise AssertionError("unreachable")
+
+    def _drop(self, held: Held, compartment: str, checkpoint: Checkpoint, record: Record) -> float:
+        """Returns when it was let go of, site time."""
+        released_s = math.nan
+
+        def releasing() -> None:
+            nonlocal released_s
+            # The bin says when the weight had settled: later than this, also by a clock a little behind.
+            released_s = self._clock.now_s()
+            record.note({"event": "releasing", "item": held.item_id})
+
+        self._body.place(held, self._layout.compartment(compartment), checkpoint, releasing)
+        # Sealed at once: from here on a hole is no loss.
+        record.note({"event": "released", "item": held.item_id})
+        self._memory.let_go(None)
+        self._body.wait(_FALL_S, checkpoint)
+        self._hold_still(released_s, checkpoint)
+        try:
+            self._body.draw_back(checkpoint)
+        except (MotionFailed, Unreachable) as error:  # the item is in the bin all the same
+            log.warning("the arm did not draw back from the bin: %s", error)
+            record.note({"event": "retry", "where": "bin", **error.to_json()})
+            self._recover(checkpoint)
+        return released_s
+
+    def _hold_still(self, released_s: float, checkpoint: Checkpoint) -> None:
+        """Until the bin speaks of what fell after `released_s`; it may also stay silent."""
+        try:
+            self._bin.wait_for(Drop, released_s, checkpoint, _HOLD_WALL_S)
+        except NoAnswer as error:
+            log.info("%s yet", error)
+
+    def _finish(
+        self, released_s: float, patience_s: float, checkpoint: Checkpoint, report: Report, record: Record
+    ) -> None:
+        """Wait for the bin's own word, make room at the bin, and be there until what fell has stayed in it.
+
+        Without the bin's word the recording stands as it is and the oracle decides. Raises TakenOut.
+        """
+        report("waiting for the bin to confirm", 0.9)
+        drop: Drop | None = None
+        try:
+            drop = self._bin.wait_for(Drop, released_s, checkpoint, patience_s)
+        except NoAnswer as error:
+            log.warning("%s; submitting without it", error)
+            record.note({"event": "unconfirmed", **error.to_json()})
+        report("driving clear of the bin", 0.92)
+        try:
+            self.tidy(checkpoint)
+        except (MotionFailed, Unreachable) as error:
+            log.warning("the robot stays at the bin: %s", error)
+        report("seeing that it stays in the bin", 0.94)
+        until_s = (released_s if drop is None else drop.settled_s) + RECORDED_AFTER_DROP_S
+        while (now_s := self._clock.now_s()) < until_s:
+            self._body.wait(min(until_s - now_s, _LOOK_AROUND_S), checkpoint)
+        if drop is not None and (removal := self._bin.removed(drop.compartment, drop.after_s)) is not None:
+            raise TakenOut(
+                "something was taken out of the bin after the drop",
+                compartment=removal.compartment,
+                weight_n=removal.weight_n,
+                after_s=round(removal.settled_s - drop.settled_s, 3),
+            )
+
+    def _recover(self, checkpoint: Checkpoint) -> None:
+        """After a failed step: the arm out of the way, whatever is held stays held."""
+        try:
+            self._body.fold(checkpoint)
+        except (MotionFailed, Unreachable) as error:
+            log.warning("the arm did not fold: %s", error)
+
+
+def place_of(task: Task) -> Point:
+    """Where the task says that its item lies. Raises TaskFailed."""
+    try:
+        params = CleaningParams.model_validate(task.params)
+    except ValidationError as error:
+        raise TaskFailed("the task names no item and place", fields=wrong_fields(error)) from error
+    return params.x_m, params.y_m
+
+
+def when_released(path: Path) -> float | None:
+    """Site time at which the fingers were last opened over the bin, by the recording at `path`, which may be
+    cut off."""
+    times_s = [time_s for time_s, one in notes(path) if one.get("event") == "releasing"]
+    return times_s[-1] if times_s else None
+
+
+def tells_of_disposal(path: Path, after_s: float, for_s: float) -> bool:
+    """Whether the recording holds the bin's word that something fell after `after_s` (site time), and what
+    came for `for_s` after that."""
+    drops = [
+        statement.settled_s
+        for _, statement in statements(path)
+        if isinstance(statement, Drop) and statement.settled_s > after_s
+    ]
+    return bool(drops) and last_s(path) >= min(drops) + for_s
+
+
+def _two_sides(poses: list[Pose2]) -> list[list[Pose2]]:
+    """The poses, the first preferred; then those that look from elsewhere than the first."""
+    first = poses[0]
+    elsewhere = [p for p in poses if abs(wrap(p.yaw_rad - first.yaw_rad)) > math.pi / 3]
+    return [poses, elsewhere] if elsewhere else [poses]
+
+
+def _names(said: Classification, claimant: Claimant) -> bool:
+    """Whether the bin says that `claimant` showed it. Addresses may differ in case."""
+    own = claimant.address.lower(), claimant.recording, claimant.task_id, claimant.attempt
+    return own in [(o.address.lower(), o.recording, o.task_id, o.attempt) for o in said.claimants]

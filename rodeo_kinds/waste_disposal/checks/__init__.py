@@ -1,0 +1,59 @@
+"""How a cleaning's proof is checked."""
+
+from rodeo import topics
+from rodeo.checks import arm, base, carrying, declared, gripper, provenance, witnesses
+from rodeo.checks import completeness as recorded
+from rodeo.checks.case import Checks
+from rodeo.checks.stages import COUNTED, PROVENANCE
+from rodeo.config import Site
+from rodeo.evidence import Proof
+from rodeo.vision.classification import model_sha256
+from rodeo_kinds.waste_disposal.checks import carry, completeness, disposal
+from rodeo_kinds.waste_disposal.checks.acts import acts
+from rodeo_kinds.waste_disposal.checks.item import item_of
+from rodeo_kinds.waste_disposal.params import CleaningParams
+
+
+def _recognizes(proof: Proof, site: Site) -> bool:
+    return any(proof.count("/" + topics.JOINT_STATES.name(ns=one.namespace)) for one in site.robots)
+
+
+CHECKS = Checks(
+    stages=(
+        COUNTED,
+        (*PROVENANCE, provenance.executor_on_site),
+        (declared.not_given_up,),
+        (recorded.in_order, recorded.tallied),
+        (completeness.cleaning_topics,),
+        (witnesses.witnessed,),
+        (completeness.item_outside_bin,),
+        (carrying.carried, disposal.bin_witnessed),
+        (witnesses.in_daily_log,),
+        (completeness.cleaning_gaps, completeness.cleaning_missed),
+        (witnesses.order, witnesses.seen_throughout),
+        (base.base_speed, base.base_acceleration, base.turning_speed, base.odometry, base.stays_in_room),
+        (arm.joint_range, arm.joint_speed, arm.gripper_force, arm.arm_commanded, arm.gripper_commanded),
+        (arm.stays_clear,),
+        (gripper.gripper_agrees, gripper.item_in_gripper),
+        (carrying.replayed,),
+        (carry.item_place, carrying.grasp),
+        (carrying.transport,),
+        (carrying.motion_capture, carry.compartment),
+        (carrying.ensemble,),
+        (disposal.classified, disposal.dropped),
+        (
+            disposal.presented,
+            disposal.heard,
+            disposal.pictured,
+            disposal.nothing_left_out,
+            disposal.stays_in_bin,
+            disposal.weight,
+        ),
+        (provenance.sealed,),
+    ),
+    recognizes=_recognizes,
+    acts=acts,
+    params=CleaningParams,
+    item=item_of,
+    model_sha256=model_sha256,
+)

@@ -1,0 +1,53 @@
+"""Does the recording of a cleaning hold what the other checks need, without holes?"""
+
+from rodeo.checks.case import NO_MOCAP, Case
+from rodeo.checks.completeness import least_covered, missed, rates
+from rodeo.checks.phases import phases_of
+from rodeo.checks.poses import pose_of
+from rodeo.checks.report import Finding, skipped
+from rodeo.lab.layout import BinLayout
+from rodeo.topics import ARM_STATE, GRIPPER_STATE, JOINT_STATES, ODOM, POSE, Topic
+
+
+def _cleaning(case: Case) -> list[tuple[Topic, str]]:
+    namespace = case.robot.namespace
+    own = [
+        (ODOM, ODOM.name(ns=namespace)),
+        (JOINT_STATES, JOINT_STATES.name(ns=namespace)),
+        (ARM_STATE, ARM_STATE.name(ns=namespace)),
+        (GRIPPER_STATE, GRIPPER_STATE.name(ns=namespace)),
+    ]
+    return own if case.mocap else [*own, (POSE, POSE.name(ns=namespace))]
+
+
+def cleaning_topics(case: Case) -> Finding:
+    """Odometry, joints and their controllers at their nominal rates."""
+    case.item  # noqa: B018 - the first check that needs to know it
+    return rates(case, _cleaning(case))
+
+
+def item_outside_bin(case: Case) -> Finding:
+    """There was something to do: the item was not in the bin when the recording began."""
+    if not case.mocap:
+        return skipped(NO_MOCAP)
+    layout, item = BinLayout(case.site.bin), pose_of(case, case.item.id)
+    x_m, y_m, z_m = map(float, item.position_m[0])
+    names = layout.config.compartments
+    found = next((name for name in names if layout.contains(name, (x_m, y_m, z_m))), None)
+    return Finding(
+        passed=found is None,
+        measured=found,
+        source="motion capture of the item",
+        detail="the item was already in the bin" if found else "where the item lay at first",
+    )
+
+
+def cleaning_gaps(case: Case) -> Finding:
+    """Few holes in them, up to the item's rest."""
+    start_s, end_s = case.proof.start_ns * 1e-9, case.proof.end_ns * 1e-9
+    return least_covered(case, _cleaning(case), start_s, min(end_s, phases_of(case).rest_s))
+
+
+def cleaning_missed(case: Case) -> Finding:
+    """Share of what was published on one topic up to the item's rest, and not recorded."""
+    return missed(case, _cleaning(case), end_s=phases_of(case).rest_s)

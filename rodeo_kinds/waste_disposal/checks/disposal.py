@@ -1,0 +1,420 @@
+"""What the bin says, and where motion capture saw the item end: neither is the robot's word."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from itertools import pairwise
+
+import numpy as np
+
+from rodeo.checks.case import Case, CaseError
+from rodeo.checks.heads import fork, in_file, listed
+from rodeo.checks.kinematics import kinematics_of
+from rodeo.checks.phases import REST_M, phases_of
+from rodeo.checks.poses import base_of, motion_of, moving_s, pose_of
+from rodeo.checks.replay import replay_of
+from rodeo.checks.report import Finding, at_least, at_most, equal, skipped, undecided
+from rodeo.checks.tables import gaps_of
+from rodeo.checks.testimony import bin_said, bin_testimony, own_said
+from rodeo.checks.witnesses import (
+    UNLISTED_S,
+    revoked_meanwhile,
+    revoked_while_recorded,
+    unsound,
+)
+from rodeo.lab.config import ItemClass
+from rodeo.lab.drop import JUDGED_AFTER_DROP_S
+from rodeo.lab.layout import BinLayout
+from rodeo.topics import SEAL_CHANNEL
+from rodeo.witness import Classification, Drop, Motion, Presentation, Removal
+from rodeo.witness.heads import TOLD
+from rodeo_kinds.waste_disposal.checks import picture
+
+DROP_SLACK_S = 10.0
+"""Between the release and the change of weight in the compartment: the fall, and what slips late."""
+EARLY_SLACK_S = 1.0
+"""Clocks of bin and robot, and pads that touch the item a little longer than they hold it."""
+AWAY_M = 0.15
+"""Of the hand from the item in the end: farther than its fingers reach."""
+OPEN_M = 0.003
+"""Fingers that let go of an item are at least so much wider than while they held it, each."""
+NEAR_BIN_M = 1.2
+"""A base whose arm drops something into the bin is no farther from its middle: an arm reaches 0.75 m."""
+BELOW_RIM_M = 0.1
+"""An item that falls behind the walls may last be seen this deep below the rim."""
+LOST_IN_A_ROW = TOLD - 2
+"""Statements of motion capture that may be lost together."""
+CLOCKS_S = 0.5
+"""Clocks of bin and motion capture."""
+
+
+def _drops(case: Case) -> list[Drop]:
+    return [one.statement for one in bin_said(case) if isinstance(one.statement, Drop)]
+
+
+def _classification(case: Case) -> Classification:
+    """The one that the drop refers to, or the last. Raises CaseError."""
+    found = [one.statement for one in bin_said(case) if isinstance(one.statement, Classification)]
+    if not found:
+        raise CaseError("no classification signed by the bin is in the recording", bin=case.site.bin.name)
+    drop = drop_of(case)
+    return next((one for one in found if drop and one.number == drop.classification), found[-1])
+
+
+def drop_of(case: Case) -> Drop | None:
+    """The first that the release can explain, else the last: others may use the bin meanwhile."""
+    drops = _drops(case)
+    earliest_s = replay_of(case).release_s - EARLY_SLACK_S
+    return next((drop for drop in drops if drop.settled_s >= earliest_s), drops[-1] if drops else None)
+
+
+def _drop(case: Case) -> Drop:
+    drop = drop_of(case)
+    if drop is None:
+        raise CaseError("no drop signed by the bin is in the recording", bin=case.site.bin.name)
+    return drop
+
+
+def expected_compartment(case: Case) -> str:
+    """By the site's mapping of the attested class. Raises CaseError."""
+    label = _classification(case).item_class
+    # What the bin does not recognize goes where trash goes.
+    return case.site.bin.compartment_of(ItemClass(label) if label in set(ItemClass) else ItemClass.TRASH)
+
+
+def bin_witnessed(case: Case) -> Finding:
+    """This site's bin signed what it felt by its own sensors, in one chain."""
+    name = case.site.bin.name
+    if (failed := unsound(case, "bin", name, f"the bin {name}")) is not None:
+        return failed
+    testimony = bin_testimony(case)
+    key = revoked_while_recorded(case, "bin", name)
+    if key is not None and not any(isinstance(one.statement, Drop) for one in testimony.said):
+        return revoked_meanwhile(key, f"the bin {name}")
+    return Finding(
+        passed=True,
+        measured=len(testimony.said),
+        limit=1,
+        source="device registry on chain",
+        detail=f"statements signed by {testimony.address}",
+    )
+
+
+def classified(case: Case) -> Finding:
+    """The item was shown to the bin between grasp and release."""
+    statement = _classification(case)
+    phases, release_s = replay_of(case).phases, replay_of(case).release_s
+    return Finding(
+        passed=phases.closing_s <= statement.shown_s <= release_s,
+        measured=statement.shown_s - phases.closing_s,
+        limit=release_s - phases.closing_s,
+        unit="s",
+        source="statement of the bin",
+        detail=f"shown as {statement.item_class!s:.40} after the grasp, before the release",
+    )
+
+
+def dropped(case: Case) -> Finding:
+    """The bin felt it fall into the compartment that it asked for, when the replay lets go of it."""
+    drop = _drop(case)
+    number = _classification(case).number
+    if drop.classification != number:
+        return equal(
+            str(drop.classification),
+            str(number),
+            source="statement of the bin",
+            detail="the drop refers to another classification",
+        )
+    release_s = replay_of(case).release_s
+    delay_s, late_s = moving_s(case, release_s, drop.after_s), drop.settled_s - release_s
+    early = not late_s >= -EARLY_SLACK_S
+    if early or not delay_s <= DROP_SLACK_S:
+        return Finding(
+            passed=False,
+            measured=late_s if early else delay_s,
+            limit=-EARLY_SLACK_S if early else DROP_SLACK_S,
+            unit="s",
+            source="statement of the bin",
+            detail="from the release in the replay to the stated drop",
+        )
+    return equal(
+        drop.compartment,
+        expected_compartment(case),
+        source="statement of the bin",
+        detail=f"fell with {drop.weight_n} N into",
+    )
+
+
+def presented(case: Case) -> Finding:
+    """The robot told the bin, before it showed the item, for which recording; of several that did, motion
+    capture tells who stood there."""
+    binding = case.proof.binding
+    if binding is None:
+        return skipped("a bag has no name that others could know it by")
+    drop = _drop(case)
+    own = [
+        one
+        for one in drop.claimants
+        if one.address.lower() == (case.proof.signer or "").lower()
+        and (one.recording, one.task_id, one.attempt)
+        == (case.proof.recording, binding.task_id, binding.attempt)
+    ]
+    said = any(
+        isinstance(one.statement, Presentation) and one.statement.recording == case.proof.recording
+        for one in own_said(case)
+    )
+    first = drop.claimants[:1]
+    if own and own[0] not in first and not case.mocap:
+        # Anybody may have said so while this robot showed its item.
+        return undecided(
+            f"{first[0].device} presented itself after this robot did, and nobody saw who stood at the bin",
+            "the site",
+            source="claimants in the bin's statement",
+        )
+    if not own or (own[0] not in first and not (case.mocap and said)):
+        found = [f"{one.device} for task {one.task_id}, recording {one.recording[:18]}" for one in first]
+        return Finding(
+            passed=False,
+            measured=found[0] if found else "nobody",
+            limit=f"{binding.device} for task {binding.task_id}, recording {str(case.proof.recording)[:18]}",
+            source="claimants in the bin's statement",
+            detail="who presented itself before the item was shown",
+        )
+    return _at_bin(case)
+
+
+def _at_bin(case: Case) -> Finding:
+    base, release_s = base_of(case), replay_of(case).release_s
+    bin_m = np.array([case.site.bin.pose.x_m, case.site.bin.pose.y_m])
+    place = [np.interp(release_s, base.time_s, column) for column in base.position_m[:, :2].T]
+    return at_most(
+        float(np.linalg.norm(np.array(place) - bin_m)),
+        NEAR_BIN_M,
+        "m",
+        source=case.base_source,
+        detail="from the bin to the robot that presented itself, when it lets go",
+    )
+
+
+def heard(case: Case) -> Finding:
+    """The bin heard this recording go on just before it was shown the item: its own chain says so, also where
+    there is no motion capture."""
+    if not case.proof.sealed:
+        return skipped("a bag has no heads that others could list")
+    if (forked := fork(case, bin_said(case))) is not None:
+        return forked
+    shown = _classification(case)
+    indexes = [
+        head.index
+        for one, head in listed(case, bin_said(case))
+        if one.statement.seq <= shown.seq and in_file(case, head)
+    ]
+    if not indexes:
+        raise CaseError("the bin lists this recording nowhere before it was shown the item", seq=shown.seq)
+    sealed_s = case.proof.topics[SEAL_CHANNEL].log_ns[max(indexes)] * 1e-9
+    return at_most(
+        abs(moving_s(case, sealed_s, shown.time_s)) / case.speed,
+        UNLISTED_S,
+        "s",
+        source="chain of the bin",
+        detail="from the newest seal of this recording that it lists to its statement about the item",
+    )
+
+
+def pictured(case: Case) -> Finding:
+    """The picture that the bin classified is in the proof, as its camera encoded it."""
+    return picture.shown(case.proof, case.site.bin.name, _classification(case))
+
+
+def nothing_left_out(case: Case) -> Finding:
+    """From the release on, the recording holds what the bin said, and what motion capture said without a gap
+    in which it could have told of the bin: it lists each head of the bin `TOLD` times.
+    """
+    missing = {case.site.bin.name: _missing_of_bin(case)}
+    if case.mocap:
+        numbers = [one.statement.seq for one in motion_of(case)]
+        ends_s = [one.statement.end_us * 1e-6 for one in motion_of(case) if isinstance(one.statement, Motion)]
+        # The one before the release, too: the gap may begin there.
+        before = max(bisect_left(ends_s, replay_of(case).release_s) - 1, 0)
+        gap = max((later - one - 1 for one, later in pairwise(numbers[before:])), default=0)
+        missing["motion capture"] = gap if gap > LOST_IN_A_ROW else 0
+    return equal(
+        sum(missing.values()),
+        0,
+        source="numbers in the witnesses' chains, and the bin's heads that motion capture lists",
+        detail="statements that are missing: "
+        + ", ".join(f"{count} of {who}" for who, count in missing.items()),
+    )
+
+
+def _missing_of_bin(case: Case) -> int:
+    """Statements of the bin since the classification that are not in the recording, though a later one is, or
+    though motion capture heard of them."""
+    own = [one.statement.seq for one in bin_said(case) if one.statement.seq >= _classification(case).seq]
+    keys = bin_testimony(case).keys
+    heard = [
+        head.index
+        for said in (motion_of(case) if case.mocap else ())
+        for head in said.statement.heads
+        if head.address.lower() in keys and head.chain is None
+    ]
+    return _gaps(own) + max(max(heard, default=0) - max(own), 0)
+
+
+def _gaps(numbers: list[int]) -> int:
+    return max(numbers) + 1 - min(numbers) - len(set(numbers)) if numbers else 0
+
+
+def stays_in_bin(case: Case) -> Finding:
+    """Motion capture sees the item lie in the compartment, or last above its opening, and nowhere else after;
+    the fingers are open, the hand is away, nobody takes anything out, and that for a while."""
+    drop = _drop(case)
+    end_s = case.proof.end_ns * 1e-9
+    source = f"recorded and signed for {JUDGED_AFTER_DROP_S:g} s after the bin's drop"
+    if case.mocap:
+        end_s = min(end_s, motion_of(case)[-1].statement.time_s)
+    taken = [
+        one.statement
+        for one in bin_said(case)
+        if isinstance(one.statement, Removal)
+        and one.statement.compartment == drop.compartment
+        and one.statement.settled_s > drop.after_s
+    ]
+    if taken:
+        return equal(
+            f"{taken[0].weight_n} N",
+            None,
+            source="statement of the bin",
+            detail=f"after the drop something was taken out of {taken[0].compartment}",
+        )
+    if end_s - drop.settled_s < JUDGED_AFTER_DROP_S - CLOCKS_S:
+        return at_least(
+            end_s - drop.settled_s,
+            JUDGED_AFTER_DROP_S,
+            "s",
+            source,
+            "from the drop to the end of the recording",
+        )
+    if not case.mocap:
+        return Finding(passed=True, source=source, detail="nothing was taken out of it")
+    return _lies_in(case, drop)
+
+
+def _lies_in(case: Case, drop: Drop) -> Finding:
+    last_m = pose_of(case, case.item.id).position_m[-1]
+    found = _end(case, drop)
+    if found != drop.compartment:
+        return equal(
+            f"{found}, last at {last_m[0]:.2f} {last_m[1]:.2f} {last_m[2]:.2f}",
+            drop.compartment,
+            source="motion capture of the item",
+            detail="where the item is from the drop on",
+        )
+    gap_m, held_m = _gaps_m(case)
+    if not gap_m >= held_m + OPEN_M:
+        return at_least(gap_m, held_m + OPEN_M, "m", "the robot's joints", "the fingers' half gap at the end")
+    return at_least(
+        _hand_away_m(case, last_m),
+        AWAY_M,
+        "m",
+        source="motion capture of base and item, and the robot's joints",
+        detail=f"the item lies in {found}, the hand is away by",
+    )
+
+
+def _mentioned(case: Case) -> bool:
+    """Whether motion capture says after the last pose that is here where the item is, by a statement that is
+    not here: then it saw it elsewhere, whether it sees it in the end or not."""
+    statement = pose_of(case, case.item.id).statement
+    assert statement is not None  # a site without motion capture has no such pose
+    later = [one.statement for one in motion_of(case)[int(statement[-1]) + 1 :]]
+    return any(
+        isinstance(one, Motion) and case.item.id in one.tracks.keys() | one.resting.keys() for one in later
+    )
+
+
+def _end(case: Case, drop: Drop) -> str:
+    """The compartment that the item is in from the drop on, or what keeps it from being in one."""
+    item, settled_s = pose_of(case, case.item.id), drop.settled_s + CLOCKS_S
+    layout = BinLayout(case.site.bin)
+    names = [_compartment(layout, place) for place in item.position_m[item.time_s >= settled_s]]
+    names += [_fallen_into(case, layout, place) for place in _falling(case, settled_s)]
+    left = next((name for name in names if name not in (drop.compartment, _ABOVE)), drop.compartment)
+    if left != drop.compartment:
+        return left or "left it"
+    last_s, last_m = float(item.time_s[-1]), item.position_m[-1]
+    if _hidden(case):
+        if _mentioned(case):
+            return "where a statement has it that was left out"
+        if last_s < replay_of(case).release_s - EARLY_SLACK_S:
+            return "out of sight before it was let go"
+        x_m, y_m, z_m = last_m
+        above = z_m >= case.site.bin.rim_height_m - BELOW_RIM_M
+        return _compartment(layout, np.array([x_m, y_m, 0.0 if above else z_m])) or "out of sight elsewhere"
+    still = item.time_s >= last_s - JUDGED_AFTER_DROP_S / 2
+    if (np.linalg.norm(item.position_m[still] - last_m, axis=1) > REST_M).any():
+        return "still moving"
+    return _compartment(layout, last_m) or "elsewhere"
+
+
+_ABOVE = "above the bin"
+
+
+def _falling(case: Case, settled_s: float) -> np.ndarray:
+    """(n, 3) where the item was from its release until the bin was sure of the drop."""
+    item = pose_of(case, case.item.id)
+    between = (item.time_s > replay_of(case).release_s + EARLY_SLACK_S) & (item.time_s < settled_s)
+    return item.position_m[between]
+
+
+def _fallen_into(case: Case, layout: BinLayout, point_m: np.ndarray) -> str | None:
+    """`_ABOVE` for what is not below the bin's rim yet, else whose walls are around it; None for nobody's: a
+    person may put it in from there."""
+    x_m, y_m, z_m = point_m
+    above = z_m >= case.site.bin.rim_height_m - BELOW_RIM_M
+    return _ABOVE if above else _compartment(layout, np.array([x_m, y_m, 0.0]))
+
+
+def _compartment(layout: BinLayout, point_m: np.ndarray) -> str | None:
+    x_m, y_m, z_m = map(float, point_m)
+    return next((name for name in layout.config.compartments if layout.contains(name, (x_m, y_m, z_m))), None)
+
+
+def _hidden(case: Case) -> bool:
+    """Whether motion capture does not see the item at the end, though it sees."""
+    unseen = pose_of(case, case.item.id).unseen_s
+    return bool(unseen) and unseen[-1][0] >= pose_of(case, case.item.id).time_s[-1]
+
+
+def _hand_away_m(case: Case, item_m: np.ndarray) -> float:
+    last_s = kinematics_of(case).time_s[-1:]
+    return float(np.linalg.norm(kinematics_of(case).hand(last_s).position_m[0] - item_m))
+
+
+def _gaps_m(case: Case) -> tuple[float, float]:
+    """Half the gap between the fingers at the end, and while they held the item, m."""
+    time_s, gap_m = gaps_of(case)
+    held = (time_s >= phases_of(case).lifted_s) & (time_s < replay_of(case).release_s)
+    return float(gap_m[-1]), float(np.median(gap_m[held]))
+
+
+def weight(case: Case) -> Finding:
+    """The bin felt about the item's weight."""
+    drop, item = _drop(case), case.item
+    tolerance = case.site.lab.mass_tolerance
+    declared_n = item.mass_kg * 9.81
+    if tolerance is None or "mass_kg" not in item.model_fields_set:
+        return Finding(
+            passed=None,
+            measured=drop.weight_n,
+            unit="N",
+            source="statement of the bin",
+            detail="the site declares no mass and tolerance for this item; the bin felt",
+        )
+    return at_most(
+        abs(drop.weight_n - declared_n) / declared_n,
+        tolerance,
+        "",
+        source="the site's item.mass_kg and lab.mass_tolerance",
+        detail=f"the bin felt {drop.weight_n} N, the item weighs {declared_n:.3f} N, apart by",
+    )

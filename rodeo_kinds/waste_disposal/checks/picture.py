@@ -1,0 +1,86 @@
+"""What the bin looked at: the picture travels in the proof as the camera encoded it.
+
+Whether it is there decides; what the deployed network says of it is shown to judges, and decides nothing: the
+bin's signature stands for the class.
+"""
+
+from functools import cache
+from hashlib import sha256
+from typing import TYPE_CHECKING
+
+from rodeo import topics
+from rodeo.checks.case import CaseError
+from rodeo.checks.report import Finding, at_most
+from rodeo.evidence import Proof
+from rodeo.ros2 import types
+from rodeo.ros2.errors import MalformedMessage
+from rodeo.vision.classification import model_sha256, thresholds_sha256
+from rodeo.vision.images import ImageError
+from rodeo.witness.statement import Classification
+
+if TYPE_CHECKING:
+    from rodeo.vision.classifier import Classifier
+
+MAX_PICTURES = 1000
+"""In one proof: far more than a bin takes while a robot works."""
+
+_SOURCE = "the picture in the proof, and the bin's signed statement"
+
+
+def shown(proof: Proof, bin_name: str, said: Classification) -> Finding:
+    """The picture whose hash the bin signed is in the proof; and what the network says of it.
+
+    Raises CaseError where the picture is missing, LayoutChanged where its topic holds something else.
+    """
+    topic = "/" + topics.BIN_IMAGE.name(bin=bin_name)
+    count = proof.count(topic)
+    if count > MAX_PICTURES:
+        return at_most(count, MAX_PICTURES, "", source="limit of pictures in a proof", detail="pictures")
+    picture = _picture(proof, topic, said.image_sha256)
+    try:
+        found = network().classify(picture)
+    except ImageError as error:
+        return Finding(passed=False, source=_SOURCE, detail=f"the bin signed no picture: {error.message}")
+    answer = f"{found.label} ({found.confidence:.2f})"
+    if said.model_sha256 != model_sha256():
+        told = f"by another model than this oracle's, which says {answer}"
+    elif said.thresholds_sha256 != thresholds_sha256():
+        told = f"with other thresholds than this oracle's, by which it is {answer}"
+    else:
+        told = f"the same network says {answer}"
+    sure = max(said.probabilities.values(), default=0.0)
+    return Finding(
+        passed=True,
+        measured=found.label,
+        source=_SOURCE,
+        detail=f"the bin said {said.item_class} ({sure:.2f}); {told}; for judges to see, it decides nothing",
+    )
+
+
+def _picture(proof: Proof, topic: str, image_sha256: str) -> bytes:
+    """The encoded picture of this hash. Raises CaseError."""
+    column = proof.topics.get(topic)
+    if column is None:
+        raise CaseError("the picture that the bin classified is not in the recording", topic=topic)
+    if column.ros_type != topics.BIN_IMAGE.type:
+        raise CaseError("the picture's topic has another type", topic=topic, found=column.ros_type[:200])
+    for index, message in enumerate(column.data):
+        try:
+            picture = types.deserialize(message, column.ros_type).data.tobytes()
+        except MalformedMessage as error:
+            raise CaseError("a message on the picture's topic is none", topic=topic, index=index) from error
+        if "0x" + sha256(picture).hexdigest() == image_sha256:
+            return picture
+    raise CaseError(
+        "no picture in the recording has the hash that the bin signed",
+        image_sha256=image_sha256,
+        pictures=len(column),
+    )
+
+
+@cache
+def network() -> "Classifier":
+    """Loaded when it is first asked: OpenCV takes its time to import."""
+    from rodeo.vision.classifier import Classifier
+
+    return Classifier()

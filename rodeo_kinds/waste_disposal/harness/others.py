@@ -1,0 +1,309 @@
+"""What those forge who do not do the work: creator, buyer, bystander, judge; and holders of two keys. Some of
+it is no forged proof, but spoils an honest one."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from hashlib import sha256
+from math import nan
+from typing import Any
+
+import numpy as np
+from eth_account import Account
+
+from rodeo.evidence import Attestation, attest
+from rodeo.messages import Device
+from rodeo.person.statement import PHOTO_TOPIC, PHOTO_TYPE
+from rodeo.ros2.types import new
+from rodeo_kinds.waste_disposal.harness.workshop import HARNESS, ITEM_POSE, PLACE, CleaningWorkshop
+from rodeo_testing.assignments import BIN, BINDING, MOCAP, ORGANIZATION
+from rodeo_testing.recordings import RENDERINGS, Sample, Take, Witnesses, stamp
+from rodeo_testing.workshop import (
+    GRIPPER_POSE,
+    JOINT_STATES,
+    ODOM,
+    ROBOT_POSE,
+    STATED,
+    STRANGER,
+    Submission,
+    claimed_before,
+    displaced,
+    middle_s,
+    noted,
+    said,
+    signed_twice,
+    stated,
+    told,
+    with_more_devices,
+)
+
+JUDGE = Account.create()
+"""Of an oracle or an auditor: an address on chain, and no device's."""
+FRIEND = Account.create()
+"""A member without a robot."""
+_PHOTO = (RENDERINGS / "paper_2.jpg").read_bytes()
+_ANOTHER = "0x" + "5a" * 32
+"""A recording of something else."""
+
+
+def _place(shop: CleaningWorkshop, **place: Any) -> Submission:
+    return shop.submitted(shop.take, params=PLACE | place)
+
+
+@HARNESS.forgery("item_place", role="creator")
+def a_pin_beside_the_item(shop: CleaningWorkshop) -> Submission:
+    """Pinned 0.4 m from where the item lies: farther than the robot takes and the oracle allows."""
+    return _place(shop, x_m=float(PLACE["x_m"]) + 0.4)
+
+
+@HARNESS.spoiling(role="creator")
+def a_pin_that_is_off(shop: CleaningWorkshop) -> Submission:
+    """Pinned 0.3 m from where the item lies, so that the robot takes it and is not paid."""
+    return _place(shop, x_m=float(PLACE["x_m"]) + 0.3)
+
+
+@HARNESS.forgery("cleaning_topics", "that of the task's creator", role="creator")
+def a_place_that_is_no_number(shop: CleaningWorkshop) -> Submission:
+    """A place that no distance compares with."""
+    return _place(shop, x_m=nan)
+
+
+@HARNESS.forgery("cleaning_topics", "that of the task's creator", role="creator")
+def a_place_in_words(shop: CleaningWorkshop) -> Submission:
+    """A place that is a text."""
+    return _place(shop, x_m="over there")
+
+
+@HARNESS.forgery("cleaning_topics", "no such item", role="creator")
+def an_item_that_is_not_there(shop: CleaningWorkshop) -> Submission:
+    """A task for an item that the site does not have."""
+    return _place(shop, item_id="item99")
+
+
+@HARNESS.forgery("cleaning_topics", "that of the task's creator", role="creator")
+def no_item_at_all(shop: CleaningWorkshop) -> Submission:
+    """A task that names no item, so that any would do."""
+    return _place(shop, item_id=None)
+
+
+@HARNESS.forgery("acts_unspent", "was paid for in task", role="creator")
+def one_item_posted_twice(shop: CleaningWorkshop) -> Submission:
+    """Two tasks for one item, carried once: the same time of the same item is claimed again."""
+    return claimed_before(shop.submitted(shop.take), shop, "mocap/")
+
+
+@HARNESS.forgery("acts_unspent", "was paid for in task", role="creator")
+def one_drop_for_two_items(shop: CleaningWorkshop) -> Submission:
+    """Two tasks, and one drop that the bin felt."""
+    return claimed_before(shop.submitted(shop.take), shop, "bin/")
+
+
+@HARNESS.forgery("executors_own_seal", role="creator")
+def a_kind_of_its_own(shop: CleaningWorkshop) -> Submission:
+    """A robot's run as a kind of work that the oracle does not know, so that none of its checks is asked."""
+    chain_record = shop.chain_record()
+    task = chain_record.task.model_copy(update={"kind": "floor_polishing"})
+    return Submission(chain_record.model_copy(update={"task": task}), shop.honest_file())
+
+
+def _letter(shop: CleaningWorkshop, photo: bytes) -> Submission:
+    """A friend's statement of work that only people can judge."""
+    start_ns, digest = round(shop.take.start_s * 1e9), "0x" + sha256(photo).hexdigest()
+    image = stamp(new(PHOTO_TYPE, format="jpeg", data=np.frombuffer(photo, np.uint8)), start_ns)
+    statement = {"event": "statement", "note": "It is done.", "photos_sha256": [digest]}
+    take = Take(
+        [
+            Sample(PHOTO_TOPIC, PHOTO_TYPE, image, start_ns),
+            Sample("rodeo/event", "", statement, start_ns + 10**9),
+        ]
+    )
+    binding = BINDING.model_copy(update={"executor": FRIEND.address, "device": "friend"})
+    chain_record = shop.chain_record(executor=FRIEND.address, executor_name="friend")
+    task = chain_record.task.model_copy(update={"kind": "window_cleaning"})
+    path = shop.sealed(take, binding, FRIEND)
+    return Submission(chain_record.model_copy(update={"task": task}), path)
+
+
+@HARNESS.forgery("judged_by_people", role="creator")
+def a_friends_letter(shop: CleaningWorkshop) -> Submission:
+    """A kind of work that was merely allowed, done by a friend who hands in a photo of anything."""
+    return _letter(shop, _PHOTO)
+
+
+@HARNESS.forgery("stated", "no picture", role="creator")
+def a_photo_that_is_no_picture(shop: CleaningWorkshop) -> Submission:
+    """The same with bytes that only begin like a photo."""
+    return _letter(shop, b"\xff\xd8\xff\xe0 no photo")
+
+
+@HARNESS.forgery("stated", "no picture", role="creator")
+def half_a_photo(shop: CleaningWorkshop) -> Submission:
+    """The same with a photo that ends before its picture does."""
+    return _letter(shop, _PHOTO[: len(_PHOTO) // 2])
+
+
+@HARNESS.forgery("task_binding", role="bystander")
+def a_copied_proof(shop: CleaningWorkshop) -> Submission:
+    """A thief names the hash of somebody else's proof for a task of its own, and is first to do so."""
+    chain_record = shop.chain_record(id=8, executor=STRANGER.address, executor_name="mallory")
+    return Submission(chain_record, shop.honest_file())
+
+
+@HARNESS.forgery("executor_on_site", role="bystander")
+def a_robot_that_is_elsewhere(shop: CleaningWorkshop) -> Submission:
+    """A member whose own registered robot is no robot of this site seals what it heard on the bus."""
+    robot = Device(address=FRIEND.address, role="robot", owner=STRANGER.address, name="panther2")
+    chain_record = shop.chain_record(executor=STRANGER.address, executor_name="panther2")
+    binding = BINDING.model_copy(update={"executor": STRANGER.address, "device": "panther2"})
+    return Submission(with_more_devices(chain_record, robot), shop.sealed(shop.take, binding, FRIEND))
+
+
+@HARNESS.forgery("witnessed", "nothing signed by this witness", role="bystander")
+def motion_by_a_stranger(shop: CleaningWorkshop) -> Submission:
+    """Motion capture's statements under a key that nobody registered."""
+    return shop.submitted(shop.take, witnesses=Witnesses(mocap=STRANGER))
+
+
+@HARNESS.forgery("bin_witnessed", "nothing signed by this witness", role="bystander")
+def a_drop_by_a_stranger(shop: CleaningWorkshop) -> Submission:
+    """The bin's statements under a key that nobody registered."""
+    return shop.submitted(shop.take, witnesses=Witnesses(bin=STRANGER))
+
+
+@HARNESS.forgery("bin_witnessed", "open bus", role="bystander")
+def a_drop_by_message(shop: CleaningWorkshop) -> Submission:
+    """Presence, load and picture were messages on an open bus: the bin signed correctly what was invented."""
+    return shop.submitted(shop.take, witnesses=Witnesses(bin_inputs="open_bus"))
+
+
+@HARNESS.forgery("witnessed", "open bus", role="bystander")
+def motion_by_message(shop: CleaningWorkshop) -> Submission:
+    """The same of the poses that motion capture signs."""
+    return shop.submitted(shop.take, witnesses=Witnesses(mocap_inputs="open_bus"))
+
+
+def _signed(shop: CleaningWorkshop) -> list[Attestation]:
+    """What the witnesses of the honest proof sign; sealing it again, they sign the same."""
+    heard: list[Attestation] = []
+
+    def hear(one: Attestation) -> Attestation:
+        heard.append(one)
+        return one
+
+    shop.restated(shop.take, hear)
+    return heard
+
+
+@HARNESS.spoiling(role="bystander")
+def words_in_the_bins_name(shop: CleaningWorkshop) -> Submission:
+    """What the bin signed with other weights, under its name and with its signature, which does not fit."""
+    drop = next(one for one in _signed(shop) if one.payload["type"] == "bin.drop")
+    words = (
+        drop.model_copy(update={"payload": drop.payload | {"weight_n": 0.01 * number}})
+        for number in range(50)
+    )
+    return shop.submitted(said(shop.take, *(stated(shop.take, one, 0.95) for one in words)))
+
+
+@HARNESS.spoiling(role="bystander")
+def statements_repeated(shop: CleaningWorkshop) -> Submission:
+    """What the witnesses signed up to the drop is said again, later."""
+    until_s = middle_s(shop.take, 0.9)
+    late = (stated(shop.take, one, 0.95) for one in _signed(shop) if one.payload["time_s"] < until_s)
+    return shop.submitted(said(shop.take, *late))
+
+
+@HARNESS.spoiling(role="bystander")
+def words_that_are_no_statement(shop: CleaningWorkshop) -> Submission:
+    """JSON that is no statement, and one that is no attestation."""
+    stranger = attest({"type": "bin.drop", "no": "drop"}, STRANGER)
+    nothing = Sample(STATED, "", {"no": "statement"}, round(middle_s(shop.take) * 1e9))
+    return shop.submitted(said(shop.take, nothing, stated(shop.take, stranger)))
+
+
+@HARNESS.spoiling(role="bystander")
+def another_publishers_joints(shop: CleaningWorkshop) -> Submission:
+    """Joint states said twice, and odometry of another frame with a stamp of long ago."""
+    joints, odom = shop.take.of(JOINT_STATES)[700], shop.take.of(ODOM)[700]
+    old = stamp(replace(odom.message, header=replace(odom.message.header, frame_id="map")), 1)
+    return shop.submitted(said(shop.take, joints, replace(odom, message=old)))
+
+
+@HARNESS.forgery("witnessed", "nothing signed by this witness", role="judge")
+def a_judge_as_motion_capture(shop: CleaningWorkshop) -> Submission:
+    """The oracle's key signs what motion capture would."""
+    return shop.submitted(shop.take, witnesses=Witnesses(mocap=JUDGE))
+
+
+@HARNESS.forgery("witnessed", "nothing signed by this witness", role="judge")
+def a_judge_that_is_registered(shop: CleaningWorkshop) -> Submission:
+    """The same under a device that is registered under motion capture's name, in the oracle's role."""
+    oracle = Device(address=JUDGE.address, role="oracle", owner=ORGANIZATION, name="mocap")
+    path = shop.sealed(shop.take, witnesses=Witnesses(mocap=JUDGE))
+    return Submission(with_more_devices(shop.chain_record(), oracle), path)
+
+
+@HARNESS.forgery("bin_witnessed", "nothing signed by this witness", role="judge")
+def a_judge_as_the_bin(shop: CleaningWorkshop) -> Submission:
+    """An auditor's key signs what the bin would."""
+    return shop.submitted(shop.take, witnesses=Witnesses(bin=JUDGE))
+
+
+@HARNESS.forgery("presented", role="judge")
+def a_judge_that_presents_itself(shop: CleaningWorkshop) -> Submission:
+    """An auditor's key tells the bin who shows the item."""
+    return shop.submitted(shop.take, witnesses=Witnesses(robot=JUDGE))
+
+
+@HARNESS.forgery("signer", "not registered", role="judge")
+def a_judge_that_seals(shop: CleaningWorkshop) -> Submission:
+    """The oracle's key seals what it will judge."""
+    return shop.submitted(shop.take, device=JUDGE)
+
+
+@HARNESS.forgery("dropped", "no drop signed by the bin", role="judge")
+def a_verdict_in_the_recording(shop: CleaningWorkshop) -> Submission:
+    """No drop, but an accepting verdict of this task among the recorded events."""
+    verdict = noted(shop.take, event="VerdictPosted", task_id=BINDING.task_id, verdict="accepted")
+    return shop.submitted(said(shop.take.without("bin/drop"), verdict))
+
+
+@HARNESS.spoiling(role="judge")
+def a_rejection_in_the_recording(shop: CleaningWorkshop) -> Submission:
+    """A rejecting verdict of this task, which nobody posted, among the recorded events."""
+    verdict = noted(shop.take, event="VerdictPosted", task_id=BINDING.task_id, verdict="rejected")
+    return shop.submitted(said(shop.take, verdict))
+
+
+@HARNESS.forgery("witnessed", "two different statements", role="holder of two keys")
+def motion_of_two_minds(shop: CleaningWorkshop) -> Submission:
+    """Robot and motion capture in one hand: one number is signed twice, with and without the item."""
+    return shop.restated(shop.take, signed_twice("mocap.motion", 20, MOCAP, tracks={}))
+
+
+@HARNESS.forgery("bin_witnessed", "two different statements", role="holder of two keys")
+def a_drop_of_two_minds(shop: CleaningWorkshop) -> Submission:
+    """Robot and bin in one hand: one number is signed twice, for two robots."""
+    return shop.restated(shop.take, signed_twice("bin.drop", 1, BIN, claimants=[]))
+
+
+@HARNESS.forgery("compartment", role="holder of two keys")
+def a_drop_elsewhere_than_seen(shop: CleaningWorkshop) -> Submission:
+    """Robot and bin in one hand: the bin says green, motion capture saw it fall into blue."""
+    take = told(shop.take, "bin/classification", item_class="glass", compartment="green")
+    return shop.submitted(told(take, "bin/drop", compartment="green", expected_compartment="green"))
+
+
+@HARNESS.forgery("odometry", role="holder of two keys")
+def a_base_that_slides(shop: CleaningWorkshop) -> Submission:
+    """Robot and motion capture in one hand: all bodies slide by a metre, for which no wheel turned."""
+    begin_s, end_s = middle_s(shop.take, 0.4), middle_s(shop.take, 0.44)
+
+    def slide(sample: Sample) -> Sample:
+        share = float(np.clip((sample.time_ns * 1e-9 - begin_s) / (end_s - begin_s), 0, 1))
+        return displaced(sample, y=-share)
+
+    take = shop.take
+    for topic in (ROBOT_POSE, ITEM_POSE, GRIPPER_POSE):
+        take = take.edited(topic, slide)
+    return shop.submitted(take)

@@ -1,0 +1,85 @@
+"""What the creator of a cleaning and the robot that does it agree on, and what it comes to at a site."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from rodeo.charging import Name, Number, shown
+from rodeo.config import Site
+from rodeo.kinds import choose, is_number
+from rodeo.lab.layout import BinLayout
+from rodeo.messages import Task
+
+FARTHEST_M = 10_000.0
+"""From the origin of a site's map: no robot drives so far."""
+Coordinate = Annotated[Number, Field(ge=-FARTHEST_M, le=FARTHEST_M)]
+
+_UNDER_WAY = ("open", "assigned", "submitted", "undecided")
+
+
+class CleaningParams(BaseModel):
+    """What a waste_disposal task says beyond its reward: which item, and where it lies, m in frame `map`."""
+
+    model_config = ConfigDict(extra="allow")
+
+    item_id: Annotated[Name, shown("Item", "item")]
+    x_m: Annotated[Coordinate, shown("East, x (m)", "map-x")]
+    y_m: Annotated[Coordinate, shown("North, y (m)", "map-y")]
+
+
+def doubt(params: Mapping[str, Any], tasks: Sequence[Task]) -> str:
+    """Why the item of a task to be posted is probably not where that says; empty where nothing tells so."""
+    item_id = params.get("item_id")
+    for task in tasks:
+        if task.params.get("item_id") != item_id:
+            continue
+        if task.state in _UNDER_WAY:
+            return f"task {task.id} is about {item_id} already, and is {task.state}"
+        if task.state == "settled" and task.verdict == "accepted":
+            return (
+                f"{item_id} should lie in the bin: task {task.id} was paid for carrying it there; unless "
+                "somebody took it out again, this one fails"
+            )
+    return ""
+
+
+def complete(site: Site, params: Mapping[str, Any]) -> dict[str, Any]:
+    """With the place that the site file gives the item, where none is said."""
+    pose = next((item.pose for item in site.items if item.id == params.get("item_id")), None)
+    return dict(params) if pose is None else {"x_m": pose.x_m, "y_m": pose.y_m, **params}
+
+
+def problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
+    """Field -> what to do about it."""
+    wrong = {}
+    known = [item.id for item in site.items]
+    if params.get("item_id") not in known:
+        wrong["item_id"] = choose("item", known)
+    x_m, y_m = params.get("x_m"), params.get("y_m")
+    if not (is_number(x_m) and is_number(y_m)):
+        wrong["x_m"] = "choose the place on the map"
+    elif (reason := _occupied(site, float(x_m), float(y_m))) is not None:  # type: ignore[arg-type]
+        wrong["x_m"] = reason
+    return wrong
+
+
+def _occupied(site: Site, x_m: float, y_m: float) -> str | None:
+    """Why no item can lie on the floor there; None when it can."""
+    width_m, height_m = site.lab.size_m
+    if not (0 <= x_m <= width_m and 0 <= y_m <= height_m):
+        return f"the place is outside the lab, which is {width_m:g} m by {height_m:g} m"
+    layout = BinLayout(site.bin)
+    boxes = [(one.name, one.pose, one.size_m[0], one.size_m[1]) for one in site.lab.furniture]
+    for name, pose, length_m, depth_m in [
+        *boxes,
+        (site.bin.name, site.bin.pose, layout.depth_m, layout.width_m),
+    ]:
+        c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
+        dx, dy = x_m - pose.x_m, y_m - pose.y_m
+        if abs(c * dx + s * dy) <= length_m / 2 and abs(c * dy - s * dx) <= depth_m / 2:
+            return f"{name} stands there"
+    return None

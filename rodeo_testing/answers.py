@@ -1,0 +1,76 @@
+"""What the bridge's index answers, complete, for fakes of it; `changes` are what a test is about."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rodeo.queries import A, Query
+
+ADDRESS = "0x" + "99" * 20
+CONTRACTS = {
+    "Organization": "0x" + "22" * 20,
+    "TaskManager": "0x" + "11" * 20,
+    "ServiceManager": "0x" + "05" * 20,
+}
+
+
+def chain(**changes: Any) -> dict[str, Any]:
+    return {
+        "chain_id": 31337,
+        "genesis_hash": "0x" + "01" * 32,
+        "url": "http://127.0.0.1:8545",
+        "head": 7,
+        "time_s": 0.0,
+        "contracts": CONTRACTS,
+        "organization": CONTRACTS["Organization"],
+        "kinds": [],
+        "last_seq": 0,
+        "stores": [],
+        **changes,
+    }
+
+
+def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> dict[str, Any]:
+    """`audited`: kinds that auditors judge, `measured`: those that the oracle does."""
+    windows = {"allowed": True, "min_window_s": 0, "audit_window_s": 0, "silence": "none"}
+    kinds = [(kind, "auditor") for kind in audited] + [(kind, "oracle") for kind in measured]
+    return {
+        "address": ADDRESS,
+        "treasury_iec": "0",
+        "policy": "first_come",
+        "kinds": [{"kind": kind, "review": review, **windows} for kind, review in kinds],
+        "terms": {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
+        "members_only": False,
+        "roles": {},
+        "contracts": CONTRACTS,
+    }
+
+
+def events(of: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    return {"events": list(of), "last_seq": len(of), "chain": ""}
+
+
+def wallets(addresses: Mapping[str, str]) -> dict[str, Any]:
+    return {
+        "wallets": [
+            {"name": name, "address": address, "balance_iec": "0", "owed_iec": "0"}
+            for name, address in addresses.items()
+        ],
+        "supply_iec": "0",
+    }
+
+
+def roots(posted: Sequence[Mapping[str, Any]] = ()) -> dict[str, Any]:
+    where = {"block": 1, "time_s": 0.0, "tx_hash": "0x"}
+    return {"roots": [{**where, **one} for one in posted], "total": len(posted)}
+
+
+def transaction(**changes: Any) -> dict[str, Any]:
+    cost = dict.fromkeys(("sender", "sender_name", "gas_used", "gas_price_wei", "fee_wei"))
+    return {"tx_hash": "0x", "block": 1, "time_s": 0.0, "events": [], "task_ids": [], **cost, **changes}
+
+
+def answered(query: Query[A], table: Mapping[str, dict[str, Any]]) -> A:
+    """What `table` has for the question, as who asks gets it."""
+    return query.answer.model_validate(table[query.what])

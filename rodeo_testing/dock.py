@@ -1,0 +1,163 @@
+"""Dock, contactor, battery and buyer of a charge, played for a real charger, and the site's clock, too."""
+
+from __future__ import annotations
+
+import math
+import threading
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, Protocol, cast
+
+from rodeo import topics, wallets
+from rodeo.bus import Bus
+from rodeo.clock import Clock
+from rodeo.config import Site
+from rodeo.messages import Task
+from rodeo.ros2 import Node
+from rodeo.ros2.types import new, time_message
+from rodeo.witness.witness import Witness
+from services.robot_agent.receipts import Receipts
+
+WAIT_S = 60.0
+"""Wall time after which what is waited for does not come any more."""
+TICK_S = 0.001
+"""Wall time between two readings, which are 1 s of site time apart."""
+SLOW_TICK_S = 0.05
+"""The same while the processes have to keep up, which on a busy machine takes them wall time."""
+TARGET_SOC = 0.9
+
+
+class SiteOnABus(Protocol):
+    @property
+    def site(self) -> Site: ...
+
+    @property
+    def bus(self) -> Bus: ...
+
+
+class Hardware:
+    """Dock, contactor and battery, and the site's clock, hundreds of times faster than real time."""
+
+    def __init__(self, running: SiteOnABus) -> None:
+        site = running
+        self.docked = False
+        self.closed = False
+        self.soc = 0.5
+        self.energy_wh = 0.0
+        self.commands: list[bool] = []
+        self.gauge = 1.0
+        """What the robot's gauge makes of an ampere."""
+        self.malformed = False
+        """Whether it says what is no number."""
+        self._time_ns = 1_800_000_000_000_000_000
+        dock, robot = site.site.dock.name, site.site.robots[0]
+        self._supply, self._battery = site.site.dock, robot.battery
+        node = Node(site.bus.session, "hardware", "", site.site.bus.domain_id, self)
+        self._clock = node.publisher(topics.CLOCK.name(), topics.CLOCK.type)
+        self._output = node.publisher(topics.DOCK_OUTPUT.name(dock=dock), topics.DOCK_OUTPUT.type)
+        self._state = node.publisher(topics.BATTERY_STATE.name(ns=robot.name), topics.BATTERY_STATE.type)
+        node.service(topics.DOCK_ENABLE.name(dock=dock), topics.DOCK_ENABLE.type, self._enable)
+        self._node = node
+        self.fast = True
+        """While current flows, and before."""
+        self.target_soc = TARGET_SOC
+        """What comes after it is slow."""
+        self.hurry_until_s = 0.0
+        """Whatever happens until then."""
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def now_ns(self) -> int:
+        return self._time_ns
+
+    def now_s(self) -> float:
+        return self._time_ns * 1e-9
+
+    def hold(self) -> AbstractContextManager[None]:
+        return nullcontext()  # it waits for nobody
+
+    @property
+    def _hurries(self) -> bool:
+        if self.now_s() < self.hurry_until_s:
+            return True
+        # What comes after a session, sealing and submitting, must not take half its window.
+        return self.fast and (self.closed or not self.commands) and self.soc < self.target_soc
+
+    def _enable(self, request: Any) -> Any:
+        self.closed = bool(request.data)
+        self.commands.append(self.closed)
+        return new("std_srvs/srv/SetBool_Response", success=True)
+
+    def _run(self) -> None:
+        # At the target a second of lag must not overcharge the battery.
+        while not self._stop.wait(TICK_S if self._hurries else SLOW_TICK_S):
+            self._time_ns += 1_000_000_000
+            open_circuit_v = 32 + 10 * self.soc
+            current_a = 0.0
+            load_a = self._battery.idle_power_w / open_circuit_v
+            if self.closed and self.docked:
+                headroom_a = (self._supply.voltage_v - open_circuit_v) / self._battery.resistance_ohm
+                current_a = min(self._supply.current_a, headroom_a + load_a)
+            net_a = current_a - load_a
+            voltage_v = open_circuit_v + net_a * self._battery.resistance_ohm
+            if self.closed and self.docked:
+                self.soc += net_a / 3600 / self._battery.capacity_ah
+            self.energy_wh += voltage_v * current_a / 3600
+            stamp = time_message(self._time_ns)
+            header = new("std_msgs/msg/Header", stamp=stamp)
+            battery = "sensor_msgs/msg/BatteryState"
+            self._clock.publish(new("rosgraph_msgs/msg/Clock", clock=stamp))
+            gauge_v = math.nan if self.malformed else voltage_v
+            self._state.publish(
+                new(battery, header=header, voltage=gauge_v, current=net_a * self.gauge, percentage=self.soc)
+            )
+            self._output.publish(
+                new(battery, header=header, voltage=voltage_v, current=current_a, present=self.docked)
+            )
+
+    def wait_for_command(self, closed: bool) -> None:
+        waited = threading.Event()
+        for _ in range(int(WAIT_S * 100)):
+            if self.commands and self.commands[-1] is closed:
+                return
+            waited.wait(0.01)
+        raise AssertionError(f"the contactor was not told to be {closed}: {self.commands}")
+
+    def close(self) -> None:
+        self._stop.set()
+        self._thread.join()
+        self._node.close()
+
+
+class Buyer:
+    """The robot's computer, while it is on: it signs for what the meter of its task shows."""
+
+    def __init__(self, running: SiteOnABus, clock: Hardware) -> None:
+        site, bus, robot = running.site, running.bus, running.site.robots[0]
+        self._node = Node(bus.session, "robot", "", site.bus.domain_id, clock)
+        account = wallets.load(site, f"{robot.name}-device")
+        folder = site.data_dir / "robot"
+        self._witness = Witness(bus, site.org, robot.name, account, folder, "closed_bus")
+        self._receipts = Receipts(site, robot, self._witness, bus, self._node, cast(Clock, clock))
+        self._task: Task | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def begin(self, task: Task) -> None:
+        self._task = task
+
+    def _run(self) -> None:
+        while not self._stop.wait(0.2):
+            if self._task is not None:
+                self._receipts.begin(self._task)
+                self._receipts.remind()
+
+    def close(self) -> None:
+        if self._stop.is_set():
+            return
+        self._stop.set()
+        self._thread.join()
+        self._receipts.close()
+        self._witness.close()
+        self._node.close()

@@ -1,0 +1,89 @@
+"""A kind's honest runs and its forgeries: who makes them, and which check has to refuse them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, Literal, TypeVar, get_args
+
+from rodeo.checks.report import Report
+from rodeo.config import Site
+from rodeo_testing.workshop import Submission, Workshop
+
+W = TypeVar("W", bound=Workshop)
+Role = Literal["executor", "seller", "buyer", "creator", "bystander", "judge", "holder of two keys"]
+
+ROLES: dict[Role, str] = {
+    "executor": "records, seals and submits with its own robot's key, and may move things in the lab",
+    "seller": "records, seals and submits with the key of its dock's meter",
+    "buyer": "orders a charge, and signs its receipts with the robot's key",
+    "creator": "posts the task: which, where, when, at which price, how often",
+    "bystander": "is a member with a key of its own, and says on the bus and submits what it likes",
+    "judge": "has the key of the oracle or of an auditor, and signs as somebody else",
+    "holder of two keys": "has its own device's key and that of motion capture, bin, meter or robot, and is"
+    " careless",
+}
+assert tuple(ROLES) == get_args(Role)
+
+
+def _words(make: Callable[[W], Submission]) -> str:
+    return " ".join((make.__doc__ or "").split())
+
+
+@dataclass(frozen=True)
+class Forgery(Generic[W]):
+    make: Callable[[W], Submission]
+    role: Role
+    check: str | None
+    """The check that the verdict names; None where somebody spoils an honest proof, which is paid in full."""
+    says: str = ""
+    """Part of the verdict's reason."""
+
+    @property
+    def words(self) -> str:
+        return _words(self.make)
+
+    def worked(self, report: Report) -> bool:
+        """Whether the forger got what it wanted."""
+        if self.check is None:
+            return not (report.accepted and report.amount_iec is None)
+        return report.accepted
+
+    def named(self, report: Report) -> bool:
+        """Whether the verdict's reason is this forgery's own."""
+        return self.check is None or (
+            report.reason.split(":")[0] == self.check and self.says in report.reason
+        )
+
+
+class Harness(Generic[W]):
+    """What is tried on the checks of one kind, by name. Each is one function, whose docstring says what it
+    does."""
+
+    def __init__(self, workshop: Callable[[Site, Path], W]) -> None:
+        self.workshop = workshop
+        self.honest_runs: dict[str, Callable[[W], Submission]] = {}
+        self.forgeries: dict[str, Forgery[W]] = {}
+
+    def honest(self, make: Callable[[W], Submission]) -> Callable[[W], Submission]:
+        """A proof that is accepted and paid in full."""
+        assert make.__name__ not in self.honest_runs
+        self.honest_runs[make.__name__] = make
+        return make
+
+    def forgery(
+        self, check: str, says: str = "", *, role: Role
+    ) -> Callable[[Callable[[W], Submission]], Callable[[W], Submission]]:
+        """A proof that is refused by this check, with these words in the reason."""
+        return lambda make: self._register(Forgery(make, role, check, says))
+
+    def spoiling(self, *, role: Role) -> Callable[[Callable[[W], Submission]], Callable[[W], Submission]]:
+        """An honest proof that somebody tries to spoil, which is paid in full all the same."""
+        return lambda make: self._register(Forgery(make, role, None))
+
+    def _register(self, forgery: Forgery[W]) -> Callable[[W], Submission]:
+        name = forgery.make.__name__
+        assert name not in self.forgeries
+        self.forgeries[name] = forgery
+        return forgery.make

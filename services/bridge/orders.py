@@ -1,0 +1,322 @@
+"""What the wallets are asked to send: queued, then in flight, until whoever waits is told the outcome."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Sequence
+from concurrent.futures import Future
+from dataclasses import dataclass, field
+from typing import Any
+
+from eth_account.signers.local import LocalAccount
+from eth_utils import keccak
+
+from rodeo.chain import Call, TransactionTimeout
+from rodeo.errors import RemoteError, RodeoError
+from services.bridge.chain import Chain
+from services.bridge.errors import RequestIdReused, WalletElsewhere
+from services.bridge.fees import Limits
+from services.bridge.journal import Entry, nonce_of
+
+OUTCOME_S = 25.0
+"""Wall time after which the caller is told that the outcome is not known yet."""
+
+MAX_IN_FLIGHT = 64
+"""Transactions of one wallet that wait to be mined; geth keeps as many of one account in its queue."""
+
+Reply = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Order:
+    """A transaction that somebody wants."""
+
+    wallet: str
+    command: str
+    call: Call
+    request_id: str | None = None
+    content_sha256: str = ""
+    task_id: int | None = None
+    spends: int = 0
+    """Wei of IECoin that leave the wallet."""
+    attempt: int | None = None
+    """That a proof is for."""
+    assignment: str | None = None
+    """Nonce of the assignment that it is for: it must not be mined for another one."""
+
+    def columns(self) -> dict[str, Any]:
+        """What the journal keeps of it."""
+        return {
+            "wallet": self.wallet,
+            "request_id": self.request_id,
+            "command": self.command,
+            "content_sha256": self.content_sha256,
+            "task_id": self.task_id,
+            "spends": self.spends,
+            "attempt": self.attempt,
+            "assignment": self.assignment,
+            "to": self.call.to,
+            "data": bytes.fromhex(self.call.data.removeprefix("0x")),
+        }
+
+
+@dataclass
+class Job:
+    """An order on its way."""
+
+    order: Order
+    waiters: list[tuple[Future[Reply], float]] = field(default_factory=list)
+    """Who waits, and until when."""
+    entry: Entry | None = None
+    attempt: int = 1
+    sent_s: float = 0.0
+    """When it was sent for the first time with this fee."""
+    last_sent_s: float = 0.0
+    due_s: float = 0.0
+    """When it is to be looked for."""
+    held_until_s: float | None = None
+    """It is not sent before its task is assigned as it was; when the waiting for that ends."""
+    undone: bool = False
+    """It was mined before, in a block that a reorganization took away."""
+    ended: bool = False
+    """Whether who waited was told the outcome."""
+
+    @property
+    def signed(self) -> Entry:
+        """Its entry in the journal, which it has once it is signed."""
+        assert self.entry is not None
+        return self.entry
+
+    def log_fields(self, reply: Reply | None = None) -> dict[str, Any]:
+        """What the log's lines carry beside their text."""
+        task_id = self.order.task_id if self.order.task_id is not None else (reply or {}).get("task_id")
+        return {} if task_id is None else {"task": task_id}
+
+
+@dataclass
+class WalletQueue:
+    """What a wallet has to send, and has sent."""
+
+    name: str
+    address: str
+    account: LocalAccount | None
+    """None for one that lives elsewhere."""
+    limits: Limits
+    queue: deque[Job] = field(default_factory=deque)
+    in_flight: dict[int, Job] = field(default_factory=dict)
+    """By the id in the journal."""
+    next_nonce: int | None = None
+
+    @property
+    def after(self) -> int:
+        """The first nonce that nothing in flight has."""
+        return max((job.signed.nonce for job in self.in_flight.values()), default=-1) + 1
+
+
+class Orders:
+    """The orders of all wallets. May be used from any thread."""
+
+    def __init__(self, chain: Chain) -> None:
+        self._index = chain.index
+        self._journal = chain.journal
+        self._by_request: dict[tuple[str, str], Job] = {}
+        self.wallets: dict[str, WalletQueue] = {}
+        self.lock = threading.Lock()
+        self.changed = threading.Event()
+        """Set when there is something to do."""
+
+    def add(self, name: str, address: str, account: LocalAccount | None, limits: Limits) -> None:
+        """A wallet; before any order for it."""
+        self.wallets[name] = WalletQueue(name, address, account, limits)
+
+    # -- whoever asks --------------------------------------------------------------------------------------
+
+    def submit(self, order: Order) -> Future[Reply]:
+        """The reply once it is mined and indexed; the same `request_id` again gives the same reply.
+
+        Raises RequestIdReused or WalletElsewhere. The future's errors: RequestError, ContractReverted,
+        RpcFailed or ChainUnavailable (nothing was sent), ContractReverted or TransactionFailed (mined so),
+        TransactionTimeout, TransactionDropped or BridgeNotReady.
+        """
+        with self.lock:
+            job = self._known(order)
+            if job is None:
+                wallet = self.wallets[order.wallet]
+                if wallet.account is None:
+                    raise WalletElsewhere("this wallet signs for itself", wallet=order.wallet)
+                job = Job(order)
+                wallet.queue.append(job)
+                self._remember(job)
+            return self._wait_for(job)
+
+    def broadcast(self, order: Order, raw: bytes) -> Future[Reply]:
+        """Send what was signed elsewhere; the same again gives the same reply."""
+        with self.lock:
+            job = self._known(order)
+            if job is None:
+                signed = {
+                    "nonce": nonce_of(raw),
+                    "tx_hash": "0x" + keccak(raw).hex(),
+                    "raw": raw,
+                    "made_s": self._index.position.block_time_s,
+                }
+                (entry,) = self._journal.add([order.columns() | signed])
+                job = Job(order, entry=entry)
+                self.wallets[order.wallet].in_flight[entry.id] = job
+                self._remember(job)
+            return self._wait_for(job)
+
+    def find(self, wallet: str, request_id: str, content_sha256: str) -> Entry | None:
+        """What became of this request before. Raises RequestIdReused."""
+        entry = self._journal.find(wallet, request_id)
+        if entry is not None and entry.content_sha256 != content_sha256:
+            raise RequestIdReused("this request_id was used for another request", request_id=request_id)
+        return entry
+
+    def waiting(self, name: str) -> int:
+        """Transactions of the wallet that wait to be sent or to be mined."""
+        wallet = self.wallets[name]
+        return len(wallet.queue) + len(wallet.in_flight)
+
+    # -- whoever sends -------------------------------------------------------------------------------------
+
+    def wallet_of(self, job: Job) -> WalletQueue:
+        return self.wallets[job.order.wallet]
+
+    def jobs(self) -> list[Job]:
+        with self.lock:
+            return [job for one in self.wallets.values() for job in (*one.queue, *one.in_flight.values())]
+
+    def take(self) -> list[Job]:
+        """The oldest of each queue, out of it: as many as may be in flight."""
+        with self.lock:
+            return [
+                wallet.queue.popleft()
+                for wallet in self.wallets.values()
+                for _ in range(min(MAX_IN_FLIGHT - len(wallet.in_flight), len(wallet.queue)))
+            ]
+
+    def put_back(self, jobs: Sequence[Job]) -> None:
+        """In front of what came since, as if they had not been taken out: but for those that have an end."""
+        with self.lock:
+            for job in reversed(jobs):
+                wallet = self.wallet_of(job)
+                wallet.next_nonce = None  # what was counted up for them is free again
+                on_its_way = job.entry is not None and job.entry.id in wallet.in_flight
+                if not job.ended and not on_its_way:
+                    wallet.queue.appendleft(job)
+
+    def take_up(self, entry: Entry, hold_s: float, undone: bool = False) -> None:
+        """It was sent before; what is for an assignment is held for up to `hold_s`."""
+        call = Call(entry.to, "0x" + entry.data.hex(), entry.command)  # type: ignore[arg-type]
+        order = Order(
+            entry.wallet,
+            entry.command,
+            call,
+            entry.request_id,
+            entry.content_sha256,
+            entry.task_id,
+            entry.spends or 0,
+            entry.attempt,
+            entry.assignment,
+        )
+        with self.lock:
+            wallet = self.wallets[entry.wallet]
+            wallet.next_nonce = None
+            if entry.id not in wallet.in_flight:
+                job = Job(order, entry=entry, undone=undone)
+                if entry.assignment is not None:
+                    job.held_until_s = time.monotonic() + hold_s
+                wallet.in_flight[entry.id] = job
+                self._remember(job)
+
+    def start_again(self, job: Job) -> None:
+        """It is to be signed again, with another nonce and fee, before all that waits."""
+        self.release(job)
+        wallet = self.wallet_of(job)
+        wallet.next_nonce = None
+        job.attempt += 1
+        job.sent_s = 0.0
+        with self.lock:
+            self._remember(job)
+            wallet.queue.appendleft(job)
+        self.changed.set()
+
+    def release(self, job: Job) -> None:
+        """It is not in flight any more."""
+        with self.lock:
+            self.wallet_of(job).in_flight.pop(job.signed.id, None)
+
+    def forget(self, job: Job, error: RodeoError) -> None:
+        """It can never be mined, and whoever waits is told."""
+        self._journal.forget(job.signed)
+        self.release(job)
+        self.wallet_of(job).next_nonce = None
+        self.end(job, error)
+
+    def end(self, job: Job, result: Reply | RodeoError) -> None:
+        """Tell whoever waits. From now on only the journal knows the job."""
+        with self.lock:
+            job.ended = True
+            if job.order.request_id is not None:
+                self._by_request.pop((job.order.wallet, job.order.request_id), None)
+            waiters, job.waiters = job.waiters, []
+        for future in [future for future, _ in waiters if not future.done()]:
+            if isinstance(result, RodeoError):
+                future.set_exception(result)
+            else:
+                future.set_result(result)
+
+    def give_up_late(self, failure: RodeoError | None) -> None:
+        """Tell those who have waited long enough; `failure` is why nothing is sent."""
+        now_s = time.monotonic()
+        late: list[tuple[Future[Reply], Job]] = []
+        for job in self.jobs():
+            with self.lock:
+                late += [(future, job) for future, deadline_s in job.waiters if now_s > deadline_s]
+                job.waiters = [waiter for waiter in job.waiters if now_s <= waiter[1]]
+        for future, job in late:
+            future.set_exception(
+                TransactionTimeout(
+                    "not mined in time; ask again with the same request_id",
+                    tx_hash=None if job.entry is None else job.entry.tx_hash,
+                    waited_s=OUTCOME_S,
+                    reason=None if failure is None else str(failure),
+                )
+            )
+
+    # -- with the lock held --------------------------------------------------------------------------------
+
+    def _known(self, order: Order) -> Job | None:
+        """The job of the same request, on its way or done. Raises RequestIdReused."""
+        if order.request_id is None:
+            return None
+        job = self._by_request.get((order.wallet, order.request_id))
+        if job is not None:
+            if job.order.content_sha256 != order.content_sha256:
+                raise RequestIdReused(
+                    "this request_id was used for another request", request_id=order.request_id
+                )
+            return job
+        entry = self.find(order.wallet, order.request_id, order.content_sha256)
+        return None if entry is None else Job(order, entry=entry)
+
+    def _remember(self, job: Job) -> None:
+        if job.order.request_id is not None:
+            self._by_request[job.order.wallet, job.order.request_id] = job
+
+    def _wait_for(self, job: Job) -> Future[Reply]:
+        future: Future[Reply] = Future()
+        entry = job.entry
+        if entry is not None and entry.state in ("mined", "failed"):
+            outcome = entry.outcome or {}
+            if entry.state == "mined":
+                future.set_result(outcome)
+            else:
+                future.set_exception(RemoteError(outcome["code"], outcome["message"], outcome["details"]))
+        else:
+            job.waiters.append((future, time.monotonic() + OUTCOME_S))
+        self.changed.set()
+        return future

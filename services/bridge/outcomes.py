@@ -1,0 +1,315 @@
+"""What became of a transaction: sent, and sent again until it is mined or can never be."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterable, Sequence
+from typing import Any
+
+from rodeo.chain import ChainError, ContractReverted, TransactionFailed, events
+from rodeo.chain.logs import decode_json_log, event_topics
+from rodeo.errors import RodeoError
+from services.bridge.chain import Chain
+from services.bridge.errors import JournalUnwritable, TransactionDropped
+from services.bridge.journal import Entry
+from services.bridge.orders import Job, Orders, Reply
+from services.bridge.signer import Signer
+
+log = logging.getLogger(__name__)
+
+REBROADCAST_S = 2.0
+"""Wall time after which a transaction that is not mined is sent again."""
+
+FIRST_LOOK_S = 0.25
+"""Wall time after which one is looked for that no event told of: one that failed has none."""
+
+_ATTEMPTS = 3
+"""Times that a transaction is made: its nonce may go to one from elsewhere, or the chain ask for more."""
+
+_TOO_CHEAP = ("base fee", "underpriced")
+"""What refusals of a fee say, of geth and of those that word theirs alike."""
+
+
+class Outcomes:
+    """Sends what `signer` has signed, and finds out what became of it.
+
+    `indexed` and `undone` may be called from any thread, the rest in one.
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        orders: Orders,
+        signer: Signer,
+        stuck_s: float,
+        on_sent: Callable[[], None],
+    ) -> None:
+        self._node = chain.node
+        self._contracts = {address.lower() for address in chain.deployment.contracts.values()}
+        self._index = chain.index
+        self._journal = chain.journal
+        self._orders = orders
+        self._signer = signer
+        self._stuck_s = stuck_s
+        self._on_sent = on_sent
+        self._seen: set[str] = set()
+        self._undone_after: int | None = None
+
+    # -- from any thread -----------------------------------------------------------------------------------
+
+    def indexed(self, tx_hashes: Iterable[str]) -> None:
+        """The index has taken in events of these transactions."""
+        with self._orders.lock:
+            if not any(wallet.in_flight for wallet in self._orders.wallets.values()):
+                return  # strangers' transactions: ours are in flight before they are sent
+            self._seen.update(tx_hashes)
+        self._orders.changed.set()
+
+    def undone(self, block: int) -> None:
+        """Everything after `block` was taken off the chain."""
+        with self._orders.lock:
+            after = self._undone_after
+            self._undone_after = block if after is None else min(after, block)
+        self._orders.changed.set()
+
+    # -- what was sent before ------------------------------------------------------------------------------
+
+    def take_up(self, entries: Iterable[Entry], undone: bool = False) -> None:
+        """They were sent before: by another process, or in a block that was undone."""
+        for entry in entries:
+            if entry.wallet in self._orders.wallets:
+                self._orders.take_up(entry, self._stuck_s, undone)
+
+    def reopen_undone(self) -> None:
+        """Send again what was mined in blocks that a reorganization took away."""
+        with self._orders.lock:
+            block, self._undone_after = self._undone_after, None
+        if block is None:
+            return
+        entries = [entry for entry in self._journal.undone(block) if entry.wallet in self._orders.wallets]
+        try:
+            self._journal.reopen(entries)
+        except JournalUnwritable:
+            self.undone(block)
+            raise
+        for entry in entries:
+            log.warning(
+                "%s: %s was undone; sending it again",
+                entry.wallet,
+                entry.command,
+                extra={"task": entry.task_id},
+            )
+        self.take_up(entries, undone=True)
+
+    def look_at_held(self) -> None:
+        """Send what is for the assignment that its task has, take back what is for another one.
+
+        A proof is bound to its assignment. What was assigned anew after a reorganization has another nonce:
+        the old proof would be refused, and its executor would be the one who failed.
+        """
+        for job in self._orders.jobs():
+            until_s, entry = job.held_until_s, job.entry
+            if until_s is None or entry is None or entry.task_id is None or entry.attempt is None:
+                continue
+            task, late = self._index.task(entry.task_id), time.monotonic() > until_s
+            nonce = None if task is None else task["nonce"]
+            # An index that is being read anew may tell of an earlier attempt.
+            other = task is not None and nonce is not None and task["attempt"] >= entry.attempt
+            if nonce == entry.assignment or (late and not job.undone and not other):
+                job.held_until_s = None
+                self.send([job])
+            elif other or late:
+                self._take_back(job)
+
+    def _take_back(self, job: Job) -> None:
+        entry = job.signed
+        log.warning(
+            "%s: %s is not sent again: its task is not assigned as it was",
+            entry.wallet,
+            entry.command,
+            extra=job.log_fields(),
+        )
+        lost = TransactionDropped(
+            "a reorganization undid the assignment that it was for", tx_hash=entry.tx_hash
+        )
+        if self._orders.wallet_of(job).account is None:
+            self._orders.forget(job, lost)
+        else:
+            self._signer.void(job, lost)
+
+    # -- sending -------------------------------------------------------------------------------------------
+
+    def send(self, jobs: Sequence[Job]) -> None:
+        """Hand them to the node. An error does not prove that the node did not take it."""
+        now_s = time.monotonic()
+        for job in jobs:
+            job.sent_s = job.sent_s or now_s
+            job.last_sent_s = now_s
+            job.due_s = now_s + FIRST_LOOK_S
+        answers = self._node.batch(
+            [("eth_sendRawTransaction", ["0x" + job.signed.raw.hex()]) for job in jobs]
+        )
+        # The newest first: one that is refused leaves no gap behind if nothing was sent after it.
+        for job, answer in reversed(list(zip(jobs, answers, strict=True))):
+            if isinstance(answer, ChainError):
+                self._was_refused(job, answer)
+        self._on_sent()
+
+    def _was_refused(self, job: Job, error: ChainError) -> None:
+        reason = str(error.details.get("reason", error)).lower()
+        entry = job.signed
+        log.info("%s: %s was not taken: %s", entry.wallet, entry.command, reason, extra=job.log_fields())
+        if "nonce too low" in reason:
+            # Mined already, or its nonce went to another one: the receipt tells.
+            job.due_s = job.last_sent_s = 0.0
+            return
+        known = self._node.batch([("eth_getTransactionByHash", [tx_hash]) for tx_hash in entry.hashes])
+        is_last = entry.nonce == self._orders.wallet_of(job).after - 1
+        if any(isinstance(one, dict) for one in known) or not is_last or entry.replaced:
+            return
+        self._signer.forget_market()
+        if not (any(word in reason for word in _TOO_CHEAP) and self._start_again(job)):
+            self._orders.forget(job, error)
+
+    def _start_again(self, job: Job) -> bool:
+        """Have it signed again, with another nonce and fee; False where that is no use."""
+        if self._orders.wallet_of(job).account is None or job.attempt == _ATTEMPTS:
+            return False
+        self._orders.start_again(job)
+        return True
+
+    # -- outcomes ------------------------------------------------------------------------------------------
+
+    def look(self) -> None:
+        """Ask for the receipts of what may be mined, and conclude what is."""
+        now_s = time.monotonic()
+        with self._orders.lock:
+            seen, self._seen = self._seen, set()
+            jobs = [
+                job
+                for wallet in self._orders.wallets.values()
+                for job in wallet.in_flight.values()
+                if now_s >= job.due_s or not seen.isdisjoint(job.signed.hashes)
+            ]
+        asked = [(job, tx_hash) for job in jobs for tx_hash in job.signed.hashes]
+        if not asked:
+            return
+        receipts = self._node.batch([("eth_getTransactionReceipt", [tx_hash]) for _, tx_hash in asked])
+        mined: dict[int, dict[str, Any]] = {}
+        for (job, _), receipt in zip(asked, receipts, strict=True):
+            if isinstance(receipt, dict):
+                mined[job.signed.id] = receipt
+        indexed = self._index.position.block
+        done = [job for job in jobs if _block_of(mined.get(job.signed.id)) <= indexed]
+        self._conclude([(job, mined[job.signed.id]) for job in done])
+        missing = [
+            job
+            for job in jobs
+            if job.signed.id not in mined
+            and job.held_until_s is None
+            and now_s - job.last_sent_s >= REBROADCAST_S
+        ]
+        if missing:
+            self._send_again(missing, now_s)
+        for job in jobs:
+            if job.due_s <= now_s:
+                # Twice as long as it has waited until now.
+                job.due_s = now_s + min(max(now_s - job.last_sent_s, FIRST_LOOK_S), REBROADCAST_S)
+
+    def _conclude(self, mined: Sequence[tuple[Job, dict[str, Any]]]) -> None:
+        outcomes: list[dict[str, Any]] = []
+        results: list[tuple[Job, Reply | RodeoError]] = []
+        for job, receipt in mined:
+            entry = job.signed
+            result: Reply | RodeoError
+            if int(receipt["status"], 16) == 1:
+                result = self._reply(receipt)
+                log.info(
+                    "%s: %s in block %d",
+                    entry.wallet,
+                    entry.command,
+                    result["block"],
+                    extra=job.log_fields(result),
+                )
+            else:
+                result = self._reason(entry, receipt)
+                log.warning("%s: %s failed: %s", entry.wallet, entry.command, result, extra=job.log_fields())
+            outcomes.append(
+                {
+                    "entry_id": entry.id,
+                    "state": "failed" if isinstance(result, RodeoError) else "mined",
+                    "outcome": result.to_json() if isinstance(result, RodeoError) else result,
+                    "block": int(receipt["blockNumber"], 16),
+                    "fee": int(receipt["gasUsed"], 16) * int(receipt.get("effectiveGasPrice", "0x0"), 16),
+                }
+            )
+            results.append((job, result))
+        self._journal.finish(outcomes)
+        for job, result in results:
+            self._orders.release(job)
+            self._orders.end(job, result)
+
+    def _send_again(self, jobs: Sequence[Job], now_s: float) -> None:
+        """They are not mined. Perhaps the node forgot them, or asks for more, or their nonces are gone."""
+        wallets = {job.order.wallet for job in jobs}
+        at = hex(max(self._index.position.block, 0))
+        counts = self._node.batch(
+            [("eth_getTransactionCount", [self._orders.wallets[name].address, at]) for name in wallets]
+        )
+        used = {
+            name: 0 if isinstance(count, ChainError) else int(count, 16)
+            for name, count in zip(wallets, counts, strict=True)
+        }
+        again: list[Job] = []
+        for job in jobs:
+            entry, wallet = job.signed, self._orders.wallet_of(job)
+            if entry.nonce < used[wallet.name]:
+                # Asked again: it may have been mined since the receipts were asked for.
+                asked = [("eth_getTransactionReceipt", [tx_hash]) for tx_hash in entry.hashes]
+                if not any(isinstance(receipt, dict) for receipt in self._node.batch(asked)):
+                    self._nonce_went_elsewhere(job)
+                continue
+            oldest = entry.nonce == min(one.signed.nonce for one in wallet.in_flight.values())
+            if oldest and job.sent_s and now_s - job.sent_s > self._stuck_s and wallet.account is not None:
+                self._signer.raise_fee(job)
+            again.append(job)
+        if again:
+            self.send(again)
+
+    def _nonce_went_elsewhere(self, job: Job) -> None:
+        entry = job.signed
+        log.warning("%s: nonce of %s went elsewhere", entry.wallet, entry.command, extra=job.log_fields())
+        if not self._start_again(job):
+            lost = TransactionDropped("its nonce went to another transaction", tx_hash=entry.tx_hash)
+            self._orders.forget(job, lost)
+
+    def _reply(self, receipt: dict[str, Any]) -> Reply:
+        reply: Reply = {"tx_hash": receipt["transactionHash"], "block": int(receipt["blockNumber"], 16)}
+        topics = set(event_topics())
+        for one in receipt["logs"]:
+            if one["topics"][0] in topics and one["address"].lower() in self._contracts:
+                event = decode_json_log(one).event
+                if isinstance(event, events.TaskRegistered):
+                    reply["task_id"] = event.task_id
+                elif isinstance(event, events.ServiceRegistered):
+                    reply["service_id"] = event.service_id
+        return reply
+
+    def _reason(self, entry: Entry, receipt: dict[str, Any]) -> RodeoError:
+        """Why the mined transaction failed: ContractReverted if it still does, else TransactionFailed."""
+        message = {
+            "from": self._orders.wallets[entry.wallet].address,
+            "to": entry.to,
+            "data": "0x" + entry.data.hex(),
+        }
+        (answer,) = self._node.batch([("eth_call", [message, receipt["blockNumber"]])])
+        if isinstance(answer, ContractReverted):
+            return answer
+        return TransactionFailed(
+            "mined without success", tx_hash=entry.tx_hash, gas_used=int(receipt["gasUsed"], 16)
+        )
+
+
+def _block_of(receipt: dict[str, Any] | None) -> float:
+    return float("inf") if receipt is None else int(receipt["blockNumber"], 16)

@@ -1,0 +1,580 @@
+"""The bridge as a process: attach to the node and the contracts, follow, and say why when it cannot."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import math
+import sys
+import threading
+import time
+from concurrent import futures
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+from eth_account.signers.local import LocalAccount
+from prometheus_client import Counter, Gauge, Histogram
+from sqlalchemy.exc import DBAPIError
+
+from rodeo import topics, wallets
+from rodeo.bus import Request
+from rodeo.chain import (
+    ChainClient,
+    ChainError,
+    ChainUnavailable,
+    Deployment,
+    DeploymentMismatch,
+    NotDeployed,
+    RpcFailed,
+)
+from rodeo.chain.client import connect, require_chain
+from rodeo.config import Site, WalletLimits
+from rodeo.errors import ClockUnavailable, ConfigError, KeystoreMissing, RodeoError, WalletError
+from rodeo.evidence import Store
+from rodeo.kinds import kinds_of
+from rodeo.messages import DaoEvent
+from rodeo.metrics import LATENCY_BUCKETS_S
+from rodeo.process import Process
+from rodeo.serving import served_by
+from services.bridge.chain import Chain
+from services.bridge.commands import KNOWN, Wallet
+from services.bridge.continuity import Continuity, open_journal
+from services.bridge.errors import (
+    BridgeNotReady,
+    ChainReorganized,
+    IndexDamaged,
+    JournalDamaged,
+    JournalIncomplete,
+    UnknownParticipant,
+)
+from services.bridge.fees import Limits
+from services.bridge.follower import BEHIND_GRACE_S, Follower
+from services.bridge.handback import HandBack
+from services.bridge.heads import SUBSCRIBED_CHECK_S, Header, Heads, PolledHeads, open_heads
+from services.bridge.index import Index, Position, sqlite_url
+from services.bridge.inspection import Inspector
+from services.bridge.names import ORGANIZATION, Names
+from services.bridge.node import Node
+from services.bridge.queries import Queries
+from services.bridge.transactions import Transactions
+
+log = logging.getLogger(__name__)
+
+_RETRY_S = 0.3
+"""Wall time between attempts to attach."""
+
+_EXPIRY_PERIOD_S = 0.5
+_EXPIRY_RETRY_S = 5.0
+_HAND_BACK_PERIOD_S = 1.0
+
+_SWITCH_S = 0.0005
+"""How long a thread keeps the interpreter from the one that has a block to publish."""
+
+_NOTE_S = 2.0
+"""Between two looks for transactions of our wallets that others have sent."""
+
+_TELL_S = 1.0
+"""Between two messages on how far the index is: it may be a hundred blocks in a second."""
+
+BLOCKS_BEHIND = Gauge("rodeo_bridge_blocks_behind", "Blocks of the node that are not in the index")
+INDEXED_BLOCK = Gauge("rodeo_bridge_indexed_block", "The newest block in the index")
+BLOCKS = Histogram(
+    "rodeo_bridge_block_seconds",
+    "Wall time from hearing of new blocks to their events on the bus",
+    buckets=LATENCY_BUCKETS_S,
+)
+EVENTS = Counter("rodeo_bridge_events_total", "Events put on the bus", ["name"])
+UNDONE_BLOCKS = Counter("rodeo_bridge_undone_blocks_total", "Blocks that a reorganization took back")
+QUEUE = Gauge("rodeo_bridge_queue_length", "Transactions that wait to be sent or mined", ["wallet"])
+COMMANDS = Histogram(
+    "rodeo_bridge_command_seconds",
+    "Wall time from a command to its receipt",
+    ["command", "outcome"],
+    buckets=LATENCY_BUCKETS_S,
+)
+FAILURES = Counter("rodeo_bridge_failures_total", "What the bridge could not do", ["code"])
+
+
+@dataclass
+class _Attachment:
+    """Everything that belongs to one deployment on one chain."""
+
+    chain: Chain
+    inspector: Inspector
+    follower: Follower
+    transactions: Transactions
+    queries: Queries
+    wallets: dict[str, Wallet]
+    continuity: Continuity
+    handback: HandBack
+    compared: bool = False
+    """Whether the index was compared with the contracts since it was opened or made anew."""
+    made_anew: bool = False
+    """Whether it was made anew and not found right since."""
+
+    def close(self) -> None:
+        self.inspector.close()
+        self.transactions.close()
+        self.chain.close()
+
+
+class Bridge:
+    """Serves commands and queries on the bus from the start; answers them while it is attached."""
+
+    def __init__(self, process: Process) -> None:
+        self._process = process
+        self._site: Site = process.site
+        self._config = process.site.bridge
+        self._stop = process.stop
+        self._attachment: _Attachment | None = None
+        self._heads: Heads = PolledHeads()
+        self._reason = "starting"
+        self._told_block = -1
+        self._tell_s = 0.0
+        self._noted_block, self._note_s = -1, 0.0
+        self._accounts: dict[str, LocalAccount] = {}
+        # A thread per participant checks its commands, in their order: a stuck wallet holds up nobody else.
+        self._threads = {
+            name: ThreadPoolExecutor(max_workers=1, thread_name_prefix=name) for name in self._participants()
+        }
+        self._clock = process.clock
+        self._expiring: dict[int, float] = {}
+        """Task -> wall time (monotonic) before which its window is not ended again."""
+        self._windows_changed = threading.Event()
+        self._windows = threading.Thread(target=self._watch_windows, name="windows", daemon=True)
+        self._giving_back: dict[tuple[int, int], tuple[Future[Any], float]] = {}
+        self._give_back_due_s = 0.0
+        self._given_back: set[tuple[int, int]] = set()
+
+    def _participants(self) -> list[str]:
+        """Whose commands this bridge takes. Raises ConfigError."""
+        known = [*wallets.wallet_names(self._site), *wallets.wallets_elsewhere(self._site)]
+        wanted = known if self._config.wallets is None else self._config.wallets
+        if strangers := sorted(set(wanted) - set(known)):
+            raise ConfigError("bridge.wallets names nobody of this site", unknown=strangers, known=known)
+        return wanted
+
+    def run(self) -> None:
+        """Until the process is asked to stop."""
+        sys.setswitchinterval(_SWITCH_S)
+        self._serve()
+        if ORGANIZATION in self._threads:
+            self._windows.start()
+        while not self._stop.is_set():
+            try:
+                self._follow(self._attach())
+            except NotDeployed:
+                self._not_ready("deployment record missing: run `rodeo site prepare`")
+            except DeploymentMismatch as error:
+                self._not_ready(f"deployment record does not fit: run `rodeo site prepare` ({error})")
+            except (ChainUnavailable, RpcFailed) as error:
+                reason = error.details.get("reason") or error.message
+                self._not_ready(f"no node at {self._site.chain.url}: {reason}")
+            except KeystoreMissing as error:
+                self._not_ready(str(error))
+            except WalletError:
+                # The passphrase comes with the environment: this process will not see another one.
+                raise
+            except (ChainError, ChainReorganized, JournalDamaged, JournalIncomplete) as error:
+                self._not_ready(str(error))
+            except IndexDamaged as error:
+                if self._attachment is not None:
+                    self._attachment.inspector.found = error.message
+            except DBAPIError as error:
+                self._not_ready(f"the index's database does not answer: {error.orig}")
+                if self._attachment is not None and self._attachment.chain.index.is_malformed():
+                    # Opened again, its file is set aside.
+                    self._attachment.close()
+                    self._attachment = None
+            self._stop.wait(_RETRY_S)
+        if self._attachment is not None:
+            self._attachment.close()
+        if self._windows.is_alive():
+            self._windows.join(_EXPIRY_RETRY_S)
+        for thread in self._threads.values():
+            thread.shutdown(cancel_futures=True)
+
+    # -- chain -----------------------------------------------------------------------------------------------
+
+    def _attach(self) -> _Attachment:
+        """Find node and contracts. Raises ChainError or WalletError."""
+        w3 = connect(self._site.chain.url)
+        require_chain(w3, self._site.chain)
+        deployment = Deployment.load(self._site.data_dir, self._site.chain.id)
+        deployment.verify(w3)
+        if self._attachment is None or not deployment.is_same(self._attachment.chain.deployment):
+            if self._attachment is not None:
+                log.warning("another deployment: starting its index and its journal")
+                self._attachment.close()
+            self._attachment = self._open(deployment)
+        return self._attachment
+
+    def _open(self, deployment: Deployment) -> _Attachment:
+        site = self._site
+        names = Names(site, deployment)
+        if not self._accounts:
+            here = set(self._threads) & set(wallets.wallet_names(site))
+            self._accounts = {name: wallets.load(site, name) for name in sorted(here)}
+        # Named after the genesis block: a chain that was made anew starts with an empty journal.
+        chain = f"{deployment.chain_id}-{deployment.genesis_hash[2:18]}"
+        folder = self._process.data_dir / chain
+        node = Node(site.chain.url)
+        addresses = {name: account.address for name, account in self._accounts.items()}
+        # The journal first: it may be refused again and again, and nothing else is open then.
+        journal = open_journal(
+            folder / "journal.sqlite", self._process.data_dir, node, addresses, deployment.sent
+        )
+        if freed := journal.free_requests(deployment.contracts.values()):
+            log.warning("%d requests of before were made to other contracts: they count no more", freed)
+        index = Index(
+            self._config.database or sqlite_url(folder / "index.sqlite"),
+            deployment.chain_id,
+            deployment.genesis_hash,
+            deployment.contracts,
+            schema_name=f"{site.org}-{self._config.name}-{chain}" if self._config.database else "",
+        )
+        held = Chain(deployment, node, index, journal)
+        transactions = Transactions(held, self._config.stuck_s, on_sent=lambda: self._heads.wake())
+        store = Store(site)
+        client = ChainClient(site.chain.url, deployment)
+        kinds = kinds_of(site)
+
+        def wallet(name: str) -> Wallet:
+            limits = Limits(self._config.limits.get(name, WalletLimits()))
+            transactions.orders.add(name, names.keys[name], self._accounts.get(name), limits)
+            own = ChainClient(site.chain.url, deployment)
+            return Wallet(
+                participant=name,
+                client=own,
+                transactions=transactions,
+                index=index,
+                names=names,
+                store=store,
+                economy=site.economy,
+                kinds=kinds,
+            )
+
+        follower = Follower(
+            node,
+            deployment,
+            index,
+            site.chain.confirmations,
+            self._publish if self._config.public else lambda _event: True,
+            on_indexed=partial(self._on_indexed, transactions),
+            on_undone=transactions.outcomes.undone,
+            grace_s=BEHIND_GRACE_S if site.chain.backend == "external" else 0.0,
+        )
+        opened = _Attachment(
+            chain=held,
+            inspector=Inspector(index, node, deployment),
+            follower=follower,
+            transactions=transactions,
+            queries=Queries(held, names, client, site.chain.url, store.urls),
+            wallets={name: wallet(name) for name in self._threads},
+            continuity=Continuity(journal, node, addresses, deployment.sent),
+            handback=HandBack(
+                held,
+                names,
+                store,
+                self._clock,
+                self._accounts,
+                self._process.data_dir / "given-back",
+            ),
+        )
+        # Asked when somebody looks: also of a bridge that is not ready.
+        INDEXED_BLOCK.set_function(lambda: index.position.block)
+        BLOCKS_BEHIND.set_function(lambda: follower.behind)
+        for name in self._threads:
+            QUEUE.labels(name).set_function(partial(transactions.orders.waiting, name))
+        transactions.start()
+        opened.inspector.start()
+        return opened
+
+    def _on_indexed(self, transactions: Transactions, tx_hashes: set[str]) -> None:
+        # Before what waits for them goes on: a simulated clock may jump then.
+        self._windows_changed.set()
+        self._clock.notify()
+        transactions.outcomes.indexed(tx_hashes)
+
+    def _follow(self, attachment: _Attachment) -> None:
+        """Keep the index at the head. Raises ChainError when the node is gone or is another."""
+        attachment.follower.publish_missed()
+        self._heads = heads = open_heads(
+            self._site.chain.url,
+            self._site.chain.websocket_url,
+            lambda why: log.info("the node is asked for new blocks: %s", why),
+        )
+        headers: list[Header] = []
+        current_s = time.monotonic()
+        # What is there now stays: to look through it for garbage takes longer than to publish a block.
+        gc.collect()
+        gc.freeze()
+        try:
+            while not self._stop.is_set():
+                if attachment.inspector.found is not None:
+                    self._make_index_anew(attachment, attachment.inspector.found)
+                    headers = []
+                if self._step(attachment, headers):
+                    headers = []
+                    behind = attachment.follower.behind
+                    if behind and time.monotonic() - current_s > self._config.max_behind_s:
+                        self._not_ready(f"{behind} blocks behind the node")
+                    continue
+                current_s = time.monotonic()
+                if not attachment.compared:
+                    problem = attachment.inspector.compare()
+                    if problem is not None and attachment.made_anew:
+                        self._not_ready(f"what the node's contracts say contradicts its events: {problem}")
+                        headers = heads.wait()
+                        continue
+                    attachment.inspector.found = problem
+                    attachment.compared, attachment.made_anew = problem is None, False
+                    if problem is not None:
+                        continue
+                chain = self._site.chain
+                position, elsewhere = attachment.chain.index.position, chain.backend == "external"
+                late = why_late(position, chain.max_block_age_s, time.time(), elsewhere)
+                if late is None and attachment.transactions.failure is not None:
+                    late = str(attachment.transactions.failure)
+                if late is None:
+                    self._ready(attachment)
+                    self._note_strangers(attachment)
+                    self._hand_back(attachment)
+                else:
+                    self._not_ready(late)
+                headers = heads.wait()
+        finally:
+            self._heads = PolledHeads()
+            heads.close()
+
+    def _make_index_anew(self, attachment: _Attachment, why: str) -> None:
+        """Read it from the chain again; it answers nothing meanwhile."""
+        log.warning("the index is made anew from the chain: %s", why)
+        self._not_ready("the index was damaged and is read from the chain again")
+        attachment.chain.index.clear()
+        attachment.inspector.reset()
+        attachment.compared, attachment.made_anew = False, True
+
+    def _step(self, attachment: _Attachment, headers: list[Header]) -> bool:
+        """Whether there is more to take in at once."""
+        before, started_s = attachment.chain.index.position, time.perf_counter()
+        again = attachment.follower.step(headers)
+        if attachment.chain.index.position != before:
+            BLOCKS.observe(time.perf_counter() - started_s)
+        return again
+
+    def _publish(self, event: DaoEvent) -> bool:
+        """Whether it went out: without a router it would be lost."""
+        if not self._process.bus.connected:
+            return False
+        self._process.bus.put_json(topics.EVENT.name(org=self._site.org, event=event.name), event)
+        EVENTS.labels(event.name).inc()
+        return True
+
+    def _ready(self, attachment: _Attachment) -> None:
+        self._reason = ""
+        self._process.ready(self._config.max_behind_s + SUBSCRIBED_CHECK_S)
+        block = attachment.chain.index.position.block
+        if block != self._told_block and (now_s := time.monotonic()) >= self._tell_s:
+            self._told_block, self._tell_s = block, now_s + _TELL_S
+            self._process.activity("following the chain", block=block)
+
+    def _not_ready(self, reason: str) -> None:
+        self._reason = reason
+        self._process.not_ready(reason)
+
+    # -- bus -------------------------------------------------------------------------------------------------
+
+    def _serve(self) -> None:
+        bus, org = self._process.bus, self._site.org
+        if self._config.public:
+            bus.serve(topics.STATE.pattern(org=org), self._answer)
+
+        def checker(key: str) -> ThreadPoolExecutor | None:
+            return self._threads.get(_command_of(key)[0])
+
+        if self._config.wallets is None:
+            # One responder for all: a stranger's name is answered too, and a wildcard is one name, not each.
+            bus.serve(topics.COMMAND.pattern(org=org), self._execute, workers=checker)
+        else:
+            for name in self._threads:
+                bus.serve(topics.COMMAND.pattern(org=org, participant=name), self._execute, workers=checker)
+
+    def _attached(self) -> _Attachment:
+        if self._attachment is None or self._reason:
+            raise BridgeNotReady("the bridge is not ready", reason=self._reason)
+        return self._attachment
+
+    def _answer(self, request: Request) -> dict[str, Any]:
+        parts = topics.STATE.parts(request.key) or {}
+        return self._attached().queries.answer(parts.get("what", ""), request)
+
+    def _execute(self, request: Request) -> dict[str, Any] | Future[dict[str, Any]]:
+        participant, command = _command_of(request.key)
+        if participant not in self._threads:
+            raise UnknownParticipant("no such participant", who=participant, known=sorted(self._threads))
+        asked = _Asked(participant, command if command in KNOWN else "unknown")
+        with ExitStack() as working:
+            # Until it is mined and indexed, and its events are on the bus.
+            working.enter_context(self._clock.hold())
+            try:
+                data = request.json()
+                asked.about(data)
+                reply = self._attached().wallets[participant].execute(command, data)
+            except RodeoError as error:
+                asked.ended(error)
+                raise
+            if isinstance(reply, Future):
+                held = working.pop_all()
+                reply.add_done_callback(lambda done: asked.ended(done.exception()))
+                reply.add_done_callback(lambda _done: held.close())
+        return reply
+
+    def _note_strangers(self, attachment: _Attachment) -> None:
+        """Transactions of our wallets that others have sent."""
+        block, now_s = attachment.chain.index.position.block, time.monotonic()
+        if block != self._noted_block and now_s >= self._note_s:
+            self._noted_block, self._note_s = block, now_s + _NOTE_S
+            attachment.continuity.note(attachment.transactions.orders.waiting)
+
+    # -- expiry ----------------------------------------------------------------------------------------------
+
+    def _watch_windows(self) -> None:
+        """End the windows that have passed, with the organization's wallet; anyone may. A clock that waits
+        for this bridge does not pass the end of one before it is dealt with."""
+        with self._clock.acting():
+            while not self._stop.is_set():
+                self._windows_changed.clear()
+                end_s = None
+                try:
+                    if self._attachment is not None and not self._reason:
+                        end_s = self._expire_overdue(self._attachment)
+                except ClockUnavailable:
+                    log.debug("no time has passed that anybody knows of")
+                except Exception:
+                    # Windows must end whatever happened to this look: the index may just be closed.
+                    log.exception("the windows' ends are not known; looking again")
+                self._clock.wait_for(
+                    self._windows_changed.is_set,
+                    self._stop,
+                    until_s=end_s,
+                    wall_s=_EXPIRY_PERIOD_S,
+                    resting=True,
+                )
+
+    def _expire_overdue(self, attachment: _Attachment) -> float | None:
+        """Returns when what passed is dealt with, or after a while; the next window's end in site time (s),
+        None where none runs. Raises ClockUnavailable."""
+        # Whole seconds are over for the chain when the next has begun.
+        now_s = int(self._clock.now_s())
+        wall_s = time.monotonic()
+        wallet = attachment.wallets[ORGANIZATION]
+        overdue = attachment.chain.index.overdue(now_s)
+        self._expiring = {id: retry_s for id, retry_s in self._expiring.items() if id in overdue}
+        jobs = []
+        for task_id in overdue:
+            if self._expiring.get(task_id, -math.inf) <= wall_s:
+                log.info("its window has passed", extra={"task": task_id})
+                self._expiring[task_id] = wall_s + _EXPIRY_RETRY_S
+                jobs.append(self._threads[ORGANIZATION].submit(_expire, wallet, task_id))
+        ended, _ = futures.wait(jobs, _EXPIRY_RETRY_S)
+        futures.wait([mined for job in ended if (mined := job.result()) is not None], _EXPIRY_RETRY_S)
+        end_s = attachment.chain.index.next_end_s(now_s)
+        return None if end_s is None else end_s + 1
+
+    def _hand_back(self, attachment: _Attachment) -> None:
+        """Give back what was assigned to a participant of this bridge who cannot do it."""
+        now_s = time.monotonic()
+        if now_s < self._give_back_due_s:
+            return
+        self._give_back_due_s = now_s + _HAND_BACK_PERIOD_S
+        self._giving_back = {
+            key: (job, retry_s)
+            for key, (job, retry_s) in self._giving_back.items()
+            if not job.done() or now_s < retry_s
+        }
+        for name, reason, task in attachment.handback.due():
+            key = task["id"], task["attempt"]
+            if key not in self._giving_back and name in self._threads:
+                wallet = attachment.wallets[name]
+                job = self._threads[name].submit(attachment.handback.perform, wallet, reason, task)
+                self._giving_back[key] = job, now_s + _EXPIRY_RETRY_S
+                if key not in self._given_back:
+                    self._given_back.add(key)
+                    self._process.warn(f"task {task['id']} is given back undone: {reason}")
+
+
+MAX_BLOCK_AHEAD_S = 5.0
+"""Of a chain elsewhere: a node's clock may be off a little, and who records in another time than that of the
+blocks is not paid (the oracle's `recorded_in_assignment`)."""
+
+
+def why_late(
+    position: Position, max_block_age_s: float | None, now_s: float, elsewhere: bool = False
+) -> str | None:
+    """Why an index that is where the node is does not tell of now; None where it does. `elsewhere`: the chain
+    has a clock of its own."""
+    ahead_s = position.block_time_s - now_s
+    if elsewhere and ahead_s > MAX_BLOCK_AHEAD_S:
+        return f"clock {ahead_s:.0f} s behind the chain's newest block"
+    if max_block_age_s is None or now_s - position.block_time_s <= max_block_age_s:
+        return None
+    return f"the node is behind: its newest block is older than {max_block_age_s:g} s"
+
+
+def _command_of(key: str) -> tuple[str, str]:
+    """(participant, command) of a command's key; empty where it says none."""
+    # A key that ends with its participant names a command that nobody knows.
+    parts = topics.COMMAND.parts(key) or topics.COMMAND.parts(f"{key}/-") or {}
+    return parts.get("participant", ""), parts.get("command", "")
+
+
+@dataclass
+class _Asked:
+    """A command, from when it came to when it is known what became of it."""
+
+    participant: str
+    command: str
+    task_id: int | None = None
+    since_s: float = field(default_factory=time.perf_counter)
+
+    def about(self, data: dict[str, Any]) -> None:
+        task_id = data.get("task_id")
+        self.task_id = task_id if isinstance(task_id, int) else None
+
+    def ended(self, error: BaseException | None) -> None:
+        outcome = "mined" if error is None else error.code if isinstance(error, RodeoError) else "internal"
+        COMMANDS.labels(self.command, outcome).observe(time.perf_counter() - self.since_s)
+        if error is not None:
+            FAILURES.labels(outcome).inc()
+            log.info(
+                "%s: %s was refused: %s", self.participant, self.command, error, extra={"task": self.task_id}
+            )
+
+
+def _expire(wallet: Wallet, task_id: int) -> Future[Any] | None:
+    """A job of our own, whose failure nobody else would hear of. None where it was refused."""
+    try:
+        reply = wallet.execute("expire_task", {"task_id": task_id})
+    except RodeoError as error:
+        log.warning("not expired: %s", error, extra={"task": task_id})
+        return None
+    assert isinstance(reply, Future)
+    reply.add_done_callback(lambda done: _warn(done, task_id))
+    return reply
+
+
+def _warn(done: Future[Any], task_id: int) -> None:
+    if (error := done.exception()) is not None:
+        log.warning("not expired: %s", error, extra={"task": task_id})
+
+
+def run(site: Site, stop: threading.Event) -> None:
+    """Bridge `site` until `stop`."""
+    with Process(site.bridge.name, site, stop) as process:
+        bridge = Bridge(process)
+        process.serve_alone(served_by(site, site.bridge.name))
+        bridge.run()

@@ -1,0 +1,222 @@
+"""What a wallet signs: gas, fee and nonce are chosen within its limits, and the journal has it at once."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from eth_typing import HexStr
+from eth_utils import to_checksum_address
+
+from rodeo.chain import Call, ChainError, ChainUnavailable, TransactionTimeout
+from rodeo.errors import RequestError, RodeoError
+from services.bridge.chain import Chain
+from services.bridge.fees import GAS_HEADROOM, GAS_MARGIN, Fees, Market
+from services.bridge.journal import decoded
+from services.bridge.orders import Job, Order, Orders, Reply, WalletQueue
+
+log = logging.getLogger(__name__)
+
+_MARKET_S = 2.0
+"""Wall time for which the fees that the chain asked for are taken to hold."""
+
+_DAY_S = 24 * 3600
+
+
+class Signer:
+    """Signs for the wallets of `orders`, all in one thread but for `cost` and `unsigned`."""
+
+    def __init__(self, chain: Chain, orders: Orders) -> None:
+        self._node = chain.node
+        self._chain_id = chain.deployment.chain_id
+        self._index = chain.index
+        self._journal = chain.journal
+        self._orders = orders
+        self._market: tuple[float, Market] | None = None
+
+    # -- whoever asks --------------------------------------------------------------------------------------
+
+    def cost(self, order: Order) -> Reply:
+        """What it would cost at most. Raises like `Orders.submit` and its future, and sends nothing."""
+        wallet = self._orders.wallets[order.wallet]
+        gas, fees = self._offer(wallet, order)
+        self._check_day(wallet, order.spends, gas * fees.max_fee, {})
+        return {
+            "gas": gas,
+            "max_fee_per_gas_wei": str(fees.max_fee),
+            "max_priority_fee_per_gas_wei": str(fees.priority_fee),
+            "max_fee_wei": str(gas * fees.max_fee),
+        }
+
+    def unsigned(self, order: Order) -> Reply:
+        """The transaction as eth-account, ethers and hardware wallets sign it. Raises like `cost`."""
+        wallet = self._orders.wallets[order.wallet]
+        gas, fees = self._offer(wallet, order)
+        nonce = int(self._node.call("eth_getTransactionCount", wallet.address, "pending"), 16)
+        return self._transaction(order.call, max(nonce, wallet.after), gas, fees)
+
+    def _offer(self, wallet: WalletQueue, order: Order) -> tuple[int, Fees]:
+        gas = _offered(self._node.call("eth_estimateGas", _message(wallet, order.call), "pending"))
+        market = self._current_market()
+        return gas, wallet.limits.fees(market.fees(), market, gas)
+
+    # -- whoever sends -------------------------------------------------------------------------------------
+
+    def sign(self, jobs: Sequence[Job]) -> list[Job]:
+        """Those that the contracts and the limits let through, signed and in the journal."""
+        wallets = {job.order.wallet: self._orders.wallet_of(job) for job in jobs}
+        unsynced = [
+            wallet for wallet in wallets.values() if wallet.next_nonce is None or not wallet.in_flight
+        ]
+        market = self._current_market()
+        answers = self._node.batch(
+            [("eth_getTransactionCount", [wallet.address, "pending"]) for wallet in unsynced]
+            + [
+                ("eth_estimateGas", [_message(wallets[job.order.wallet], job.order.call), "pending"])
+                for job in jobs
+            ]
+        )
+        for wallet, nonce in zip(unsynced, answers, strict=False):
+            if isinstance(nonce, ChainError):
+                raise ChainUnavailable("the node does not tell the nonce", reason=str(nonce))
+            wallet.next_nonce = max(int(nonce, 16), wallet.after)
+        made_s = float(self._index.position.block_time_s)
+        accepted: list[Job] = []
+        rows: list[dict[str, Any]] = []
+        reserved: dict[str, tuple[int, int]] = {}
+        for job, estimate in zip(jobs, answers[len(unsynced) :], strict=True):
+            order, wallet = job.order, wallets[job.order.wallet]
+            try:
+                if isinstance(estimate, ChainError):
+                    raise estimate
+                gas = _offered(estimate)
+                fees = wallet.limits.fees(market.fees(), market, gas)
+                self._check_day(wallet, order.spends, gas * fees.max_fee, reserved)
+            except RodeoError as error:
+                if job.entry is not None:
+                    self._journal.forget(job.entry)
+                self._orders.end(job, error)
+                continue
+            nonce = wallet.next_nonce or 0
+            wallet.next_nonce = nonce + 1
+            replaces = {} if job.entry is None else {"replaces": job.entry.id}
+            rows.append(self._signed(wallet, order, nonce, gas, fees) | {"made_s": made_s} | replaces)
+            accepted.append(job)
+        # On disk before anything is sent.
+        for job, entry in zip(accepted, self._journal.add(rows), strict=True):
+            with self._orders.lock:
+                job.entry = entry
+                wallets[entry.wallet].in_flight[entry.id] = job
+        return accepted
+
+    def raise_fee(self, job: Job) -> None:
+        """Sign it again with a higher fee, where the limits leave room for one."""
+        entry, wallet = job.signed, self._orders.wallet_of(job)
+        if entry.max_fee is None or entry.priority_fee is None:
+            return
+        before = Fees(entry.max_fee, entry.priority_fee)
+        market = self._current_market(now=True)
+        gas = int(decoded(entry.raw)["gas"])
+        try:
+            fees = wallet.limits.fees(market.bumped(before), market, gas)
+            if fees.max_fee * 10 < before.max_fee * 11 or fees.priority_fee * 10 < before.priority_fee * 11:
+                raise TransactionTimeout("the limits leave no room for a higher fee", max_fee=fees.max_fee)
+        except (RequestError, TransactionTimeout) as error:
+            log.warning("%s: %s stays stuck: %s", entry.wallet, entry.command, error, extra=job.log_fields())
+            return
+        signed = self._signed(wallet, job.order, entry.nonce, gas, fees)
+        names = ("max_fee", "priority_fee", "fee", "tx_hash", "raw")
+        job.entry = self._journal.replace(entry, **{name: signed[name] for name in names})
+        job.sent_s = 0.0
+        log.warning(
+            "%s: %s is stuck; fee %d -> %d",
+            entry.wallet,
+            entry.command,
+            before.max_fee,
+            fees.max_fee,
+            extra=job.log_fields(),
+        )
+
+    def void(self, job: Job, lost: RodeoError) -> None:
+        """Put a transaction that does nothing in the place of one that must not be mined any more: what the
+        wallet sent after it waits for its nonce. Raises ChainUnavailable."""
+        entry, wallet = job.signed, self._orders.wallet_of(job)
+        nothing = Order(
+            entry.wallet, "nothing", Call(to_checksum_address(wallet.address), HexStr("0x"), "nothing")
+        )
+        market = self._current_market(now=True)
+        fees = market.fees()
+        if entry.max_fee is not None and entry.priority_fee is not None:
+            fees = market.bumped(Fees(entry.max_fee, entry.priority_fee))
+        signed = self._signed(wallet, nothing, entry.nonce, int(decoded(entry.raw)["gas"]), fees)
+        replaced = self._journal.replace(entry, **signed)
+        self._orders.end(job, lost)
+        with self._orders.lock:
+            wallet.in_flight[entry.id] = Job(nothing, entry=replaced)
+
+    def forget_market(self) -> None:
+        """The chain may ask for more than a moment ago."""
+        self._market = None
+
+    def _signed(self, wallet: WalletQueue, order: Order, nonce: int, gas: int, fees: Fees) -> dict[str, Any]:
+        assert wallet.account is not None
+        signed = wallet.account.sign_transaction(self._transaction(order.call, nonce, gas, fees))
+        return order.columns() | {
+            "nonce": nonce,
+            "max_fee": fees.max_fee,
+            "priority_fee": fees.priority_fee,
+            "fee": gas * fees.max_fee,
+            "tx_hash": signed.hash.to_0x_hex(),
+            "raw": bytes(signed.raw_transaction),
+        }
+
+    def _transaction(self, call: Call, nonce: int, gas: int, fees: Fees) -> dict[str, Any]:
+        return {
+            "type": 2,
+            "chainId": self._chain_id,
+            "nonce": nonce,
+            "to": call.to,
+            "data": call.data,
+            "value": 0,
+            "gas": gas,
+            "maxFeePerGas": fees.max_fee,
+            "maxPriorityFeePerGas": fees.priority_fee,
+        }
+
+    def _current_market(self, now: bool = False) -> Market:
+        """Raises ChainUnavailable."""
+        known, now_s = self._market, time.monotonic()
+        if known is not None and not now and now_s - known[0] < _MARKET_S:
+            return known[1]
+        header, tip = self._node.batch(
+            [("eth_getBlockByNumber", ["latest", False]), ("eth_maxPriorityFeePerGas", [])]
+        )
+        if not isinstance(header, dict):
+            raise ChainUnavailable("the node does not tell its fees", reason=str(header))
+        # Not every node advises a tip; then there is no need of one.
+        priority_fee = 0 if isinstance(tip, ChainError) else int(tip, 16)
+        market = Market(int(header.get("baseFeePerGas", "0x0"), 16), priority_fee)
+        self._market = (now_s, market)
+        return market
+
+    def _check_day(
+        self, wallet: WalletQueue, spends: int, fee: int, reserved: dict[str, tuple[int, int]]
+    ) -> None:
+        """Raises DailyLimitReached. `reserved` is what this batch has taken already."""
+        if not wallet.limits.has_daily:
+            return
+        since_s = self._index.position.block_time_s - _DAY_S
+        spent = reserved.get(wallet.name) or self._journal.spent(wallet.name, since_s)
+        wallet.limits.check_day(spent, spends, fee)
+        reserved[wallet.name] = (spent[0] + spends, spent[1] + fee)
+
+
+def _message(wallet: WalletQueue, call: Call) -> dict[str, str]:
+    return {"from": wallet.address, "to": call.to, "data": call.data}
+
+
+def _offered(estimate: str) -> int:
+    """Gas for an estimate in hex."""
+    return int(int(estimate, 16) * GAS_MARGIN) + GAS_HEADROOM

@@ -1,0 +1,111 @@
+"""The transactions of all wallets: many in flight per wallet, each mined once or never.
+
+`Orders` is what it is asked, `Signer` what it signs, `Outcomes` what became of it. One thread drives them: it
+decides gas, fee and nonce, signs, writes down, sends, and waits for all of them together, so that a hundred
+wallets cost the node one question where they would cost it a hundred. A wallet whose transactions do not get
+mined holds up only itself.
+
+    queued ──sign, journal──> sent ──receipt, indexed──> mined | failed
+                               │ ^
+                               │ └── sent again; after `stuck_s` with a higher fee
+                               └── nonce went elsewhere ──> made anew, in its own place in the journal
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+
+from rodeo.chain import ChainUnavailable
+from rodeo.errors import RodeoError
+from services.bridge.chain import Chain
+from services.bridge.errors import BridgeNotReady, JournalUnwritable
+from services.bridge.orders import Orders
+from services.bridge.outcomes import Outcomes
+from services.bridge.signer import Signer
+
+log = logging.getLogger(__name__)
+
+_TICK_S = 0.25
+
+
+class Transactions:
+    """Sends for the wallets that are added to `orders` before `start`."""
+
+    def __init__(
+        self,
+        chain: Chain,
+        stuck_s: float = 30.0,
+        on_sent: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._journal = chain.journal
+        self.orders = Orders(chain)
+        self.signer = Signer(chain, self.orders)
+        self.outcomes = Outcomes(chain, self.orders, self.signer, stuck_s, on_sent)
+        self.failure: RodeoError | None = None
+        """Why what waits is not sent, and its outcomes are not kept, for now."""
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="transactions", daemon=True)
+
+    def start(self) -> None:
+        """Take up what was sent before, and go on."""
+        self.outcomes.take_up(self._journal.unfinished())
+        self._thread.start()
+
+    def close(self) -> None:
+        self._stop.set()
+        self.orders.changed.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        for job in self.orders.jobs():
+            self.orders.end(job, BridgeNotReady("the bridge is stopping", reason="stopping"))
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            try:
+                self.step()
+            except ChainUnavailable as error:
+                # What was sent may or may not have arrived; only the node can tell, so ask until it answers.
+                log.debug("%s", error)
+                self._stop.wait(_TICK_S)
+            except JournalUnwritable as error:
+                if self.failure is None:
+                    log.error("nothing is sent for now: %s", error)
+                self.failure = error
+                self._stop.wait(_TICK_S)
+            except Exception:
+                # What is journaled must be sent: one fault, said here, may not end everybody's transactions.
+                log.exception("sending failed; going on")
+                self._stop.wait(_TICK_S)
+            self.orders.changed.wait(_TICK_S)
+            self.orders.changed.clear()
+
+    def step(self) -> None:
+        """Whatever is to be done now. Raises ChainUnavailable or JournalUnwritable, losing nothing."""
+        try:
+            self.outcomes.reopen_undone()
+            self.outcomes.look_at_held()
+            self.send_queued()
+            self.outcomes.look()
+            self.failure = None
+        finally:
+            self.orders.give_up_late(self.failure)
+
+    def send_queued(self) -> None:
+        """Sign and send what waits, as far as there is room."""
+        jobs = self.orders.take()
+        if not jobs:
+            return
+        try:
+            signed = self.signer.sign(jobs)
+        except ChainUnavailable as error:
+            for job in jobs:
+                if job.entry is None:
+                    self.orders.end(job, error)
+            self.orders.put_back([job for job in jobs if job.entry is not None])  # they were promised before
+            return
+        except BaseException:
+            self.orders.put_back(jobs)
+            raise
+        self.outcomes.send(signed)

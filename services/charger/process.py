@@ -1,0 +1,503 @@
+"""The charger as a process: offers the service, takes assignments, delivers, proves.
+
+    offer service -> wait for an assignment -> deliver (recording) -> seal -> store -> submit -> wait ...
+
+What to do next follows from the job on disk and from the index, never from having heard an event.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+import threading
+import time
+from collections import defaultdict
+from contextlib import closing
+from hashlib import file_digest
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from rodeo import queries, topics
+from rodeo.bus import DaoEvents
+from rodeo.charging import ChargingParams
+from rodeo.config import Site
+from rodeo.dao import ORGANIZATION, Assignment, Participant
+from rodeo.errors import NoResponder, QueryTimeout, RemoteError, RodeoError
+from rodeo.evidence import Binding, Store
+from rodeo.evidence.copies import Copies
+from rodeo.evidence.errors import RecordingSealed, StoreUnavailable
+from rodeo.kinds import providing_energy
+from rodeo.logs import about_task
+from rodeo.messages import DaoEvent, Task
+from rodeo.process import Process
+from rodeo.recording import SealPublisher, StatementDoor, StatementListener
+from rodeo.recording.door import stamp_slack_s
+from rodeo.ros2 import MessageInfo, Node
+from rodeo.ros2.types import new
+from rodeo.serving import served_by
+from rodeo.tls import bus_is_closed
+from rodeo.wallets import SiteDevice
+from rodeo.witness import Inputs, Scope, WitnessChain
+from rodeo.witness.roots import DailyRoots
+from rodeo.witness.witness import Witness
+from services.charger.delivery import Delivery, Order
+from services.charger.job import Job, require_payable, wrong_order
+from services.charger.session import End, Phase, SessionLimits, SessionState
+
+log = logging.getLogger(__name__)
+
+ARRIVAL_S = 1800.0
+"""Site time that a robot has to reach the dock."""
+PROOF_SHARE = 0.05
+"""Of the execution window, kept for sealing and submitting."""
+CLOSING_WALL_S = 15.0
+"""Wall time for which the robot is asked to sign the end. What it signed before counts without."""
+
+NOBODY = "nobody"
+"""In place of a robot that the site does not have: whatever its name, nothing is heard of it."""
+
+_RETRY_S = 1.0
+"""Wall time before something that is away is asked again."""
+_CHAIN_WALL_S = 0.1
+_LOOK_S = 2.0
+"""Wall time after which the index is asked for assignments even without an event."""
+_SILENCE_S = 10.0
+"""Wall time without a reading after which the dock counts as missing."""
+_OVER = {"TaskSettled", "TaskFailed", "TaskCancelled"}
+
+
+class Charger:
+    """One dock."""
+
+    def __init__(self, process: Process) -> None:
+        site = process.site
+        self._process = process
+        self._site = site
+        self._energy = providing_energy(process.site)
+        self._organization = Participant(process.bus, site.org, ORGANIZATION)
+        self._account = process.wait_account("meter-device")
+        self._store = Store(site)
+        self._job_path = process.data_dir / "job.json"
+        self._offered_on: tuple[str, str] | None = None
+        """Genesis and contract of the chain that the service was offered on."""
+        self._delivery: Delivery | None = None
+        self._wake = threading.Event()
+        """Something happened on chain."""
+        self._events: defaultdict[int, list[DaoEvent]] = defaultdict(list)
+        """Contract events of charging tasks that are not over, by task."""
+        self._chain = ""
+        """Genesis hash of the chain that they are on."""
+        self._events_lock = threading.Lock()
+        self._heard_s = -math.inf
+        """Wall (monotonic) time of the dock's last reading."""
+        self._node = Node(process.bus.session, "charger", "", site.bus.domain_id, process.clock)
+        enable = topics.DOCK_ENABLE
+        self._enable = self._node.client(enable.name(dock=site.dock.name), enable.type)
+        output = topics.DOCK_OUTPUT
+        # In the receiving thread: when a simulated clock's mark is there, so is what was read before.
+        self._node.subscription(output.name(dock=site.dock.name), output.type, self._on_output, inline=True)
+        for robot in site.robots:
+            battery = topics.BATTERY_STATE
+            self._node.subscription(
+                battery.name(ns=robot.namespace),
+                battery.type,
+                self._battery_callback(robot.name),
+                inline=True,
+            )
+        # It reads its terminals over the bus: on an open one anybody may have said what they say.
+        inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
+        self._witness = Witness(
+            process.bus, site.org, site.dock.name, self._account, process.data_dir, inputs
+        )
+        self._roots = DailyRoots(site, self._organization, self._witness)
+        self._copies = Copies(process.bus, site.org, site.dock.name, self._store, self._kept)
+        self._dao_events = DaoEvents(process.bus, site.org, self._on_event, clock=process.clock)
+
+    # -- bus -------------------------------------------------------------------------------------------
+
+    def _on_output(self, message: Any, info: MessageInfo) -> None:
+        self._heard_s = time.monotonic()
+        delivery = self._delivery
+        if delivery is not None:
+            delivery.on_output(message, info)
+
+    def _battery_callback(self, robot: str) -> Any:
+        def on_battery(message: Any, info: MessageInfo) -> None:
+            delivery = self._delivery
+            if delivery is not None and delivery.job.task.params.get("robot") == robot:
+                delivery.on_battery(message, info)
+
+        return on_battery
+
+    def _on_event(self, event: DaoEvent) -> None:
+        if event.task_id is not None:
+            with self._events_lock:
+                if event.chain != self._chain:
+                    self._chain = event.chain
+                    self._events.clear()  # the tasks of another chain have the same numbers
+                self._events[event.task_id].append(event)
+                if event.name in _OVER:
+                    del self._events[event.task_id]
+                delivery = self._delivery
+                if delivery is not None and delivery.job.task.id == event.task_id:
+                    delivery.on_event(event)
+        self._wake.set()
+        self._process.clock.notify()
+
+    # -- the day of a charger --------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Until the process is asked to stop."""
+        with self._process.clock.acting():
+            self._live()
+
+    def _live(self) -> None:
+        try:
+            while not self._process.stop.is_set():
+                self._process.with_room(self._step)
+        finally:
+            self._copies.close()
+            self._dao_events.close()
+            self._roots.close()
+            self._witness.close()
+            self._node.close()
+
+    def _step(self) -> None:
+        self._persist(self._offer)
+        job = self._own_job()
+        if job is None and not self._process.disk_problem:
+            job = self._next_job()
+        if job is None:
+            self._process.activity("idle")
+            self._process.clock.wait_for(self._wake.is_set, self._process.stop, wall_s=_LOOK_S, resting=True)
+            self._wake.clear()
+            return
+        with about_task(job.task.id):
+            self._perform(job)
+
+    def _offer(self) -> None:
+        """Once on each chain; on the same one an operator may have changed the offer since."""
+        chain = self._organization.ask(queries.CHAIN)
+        here = chain.genesis_hash, chain.contracts.service_manager
+        if here == self._offered_on:
+            return
+        energy = self._energy
+        self._organization.offer_service(energy.name, energy.price_iec, f"charging at {self._site.dock.name}")
+        self._offered_on = here
+
+    def _own_job(self) -> Job | None:
+        """The job on disk, if it is of this chain and of the assignment that the task has."""
+        job = Job.load(self._job_path)
+        if job is None:
+            return None
+        owns: list[bool] = []
+        self._persist(lambda: owns.append(self._is_own(job)))
+        if not owns:  # asked to stop
+            return None
+        if owns[0]:
+            return job
+        # Whoever is on the contacts does not pay by that job.
+        self._command_contactor(False)
+        job.set_aside(self._job_path, self._recording(job))
+        return None
+
+    def _is_own(self, job: Job) -> bool:
+        if job.assignment != self._organization.assignment(job.task):
+            return False
+        now = self._task_now(job.task.id)
+        # One that is over ends as always: it is submitted, and refused.
+        return now is not None and (now.attempt != job.task.attempt or now.nonce in (None, job.task.nonce))
+
+    def _task_now(self, task_id: int) -> Task | None:
+        """None when the chain has no such task (any more)."""
+        try:
+            return self._organization.task(task_id)
+        except RemoteError as error:
+            if error.code != "unknown_task":
+                raise
+            return None
+
+    def _is_ours(self, task: Task) -> bool:
+        """Whether the assignment still stands."""
+        now = self._task_now(task.id)
+        standing = ("assigned", task.attempt, task.nonce)
+        return now is not None and (now.state, now.attempt, now.nonce) == standing
+
+    def _recording(self, job: Job) -> Path:
+        return self._process.data_dir / f"{job.name}.mcap"
+
+    def _next_job(self) -> Job | None:
+        found: list[tuple[Task, Assignment]] = []
+        self._persist(
+            lambda: found.extend(
+                (task, self._organization.assignment(task))
+                for task in self._organization.assignments(self._energy.name)[:1]
+            )
+        )
+        if not found:
+            return None
+        task, assignment = found[0]
+        now_s = self._process.clock.now_s()
+        state = SessionState(wait_until_s=now_s + ARRIVAL_S)
+        job = Job(task=task, session=state, assignment=assignment)
+        job.save(self._job_path)
+        return job
+
+    def _perform(self, job: Job) -> None:
+        path = self._recording(job)
+        sha256 = self._deliver(job, path)
+        if sha256 is None:  # asked to stop; the next process goes on
+            return
+        self._process.activity(f"submitting the proof of task {job.task.id}", 1.0)
+        self._persist(lambda: self._submit(job, path, sha256))
+        if not self._process.stop.is_set():
+            self._job_path.unlink()
+            # The store may lose it: then it is put there again from here.
+            kept = self._kept(sha256)
+            kept.parent.mkdir(exist_ok=True)
+            path.replace(kept)
+
+    def _kept(self, sha256: str) -> Path:
+        """Where the dock keeps its own copy of a proof."""
+        return self._process.data_dir / "proofs" / f"{sha256.removeprefix('0x')}.mcap"
+
+    def _submit(self, job: Job, path: Path, sha256: str) -> None:
+        uri = self._store.put(path)
+        try:
+            self._organization.submit_proof(job.task.id, job.task.attempt, sha256, uri, job.task.nonce)
+        except RemoteError as error:
+            if self._is_ours(job.task):
+                raise
+            log.warning("the assignment of %s is over: %s", job.name, error)
+
+    # -- one delivery ----------------------------------------------------------------------------------
+
+    def _deliver(self, job: Job, path: Path) -> str | None:
+        """Do the session; the SHA-256 of its sealed recording, None when asked to stop before its end."""
+        bindings: list[Any] = []
+        self._persist(lambda: bindings.append(self._organization.binding(job.task, self._site.dock.name)))
+        chain = self._wait_chain()
+        if not bindings or chain is None:
+            return None
+        order, problem = self._order(job, path, bindings[0])
+        seals = SealPublisher(self._process.bus, self._site.org, self._site.dock.name)
+        try:
+            delivery = Delivery(
+                order, chain, self._witness.publish, self._account, self._process.clock, self._save, seals
+            )
+        except RecordingSealed:  # killed between sealing and submitting
+            seals.close()
+            with path.open("rb") as file:
+                return "0x" + file_digest(file, "sha256").hexdigest()
+        with self._events_lock:
+            for event in self._events[job.task.id]:
+                delivery.on_event(event)
+            self._delivery = delivery
+        try:
+            if problem is not None:
+                log.warning("task %d cannot be done: %s", job.task.id, problem)
+                delivery.stop(End.BAD_TASK)
+            with closing(self._listen(order, delivery)) as listener:
+                self._attend(delivery, listener)
+                if delivery.session.ended:
+                    self._close(delivery, listener)
+        except RodeoError:
+            if delivery.session.contactor_wanted:
+                self._command_contactor(False)  # nobody meters until this is over
+            raise
+        finally:
+            self._delivery = None
+            seals.close()
+        if self._process.stop.is_set():
+            delivery.suspend()
+            return None
+        log.info(
+            "%s ended: %s, %.1f Wh, %.1f of them signed by the robot",
+            job.name,
+            job.session.end,
+            delivery.energy_wh,
+            delivery.receipted_wh,
+        )
+        return delivery.seal().sha256
+
+    def _wait_chain(self) -> WitnessChain | None:
+        """None when asked to stop before it is known for which organization the meter signs."""
+        while (chain := self._witness.chain) is None and not self._process.stop.is_set():
+            self._process.not_ready("not known yet for which organization the meter signs")
+            self._pause(_CHAIN_WALL_S)
+        return chain
+
+    def _listen(self, order: Order, delivery: Delivery) -> StatementListener:
+        """To what the robot states, and to nobody else."""
+        binding, robot = order.binding, order.job.task.params.get("robot")
+        if robot not in [one.name for one in self._site.robots]:
+            robot = NOBODY
+        scope = Scope(
+            chain_id=binding.chain_id, task_manager=binding.task_manager, organization=binding.organization
+        )
+        return StatementListener(
+            self._process.bus,
+            self._site.org,
+            lambda devices: StatementDoor(
+                devices.known,
+                [SiteDevice("robot", robot)],
+                lambda: scope,
+                self._process.clock,
+                order.slack_s,
+                delivery.refusals,
+                delivery.heard,
+            ),
+            delivery.on_receipt,
+            only=robot,
+            hold=self._process.clock.hold,
+        )
+
+    def _attend(self, delivery: Delivery, listener: StatementListener) -> None:
+        """Move the contactor and tell the progress until the session is over or the process has to stop."""
+        while not delivery.session.ended and not self._process.stop.is_set():
+            self._update_status(delivery)
+            delivery.wait(timeout_s=_RETRY_S)
+            if delivery.job.session.phase is Phase.AWAITING_RECEIPT:
+                self._ask(delivery, listener)
+            if self._wake.is_set():
+                self._wake.clear()
+                self._check_assignment(delivery)
+            if delivery.session.commands_contactor:
+                self._move_contactor(delivery, delivery.session.contactor_wanted)
+        if self._process.stop.is_set() and delivery.session.contactor_wanted:
+            # Nobody meters while this process is down. The session stays open and closes it again.
+            self._command_contactor(False)
+
+    def _ask(self, delivery: Delivery, listener: StatementListener) -> None:
+        """Tell again what the robot did not sign, and ask for what it signed: either may have been lost."""
+        unanswered = delivery.unanswered
+        if unanswered is not None:
+            self._witness.publish(unanswered)
+            listener.catch_up()
+
+    def _close(self, delivery: Delivery, listener: StatementListener) -> None:
+        """Have the robot sign the end; what it signed before counts without."""
+        delivery.close_session()
+        deadline_s = time.monotonic() + CLOSING_WALL_S
+        while not delivery.wait_closed(_RETRY_S) and time.monotonic() < deadline_s:
+            if self._process.stop.is_set():
+                return
+            self._ask(delivery, listener)
+
+    def _move_contactor(self, delivery: Delivery, closed: bool) -> None:
+        if self._command_contactor(closed):
+            delivery.contactor(closed)
+        else:
+            self._pause(_RETRY_S)
+
+    def _command_contactor(self, closed: bool) -> bool:
+        try:
+            answer = self._enable.call(new("std_srvs/srv/SetBool_Request", data=closed))
+        except RodeoError as error:
+            log.warning("the dock does not answer: %s", error)
+            return False
+        if not answer.success:
+            log.warning("the dock refuses to %s: %s", "close" if closed else "open", answer.message)
+        return bool(answer.success)
+
+    def _check_assignment(self, delivery: Delivery) -> None:
+        """End the session when the task is not ours to do any more."""
+        try:
+            ours = self._is_ours(delivery.job.task)
+        except (NoResponder, QueryTimeout, RemoteError) as error:
+            log.info("the index does not answer: %s", error)
+            self._wake.set()
+            return
+        if not ours:
+            delivery.stop(End.CANCELLED)
+
+    def _order(self, job: Job, path: Path, binding: Binding) -> tuple[Order, str | None]:
+        """What is to be done, and what is wrong with the task."""
+        site, task, problem = self._site, job.task, None
+        dock, params = site.dock, None
+        # A robot that the site does not know publishes nothing, wherever that is; `problem` says it.
+        namespace = str(task.params.get("robot"))
+        try:
+            params = ChargingParams.model_validate(task.params)
+            namespace = site.robot(params.robot).namespace
+            require_payable(task, params, site)
+        except (ValidationError, RodeoError) as error:
+            problem = str(error)
+        assigned_s = task.assigned or 0.0
+        window_s = (task.execution_deadline or assigned_s) - assigned_s
+        if problem is None and params is not None:
+            problem = wrong_order(task, params, site)
+        limits = SessionLimits(
+            voltage_v=dock.voltage_v,
+            cutoff_a=dock.cutoff_a,
+            max_energy_wh=0.0 if params is None else params.energy_wh,
+            soc_target=0.0 if params is None else params.soc_target,
+            deadline_s=assigned_s + window_s * (1 - PROOF_SHARE),
+        )
+        order = Order(
+            job=job,
+            params=params,
+            limits=limits,
+            binding=binding,
+            path=path,
+            register=self._process.data_dir / "register.json",
+            battery_topic=topics.BATTERY_STATE.name(ns=namespace),
+            slack_s=stamp_slack_s(max(site.clock.speed, site.clock.idle_speed)),
+        )
+        return order, problem
+
+    # -- helpers ---------------------------------------------------------------------------------------
+
+    def _pause(self, wall_s: float) -> None:
+        self._process.clock.wait_for(lambda: False, self._process.stop, wall_s=wall_s)
+
+    def _save(self, job: Job) -> None:
+        job.save(self._job_path)
+
+    def _update_status(self, delivery: Delivery) -> None:
+        self._update_readiness()
+        params, state = delivery.job.task.params, delivery.job.session
+        progress = None
+        if state.soc is not None and state.started_s is not None:
+            span = float(params["soc_target"]) - float(params["soc_from"])
+            progress = min(max((state.soc - float(params["soc_from"])) / max(span, 1e-6), 0.0), 1.0)
+        self._process.activity(
+            f"task {delivery.job.task.id}: {state.phase.value}",
+            progress,
+            power_w=round(delivery.power_w, 1),
+            energy_wh=round(delivery.energy_wh, 1),
+            receipted_wh=round(delivery.receipted_wh, 1),
+        )
+
+    def _persist(self, attempt: Any) -> None:
+        """Try until it works or the process is asked to stop; what is away comes back."""
+        while not self._process.stop.is_set():
+            try:
+                attempt()
+            except (NoResponder, QueryTimeout, StoreUnavailable) as error:
+                self._process.not_ready(str(error))
+            except RemoteError as error:
+                # The bridge answers with the chain's own errors while that is away or being deployed.
+                # Why it is not ready the bridge says itself, and once is enough.
+                away = error.code == "bridge_not_ready"
+                self._process.not_ready("waiting for the bridge" if away else f"{error.code}: {error}")
+            else:
+                self._update_readiness()
+                return
+            self._pause(_RETRY_S)
+
+    def _update_readiness(self) -> None:
+        if time.monotonic() - self._heard_s > _SILENCE_S:
+            self._process.not_ready(f"no readings from {topics.DOCK_OUTPUT.name(dock=self._site.dock.name)}")
+        else:
+            self._process.ready()
+
+
+def run(site: Site, stop: threading.Event) -> None:
+    """The process, until `stop`."""
+    with Process("charger", site, stop) as process:
+        process.serve_alone(served_by(site, "charger"))
+        process.wait_clock()
+        Charger(process).run()

@@ -1,0 +1,130 @@
+"""A form's fields for the parameters of a kind of work, from their JSON Schema."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from nicegui import ui
+
+from rodeo.bus import decode_json
+from rodeo.config import Site
+from rodeo.kinds import Kind
+from services.console.formatting import parameter
+
+Json = dict[str, Any]
+
+
+class Parameters:
+    """The fields of one kind. Those that follow from others are not shown; without a schema there is one
+    field for a JSON object."""
+
+    def __init__(self, site: Site, kind: Kind | None, changed: Callable[[], None]) -> None:
+        self._properties: Json = {
+            name: schema
+            for name, schema in (kind.schema.get("properties", {}) if kind else {}).items()
+            if schema.get("format") != "follows"
+        }
+        self.fields: dict[str, Any] = {
+            name: _field(site, name, schema, changed) for name, schema in self._properties.items()
+        }
+        self._whole = None
+        if not self._properties:
+            self._whole = ui.textarea("Parameters (JSON object)", value="{}", on_change=changed)
+            self._whole.classes("whole")
+        for one in self._elements():
+            one.props("outlined dense")
+
+    def _elements(self) -> list[Any]:
+        return [*self.fields.values(), *([self._whole] if self._whole is not None else [])]
+
+    def show(self, visible: bool) -> None:
+        for one in self._elements():
+            one.visible = visible
+
+    def field(self, form: str) -> Any:
+        """The field of this format, if there is one."""
+        return next((self.fields[name] for name, one in self._properties.items() if _form(one) == form), None)
+
+    def values(self) -> Json:
+        """What the fields say; empty ones are left out. Raises MalformedJson."""
+        if self._whole is not None:
+            return decode_json((self._whole.value or "{}").encode())
+        return {
+            name: _read(self._properties[name], field.value)
+            for name, field in self.fields.items()
+            if field.value not in (None, "")
+        }
+
+    def fill(self, params: Mapping[str, Any]) -> None:
+        """Say what another task said, where this form can."""
+        if self._whole is not None:
+            self._whole.value = json.dumps(params)
+        for name, field in self.fields.items():
+            value = _shown(self._properties[name], params.get(name))
+            if value is not None and (not hasattr(field, "options") or value in field.options):
+                field.value = value
+
+    def told(self) -> list[tuple[str, str]]:
+        """Each field's label and what it says, for who confirms it."""
+        return [
+            (_label(name, self._properties[name]), str(field.value)) for name, field in self.fields.items()
+        ]
+
+
+def _field(site: Site, name: str, schema: Json, changed: Callable[[], None]) -> Any:
+    label, form = _label(name, schema), _form(schema)
+    proposed = _shown(schema, next(iter(schema.get("examples", [])), None))
+    if form == "item":
+        items = {item.id: f"{item.id} ({item.item_class.value})" for item in site.items}
+        return ui.select(items, value=next(iter(items), None), label=label, on_change=changed)
+    if form == "robot":
+        robots = [one.name for one in site.robots]
+        return ui.select(robots, value=next(iter(robots), None), label=label, on_change=changed)
+    if "enum" in schema:
+        return ui.select(schema["enum"], value=proposed, label=label, on_change=changed)
+    if form == "percent":
+        return ui.number(label, value=proposed, min=0, max=100, on_change=changed)
+    if form in ("map-x", "map-y"):
+        return ui.number(label, step=0.05, format="%.2f", on_change=changed)
+    if schema.get("type") in ("number", "integer"):
+        return ui.number(
+            label,
+            value=proposed,
+            min=schema.get("minimum"),
+            max=schema.get("maximum"),
+            precision=0 if schema["type"] == "integer" else None,
+            on_change=changed,
+        )
+    if schema.get("type") == "boolean":
+        return ui.checkbox(label, value=bool(proposed), on_change=changed)
+    return ui.input(label, value=proposed or "", on_change=changed)
+
+
+def _label(name: str, schema: Json) -> str:
+    return str(schema.get("title") or parameter(name))
+
+
+def _form(schema: Json) -> str:
+    return str(schema.get("format", ""))
+
+
+def _shown(schema: Json, value: Any) -> Any:
+    """A parameter's value as its field shows it."""
+    if value is None or isinstance(value, str | bool):
+        return value
+    if isinstance(value, int | float):
+        return round(100 * value) if _form(schema) == "percent" else value
+    return json.dumps(value)
+
+
+def _read(schema: Json, value: Any) -> Any:
+    """What a field says as the parameter's value. Raises MalformedJson."""
+    if _form(schema) == "percent":
+        return value / 100
+    if schema.get("type") == "integer":
+        return int(value)
+    if schema.get("type") in ("object", "array"):
+        return decode_json(str(value).encode())
+    return value

@@ -1,0 +1,142 @@
+"""What can be asked: the bridge's index, and files of tasks from the store. Blocks; call it from a thread."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rodeo import queries, topics
+from rodeo.bus import Bus
+from rodeo.config import Site
+from rodeo.errors import MalformedJson
+from rodeo.evidence import Store, open_proof
+from rodeo.messages import DaoEvent, Task
+from rodeo.person.review import Review, Reviewer
+from rodeo.person.statement import Statement, fetch_statement
+from rodeo.queries import A, Query
+from services.console.attempts import Attempt, attempts
+from services.console.errors import UnknownFile
+
+Json = dict[str, Any]
+T = TypeVar("T")
+
+MAX_REPORT_BYTES = 1 << 20
+_QUERY_S = 5.0
+_REPORTS_KEPT = 64
+_SEALS_KEPT = 256
+
+Evidence = Task | Attempt
+"""Whatever names a proof and the report on it: a task its last, an attempt its own."""
+
+
+@dataclass(frozen=True)
+class Seal:
+    """What a proof's seals say, after they were checked."""
+
+    signer: str | None
+    """Address of the device key."""
+    size_bytes: int
+    messages: int
+    seals: int
+
+
+class Queries:
+    def __init__(self, bus: Bus, site: Site) -> None:
+        self._bus = bus
+        self._site = site
+        self._store = Store(site)
+        self._reviewer = Reviewer(site, self)
+        self._reports: OrderedDict[str, Json] = OrderedDict()
+        self._seals: OrderedDict[str, Seal] = OrderedDict()
+
+    def ask(self, query: Query[A], **parameters: Any) -> A:
+        """The bridge's answer; parameters that are None are left out."""
+        return queries.ask(self._bus, self._site.org, query, timeout_s=_QUERY_S, **parameters)
+
+    def state(self, what: str, **parameters: Any) -> Json:
+        """The bridge's answer to `state/<what>`; parameters that are None are left out."""
+        wanted = {name: value for name, value in parameters.items() if value is not None}
+        key = topics.STATE.name(org=self._site.org, what=what)
+        return self._bus.query(key, parameters=wanted, timeout_s=_QUERY_S)
+
+    def tasks(self, limit: int, offset: int = 0, **filters: Any) -> tuple[list[Task], int]:
+        """One page, newest first, and how many there are in all."""
+        answer = self.ask(queries.TASKS, limit=limit, offset=offset, **filters)
+        return answer.tasks, answer.total
+
+    def history(self, task_id: int) -> list[DaoEvent]:
+        """The task's contract events in order."""
+        return self.ask(queries.EVENTS, task_id=task_id).events
+
+    def robot(self, robot: str) -> Json:
+        """What the robot's agent says of itself. Raises NoResponder."""
+        return self._bus.query(
+            topics.ROBOT_ORDER.name(org=self._site.org, robot=robot, order="state"), {}, timeout_s=_QUERY_S
+        )
+
+    def task(self, task_id: int) -> Task:
+        return self.ask(queries.TASK, id=task_id)
+
+    def evidence(self, task_id: int, attempt: int | None = None) -> Evidence:
+        """Of the task's last attempt or of the one that is named. Raises UnknownFile."""
+        if attempt is None:
+            return self.task(task_id)
+        for one in attempts(self.history(task_id)):
+            if one.number == attempt:
+                return one
+        raise UnknownFile("the task has no such attempt", task_id=task_id, attempt=attempt)
+
+    def report(self, evidence: Evidence) -> Json:
+        """The report behind its verdict. Raises UnknownFile, EvidenceError."""
+        uri, sha256 = evidence.report_uri, evidence.report_sha256
+        if not uri or not sha256:
+            raise UnknownFile("there is no report on this proof")
+        kept = self._reports.get(sha256)
+        if kept is not None:
+            return kept
+        with tempfile.TemporaryDirectory(prefix="rodeo-report-") as folder:
+            path = self._store.fetch(uri, sha256, MAX_REPORT_BYTES, Path(folder))
+            try:
+                report = json.loads(path.read_bytes())
+            except (ValueError, RecursionError) as error:
+                raise MalformedJson(f"the report is not JSON: {error}") from error
+        if not isinstance(report, dict):
+            raise MalformedJson("the report is not a JSON object")
+        return _keep(self._reports, sha256, report, _REPORTS_KEPT)
+
+    def seal(self, evidence: Evidence) -> Seal:
+        """Who sealed the proof, every seal of it checked. Raises UnknownFile, EvidenceError."""
+        kept = self._seals.get(evidence.proof_sha256 or "")
+        if kept is not None:
+            return kept
+        with tempfile.TemporaryDirectory(prefix="rodeo-seal-") as folder:
+            proof = open_proof(self.proof(evidence, Path(folder)))
+        seal = Seal(proof.signer, proof.size_bytes, proof.messages, proof.seals)
+        return _keep(self._seals, proof.sha256, seal, _SEALS_KEPT)
+
+    def statement(self, task: Task) -> Statement:
+        """Note and photos that a person handed in. Raises UnknownFile, EvidenceError."""
+        if not task.proof_uri or not task.proof_sha256:
+            raise UnknownFile("no proof was submitted for this attempt")
+        return fetch_statement(self._store, task.proof_uri, task.proof_sha256)
+
+    def review(self, task: Task) -> Review:
+        """What is known of that statement. Raises NotSubmitted, EvidenceError, and what the index raises."""
+        return self._reviewer.review(task)
+
+    def proof(self, evidence: Evidence, folder: Path) -> Path:
+        """A copy of the proof in `folder`, its bytes checked. Raises UnknownFile, EvidenceError."""
+        if not evidence.proof_uri or not evidence.proof_sha256:
+            raise UnknownFile("no proof was submitted for this attempt")
+        return self._store.fetch(evidence.proof_uri, evidence.proof_sha256, folder=folder)
+
+
+def _keep(cache: OrderedDict[str, T], sha256: str, value: T, limit: int) -> T:
+    cache[sha256] = value
+    while len(cache) > limit:
+        cache.popitem(last=False)
+    return value

@@ -1,0 +1,333 @@
+"""The bin as a process: sensors in, attestations out.
+
+Sensor callbacks only feed the state machine. What takes time (photo, classification, signing, disk) is done
+by the main thread, in the order in which it was asked for.
+"""
+
+from __future__ import annotations
+
+import base64
+import logging
+import math
+import queue
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+from rodeo import topics
+from rodeo.bus import Request
+from rodeo.config import Site
+from rodeo.dao import ORGANIZATION, Participant
+from rodeo.errors import RodeoError
+from rodeo.http import HttpServer
+from rodeo.process import Process
+from rodeo.ros2 import MessageInfo, Node
+from rodeo.serving import served_by
+from rodeo.stamps import stamp_s
+from rodeo.tls import bus_is_closed
+from rodeo.vision.classification import model_sha256, thresholds_sha256
+from rodeo.vision.classifier import Classifier
+from rodeo.witness import Claimant, Classification, Drop, Header, Inputs, Presentation, Removal, Statement
+from rodeo.witness.devices import Device
+from rodeo.witness.roots import DailyRoots
+from rodeo.witness.witness import Witness
+from services.itrash.behaviour import (
+    Action,
+    Attest,
+    Bin,
+    ClassificationRecord,
+    DropRecord,
+    Record,
+    State,
+    TakePhoto,
+    compartment_of,
+)
+from services.itrash.camera import open_camera
+from services.itrash.journal import Journal, Kind
+from services.itrash.pictures import Pictures
+from services.itrash.web import LIMITS, make_api
+
+log = logging.getLogger(__name__)
+
+_TELL_S = 0.5
+"""Wall time between two looks at what is missing."""
+_READING_S = 0.1
+"""Site time between two looks while the bin is attentive: its sensors speak at 10 Hz (rodeo/topics.py)."""
+_SILENCE_S = 3.0
+"""Wall time without a reading after which a sensor counts as missing."""
+
+
+class Itrash:
+    """One bin."""
+
+    def __init__(self, process: Process, classifier: Classifier) -> None:
+        site = process.site
+        self.classifier = classifier
+        self._process = process
+        self._config = site.bin
+        self._account = process.wait_account(f"{site.bin.name}-device")
+        self._path = process.data_dir / "journal.json"
+        self._journal = Journal.load(self._path)
+        self._bin = Bin(site.bin, self._journal.memory)
+        self._lock = threading.Lock()
+        """Guards the state machine and the journal."""
+        self._actions: queue.SimpleQueue[Action | None] = queue.SimpleQueue()
+        for record in self._journal.memory.unsigned:  # decided before the process ended
+            self._actions.put(Attest(record))
+        self._waiting: list[Record] = []
+        """Decided while it was not known for which organization."""
+        self._pictures = Pictures(process.data_dir / "pictures")
+        # Its sensors speak over the bus: on an open one anybody may have said what they say.
+        inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
+        self._witness = Witness(
+            process.bus, site.org, site.bin.name, self._account, process.data_dir, inputs, self._on_statement
+        )
+        self._roots = DailyRoots(site, Participant(process.bus, site.org, ORGANIZATION), self._witness)
+        self._heard_s: dict[str, float] = {}
+        """Wall (monotonic) time of each sensor's last reading."""
+        node = Node(process.bus.session, site.bin.name, "", site.bus.domain_id, process.clock)
+        self.url = ""
+        """Where the HTTP interface listens; set once it does."""
+        self._camera = open_camera(site.itrash.camera, node, site.bin.name, process.clock)
+        presence, load = topics.BIN_PRESENCE, topics.BIN_LOAD
+        self._sensors = {presence.name(bin=site.bin.name)}
+        # In the receiving thread: when a simulated clock's mark is there, so is what was sensed before.
+        node.subscription(presence.name(bin=site.bin.name), presence.type, self._on_presence, inline=True)
+        for compartment in site.bin.compartments:
+            name = load.name(bin=site.bin.name, compartment=compartment)
+            self._sensors.add(name)
+            node.subscription(name, load.type, self._load_callback(compartment, name), inline=True)
+        self._node = node
+        state_key = topics.BIN_STATE.name(org=site.org, bin=site.bin.name)
+        self._queryable = process.bus.serve(state_key, self._serve_state)
+        picture_key = topics.BIN_PICTURE.name(org=site.org, bin=site.bin.name)
+        self._gallery = process.bus.serve(picture_key, self._serve_picture)
+
+    # -- who shows something ---------------------------------------------------------------------------
+
+    def _on_statement(self, device: Device, statement: Statement) -> None:
+        """A registered device stated something; a robot may have presented itself."""
+        if not isinstance(statement, Presentation) or statement.bin != self._config.name:
+            return
+        if device.role != "robot":
+            log.warning("left out a presentation by %s, which is no robot", device.name)
+            return
+        claimant = Claimant(
+            device=device.name,
+            address=device.address,
+            recording=statement.recording,
+            task_id=statement.task_id,
+            attempt=statement.attempt,
+        )
+        now_s = self._process.clock.now_s()
+        with self._lock:
+            self._bin.presented(claimant, now_s)
+        log.info("%s presents itself for task %d", device.name, statement.task_id)
+
+    # -- sensors ---------------------------------------------------------------------------------------
+
+    def _on_presence(self, message: Any, _info: MessageInfo) -> None:
+        if math.isnan(message.range):  # REP 117: an erroneous reading says nothing, not even "empty"
+            return
+        self._feed(
+            topics.BIN_PRESENCE.name(bin=self._config.name),
+            lambda: self._bin.presence(float(message.range), stamp_s(message.header.stamp)),
+        )
+
+    def _load_callback(self, compartment: str, sensor: str) -> Callable[[Any, MessageInfo], None]:
+        def on_load(message: Any, _info: MessageInfo) -> None:
+            force_n = float(message.wrench.force.z)
+            if math.isfinite(force_n):  # a broken cell weighs nothing
+                self._feed(
+                    sensor, lambda: self._bin.load(compartment, force_n, stamp_s(message.header.stamp))
+                )
+
+        return on_load
+
+    def _feed(self, sensor: str, step: Callable[[], list[Action]]) -> None:
+        with self._lock:
+            self._heard_s[sensor] = time.monotonic()
+            before = self._remembered()
+            actions = step()
+            changed = self._remembered() != before
+        for action in actions:
+            self._actions.put(action)
+        if changed and not actions:
+            self._actions.put(None)  # nothing to do but to remember
+        if changed or actions:
+            self._process.clock.notify()
+
+    def _remembered(self) -> tuple[Any, ...]:
+        memory = self._bin.memory
+        return memory.state, memory.since_s, memory.pending, tuple(self._bin.loads_n.values())
+
+    # -- actions ---------------------------------------------------------------------------------------
+
+    def run(self) -> None:
+        """Carry out actions until the process is asked to stop."""
+        with self._process.clock.acting():
+            self._live()
+
+    def _live(self) -> None:
+        try:
+            while not self._process.stop.is_set():
+                self._update_status()
+                if self._waiting and self._witness.chain is not None:
+                    waiting, self._waiting = self._waiting, []
+                    for record in waiting:
+                        self._attest(record)
+                if self._await_action():
+                    self._carry_out(self._actions.get())
+        finally:
+            self._roots.close()
+            self._witness.close()
+            self._camera.close()
+            self._node.close()
+            with self._lock:
+                self._journal.save(self._path)
+
+    def _await_action(self) -> bool:
+        """Whether there is one before it is time to tell how things are. While something is shown or falls,
+        each reading may be the one that decides: a simulated clock waits after it."""
+        self._process.clock.wait_for(
+            lambda: not self._actions.empty(),
+            self._process.stop,
+            wall_s=_TELL_S,
+            every_s=_READING_S if self._bin.attentive else math.inf,
+            resting=True,
+        )
+        return not self._actions.empty() and not self._process.stop.is_set()
+
+    def _remember(self) -> None:
+        def save() -> None:
+            with self._lock:
+                self._journal.save(self._path)
+
+        self._process.with_room(save)
+
+    def _carry_out(self, action: Action | None) -> None:
+        if isinstance(action, TakePhoto):
+            self._look(action)
+        elif isinstance(action, Attest):
+            self._attest(action.record)
+        else:
+            self._remember()
+
+    def _look(self, request: TakePhoto) -> None:
+        self._update_status()
+        try:
+            time_s, data = self._camera.capture(request.after_s)
+            classification = self.classifier.classify(data)
+            image_sha256 = self._pictures.keep(data)
+        except RodeoError as error:
+            log.warning("no photo of the item: %s", error)
+            failed_s = self._process.clock.now_s()
+            self._feed("photo", lambda: self._bin.photo_failed(failed_s))
+            return
+        self._feed("photo", lambda: self._bin.photo(classification, image_sha256, time_s))
+
+    def _attest(self, record: Record) -> None:
+        chain = self._witness.chain
+        if chain is None:
+            self._waiting.append(record)
+            return
+        kind, model, fields = self._stated(record)
+        attestation = self._process.with_room(
+            lambda: chain.sign(model, self._process.clock.now_s(), **fields)
+        )
+        with self._lock:
+            self._journal.add(kind, attestation)
+            self._bin.memory.unsigned.remove(record)
+        self._remember()  # before it is told: a restart would sign it again
+        self._witness.publish(attestation)
+        log.info("%s %s", kind, record.model_dump_json(exclude={"probabilities", "image_sha256"}))
+
+    def _stated(self, record: Record) -> tuple[Kind, type[Header], dict[str, Any]]:
+        """What is signed of a record: how the journal calls it, the statement's model and its own fields."""
+        fields = record.model_dump(by_alias=True)
+        if isinstance(record, ClassificationRecord):
+            hashes = {"model_sha256": model_sha256(), "thresholds_sha256": thresholds_sha256()}
+            return "classification", Classification, fields | hashes
+        if isinstance(record, DropRecord):
+            return "disposal", Drop, fields
+        return "removal", Removal, fields
+
+    # -- state -----------------------------------------------------------------------------------------
+
+    def compartment_of(self, label: str) -> str:
+        """Where the site puts this class."""
+        return compartment_of(self._config, label)
+
+    def state(self) -> dict[str, Any]:
+        """What the bin knows: state, weights (N), fill levels (1 is full), the last attestations."""
+        with self._lock:
+            pending = self._bin.memory.pending
+            return {
+                "bin": self._config.name,
+                "state": self._bin.state.value,
+                "since_s": self._bin.memory.since_s,
+                "pending": None if pending is None else pending.number,
+                "presented": [one.claimant.device for one in self._bin.memory.presented],
+                "loads_n": self._bin.loads_n,
+                "fill": {name: round(share, 3) for name, share in self._bin.fill.items()},
+                "classification": _dump(self._journal.last("classification")),
+                "disposal": _dump(self._journal.last("disposal")),
+            }
+
+    def events(self) -> list[dict[str, Any]]:
+        """The last attestations, newest first."""
+        with self._lock:
+            return [entry.model_dump() for entry in reversed(self._journal.entries)]
+
+    def missing_sensors(self) -> list[str]:
+        """Sensors without a reading in the last seconds; the camera when it is known to be away."""
+        now_s = time.monotonic()
+        with self._lock:
+            silent = sorted(s for s in self._sensors if now_s - self._heard_s.get(s, -math.inf) > _SILENCE_S)
+        return silent if self._camera.problem() is None else ["camera", *silent]
+
+    def image(self) -> bytes | None:
+        """The camera's newest picture, encoded."""
+        return self._camera.latest()
+
+    def _serve_state(self, _request: Request) -> dict[str, Any]:
+        return self.state()
+
+    def _serve_picture(self, request: Request) -> dict[str, Any]:
+        wanted = request.parameters.get("sha256", "")
+        data = self._pictures.find(wanted)
+        return {"sha256": wanted, "data_base64": base64.b64encode(data).decode()}
+
+    def _update_status(self) -> None:
+        """Put readiness and activity into the process's status."""
+        missing = self.missing_sensors()
+        if self._witness.chain is None:
+            self._process.not_ready("waiting to hear from the bridge for which organization it signs")
+        elif missing:
+            self._process.not_ready(f"no readings from {', '.join(missing)}")
+        else:
+            self._process.ready()
+        with self._lock:
+            pending, state = self._bin.memory.pending, self._bin.state
+        text = state.value.replace("_", " ")
+        if state is State.AWAITING_DROP and pending is not None:
+            text = f"{pending.item_class}: waiting for it in {pending.compartment}"
+        self._process.activity(text, http=self.url)
+
+
+def _dump(model: Any) -> dict[str, Any] | None:
+    return None if model is None else model.model_dump()
+
+
+def run(site: Site, stop: threading.Event) -> None:
+    """The process, until `stop`."""
+    with Process("itrash", site, stop) as process:
+        process.serve_alone(served_by(site, "itrash"))
+        process.wait_clock()
+        bin_ = Itrash(process, Classifier())
+        host, port = site.itrash.http_host, site.itrash.http_port
+        with HttpServer(make_api(bin_), host, port, "the bin's page (itrash.http_port)", LIMITS) as server:
+            bin_.url = server.url
+            log.info("HTTP on %s", server.url)
+            bin_.run()

@@ -1,0 +1,133 @@
+"""How good the classifier is: figures from what it said of a set of pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from rodeo.lab.config import BinConfig
+from rodeo.vision.classification import Preprocessing
+from rodeo.vision.classifier import Classifier
+from services.itrash.training.dataset import CLASSES, Sample
+
+_COMPARTMENT_OF = {
+    item_class.value: compartment
+    for compartment, classes in BinConfig.model_fields["compartments"].default.items()
+    for item_class in classes
+}
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """What the network said of a set: `logits` (n, classes + 1), `truth` (n,) class indices, the number of
+    classes where there was no item."""
+
+    logits: np.ndarray
+    truth: np.ndarray
+
+    def predicted(self) -> np.ndarray:
+        """The best class of each, whatever its confidence."""
+        return self.logits[:, : len(CLASSES)].argmax(axis=1)
+
+    def right(self) -> np.ndarray:
+        return self.predicted() == self.truth
+
+    def accuracy(self) -> float:
+        """Share of right answers, whatever their confidence."""
+        return float(self.right().mean())
+
+    def compartment_accuracy(self) -> float:
+        """Share that ends in the right compartment under the default mapping."""
+        compartments = np.array([_COMPARTMENT_OF[name] for name in CLASSES])
+        return float((compartments[self.predicted()] == compartments[self.truth]).mean())
+
+    def probabilities(self, temperature: float) -> np.ndarray:
+        """Calibrated probabilities of the classes, (n, classes), rows sum to one."""
+        return softmax(self.logits[:, : len(CLASSES)] / temperature)
+
+    def confidence(self, temperature: float) -> np.ndarray:
+        """Probability of the best class with `none of them` as one more, (n,)."""
+        return softmax(self.logits / temperature)[:, : len(CLASSES)].max(axis=1)
+
+    def unknown_share(self, preprocessing: Preprocessing) -> float:
+        """Share called unknown."""
+        return float((self.confidence(preprocessing.temperature) < preprocessing.unknown_below).mean())
+
+    def calibration_error(self, temperature: float) -> float:
+        return expected_calibration_error(self.probabilities(temperature), self.truth)
+
+
+def logits_of(classifier: Classifier, samples: Sequence[Sample]) -> Outputs:
+    """What the network itself says of every sample: what training calibrates."""
+    return Outputs(
+        np.stack([classifier.logits(sample.image_bgr) for sample in samples]),
+        np.array([len(CLASSES) if s.label is None else CLASSES.index(s.label) for s in samples]),
+    )
+
+
+def answers_to(classifier: Classifier, photos: Sequence[bytes], labels: Sequence[str | None]) -> Outputs:
+    """What the bin would answer to encoded photos; a label is None where there is no item.
+
+    The logits are those of the answers' probabilities: they differ from the network's by a constant per
+    photo, which no figure sees.
+    """
+    shares = []
+    for photo in photos:
+        answer = classifier.classify(photo)
+        classes = [answer.probabilities[name] * answer.item_probability for name in CLASSES]
+        shares.append([*classes, 1 - answer.item_probability])
+    logits = classifier.preprocessing.temperature * np.log(np.maximum(shares, np.finfo(float).tiny))
+    return Outputs(logits, np.array([len(CLASSES) if one is None else CLASSES.index(one) for one in labels]))
+
+
+def answers_to_samples(classifier: Classifier, samples: Sequence[Sample]) -> Outputs:
+    """The same for pictures that were drawn or changed here: encoded without loss."""
+    photos = [cv2.imencode(".png", sample.image_bgr)[1].tobytes() for sample in samples]
+    return answers_to(classifier, photos, [sample.label for sample in samples])
+
+
+def softmax(logits: np.ndarray) -> np.ndarray:
+    """Rows of logits -> rows of probabilities."""
+    exponentials = np.exp(logits - logits.max(axis=1, keepdims=True))
+    return exponentials / exponentials.sum(axis=1, keepdims=True)
+
+
+def log_loss(probabilities: np.ndarray, truth: np.ndarray) -> float:
+    """Mean negative log-likelihood of the truth."""
+    return float(-np.log(probabilities[np.arange(len(truth)), truth] + 1e-12).mean())
+
+
+@dataclass(frozen=True)
+class CalibrationBin:
+    """Answers of about the same confidence: how sure they were, how many were right."""
+
+    confidence: float
+    accuracy: float
+    count: int
+
+
+def calibration_curve(probabilities: np.ndarray, truth: np.ndarray, bins: int = 15) -> list[CalibrationBin]:
+    """Equal-width bins of confidence that hold anything."""
+    confidence, right = probabilities.max(axis=1), probabilities.argmax(axis=1) == truth
+    which = np.minimum((confidence * bins).astype(int), bins - 1)
+    return [
+        CalibrationBin(float(confidence[inside].mean()), float(right[inside].mean()), int(inside.sum()))
+        for inside in (which == number for number in range(bins))
+        if inside.any()
+    ]
+
+
+def expected_calibration_error(probabilities: np.ndarray, truth: np.ndarray, bins: int = 15) -> float:
+    """Mean gap between confidence and accuracy over equal-width bins (Guo et al., 2017)."""
+    curve = calibration_curve(probabilities, truth, bins)
+    return sum(abs(one.accuracy - one.confidence) * one.count for one in curve) / len(truth)
+
+
+def confusion(outputs: Outputs) -> np.ndarray:
+    """Counts (classes, classes): rows true, columns predicted."""
+    counts = np.zeros((len(CLASSES), len(CLASSES)), int)
+    np.add.at(counts, (outputs.truth, outputs.predicted()), 1)
+    return counts

@@ -1,0 +1,352 @@
+"""Trains the bin's classifier on photos, renderings and pictures of nothing, and writes
+`rodeo/vision/model/`. CPU only.
+
+    python -m services.itrash.training.train --data ../shared/data/trashnet
+
+One core for under an hour. Needs the `train` extra (torch, onnx); nothing at run time does.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import importlib.util
+import logging
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+if __name__ == "__main__" and importlib.util.find_spec("torch") is None:
+    sys.exit(
+        "Training needs packages that running does not. Install them first:\n\n"
+        '    pip install --constraint constraints.txt -e ".[train]"'
+    )
+
+import cv2
+import numpy as np
+import torch
+from torch import nn
+
+from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Preprocessing
+from rodeo.vision.classifier import Classifier, to_input
+from services.itrash.training import evaluation, metrics, renderings, scenery
+from services.itrash.training.augment import CHANCES, SELDOM, Chances, augment
+from services.itrash.training.card import CARD, Measured, write_card
+from services.itrash.training.dataset import CLASSES, Sample, load_photos
+from services.itrash.training.evaluation import bare_board
+from services.itrash.training.network import ARCHITECTURE, KEPT_POOLS, MEAN, SCALE, Network, export
+
+log = logging.getLogger("itrash.train")
+
+OUTPUTS = len(CLASSES) + 1
+"""The classes, and one for a picture without any of them."""
+LOG_EVERY_STEPS = 100
+MALLOPT = {-1: 2**31 - 1, -4: 0, -8: 1}
+"""M_TRIM_THRESHOLD, M_MMAP_MAX and M_ARENA_MAX of glibc's malloc.h."""
+CORRUPTED_EVERY = 5
+"""Share of the val photos under each corruption and severity, for time's sake."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """Everything that decides the outcome."""
+
+    seed: int = 8
+    stable_steps: int = 1100
+    cooldown_steps: int = 500
+    """The learning rate rises, stays, and falls to zero in the cooldown (warmup-stable-decay)."""
+    warmup_steps: int = 50
+    batch: int = 32
+    stable_px: int = 176
+    cooldown_px: int = 208
+    """Small pictures first, they train faster (progressive resizing, Tan and Le, 2021, arXiv:2104.00298)."""
+    input_px: int = 256
+    """Random crops enlarge what they show, so a network tested on whole photos wants a larger side there than
+    in training (Touvron et al., 2019, arXiv:1906.06423)."""
+    rendered_share: float = 0.12
+    nothing_share: float = 0.1
+    learning_rate: float = 5e-4
+    rate_decay: float = 0.75
+    """The head learns at the full rate, each eighth of the blocks before it at so much of the next one's:
+    what ImageNet taught first holds for waste too (Howard and Ruder, 2018, arXiv:1801.06146)."""
+    weight_decay: float = 0.02
+    label_smoothing: float = 0.05
+    drop_connect: float = 0.1
+    ema_decay: float = 0.995
+    renderings_seed: int = 7
+    renderings_per_class: int = 180
+    held_out_renderings_per_class: int = 50
+    finish_steps: int = 300
+    finish_rate: float = 1e-4
+    finish_ema_decay: float = 0.99
+    """At the end a few steps on pictures as large and as clean as most that the bin is shown."""
+    pretrained_share: float = 0.2
+    """In the end so much of each weight before the head is ImageNet's again: between what was learnt before
+    and after lie networks that know new photos better (Wortsman et al., 2022, arXiv:2109.01903)."""
+    known_rejected: float = 0.02
+    """Share of known photos that may be called unknown; sets the threshold."""
+
+    def shortened(self, times: int) -> Recipe:
+        """To try the program out: so many times fewer steps."""
+        stages = ("stable_steps", "cooldown_steps", "finish_steps")
+        return replace(self, **{stage: max(getattr(self, stage) // times, 1) for stage in stages})
+
+
+class Draws:
+    """Random training pictures. Rare classes come more often than their share, yet not the same few photos
+    all the time: a class is drawn by the square root of its size."""
+
+    def __init__(
+        self,
+        photos: list[Sample],
+        rendered: list[Sample],
+        recipe: Recipe,
+        seed: int,
+        chances: Chances,
+    ) -> None:
+        self._rng = np.random.default_rng(seed)
+        self._chances = chances
+        self._recipe = recipe
+        self._photos = photos
+        self._items = [sample for sample in rendered if sample.label is not None]
+        self._empty = [sample for sample in rendered if sample.label is None]
+        self._photo_weights, self._item_weights = _balanced(self._photos), _balanced(self._items)
+
+    def batch(self, side: int) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs (batch, 3, side, side) and target distributions (batch, OUTPUTS), both float32."""
+        rng, recipe = self._rng, self._recipe
+        inputs = np.empty((recipe.batch, 3, side, side), np.float32)
+        targets = np.full((recipe.batch, OUTPUTS), recipe.label_smoothing / OUTPUTS, np.float32)
+        for row in range(recipe.batch):
+            source = rng.random()
+            if source < recipe.nothing_share:
+                sample = Sample(self._nothing(side), None)
+            elif source < recipe.nothing_share + recipe.rendered_share:
+                sample = self._items[rng.choice(len(self._items), p=self._item_weights)]
+            else:
+                sample = self._photos[rng.choice(len(self._photos), p=self._photo_weights)]
+            chances = self._chances
+            if source <= recipe.nothing_share + recipe.rendered_share:
+                chances = replace(chances, clutter=0.0)
+            view = augment(sample.image_bgr, side, rng, chances)
+            inputs[row] = (view[..., ::-1].transpose(2, 0, 1).astype(np.float32) - MEAN) * SCALE
+            target = len(CLASSES) if sample.label is None else CLASSES.index(sample.label)
+            targets[row, target] += 1 - recipe.label_smoothing
+        return inputs, targets
+
+    def _nothing(self, side: int) -> np.ndarray:
+        """A picture without an item."""
+        rng, which = self._rng, self._rng.random()
+        if which < 0.45:
+            return self._empty[rng.integers(len(self._empty))].image_bgr
+        if which < 0.55:
+            board = bare_board(self._photos[rng.integers(len(self._photos))].image_bgr)
+            if board is not None:
+                return board
+        if which < 0.75:
+            return scenery.hand(side, rng)
+        return scenery.TEXTURES[int(rng.integers(len(scenery.TEXTURES)))](side, rng)
+
+
+def _balanced(samples: list[Sample]) -> np.ndarray:
+    counts = {label: sum(s.label == label for s in samples) for label in {s.label for s in samples}}
+    weight = np.array([1 / np.sqrt(counts[s.label]) for s in samples])
+    return weight / weight.sum()
+
+
+Schedule = list[tuple[int, float]]
+"""For each step the pictures' side (px) and the learning rate."""
+
+
+def beginning(recipe: Recipe) -> Schedule:
+    """The learning rate rises, stays, and falls to zero."""
+    stable, cooldown, peak = recipe.stable_steps, recipe.cooldown_steps, recipe.learning_rate
+    rise = [(recipe.stable_px, peak * min((step + 1) / recipe.warmup_steps, 1.0)) for step in range(stable)]
+    return rise + [(recipe.cooldown_px, peak * _fall(step / cooldown)) for step in range(cooldown)]
+
+
+def finish(recipe: Recipe) -> Schedule:
+    """A low rate that falls to zero."""
+    steps = recipe.finish_steps
+    return [(recipe.input_px, recipe.finish_rate * _fall(step / steps)) for step in range(steps)]
+
+
+def _fall(share: float) -> float:
+    """From 1 to 0 along half a cosine."""
+    return 0.5 + 0.5 * float(np.cos(np.pi * share))
+
+
+def _groups(network: Network, decay: float) -> list[dict[str, Any]]:
+    """The network's parts with their share of the learning rate; frozen ones have no gradient and stay."""
+    body, depth = network.body, len(network.body._blocks)
+    shares = [decay ** ((depth - index) / depth * 8) for index in range(depth)]
+    head = nn.ModuleList([body._conv_head, body._bn1, body._fc])
+    return [
+        {"params": list(part.parameters()), "share": share}
+        for part, share in zip([*body._blocks, head], [*shares, 1.0], strict=True)
+    ]
+
+
+def fit(
+    network: Network, draws: Draws, schedule: Schedule, recipe: Recipe, ema_decay: float
+) -> Iterator[tuple[int, float, Network]]:
+    """Yields (step, mean loss since the last, averaged network) now and then and at the end. The averaged
+    network is the exponential moving average of the weights."""
+    network = network.to(memory_format=torch.channels_last).train()
+    average = torch.optim.swa_utils.AveragedModel(
+        network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(ema_decay), use_buffers=True
+    )
+    optimizer = torch.optim.AdamW(_groups(network, recipe.rate_decay), weight_decay=recipe.weight_decay)
+    losses: list[float] = []
+    for step, (side, rate) in enumerate(schedule, 1):
+        for group in optimizer.param_groups:
+            group["lr"] = rate * group["share"]
+        inputs, targets = draws.batch(side)
+        x = torch.from_numpy(inputs).to(memory_format=torch.channels_last)
+        with _bfloat16():
+            logits = network(x)
+        loss = nn.functional.cross_entropy(logits.float(), torch.from_numpy(targets))
+        optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        optimizer.step()
+        average.update_parameters(network)
+        losses.append(loss.item())
+        if step % LOG_EVERY_STEPS == 0 or step == len(schedule):
+            yield step, float(np.mean(losses)), average.module
+            losses.clear()
+
+
+def _bfloat16() -> torch.autocast:
+    """A step takes half the time of float32 with AVX-512; other processors would emulate it, slowly."""
+    return torch.autocast("cpu", torch.bfloat16, enabled=torch.backends.cpu.get_cpu_capability() == "AVX512")
+
+
+def prepare() -> None:
+    """Set torch, OpenCV and the allocator up for training, for the whole process."""
+    torch.use_deterministic_algorithms(True)
+    torch.utils.deterministic.fill_uninitialized_memory = False  # nothing reads it, and filling takes time
+    torch.set_num_threads(1)  # the result must not depend on how many cores the machine has
+    cv2.setNumThreads(1)
+    libc = ctypes.CDLL(None)
+    if hasattr(libc, "mallopt"):
+        # Each step frees what the next one takes; glibc would give it back to the system between, and each
+        # of its pages costs anew: a tenth of the time.
+        for parameter, value in MALLOPT.items():
+            libc.mallopt(parameter, value)
+
+
+def train(photos: list[Sample], rendered: list[Sample], recipe: Recipe) -> Network:
+    """Train to the end; the averaged network in evaluation mode."""
+    torch.manual_seed(recipe.seed)
+    often = Draws(photos, rendered, recipe, recipe.seed, CHANCES)
+    network = Network(OUTPUTS, recipe.drop_connect)
+    network = _last(fit(network, often, beginning(recipe), recipe, recipe.ema_decay))
+    return finished(network, photos, rendered, recipe)
+
+
+def finished(network: Network, photos: list[Sample], rendered: list[Sample], recipe: Recipe) -> Network:
+    """After the last steps."""
+    torch.manual_seed(recipe.seed + 1)  # these steps can be repeated alone
+    seldom = Draws(photos, rendered, recipe, recipe.seed + 1, SELDOM)
+    network = _last(fit(network, seldom, finish(recipe), recipe, recipe.finish_ema_decay))
+    return settled(network, photos, rendered, recipe)
+
+
+def settled(network: Network, photos: list[Sample], rendered: list[Sample], recipe: Recipe) -> Network:
+    """Moved back towards ImageNet, its head cut to what is worth its time; in evaluation mode."""
+    network.towards_pretrained(recipe.pretrained_share)
+    views = Draws(photos, rendered, recipe, recipe.seed + 2, SELDOM)
+    pictures = (torch.from_numpy(views.batch(recipe.input_px)[0]) for _ in range(8))
+    network.eval().keep_pools(KEPT_POOLS, pictures)
+    return network
+
+
+def _last(progress: Iterator[tuple[int, float, Network]]) -> Network:
+    """The network of the last step; each is logged."""
+    trained: list[Network] = []
+    for step, loss, network in progress:
+        log.info("step %d, loss %.3f", step, loss)
+        trained = [network]
+    return trained[0]
+
+
+def calibrate(
+    photos: metrics.Outputs, rendered: metrics.Outputs, preprocessing: Preprocessing, rejected: float
+) -> Preprocessing:
+    """Temperature that minimises the photos' log loss, and the threshold that rejects at most `rejected` of
+    the photos and of the renderings."""
+    temperatures = np.geomspace(0.2, 3.0, 200)
+    best = min(temperatures, key=lambda t: metrics.log_loss(photos.probabilities(t), photos.truth))
+    threshold = min(float(np.quantile(known.confidence(best), rejected)) for known in (photos, rendered))
+    return preprocessing.model_copy(
+        update={"temperature": round(float(best), 4), "unknown_below": round(threshold, 4)}
+    )
+
+
+def main(data: Path, out: Path, recipe: Recipe) -> None:
+    """Train, export, calibrate and write the model card; every figure is measured on the exported model."""
+    train_photos = load_photos(data / "train")
+    rendered = renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class)
+    log.info("%d photos, %d renderings to learn from", len(train_photos), len(rendered))
+    publish(train(train_photos, rendered, recipe), data, out, recipe)
+
+
+def publish(network: Network, data: Path, out: Path, recipe: Recipe) -> None:
+    """Export, calibrate, measure; write the model and its card into `out`."""
+    out.mkdir(parents=True, exist_ok=True)
+    train_photos, val_photos = load_photos(data / "train"), load_photos(data / "val")
+    held_out = renderings.render_samples(recipe.renderings_seed + 1, recipe.held_out_renderings_per_class)
+    export(network, out / WEIGHTS, recipe.input_px)
+    preprocessing = Preprocessing(
+        classes=list(CLASSES),
+        input_px=recipe.input_px,
+        mean=MEAN,
+        scale=SCALE,
+        temperature=1.0,
+        unknown_below=0.0,
+    )
+    _write(out, preprocessing)
+    classifier = Classifier(out)
+    _assert_same(network, classifier, val_photos[0])
+    on_photos = metrics.logits_of(classifier, val_photos)
+    on_rendered = metrics.logits_of(classifier, [sample for sample in held_out if sample.label is not None])
+    nothing = [sample for sample in held_out if sample.label is None]
+    nothing += evaluation.nothing_samples(recipe.renderings_seed, 3 * len(nothing), val_photos)
+    preprocessing = calibrate(on_photos, on_rendered, preprocessing, recipe.known_rejected)
+    _write(out, preprocessing)
+    measured = Measured(
+        photos=on_photos,
+        rendered=on_rendered,
+        nothing=metrics.logits_of(classifier, nothing),
+        grouped=evaluation.grouped_accuracy(on_photos, val_photos, train_photos),
+        corrupted=evaluation.corrupted_accuracy(classifier, val_photos, every=CORRUPTED_EVERY),
+    )
+    write_card(out, ARCHITECTURE, str(recipe), preprocessing, measured, val_photos)
+    log.info("%s", (out / CARD).read_text())
+
+
+def _write(out: Path, preprocessing: Preprocessing) -> None:
+    (out / PREPROCESSING).write_text(preprocessing.model_dump_json(indent=2) + "\n")
+
+
+def _assert_same(network: nn.Module, classifier: Classifier, sample: Sample) -> None:
+    """The exported network must answer as the trained one: fp16 rounding only."""
+    with torch.inference_mode():
+        x = torch.from_numpy(to_input(sample.image_bgr, classifier.preprocessing))
+        trained = network(x).numpy().reshape(-1)
+    exported = classifier.logits(sample.image_bgr)
+    if np.abs(trained - exported).max() > 0.1:
+        raise RuntimeError(f"the export changed the network: {trained} became {exported}")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="Train the bin's classifier.")
+    parser.add_argument("--data", type=Path, required=True, help="folder of train/<class>/ and val/<class>/")
+    parser.add_argument("--out", type=Path, default=MODEL_DIR)
+    parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="fewer steps, to try it out")
+    arguments = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    prepare()
+    main(arguments.data, arguments.out, Recipe().shortened(arguments.shorten))

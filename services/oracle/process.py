@@ -1,0 +1,472 @@
+"""The oracle's process: every submitted proof gets one verdict, whatever is in it.
+
+Submissions are learnt from the event stream, read from its beginning at every start: that and the reports in
+the store also tell which acts were paid for before (`rodeo.checks.acts`). Whether a submission still waits
+for a verdict is asked from the index when its turn comes, so nothing needs to be remembered across restarts.
+
+Several proofs are verified side by side, but of two that claim the same act the one that was submitted
+earlier is decided first.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import os
+import queue
+import tempfile
+import threading
+from collections.abc import Callable
+from contextlib import ExitStack
+from decimal import Decimal
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from rodeo.bus import DaoEvents
+from rodeo.checks.acts import ConsumedActs, Submission, Wait, acts_unspent
+from rodeo.checks.report import Check, Report
+from rodeo.config import Site
+from rodeo.dao import Participant
+from rodeo.errors import BusError, DiskFull, RemoteError, RodeoError
+from rodeo.evidence import EvidenceError, Store
+from rodeo.evidence.errors import ProofNotFound, ProofUriNotAllowed, StoreUnavailable
+from rodeo.files import replace_file, writing
+from rodeo.kinds import Kinds, kinds_of
+from rodeo.logs import about_task
+from rodeo.messages import DaoEvent, PostVerdict, Task
+from rodeo.process import Process
+from rodeo.serving import served_by
+from services.oracle import worker
+from services.oracle.away import MissingProofs, ProofAway, due_s, is_due, owner_of
+from services.oracle.chain_view import read_chain_record
+from services.oracle.scrub import Scrub
+
+log = logging.getLogger(__name__)
+
+RETRY_S = 1.0
+"""Wall time between attempts to reach the bridge or the store."""
+SIDE_BY_SIDE = max(2, (os.cpu_count() or 1) - 1)
+"""Proofs verified at the same time; one core stays for everybody else, but none waits for one that hangs."""
+SWEEP_S = 30.0
+"""Wall time between two looks for submissions that got no verdict, whatever kept them from it."""
+AT_ONCE = 16
+"""Submissions in work, verified or waiting for a store, a bridge or the verdict of an earlier one."""
+_REPORT_BYTES = 16 << 20
+_PASSING = frozenset({"bridge_not_ready", "chain_unavailable", "transaction_timeout", "rpc_failed"})
+"""What the bridge answers while it cannot; everything else is its last word."""
+
+Answer = TypeVar("Answer")
+
+
+class IndexBehind(RodeoError):
+    """The bridge's answer is older than an event that it told before."""
+
+
+def run(site: Site, stop: threading.Event) -> None:
+    """Serve until `stop` is set."""
+    with Process("oracle", site, stop) as process:
+        process.serve_alone(served_by(site, "oracle"))
+        Oracle(process).serve()
+
+
+class Oracle:
+    def __init__(self, process: Process) -> None:
+        self._process = process
+        self._site = process.site
+        self._stop = process.stop
+        self._store = Store(process.site)
+        self._wallet = Participant(process.bus, process.site.org, "oracle")
+        self._kinds = kinds_of(process.site)
+        self._clock = process.clock
+        self._submissions: queue.SimpleQueue[tuple[int, int]] = queue.SimpleQueue()
+        """(task, attempt) in chain order."""
+        self._acts = ConsumedActs(process.clock.notify)
+        self._verifying = threading.Semaphore(SIDE_BY_SIDE)
+        self._running: dict[tuple[int, int], str] = {}
+        self._in_work: set[tuple[int, int]] = set()
+        """Submissions that are queued or being decided."""
+        self._deciding: set[threading.Thread] = set()
+        self._decided = 0
+        self._for_auditors: set[tuple[int, int]] = set()
+        """Submissions that were left to auditors since the start."""
+        self._chain = ""
+        """Genesis hash of the chain that they are on."""
+        self._missing = MissingProofs(
+            process.site,
+            process.bus,
+            self._clock,
+            process.data_dir / "proofs",
+            self._enqueue,
+            self._waits,
+            lambda: list(self._wallet.state("chain").get("stores", [])),
+        )
+        self._told: list[str] = []
+        self._reports = process.data_dir / "reports"
+        """Own copies: a store that loses one must not keep anybody waiting."""
+        self._scrub = Scrub(
+            process.site,
+            process.bus,
+            process.data_dir,
+            self._reports,
+            self._acts.judged_files,
+            partial(process.concern, "store"),
+        )
+        self._lock = threading.Lock()
+
+    def serve(self) -> None:
+        # The first verdict must not wait for what all of them share.
+        worker.start(self._site)
+        events = DaoEvents(self._process.bus, self._site.org, self._on_event, clock=self._clock)
+        threads = [
+            threading.Thread(target=self._take_turns, name="turns", daemon=True),
+            threading.Thread(target=self._read_reports, name="reports", daemon=True),
+            threading.Thread(target=self._scrub.run, args=(self._stop,), name="scrub", daemon=True),
+            threading.Thread(target=self._sweep, name="sweep", daemon=True),
+            threading.Thread(
+                target=self._missing.run, args=(self._stop, self._update_status), name="missing", daemon=True
+            ),
+        ]
+        for thread in threads:
+            thread.start()
+        self._process.ready()
+        self._stop.wait()
+        events.close()
+        with self._lock:
+            threads += self._deciding
+        for thread in threads:
+            thread.join(timeout=2 * RETRY_S)
+
+    def _on_event(self, event: DaoEvent) -> None:
+        if event.chain != self._chain:
+            with self._lock:
+                self._chain = event.chain
+                self._for_auditors.clear()
+        self._acts.on_event(event)
+        if event.name == "ProofSubmitted" and event.task_id is not None:
+            self._enqueue(event.task_id, int(event.args["attempt"]))
+
+    def _enqueue(self, task_id: int, attempt: int) -> None:
+        with self._lock:
+            if (task_id, attempt) in self._in_work:
+                return
+            self._in_work.add((task_id, attempt))
+        self._submissions.put((task_id, attempt))
+        self._clock.notify()
+
+    def _waits(self, task_id: int, attempt: int) -> bool:
+        submission = self._acts.submission(task_id, attempt)
+        return submission is not None and submission.waits
+
+    def _update_status(self) -> None:
+        """Whether the store can be read, as far as a proof waits for it, and which proofs are looked for."""
+        if unreadable := self._missing.unreadable:
+            self._process.not_ready(f"the store cannot be read: {unreadable}")
+        else:
+            self._process.ready()
+        if (summary := self._missing.summary()) != self._told:
+            self._told = summary
+            self._set_activity(None, None)
+
+    def _sweep(self) -> None:
+        while not self._stop.wait(SWEEP_S):
+            with self._lock:
+                known = self._in_work | self._for_auditors | self._missing.keys()
+            for submission in self._acts.waiting():
+                if submission.key not in known:
+                    log.warning(
+                        "task %d attempt %d has no verdict yet; looking again",
+                        submission.task_id,
+                        submission.attempt,
+                    )
+                    self._enqueue(*submission.key)
+
+    # -- verdicts --------------------------------------------------------------------------------------
+
+    def _take_turns(self) -> None:
+        """Decide what was submitted, in its order and at most AT_ONCE at a time."""
+        with self._clock.acting():
+            while self._clock.wait_for(self._has_turn, self._stop, resting=True):
+                taken = ExitStack()
+                # A simulated clock waits for a verdict from here on. For one whose turn is not yet it must
+                # not: what all the others wait for may be that something is due.
+                taken.enter_context(self._clock.hold())
+                deciding = threading.Thread(
+                    target=self._work, args=(self._submissions.get(), taken), name="verifier", daemon=True
+                )
+                with self._lock:
+                    self._deciding.add(deciding)
+                deciding.start()
+
+    def _has_turn(self) -> bool:
+        return not self._submissions.empty() and len(self._deciding) < AT_ONCE and not self._stop.is_set()
+
+    def _work(self, key: tuple[int, int], taken: ExitStack) -> None:
+        task_id, attempt = key
+        with about_task(task_id), self._clock.acting():
+            taken.close()
+            try:
+                self._decide(task_id, attempt)
+            except Exception:
+                # The next proof must get its verdict whatever happened to this one.
+                log.exception("task %d attempt %d got no verdict", task_id, attempt)
+                self._acts.judged(task_id, attempt, None)
+            finally:
+                with self._lock:
+                    self._in_work.discard(key)
+                    self._deciding.discard(threading.current_thread())
+                self._set_activity(key, None)
+                self._clock.notify()
+
+    def _decide(self, task_id: int, attempt: int) -> None:
+        """Verify one submission and post the verdict, unless it has one. Waits for bridge and store."""
+        key = task_id, attempt
+        if not self._waits(*key):
+            self._missing.forget(key)
+            return
+        try:
+            found = self._until_answered(lambda: self._verified(task_id, attempt))
+        except ProofAway as away:
+            self._acts.away(*key, True)
+            self._missing.seek(away.task, away)
+            return
+        if found is None:
+            return
+        self._acts.away(*key, False)
+        task, report = found
+        self._acts.judged(task_id, attempt, report.acts)
+        if report.outcome != "rejected":  # what is undecided may yet be accepted by people
+            check = self._unspent(task_id, attempt, report.acts)
+            if check is None:
+                return
+            report = report.with_checks(check)
+        log.info("task %d attempt %d: %s", task_id, attempt, report.reason)
+        stored = self._until_answered(lambda: self._stored(task, report), task)
+        if stored is None:
+            return
+        uri, sha256 = stored
+        self._acts.read(sha256, report.acts)
+        self._until_answered(lambda: self._post(task, report, sha256, uri))
+        self._missing.forget(key)
+        self._decided += 1
+
+    def _stored(self, task: Task, report: Report) -> tuple[str, str]:
+        """Where the report is in the store, and its hash. A store that takes nothing until the verdict is due
+        gets the report later: the executor must not lose its pay by that.
+
+        Raises StoreUnavailable, DiskFull.
+        """
+        data = report.to_bytes()
+        sha256 = hashlib.sha256(data).hexdigest()
+        own = self._reports / f"{sha256}.json"
+        with writing(own):
+            own.parent.mkdir(parents=True, exist_ok=True)
+            replace_file(own, data.decode())
+        try:
+            return self._store.put(own), "0x" + sha256
+        except StoreUnavailable as error:
+            if not is_due(task, self._site, self._clock):
+                raise
+            log.error("the verdict is due, and the store does not take its report: %s", error)
+            return f"{self._site.store_url.rstrip('/')}/{own.name}", "0x" + sha256
+
+    def _verified(self, task_id: int, attempt: int) -> tuple[Task, Report] | None:
+        """What verification says; None when the submission is not ours to judge, or no longer waits.
+
+        Raises ProofAway, DiskFull, BusError, RemoteError or IndexBehind.
+        """
+        submission = self._acts.submission(task_id, attempt)
+        if submission is None or not submission.waits:
+            return None
+        chain_record = read_chain_record(self._wallet, task_id)
+        if chain_record.task.attempt < attempt or (
+            chain_record.task.attempt == attempt and chain_record.task.state == "assigned"
+        ):
+            raise IndexBehind(
+                "the bridge's index does not know of the submission yet",
+                task_id=task_id,
+                attempt=attempt,
+                state=chain_record.task.state,
+                submitted_in_block=submission.block,
+            )
+        if chain_record.task.state != "submitted" or chain_record.task.attempt != attempt:
+            return None
+        if not is_ours(self._kinds, chain_record.task.kind, self._wallet.state("organization")["kinds"]):
+            log.info(
+                "task %d attempt %d of %s is for an auditor to judge",
+                task_id,
+                attempt,
+                chain_record.task.kind,
+            )
+            self._acts.judged(task_id, attempt, None)
+            with self._lock:
+                self._for_auditors.add((task_id, attempt))
+            return None
+        key = task_id, attempt
+        if (last_word := self._missing.last_word(key)) is not None:
+            return chain_record.task, last_word
+        with self._verifying:
+            self._set_activity(key, f"verifying task {task_id}")
+            scratch = self._process.data_dir / "verifying"
+            copy = self._missing.copy(key)
+            try:
+                report = worker.verify_apart(self._site, chain_record, scratch, self._stop, copy=copy)
+            except EvidenceError as error:
+                owner = owner_of(error, chain_record.task.proof_uri or "", self._site, self._missing.stores)
+                raise ProofAway(str(error), task=chain_record.task, owner=owner) from error
+        return None if report is None else (chain_record.task, report)
+
+    def _post(self, task: Task, report: Report, report_sha256: str, report_uri: str) -> bool:
+        """Post the verdict; False when the task was decided meanwhile."""
+        verdict = PostVerdict(
+            # A verification repeated after a crash may find other words for the same proof.
+            request_id=f"verdict-{task.id}-{task.attempt}-{report_sha256}",
+            task_id=task.id,
+            attempt=task.attempt,
+            proof_sha256=task.proof_sha256 or "",
+            outcome=report.outcome,
+            amount_iec=_amount_iec(task, report),
+            reason=report.reason,
+            report_sha256=report_sha256,
+            report_uri=report_uri,
+        )
+        try:
+            self._wallet.command("post_verdict", verdict)
+        except RemoteError as error:
+            if error.code != "wrong_state":
+                raise
+            log.info("task %d attempt %d was decided meanwhile", task.id, task.attempt)
+            return False
+        return True
+
+    # -- acts ------------------------------------------------------------------------------------------
+
+    def _unspent(self, task_id: int, attempt: int, claimed: list[str]) -> Check | None:
+        """Whether what a proof claims was not paid for before, as a check; None when there is nobody to tell.
+
+        Waits while that cannot be told: for the verdicts of earlier submissions that may claim it, too, and
+        for reports that cannot be fetched.
+        """
+        said: str | None = None
+        while not self._stop.is_set():
+            news = self._acts.news
+            submission = self._acts.submission(task_id, attempt)
+            if submission is None or not submission.waits:
+                log.info("task %d attempt %d was decided meanwhile", task_id, attempt)
+                return None
+            found = self._acts.spent(task_id, attempt, claimed)
+            if not isinstance(found, Wait):
+                return acts_unspent(claimed, found)
+            why = f"waiting for task {found.on.task_id} attempt {found.on.attempt}: {found.why}"
+            if why != said:
+                log.warning("task %d attempt %d: %s", task_id, attempt, why)
+                self._set_activity((task_id, attempt), f"task {task_id} {why}")
+                said = why
+            self._wait_for_news(news)
+        return None
+
+    def _wait_for_news(self, news: int) -> None:
+        """Until more was learnt of acts than when `news` was asked for. No simulated clock waits meanwhile:
+        what is waited for may be that something is due."""
+        self._clock.wait_for(lambda: self._acts.news != news, self._stop, resting=True)
+
+    def _read_reports(self) -> None:
+        """Read the reports of verdicts that paid for something, as soon as they are heard of."""
+        with self._clock.acting():
+            while not self._stop.is_set():
+                news = self._acts.news
+                missing = [one for one in self._acts.unread() if not self._read(one)]
+                if missing:
+                    self._pause()
+                else:
+                    self._wait_for_news(news)
+
+    def _read(self, submission: Submission) -> bool:
+        """Learn the acts that a submission's reports list; False while one cannot be had."""
+        for uri, sha256 in submission.reports:
+            if self._acts.is_read(sha256):
+                continue
+            try:
+                data = self._fetch_report(uri, sha256)
+            except EvidenceError as error:
+                log.warning(
+                    "the report of task %d attempt %d cannot be read, so nothing is accepted that it may "
+                    "have paid for: %s",
+                    submission.task_id,
+                    submission.attempt,
+                    error,
+                )
+                return False
+            self._acts.read(sha256, _acts_listed(data, sha256))
+        return True
+
+    def _fetch_report(self, uri: str, sha256: str) -> bytes:
+        """Raises EvidenceError."""
+        # The name is the content: a report that others keep elsewhere may be in our store, too.
+        own = f"{self._site.store_url.rstrip('/')}/{sha256.removeprefix('0x')}.json"
+        kept = self._reports / f"{sha256.removeprefix('0x')}.json"
+        if kept.is_file() and hashlib.sha256(data := kept.read_bytes()).hexdigest() == kept.stem:
+            return data
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                path = self._store.fetch(uri, sha256, _REPORT_BYTES, Path(folder))
+            except (ProofUriNotAllowed, ProofNotFound):
+                path = self._store.fetch(own, sha256, _REPORT_BYTES, Path(folder))
+            return path.read_bytes()
+
+    # -- what all of it needs --------------------------------------------------------------------------
+
+    def _until_answered(self, ask: Callable[[], Answer], task: Task | None = None) -> Answer | None:
+        """The answer of `ask`, repeated while bridge or store are away or behind, or the disk is full, and
+        once the verdict on `task` is due; None when stopped."""
+        while not self._stop.is_set():
+            try:
+                return ask()
+            except (BusError, RemoteError, StoreUnavailable, DiskFull, IndexBehind) as error:
+                if isinstance(error, RemoteError) and error.code not in _PASSING:
+                    raise
+                log.warning("waiting: %s", error)
+                self._pause(task)
+        return None
+
+    def _pause(self, task: Task | None = None) -> None:
+        """Before the next attempt. No simulated clock waits meanwhile, nor jumps over when `task` is due."""
+        until_s = None if task is None or is_due(task, self._site, self._clock) else due_s(task, self._site)
+        self._clock.wait_for(lambda: False, self._stop, until_s=until_s, wall_s=RETRY_S, resting=True)
+
+    def _set_activity(self, key: tuple[int, int] | None, activity: str | None) -> None:
+        """What is done about the submission `key` now; None of either where nothing is."""
+        with self._lock:
+            if key is not None and activity is not None:
+                self._running[key] = activity
+            elif key is not None:
+                self._running.pop(key, None)
+            text = ", ".join([*self._running.values(), *self._missing.summary()]) or "idle"
+            for_auditors = len(self._for_auditors)
+        self._process.activity(text, decided=self._decided, for_auditors=for_auditors)
+
+
+def is_ours(kinds: Kinds, kind: str, rules: list[dict[str, Any]]) -> bool:
+    """Whether the organization's rules have the oracle judge this kind of work. Never where the oracle has no
+    checks of its own: that somebody says so is no check."""
+    return not kinds.by_people(kind) and any(
+        rule["kind"] == kind and rule["review"] == "oracle" for rule in rules
+    )
+
+
+def _amount_iec(task: Task, report: Report) -> Decimal | None:
+    """What an accepted proof is paid: what its report says, which may be nothing, else the full price."""
+    if not report.accepted:
+        return None
+    return task.price_iec if report.amount_iec is None else report.amount_iec
+
+
+def _acts_listed(data: bytes, sha256: str) -> list[str]:
+    """The acts in a report: none in one by people; and no wait would change what is malformed."""
+    try:
+        listed = json.loads(data).get("acts", [])
+    except (ValueError, RecursionError, AttributeError) as error:
+        log.error("the report %s of a verdict is not one that lists acts: %r", sha256, error)
+        return []
+    return [str(act) for act in listed] if isinstance(listed, list) else []

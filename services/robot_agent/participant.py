@@ -1,0 +1,58 @@
+"""The robot as a participant that also spends: what it asks of the organization beyond doing work."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from decimal import Decimal
+
+from rodeo import queries
+from rodeo.dao import Participant
+from rodeo.errors import MalformedAnswer
+from rodeo.messages import RegisterTask, Task, UpdateService
+from rodeo.robot.errors import CapReached
+
+_AHEAD = ("open", "assigned", "submitted")
+"""A task is still to be done or judged. What auditors decide may take days: nobody waits for it."""
+DAY_S = 24 * 3600.0
+
+
+class RobotParticipant(Participant):
+    """A participant that posts tasks and takes breaks. Raises what `Participant` raises."""
+
+    def next_assignment(self, kinds: Iterable[str]) -> Task | None:
+        """Of the tasks of these kinds that this participant has to do, the oldest."""
+        given = [task for kind in kinds for task in self.assignments(kind)]
+        return min(given, key=lambda task: (task.assigned or 0.0, task.id), default=None)
+
+    def own_live_task(self, kind: str) -> Task | None:
+        """The newest task of this kind that this participant posted and that is not over."""
+        live = [task for task in self.tasks(kind=kind, creator=self.name) if task.state in _AHEAD]
+        return max(live, key=lambda task: task.id, default=None)
+
+    def count(self, kind: str) -> int:
+        """How many tasks of this kind were ever posted, by anyone."""
+        return self.ask(queries.TASKS, kind=kind, limit=1).total
+
+    def spent_iec(self, since_s: float) -> Decimal:
+        """What went into own tasks since `since_s` and did not come back."""
+        recent = [task for task in self.tasks(creator=self.name) if task.registered >= since_s]
+        return sum((t.reward_iec - t.refunded_iec for t in recent), Decimal(0))
+
+    def post(self, request: RegisterTask, now_s: float, cap_iec: Decimal) -> int:
+        """Post a task; returns its id. Raises CapReached when 24 hours would cost more than `cap_iec`."""
+        spent_iec = self.spent_iec(now_s - DAY_S)
+        if spent_iec + request.reward_iec > cap_iec:
+            raise CapReached(
+                f"the daily spending cap of {cap_iec} IEC does not allow a {request.kind} "
+                f"for {request.reward_iec} IEC",
+                spent_iec=str(spent_iec),
+            )
+        posted = self.command("register_task", request)
+        if posted.task_id is None:
+            raise MalformedAnswer("the answer does not number the new task", tx_hash=posted.tx_hash)
+        return posted.task_id
+
+    def set_service_state(self, service_id: int, state: str) -> None:
+        """`active` or `paused`."""
+        request = UpdateService.model_validate({"service_id": service_id, "state": state})
+        self.command("update_service", request)

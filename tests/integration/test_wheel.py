@@ -1,0 +1,152 @@
+"""The wheel in an environment of its own, in an empty folder: the demo runs without a checkout."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from importlib.metadata import Distribution, distribution, distributions
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+from tests.support.site import LAB
+
+pytestmark = pytest.mark.long
+
+ROOT = LAB.parents[2]
+BUILT_FROM = ("pyproject.toml", "README.md", "LICENSE", "rodeo*", "services", "deploy")
+LIMIT_S = 400.0
+"""Wall time for one demo on a machine that is busy with other things."""
+BUILD_S = 200.0
+
+
+class Environment:
+    """A virtual environment with the wheel and its extra `site`, and an empty folder to work in.
+
+    pip installs the wheel and checks that the extra's requirements are met. They are not downloaded again,
+    which takes four minutes: a .pth file leads to a folder with links to those distributions of the running
+    environment that the extra names, directly or not, and to no others. So what only tests need is missing,
+    and so is the editable installation that leads to the checkout.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.work = folder / "empty"
+        self.work.mkdir()
+        self.home = folder / "home"
+        self.home.mkdir()
+        self.bin = folder / "venv" / "bin"
+        wheel = _build(folder)
+        _run([sys.executable, "-m", "venv", str(folder / "venv")], folder)
+        needed = folder / "needed"
+        needed.mkdir()
+        (own,) = distributions(path=[str(wheel)])
+        for one in _requirements(own, {"site"}).values():
+            _link(one, needed)
+        self.packages = Path(self.python("import sysconfig; print(sysconfig.get_path('purelib'))"))
+        (self.packages / "needed.pth").write_text(f"{needed}\n")
+        constraints = str(ROOT / "constraints.txt")
+        _run([str(self.bin / "pip"), "install", "-q", "-c", constraints, f"{wheel}[site]"], self.work)
+
+    def python(self, program: str) -> str:
+        return _run([str(self.bin / "python"), "-c", program], self.work, self.env).strip()
+
+    def rodeo(self, *words: str, limit_s: float = BUILD_S) -> str:
+        return _run([str(self.bin / "rodeo"), *words], self.work, self.env, limit_s)
+
+    @property
+    def env(self) -> dict[str, str]:
+        kept = {name: text for name, text in os.environ.items() if not name.startswith(("PYTHON", "RODEO"))}
+        return kept | {"HOME": str(self.home)}
+
+
+def _run(
+    command: list[str], folder: Path, env: dict[str, str] | None = None, limit_s: float = BUILD_S
+) -> str:
+    done = subprocess.run(
+        command, cwd=folder, env=env, capture_output=True, text=True, timeout=limit_s, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def _build(folder: Path) -> Path:
+    """The wheel, built from a copy: setuptools leaves a folder, and packs what an earlier one left."""
+    source = folder / "source"
+    source.mkdir()
+    for path in (found for pattern in BUILT_FROM for found in ROOT.glob(pattern)):
+        if path.is_dir():
+            shutil.copytree(
+                path, source / path.name, ignore=shutil.ignore_patterns("__pycache__", "*.egg-info")
+            )
+        else:
+            shutil.copy(path, source)
+    _run([sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(folder), "."], source)
+    shutil.rmtree(source)
+    (wheel,) = folder.glob("*.whl")
+    return wheel
+
+
+def _requirements(own: Distribution, extras: set[str]) -> dict[str, Distribution]:
+    """By name every distribution of the running environment that `own[extras]` needs, itself left out."""
+    waiting, seen = [(own, extra) for extra in ("", *extras)], set()
+    found: dict[str, Distribution] = {}
+    while waiting:
+        needing, extra = waiting.pop()
+        for requirement in map(Requirement, needing.requires or []):
+            marker = requirement.marker
+            if marker is not None and not marker.evaluate({"extra": extra}):
+                continue
+            name = requirement.name
+            needed = own if name == own.name else found.setdefault(name, distribution(name))
+            new = {(name, more) for more in ("", *requirement.extras)} - seen
+            waiting += [(needed, more) for _, more in new]
+            seen |= new
+    return found
+
+
+def _link(one: Distribution, folder: Path) -> None:
+    """Link each top folder and file of a distribution, its metadata among them."""
+    for top in {file.parts[0] for file in one.files or [] if file.parts[0] not in ("..", "__pycache__")}:
+        if not (folder / top).exists():
+            (folder / top).symlink_to(Path(str(one.locate_file(top))))
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Environment:
+    return Environment(tmp_path_factory.mktemp("wheel"))
+
+
+def test_nothing_is_imported_from_the_checkout(installed: Environment) -> None:
+    program = (
+        "import json, sys, rodeo, rodeo_cli, services, deploy\n"
+        "print(json.dumps([[m.__file__ for m in (rodeo, rodeo_cli, services, deploy)], sys.path]))"
+    )
+    files, path = json.loads(installed.python(program))
+    assert all(Path(file).is_relative_to(installed.packages) for file in files), files
+    assert [folder for folder in path if folder and Path(folder).resolve().is_relative_to(ROOT)] == []
+    missing = "import importlib.util as u; print([m for m in ('bench', 'tests', 'pytest') if u.find_spec(m)])"
+    assert installed.python(missing) == "[]"
+
+
+@pytest.mark.timeout(LIMIT_S + BUILD_S)
+def test_the_demo_settles_its_tasks_without_a_checkout(installed: Environment) -> None:
+    installed.rodeo("demo", "--limit", str(LIMIT_S - 30), limit_s=LIMIT_S)
+    summary = json.loads((installed.work / "out" / "demo" / "summary.json").read_text())
+    assert [task["state"] for task in summary["tasks"]] == ["settled", "settled"]
+    assert summary["supply_iec"]["before"] == summary["supply_iec"]["after"]
+
+
+def test_the_default_site_is_the_installed_lab_with_its_data_at_home(installed: Environment) -> None:
+    data = installed.home / ".local" / "share" / "rodeo" / "lab"
+    try:
+        said = installed.rodeo("up", "--detach", "router")
+    finally:
+        stopped = installed.rodeo("down")
+    assert str(data) in said and (data / "logs" / "router.log").exists()
+    assert stopped.startswith("stopped: ") and "router" in stopped
+    checked = json.loads(installed.rodeo("site", "check", "--json"))
+    assert checked["site_file"] == str(installed.packages / "deploy" / "sites" / "installed.toml")

@@ -1,0 +1,316 @@
+"""What was done is paid for once."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from rodeo.checks.acts import Act, ConsumedActs, MalformedAct, Spent, Wait, acts_unspent
+from rodeo.messages import DaoEvent
+
+DROP = "bin/itrash/drop/7"
+STORE = "file:///store"
+
+
+def overlap(one: str, other: str) -> bool:
+    found = Act.parse(one).overlaps(Act.parse(other))
+    assert Act.parse(other).overlaps(Act.parse(one)) is found
+    return found
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        (DROP, DROP, True),
+        (DROP, "bin/itrash/drop/8", False),
+        (DROP, "bin/other/drop/7", False),
+        ("mocap/item3/120-180", "mocap/item3/180-200", True),
+        ("mocap/item3/120-180", "mocap/item3/181-200", False),
+        ("mocap/item3/120-180", "mocap/item3/150", True),
+        ("mocap/item3/120-180", "mocap/item4/120-180", False),
+        ("meter/dock1/register/1000.0-1200.0", "meter/dock1/register/1200.0-1300.0", False),
+        ("meter/dock1/register/1000.0-1200.0", "meter/dock1/register/1199.9-1300.0", True),
+        ("meter/dock1/register/1000.0-1200.0", "meter/dock1/register/1100.0-1150.0", True),
+        ("meter/dock1/register/9007199254740993.5-9007199254740994.0",
+         "meter/dock1/register/9007199254740992.5-9007199254740993.5", False),
+    ],
+)  # fmt: skip
+def test_acts_of_the_same_thing_overlap_where_their_numbers_do(one: str, other: str, same: bool) -> None:
+    assert overlap(one, other) is same
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "7", "bin/itrash/drop/", "bin/itrash/drop/x", "mocap/item3/9-3", "a b/1", "/1", "x/-5", "x/nan",
+     "x/1e9", "x/1-2-3", "x/" + "9" * 400],
+)  # fmt: skip
+def test_what_is_no_act_is_an_error(text: str) -> None:
+    with pytest.raises(MalformedAct):
+        Act.parse(text)
+
+
+class Chain:
+    """Events as the index tells them, with the reports that verdicts name."""
+
+    def __init__(self, kind: str = "waste_disposal") -> None:
+        self.acts = ConsumedActs()
+        self.kind = kind
+        self.told: list[DaoEvent] = []
+        self._reports: dict[str, list[str]] = {}
+
+    def event(self, name: str, task_id: int, **args: Any) -> DaoEvent:
+        seq = len(self.told) + 1
+        event = DaoEvent(
+            seq=seq, name=name, block=seq, log_index=0, tx_hash="0x", time_s=0.0, task_id=task_id, args=args
+        )
+        self.told.append(event)
+        self.acts.on_event(event)
+        return event
+
+    def submitted(self, task_id: int, attempt: int = 1, executor: str = "panther1") -> DaoEvent:
+        if not any(e.name == "TaskRegistered" and e.task_id == task_id for e in self.told):
+            self.event("TaskRegistered", task_id, kind=self.kind)
+        return self.event("ProofSubmitted", task_id, attempt=attempt, executor=executor)
+
+    def accepted(
+        self, task_id: int, *acts: str, attempt: int = 1, read: bool = True, verdict: str = "accepted"
+    ) -> DaoEvent:
+        sha256 = f"0x{task_id:062x}{attempt:02x}"
+        self._reports[sha256] = list(acts)
+        if read:
+            self.acts.read(sha256, acts)
+        return self.event(
+            "VerdictPosted",
+            task_id,
+            attempt=attempt,
+            verdict=verdict,
+            report_hash=sha256,
+            report_uri=f"{STORE}/{sha256[2:]}.json",
+        )
+
+    def rejected(self, task_id: int) -> DaoEvent:
+        return self.event(
+            "VerdictPosted", task_id, attempt=1, verdict="rejected", report_hash="0x00", report_uri=""
+        )
+
+    def undone(self, event: DaoEvent) -> None:
+        assert event.task_id is not None
+        self.event("EventUndone", event.task_id, **event.args, undone_seq=event.seq, undone_name=event.name)
+
+    def rebuilt(self) -> ConsumedActs:
+        """As an oracle learns it that starts now, from the events and the reports in the store."""
+        acts = ConsumedActs()
+        for event in self.told:
+            acts.on_event(event)
+        for submission in acts.unread():
+            for _, sha256 in submission.reports:
+                acts.read(sha256, self._reports[sha256])
+        return acts
+
+
+@pytest.fixture
+def chain() -> Chain:
+    return Chain()
+
+
+def spent_by(acts: ConsumedActs, task_id: int, *claimed: str) -> int | None:
+    """Task whose accepted verdict consumed one of these."""
+    found = acts.spent(task_id, 1, claimed)
+    assert not isinstance(found, Wait), found
+    return found.by.task_id if found else None
+
+
+def test_an_act_of_an_accepted_verdict_is_spent(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.accepted(1, "mocap/item3/120-180", DROP)
+    chain.submitted(2)
+    assert spent_by(chain.acts, 2, "mocap/item3/150-200") == 1
+    assert spent_by(chain.acts, 2, "mocap/item3/190-200", DROP) == 1
+    assert spent_by(chain.acts, 2, "mocap/item3/190-200", "bin/itrash/drop/8") is None
+
+
+def test_what_was_spent_is_known_after_a_restart(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.accepted(1, DROP)
+    chain.event("TaskSettled", 1)
+    chain.submitted(2)
+    assert spent_by(chain.rebuilt(), 2, DROP) == 1
+
+
+def test_events_that_an_index_tells_again_change_nothing(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.accepted(1, DROP)
+    chain.submitted(2)
+    for event in list(chain.told):
+        chain.acts.on_event(event)
+    assert spent_by(chain.acts, 2, DROP) == 1
+
+
+def test_a_rejected_thief_burns_nothing(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.acts.judged(1, 1, [])
+    chain.rejected(1)
+    chain.submitted(2)
+    assert spent_by(chain.acts, 2, DROP) is None
+
+
+def test_an_earlier_attempt_at_the_same_task_counts_like_any_other(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.accepted(1, DROP)
+    chain.submitted(1, attempt=2)
+    found = chain.acts.spent(1, 2, [DROP])
+    assert isinstance(found, Spent)
+    assert (found.by.task_id, found.by.attempt) == (1, 1)
+
+
+def test_while_the_report_of_an_accepted_verdict_is_missing_nothing_counts_as_unspent(chain: Chain) -> None:
+    chain.submitted(1)
+    verdict = chain.accepted(1, DROP, read=False)
+    chain.submitted(2)
+    assert isinstance(chain.acts.spent(2, 1, ["bin/itrash/drop/8"]), Wait)
+    assert [one.task_id for one in chain.acts.unread()] == [1]
+    chain.acts.read(verdict.args["report_hash"], [DROP])
+    assert spent_by(chain.acts, 2, DROP) == 1
+
+
+def test_the_later_submission_waits_for_the_verdict_of_the_earlier_one(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.submitted(2)
+    assert isinstance(chain.acts.spent(2, 1, [DROP]), Wait)
+    chain.acts.judged(1, 1, [DROP])
+    assert isinstance(chain.acts.spent(2, 1, [DROP]), Wait)
+    chain.accepted(1, DROP)
+    assert spent_by(chain.acts, 2, DROP) == 1
+
+
+def test_the_earlier_submission_waits_for_nobody(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.submitted(2)
+    chain.acts.judged(2, 1, [DROP])
+    assert spent_by(chain.acts, 1, DROP) is None
+
+
+def test_nobody_waits_for_one_that_claims_something_else(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.submitted(2)
+    chain.acts.judged(1, 1, ["bin/itrash/drop/8"])
+    assert spent_by(chain.acts, 2, DROP) is None
+
+
+@pytest.mark.parametrize("end", ["TaskRequeued", "TaskFailed", "TaskCancelled"])
+def test_nobody_waits_for_an_attempt_that_ended_without_a_verdict(chain: Chain, end: str) -> None:
+    chain.submitted(1)
+    chain.submitted(2)
+    chain.event(end, 1)
+    assert spent_by(chain.acts, 2, DROP) is None
+
+
+def test_nobody_waits_for_one_that_gets_no_verdict_from_here(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.submitted(2)
+    chain.acts.judged(1, 1, None)
+    assert spent_by(chain.acts, 2, DROP) is None
+
+
+def test_an_act_that_a_later_submission_was_paid_for_is_told_apart(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.submitted(2)
+    chain.accepted(2, DROP)
+    found = chain.acts.spent(1, 1, [DROP])
+    assert isinstance(found, Spent)
+    assert not found.earlier
+
+
+def test_a_verdict_that_was_taken_off_the_chain_consumed_nothing(chain: Chain) -> None:
+    chain.submitted(1)
+    verdict = chain.accepted(1, DROP)
+    chain.submitted(2)
+    chain.undone(verdict)
+    assert isinstance(chain.acts.spent(2, 1, [DROP]), Wait)
+    chain.rejected(1)
+    assert spent_by(chain.acts, 2, DROP) is None
+
+
+def test_a_submission_that_was_taken_off_the_chain_is_waited_for_no_longer(chain: Chain) -> None:
+    first = chain.submitted(1)
+    chain.submitted(2)
+    chain.undone(first)
+    assert spent_by(chain.acts, 2, DROP) is None
+
+
+def test_what_auditors_decide_on_is_not_claimed_again_by_the_same_executor(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.accepted(1, DROP, verdict="undecided")
+    chain.submitted(2)
+    found = chain.acts.spent(2, 1, [DROP])
+    assert isinstance(found, Spent)
+    check = acts_unspent([DROP], found)
+    assert check.passed is False
+    assert check.fault is None
+    assert "is with auditors in task 1 attempt 1" in check.detail
+    assert spent_by(chain.rebuilt(), 2, DROP) == 1
+
+
+def test_both_submitted_at_once_the_later_waits_until_the_earlier_is_undecided(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.submitted(2)
+    chain.acts.judged(1, 1, [DROP])
+    assert isinstance(chain.acts.spent(2, 1, [DROP]), Wait)
+    chain.accepted(1, DROP, verdict="undecided")
+    assert spent_by(chain.acts, 2, DROP) == 1
+
+
+def test_somebody_elses_undecided_claim_takes_nothing_from_who_proves_it(chain: Chain) -> None:
+    chain.submitted(1, executor="a thief")
+    chain.accepted(1, DROP, verdict="undecided")
+    chain.submitted(2)
+    assert spent_by(chain.acts, 2, DROP) is None
+
+
+@pytest.mark.parametrize("end", ["TaskRequeued", "TaskFailed"])
+def test_what_auditors_refused_may_be_claimed(chain: Chain, end: str) -> None:
+    chain.submitted(1)
+    chain.accepted(1, DROP, verdict="undecided")
+    chain.event(end, 1)
+    chain.submitted(2)
+    assert spent_by(chain.acts, 2, DROP) is None
+
+
+def test_kinds_have_nothing_in_common(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.accepted(1, DROP)
+    chain.kind = "battery_charging"
+    chain.submitted(2)
+    assert spent_by(chain.acts, 2, DROP) is None
+
+
+def test_a_new_chain_begins_with_nothing_spent(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.accepted(1, DROP)
+    fresh = Chain()
+    for event in (
+        fresh.event("TaskRegistered", 1, kind="waste_disposal"),
+        fresh.event("ProofSubmitted", 1, attempt=1, executor="panther1"),
+    ):
+        chain.acts.on_event(event.model_copy(update={"chain": "0xother"}))
+    assert spent_by(chain.acts, 1, DROP) is None
+
+
+def test_an_index_that_was_made_anew_tells_all_again_and_nothing_counts_twice(chain: Chain) -> None:
+    """Without the notices of what was undone before: other events have its numbers now."""
+    chain.undone(chain.submitted(1))
+    chain.submitted(2)
+    chain.accepted(2, DROP)
+    told = [event for event in chain.told if event.task_id == 2]
+    for seq, event in enumerate(told, start=1):
+        chain.acts.on_event(event.model_copy(update={"seq": seq}))
+    assert chain.acts.submission(1, 1) is None
+    assert [one.task_id for one in chain.acts.waiting()] == []
+
+
+def test_a_malformed_act_in_a_report_does_not_hide_the_others(chain: Chain) -> None:
+    chain.submitted(1)
+    chain.accepted(1, "nonsense", DROP)
+    chain.submitted(2)
+    assert spent_by(chain.acts, 2, DROP) == 1

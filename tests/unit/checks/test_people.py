@@ -1,0 +1,70 @@
+"""People's work: the oracle says what stands in the proof, and judges none of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from eth_account import Account
+
+from rodeo.checks.report import Check, Report
+from rodeo.checks.verify import verify_file
+from rodeo.clock import WallClock
+from rodeo.config import Site
+from rodeo.evidence import Recorder
+from rodeo.kinds import kinds_of
+from rodeo.topics import EVENT_CHANNEL
+from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
+from rodeo_testing.assignments import BINDING
+from rodeo_testing.recordings import Sample, Take
+from services.oracle.process import is_ours
+from tests.support.site import LAB
+from tests.unit.person.test_statement import JPEG, by_another_program
+
+
+@pytest.fixture
+def site(tmp_path: Path) -> Site:
+    return Site.load(LAB).model_copy(update={"data_dir": tmp_path / "data"})
+
+
+def check(report: Report, name: str) -> Check:
+    return next(one for one in report.checks if one.name == name)
+
+
+KINDS = kinds_of(Site.load(LAB))
+
+
+def test_a_kind_without_checks_of_its_own_is_never_the_oracles_whatever_the_rules_say() -> None:
+    rules = [{"kind": kind, "review": "oracle"} for kind in ("wheel_cleaning", "waste_disposal")]
+    assert is_ours(KINDS, "waste_disposal", rules)
+    assert not is_ours(KINDS, "wheel_cleaning", rules)
+
+
+def test_a_kind_that_the_rules_leave_to_auditors_is_not_the_oracles() -> None:
+    assert not is_ours(KINDS, "waste_disposal", [{"kind": "waste_disposal", "review": "auditor"}])
+    assert not is_ours(KINDS, "waste_disposal", [])
+
+
+def test_a_good_statement_is_left_to_people_and_never_accepted(site: Site, tmp_path: Path) -> None:
+    report = verify_file(by_another_program(site, tmp_path, JPEG), site)
+    assert check(report, "stated").passed
+    assert (report.outcome, report.accepted) == ("undecided", False)
+    assert "auditor" in report.reason
+
+
+def test_a_statement_whose_photo_is_no_picture_is_said_to_be_so(site: Site, tmp_path: Path) -> None:
+    report = verify_file(by_another_program(site, tmp_path, b"\xff\xd8\xff\xe0 no photo"), site)
+    assert check(report, "stated").passed is False
+    assert "no picture" in report.reason
+
+
+def test_work_that_is_given_back_without_a_device_is_rejected_with_the_reason(
+    site: Site, tmp_path: Path
+) -> None:
+    recorder = Recorder(tmp_path / "back.mcap", BINDING, Account.create(), WallClock())
+    why = "alice cannot do waste_disposal: it has no machine that does it"
+    recorder.write_json(EVENT_CHANNEL, {"event": "execution_failed", "message": why})
+    chain_record = cleaning_chain_record(Take([Sample("", "", None, 1_900_000_000 * 10**9)]))
+    report = verify_file(recorder.close().path, site, chain_record)
+    assert report.outcome == "rejected"
+    assert report.reason.startswith("signer: ") and why in report.reason

@@ -1,0 +1,152 @@
+"""The hash of a kind's rules is the same for whoever has the same rules, and another for other rules."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+from rodeo.checks import rules
+from rodeo.checks.rules import rules_hash
+from rodeo.kinds import Kind, load
+
+CHECKS = '''"""Is the robot there?"""
+
+from rodeo.checks.case import Checks
+from rodeo.checks.report import at_most
+
+LIMIT_M = 0.5
+"""A stride."""
+
+
+def arrived(case):
+    """It is."""
+    return at_most(0.1, LIMIT_M, "m", source="the # of the map")  # near enough
+
+
+CHECKS = Checks(stages=((arrived,),), recognizes=lambda proof, site: False)
+'''
+
+
+class Params(BaseModel):
+    place: str
+
+
+class MoreParams(Params):
+    wait_s: float
+
+
+class DescribedParams(BaseModel):
+    """Where to go."""
+
+    place: str
+
+
+KIND = Kind("visit", "Visit", "", "oracle", params=Params, checks="visit_kind.checks:CHECKS")
+
+
+@pytest.fixture
+def installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Hash of `KIND` with these checks, each time installed in another folder."""
+    count = 0
+
+    def of(text: str, kind: Kind = KIND) -> str | None:
+        nonlocal count
+        count += 1
+        package = tmp_path / str(count) / "visit_kind"
+        package.mkdir(parents=True)
+        (package / "__init__.py").write_text("")
+        (package / "checks.py").write_bytes(text.encode())
+        monkeypatch.syspath_prepend(package.parent)
+        for name in [name for name in sys.modules if name.startswith("visit_kind")]:
+            del sys.modules[name]
+        importlib.invalidate_caches()
+        clear()
+        return rules_hash(kind)
+
+    def clear() -> None:
+        rules.sources_of.cache_clear()
+        paths.cache_clear()
+
+    paths = rules._path
+    yield of
+    clear()
+
+
+@pytest.mark.parametrize(
+    "same",
+    [
+        CHECKS,
+        CHECKS.replace("\n", "\r\n"),
+        CHECKS.replace("  # near enough", ""),
+        CHECKS.replace('"""A stride."""', '"""Two\nsteps."""'),
+        CHECKS.replace("\n\n\n", "\n\n\n\n"),
+    ],
+    ids=["elsewhere", "line ends", "comment", "docstring", "empty lines"],
+)
+def test_where_it_lies_and_what_only_people_read_changes_no_hash(installed, same: str) -> None:
+    assert installed(same) == installed(CHECKS)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        CHECKS.replace("0.5", "0.6"),
+        CHECKS.replace("at_most(0.1,", "at_most(0.2,"),
+        CHECKS.replace("the # of", "the # in"),
+        CHECKS.replace("case import Checks", "case import Checks, Case"),
+    ],
+    ids=["limit", "code", "text", "import"],
+)
+def test_another_limit_or_other_source_has_another_hash(installed, other: str) -> None:
+    assert installed(other) != installed(CHECKS)
+
+
+def test_a_line_that_ends_in_a_docstring_is_a_rule_all_the_same(installed) -> None:
+    one_line = 'class Away(Exception): """It is not."""\n'
+    assert installed(CHECKS + one_line) != installed(CHECKS + one_line.replace("Exception", "ValueError"))
+    assert installed(CHECKS + one_line) == installed(CHECKS + one_line.replace("It is not", "Gone"))
+
+
+def test_what_the_parameters_are_called_for_people_changes_no_hash(installed) -> None:
+    assert installed(CHECKS, replace(KIND, params=DescribedParams)) == installed(CHECKS)
+
+
+def test_other_parameters_have_another_hash(installed) -> None:
+    assert installed(CHECKS, replace(KIND, params=MoreParams)) != installed(CHECKS)
+
+
+def test_a_changed_shared_check_changes_the_hash_of_kinds_that_use_it_alone(
+    installed, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def changed(module: str) -> None:
+        path = tmp_path / f"{module}.py"
+        path.write_text(where(f"rodeo.checks.{module}").read_text() + "\nMORE = 1\n")
+        monkeypatch.setattr(rules, "_path", lambda name: path if name.endswith(module) else where(name))
+
+    where, before = rules._path, installed(CHECKS)
+    changed("gripper")
+    assert installed(CHECKS) == before
+    changed("report")
+    assert installed(CHECKS) != before
+
+
+def test_a_kind_that_people_judge_has_no_rules() -> None:
+    assert rules_hash(Kind("plants", "Plants", "", "auditor")) is None
+
+
+def test_the_rules_of_a_cleaning_are_its_checks_and_the_shared_ones_that_they_use() -> None:
+    found = rules.rules(load("waste_disposal"))
+    assert found is not None
+    ours = {name for name in found["sources"] if name.startswith("rodeo_kinds.")}
+    assert {"rodeo_kinds.waste_disposal.checks", "rodeo_kinds.waste_disposal.checks.disposal"} <= ours
+    assert all(name.startswith("rodeo_kinds.waste_disposal.") for name in ours)
+    assert not {name for name in ours if "harness" in name or "behaviour" in name}
+    assert {"rodeo.checks.grip", "rodeo.checks.statements"} <= found["sources"].keys()
+    assert found["limits"]["rodeo.checks.gripper"]["AGREE_M"] == "0.05"
+    assert found["model_sha256"].startswith("0x")
+    assert found["mujoco"] == "4"

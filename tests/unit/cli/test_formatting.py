@@ -1,0 +1,236 @@
+"""What the command line says to people: options instead of fields, names of what was meant, whole columns."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from decimal import Decimal
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import typer
+from pydantic import BaseModel
+from rich.console import Console
+from typer.testing import CliRunner
+
+from rodeo import messages
+from rodeo.bus import validate
+from rodeo.chain import ContractReverted
+from rodeo.chain.errors import why_unanswered
+from rodeo.charging import ChargingParams
+from rodeo.checks.report import Check, Report, at_most, equal, skipped
+from rodeo.config import Site
+from rodeo.errors import InvalidRequest, RemoteError, RodeoError
+from rodeo_cli import app, common, formatting, organization, robot, tasks
+from rodeo_cli.layout import lines
+from rodeo_kinds.waste_disposal.params import CleaningParams
+from tests.support.site import LAB
+
+
+def told(model: type[BaseModel], data: dict[str, Any], command: Callable[..., Any]) -> str:
+    """What the command says of a request that the bridge refused."""
+    with pytest.raises(InvalidRequest) as refused:
+        validate(model, data)
+    answer = RemoteError(refused.value.code, refused.value.message, refused.value.details)
+    return formatting.explain(answer, formatting.options_of(command))
+
+
+@pytest.mark.parametrize(
+    ("model", "data", "command", "says"),
+    [
+        (CleaningParams, {}, tasks.create, ["say --item-id ITEM_ID"]),
+        (ChargingParams, {"robot": "r", "dock": "d"}, tasks.create, ["say --soc-from SOC_FROM"]),
+        (
+            messages.RegisterTask,
+            {"kind": "No Kind", "reward_iec": "ten", "max_attempts": 999},
+            tasks.create,
+            ["KIND: ", "--reward: enter an amount of IEC", "--max-attempts: "],
+        ),
+        (messages.AllowKind, {"kind": "sweeping"}, organization.kind, ["--review is needed"]),
+        (
+            messages.AllowKind,
+            {"kind": "sweeping", "review": "auditor", "audit_window_s": 60},
+            organization.kind,
+            ["--audit-window and --at-silence go together"],
+        ),
+        (messages.SetTerms, {"bond_iec": "-5"}, organization.terms, ["--bond: "]),
+        (messages.Deposit, {"amount_iec": "0"}, organization.deposit, ["AMOUNT: "]),
+        (
+            messages.RegisterDevice,
+            {"device": "0x1"},
+            organization.register_device,
+            ["ADDRESS: ", "say --owner OWNER"],
+        ),
+    ],
+)
+def test_a_refused_request_names_the_options_and_no_fields(
+    model: type[BaseModel], data: dict[str, Any], command: Callable[..., Any], says: list[str]
+) -> None:
+    sentence = told(model, data, command)
+    assert all(one in sentence for one in says), sentence
+    assert model.__name__ not in sentence and "_iec" not in sentence and "does not fit" not in sentence
+
+
+def test_a_contracts_error_says_amounts_in_iec() -> None:
+    error = ContractReverted(
+        "ERC20InsufficientBalance", {"sender": "0x1", "balance": 10**17, "needed": 5 * 10**18}
+    )
+    assert error.details == {"sender": "0x1", "balance_iec": "0.1", "needed_iec": "5"}
+    assert "needed: 5 IEC" in formatting.explain(error, {})
+
+
+def test_what_is_no_amount_of_iec_in_a_contracts_error_stays_as_it_is() -> None:
+    assert ContractReverted("InvalidWindow", {"window": 5, "min": 60, "max": 100}).details["max"] == 100
+
+
+def test_a_value_that_is_an_account_with_a_name_is_only_the_name() -> None:
+    error = RodeoError("too little", account="0x" + "1" * 40, name="alice", needed_iec="7")
+    assert formatting.explain(error, {}) == "too little (name: alice, needed: 7 IEC)"
+
+
+def test_nested_causes_of_a_silent_node_become_one_short_reason() -> None:
+    refused = ConnectionRefusedError(111, "Connection refused")
+    nested = OSError(RuntimeError("HTTPConnectionPool(host='127.0.0.1', port=1): Max retries exceeded"))
+    nested.__cause__ = refused
+    assert why_unanswered(nested) == "connection refused"
+    assert why_unanswered(TimeoutError("x" * 500)) == "no answer in time"
+
+
+def test_times_of_a_simulated_site_are_marked_as_such() -> None:
+    site = Site.load(LAB)
+    assert formatting.moment(0, site) == "1970-01-01 00:00:00 (simulated time)"
+    wall = site.model_copy(update={"clock": site.clock.model_copy(update={"source": "wall"})})
+    assert formatting.moment(0, wall).endswith("UTC")
+
+
+@pytest.mark.parametrize("order", robot.ORDERS)
+@pytest.mark.parametrize("task_id", [None, 7])
+def test_a_robots_reply_to_an_order_is_a_sentence(order: str, task_id: int | None) -> None:
+    said = robot._taken("panther1", order, {"task_id": task_id, "activity": "paused by an operator"})
+    assert said.startswith("panther1 ") and said.endswith(".") and "paused by an operator" not in said
+
+
+def test_a_robots_state_is_told_in_words() -> None:
+    state = {"paused": True, "stopped": False, "soc": 0.5, "working_w": 174.7, "docked": False, "eta_s": 90}
+    said = dict(robot._told(state))
+    assert said["power at work"] == "175 W" and said["orders"] == "take no new work"
+    assert said["battery"] == "50%" and said["time left"] == "1 min 30 s" and said["on the dock"] == "no"
+    assert not any("_" in label for label in said)
+
+
+# -- tables -----------------------------------------------------------------------------------------------
+
+
+def task(**changes: Any) -> messages.Task:
+    fields = {
+        "id": 12,
+        "kind": "wheel_cleaning",
+        "state": "failed",
+        "attempt": 3,
+        "max_attempts": 3,
+        "creator": "0x" + "1" * 40,
+        "creator_name": "organization",
+        "executor": "0x" + "2" * 40,
+        "executor_name": "panther1",
+        "reward_iec": Decimal("100"),
+        "paid_iec": Decimal("0"),
+        "verdict": "rejected",
+        "reason": "grasp: the item does not rise in the gripper (0 m, limit 0.1 m)",
+    } | changes
+    return messages.Task.model_construct(**fields)
+
+
+def listed(*several: messages.Task, width: int = 80) -> list[str]:
+    columns = ("id", "kind", "state", "try", "creator", "executor", "reward", "paid")
+    return [line.plain for line in lines(columns, [tasks._task_row(t) for t in several], width, (1, 4, 5))]
+
+
+def test_kinds_and_names_are_whole_in_eighty_columns_and_a_failure_has_its_reason() -> None:
+    settled = task(
+        kind="waste_disposal", state="settled", verdict="accepted", reason="accepted", paid_iec="100"
+    )
+    shown = listed(task(), settled)
+    assert all(len(line) <= 80 for line in shown)
+    text = "\n".join(shown)
+    assert all(one in text for one in ("wheel_cleaning", "waste_disposal", "organization", "panther1"))
+    assert "grasp: the item does not rise in the gripper" in text
+    assert len(shown) == 4
+
+
+def test_what_has_no_room_is_continued_below_and_never_cut() -> None:
+    shown = listed(task(kind="a_very_long_kind_of_work_indeed", creator_name="somebody_with_a_long_name" * 2))
+    assert all(len(line) <= 80 for line in shown) and "…" not in "".join(shown)
+    assert "indeed" in "\n".join(shown)
+
+
+def test_a_window_that_passed_is_a_reason_too() -> None:
+    assert "in time" in "\n".join(listed(task(verdict="expired", reason=None)))
+
+
+def report() -> Report:
+    found = [
+        ("base_speed", at_most(0.7, 2.1, "m/s", "Husarion Panther: 2 m/s", "fastest by motion capture" * 4)),
+        ("task_binding", equal("31337 0x" + "c" * 40, "31337 0x" + "c" * 40, "the assignment on chain")),
+        ("signer", skipped("no chain to ask")),
+    ]
+    return Report.of([Check(name=name, **finding.model_dump()) for name, finding in found])
+
+
+def test_verify_says_one_line_per_check_in_eighty_columns() -> None:
+    shown = [line.plain for line in tasks._check_lines(report(), 80, verbose=False)]
+    assert [line.split()[:2] for line in shown] == [
+        ["passed", "base_speed"], ["passed", "task_binding"], ["skipped", "signer"]
+    ]  # fmt: skip
+    assert all(len(line) <= 80 for line in shown)
+    assert not any("Husarion" in line for line in shown)
+
+
+def test_verify_says_limit_and_source_where_more_is_asked_for() -> None:
+    text = " ".join(" ".join(line.plain.split()) for line in tasks._check_lines(report(), 80, verbose=True))
+    assert "limit 2.1 m/s; from: Husarion Panther: 2 m/s" in text and "…" not in text
+
+
+def test_an_accepted_proof_says_how_much_was_asked() -> None:
+    assert tasks._outcome(report()) == "2 checks passed, 1 were skipped"
+
+
+def test_the_state_of_a_withdrawn_key_is_whole_below_its_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    device = {
+        "role": "bin",
+        "name": "itrash2",
+        "owner_name": "organization",
+        "owner": "",
+        "address": "0x" + "1" * 40,
+    }
+    device |= {"revoked": 5.0, "revoked_because": "superseded"}
+
+    @contextmanager
+    def running(_site: Path) -> Iterator[tuple[Site, Any]]:
+        yield Site.load(LAB), SimpleNamespace(query=lambda *_args, **_more: {"devices": [device]})
+
+    monkeypatch.setattr(organization, "connected", running)
+    monkeypatch.setattr(common, "console", Console(width=80))
+    shown = CliRunner().invoke(app, ["organization", "devices"]).output.splitlines()
+    assert "organization" in shown[1] and shown[2].strip() == "revoked: superseded"
+    assert all(len(line) <= 80 for line in shown)
+
+
+def leaves(group: Any, path: str = "rodeo") -> Iterator[tuple[str, Any]]:
+    for one in group.registered_commands:
+        yield f"{path} {one.name or one.callback.__name__}", one.callback
+    for inner in group.registered_groups:
+        yield from leaves(inner.typer_instance, f"{path} {inner.name}")
+
+
+@pytest.mark.parametrize("leaf", list(leaves(app)), ids=lambda one: one[0])
+def test_the_options_of_every_command_are_told_as_its_help_tells_them(leaf: tuple[str, Any]) -> None:
+    name, command = leaf
+    node: Any = typer.main.get_command(app)
+    for part in name.split()[1:]:
+        node = node.commands[part]
+    spelled = {spelling for one in node.params for spelling in (*one.opts, *one.secondary_opts)}
+    for parameter, told in formatting.options_of(inspect.unwrap(command)).items():
+        assert told in spelled or told == parameter.upper(), (name, told)

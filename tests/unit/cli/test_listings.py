@@ -1,0 +1,265 @@
+"""What commands print for programs: one JSON document with `--json`, plain whole lines into a pipe."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import pty
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from rodeo.config import Site
+from rodeo.messages import Status
+from rodeo.processes import processes_of
+from rodeo_cli import app, common, organization, robot, tasks
+from rodeo_cli import site as site_commands
+from rodeo_testing import answers
+from services.console.accounts import Accounts, accounts_path
+from services.console.roles import Role
+from tests.support.site import LAB, write_site
+
+ACTS = {
+    "rodeo up", "rodeo down", "rodeo demo",
+    "rodeo site prepare", "rodeo kind new",
+    "rodeo task accept", "rodeo task submit", "rodeo task judge", "rodeo task cancel",
+    "rodeo service offer", "rodeo service price", "rodeo service pause", "rodeo service resume",
+    "rodeo service withdraw",
+    "rodeo console create-admin", "rodeo console create", "rodeo console passphrase", "rodeo console token",
+    *(f"rodeo robot {order}" for order in robot.ORDERS),
+    *(f"rodeo organization {change}" for change in (
+        "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
+        "reinstate", "deposit", "withdraw", "register-device", "revoke-device",
+    )),
+}  # fmt: skip
+"""Commands that change something and list nothing."""
+
+ALICE, KEY = "0x" + "a1" * 20, "0x" + "c3" * 20
+DESCRIPTION = "Clean the whole floor below the long table, " * 8 + "then the rest"
+TASK: dict[str, Any] = {
+    "id": 12, "kind": "wheel_cleaning", "state": "failed", "attempt": 3, "max_attempts": 3,
+    "creator": ALICE, "creator_name": "alice_of_the_northern_workshop" * 3, "executor": None,
+    "executor_name": None, "reward_iec": "100", "paid_iec": "0", "refunded_iec": "100", "price_iec": None,
+    "verdict": "rejected", "reason": "the item does not rise in the gripper, " * 6,
+    "description": DESCRIPTION,
+    "params": {}, "execution_deadline": None, "verdict_deadline": None, "audit_deadline": None,
+    "service_id": None, "registered": 1.0, "assigned": None, "proof_submitted": None, "settled": None,
+    "execution_window_s": 60, "verdict_window_s": 60, "at_silence": None, "proof_sha256": None,
+    "proof_uri": None, "report_sha256": None, "report_uri": None, "nonce": None,
+}  # fmt: skip
+OFFER = {
+    "id": 1, "kind": "waste_disposal", "provider": ALICE, "provider_name": "alice", "price_iec": "5",
+    "state": "active", "description": "", "task_id": None, "completed": 0, "rejected": 0, "expired": 0,
+    "bond_iec": "0", "penalty_iec": "0", "max_failures": 0, "failures": 0, "place": 1, "reputation": 32,
+}  # fmt: skip
+REPLIES: dict[str, dict[str, Any]] = {
+    "tasks": {"tasks": [TASK], "total": 1},
+    "task/12": TASK,
+    "services": {"services": [OFFER], "total": 1},
+    "wallets": answers.wallets({"alice": ALICE}),
+    "organization": answers.organization(audited=["wheel_cleaning"]) | {"roles": {"AUDITOR_ROLE": []}},
+    "devices": {"devices": [{"role": "bin", "name": "itrash", "owner": ALICE, "owner_name": "alice",
+                             "address": KEY, "registered": 1.0, "revoked": None, "revoked_because": None}]},
+    "roots": answers.roots([{"day": 3, "device": KEY, "root": "0x" + "d4" * 32, "uri": "file:///roots/3"}]),
+    "state": {"robot": "panther1", "activity": "cleaning", "progress": 0.4, "soc": 0.5, "paused": False},
+    "transactions": {"transactions": [], "total": 0},
+}  # fmt: skip
+
+
+def leaves(group: Any, path: str = "rodeo") -> Iterator[tuple[str, set[str]]]:
+    """Each command with its options."""
+    for name, one in group.commands.items():
+        if hasattr(one, "commands"):
+            yield from leaves(one, f"{path} {name}")
+        else:
+            yield f"{path} {name}", {option for parameter in one.params for option in parameter.opts}
+
+
+def test_every_command_that_lists_something_has_json() -> None:
+    found = dict(leaves(typer.main.get_command(app)))
+    assert found.keys() >= ACTS
+    assert [name for name, options in found.items() if "--json" not in options and name not in ACTS] == []
+
+
+@pytest.fixture
+def piped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The commands print into a pipe, whatever the tests themselves print on."""
+    plain = common.console_on(io.StringIO())
+    for module in (common, site_commands, tasks):
+        monkeypatch.setattr(module, "console", plain)
+
+
+@pytest.fixture
+def answered(monkeypatch: pytest.MonkeyPatch, piped: None) -> dict[str, dict[str, Any]]:
+    """What the bridge and the robots answer, to be changed."""
+    replies = json.loads(json.dumps(REPLIES))
+
+    def query(key: str, *_request: Any, **_more: Any) -> Any:
+        return next(reply for what, reply in replies.items() if key.endswith(f"/{what}"))
+
+    @contextmanager
+    def connected(_site: Path) -> Iterator[tuple[Site, Any]]:
+        yield Site.load(LAB), SimpleNamespace(query=query)
+
+    for module in (tasks, organization, robot):
+        monkeypatch.setattr(module, "connected", connected)
+    return replies  # type: ignore[no-any-return]
+
+
+LISTINGS = {
+    "task list": "tasks",
+    "task show 12": "task/12",
+    "service list": "services",
+    "organization show": "organization",
+    "organization devices": "devices",
+    "organization roots": "roots",
+    "robot state panther1": "state",
+}
+
+
+@pytest.mark.parametrize("command", LISTINGS)
+def test_json_is_the_whole_reply_and_nothing_else(answered: dict[str, dict[str, Any]], command: str) -> None:
+    done = CliRunner().invoke(app, [*command.split(), "--json"])
+    assert done.exit_code == 0, done.output
+    assert json.loads(done.stdout) == answered[LISTINGS[command]]
+
+
+def test_wallets_are_a_list_and_one_of_them_an_object(answered: dict[str, dict[str, Any]]) -> None:
+    everyone = answered["wallets"]["wallets"]
+    assert json.loads(CliRunner().invoke(app, ["wallet", "--json"]).stdout) == everyone
+    assert json.loads(CliRunner().invoke(app, ["wallet", "alice", "--json"]).stdout) == everyone[0]
+
+
+def test_an_empty_listing_is_json_too(answered: dict[str, dict[str, Any]]) -> None:
+    answered["roots"] = {"roots": [], "total": 0}
+    assert (
+        json.loads(CliRunner().invoke(app, ["organization", "roots", "--json"]).stdout) == answered["roots"]
+    )
+
+
+@pytest.mark.parametrize("command", [*LISTINGS, "wallet"])
+def test_into_a_pipe_nothing_is_folded_or_cut_at_any_width(
+    answered: dict[str, dict[str, Any]], command: str
+) -> None:
+    narrow = CliRunner().invoke(app, command.split(), env={"COLUMNS": "20", "FORCE_COLOR": "1"})
+    wide = CliRunner().invoke(app, command.split(), env={"COLUMNS": "5000"})
+    assert narrow.exit_code == 0, narrow.output
+    assert narrow.stdout == wide.stdout != ""
+    assert "…" not in narrow.stdout and "\x1b" not in narrow.stdout
+
+
+def test_a_long_name_a_long_reason_and_a_long_description_stay_on_their_lines(
+    answered: dict[str, dict[str, Any]],
+) -> None:
+    header, row, reason, total = CliRunner().invoke(app, ["task", "list"]).stdout.splitlines()
+    assert header.split()[0] == "id" and TASK["creator_name"] in row
+    assert reason.strip() == TASK["reason"].strip() and total == "1 of 1 task"
+    assert DESCRIPTION in CliRunner().invoke(app, ["task", "show", "12"]).stdout
+
+
+def test_what_others_wrote_does_not_steer_the_terminal(answered: dict[str, dict[str, Any]]) -> None:
+    answered["tasks"]["tasks"][0] |= {"creator_name": "eve\x1b[2J\x1b[31m\n7", "reason": "a\x1b]0;title\x07"}
+    shown = CliRunner().invoke(app, ["task", "list"]).stdout
+    assert "\x1b" not in shown and "\x07" not in shown and "eve�[2J�[31m 7" in shown
+    assert len(shown.splitlines()) == 4
+
+
+def test_a_role_that_nobody_has_says_so(answered: dict[str, dict[str, Any]]) -> None:
+    shown = CliRunner().invoke(app, ["organization", "show"]).stdout.splitlines()
+    assert ["auditors", "nobody"] in [line.split() for line in shown]
+
+
+@pytest.mark.parametrize(("terminal", "shown"), [(False, " 40%"), (True, "━━━━━━")])
+def test_progress_is_a_number_in_a_pipe_and_a_bar_on_a_terminal(
+    monkeypatch: pytest.MonkeyPatch, terminal: bool, shown: str
+) -> None:
+    monkeypatch.setattr(site_commands, "console", SimpleNamespace(is_terminal=terminal, width=200))
+    now_s = time.time()
+    status = Status(
+        process="oracle", pid=1, ready=True, reason="", activity="verifying", progress=0.4,
+        since_s=now_s, time_s=now_s,
+    )  # fmt: skip
+    cell = site_commands._table_row(site_commands.Row("oracle", "ready", status=status)).cells[3]
+    assert shown in f" {cell}" and ("━" in cell) is terminal
+
+
+# -- sites, accounts and processes, as their commands find them ------------------------------------------
+
+
+def test_findings_about_a_site_file_are_json_with_their_lines(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'extends = "{LAB}"\ndata_dir = "data"\nclock.sped = 1\n')
+    done = CliRunner().invoke(app, ["site", "check", str(path), "--json"])
+    (finding,) = json.loads(done.stdout)["findings"]
+    assert done.exit_code == 1 and json.loads(done.stdout)["site_file"] == str(path)
+    assert {name: finding[name] for name in ("severity", "file", "line", "place")} == {
+        "severity": "error", "file": str(path), "line": 3, "place": "clock.sped"
+    }  # fmt: skip
+    assert finding["text"]
+
+
+def test_a_site_file_without_findings_is_json_and_no_failure() -> None:
+    done = CliRunner().invoke(app, ["site", "check", str(LAB), "--json"])
+    assert done.exit_code == 0 and json.loads(done.stdout)["findings"] == []
+
+
+def test_accounts_of_the_console_are_a_table_or_json(tmp_path: Path, piped: None) -> None:
+    path = write_site(tmp_path)
+    site = Site.load(path)
+    accounts = Accounts(accounts_path(site), site.console)
+    accounts.add_user("ada", "correct horse battery", [Role.OPERATOR, Role.AUDITOR])
+    done = CliRunner().invoke(app, ["console", "list", "--site", str(path), "--json"])
+    assert json.loads(done.stdout) == [
+        {"name": "ada", "roles": ["auditor", "operator"], "participant": None, "disabled": False}
+    ]
+    shown = CliRunner().invoke(app, ["console", "list", "--site", str(path)]).stdout.splitlines()
+    assert [line.split() for line in shown] == [["name", "roles"], ["ada", "auditor,", "operator"]]
+
+
+def rodeo(path: Path, *arguments: str) -> list[str]:
+    return [sys.executable, "-m", "rodeo_cli", *arguments, "--site", str(path)]
+
+
+COLOURFUL = {"FORCE_COLOR": "1", "TTY_COMPATIBLE": "1", "COLUMNS": "20", "TERM": "xterm-256color"}
+
+
+def test_status_into_a_pipe_has_a_plain_whole_line_for_each_process(tmp_path: Path) -> None:
+    path = write_site(tmp_path)
+    done = subprocess.run(
+        rodeo(path, "status"), env={**os.environ, **COLOURFUL}, capture_output=True, text=True, timeout=60
+    )
+    header, *lines = done.stdout.splitlines()
+    assert done.returncode == 1 and "\x1b" not in done.stdout + done.stderr
+    assert header.split() == ["process", "state", "doing"]
+    assert [line.split() for line in lines] == [
+        [process.name, "down", "not", "running"] for process in processes_of(Site.load(path))
+    ]
+
+
+def test_status_on_a_terminal_has_colours_and_its_width(tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    environment = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "TERM")}
+    environment |= {"TERM": "xterm-256color", "COLUMNS": "60"}
+    with subprocess.Popen(rodeo(write_site(tmp_path), "status"), env=environment, stdout=theirs) as command:
+        os.close(theirs)
+        shown = b""
+        while True:
+            try:
+                part = os.read(ours, 4096)
+            except OSError:  # how Linux says that nobody writes any more
+                break
+            if not part:
+                break
+            shown += part
+    os.close(ours)
+    assert command.returncode == 1 and b"\x1b[31mdown" in shown

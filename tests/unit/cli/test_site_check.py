@@ -1,0 +1,217 @@
+"""`rodeo site check`: what is wrong in a site file, on which line, and what is meant instead."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from rodeo.config import Site
+from rodeo.errors import ConfigError
+from rodeo.lab.config import SHAPE_NAMES
+from rodeo.lab.items import SHAPES
+from rodeo.toml_lines import lines_of
+from rodeo_cli.site_check import check
+from tests.support.site import LAB
+
+Said = Callable[[str], list[str]]
+
+HEAD = f"""extends = "{LAB}"
+data_dir = "data"
+"""
+
+
+def item(name: str = "item1", kind: str = "metal", shape: str = "can", x_m: float = 4.6) -> str:
+    """Five lines."""
+    return f"""[[items]]
+id = "{name}"
+class = "{kind}"
+shape = "{shape}"
+pose = {{ x_m = {x_m}, y_m = 1.2 }}
+"""
+
+
+def robot(line: str) -> str:
+    """Three lines, the last one of which is `line`."""
+    return f"""[[robots]]
+pose = {{ x_m = 1.4, y_m = 1.3 }}
+{line}
+"""
+
+
+@pytest.fixture
+def said(tmp_path: Path) -> Said:
+    """What is found in a file that goes on with this text after its first two lines."""
+
+    def of(text: str) -> list[str]:
+        path = tmp_path / "my.toml"
+        path.write_text(HEAD + text)
+        return [str(finding).replace(f"{tmp_path}/", "") for finding in check(path)]
+
+    return of
+
+
+def test_the_lab_that_comes_along_is_a_good_site() -> None:
+    assert check(LAB) == []
+
+
+WRONG = [
+    (
+        item(x_m=14.6),
+        7,
+        "items.0.pose: item1 is outside the room: x_m is 14.6 of 0 to 7, y_m is 1.2 of 0 to 5 (lab.size_m)",
+    ),
+    (item(shape="cann"), 6, "items.0.shape: metal has no shape 'cann', only can and tin; is \"can\" meant?"),
+    (item() + item(x_m=3.0), 9, 'items.1.id: two things in the lab are called "item1"'),
+    (
+        "[[bins]]\nname = 1\n",
+        3,
+        "bins: a site has one bin: write [bin]; another bin is a device of another site",
+    ),
+    ("chain.ulr = 1\n", 3, 'chain.ulr: no such key; is "url" meant?'),
+    ("clock.sed = 7\n", 3, 'clock.sed: no such key; is "seed" meant?'),
+    ("clock.seed = -1\n", 3, "clock.seed: Input should be greater than or equal to 0"),
+    (
+        robot('working_hours = ["08:00-12:00", "8-18"]'),
+        5,
+        "robots.0.working_hours.1: hours are written like \"08:00-18:00\", not '8-18'",
+    ),
+    (
+        robot('working_hours = ["08:00-12:00", "11:00-18:00"]'),
+        5,
+        'robots.0.working_hours: "08:00-12:00" and "11:00-18:00" overlap',
+    ),
+    (
+        robot('working_hour = ["08:00-18:00"]'),
+        5,
+        'robots.0.working_hour: no such key; is "working_hours" meant?',
+    ),
+    (
+        robot('timezone = "Europe/Berlim"'),
+        5,
+        "robots.0.timezone: there is no time zone 'Europe/Berlim'; they are named like \"Europe/Berlin\"; "
+        'is "Europe/Berlin" meant?',
+    ),
+    (
+        robot("battery.standby_power_w = -1"),
+        5,
+        "robots.0.battery.standby_power_w: Input should be greater than or equal to 0",
+    ),
+    ("consol.port = 1\n", 3, 'consol: no such key; is "console" meant?'),
+    (
+        item() + "participants = []\n",
+        8,
+        "items.0.participants: no such key here: participants belongs to the site itself, above the first "
+        "[table] of the file (TOML puts what follows a table's header into that table)",
+    ),
+    (
+        "[economy]\nelectricity = [\n { from_hour = 6, eur_kwh = 1 },\n { from_hour = 6, eur_kwh = 2 },\n]\n",
+        6,
+        "economy.electricity.1.from_hour: two prices of electricity begin at hour 6",
+    ),
+    ("console.port = 8090\n", 3, "console.port: port 8090 of 127.0.0.1 is that of itrash.http_port already"),
+    (
+        "[bridge.limits.pantehr1]\ndaily_iec = 1\n",
+        3,
+        'bridge.limits.pantehr1: nobody on this site is called pantehr1; is "panther1" meant?',
+    ),
+    (
+        'participants = [{ name = "alice" }, { name = "alice" }]\n',
+        3,
+        'participants.1.name: two participants have the keystore "alice"',
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "sentence"), WRONG)
+def test_what_no_site_can_be_is_named_with_its_line_and_refused(
+    said: Said, tmp_path: Path, text: str, line: int, sentence: str
+) -> None:
+    assert f"my.toml:{line}: error: {sentence}" in said(text)
+    with pytest.raises(ConfigError) as refused:
+        Site.load(tmp_path / "my.toml")
+    place, _, why = sentence.partition(": ")
+    assert refused.value.details["fields"][place] == why
+
+
+DOUBTFUL = [
+    (
+        robot("battery = { standby_power_w = 50 }"),
+        5,
+        "robots.0.battery.standby_power_w: panther1 draws more while it is off (50 W) than while it stands "
+        "(45 W)",
+    ),
+    (item(x_m=6.98), 7, "items.0.pose: item1 reaches into a wall"),
+    (item() + item("item2", x_m=4.63), 12, "items.1.pose: item2 is in item1"),
+    (
+        "[bin]\npose = { x_m = 5.2, y_m = 0.4, yaw_rad = -1.5708 }\n",
+        4,
+        "bin.pose: panther1 finds no way to the bin itrash from where it starts",
+    ),
+    (
+        "[dock]\npose = { x_m = 6.9, y_m = 2.6, yaw_rad = 0.0 }\n",
+        4,
+        "dock.pose: panther1 finds no way to the dock dock1 from where it starts",
+    ),
+]
+
+
+@pytest.mark.parametrize(("text", "line", "sentence"), DOUBTFUL)
+def test_what_is_doubtful_is_a_warning_and_no_reason_to_refuse(
+    said: Said, tmp_path: Path, text: str, line: int, sentence: str
+) -> None:
+    assert f"my.toml:{line}: warning: {sentence}" in said(text)
+    Site.load(tmp_path / "my.toml")
+
+
+def test_what_stands_in_the_file_that_is_extended_is_found_there(said: Said) -> None:
+    line = next(n for n, text in enumerate(LAB.read_text().splitlines(), 1) if "shelf1" in text)
+    assert said("lab.size_m = [5.0, 5.0]\n")[0].startswith(
+        f"{LAB}:{line}: error: lab.furniture.2.pose: shelf1 is outside the room"
+    )
+
+
+def test_what_is_no_toml_is_said_with_its_line(said: Said) -> None:
+    (found,) = said("chain.url = \n")
+    assert found.startswith("my.toml: error: cannot read the site file") and "line 3" in found
+
+
+def test_the_names_of_shapes_are_those_of_their_geometry() -> None:
+    assert {kind: tuple(shapes) for kind, shapes in SHAPES.items()} == SHAPE_NAMES
+
+
+def test_lines_are_told_through_strings_comments_and_nested_lists() -> None:
+    text = '''# [no]
+a = "x # [y] = 1"  # z = 2
+b = [
+  { c = 1 }, # first
+  { "d e" = [1, 2] },
+]
+[t.u]
+f.g = """
+[not]
+"""
+[[v]]
+[[v]]
+h = 1.5
+[v.w]
+i = 2
+'''
+    assert {place: line for place, line in lines_of(text).items() if place not in [("b",), ("v",)]} == {
+        ("a",): 2,
+        ("b", 0): 4,
+        ("b", 0, "c"): 4,
+        ("b", 1): 5,
+        ("b", 1, "d e"): 5,
+        ("b", 1, "d e", 0): 5,
+        ("b", 1, "d e", 1): 5,
+        ("t", "u"): 7,
+        ("t", "u", "f"): 8,
+        ("t", "u", "f", "g"): 8,
+        ("v", 0): 11,
+        ("v", 1): 12,
+        ("v", 1, "h"): 13,
+        ("v", 1, "w"): 14,
+        ("v", 1, "w", "i"): 15,
+    }

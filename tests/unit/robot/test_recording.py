@@ -1,0 +1,339 @@
+"""Recording: every recorded topic of the table, as it came, and nothing of other items."""
+
+from __future__ import annotations
+
+import base64
+import threading
+import time
+from collections.abc import Callable, Iterator
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from rodeo import topics
+from rodeo.bus import Bus, zenoh_config
+from rodeo.clock import WallClock
+from rodeo.config import Site
+from rodeo.evidence import Attestation, Recorder, open_proof
+from rodeo.robot import recording as recording_module
+from rodeo.robot.errors import NoAnswer
+from rodeo.robot.recording import (
+    Recording,
+    recorded_topics,
+)
+from rodeo.ros2 import Node, types
+from rodeo.topics import Plane
+from rodeo.witness import (
+    Classification,
+    Head,
+    HeadBook,
+    Header,
+    Journal,
+    Motion,
+    Removal,
+    Scope,
+    WitnessChain,
+)
+from rodeo.witness.witness import unverified_seal
+from rodeo_testing.assignments import BIN as BIN_KEY
+from rodeo_testing.assignments import BINDING, MOCAP, ROBOT, devices
+from tests.support.site import LAB, WAIT_S, free_port
+from tests.unit.robot.fakes import BIN, payload_of
+
+SITE = Site.load(LAB)
+SCOPE = Scope(chain_id=BINDING.chain_id, task_manager=BINDING.task_manager, organization=BINDING.organization)
+
+
+RECORDS = (*topics.ROBOT_STATE, topics.BIN_LOAD)
+
+
+def test_every_topic_that_is_asked_for_is_recorded_under_its_full_names() -> None:
+    recorded = {name: topic.type for topic, name in recorded_topics(SITE, "panther1", RECORDS)}
+    assert recorded["panther1/odom"] == "nav_msgs/msg/Odometry"
+    assert {f"itrash/{name}/load" for name in SITE.bin.compartments} <= recorded.keys()
+    assert {topic.type for topic in RECORDS} == set(recorded.values())
+    assert not any("{" in name for name in recorded)
+
+
+def test_what_a_robot_tells_of_itself_may_be_recorded() -> None:
+    assert all(topic.recorded and topic.plane is Plane.ROBOT for topic in topics.ROBOT_STATE)
+
+
+class Lab:
+    """Body, bridge, bin and motion capture on a bus of their own; `mocap` and `itrash` sign."""
+
+    def __init__(self, folder: Path) -> None:
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self._router = zenoh.open(zenoh_config("router", listen=[self.endpoint]))
+        self.bus = Bus.open(self.endpoint, timeout_s=WAIT_S)
+        self.clock = WallClock()
+        self._node = Node(self.bus.session, "lab", "", 0, self.clock)
+        self._said = [
+            self._node.publisher(name, topic.type)
+            for topic, name in recorded_topics(SITE, "panther1", RECORDS)
+            if topic in (topics.ODOM, topics.JOINT_STATES)
+        ]
+        self._types = [topics.ODOM.type, topics.JOINT_STATES.type]
+        self.mocap, self.itrash = (
+            WitnessChain(name, key, SCOPE, "sensor", Journal(folder / f"{name}.jsonl"), HeadBook())
+            for name, key in (("mocap", MOCAP), ("itrash", BIN_KEY))
+        )
+        self.heads: list[Head] = []
+        self.bus.serve(topics.STATE.name(org=SITE.org, what="devices"), self._devices)
+        for chain in (self.mocap, self.itrash):
+            key = topics.WITNESS_STATEMENTS.name(org=SITE.org, device=chain.device)
+            self.bus.serve(key, lambda request, chain=chain: self._journal(request, chain))
+        self.bus.subscribe_bytes(topics.SEAL.name(org=SITE.org, device="*"), self._on_seal)
+        self.start_us = round(self.clock.now_s() * 1e6)
+
+    @staticmethod
+    def _devices(_request: Any) -> dict[str, Any]:
+        return {"devices": [device.model_dump() for device in devices()]}
+
+    @staticmethod
+    def _journal(request: Any, chain: WitnessChain) -> dict[str, Any]:
+        after = int(request.parameters["after"])
+        return {"statements": [one.model_dump() for one in chain.after(after, 200)]}
+
+    def _on_seal(self, _key: str, data: bytes) -> None:
+        self.heads.append(unverified_seal(data).head)
+
+    def move(self) -> None:
+        """One message on each topic of the body."""
+        sec, nanosec = divmod(self.clock.now_ns(), 10**9)
+        for publisher, type_ in zip(self._said, self._types, strict=True):
+            message = types.new(type_)
+            message.header.stamp.sec, message.header.stamp.nanosec = sec, nanosec
+            publisher.publish(message)
+
+    def watch(self, *bodies: str, tell: bool = True) -> Attestation:
+        """The next statement of motion capture, up to now, with all heads that were heard."""
+        for head in self.heads:
+            self.mocap.heads.hear(head)
+        end_us = round(self.clock.now_s() * 1e6)
+        statement = self.mocap.sign(
+            Motion,
+            end_us * 1e-6,
+            start_us=self.start_us,
+            end_us=end_us,
+            tracks=dict.fromkeys(bodies, "AAAA"),
+            resting={},
+        )
+        self.start_us = end_us
+        if tell:
+            self.tell(statement, "mocap")
+        return statement
+
+    def tell(self, statement: Attestation, device: str) -> None:
+        self.bus.put_json(topics.WITNESS_STATEMENT.name(org=SITE.org, device=device), statement)
+
+    def close(self) -> None:
+        self.bus.close()
+        self._router.close()
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> Iterator[Lab]:
+    lab = Lab(tmp_path / "lab")
+    yield lab
+    lab.close()
+
+
+class Session:
+    """A recording in progress, made in a thread because it waits for the lab."""
+
+    def __init__(self, lab: Lab, path: Path) -> None:
+        self.lab, self.path = lab, path
+        self.bus = Bus.open(lab.endpoint, timeout_s=WAIT_S)
+        self._made: list[Recording] = []
+        self._thread = threading.Thread(target=self._make)
+        self._thread.start()
+
+    def _make(self) -> None:
+        node = Node(self.bus.session, "recorder", "", 0, self.lab.clock)
+        self._made.append(
+            Recording(self.path, BINDING, ROBOT, self.lab.clock, node, SITE, "panther1", self.bus, RECORDS)
+        )
+
+    @property
+    def begun(self) -> bool:
+        return bool(self._made)
+
+    @property
+    def recording(self) -> Recording:
+        return self._made[0]
+
+    def begin(self) -> Session:
+        assert until(lambda: self.begun, self.lab.move, self.lab.watch)
+        return self
+
+    def end(self) -> list[Attestation]:
+        """The statements in the file."""
+        catching_up = threading.Thread(target=self.recording.catch_up)
+        catching_up.start()
+        assert until(lambda: not catching_up.is_alive(), self.lab.move, self.lab.watch)
+        self.recording.suspend()
+        self.bus.close()
+        Recorder.finish(self.path, BINDING, ROBOT, self.lab.clock)
+        self.proof = open_proof(self.path)
+        return self.proof.attestations()
+
+
+def until(true: Callable[[], bool], *meanwhile: Callable[[], Any]) -> bool:
+    """Whether it becomes true, while something else goes on."""
+    deadline_s = time.monotonic() + WAIT_S
+    while not true() and time.monotonic() < deadline_s:
+        for go_on in meanwhile:
+            go_on()
+        threading.Event().wait(0.02)
+    return true()
+
+
+def seqs(statements: list[Attestation], device: str) -> list[int]:
+    return [one.payload["seq"] for one in statements if one.payload["device"] == device]
+
+
+@pytest.fixture
+def session(lab: Lab, tmp_path: Path) -> Session:
+    return Session(lab, tmp_path / "recording.mcap")
+
+
+def test_a_recording_begins_when_body_and_motion_capture_are_heard(lab: Lab, session: Session) -> None:
+    for _ in range(20):
+        lab.move()
+        threading.Event().wait(0.02)
+    assert not session.path.exists()
+    session.begin()
+    assert session.path.exists()
+    session.end()
+
+
+def test_each_seal_is_told_and_names_the_recording(lab: Lab, session: Session) -> None:
+    session.begin()
+    session.recording.note({"event": "something"})
+    assert until(lambda: len(lab.heads) >= 2, lab.move)
+    session.end()
+    opening = session.recording.claimant.recording
+    assert {head.chain for head in lab.heads} == {opening} == {session.proof.recording}
+    known = {
+        f"0x{digest}" if not digest.startswith("0x") else digest for digest in session.proof.seal_digests
+    }
+    assert {head.digest for head in lab.heads} <= known
+
+
+def test_a_statement_that_was_lost_is_asked_for_again(lab: Lab, session: Session) -> None:
+    session.begin()
+    first = lab.watch()
+    lost = [lab.watch(tell=False) for _ in range(3)]
+    last = lab.watch()
+    statements = session.end()
+    for one in (first, *lost, last):
+        assert one in statements
+    numbers = seqs(statements, "mocap")
+    assert sorted(numbers) == list(range(min(numbers), max(numbers) + 1))
+
+
+def test_what_was_stated_last_is_asked_for_before_the_recording_ends(lab: Lab, session: Session) -> None:
+    session.begin()
+    lab.watch()
+    shown = removal(lab, tell=True)
+    assert until(lambda: "itrash" in written(session), lab.move)
+    fallen = removal(lab, tell=False)
+    statements = session.end()
+    assert shown in statements and fallen in statements
+
+
+def test_what_was_stated_while_nothing_was_recorded_is_in_the_recording_that_goes_on(
+    lab: Lab, session: Session
+) -> None:
+    session.begin()
+    lab.watch()
+    removal(lab, tell=True)
+    assert until(lambda: "itrash" in written(session), lab.move)
+    session.recording.suspend()
+    session.bus.close()
+    missed = [lab.watch(tell=False), removal(lab, tell=False)]
+    statements = Session(lab, session.path).begin().end()
+    assert [one for one in missed if one not in statements] == []
+    numbers = seqs(statements, "mocap")
+    assert sorted(numbers) == list(range(min(numbers), max(numbers) + 1))
+
+
+def removal(lab: Lab, tell: bool) -> Attestation:
+    now_s = lab.clock.now_s()
+    said = lab.itrash.sign(
+        Removal, now_s, compartment="blue", weight_n=0.1, after_s=now_s - 1, settled_s=now_s
+    )
+    if tell:
+        lab.tell(said, "itrash")
+    return said
+
+
+def written(session: Session) -> set[str]:
+    return {name for _address, name, _through in session.recording._listener._door.known()}
+
+
+def test_the_item_may_be_moved_once_motion_capture_lists_the_recording_and_shows_it(
+    lab: Lab, session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session.begin()
+    monkeypatch.setattr(recording_module, "_WITNESS_WALL_S", 0.3)
+    assert until(lambda: bool(lab.heads), lab.move)
+    heads, lab.heads = lab.heads, []
+    lab.watch("item1")
+    with pytest.raises(NoAnswer) as caught:
+        session.recording.await_witness("item1", lambda: None)
+    assert not caught.value.details["listed"]
+    lab.heads = heads
+    lab.watch()
+    monkeypatch.setattr(recording_module, "_WITNESS_WALL_S", WAIT_S)
+    session.recording.await_witness("item1", lambda: None)
+    monkeypatch.setattr(recording_module, "_WITNESS_WALL_S", 0.3)
+    with pytest.raises(NoAnswer):
+        session.recording.await_witness("item2", lambda: None)
+    session.end()
+
+
+def test_nonsense_is_left_out_and_told_of_at_the_end(lab: Lab, session: Session) -> None:
+    session.begin()
+    nonsense = lab.watch(tell=False).model_copy(update={"signature": "0x" + "11" * 65})
+    for _ in range(5):
+        lab.tell(nonsense, "mocap")
+        lab.bus.put_json(topics.WITNESS_STATEMENT.name(org=SITE.org, device="mocap"), {"payload": 7})
+    honest = lab.watch()
+    assert honest in session.end()
+    event = next(event for event in session.proof.events() if event.get("event") == "left_out")
+    assert event["counts"]["statement:bad_signature"] == 5
+    assert event["counts"]["statement:malformed"] == 5
+    assert nonsense not in session.proof.attestations()
+
+
+def test_the_picture_that_the_bin_classified_is_in_the_recording(lab: Lab, session: Session) -> None:
+    picture = b"\xff\xd8 what the camera encoded"
+    name = "0x" + sha256(picture).hexdigest()
+    key = topics.BIN_PICTURE.name(org=SITE.org, bin="itrash")
+    wrong = base64.b64encode(b"another picture").decode()
+    answers = [
+        {"data_base64": wrong},
+        {"data_base64": "?"},
+        {"data_base64": base64.b64encode(picture).decode()},
+    ]
+
+    def give(request: Any) -> dict[str, Any]:
+        assert request.parameters["sha256"] == name
+        return answers.pop(0) if len(answers) > 1 else answers[0]
+
+    lab.bus.serve(key, give)
+    session.begin()
+    claimant = session.recording.claimant
+    more = {"image_sha256": name, "claimants": [claimant.model_dump()], "shown_s": lab.clock.now_s()}
+    fields = payload_of(Classification, 1, BIN, **more)
+    own = {key: fields[key] for key in fields if key not in Header.model_fields and key != "type"}
+    lab.tell(lab.itrash.sign(Classification, lab.clock.now_s(), **own), "itrash")
+    assert until(lambda: len(answers) == 1, lab.move)
+    session.end()
+    (message,) = session.proof.topics["/" + topics.BIN_IMAGE.name(bin="itrash")].data
+    assert types.deserialize(message, topics.BIN_IMAGE.type).data.tobytes() == picture

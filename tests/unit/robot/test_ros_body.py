@@ -1,0 +1,295 @@
+"""Motions over the real wire format end, fail, stop and start again as the agent expects."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+
+from rodeo.bus import zenoh_config
+from rodeo.clock import WallClock
+from rodeo.config import Site
+from rodeo.lab.config import Pose2
+from rodeo.robot.arm import READY_RAD, Trajectory
+from rodeo.robot.errors import MotionFailed, Stopped
+from rodeo.robot.ros_body import RosBody
+from rodeo.ros2 import ActionServer, Node, ServerGoal, types
+from tests.support.site import LAB, WAIT_S, free_port
+
+NAVIGATE = "nav2_msgs/action/NavigateToPose"
+FOLLOW = "control_msgs/action/FollowJointTrajectory"
+GRIPPER = "control_msgs/action/GripperCommand"
+GOAL = Pose2(x_m=1.0, y_m=2.0, yaw_rad=1.5)
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    router = zenoh.open(zenoh_config("router", listen=[endpoint]))
+    yield endpoint
+    router.close()
+
+
+@pytest.fixture
+def make_node(endpoint: str) -> Iterator[Callable[[str], Node]]:
+    nodes: list[Node] = []
+
+    def make(name: str) -> Node:
+        session = zenoh.open(zenoh_config("client", connect=[endpoint]))
+        nodes.append(Node(session, name, "panther1", 0, WallClock()))
+        return nodes[-1]
+
+    yield make
+    for node in nodes:
+        node.session.close()
+
+
+@pytest.fixture
+def body(make_node: Callable[[str], Node]) -> RosBody:
+    site = Site.load(LAB)
+    return RosBody(make_node("agent"), site, site.robots[0], WallClock())
+
+
+def go_on() -> None:
+    pass
+
+
+def succeed(goal: ServerGoal) -> None:
+    goal.succeed(types.new(f"{NAVIGATE}_Result"))
+
+
+def test_a_drive_goes_to_the_pose_that_was_asked_for(make_node: Any, body: RosBody) -> None:
+    got: list[Any] = []
+
+    def drive(goal: ServerGoal) -> None:
+        got.append(goal.request.pose)
+        succeed(goal)
+
+    ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, drive)
+    body.navigate(GOAL, go_on)
+    (pose,) = got
+    assert (pose.header.frame_id, pose.pose.position.x, pose.pose.position.y) == ("map", 1.0, 2.0)
+    assert 2 * np.arctan2(pose.pose.orientation.z, pose.pose.orientation.w) == pytest.approx(1.5)
+
+
+def test_what_the_body_said_when_it_gave_up_is_kept(make_node: Any, body: RosBody) -> None:
+    ActionServer(
+        make_node("sim"),
+        "panther1/navigate_to_pose",
+        NAVIGATE,
+        lambda goal: goal.abort(types.new(f"{NAVIGATE}_Result", error_code=208)),
+    )
+    with pytest.raises(MotionFailed) as caught:
+        body.navigate(GOAL, go_on)
+    assert caught.value.details["result"] == {"error_code": 208}
+
+
+def test_a_body_that_comes_late_is_waited_for(make_node: Any, body: RosBody) -> None:
+    done = threading.Event()
+    thread = threading.Thread(target=lambda: (body.navigate(GOAL, go_on), done.set()), daemon=True)
+    thread.start()
+    ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, succeed)
+    assert done.wait(WAIT_S)
+
+
+def test_a_motion_lost_with_its_body_is_started_again_on_the_next(make_node: Any, body: RosBody) -> None:
+    started = threading.Event()
+    first = make_node("first")
+
+    def hang(goal: ServerGoal) -> None:
+        started.set()
+        goal.cancel_requested.wait(WAIT_S)
+
+    ActionServer(first, "panther1/navigate_to_pose", NAVIGATE, hang)
+    done = threading.Event()
+    thread = threading.Thread(target=lambda: (body.navigate(GOAL, go_on), done.set()), daemon=True)
+    thread.start()
+    assert started.wait(WAIT_S)
+    first.session.close()  # as when the simulator is killed
+    ActionServer(make_node("second"), "panther1/navigate_to_pose", NAVIGATE, succeed)
+    assert done.wait(WAIT_S)
+
+
+def test_the_body_is_told_to_stop_when_the_agent_has_to(make_node: Any, body: RosBody) -> None:
+    started, told = threading.Event(), threading.Event()
+
+    def until_told(goal: ServerGoal) -> None:
+        started.set()
+        if goal.cancel_requested.wait(WAIT_S):
+            told.set()
+        goal.canceled(types.new(f"{NAVIGATE}_Result"))
+
+    def stop_once_started() -> None:
+        if started.is_set():
+            raise Stopped("the process is asked to end")
+
+    ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, until_told)
+    with pytest.raises(Stopped):
+        body.navigate(GOAL, stop_once_started)
+    assert told.wait(WAIT_S)
+
+
+def test_what_was_said_before_a_motion_ended_does_not_tell_where_the_body_is_after_it(
+    make_node: Any, body: RosBody
+) -> None:
+    sim = make_node("sim")
+    ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed)
+    publisher = sim.publisher("mocap/panther1/pose", "geometry_msgs/msg/PoseStamped")
+    poses = {x_m: types.new("geometry_msgs/msg/PoseStamped") for x_m in (1.0, 2.0)}
+    for x_m, pose in poses.items():
+        pose.pose.position.x, pose.pose.orientation.w = x_m, 1.0
+
+    def heard_while_saying(x_m: float) -> float:
+        heard: list[Pose2] = []
+        listening = threading.Thread(target=lambda: heard.append(body.base_pose(go_on)))
+        listening.start()
+        while listening.is_alive():
+            publisher.publish(poses[x_m])
+            listening.join(0.02)
+        return heard[0].x_m
+
+    assert heard_while_saying(1.0) == 1.0
+    body.navigate(GOAL, go_on)
+    assert heard_while_saying(2.0) == 2.0
+
+
+def test_the_arm_is_planned_from_where_it_is(make_node: Any, body: RosBody) -> None:
+    got: list[Any] = []
+
+    def follow(goal: ServerGoal) -> None:
+        got.append(goal.request.trajectory)
+        goal.succeed(types.new(f"{FOLLOW}_Result"))
+
+    sim = make_node("sim")
+    ActionServer(sim, "panther1/arm_controller/follow_joint_trajectory", FOLLOW, follow)
+    publisher = sim.publisher("panther1/joint_states", "sensor_msgs/msg/JointState")
+    names = ["waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate"]
+    state = types.new(
+        "sensor_msgs/msg/JointState",
+        name=[*names, "left_finger", "right_finger"],
+        position=np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.03, -0.05]),
+    )
+    silent = threading.Event()
+
+    def talk() -> None:
+        while not silent.wait(0.02):
+            publisher.publish(state)
+
+    thread = threading.Thread(target=talk)
+    thread.start()
+    try:
+        assert body.joints(go_on).gripper_m == pytest.approx(0.04)
+        body.follow(
+            lambda now: Trajectory(np.array([0.0, 1.5]), np.array([now, READY_RAD]), np.zeros((2, 6))), go_on
+        )
+    finally:
+        silent.set()
+        thread.join()
+    (trajectory,) = got
+    assert trajectory.joint_names == names
+    assert trajectory.points[0].positions.tolist() == [0.1, 0.2, 0.3, 0.4, 0.5, 0.6]
+    assert (trajectory.points[1].time_from_start.sec, trajectory.points[1].time_from_start.nanosec) == (
+        1,
+        500_000_000,
+    )
+
+
+def test_the_gripper_says_how_it_ended(make_node: Any, body: RosBody) -> None:
+    ActionServer(
+        make_node("sim"),
+        "panther1/gripper_controller/gripper_cmd",
+        GRIPPER,
+        lambda goal: goal.succeed(
+            types.new(
+                f"{GRIPPER}_Result", position=0.0345, effort=goal.request.command.max_effort, stalled=True
+            )
+        ),
+    )
+    grip = body.grip(0.0, 5.0, go_on)
+    assert (grip.position_m, grip.stalled) == (0.0345, True)
+
+
+POWER = "std_srvs/srv/SetBool"
+
+
+def power_service(node: Node, asked: list[bool], success: bool = True) -> None:
+    def switch(request: Any) -> Any:
+        asked.append(request.data)
+        return types.new(f"{POWER}_Response", success=success, message="" if success else "no relay")
+
+    node.service("panther1/motor_power", POWER, switch)
+
+
+def eventually(holds: Callable[[], bool]) -> None:
+    deadline_s = time.monotonic() + WAIT_S
+    while not holds():
+        assert time.monotonic() < deadline_s
+        time.sleep(0.02)
+
+
+def test_a_body_that_is_off_is_switched_on_before_it_moves_and_only_then(
+    make_node: Any, body: RosBody
+) -> None:
+    asked: list[bool] = []
+    sim = make_node("sim")
+    power_service(sim, asked)
+    ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed, lambda _goal: bool(asked) and asked[-1])
+    body.navigate(GOAL, go_on)
+    assert asked == [True]
+    body.navigate(GOAL, go_on)
+    assert asked == [True]
+    body.switch_off()
+    assert asked == [True, False]
+    body.navigate(GOAL, go_on)
+    assert asked == [True, False, True]
+
+
+def test_a_body_that_somebody_else_switched_off_is_switched_on_again(make_node: Any, body: RosBody) -> None:
+    asked: list[bool] = []
+    sim = make_node("sim")
+    power_service(sim, asked)
+    ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed, lambda _goal: bool(asked) and asked[-1])
+    eventually(body.switch_on)
+    asked.append(False)
+    body.navigate(GOAL, go_on)
+    assert asked == [True, False, True]
+
+
+def test_a_goal_that_is_refused_for_another_reason_fails(make_node: Any, body: RosBody) -> None:
+    asked: list[bool] = []
+    sim = make_node("sim")
+    power_service(sim, asked)
+    ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed, lambda _goal: False)
+    eventually(body.switch_on)
+    with pytest.raises(MotionFailed):
+        body.navigate(GOAL, go_on)
+    assert len(asked) == 2
+
+
+def test_a_body_without_motor_power_works_on_and_that_is_said_once(
+    make_node: Any, body: RosBody, caplog: pytest.LogCaptureFixture
+) -> None:
+    ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, succeed)
+    with caplog.at_level("INFO"):
+        body.switch_off()
+        body.switch_off()
+        body.navigate(GOAL, go_on)
+    assert sum("motors stay on" in record.message for record in caplog.records) == 1
+
+
+def test_a_body_that_cannot_switch_is_asked_again_and_works_on(
+    make_node: Any, body: RosBody, caplog: pytest.LogCaptureFixture
+) -> None:
+    asked: list[bool] = []
+    sim = make_node("sim")
+    power_service(sim, asked, success=False)
+    ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed)
+    eventually(lambda: not body.switch_on() and bool(asked))
+    body.navigate(GOAL, go_on)
+    assert len(asked) >= 2 and all(asked)
+    assert "no relay" in caplog.text

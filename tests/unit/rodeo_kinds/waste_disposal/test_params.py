@@ -1,0 +1,39 @@
+"""Who posts a task for an item that lies in the bin by now is told so."""
+
+from typing import Any
+
+import pytest
+
+from rodeo.messages import Task
+from rodeo_kinds.waste_disposal.params import doubt
+
+
+def task(number: int, state: str, verdict: str | None = None, item_id: Any = "item1") -> Task:
+    # Only what tells of the item; a Task has thirty fields more.
+    return Task.model_construct(id=number, state=state, verdict=verdict, params={"item_id": item_id})  # type: ignore[arg-type]
+
+
+PAID = task(3, "settled", "accepted")
+
+
+@pytest.mark.parametrize(
+    ("tasks", "says"),
+    [
+        ([], ""),
+        ([PAID], "item1 should lie in the bin: task 3 was paid for"),
+        (
+            [task(4, "assigned"), task(3, "settled", "accepted")],
+            "task 4 is about item1 already, and is assigned",
+        ),
+        (
+            [task(4, "failed", "rejected"), task(3, "settled", "accepted")],
+            "item1 should lie in the bin: task 3",
+        ),
+        ([task(4, "cancelled")], ""),
+        ([task(3, "settled", "accepted", item_id="item10")], ""),
+        ([task(3, "settled", "accepted", item_id=["item1"])], ""),
+    ],
+)
+def test_the_newest_task_about_the_item_that_says_anything_decides(tasks: list[Task], says: str) -> None:
+    found = doubt({"item_id": "item1"}, tasks)
+    assert found.startswith(says) if says else found == ""

@@ -1,0 +1,121 @@
+"""The bin's picture in the proof: there or refused; what the network says of it is only shown."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rodeo import topics
+from rodeo.checks.case import CaseError
+from rodeo.evidence import Proof, Recorder, open_proof
+from rodeo.ros2 import types
+from rodeo.vision.classification import model_sha256, thresholds_sha256
+from rodeo.witness.statement import Classification
+from rodeo_kinds.waste_disposal.checks.picture import MAX_PICTURES, shown
+from rodeo_testing.recordings import RENDERINGS
+from tests.unit.person.test_statement import ALICE, BINDING, NOW_NS, Clock
+
+CAN, PAPER = ((RENDERINGS / name).read_bytes() for name in ("metal_1.jpg", "paper_1.jpg"))
+TOPIC = "/" + topics.BIN_IMAGE.name(bin="itrash")
+
+
+def digest(picture: bytes) -> str:
+    return "0x" + sha256(picture).hexdigest()
+
+
+def said(image_sha256: str, label: str = "metal", **changed: str) -> Classification:
+    address = "0x" + "11" * 20
+    fields = {
+        "chain_id": 1, "task_manager": address, "organization": address, "device": "itrash", "seq": 1,
+        "previous": None, "time_s": 1.0, "inputs": "sensor", "number": 1, "class": label,
+        "probabilities": {label: 0.9}, "compartment": "yellow", "full": False, "image_sha256": image_sha256,
+        "model_sha256": model_sha256(), "thresholds_sha256": thresholds_sha256(), "claimants": (),
+        "shown_s": 1.0,
+    }  # fmt: skip
+    known = {name: value for name, value in fields.items() if name in _names()}
+    return Classification.model_validate(known | changed)
+
+
+def _names() -> set[str]:
+    return {field.alias or name for name, field in Classification.model_fields.items()}
+
+
+def proof(folder: Path, *pictures: bytes) -> Proof:
+    recorder = Recorder(folder / "proof.mcap", BINDING, ALICE, Clock())  # type: ignore[arg-type]
+    stamp = types.new("builtin_interfaces/msg/Time", sec=1, nanosec=0)
+    header = types.new("std_msgs/msg/Header", stamp=stamp, frame_id="camera")
+    for picture in pictures:
+        data = np.frombuffer(picture, np.uint8)
+        message = types.new(topics.BIN_IMAGE.type, header=header, format="jpeg", data=data)
+        recorder.write_ros(TOPIC, topics.BIN_IMAGE.type, types.serialize(message), NOW_NS, NOW_NS)
+    return open_proof(recorder.close().path)
+
+
+def test_the_picture_is_found_by_its_hash_and_the_network_heard_beside_the_bin(tmp_path: Path) -> None:
+    found = shown(proof(tmp_path, PAPER, CAN), "itrash", said(digest(CAN)))
+    assert (found.passed, found.measured) == (True, "metal")
+    assert "the bin said metal (0.90); the same network says metal" in found.detail
+
+
+def test_another_answer_than_the_bins_is_shown_and_refuses_nothing(tmp_path: Path) -> None:
+    found = shown(proof(tmp_path, PAPER), "itrash", said(digest(PAPER), "glass"))
+    assert (found.passed, found.measured) == (True, "paper")
+    assert "the bin said glass" in found.detail
+
+
+@pytest.mark.parametrize("changed", ["model_sha256", "thresholds_sha256"])
+def test_another_model_or_other_thresholds_are_named_and_refuse_nothing(tmp_path: Path, changed: str) -> None:
+    found = shown(proof(tmp_path, CAN), "itrash", said(digest(CAN), **{changed: "0x" + "33" * 32}))
+    assert found.passed
+    assert {"model_sha256": "another model", "thresholds_sha256": "other thresholds"}[changed] in found.detail
+
+
+def test_a_proof_without_pictures_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CaseError, match="not in the recording"):
+        shown(proof(tmp_path), "itrash", said(digest(CAN)))
+
+
+def test_a_picture_of_another_hash_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CaseError) as refused:
+        shown(proof(tmp_path, PAPER), "itrash", said(digest(CAN)))
+    assert refused.value.details["pictures"] == 1
+
+
+def test_the_picture_of_another_bin_is_not_this_ones(tmp_path: Path) -> None:
+    with pytest.raises(CaseError):
+        shown(proof(tmp_path, CAN), "elsewhere", said(digest(CAN)))
+
+
+@pytest.mark.parametrize("picture", [b"", b"\xff\xd8\xff\xe0 no picture"], ids=["empty", "no picture"])
+def test_the_hash_of_nothing_is_refused_although_nothing_is_there(tmp_path: Path, picture: bytes) -> None:
+    found = shown(proof(tmp_path, picture), "itrash", said(digest(picture)))
+    assert found.passed is False
+    assert "no picture" in found.detail
+
+
+def test_a_hash_of_zeros_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CaseError):
+        shown(proof(tmp_path, CAN, b""), "itrash", said("0x" + "00" * 32))
+
+
+def test_more_pictures_than_a_bin_takes_are_refused_before_they_are_read(tmp_path: Path) -> None:
+    found = shown(proof(tmp_path, *[b"x"] * (MAX_PICTURES + 1)), "itrash", said(digest(CAN)))
+    assert (found.passed, found.limit) == (False, MAX_PICTURES)
+
+
+def test_the_checks_start_without_opencv() -> None:
+    program = "import sys, rodeo_kinds.waste_disposal.checks.picture; print('cv2' in sys.modules)"
+    answer = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert answer.stdout.strip() == "False"
+
+
+def test_a_malformed_message_on_the_pictures_topic_is_a_finding(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "proof.mcap", BINDING, ALICE, Clock())  # type: ignore[arg-type]
+    recorder.write_ros(TOPIC, topics.BIN_IMAGE.type, b"\0\1\0\0", NOW_NS, NOW_NS)
+    with pytest.raises(CaseError):
+        shown(open_proof(recorder.close().path), "itrash", said(digest(CAN)))

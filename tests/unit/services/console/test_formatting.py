@@ -1,0 +1,28 @@
+"""Words: how amounts read."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+
+import pytest
+
+from services.console.formatting import exact, iec
+
+
+@pytest.mark.parametrize(
+    ("amount", "read"),
+    [
+        (None, "–"),
+        (Decimal("1234.50"), "1,234.5 IEC"),
+        (Decimal(0), "0 IEC"),
+        (Decimal("7.128"), "7.13 IEC"),
+        (Decimal("0.001"), "0.001 IEC"),
+        (Decimal("-0.000000000000000001"), "-0.000000000000000001 IEC"),
+    ],
+)
+def test_an_amount_is_rounded_but_never_to_nothing(amount: Decimal | None, read: str) -> None:
+    assert iec(amount) == read
+
+
+def test_what_somebody_agrees_to_has_every_digit() -> None:
+    assert exact(Decimal("1234.567800000000000001")) == "1,234.567800000000000001 IEC"

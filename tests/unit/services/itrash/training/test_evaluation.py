@@ -1,0 +1,111 @@
+"""The benchmark's sets: corruptions, grouping by object, pictures of nothing; and figures made of them."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from rodeo_testing.recordings import RENDERINGS
+from services.itrash.training import metrics, scenery
+from services.itrash.training.augment import augment, item_mask
+from services.itrash.training.card import calibration_picture, confusion_picture, describe
+from services.itrash.training.corruptions import CORRUPTIONS, SEVERITIES
+from services.itrash.training.dataset import CLASSES, Sample
+from services.itrash.training.evaluation import grouped_accuracy, nothing_samples
+from services.itrash.training.metrics import Outputs
+
+PICTURE = cv2.imread(str(RENDERINGS / "metal_1.jpg"))
+
+
+def item_on_a_board() -> np.ndarray:
+    picture = np.full((160, 120, 3), 210, np.uint8)
+    cv2.rectangle(picture, (35, 40), (85, 120), (40, 90, 160), -1)
+    return picture
+
+
+def noise(seed: int) -> np.ndarray:
+    small = np.random.default_rng(seed).integers(0, 256, (12, 9, 3)).astype(np.uint8)
+    return cv2.resize(small, (90, 120), interpolation=cv2.INTER_CUBIC)
+
+
+def outputs(*predicted_and_true: tuple[int, int]) -> Outputs:
+    logits = np.full((len(predicted_and_true), len(CLASSES) + 1), -5.0)
+    for row, (predicted, _) in enumerate(predicted_and_true):
+        logits[row, predicted] = 5.0
+    return Outputs(logits, np.array([true for _, true in predicted_and_true]))
+
+
+@pytest.mark.parametrize("name", CORRUPTIONS)
+def test_a_corruption_keeps_the_shape_repeats_itself_and_grows_with_severity(name: str) -> None:
+    picture = item_on_a_board()
+    spoilt = {s: CORRUPTIONS[name](picture, s, np.random.default_rng(4)) for s in SEVERITIES}
+    again = CORRUPTIONS[name](picture, 5, np.random.default_rng(4))
+    assert all(one.shape == picture.shape and one.dtype == np.uint8 for one in spoilt.values())
+    assert np.array_equal(spoilt[5], again)
+    lost = {s: float(np.abs(one.astype(float) - picture).mean()) for s, one in spoilt.items()}
+    assert lost[5] > lost[1] > 0
+
+
+def test_the_item_is_found_on_a_plain_board_and_nothing_on_an_empty_one() -> None:
+    mask = item_mask(item_on_a_board())
+    assert mask is not None
+    assert mask[80, 60] > 0.9
+    assert mask[10, 10] < 0.1
+    assert item_mask(np.full((160, 120, 3), 210, np.uint8)) is None
+
+
+def test_random_views_have_the_asked_size_and_are_the_same_for_the_same_seed() -> None:
+    views = [augment(PICTURE, 96, np.random.default_rng(seed)) for seed in range(40)]
+    assert {view.shape for view in views} == {(96, 96, 3)}
+    assert np.array_equal(views[7], augment(PICTURE, 96, np.random.default_rng(7)))
+
+
+@pytest.mark.parametrize("texture", [*scenery.TEXTURES, *scenery.HELD_OUT_TEXTURES, scenery.hand])
+def test_drawn_scenery_is_a_picture(texture: scenery.Texture) -> None:
+    picture = texture(64, np.random.default_rng(1))
+    assert (picture.shape, picture.dtype) == ((64, 64, 3), np.uint8)
+
+
+def test_pictures_of_nothing_are_the_same_for_the_same_seed() -> None:
+    first, second = (nothing_samples(3, 6, []) for _ in range(2))
+    assert [sample.label for sample in first] == [None] * 6
+    assert all(np.array_equal(a.image_bgr, b.image_bgr) for a, b in zip(first, second, strict=True))
+
+
+def test_near_duplicates_of_what_was_learnt_do_not_count_and_an_object_counts_once() -> None:
+    learnt, twice, once = noise(1), noise(2), noise(3)
+    photos = [
+        Sample(learnt[::-1], CLASSES[0]),  # learnt, upside down
+        Sample(twice, CLASSES[0]),
+        Sample(np.clip(twice.astype(int) + 10, 0, 255).astype(np.uint8), CLASSES[0]),
+        Sample(once, CLASSES[1]),
+    ]
+    said = outputs((0, 0), (0, 0), (1, 0), (1, 1))
+    accuracy, objects = grouped_accuracy(said, photos, [Sample(learnt, CLASSES[0])])
+    assert objects == 2
+    assert accuracy == pytest.approx((0.5 + 1.0) / 2)
+
+
+def test_a_mistake_within_a_compartment_costs_no_compartment() -> None:
+    said = outputs((CLASSES.index("paper"), CLASSES.index("cardboard")), (2, 2))
+    assert said.accuracy() == 0.5
+    assert said.compartment_accuracy() == 1.0
+
+
+def test_calibration_error_is_the_gap_between_confidence_and_accuracy() -> None:
+    probabilities = np.tile([0.8, 0.2, 0, 0, 0, 0], (10, 1))
+    assert metrics.expected_calibration_error(probabilities, np.array([0] * 8 + [1] * 2)) == pytest.approx(
+        0.0
+    )
+    assert metrics.expected_calibration_error(probabilities, np.zeros(10, int)) == pytest.approx(0.2)
+
+
+def test_the_card_shows_pictures_and_words() -> None:
+    said = outputs((0, 0), (1, 0), (3, 3))
+    assert metrics.confusion(said)[0].tolist() == [1, 1, 0, 0, 0, 0]
+    assert confusion_picture(metrics.confusion(said)).std() > 0
+    curve = metrics.calibration_curve(said.probabilities(1.0), said.truth)
+    assert sum(one.count for one in curve) == 3
+    assert calibration_picture(curve).std() > 0
+    assert describe(np.zeros((64, 64, 3), np.uint8)).startswith("dark, colourless, smooth")

@@ -1,0 +1,70 @@
+"""The network that is trained and the file that is run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the train extra: pip install -e '.[train]'")
+
+from services.itrash.training.network import Network, export  # noqa: E402
+
+SIDE_PX = 64
+
+
+@pytest.fixture
+def network() -> Network:
+    torch.manual_seed(0)
+    return Network(outputs=7, drop_connect=0.1).eval()
+
+
+def test_the_exported_file_answers_as_the_network_does(network: Network, tmp_path: Path) -> None:
+    picture = np.random.default_rng(0).uniform(-1, 1, (1, 3, SIDE_PX, SIDE_PX)).astype(np.float32)
+    export(network, tmp_path / "network.onnx", SIDE_PX)
+    exported = cv2.dnn.readNetFromONNX(str(tmp_path / "network.onnx"))
+    exported.setInput(picture)
+    with torch.inference_mode():
+        expected = network(torch.from_numpy(picture)).numpy()
+    np.testing.assert_allclose(exported.forward(), expected, atol=0.01)  # weights are rounded to fp16
+
+
+def test_a_copy_looks_at_its_own_features(network: Network) -> None:
+    average = torch.optim.swa_utils.AveragedModel(network).module
+    picture = torch.rand(1, 3, SIDE_PX, SIDE_PX)
+    with torch.inference_mode():
+        expected = network(picture)
+        network(1 - picture)
+        torch.testing.assert_close(average(picture), expected)
+
+
+def test_moved_back_it_keeps_its_head_and_a_share_of_what_it_learnt(network: Network) -> None:
+    before = {name: value.clone() for name, value in network.body.state_dict().items()}
+    with torch.no_grad():
+        network.body._conv_head.weight += 1
+        network.body._bn1.running_var *= 2
+        network.body._fc.weight += 1
+    network.towards_pretrained(0.25)
+    after = network.body.state_dict()
+    torch.testing.assert_close(after["_conv_head.weight"], before["_conv_head.weight"] + 0.75)
+    torch.testing.assert_close(after["_bn1.running_var"], before["_bn1.running_var"] * 1.75)
+    torch.testing.assert_close(after["_fc.weight"], before["_fc.weight"] + 1)
+    torch.testing.assert_close(after["_blocks.20._bn2.weight"], before["_blocks.20._bn2.weight"])
+
+
+def test_a_pool_that_is_left_out_counts_as_its_mean(network: Network, tmp_path: Path) -> None:
+    pictures = torch.rand(3, 2, 3, SIDE_PX, SIDE_PX)
+    with torch.no_grad():
+        before = network(pictures.flatten(0, 1)).mean(0)
+        network.keep_pools((14, 20), pictures)
+        after = network(pictures.flatten(0, 1)).mean(0)
+    assert network.pooled_blocks == (14, 20)
+    torch.testing.assert_close(after, before)
+    export(network, tmp_path / "network.onnx", SIDE_PX)
+    exported = cv2.dnn.readNetFromONNX(str(tmp_path / "network.onnx"))
+    exported.setInput(pictures[0, :1].numpy())
+    with torch.inference_mode():
+        expected = network(pictures[0, :1]).numpy()
+    np.testing.assert_allclose(exported.forward(), expected, atol=0.01)

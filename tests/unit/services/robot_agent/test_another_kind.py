@@ -1,0 +1,251 @@
+"""A robot's mind does whatever kind of work has a behaviour: here one that nobody else knows."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from decimal import Decimal
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from pydantic import BaseModel
+
+from rodeo.config import Site
+from rodeo.dao import Assignment
+from rodeo.lab.config import Pose2
+from rodeo.messages import Task
+from rodeo.queries import Offer
+from rodeo.robot.behaviour import Behaviour, Estimate, Record, Report, Robot
+from rodeo.robot.body import Checkpoint
+from rodeo.robot.errors import Blocked, TaskFailed
+from rodeo.robot.memory import Memory
+from rodeo.robot.navigation import Floor, travel_cost_m
+from rodeo.robot.ros_body import Battery
+from services.robot_agent import agent as agent_module
+from services.robot_agent.agent import Agent
+from services.robot_agent.journal import Journal, Phase
+from services.robot_agent.orders import Standing
+from services.robot_agent.participant import RobotParticipant
+from tests.support.site import LAB
+from tests.support.tasks import task
+from tests.unit.robot.fakes import KinematicBody, ManualClock, Notes, RayCamera, manipulator
+
+SITE = Site.load(LAB)
+PLACE = {"x_m": 5.5, "y_m": 3.0, "stay_s": 30.0}
+
+
+# -- the kind ----------------------------------------------------------------------------------------------
+
+
+class Params(BaseModel):
+    x_m: float
+    y_m: float
+    stay_s: float = 10.0
+
+
+class StandGuard(Behaviour):
+    """Drives to a place and stays there for a while."""
+
+    def weigh(self, task: Task | None, here: Pose2) -> Estimate:
+        goal = here if task is None else self._goal(task)[0]
+        way_m = self.robot.floor.diagonal_m if task is None else travel_cost_m(here, goal)
+        return self.robot.estimate(way_m, goal)
+
+    def execute(self, task: Task, checkpoint: Checkpoint, report: Report, recording: Record) -> None:
+        goal, stay_s = self._goal(task)
+        report("driving to the place", 0.1)
+        self.robot.body.fold(checkpoint)
+        try:
+            self.robot.body.drive([goal], checkpoint)
+        except Blocked as error:
+            raise TaskFailed(f"the robot does not get there: {error.message}", cause=error.code) from error
+        recording.note({"event": "arrived"})
+        report("staying", 0.6)
+        self.robot.body.wait(stay_s, checkpoint)
+
+    def _goal(self, task: Task) -> tuple[Pose2, float]:
+        params = Params.model_validate(task.params)
+        return Pose2(x_m=params.x_m, y_m=params.y_m, yaw_rad=0.0), params.stay_s
+
+
+# -- its surroundings --------------------------------------------------------------------------------------
+
+
+class Dao(RobotParticipant):
+    """A chain with the robot's assignments, and its offers."""
+
+    def __init__(self, *assigned: Task) -> None:
+        self.name = "panther1"
+        self.assigned = list(assigned)
+        self.offers: dict[str, str] = {}
+        self.proofs: list[int] = []
+
+    def assignments(self, kind: str) -> list[Task]:
+        return [one for one in self.assigned if one.kind == kind and one.id not in self.proofs]
+
+    def own_live_task(self, kind: str) -> Task | None:
+        return None
+
+    def own_service(self, kind: str) -> Offer | None:
+        state: Any = SimpleNamespace(id=kind, state=self.offers[kind]) if kind in self.offers else None
+        return state
+
+    def offer_service(self, kind: str, price_iec: Decimal, description: str) -> Offer | None:
+        self.offers[kind] = "active"
+        return None
+
+    def set_service_state(self, service_id: Any, state: str) -> None:
+        self.offers[service_id] = state
+
+    def assignment(self, task: Task) -> Assignment:
+        where = {"genesis_hash": "0x", "chain_id": 1, "task_manager": "0x", "organization": "0x"}
+        return Assignment(**where, task_id=task.id, attempt=task.attempt, nonce="0x01")
+
+    def binding(self, task: Task, device: str) -> Any:
+        return None
+
+    def task(self, task_id: int) -> Task:
+        known = next(one for one in self.assigned if one.id == task_id)
+        return known.model_copy(update={"state": "submitted"}) if task_id in self.proofs else known
+
+    def submit_proof(self, task_id: int, *_: Any, **__: Any) -> None:
+        self.proofs.append(task_id)
+
+
+class Tape(Notes):
+    """A recording that is kept in memory."""
+
+    def __init__(self, path: Path, *_: Any, records: Any, holes_allowed: bool) -> None:
+        super().__init__()
+        path.write_text("")
+        self.records = records
+        tapes.append(self)
+
+    def done(self, *_: Any) -> None:
+        pass
+
+    event = check = catch_up = stop = seal = suspend = done
+
+
+tapes: list[Tape] = []
+
+
+class GuardedBody(KinematicBody):
+    def battery(self, _checkpoint: Checkpoint) -> Battery:
+        return Battery(0.9, False)
+
+    def switch_on(self) -> None:
+        pass
+
+
+class Fit:
+    """Keeps the robot fit; a battery that lasts for `enough_m`."""
+
+    def __init__(self, enough_m: float = 1000.0) -> None:
+        self.enough_m = enough_m
+        self.took: list[tuple[str, float | None]] = []
+
+    def battery_suffices(self, _soc: float, needs: Estimate) -> bool:
+        return needs.energy_wh <= self.enough_m
+
+    def task_begins(self) -> None:
+        pass
+
+    def task_ends(self, kind: str, duration_s: float | None) -> None:
+        self.took.append((kind, duration_s))
+
+
+def kind(name: str) -> Any:
+    return SimpleNamespace(name=name, title=name, price_iec=Decimal(5), records=(f"{name}'s topics",))
+
+
+@pytest.fixture
+def mind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+    tapes.clear()
+    monkeypatch.setattr(agent_module, "Recording", Tape)
+    clock = ManualClock()
+    body, memory = GuardedBody(SITE, clock), Memory(SITE, tmp_path / "memory.json")
+    hands = manipulator(SITE, body, RayCamera(body), memory)
+    agent: Any = Agent.__new__(Agent)
+    agent._stop, agent._wake, agent._clock = threading.Event(), threading.Event(), clock
+    agent._site, agent._robot, agent._schedule = SITE, SITE.robots[0], SITE.robots[0].schedule
+    agent._events, agent._events_lock, agent._recording = deque(), threading.Lock(), None
+    agent._off_since = agent._attempt = agent._device = None
+    agent._body, agent._memory, agent._manipulator, agent._floor = body, memory, hands, Floor(SITE)
+    agent._dao, agent._upkeep = Dao(), Fit()
+    agent._dao_events = SimpleNamespace(seq=0)
+    agent._make_node = lambda _name: None
+    agent._report = lambda *_: None
+    agent._rest = agent._explore = lambda _situation: None
+    agent._wait_for_news = lambda: None
+    agent._store = SimpleNamespace(put=lambda _path: "file:///proofs/0123.mcap")
+    agent._process = SimpleNamespace(
+        data_dir=tmp_path, disk_problem="", ready=lambda: None, look_at_disk=lambda: "", bus=None
+    )
+    agent._orders = SimpleNamespace(
+        standing=Standing(), working_on=lambda _nonce: None, cancelled=lambda _nonce: False
+    )
+    none: Any = None
+    robot = Robot(
+        "panther1", SITE, hands, Floor(SITE), memory, none, clock, none, lambda m, end: Estimate(m, m, end)
+    )
+    agent._energy = kind("tea")
+    agent._kinds = {name: kind(name) for name in ("guarding", "watching")}
+    agent._behaviours = {name: StandGuard(robot) for name in agent._kinds}
+    return agent
+
+
+def guarding(number: int, kind: str = "guarding", assigned: float = 1.0, **params: Any) -> Task:
+    known = {"id": number, "kind": kind, "assigned": assigned, "params": PLACE | params}
+    return task("assigned").model_copy(update={**known, "verdict_window_s": 48 * 3600})
+
+
+def test_a_robot_that_drives_to_a_place_and_stays_has_done_its_task(mind: Any, tmp_path: Path) -> None:
+    mind._dao.assigned = [guarding(7)]
+    begun_s = mind._clock.now_s()
+    mind._step()
+    assert mind._body.drives == [Pose2(x_m=5.5, y_m=3.0, yaw_rad=0.0)]
+    assert mind._clock.now_s() - begun_s >= PLACE["stay_s"]
+    assert [note["event"] for note in tapes[0].notes] == ["arrived", "execution_finished"]
+    assert tapes[0].records == ("guarding's topics",)
+    assert mind._dao.proofs == [7]
+    assert mind._upkeep.took[0][0] == "guarding"
+    journal = Journal.find(tmp_path / "tasks" / "7-1", mind._dao.assignment(guarding(7)))
+    assert journal is not None and (journal.phase, journal.failure) == (Phase.SUBMITTED, None)
+
+
+@pytest.mark.parametrize(("params", "blocked"), [({"x_m": "there"}, 0), ({}, 10**6)])
+def test_what_cannot_be_done_is_given_up_on_record_and_handed_in(
+    mind: Any, params: dict[str, Any], blocked: int
+) -> None:
+    mind._dao.assigned = [guarding(7, **params)]
+    mind._body.blocked = blocked
+    mind._step()
+    assert tapes[0].notes[-1]["event"] == "execution_failed"
+    assert mind._dao.proofs == [7] and mind._upkeep.took == [("guarding", None)]
+
+
+def test_tasks_of_all_its_kinds_are_worked_off_the_oldest_first(mind: Any) -> None:
+    mind._dao.assigned = [
+        guarding(8, assigned=20.0),
+        guarding(9, "watching", 10.0),
+        guarding(6, "baking", 1.0),
+    ]
+    for _ in range(3):
+        mind._step()
+    assert mind._dao.proofs == [9, 8]
+
+
+def test_it_offers_each_kind_of_which_it_can_do_any_task(mind: Any) -> None:
+    mind._step()
+    assert mind._dao.offers == {"guarding": "active", "watching": "active"}
+    mind._behaviours["watching"].weigh = lambda _task, here: Estimate(2000.0, 1.0, here)
+    mind._step()
+    assert mind._dao.offers == {"guarding": "active", "watching": "paused"}
+    mind._dao.assigned = [guarding(7, x_m=1e6)]  # too far for the battery
+    mind._upkeep.enough_m = 100.0
+    mind._buy_charge = lambda _situation: None
+    mind._step()
+    assert mind._dao.offers["guarding"] == "active", "what it was given is done first"

@@ -1,0 +1,76 @@
+"""A robot's own tasks count against its daily cap until they are refunded."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from typing import Any
+
+import pytest
+
+from rodeo.messages import Command, Mined, RegisterTask, Task
+from rodeo.robot.errors import CapReached
+from services.robot_agent.participant import RobotParticipant
+from tests.support.tasks import task
+
+NOW_S = 1_000_000.0
+CAP_IEC = Decimal(500)
+CHARGE = RegisterTask(kind="battery_charging", reward_iec=Decimal(200))
+
+
+class Bridge(RobotParticipant):
+    """The account of a robot whose own tasks are `posted`."""
+
+    def __init__(self, posted: list[Task]) -> None:
+        self.name = "panther1"
+        self.posted = posted
+        self.sent: list[Command] = []
+
+    def tasks(self, **filters: Any) -> list[Task]:
+        assert filters["creator"] == "panther1"
+        return self.posted
+
+    def command(self, name: str, request: Command) -> Mined:
+        self.sent.append(request)
+        return Mined(tx_hash="0x", block=1, task_id=7)
+
+
+def own(state: str, reward_iec: int, age_s: float, refunded_iec: int = 0) -> Task:
+    changes = {
+        "reward_iec": Decimal(reward_iec),
+        "refunded_iec": Decimal(refunded_iec),
+        "registered": NOW_S - age_s,
+        "creator_name": "panther1",
+    }
+    return task(state).model_copy(update=changes)
+
+
+def test_a_robot_buys_up_to_its_cap() -> None:
+    account = Bridge([own("settled", 300, age_s=3600)])
+    assert account.post(CHARGE, NOW_S, CAP_IEC) == 7
+
+
+def test_a_purchase_above_the_cap_is_refused_with_what_was_spent() -> None:
+    account = Bridge([own("settled", 200, age_s=7200), own("assigned", 200, age_s=3600)])
+    with pytest.raises(CapReached) as caught:
+        account.post(CHARGE, NOW_S, CAP_IEC)
+    assert caught.value.details == {"spent_iec": "400"}
+    assert account.sent == []
+
+
+@pytest.mark.parametrize(
+    "harmless",
+    [
+        own("failed", 400, 60, refunded_iec=400),
+        own("cancelled", 400, 60, refunded_iec=400),
+        own("settled", 400, 60, refunded_iec=150),
+        own("settled", 400, 25 * 3600),
+    ],
+)
+def test_what_came_back_and_what_is_a_day_old_does_not_count(harmless: Task) -> None:
+    assert Bridge([harmless]).post(CHARGE, NOW_S, CAP_IEC) == 7
+
+
+@pytest.mark.parametrize(("state", "live"), [("submitted", True), ("undecided", False), ("settled", False)])
+def test_a_charge_that_auditors_look_at_for_days_does_not_keep_from_the_next(state: str, live: bool) -> None:
+    found = Bridge([own(state, 200, 60)]).own_live_task("battery_charging")
+    assert (found is not None) == live

@@ -1,0 +1,137 @@
+"""A kind of work is found by its name, says who judges it, and brings nothing with it that is not needed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rodeo import kinds
+from rodeo.config import Site
+from rodeo.errors import ConfigError, InvalidRequest
+from rodeo.kinds import Kind, KindError, kinds_of
+from tests.support.site import LAB
+
+WATERING = """[[kinds]]
+name = "plant_watering"
+title = "Water the plants"
+review = "auditor"
+price_iec = 7
+execution_window_s = 600
+parameters = { type = "object", required = ["room"], properties = { room = { type = "string" } } }
+"""
+ORDER = {"robot": "panther1", "soc_from": 0.5, "soc_target": 0.9}
+
+
+def site_with(folder: Path, kinds_: str) -> Site:
+    path = folder / "site.toml"
+    path.write_text(f'extends = "{LAB}"\ndata_dir = "data"\n{kinds_}')
+    return Site.load(path)
+
+
+def test_a_kind_that_nobody_installed_is_refused_with_those_that_are(tmp_path: Path) -> None:
+    site = site_with(tmp_path, '[[kinds]]\nname = "window_cleaning"\n')
+    with pytest.raises(KindError) as refused:
+        kinds_of(site)
+    assert refused.value.details["kind"] == "window_cleaning"
+    assert "waste_disposal" in refused.value.details["installed"]
+
+
+def test_only_kinds_that_the_site_file_lists_are_known(tmp_path: Path) -> None:
+    assert list(kinds_of(site_with(tmp_path, WATERING))) == ["plant_watering"]
+    assert list(kinds_of(Site.load(LAB))) == ["waste_disposal", "battery_charging"]
+
+
+def test_a_table_declares_a_kind_that_people_do_and_judge(tmp_path: Path) -> None:
+    found = kinds_of(site_with(tmp_path, WATERING))
+    kind = found["plant_watering"]
+    assert (kind.title, kind.review, kind.execution_window_s, int(kind.price_iec)) == (
+        "Water the plants", "auditor", 600, 7,
+    )  # fmt: skip
+    assert found.by_people("plant_watering")
+    kind.validate({"room": "kitchen"})
+    for wrong, field in (({}, "params"), ({"room": 3}, "room")):
+        with pytest.raises(InvalidRequest) as refused:
+            kind.validate(wrong)
+        assert list(refused.value.details["fields"]) == [field]
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        'name = "plant_watering"\ntitle = "Water the plants"',
+        'name = "plant_watering"\nparameters = { type = "object" }',
+        'name = "plant_watering"\nreview = "oracle"',
+        'name = "Plant watering"\nreview = "auditor"',
+        'name = "waste_disposal"\n[[kinds]]\nname = "waste_disposal"',
+    ],
+    ids=["no judge", "no judge of a schema", "an oracle without checks", "no name", "twice"],
+)
+def test_a_table_that_leaves_something_open_is_refused(tmp_path: Path, table: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        site_with(tmp_path, f"[[kinds]]\n{table}\n")
+    assert any(field.startswith("kinds") for field in refused.value.details["fields"])
+
+
+def test_a_kind_without_checks_cannot_have_the_oracle_judge_it() -> None:
+    with pytest.raises(KindError):
+        Kind(name="guessing", title="Guess", description="", review="oracle")
+
+
+def test_what_the_site_file_says_otherwise_holds(tmp_path: Path) -> None:
+    table = (
+        '[[kinds]]\nname = "waste_disposal"\nprice_iec = 3\nexecution_window_s = 60\nat_silence = "creator"\n'
+    )
+    kind = kinds_of(site_with(tmp_path, table))["waste_disposal"]
+    assert (int(kind.price_iec), kind.execution_window_s, kind.at_silence) == (3, 60, "creator")
+    assert kind.params is kinds.load("waste_disposal").params
+
+
+def test_care_that_a_robot_asks_for_is_of_a_kind_that_is_listed(tmp_path: Path) -> None:
+    care = 'kind = "wheel_cleaning"\nevery_km = 5\nreward_iec = 50\ndescription = "Clean my wheels"\n'
+    with pytest.raises(ConfigError) as refused:
+        site_with(tmp_path, f"[[agent.maintenance]]\n{care}")
+    assert 'review = "auditor"' in str(refused.value.details["fields"])
+
+
+@pytest.mark.parametrize("name", ["battery_charging", "waste_disposal"])
+def test_reading_a_declaration_imports_neither_mujoco_nor_opencv(name: str) -> None:
+    code = (
+        "import sys\nfrom rodeo.kinds import load\n"
+        f"assert load({name!r}).schema['properties']\n"
+        "print(sorted({'mujoco', 'cv2', 'scipy'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize("name", ["battery_charging", "waste_disposal"])
+def test_an_example_is_of_its_kind(name: str) -> None:
+    kind = kinds.load(name)
+    kind.validate(kind.example)
+    assert kind.problems(Site.load(LAB), kind.example) == {}
+
+
+@pytest.mark.parametrize(
+    ("name", "said", "added"),
+    [
+        ("waste_disposal", {"item_id": "item1"}, {"x_m", "y_m"}),
+        ("waste_disposal", {"item_id": "item1", "x_m": 1.0, "y_m": 1.0}, set()),
+        (
+            "battery_charging",
+            {"robot": "panther1", "soc_from": 0.5, "soc_target": 0.9},
+            {"dock", "energy_wh"},
+        ),
+        ("battery_charging", {"robot": "nobody", "soc_from": 0.5, "soc_target": 0.9}, {"dock"}),
+    ],
+)
+def test_what_follows_from_the_rest_is_filled_in_and_nothing_said_is_changed(
+    name: str, said: dict[str, Any], added: set[str]
+) -> None:
+    whole = kinds.load(name).complete(Site.load(LAB), said)
+    assert whole.items() >= said.items() and set(whole) - set(said) == added

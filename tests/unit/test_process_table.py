@@ -1,0 +1,31 @@
+"""The process table: one mind per robot, and no chain where it is elsewhere."""
+
+from __future__ import annotations
+
+from rodeo.config import ChainConfig, Site
+from rodeo.lab.config import Pose2, RobotConfig
+from rodeo.processes import processes_of
+from tests.support.site import LAB
+
+SITE = Site.load(LAB)
+
+
+def test_a_site_of_one_robot_has_one_plain_agent() -> None:
+    (agent,) = [p for p in processes_of(SITE) if p.name.startswith("robot_agent")]
+    assert (agent.name, agent.arguments) == ("robot_agent", ())
+
+
+def test_each_of_several_robots_has_a_mind_of_its_own() -> None:
+    robots = [RobotConfig(name=name, pose=Pose2(x_m=1, y_m=1)) for name in ("panther1", "panther2")]
+    processes = processes_of(SITE.model_copy(update={"robots": robots}))
+    agents = {p.name: p.arguments for p in processes if p.module == "services.robot_agent"}
+    assert agents == {
+        "robot_agent.panther1": ("--robot", "panther1"),
+        "robot_agent.panther2": ("--robot", "panther2"),
+    }
+    assert len({p.name for p in processes}) == len(processes)
+
+
+def test_a_chain_elsewhere_is_not_started() -> None:
+    site = SITE.model_copy(update={"chain": ChainConfig(backend="external")})
+    assert "chain" not in {p.name for p in processes_of(site)}
