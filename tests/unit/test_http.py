@@ -216,7 +216,7 @@ def test_an_address_that_asks_too_often_is_told_when_to_ask_again() -> None:
         pytest.param([b"GET /livez HTTP/1.1\r\nhost: bin\r\n"], id="half-a-head"),
         pytest.param([b"POST /size HTTP/1.1\r\nhost: bin\r\ncontent-length: 9\r\n\r\n"], id="no-body"),
         pytest.param([b"GET /livez HTTP/1.1\r\nhost: bin\r\n\r\n", b"GET /liv"], id="half-a-second-one"),
-        pytest.param([b"GET /large HTTP/1.1\r\nhost: bin\r\n\r\n"], id="unread-answer"),
+        pytest.param([b"GET /large HTTP/1.1\r\nhost: bin\r\n\r\n", b""], id="unread-answer"),
     ],
 )
 def test_connections_that_do_not_get_on_keep_nobody_out_for_long(sent: list[bytes]) -> None:
