@@ -17,22 +17,13 @@ from eth_account import Account
 
 from rodeo import topics
 from rodeo.clock import WallClock
-from rodeo.evidence import Binding, Recorder, open_proof
+from rodeo.evidence import Recorder, open_proof
 from rodeo.ros2.types import new, serialize
+from rodeo_testing.assignments import BINDING
 
 SECONDS = 192
 RATE_HZ = 100
 START_NS = 1_900_000_000 * 10**9
-BINDING = Binding(
-    chain_id=31337,
-    task_manager="0x" + "12" * 20,
-    organization="0x" + "34" * 20,
-    device="panther1",
-    task_id=1,
-    attempt=1,
-    executor="0x" + "34" * 20,
-    nonce="0x" + "56" * 32,
-)
 
 
 def run() -> dict[str, float]:

@@ -32,12 +32,13 @@ from deploy.launcher import Launcher
 from rodeo import topics
 from rodeo.bus import Bus, DaoEvents
 from rodeo.config import Site, agent_process
-from rodeo.evidence import Binding, Recorder
+from rodeo.evidence import Recorder
 from rodeo.lab.world import CONTROL_PERIOD_S
 from rodeo.messages import DaoEvent
 from rodeo.ros2 import MessageInfo, Node, types, wire
 from rodeo.ros2.service import Client
 from rodeo.sim_clock import SimClock
+from rodeo_testing.assignments import BINDING
 from tests.support.site import free_port
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
@@ -52,16 +53,6 @@ _MOVES = np.array([0.01] * 6 + [0.001] * 2 + [0.05] * 4)
 _EARLY_S = CONTROL_PERIOD_S / 2
 """So much before a command's time the period begins that ends with it: a rounded time may not miss it."""
 _READY_S = 180.0
-_BINDING = Binding(
-    chain_id=31337,
-    task_manager="0x" + "12" * 20,
-    organization="0x" + "34" * 20,
-    device="panther1",
-    task_id=1,
-    attempt=1,
-    executor="0x" + "34" * 20,
-    nonce="0x" + "56" * 32,
-)
 
 
 @dataclass(frozen=True)
@@ -247,7 +238,7 @@ class _Listener:
     def __init__(self, site: Site, bus: Bus, clock: SimClock, path: Path) -> None:
         self._node = Node(bus.session, "listener", "", site.bus.domain_id, clock)
         self._clock = clock
-        self._recorder = Recorder(path, _BINDING, Account.create(), clock)
+        self._recorder = Recorder(path, BINDING, Account.create(), clock)
         self._joints: list[tuple[float, int, bytes]] = []
         """Wall time of arrival, site time in ns, CDR."""
         self._received = itertools.count()

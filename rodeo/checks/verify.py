@@ -61,11 +61,23 @@ def verify_file(
         missed = next((check.name for check in checks if check.passed is False), "")
     report = _report(checks, site, chain_record, case)
     if report.accepted:
-        paid = {"amount_iec": case.checks.amount_iec(case), "acts": case.checks.acts(case)}
-        return report.model_copy(update=paid)
+        return _with_payment(report, case)
     if report.outcome == "undecided":
         return report.model_copy(update={"acts": _claimed(case)})
     return report
+
+
+def _with_payment(report: Report, case: Case) -> Report:
+    """With what is paid, and for what; undecided where the kind cannot tell, as all its checks passed."""
+    try:
+        paid = {"amount_iec": case.checks.amount_iec(case), "acts": case.checks.acts(case)}
+    except (EvidenceError, *_UNFORESEEN) as error:
+        log.exception("what an accepted proof is paid for could not be computed")
+        finding = undecided(
+            f"could not be computed: {error!r}"[:300], "the oracle", source="the kind's checks"
+        )
+        return report.with_checks(Check(name="payment_computed", **finding.model_dump()))
+    return report.model_copy(update=paid)
 
 
 def case_of(proof: Proof, site: Site, chain_record: ChainRecord | None) -> Case:
