@@ -71,7 +71,7 @@ def _no_problems(_site: Site, _params: Mapping[str, Any]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Recorded:
-    """A topic of which the executor's recording is evidence; the executor's device seals all of it."""
+    """A topic that belongs into the executor's recording; the executor's device seals all of it."""
 
     topic: Topic
     signed_by: str = ""
@@ -100,13 +100,12 @@ class Kind:
     """What the site's own robots and docks ask for."""
     example: Mapping[str, Any] = field(default_factory=dict)
     """Parameters of a task as somebody would post it."""
-    recorded: tuple[Recorded, ...] = ()
+    recorded: tuple[Recorded, ...] = tuple(map(Recorded, ROBOT_STATE))
+    """What an executor's proof holds."""
     unit: str = "task"
     """What a price is for."""
     provides: Literal["", "energy"] = ""
     """What a robot buys with a task of this kind."""
-    records: tuple[Topic, ...] = ROBOT_STATE
-    """Topics that a robot writes into its proof beside statements; `recorded` says what of it is judged."""
     behaviour: str = ""
     checks: str = ""
     harness: str = ""
@@ -124,6 +123,11 @@ class Kind:
     def by_people(self) -> bool:
         """Whether a proof is people's word, which an auditor judges."""
         return not self.checks
+
+    @property
+    def records(self) -> tuple[Topic, ...]:
+        """Topics that a robot writes into its proof as they come, beside statements."""
+        return tuple(one.topic for one in self.recorded if one.topic.recorded and not one.signed_by)
 
     @property
     def schema(self) -> dict[str, Any]:

@@ -2,9 +2,8 @@
 
 from decimal import Decimal
 
-from rodeo import topics
 from rodeo.kinds import Kind, Recorded
-from rodeo.topics import ARM_STATE, BIN_IMAGE, GRIPPER_STATE, ITEM_POSE, JOINT_STATES, ODOM, WITNESS_STATEMENT
+from rodeo.topics import BIN_IMAGE, BIN_LOAD, DOCK_OUTPUT, ITEM_POSE, ROBOT_STATE, WITNESS_STATEMENT
 from rodeo_kinds.waste_disposal.params import CleaningParams, complete, doubt, problems
 
 KIND = Kind(
@@ -19,12 +18,11 @@ KIND = Kind(
     # The auditors are the organization's: their silence must not save it money that a robot has earned.
     at_silence="executor",
     recorded=(
-        *map(Recorded, (ODOM, JOINT_STATES, ARM_STATE, GRIPPER_STATE, ITEM_POSE, BIN_IMAGE)),
+        *map(Recorded, (*ROBOT_STATE, ITEM_POSE, BIN_LOAD, DOCK_OUTPUT, BIN_IMAGE)),
         Recorded(WITNESS_STATEMENT, signed_by="mocap"),
         Recorded(WITNESS_STATEMENT, signed_by="bin"),
         Recorded(WITNESS_STATEMENT, signed_by="robot"),
     ),
-    records=(*topics.ROBOT_STATE, topics.ITEM_POSE, topics.BIN_LOAD, topics.DOCK_OUTPUT),
     behaviour="rodeo_kinds.waste_disposal.behaviour:WasteDisposal",
     checks="rodeo_kinds.waste_disposal.checks:CHECKS",
     harness="rodeo_kinds.waste_disposal.harness:HARNESS",
