@@ -32,6 +32,7 @@ from rodeo.checks.counts import BURST_S, COUNTS
 from rodeo.checks.verify import verify_file
 from rodeo.config import Site
 from rodeo.evidence import attest
+from rodeo.meter import Meter
 from rodeo.metering import Reading
 from rodeo.ros2.types import new
 from rodeo.topics import ATTESTATION_CHANNEL
@@ -51,7 +52,6 @@ from rodeo_testing.recordings import (
     shifted_by,
     stamp,
 )
-from services.charger.meter import Meter
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 

@@ -12,10 +12,10 @@ from rodeo.bus import Bus
 from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.messages import Task
+from rodeo.robot.receipts import Receipts
 from rodeo.ros2 import Node
 from rodeo.ros2.types import new, time_message
 from rodeo.witness.witness import Witness
-from services.robot_agent.receipts import Receipts
 
 WAIT_S = 60.0
 """Wall time after which what is waited for does not come any more."""

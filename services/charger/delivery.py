@@ -22,6 +22,7 @@ from rodeo.evidence import Attestation, Binding, Recorder, SealedProof
 from rodeo.evidence.recorder import OnSeal
 from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS
 from rodeo.messages import DaoEvent
+from rodeo.meter import Meter, load_register, store_register
 from rodeo.metering import RECORD_WH, STEP_WH, Reading
 from rodeo.recording import Heard, MessageDoor, Refusals
 from rodeo.ros2 import MessageInfo
@@ -30,7 +31,6 @@ from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.witness import MeterRecord, Receipt, WitnessChain, parse
 from rodeo.witness.statement import digest, payload_digest
 from services.charger.job import Job, Recorded, recover
-from services.charger.meter import Meter, load_register, store_register
 from services.charger.session import End, Phase, Session, SessionLimits
 
 log = logging.getLogger(__name__)

@@ -45,6 +45,7 @@ from rodeo.robot.manipulator import MobileManipulator
 from rodeo.robot.memory import Held, Memory
 from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Sighting
+from rodeo.robot.receipts import Receipts
 from rodeo.robot.recording import Recording
 from rodeo.robot.ros_body import RosBody
 from rodeo.robot.wrist_camera import WristCamera
@@ -58,7 +59,6 @@ from services.robot_agent.decision import Intent, Situation, decide, require_tim
 from services.robot_agent.journal import Journal, Phase, recording_of
 from services.robot_agent.orders import Order, Orders
 from services.robot_agent.participant import RobotParticipant
-from services.robot_agent.receipts import Receipts
 from services.robot_agent.upkeep import Upkeep
 
 log = logging.getLogger(__name__)

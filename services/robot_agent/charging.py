@@ -15,9 +15,9 @@ from rodeo.lab.layout import dock_parking
 from rodeo.messages import RegisterTask, Task
 from rodeo.robot.body import Checkpoint
 from rodeo.robot.manipulator import MobileManipulator
+from rodeo.robot.receipts import Receipts
 from rodeo.robot.ros_body import RosBody
 from services.robot_agent.participant import RobotParticipant
-from services.robot_agent.receipts import Receipts
 
 log = logging.getLogger(__name__)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from rodeo.lab.battery import Battery, Supply, SupplyStatus
 from rodeo.lab.body import JOINTS
 from rodeo.lab.config import BatteryConfig, NoiseConfig
 from rodeo.lab.geometry import quaternion_of
@@ -14,7 +15,6 @@ from rodeo.lab.sensors import Lidar, Pinhole
 from rodeo.lab.world import CAMERA_SITE, LIDAR_SITE
 from rodeo.ros2 import types
 from rodeo.stamps import sec_nanosec
-from services.robot_sim.battery import Battery, Supply, SupplyStatus
 from services.robot_sim.cdr import (
     ControllerStates,
     JointStates,

@@ -7,6 +7,7 @@ import numpy as np
 
 from rodeo.chance import Moments, generator
 from rodeo.config import Site
+from rodeo.lab.battery import Battery, Supply
 from rodeo.lab.body import Body, Twist2
 from rodeo.lab.config import RobotConfig, gripper_body
 from rodeo.lab.layout import BUMPER_M, BinLayout, on_contacts
@@ -21,7 +22,6 @@ from rodeo.lab.world import (
     world_spec,
 )
 from services.robot_sim.arm import ArmDriver, GripperDriver
-from services.robot_sim.battery import Battery, Supply
 from services.robot_sim.entities import Entities, EntityState
 from services.robot_sim.frames import Transform, lab_frames
 from services.robot_sim.navigation import BaseDriver

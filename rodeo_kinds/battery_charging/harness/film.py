@@ -8,6 +8,8 @@ from typing import Any
 from rodeo import topics
 from rodeo.checks.case import ChainRecord
 from rodeo.config import Site
+from rodeo.lab.battery import Battery, Supply
+from rodeo.meter import Meter
 from rodeo.metering import Reading
 from rodeo.ros2.types import new
 from rodeo_testing.assignments import ORGANIZATION, chain_record
@@ -21,8 +23,6 @@ from rodeo_testing.recordings import (
     Take,
     stamp,
 )
-from services.charger.meter import Meter
-from services.robot_sim.battery import Battery, Supply
 
 KIND = "battery_charging"
 ORDERED_WH = 100.0

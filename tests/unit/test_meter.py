@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from rodeo.evidence.errors import BadStatement
+from rodeo.meter import MOST_READINGS, Meter, RegisterBroken, load_register, store_register
 from rodeo.metering import MAX_READINGS, RECORD_WH, Reading, energy_wh, pack, unpack
-from services.charger.meter import MOST_READINGS, Meter, RegisterBroken, load_register, store_register
 
 
 def read(meter: Meter, seconds: int, start_s: float = 0.0, volt: float = 40.0, ampere: float = 9.0) -> None:

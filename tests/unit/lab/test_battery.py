@@ -2,8 +2,8 @@
 
 import pytest
 
+from rodeo.lab.battery import FULL_V, Battery, Supply, SupplyStatus
 from rodeo.lab.config import BatteryConfig, DockConfig, Pose2
-from services.robot_sim.battery import FULL_V, Battery, Supply, SupplyStatus
 
 IDLE_W = 45.0
 DOCK = DockConfig(pose=Pose2(x_m=0, y_m=0))

@@ -15,12 +15,12 @@ from rodeo.config import Site
 from rodeo.evidence import Attestation, attest
 from rodeo.lab.config import BatteryConfig
 from rodeo.metering import STEP_WH
+from rodeo.robot.receipts import RESOLUTION_WH, Gauge, ReceiptPolicy, Receipts
 from rodeo.ros2.types import new
 from rodeo.witness import HeadBook, Journal, MeterRecord, Receipt, Scope, WitnessChain, ocmf, parse
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_testing.assignments import METER, ROBOT
 from rodeo_testing.recordings import Sample, Take
-from services.robot_agent.receipts import RESOLUTION_WH, Gauge, ReceiptPolicy, Receipts
 from tests.support.site import LAB, WAIT_S
 from tests.unit.robot.fakes import ManualClock
 
