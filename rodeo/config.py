@@ -199,7 +199,7 @@ class PeopleConfig(_Table):
 
 
 class MetricsConfig(_Table):
-    """Each process serves `/metrics`, `/livez` and `/readyz` (rodeo.metrics)."""
+    """Each process serves `/metrics`, `/livez` and `/readyz` (rodeo.metrics_server)."""
 
     host: str = "127.0.0.1"
     ports: dict[str, Annotated[int, Field(ge=0, le=65535)]] = {}

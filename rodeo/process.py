@@ -41,7 +41,8 @@ from rodeo.instance import (
     note_ending,
 )
 from rodeo.messages import Status
-from rodeo.metrics import BUS_CONNECTED, NOT_READY, READY, metrics_server
+from rodeo.metrics import BUS_CONNECTED, NOT_READY, READY
+from rodeo.metrics_server import metrics_server
 from rodeo.origin import check_bus, origin_of
 from rodeo.serving import Claim, Holder, Rival, Thing
 from rodeo.sim_clock import SimClock

@@ -19,7 +19,6 @@ from rich.console import Group
 from rich.live import Live
 from rich.markup import escape
 
-from deploy.chain.record import give_up_chain
 from deploy.launcher import Launcher, log_tail, make_keys, stop_site
 from rodeo import topics
 from rodeo.bus import Bus, validate
@@ -105,10 +104,13 @@ def up(
             f"There is no {CHECKOUT_SITE} here: starting the installed lab. Its data, keys and logs are in "
             f"{Site.load(site).data_dir}"
         )
-    if new_chain and (record := give_up_chain(Site.load(site))) is not None:
-        console.print(f"the old chain is given up; its record is {record}", soft_wrap=True)
+    # Imported here: chain and databases take a second, and these two are seldom wanted.
+    if new_chain:
+        from deploy.chain.record import give_up_chain
+
+        if (record := give_up_chain(Site.load(site))) is not None:
+            console.print(f"the old chain is given up; its record is {record}", soft_wrap=True)
     if new_journal:
-        # Imported here: databases take their time, and this is seldom wanted.
         from services.bridge.continuity import give_up_journal
 
         give_up_journal(Site.load(site))

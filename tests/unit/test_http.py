@@ -23,7 +23,7 @@ from deploy.chain.server import RpcServer
 from rodeo.errors import PortUnavailable
 from rodeo.http import HttpServer, Limits, answer_with_problems, health
 from rodeo.messages import Status
-from rodeo.metrics import metrics_server
+from rodeo.metrics_server import metrics_server
 from services.console import process as console
 from services.console import rest
 from services.console.errors import NotLoggedIn
