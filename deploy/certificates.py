@@ -121,8 +121,8 @@ def _write(path: Path, data: bytes) -> None:
 def report(folder: Path, made: list[str]) -> str:
     """What was made in `folder`, as a sentence."""
     if not made:
-        return f"Every certificate of this site is in {folder} already; none had to be made."
-    return f"Made in {folder}: {', '.join(made)}."
+        return f"{folder} already holds every certificate of this site."
+    return f"Generated in {folder}: {', '.join(made)}."
 
 
 if __name__ == "__main__":

@@ -122,7 +122,7 @@ def wait_for_node(site: Site, w3: Web3, stop: threading.Event, say: Say) -> bool
 
 _REMEDY = {
     True: "start it, or correct `chain.url` in the site file",
-    False: "`rodeo up` starts it, and `rodeo site prepare` where nothing else is wanted",
+    False: "start the site with `rodeo up`, or only prepare it with `rodeo site prepare`",
 }
 """By whether the chain is elsewhere."""
 
@@ -143,7 +143,10 @@ def _told(site: Site, name: str) -> str | None:
         return wallets.address(site, name)
     except WalletError as error:
         log.error(
-            "%s is left as it is on chain: %s; run this step again when its keystore is whole", name, error
+            "skipped %s, whose roles on chain stay unchanged: %s; repair its keystore and run this step "
+            "again",
+            name,
+            error,
         )
         return None
 
@@ -162,7 +165,7 @@ def _require_gas_money(site: Site, w3: Web3) -> None:
             if not w3.eth.get_balance(to_checksum_address(account))
         }
     if empty:
-        raise WithoutGasMoney("these wallets need the chain's own currency, to pay for gas", **empty)
+        raise WithoutGasMoney("these wallets need the chain's native currency to pay for gas", **empty)
 
 
 def _unfinished(site: Site) -> Path:
@@ -181,7 +184,7 @@ def _recorded(site: Site, w3: Web3) -> Deployment | None:
         except NotDeployed:
             continue
         except DeploymentMismatch as mismatch:
-            log.warning("deploying anew: %s", mismatch)
+            log.warning("deploying again: %s", mismatch)
             continue
         return deployment
     return None
@@ -298,4 +301,4 @@ def _owner(site: Site, client: ChainClient, device_role: str, name: str) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main("contracts", run, "Put the organization's contracts on the site's chain."))
+    sys.exit(main("contracts", run, "Deploy the organization's contracts on the site's chain."))

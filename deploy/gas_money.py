@@ -1,4 +1,4 @@
-"""Who needs how much of the chain's own currency, and who has it: for wallets on a chain elsewhere."""
+"""How much of an external chain's native currency each wallet needs for gas, and how much it holds."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _WEI = Decimal(10**18)
 
 @dataclass(frozen=True)
 class Purse:
-    """A wallet, and what it should hold for gas, in the chain's own currency."""
+    """A wallet, and what it should hold for gas, in the chain's native currency."""
 
     name: str
     address: str

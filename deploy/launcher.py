@@ -154,7 +154,7 @@ class Launcher:
         """
         if self._deployment is not None and self._deployment.poll() not in (None, 0):
             last = "\n".join(log_tail(self.site, "contracts"))
-            raise LaunchFailed(f"the contracts could not be deployed:\n{last}")
+            raise LaunchFailed(f"cannot deploy the contracts:\n{last}")
         now_s = time.monotonic()
         for name, child in self.children.items():
             if child.gave_up:
@@ -172,7 +172,7 @@ class Launcher:
                 child.restart_at_s = now_s + child.delay_s
         if self.children and all(child.gave_up for child in self.children.values()):
             reasons = "; ".join(f"{name}: {reason}" for name, reason in self.given_up().items())
-            raise AllGaveUp(f"no restart cures what ended: {reasons}")
+            raise AllGaveUp(f"restarting would not help: {reasons}")
 
     def stop(self) -> None:
         """End every child: SIGTERM in reverse order of the table, SIGKILL for those that stay."""
@@ -218,7 +218,7 @@ class Launcher:
             # What stands before the process's own name is the time.
             (last,) = log_tail(self.site, name, lines=1) or [""]
             reason = last.partition(f" {name}: ")[2] or last
-        return reason if status == GAVE_UP else f"ended with status {status}: {reason}"
+        return reason if status == GAVE_UP else f"exited with status {status}: {reason}"
 
     def _spawn(self, name: str, module: str, arguments: tuple[str, ...] = ()) -> subprocess.Popen[bytes]:
         with open(self.logs / f"{name}.log", "ab") as output:

@@ -39,12 +39,16 @@ def prepare(path: Path, say: Say, stop: threading.Event, wait: bool = False) -> 
     elsewhere = site.chain.backend == "external"
     folder = site.data_dir / "keys"
     made = wallets.make_missing(site) if elsewhere else wallets.ensure_wallets(site)
-    say(f"keystores: made {', '.join(made)} in {folder}" if made else f"keystores: all are in {folder}")
+    say(
+        f"keystores: generated {', '.join(made)} in {folder}"
+        if made
+        else f"keystores: all present in {folder}"
+    )
     if wants_certificates(site):
         given = ensure_certificates(site)
-        say(f"certificates: made for {', '.join(given)}" if given else "certificates: all are there")
+        say(f"certificates: generated for {', '.join(given)}" if given else "certificates: all present")
     else:
-        say("certificates: this bus needs none")
+        say("certificates: not needed for this bus")
     w3 = connect(site.chain.url)
     with _node(site, path, w3, say):
         if not contracts.wait_for_node(site, w3, stop, lambda text: say(f"chain: {text}")):
@@ -65,7 +69,7 @@ def _node(site: Site, path: Path, w3: Web3, say: Say) -> Iterator[None]:
     if site.chain.backend == "external" or _answers(w3):
         yield
         return
-    say("chain: the local one is started for this, and stopped afterwards")
+    say("chain: running the local chain until this command ends")
     with Launcher(path, ("chain",)):
         yield
 
@@ -92,7 +96,7 @@ def _await_gas_money(site: Site, w3: Web3, say: Say, stop: threading.Event, wait
             return
         if not wait:
             raise WithoutGasMoney(
-                f"{', '.join(empty)} cannot pay for gas yet: send the amounts above in the chain's own "
+                f"{', '.join(empty)} cannot pay for gas yet: send the amounts above in the chain's native "
                 "currency, then run this command again, or wait for the money with --wait"
             )
         if stop.wait(_LOOK_S):

@@ -144,7 +144,7 @@ class SimClock:
 
     def now_ns(self) -> int:
         if self._now_ns is None:
-            raise ClockUnavailable("the simulation's /clock has not been heard yet; is robot_sim running?")
+            raise ClockUnavailable("no message on the simulation's /clock yet; is robot_sim running?")
         return self._now_ns
 
     def now_s(self) -> float:

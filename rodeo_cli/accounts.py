@@ -37,7 +37,8 @@ def create(
     name: NameArgument,
     role: Annotated[list[Role] | None, typer.Option("--role", help="Repeatable.")] = None,
     participant: Annotated[
-        str | None, typer.Option(help="The wallet of an executor; required for that role.")
+        str | None,
+        typer.Option(help="The participant whose wallet the executor uses. Required for that role."),
     ] = None,
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
@@ -57,7 +58,7 @@ def passphrase(name: NameArgument, site: SiteOption = DEFAULT_SITE) -> None:
 @reports_errors
 def token(
     name: NameArgument,
-    label: Annotated[str, typer.Option(help="What it is for.")] = "command line",
+    label: Annotated[str, typer.Option(help="What the token is for.")] = "command line",
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
     """Print a new token for programs that act for this person. It is shown only once."""

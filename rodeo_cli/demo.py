@@ -70,7 +70,7 @@ class Demo:
     def work(self) -> Kind:
         """What the organization has done."""
         if self.site.demo is None:
-            raise DemoFailed("the site file has no [demo] that says what work is to be done")
+            raise DemoFailed("the site file has no [demo] table that sets the work to do")
         return kinds_of(self.site)[self.site.demo.kind]
 
     @cached_property
@@ -114,9 +114,7 @@ class Demo:
 
 @reports_errors
 def demo(
-    site: Annotated[
-        Path, typer.Option("--site", help="Site file.", show_default="the lab that is installed")
-    ] = LAB,
+    site: Annotated[Path, typer.Option("--site", help="Site file.", show_default="the installed lab")] = LAB,
     chain: Annotated[Literal["eth-tester", "anvil"], typer.Option(help="The local chain.")] = "eth-tester",
     out: Annotated[Path, typer.Option(help="Folder for the demo's site and summary.")] = Path("out/demo"),
     limit: Annotated[float, typer.Option(help="Give up after this many seconds.")] = 170.0,
@@ -224,7 +222,7 @@ def shortcomings(summary: dict[str, Any], work: str, energy: str) -> list[str]:
     problems = []
     kinds = [task["kind"] for task in summary["tasks"]]
     if sorted(kinds) != sorted((work, energy)):
-        problems.append(f"tasks of kinds {kinds} instead of one {work} and one {energy}")
+        problems.append(f"found tasks of kinds {kinds} instead of one {work} and one {energy}")
     for task in summary["tasks"]:
         if task["state"] != "settled" or task["verdict"] != "accepted":
             problems.append(f"task {task['id']} ({task['kind']}) ended {task['state']}: {task['reason']}")

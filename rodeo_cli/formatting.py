@@ -16,30 +16,30 @@ from rodeo.errors import RodeoError
 from services.console.formatting import FIELD_ADVICE, number, phrase
 
 _SENTENCES = {
-    "not_creator": "only who posted the task may do that",
-    "not_executor": "only who does the task may do that",
-    "not_provider": "only who offers the service may do that",
-    "not_device_owner": "only the owner of the device may do that",
-    "not_member": "only members may do that here",
+    "not_creator": "only the task's creator may do this",
+    "not_executor": "only the task's executor may do this",
+    "not_provider": "only the service's provider may do this",
+    "not_device_owner": "only the device's owner may do this",
+    "not_member": "only members may do this",
     "not_judge": "this participant does not judge tasks of this kind",
-    "judge_is_party": "who posted or did the task may not judge it",
-    "judged_before": "this auditor has judged the task before",
+    "judge_is_party": "the task's creator and executor may not judge it",
+    "judged_before": "this auditor has already judged the task",
     "auditor_must_decide": "only an auditor may decide this now",
-    "wrong_state": "the task is not in the state for it",
+    "wrong_state": "the task's state does not allow this",
     "unknown_task": "there is no such task",
     "unknown_service": "there is no such service",
     "unknown_device": "there is no such device",
     "no_verdict": "there is no verdict yet",
-    "nothing_owed": "nothing is owed to this account",
-    "service_not_idle": "the service has tasks to do",
+    "nothing_owed": "the organization owes this account nothing",
+    "service_not_idle": "the service still has tasks to do",
     "service_is_retired": "the service was withdrawn for good",
     "service_is_suspended": "the organization has suspended the service",
     "device_name_taken": "another key has this role and name",
-    "device_already_registered": "this key is registered already",
-    "device_already_revoked": "this key was revoked before",
-    "deadline_passed": "it is too late for it",
-    "deadline_not_passed": "it is too early for it",
-    "access_control_unauthorized_account": "the account lacks the role for it",
+    "device_already_registered": "this key is already registered",
+    "device_already_revoked": "this key was revoked earlier",
+    "deadline_passed": "it is too late for this",
+    "deadline_not_passed": "it is too early for this",
+    "access_control_unauthorized_account": "the account lacks the required role",
     "reward_below_price": "every service of this kind costs more than the reward",
 }
 """What a contract or the bridge means by the name of its error."""
@@ -114,7 +114,7 @@ def _wrong(field: str, text: str, options: dict[str, str]) -> str:
         option = f"--{root.replace('_', '-')}"  # a parameter of the task's kind
     if text == "Field required":
         value = option.lstrip("-").replace("-", "_").upper()
-        return f"say {option} {value}" if option.startswith("-") else f"say {option}"
+        return f"pass {option} {value}" if option.startswith("-") else f"give {option}"
     return f"{option}: {FIELD_ADVICE.get(root, _lowered(text))}"
 
 

@@ -25,16 +25,16 @@ from rodeo_cli.common import (
 from rodeo_cli.formatting import iec
 from rodeo_cli.layout import Row
 
-kinds = typer.Typer(help="Kinds of work: list, read, check and make them.", no_args_is_help=True)
+kinds = typer.Typer(help="List, show, check and create kinds of work.", no_args_is_help=True)
 Name = Annotated[str, typer.Argument(help="Name of an installed kind.", metavar="NAME")]
 
 
 @kinds.command(name="list")
 @reports_errors
 def list_kinds(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
-    """List the installed kinds, those that the site file declares, and which of them the site uses.
+    """List the kinds that are installed or declared in the site file, and whether the site uses them.
 
-    Without a site file the column is empty.
+    Without a site file the last column is empty.
     """
     used = _used(site)
     found: dict[str, Kind | KindError] = {name: _loaded(name) for name in installed()}
@@ -73,7 +73,7 @@ def _used(path: Path) -> dict[str, Kind] | None:
 @kinds.command()
 @reports_errors
 def show(name: Name, as_json: JsonOption = False) -> None:
-    """Show what a kind says: parameters, windows, price, what is recorded, and its checks in order."""
+    """Show a kind's parameters, windows, price, recorded topics and checks, in order."""
     kind = load(name)
     document = _document(kind)
     if as_json:
@@ -88,11 +88,11 @@ def show(name: Name, as_json: JsonOption = False) -> None:
             ("description", kind.description),
             ("judged by", "the oracle, by the checks below" if kind.review == "oracle" else "auditors"),
             ("time to do it", span(kind.execution_window_s)),
-            ("when auditors are silent", f"the {kind.at_silence} wins"),
+            ("if no auditor answers", f"the {kind.at_silence} wins"),
             ("price", f"{iec(kind.price_iec)} for a {kind.unit}"),
             ("provides", kind.provides),
             ("rules", str(document["rules_hash"] or "")),
-            ("done by", kind.behaviour or ("people, or a process of its own")),
+            ("done by", kind.behaviour or ("people, or a separate process")),
         ),
     )
     parameters = document["parameters"].get("properties", {})
@@ -121,7 +121,7 @@ def show(name: Name, as_json: JsonOption = False) -> None:
     print_listing(
         None,
         False,
-        ("stage", "check", "what it asks", "source"),
+        ("stage", "check", "what it checks", "source"),
         [Row((str(c["stage"]), c["name"], c["asks"], c["source"])) for c in document["checks"]],
         [2, 3],
     )
@@ -178,13 +178,13 @@ def _type(schema: dict[str, Any]) -> str:
 def check(
     name: Name,
     only: Annotated[
-        str, typer.Option("--only", help="Part of the names of the runs and forgeries that are made.")
+        str, typer.Option("--only", help="Run only the cases whose name contains this text.")
     ] = "",
     as_json: JsonOption = False,
 ) -> None:
-    """Make the kind's honest runs and its forgeries, and ask its checks about each.
+    """Record the kind's honest runs, generate its forgeries, and run its checks on each.
 
-    Works in the lab that comes with RODEO. Exit status 0 if every honest run is accepted and every forgery is
+    Uses the lab that comes with RODEO. Exit status 0 if every honest run is accepted and every forgery is
     refused for its own reason, else 1.
     """
     # Imported here: filming needs MuJoCo, and the other commands do not.
@@ -225,7 +225,7 @@ def check(
 @reports_errors
 def new(
     name: Annotated[str, typer.Argument(help="Name of the new kind: inspect_door.", metavar="NAME")],
-    into: Annotated[Path, typer.Option("--into", help="Folder that is made for it.", metavar="DIR")],
+    into: Annotated[Path, typer.Option("--into", help="Folder to create.", metavar="DIR")],
 ) -> None:
     """Write a package for a kind in which a robot drives to a place and stays there.
 

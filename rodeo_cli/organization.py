@@ -84,7 +84,7 @@ def _kind_in_words(kind: queries.KindRules) -> str:
     if kind.min_window_s:
         told += f"; at least {span(kind.min_window_s)} to work"
     if kind.review == "oracle" and kind.audit_window_s:
-        told += f"; where it cannot decide, auditors have {span(kind.audit_window_s)}"
+        told += f"; if it cannot decide, auditors have {span(kind.audit_window_s)}"
         told += f", then the {kind.silence} wins"
     return told
 
@@ -125,7 +125,7 @@ def kind(
     """Allow a kind of work, or stop allowing it. To allow it, set who judges it."""
     if allowed and review is None:
         raise InvalidRequest(
-            f"say who judges {name}: --review auditor for people, or --review oracle where it has checks",
+            f"choose who judges {name}: --review auditor for people, or --review oracle where it has checks",
             kind=name,
         )
     fields = {
@@ -180,7 +180,7 @@ def admit(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Make somebody a member."""
-    _send(site, participant, "admit", f"{account} is a member now.", account=account)
+    _send(site, participant, "admit", f"{account} is now a member.", account=account)
 
 
 @organization.command("dismiss")
@@ -191,7 +191,7 @@ def dismiss(
     participant: ParticipantOption = "organization",
 ) -> None:
     """End a membership."""
-    _send(site, participant, "dismiss", f"{account} is no member any more.", account=account)
+    _send(site, participant, "dismiss", f"{account} is no longer a member.", account=account)
 
 
 @organization.command("grant")
@@ -203,7 +203,7 @@ def grant(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Give somebody a role."""
-    _send(site, participant, "grant_role", f"{account} is {role} now.", role=role, account=account)
+    _send(site, participant, "grant_role", f"{account} now has the role {role}.", role=role, account=account)
 
 
 @organization.command("revoke")
@@ -215,7 +215,14 @@ def revoke(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Take a role back."""
-    _send(site, participant, "revoke_role", f"{account} is {role} no more.", role=role, account=account)
+    _send(
+        site,
+        participant,
+        "revoke_role",
+        f"{account} no longer has the role {role}.",
+        role=role,
+        account=account,
+    )
 
 
 @organization.command("suspend")
@@ -228,7 +235,7 @@ def suspend(
         site,
         participant,
         "suspend_service",
-        f"Service {service_id} gets no more tasks until it is reinstated.",
+        f"Service {service_id} is suspended. It gets no tasks until you reinstate it.",
         service_id=service_id,
     )
 
@@ -243,7 +250,7 @@ def reinstate(
         site,
         participant,
         "reinstate_service",
-        f"Service {service_id} may return: it is paused until its provider activates it.",
+        f"Service {service_id} is reinstated. It stays paused until its provider resumes it.",
         service_id=service_id,
     )
 
@@ -254,7 +261,8 @@ def deposit(
     amount: AmountArgument, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
 ) -> None:
     """Pay into the treasury from the account that signs."""
-    _send(site, participant, "deposit", f"{amount} IEC are in the treasury now.", amount_iec=amount)
+    told = f"{participant} paid {amount} IEC into the treasury."
+    _send(site, participant, "deposit", told, amount_iec=amount)
 
 
 @organization.command("withdraw")
@@ -270,7 +278,7 @@ def withdraw(
         site,
         participant,
         "withdraw",
-        f"{amount} IEC of the treasury are {to}'s now.",
+        f"The treasury paid {amount} IEC to {to}.",
         to=to,
         amount_iec=amount,
     )
@@ -302,7 +310,7 @@ def roots(
         reply = queries.ask(bus, loaded.org, queries.ROOTS, device=device)
         known = queries.ask(bus, loaded.org, queries.DEVICES).devices
     if not (reply.roots or as_json):
-        say("No root of a day is on chain yet.")
+        say("No daily root is on chain yet.")
         return
     names = {one.address: f"{one.role} {one.name}" for one in known}
     rows = [
@@ -329,7 +337,7 @@ def register_device(
         site,
         participant,
         "register_device",
-        f"{address} signs as {role} {name} of {owner} from now on.",
+        f"From now on {address} signs as {role} {name} of {owner}.",
         device=address,
         role=role,
         owner=owner,
@@ -355,7 +363,7 @@ def revoke_device(
         site,
         participant,
         "revoke_device",
-        f"Nothing that {address} signs from now on counts.",
+        f"From now on the organization rejects what {address} signs.",
         device=address,
         reason=reason,
     )

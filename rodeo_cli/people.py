@@ -44,7 +44,7 @@ def offer(
     price: Annotated[str, typer.Option(help="Price in IEC.")],
     site: SiteOption = DEFAULT_SITE,
     participant: AsOption = None,
-    description: Annotated[str, typer.Option(help="A sentence for people.")] = "",
+    description: Annotated[str, typer.Option(help="Description for people.")] = "",
 ) -> None:
     """Offer to do tasks of a kind: from then on they may be assigned to the participant.
 
@@ -74,8 +74,8 @@ def accept(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption 
         left = time_left(loaded, bus, task.execution_deadline or 0.0)
     say(f"You have begun task {task_id}: {task.description or task.kind}")
     say(f"It pays {iec(task.price_iec)} when an auditor accepts it.")
-    say(f"Hand it in in time: {left}.")
-    say(f"Let a photo show this code: {photo_code(task.nonce or '')}")
+    say(f"Time left to submit it: {left}.")
+    say(f"Show this code in a photo: {photo_code(task.nonce or '')}")
 
 
 @reports_errors
@@ -93,7 +93,7 @@ def submit(
     photos = [path.read_bytes() for path in photo or []]
     with connected(site) as (loaded, bus):
         sha256 = _executor(loaded, bus, participant).submit(task_id, note, photos)
-    say(f"What you did for task {task_id} is handed in, and waits to be judged. Proof: {sha256}")
+    say(f"Your work on task {task_id} is submitted and waits for a verdict. Proof: {sha256}")
 
 
 @reports_errors
@@ -120,9 +120,9 @@ def review(
     say(f"“{found.note}”")
     for line in found.lines():
         say(line)
-    say(f"Accepted, it pays {iec(task.price_iec)}.")
+    say(f"It pays {iec(task.price_iec)} if accepted.")
     if left is not None:
-        say(f"Judge it in time: {left}.")
+        say(f"Time left to judge it: {left}.")
 
 
 @reports_errors
@@ -131,7 +131,7 @@ def judge(
     accepted: Annotated[bool, typer.Option("--accept/--reject", help="The verdict.")],
     reason: Annotated[str, typer.Option(help="Why, in words.")],
     amount: Annotated[
-        str | None, typer.Option(help="What accepted work is paid, in IEC; the agreed price by default.")
+        str | None, typer.Option(help="Payment for accepted work, in IEC; the agreed price by default.")
     ] = None,
     site: SiteOption = DEFAULT_SITE,
     participant: Annotated[str, typer.Option("--as", help="The auditor.")] = "organization",
@@ -164,7 +164,7 @@ def _name(site: Site, participant: str | None) -> str:
         return participant
     names = [one.name for one in site.participants]
     if len(names) != 1:
-        raise InvalidRequest("say who with --as NAME", participants=names)
+        raise InvalidRequest("choose one with --as NAME", participants=names)
     return names[0]
 
 
@@ -184,5 +184,5 @@ def _clock(site: Site, bus: Bus) -> Clock:
         return WallClock()
     clock = SimClock(bus.session, site.bus.domain_id)
     if not clock.wait_ready(threading.Event(), _CLOCK_S):
-        raise ClockUnavailable("the simulation's /clock is not heard; is robot_sim running?")
+        raise ClockUnavailable("nothing publishes the simulation's /clock; is robot_sim running?")
     return clock

@@ -26,11 +26,11 @@ robots = typer.Typer(help="Give orders to robots and show their state.", no_args
 NameArgument = Annotated[str, typer.Argument(help="The robot, by its name in the site file.", metavar="NAME")]
 
 ORDERS = {
-    "pause": "Finish the current attempt, then take no new work. Holds across restarts.",
-    "resume": "Take work again, and let go of a stop.",
+    "pause": "Finish the current attempt, then take no new work. The order holds across restarts.",
+    "resume": "Take work again. Also ends a stop.",
     "charge": "Buy a charge now.",
-    "cancel": "Give up the attempt under way: the arm is folded and the failure goes on chain.",
-    "stop": "Stand still at once, until resumed. Holds across restarts.",
+    "cancel": "Give up the current attempt. The robot folds its arm and reports the failure on chain.",
+    "stop": "Stand still at once, until resumed. The order holds across restarts.",
 }
 
 
@@ -53,13 +53,13 @@ def _taken(name: str, order: str, state: dict[str, Any]) -> str:
     resume = f"`rodeo robot resume {name}` lets it work again."
     match order:
         case "pause" if task_id is not None:
-            return f"{name} finishes task {task_id} and takes no new work then. {resume}"
+            return f"{name} finishes task {task_id}, then takes no new work. {resume}"
         case "pause":
             return f"{name} is paused and takes no new work. {resume}"
         case "resume":
             return f"{name} may work again."
         case "charge" if task_id is not None:
-            return f"{name} buys a charge as soon as it has finished task {task_id}."
+            return f"{name} finishes task {task_id}, then buys a charge."
         case "charge":
             return f"{name} buys a charge now."
         case "cancel":

@@ -93,7 +93,8 @@ def up(
     new_journal: Annotated[
         bool,
         typer.Option(
-            "--new-journal", help="Continue without the bridge's lost journal. Old request_ids count as new."
+            "--new-journal",
+            help="Continue without the bridge's lost journal. The bridge treats old request_ids as new.",
         ),
     ] = False,
 ) -> None:
@@ -109,12 +110,13 @@ def up(
         from deploy.chain.record import give_up_chain
 
         if (record := give_up_chain(Site.load(site))) is not None:
-            console.print(f"the old chain is given up; its record is {record}", soft_wrap=True)
+            told = f"starting a new chain; the record of the old one is kept in {record}"
+            console.print(told, soft_wrap=True)
     if new_journal:
         from services.bridge.continuity import give_up_journal
 
         give_up_journal(Site.load(site))
-        console.print("the bridge goes on without what its journal lacks", soft_wrap=True)
+        console.print("the bridge continues without the transactions that its journal lost", soft_wrap=True)
     if detach:
         _detach(site, names)
         return
@@ -136,7 +138,7 @@ def down(site: SiteOption = DEFAULT_SITE) -> None:
     loaded = Site.load(site)
     ended = stop_site(loaded)
     console.print(
-        f"stopped: {', '.join(ended)}" if ended else f"nothing of {loaded.data_dir} was running",
+        f"stopped: {', '.join(ended)}" if ended else f"no process of {loaded.data_dir} was running",
         soft_wrap=True,
     )
 
@@ -403,11 +405,11 @@ def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 120.0) -
         if reasons := [f"{row.name}: {row.reason}" for row in rows if row.state == "gave up"]:
             console.print(status_table(rows))
             going_on = any(lock_holder(folder) is not None for folder in launcher.lock_folders())
-            rest = "; the others go on until `rodeo down`" if going_on else ""
-            raise NotUp(f"no restart cures what ended: {'; '.join(reasons)}{rest}")
+            rest = "; the other processes run until `rodeo down`" if going_on else ""
+            raise NotUp(f"restarting would not help: {'; '.join(reasons)}{rest}")
         if child is not None and child.poll() is not None:
             last = "\n".join(log_tail(launcher.site, "launcher"))
-            raise NotUp(f"the launcher ended; its log ends so:\n{last}")
+            raise NotUp(f"the launcher exited; the end of its log:\n{last}")
         if all(row.state == "ready" and row.here for row in rows):
             console.print(status_table(rows))
             _print_warnings(launcher.site, rows)
@@ -415,7 +417,7 @@ def _detach(site_path: Path, names: tuple[str, ...], timeout_s: float = 120.0) -
         if time.monotonic() > deadline_s:
             console.print(status_table(rows))
             raise NotUp(
-                "not every process became ready; they go on trying until `rodeo down`",
+                "not every process is ready; they keep trying until `rodeo down`",
                 timeout_s=timeout_s,
                 logs=str(launcher.logs),
             )

@@ -168,7 +168,7 @@ def _overlaps(site: Site) -> Iterator[tuple[Place, str]]:
     boxes = list(_boxes(site))
     for one, other in combinations(boxes, 2):
         if one.depth_m(other) > _TOUCH_M:
-            yield (*other.place, "pose"), f"{other.name} is in {one.name}"
+            yield (*other.place, "pose"), f"{other.name} overlaps {one.name}"
     length_m, width_m = site.lab.size_m
     for box in boxes:
         x_m, y_m = zip(*box.corners, strict=True)
@@ -182,7 +182,7 @@ def _standby(site: Site) -> Iterator[tuple[Place, str]]:
         if off_w > on_w:
             yield (
                 ("robots", number, "battery", "standby_power_w"),
-                f"{robot.name} draws more while it is off ({off_w:g} W) than while it stands ({on_w:g} W)",
+                f"{robot.name} draws more power switched off ({off_w:g} W) than idle ({on_w:g} W)",
             )
 
 

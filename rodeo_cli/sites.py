@@ -54,10 +54,11 @@ def check(
 def prepare(
     site: SiteOption = DEFAULT_SITE,
     wait: Annotated[
-        bool, typer.Option("--wait", help="On an external chain, wait until wallets have their gas money.")
+        bool,
+        typer.Option("--wait", help="On an external chain, wait until the wallets have their gas money."),
     ] = False,
 ) -> None:
-    """Generate keys and certificates, check for gas money and deploy the contracts.
+    """Generate keys and certificates, check the wallets' gas money and deploy the contracts.
 
     Prints each step and does only what is missing. You may run it again.
     """
@@ -73,7 +74,7 @@ def wallets(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> Non
     """Generate the missing keystores of a site on an external chain, and print all accounts.
 
     RODEO_KEYSTORE_PASSPHRASE encrypts them. Existing keystores are kept (Web3 Secret Storage, as
-    `cast wallet` writes it). The list shows which accounts need the chain's own currency for gas.
+    `cast wallet` writes it). The list shows which accounts need the chain's native currency for gas.
     """
     # Imported here: the chain's library takes a second, and the other commands need none.
     from rodeo.config import Site

@@ -69,7 +69,7 @@ def create(
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
     params: Annotated[str | None, typer.Option(help="The task's parameters as a JSON object.")] = None,
-    description: Annotated[str, typer.Option(help="A sentence for people.")] = "",
+    description: Annotated[str, typer.Option(help="Description for people.")] = "",
     max_attempts: Annotated[int | None, typer.Option(help="Attempts before the reward is refunded.")] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Queue it even if every service costs more.")] = False,
     as_json: JsonOption = False,
@@ -139,7 +139,7 @@ def _why(task: Task) -> str:
     if task.verdict in ("rejected", "undecided") and task.reason:
         return str(task.reason)
     if task.verdict == "expired":
-        return str(task.reason or "the executor handed in no proof in time, or nobody judged it in time")
+        return str(task.reason or "the executor submitted no proof in time, or nobody judged it in time")
     return ""
 
 
@@ -191,11 +191,11 @@ def _told(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
         ("refunded", iec(task.refunded_iec) if ended else ""),
         ("posted", moment(task.registered)),
         ("assigned", moment(task.assigned)),
-        ("proof handed in", moment(task.proof_submitted)),
+        ("proof submitted", moment(task.proof_submitted)),
         ("settled", moment(task.settled)),
         ("time to work", span(task.execution_window_s)),
         ("time to judge", span(task.verdict_window_s)),
-        ("without a word", f"the {task.at_silence} wins" if task.at_silence else ""),
+        ("without a verdict", f"the {task.at_silence} wins" if task.at_silence else ""),
         ("proof", task.proof_sha256 or ""),
         ("proof at", task.proof_uri or ""),
         ("report", task.report_sha256 or ""),
@@ -241,7 +241,7 @@ def cancel(
             {"task_id": task_id},
             timeout_s=30,
         )
-    say(f"Task {task_id} is cancelled; its reward is back with {participant}.")
+    say(f"Task {task_id} is cancelled; {participant} got its reward back.")
 
 
 @services.command("list")
@@ -267,13 +267,13 @@ ProviderOption = Annotated[str | None, typer.Option("--as", help="Its provider; 
 @reports_errors
 def price(
     service_id: ServiceArgument,
-    price: Annotated[str, typer.Argument(help="Price of each task from the next one on, in IEC.")],
+    price: Annotated[str, typer.Argument(help="Price of each future task, in IEC.")],
     site: SiteOption = DEFAULT_SITE,
     participant: ProviderOption = None,
 ) -> None:
     """Change a service's price. A task in progress keeps the old price."""
     service = _change_service(site, service_id, participant, price_iec=price)
-    say(f"Service {service_id} costs {iec(service['price_iec'])} from the next task on.")
+    say(f"Service {service_id} will cost {iec(service['price_iec'])} from its next task on.")
 
 
 @services.command("pause")
@@ -283,7 +283,7 @@ def pause(
 ) -> None:
     """Take no new tasks. A task in progress continues."""
     _change_service(site, service_id, participant, state="paused")
-    say(f"Service {service_id} is paused; `rodeo service resume {service_id}` ends that.")
+    say(f"Service {service_id} is paused. Resume it with `rodeo service resume {service_id}`.")
 
 
 @services.command("resume")
@@ -303,7 +303,7 @@ def withdraw(
 ) -> None:
     """End an offer for good and refund the rest of its bond. A task in progress continues."""
     _change_service(site, service_id, participant, state="retired")
-    say(f"Service {service_id} is withdrawn for good; `rodeo service offer` makes another one.")
+    say(f"Service {service_id} is withdrawn for good. Offer a new one with `rodeo service offer`.")
 
 
 def _change_service(site: Path, service_id: int, participant: str | None, **change: str) -> dict[str, Any]:
@@ -323,9 +323,9 @@ def _change_service(site: Path, service_id: int, participant: str | None, **chan
         provider = service.provider_name
         if provider is None or participant not in (None, provider):
             raise InvalidRequest(
-                f"service {service_id} is not {participant}'s to change"
+                f"service {service_id} belongs to another participant than {participant}"
                 if participant
-                else f"service {service_id} belongs to somebody whose key is not on this site",
+                else f"service {service_id} belongs to a provider whose key is not on this site",
                 service_id=service_id,
                 provider=provider or service.provider,
             )
@@ -337,9 +337,9 @@ def _change_service(site: Path, service_id: int, participant: str | None, **chan
         )
     if provider in [robot.name for robot in loaded.robots] and change.get("state") != "retired":
         say(
-            f"{provider} sets price and state of its own service again when it looks at it next: "
-            f"`rodeo robot pause {provider}` has it take no work, and the site file says its price "
-            "(price_iec of its kind)."
+            f"{provider} manages its own service and will soon overwrite this change. To stop it from taking "
+            f"work, run `rodeo robot pause {provider}`. To change its price, set price_iec of its kind in "
+            "the site file."
         )
     return service.model_dump(mode="json") | change
 
@@ -442,7 +442,7 @@ def _conclusion(site_path: Path, report: Report, offline: bool) -> str:
     kinds = kinds_of(Site.load(site_path))
     if report.kind is None or not kinds.by_people(report.kind) or report.outcome == "rejected":
         return f"[bold]{report.outcome}[/]: {escape(_outcome(report))}"
-    told = "[bold]a person's word[/], sealed as it should be; no machine can tell whether it is true"
+    told = "[bold]a person's statement[/] with a valid seal; software cannot check whether it is true"
     if offline or report.task_id is None:
         return f"{told}: an auditor judges it"
     try:
@@ -451,7 +451,7 @@ def _conclusion(site_path: Path, report: Report, offline: bool) -> str:
             same = task.proof_sha256 == report.proof_sha256
             judged = _judged(site, bus, task) if same else ""
     except (BusError, RemoteError) as error:
-        judged = f"who judged it is not known: {error}"
+        judged = f"cannot find out who judged it: {error}"
     return f"{told}\n" + (escape(judged) or f"an auditor judges it: `rodeo task review {report.task_id}`")
 
 
@@ -464,7 +464,7 @@ def _chain_view(site_path: Path, file: Path) -> View:
         with connected(site_path) as (site, bus):
             return view(file, site, Participant(bus, site.org, ORGANIZATION))
     except (BusError, RemoteError) as error:
-        return View(None, [f"what only the chain knows is skipped: {error}"])
+        return View(None, [f"skipping the checks that need the chain: {error}"])
 
 
 def _doubt(site: Site, bus: Bus, kind: str, params: dict[str, Any]) -> str:
@@ -493,7 +493,7 @@ def _task_params(site: Site, name: str, flags: Sequence[str], params: str | None
         return values
     values = kind.complete(site, values)
     if wrong := kind.wrong_params(site, values):
-        raise InvalidRequest("the task cannot be posted like this", fields=wrong)
+        raise InvalidRequest("the task's parameters are not valid", fields=wrong)
     return values
 
 
@@ -506,10 +506,10 @@ def _flags(flags: Sequence[str], properties: dict[str, Any]) -> dict[str, Any]:
         name = flag.removeprefix("--").replace("-", "_")
         if not flag.startswith("--") or name not in properties:
             known = ["--" + one.replace("_", "-") for one in properties]
-            raise InvalidRequest("this kind of work has no such parameter", given=flag, known=known)
+            raise InvalidRequest("this kind has no such parameter", given=flag, known=known)
         if not given:
             if not rest:
-                raise InvalidRequest("this parameter has no value", given=flag)
+                raise InvalidRequest("this parameter needs a value", given=flag)
             value = rest.pop(0)
         values[name] = value if properties[name].get("type") == "string" else _json_value(flag, value)
     return values
@@ -519,7 +519,9 @@ def _json_value(flag: str, text: str) -> Any:
     try:
         return json.loads(text)
     except ValueError:
-        raise InvalidRequest("this parameter is not as its kind says", given=flag, value=text) from None
+        raise InvalidRequest(
+            "this parameter's value does not fit its kind's schema", given=flag, value=text
+        ) from None
 
 
 def _party(name: str | None, address: str | None) -> str:

@@ -14,15 +14,15 @@ from rodeo.chain.client import connect
 from rodeo.config import Site
 from rodeo_cli.layout import Row
 
-COLUMNS = ("address", "name", "what it is for", "holds", "send at least")
+COLUMNS = ("address", "name", "signs", "holds", "send at least")
 
 
 def accounts(site: Site) -> dict[str, Any]:
     """Make the missing keystores; returns all accounts, as `--json` prints them.
 
     Raises WalletError without a passphrase. `holds_eth` and `missing_eth` are decimal numbers of the chain's
-    own currency. They are None for a device, which sends nothing, and where no node answers; then `problem`
-    says so.
+    native currency. They are None for a device, because it sends nothing. They are also None if no node
+    answers; then `problem` says so.
     """
     wallets.make_missing(site)
     w3 = connect(site.chain.url)
@@ -33,7 +33,7 @@ def accounts(site: Site) -> dict[str, Any]:
             for one in purses(site, w3, contracts.recorded(site, w3))
         ]
     except ChainUnavailable:
-        problem = f"no node answers at {site.chain.url}: what the wallets hold for gas is not known"
+        problem = f"no node answers at {site.chain.url}: the wallets' gas balances are unknown"
         found = [_account(n, wallets.address(site, n), "transactions") for n in wallets.wallet_names(site)]
     found += [_account(n, wallets.address(site, n), "evidence") for n in wallets.device_names(site)]
     return {"chain_url": site.chain.url, "problem": problem, "accounts": found}

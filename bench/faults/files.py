@@ -82,7 +82,7 @@ def chain_file_emptied(lab: Lab) -> Iterator[None]:
     yield
 
 
-@case("pages of the chain's file are damaged", said="chain's file is damaged", asks=False)
+@case("pages of the chain's file are damaged", said="chain file is damaged", asks=False)
 def chain_file_damaged(lab: Lab) -> Iterator[None]:
     path = stopped(lab, "chain", CHAIN)
     _flip(path, 400)

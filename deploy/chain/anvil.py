@@ -88,7 +88,7 @@ class Anvil:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-            log.error("anvil did not stop within %s s and lost its state since the last save", _STOP_S)
+            log.error("anvil did not stop within %s s; its state since the last save is lost", _STOP_S)
         os.close(self._lock)
 
     def wait(self, stop: threading.Event) -> None:
@@ -129,7 +129,7 @@ class Anvil:
     def _check_alive(self) -> None:
         status = self._process.poll()
         if status is not None:
-            raise AnvilFailed("anvil ended by itself", exit_status=status, state=str(self._state))
+            raise AnvilFailed("anvil exited unexpectedly", exit_status=status, state=str(self._state))
 
     def _feed_clock(self) -> None:
         told_s = 0
@@ -141,7 +141,7 @@ class Anvil:
             try:
                 self._set_time(told_s)
             except (OSError, HTTPException, AnvilFailed) as error:
-                log.warning("anvil was not told the time: %s", error)
+                log.warning("cannot set anvil's clock: %s", error)
 
     def _set_time(self, time_s: int) -> None:
         self._rpc("anvil_setTime", time_s)

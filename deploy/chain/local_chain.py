@@ -123,10 +123,12 @@ class LocalChain:
             chain = rules(database)
             genesis = chain.get_canonical_block_header_by_number(0)
         except (KeyError, ValueError, HeaderNotFound, RLPException) as error:
-            raise ChainStoreCorrupted("the chain's file lacks its own blocks", problem=repr(error)) from error
+            raise ChainStoreCorrupted(
+                "the chain file lacks blocks that it should hold", problem=repr(error)
+            ) from error
         if not genesis.extra_data.startswith(_signature(rules.chain_id)):
             raise WrongGenesis(
-                "the chain's file was made for another chain",
+                "the chain file belongs to another chain",
                 expected=_signature(rules.chain_id).decode(),
                 found=genesis.extra_data.decode(errors="replace"),
                 genesis_hash=genesis.hash.hex(),
@@ -270,7 +272,7 @@ class LocalChain:
         waiting = self._waiting.setdefault(transaction.sender, {})
         before = waiting.get(transaction.nonce)
         if before is None and len(waiting) >= MAX_WAITING:
-            raise TransactionRejected("account limit exceeded: too many transactions wait for their turn")
+            raise TransactionRejected("account limit exceeded: too many queued transactions")
         # Nodes want 10 % more for a place that is taken (geth's price bump).
         least = 0 if before is None or before.hash == transaction.hash else before.max_fee_per_gas * 11
         if transaction.max_fee_per_gas * 10 < least:
@@ -284,7 +286,7 @@ class LocalChain:
             try:
                 self._take(following)
             except TransactionRejected as rejection:
-                log.warning("a transaction that waited for its turn was dropped: %s", rejection)
+                log.warning("dropped a queued transaction: %s", rejection)
         if not waiting:
             self._waiting.pop(sender, None)
 

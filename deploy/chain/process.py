@@ -89,7 +89,7 @@ def _run_anvil(site: Site, folder: Path, site_time: SiteTime, stop: threading.Ev
 
 
 def _run_external(site: Site, _folder: Path, site_time: SiteTime, stop: threading.Event) -> None:
-    log.info("the site uses the chain at %s; there is nothing to start here", site.chain.url)
+    log.info("the site uses an external chain at %s; no local chain is started", site.chain.url)
 
 
 _BACKENDS: dict[str, Callable[[Site, Path, SiteTime, threading.Event], None]] = {

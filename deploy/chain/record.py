@@ -19,8 +19,8 @@ def check_not_lost(site: Site, path: Path) -> None:
     except NotDeployed:
         return
     raise ChainLost(
-        "the chain's file is empty or gone, with all tasks and money in it: put it back from a copy, or "
-        "begin a new chain with `rodeo up --new-chain`",
+        "the chain file is empty or missing. It held all tasks and balances: restore it from a backup, or "
+        "start a new chain with `rodeo up --new-chain`",
         path=str(path),
         record=str(Deployment.path(site.data_dir, site.chain.id)),
         genesis_hash=record.genesis_hash,

@@ -78,7 +78,7 @@ class Store(BaseDB):
             problem = str(error)
         if problem != "ok":
             self._connection.close()
-            raise ChainStoreCorrupted("the chain's file is damaged", path=str(path), problem=problem)
+            raise ChainStoreCorrupted("the chain file is damaged", path=str(path), problem=problem)
         self._connection.execute("begin")
         self._broken: ChainStoreUnwritable | None = None
         self.failure: ChainStoreUnwritable | None = None
@@ -186,5 +186,5 @@ class Store(BaseDB):
         try:
             yield self._connection
         except sqlite3.DatabaseError as error:
-            self._broken = self.failure = ChainStoreUnwritable(f"the chain's file cannot be written: {error}")
+            self._broken = self.failure = ChainStoreUnwritable(f"cannot write the chain file: {error}")
             raise self._broken from error

@@ -55,7 +55,7 @@ def listed(case: Case, place: Place, near_m: float, least_s: float) -> Finding:
     if not case.mocap:
         return skipped(NO_MOCAP)
     if not case.proof.sealed:
-        return skipped("a bag has no heads that others could list")
+        return skipped("a bag has no seals that witnesses could list")
     heads = heads_of(case)
     if (forked := fork(case, motion_of(case))) is not None:
         return forked

@@ -200,7 +200,7 @@ def order(case: Case) -> Finding:
     if not case.mocap:
         return skipped(NO_MOCAP)
     if not case.proof.sealed:
-        return skipped("a bag has no heads that others could list")
+        return skipped("a bag has no seals that witnesses could list")
     heads = heads_of(case)
     if (forked := fork(case, motion_of(case), bin_said(case))) is not None:
         return forked

@@ -10,7 +10,7 @@ from rodeo_kinds.battery_charging.problems import complete, problems
 KIND = Kind(
     name="battery_charging",
     title="Battery charging",
-    description="A dock charges a robot's battery; what is paid is what both of them signed.",
+    description="A dock charges a robot's battery. The robot pays for the energy that both signed.",
     review="oracle",
     params=ChargingParams,
     example={"robot": "panther1", "dock": "dock1", "soc_from": 0.2, "soc_target": 0.9, "energy_wh": 480.0},

@@ -77,12 +77,12 @@ def both_signed(case: Case) -> Finding:
         if (alarm := signed_twice(side) or listed_otherwise(case, role, name)) is not None:
             return undecided(alarm, whose, source=_BOTH)
     if not charge.records:
-        raise CaseError("nothing that the meter signed is of this recording", meter=who.meter)
+        raise CaseError("the meter signed nothing for this recording", meter=who.meter)
     if not charge.signed:
-        raise CaseError("the robot signed for nothing of this recording", robot=who.robot)
+        raise CaseError("the robot signed no receipt for this recording", robot=who.robot)
     if all(side is not None and _open(side) for side in (charge.meter, charge.robot)):
         return undecided(
-            "meter and robot both heard their readings over an open bus, where anybody may have said them",
+            "meter and robot both received their readings over an open bus, where anybody can publish them",
             "the site",
             source="`inputs` of their statements",
         )
@@ -105,7 +105,7 @@ def in_sequence(case: Case) -> Finding:
         PAGES_LOST + PAGES_LOST_SHARE * pages[-1],
         "",
         source=_BOTH,
-        detail=f"of {pages[-1]} pages of the meter so many are missing",
+        detail=f"missing pages of the meter, which numbered {pages[-1]}",
     )
 
 
@@ -120,7 +120,9 @@ def ocmf(case: Case) -> Finding:
         except BadStatement as error:
             wrong.append(str(error))
     detail = (
-        f"records whose OCMF text is another's: {wrong[0]}" if wrong else "records with another OCMF text"
+        f"records whose OCMF text does not match: {wrong[0]}"
+        if wrong
+        else "records whose OCMF text does not match"
     )
     return at_most(len(wrong), 0, "", source="the meter's own signature in OCMF", detail=detail)
 
@@ -129,7 +131,7 @@ def fresh(case: Case) -> Finding:
     """The robot heard this recording begin before it signed for anything of it."""
     charge = charge_of(case)
     if not case.proof.sealed:
-        return skipped("a bag has no heads that others could list")
+        return skipped("a bag has no seals that witnesses could list")
     assert charge.robot is not None  # `both_signed` passed
     if (forked := fork(case, charge.robot.said)) is not None:
         return forked
@@ -191,7 +193,7 @@ def delivered(case: Case) -> Finding:
     """What both signed was delivered; a complete session earns the price, an incomplete one its share."""
     charge, source = charge_of(case), _BOTH
     if not charge.delivered_wh > 0:
-        raise CaseError("nothing was delivered that both signed", register_wh=charge.begin_wh)
+        raise CaseError("no energy was delivered that both signed", register_wh=charge.begin_wh)
     wh = round(charge.delivered_wh, 1)
     if case.chain_record is None or (price := case.chain_record.task.price_iec) is None:
         return Finding(passed=True, measured=wh, unit="Wh", source=source, detail="energy that both signed")
@@ -242,18 +244,18 @@ def gauge(case: Case) -> Finding:
         table = case.proof.table("/" + BATTERY_STATE.name(ns=case.robot.namespace), BATTERY_STATE.type)
         soc = table["percentage"].astype(float)
     except (EvidenceError, KeyError, ValueError) as error:
-        return skipped(f"the robot's battery is not on record: {error}")
+        return skipped(f"the recording does not hold the robot's battery state: {error}")
     soc = soc[np.isfinite(soc)]
     if not len(soc):
-        return skipped("the robot's battery is not on record")
+        return skipped("the recording does not hold the robot's battery state")
     gained_wh = float(soc[-1] - soc[0]) * case.robot.battery.capacity_wh
     return Finding(
         passed=None,
         measured=round(gained_wh, 1),
         unit="Wh",
-        source="the robot's battery on record, which refuses nothing",
-        detail=f"gained by its gauge, from {soc[0]:.0%} to {soc[-1]:.0%}, "
-        f"where both signed {charge_of(case).delivered_wh:.1f} Wh",
+        source="the recorded battery state; for information only",
+        detail=f"gained by the battery's gauge, from {soc[0]:.0%} to {soc[-1]:.0%}, "
+        f"while both signed {charge_of(case).delivered_wh:.1f} Wh",
     )
 
 

@@ -20,10 +20,10 @@ def problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
         wrong["dock"] = f"the dock of this site is {site.dock.name}"
     soc_from, soc_target = params.get("soc_from"), params.get("soc_target")
     if not (is_number(soc_from) and is_number(soc_target)) or not 0 <= soc_from < soc_target <= 1:  # type: ignore[operator]
-        wrong["soc_target"] = "charge to more than what is left, and to at most 100 %"
+        wrong["soc_target"] = "choose a target above the present charge and at most 100 %"
     energy_wh = params.get("energy_wh")
     if not is_number(energy_wh) or energy_wh <= 0:  # type: ignore[operator]
-        wrong["energy_wh"] = "say how much energy is ordered"
+        wrong["energy_wh"] = "enter the energy to order, above 0 Wh"
     return wrong
 
 

@@ -9,7 +9,7 @@ from rodeo_kinds.waste_disposal.params import CleaningParams, complete, doubt, p
 KIND = Kind(
     name="waste_disposal",
     title="Waste disposal",
-    description="A robot takes an item from the floor to the bin, which says where it belongs.",
+    description="A robot carries an item from the floor to the bin. The bin chooses the compartment.",
     review="oracle",
     params=CleaningParams,
     example={"item_id": "item1", "x_m": 4.6, "y_m": 1.2},

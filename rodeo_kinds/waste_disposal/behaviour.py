@@ -179,7 +179,7 @@ class WasteDisposal(Behaviour):
             except Blocked as error:  # waiting was the retry
                 raise TaskFailed(f"gave up: {error.message}", item=item_id, cause=error.code) from error
             except (GraspFailed, MotionFailed, Unreachable, NotGraspable, NoAnswer, TakenOut) as error:
-                log.warning("%s did not work: %s", "delivering" if held else "grasping", error)
+                log.warning("%s failed: %s", "delivering" if held else "grasping", error)
                 record.note({"event": "retry", "where": "held" if held else "floor", **error.to_json()})
                 if picks >= _PICKS or deliveries >= _DELIVERIES:
                     raise TaskFailed(f"gave up: {error.message}", item=item_id, cause=error.code) from error
@@ -264,7 +264,7 @@ class WasteDisposal(Behaviour):
             try:
                 return self._look_down(item, place, checkpoint)
             except (NotFound, Unreachable) as error:
-                log.info("not right ahead: %s", error)
+                log.info("the item is not within reach from here: %s", error)
                 self._body.fold(checkpoint)
         failure: NotFound | None = None
         for likely in self._find(item, place, checkpoint, report):
@@ -274,7 +274,7 @@ class WasteDisposal(Behaviour):
             try:
                 return self._look_down(item, spot, checkpoint)
             except NotFound as error:
-                log.info("that was something else: %s", error)
+                log.info("the object there is not the item: %s", error)
                 failure = error
                 self._body.fold(checkpoint)
         assert failure is not None  # _find() returns at least one
@@ -329,24 +329,26 @@ class WasteDisposal(Behaviour):
             except NoAnswer:
                 if attempt == _SHOWS:
                     raise
-                log.warning("the bin said nothing; showing %s again", item.id)
+                log.warning("the bin did not answer; showing %s again", item.id)
             else:
                 after_s = said.shown_s
                 if not _names(said, claimant):
                     if attempt == _SHOWS:
                         raise NoAnswer(
-                            "the bin does not name the robot that shows",
+                            "the bin's statement does not name this robot",
                             number=said.number,
                             named=[one.device for one in said.claimants],
                         )
-                    log.warning("the bin does not say that %s shows; showing again", claimant.device)
+                    log.warning(
+                        "the bin's statement does not name %s; showing the item again", claimant.device
+                    )
                 elif said.item_class != UNKNOWN or attempt == _SHOWS:
                     if said.full:
                         raise TaskFailed("the compartment is full", compartment=said.compartment)
                     return said
                 else:
                     turn_rad = _OTHER_VIEWS_RAD[attempt - 1]
-                    log.info("the bin does not know %s; showing another side", item.id)
+                    log.info("the bin does not recognize %s; showing another side", item.id)
             self._body.carry(checkpoint)
             self._body.wait(_LOOK_AWAY_S, checkpoint)
         raise AssertionError("unreachable")
@@ -370,7 +372,7 @@ class WasteDisposal(Behaviour):
         try:
             self._body.draw_back(checkpoint)
         except (MotionFailed, Unreachable) as error:  # the item is in the bin all the same
-            log.warning("the arm did not draw back from the bin: %s", error)
+            log.warning("the arm did not retract from the bin: %s", error)
             record.note({"event": "retry", "where": "bin", **error.to_json()})
             self._recover(checkpoint)
         return released_s
@@ -394,14 +396,14 @@ class WasteDisposal(Behaviour):
         try:
             drop = self._bin.wait_for(Drop, released_s, checkpoint, patience_s)
         except NoAnswer as error:
-            log.warning("%s; submitting without it", error)
+            log.warning("%s; submitting without its confirmation", error)
             record.note({"event": "unconfirmed", **error.to_json()})
-        report("driving clear of the bin", 0.92)
+        report("driving away from the bin", 0.92)
         try:
             self.tidy(checkpoint)
         except (MotionFailed, Unreachable) as error:
             log.warning("the robot stays at the bin: %s", error)
-        report("seeing that it stays in the bin", 0.94)
+        report("checking that the item stays in the bin", 0.94)
         until_s = (released_s if drop is None else drop.settled_s) + RECORDED_AFTER_DROP_S
         while (now_s := self._clock.now_s()) < until_s:
             self._body.wait(min(until_s - now_s, _LOOK_AROUND_S), checkpoint)
@@ -426,7 +428,9 @@ def place_of(task: Task) -> Point:
     try:
         params = CleaningParams.model_validate(task.params)
     except ValidationError as error:
-        raise TaskFailed("the task names no item and place", fields=wrong_fields(error)) from error
+        raise TaskFailed(
+            "the task's parameters do not name an item and its place", fields=wrong_fields(error)
+        ) from error
     return params.x_m, params.y_m
 
 

@@ -38,11 +38,11 @@ def doubt(params: Mapping[str, Any], tasks: Sequence[Task]) -> str:
         if task.params.get("item_id") != item_id:
             continue
         if task.state in _UNDER_WAY:
-            return f"task {task.id} is about {item_id} already, and is {task.state}"
+            return f"task {task.id}, which is {task.state}, already moves {item_id}"
         if task.state == "settled" and task.verdict == "accepted":
             return (
-                f"{item_id} should lie in the bin: task {task.id} was paid for carrying it there; unless "
-                "somebody took it out again, this one fails"
+                f"task {task.id} was paid for carrying {item_id} to the bin; unless somebody took it out "
+                "again, this task will fail"
             )
     return ""
 

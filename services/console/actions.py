@@ -235,7 +235,7 @@ def _of_participant(command: str) -> Perform:
 def _post_task(actions: Actions, _user: User, request: RegisterTask) -> Json:
     wrong = problems(actions.site, actions.kinds, request)
     if wrong:
-        raise InvalidRequest("the task cannot be posted like this", fields=wrong)
+        raise InvalidRequest("the task's parameters are not valid", fields=wrong)
     doubt = actions.doubt(request)
     reply = actions.command(ORGANIZATION, "register_task", request)
     return reply | ({"warning": doubt} if doubt else {})

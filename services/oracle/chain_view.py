@@ -135,13 +135,13 @@ def view(path: Path, site: Site, participant: Participant) -> View:
     chain = participant.ask(queries.CHAIN)
     here = chain.chain_id, chain.contracts.task_manager.lower()
     if (binding.chain_id, binding.task_manager.lower()) != here:
-        return View(None, ["it was recorded for another chain: what only that one knows is skipped"])
+        return View(None, ["it was recorded for another chain: skipping the checks that need that chain"])
     chain_record = read_chain_record(participant, binding.task_id)
     if chain_record.task.attempt != binding.attempt:
         said = (
             f"the chain is at attempt {chain_record.task.attempt} of task {binding.task_id}, this is attempt"
         )
-        return View(None, [f"{said} {binding.attempt}: what only the chain knows is skipped"])
+        return View(None, [f"{said} {binding.attempt}: skipping the checks that need the chain"])
     block = verdict_block(participant, binding.task_id, binding.attempt)
     if block is None:
         return View(chain_record, [])

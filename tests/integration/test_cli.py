@@ -170,7 +170,7 @@ def test_what_no_restart_cures_is_told_at_once_and_stays_in_status(site_path: Pa
     with site_path.open("a") as file:
         file.write('[[robots]]\nkinematics = "teapot.xml"\npose = { x_m = 1.4, y_m = 1.3 }\n')
     told = rodeo(site_path, "up", "--detach", "router", "robot_sim", status=1)
-    assert "no restart cures" in told.stderr, "it waited for what does not come"
+    assert "restarting would not help" in told.stderr, "it waited for what does not come"
     assert "config_error" in told.stderr and "teapot" in told.stderr and "rodeo down" in told.stderr
     row = processes(site_path, status=1)["robot_sim"]
     assert row["gave_up"] and "teapot" in row["reason"]

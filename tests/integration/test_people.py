@@ -40,7 +40,7 @@ def rodeo(dao: Dao, *arguments: str, status: int = 0) -> str:
 
 def test_an_offer_is_priced_paused_resumed_and_withdrawn_and_made_once(dao: Dao) -> None:
     told = rodeo(dao, "organization", "kind", "raking", status=1)
-    assert "say who judges raking: --review auditor for people, or --review oracle" in told
+    assert "choose who judges raking: --review auditor for people, or --review oracle" in told
     rodeo(dao, "organization", "kind", "raking", "--review", "auditor")
     told = rodeo(dao, "service", "offer", "raking", "--price", "5", "--as", "alice")
     number = told.split()[-1].rstrip(".")
@@ -58,7 +58,7 @@ def test_an_offer_is_priced_paused_resumed_and_withdrawn_and_made_once(dao: Dao)
     rodeo(dao, "service", "resume", number)
     assert now() == ("active", "7.5")
     told = rodeo(dao, "service", "withdraw", number, "--as", "bob", status=1)
-    assert f"service {number} is not bob's to change" in told
+    assert f"service {number} belongs to another participant than bob" in told
     rodeo(dao, "service", "withdraw", number)
     assert now() == ("retired", "7.5")
     assert "there is no service 999" in rodeo(dao, "service", "pause", "999", status=1)
@@ -109,7 +109,7 @@ def test_a_copied_photo_and_note_are_shown_with_what_they_copy_and_the_auditor_d
     sha256 = dao.task(first)["proof_sha256"].removeprefix("0x")
     verified = rodeo(dao, "verify", str(dao.site.data_dir / "store" / f"{sha256}.mcap"), status=1)
     assert (
-        f"a person's word, sealed as it should be; no machine can tell whether it is true {word}" in verified
+        f"a person's statement with a valid seal; software cannot check whether it is true {word}" in verified
     )
     assert [dao.task(one)["state"] for one in (first, second)] == ["settled", "failed"]
 

@@ -139,13 +139,13 @@ def a_receipt_of_two_minds(shop: ChargingWorkshop) -> Submission:
     return shop.charged(shop.take, sides=replace(Sides(), keep=keep))
 
 
-@HARNESS.forgery("both_signed", "the robot signed for nothing of this recording", role="buyer")
+@HARNESS.forgery("both_signed", "the robot signed no receipt for this recording", role="buyer")
 def receipts_for_another_task(shop: ChargingWorkshop) -> Submission:
     """Receipts under the right register, for another task."""
     return shop.charged(shop.take, sides=_receipts(lambda one: one | {"task_id": 99}))
 
 
-@HARNESS.forgery("both_signed", "the robot signed for nothing of this recording", role="buyer")
+@HARNESS.forgery("both_signed", "the robot signed no receipt for this recording", role="buyer")
 def receipts_for_more(shop: ChargingWorkshop) -> Submission:
     """The robot signs for more than the meter recorded, so that the two never agree."""
     return shop.charged(

@@ -107,13 +107,13 @@ def a_robot_that_is_not_there(shop: ChargingWorkshop) -> Submission:
     return shop.charged(shop.take, params={"robot": "panther9"})
 
 
-@HARNESS.forgery("both_signed", "nothing that the meter signed is of this recording", role="seller")
+@HARNESS.forgery("both_signed", "the meter signed nothing for this recording", role="seller")
 def last_months_charge(shop: ChargingWorkshop) -> Submission:
     """What meter and robot signed a month ago, sealed for today's task."""
     return shop.charged(shop.take, sides=replace(_HONEST, recording=_LAST_MONTH, hears=False))
 
 
-@HARNESS.forgery("both_signed", "the robot signed for nothing of this recording", role="seller")
+@HARNESS.forgery("both_signed", "the robot signed no receipt for this recording", role="seller")
 def last_months_receipts(shop: ChargingWorkshop) -> Submission:
     """Today's records, and receipts for those of a month ago."""
     old = _only(Receipt, lambda fields: fields | {"recording": _LAST_MONTH, "record": _LAST_MONTH})
@@ -126,20 +126,20 @@ def receipts_that_nobody_could_expect(shop: ChargingWorkshop) -> Submission:
     return shop.charged(shop.take, sides=replace(_HONEST, hears=False))
 
 
-@HARNESS.forgery("both_signed", "nothing that the meter signed is of this recording", role="seller")
+@HARNESS.forgery("both_signed", "the meter signed nothing for this recording", role="seller")
 def energy_of_another_task(shop: ChargingWorkshop) -> Submission:
     """What was delivered, and paid, before."""
     return shop.charged(shop.take, sides=_sides(_only(MeterRecord, lambda fields: fields | {"task_id": 99})))
 
 
-@HARNESS.forgery("both_signed", "nothing that the meter signed is of this recording", role="seller")
+@HARNESS.forgery("both_signed", "the meter signed nothing for this recording", role="seller")
 def energy_for_another_robot(shop: ChargingWorkshop) -> Submission:
     """The meter says that somebody else was charged."""
     other = _only(MeterRecord, lambda fields: fields | {"robot": "panther2"})
     return shop.charged(shop.take, sides=_sides(other))
 
 
-@HARNESS.forgery("both_signed", "the robot signed for nothing of this recording", role="buyer")
+@HARNESS.forgery("both_signed", "the robot signed no receipt for this recording", role="buyer")
 def receipts_for_less(shop: ChargingWorkshop) -> Submission:
     """The meter's records say a tenth more than what the robot signed for."""
 
@@ -150,14 +150,14 @@ def receipts_for_less(shop: ChargingWorkshop) -> Submission:
     return shop.charged(shop.take, sides=_sides(_only(Receipt, less)))
 
 
-@HARNESS.forgery("both_signed", "the robot signed for nothing of this recording", role="buyer")
+@HARNESS.forgery("both_signed", "the robot signed no receipt for this recording", role="buyer")
 def receipts_to_another_meter(shop: ChargingWorkshop) -> Submission:
     """The robot signed for what the meter of another dock showed."""
     other = _only(Receipt, lambda fields: fields | {"meter_address": STRANGER.address})
     return shop.charged(shop.take, sides=_sides(other))
 
 
-@HARNESS.forgery("delivered", "nothing was delivered", role="seller")
+@HARNESS.forgery("delivered", "no energy was delivered", role="seller")
 def two_seconds(shop: ChargingWorkshop) -> Submission:
     """0.2 Wh at the full price: the robot signed that it stood there, and for nothing after it."""
     only_opening = _only(Receipt, lambda fields: fields if fields["reason"] == "opening" else None)

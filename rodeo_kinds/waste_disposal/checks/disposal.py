@@ -123,7 +123,7 @@ def dropped(case: Case) -> Finding:
             str(drop.classification),
             str(number),
             source="statement of the bin",
-            detail="the drop refers to another classification",
+            detail="classification that the drop refers to",
         )
     release_s = replay_of(case).release_s
     delay_s, late_s = moving_s(case, release_s, drop.after_s), drop.settled_s - release_s
@@ -150,7 +150,7 @@ def presented(case: Case) -> Finding:
     capture tells who stood there."""
     binding = case.proof.binding
     if binding is None:
-        return skipped("a bag has no name that others could know it by")
+        return skipped("a bag has no recording ID that the bin could state")
     drop = _drop(case)
     own = [
         one
@@ -178,7 +178,7 @@ def presented(case: Case) -> Finding:
             measured=found[0] if found else "nobody",
             limit=f"{binding.device} for task {binding.task_id}, recording {str(case.proof.recording)[:18]}",
             source="claimants in the bin's statement",
-            detail="who presented itself before the item was shown",
+            detail="robot that presented itself before the item was shown",
         )
     return _at_bin(case)
 
@@ -192,7 +192,7 @@ def _at_bin(case: Case) -> Finding:
         NEAR_BIN_M,
         "m",
         source=case.base_source,
-        detail="from the bin to the robot that presented itself, when it lets go",
+        detail="distance of the robot from the bin at the release",
     )
 
 
@@ -200,7 +200,7 @@ def heard(case: Case) -> Finding:
     """The bin heard this recording go on just before it was shown the item: its own chain says so, also where
     there is no motion capture."""
     if not case.proof.sealed:
-        return skipped("a bag has no heads that others could list")
+        return skipped("a bag has no seals that witnesses could list")
     if (forked := fork(case, bin_said(case))) is not None:
         return forked
     shown = _classification(case)
@@ -210,7 +210,7 @@ def heard(case: Case) -> Finding:
         if one.statement.seq <= shown.seq and in_file(case, head)
     ]
     if not indexes:
-        raise CaseError("the bin lists this recording nowhere before it was shown the item", seq=shown.seq)
+        raise CaseError("the bin does not list this recording before it saw the item", seq=shown.seq)
     sealed_s = case.proof.topics[SEAL_CHANNEL].log_ns[max(indexes)] * 1e-9
     return at_most(
         abs(moving_s(case, sealed_s, shown.time_s)) / case.speed,
@@ -242,8 +242,7 @@ def nothing_left_out(case: Case) -> Finding:
         sum(missing.values()),
         0,
         source="numbers in the witnesses' chains, and the bin's heads that motion capture lists",
-        detail="statements that are missing: "
-        + ", ".join(f"{count} of {who}" for who, count in missing.items()),
+        detail="missing statements: " + ", ".join(f"{count} of {who}" for who, count in missing.items()),
     )
 
 
@@ -296,7 +295,7 @@ def stays_in_bin(case: Case) -> Finding:
             "from the drop to the end of the recording",
         )
     if not case.mocap:
-        return Finding(passed=True, source=source, detail="nothing was taken out of it")
+        return Finding(passed=True, source=source, detail="nothing was taken out of the bin")
     return _lies_in(case, drop)
 
 
@@ -312,13 +311,15 @@ def _lies_in(case: Case, drop: Drop) -> Finding:
         )
     gap_m, held_m = _gaps_m(case)
     if not gap_m >= held_m + OPEN_M:
-        return at_least(gap_m, held_m + OPEN_M, "m", "the robot's joints", "the fingers' half gap at the end")
+        return at_least(
+            gap_m, held_m + OPEN_M, "m", "the robot's joints", "half the gap between the fingers at the end"
+        )
     return at_least(
         _hand_away_m(case, last_m),
         AWAY_M,
         "m",
         source="motion capture of base and item, and the robot's joints",
-        detail=f"the item lies in {found}, the hand is away by",
+        detail=f"the item lies in {found}; distance of the hand from it",
     )
 
 
@@ -345,9 +346,9 @@ def _end(case: Case, drop: Drop) -> str:
     last_s, last_m = float(item.time_s[-1]), item.position_m[-1]
     if _hidden(case):
         if _mentioned(case):
-            return "where a statement has it that was left out"
+            return "elsewhere, according to a statement that was left out"
         if last_s < replay_of(case).release_s - EARLY_SLACK_S:
-            return "out of sight before it was let go"
+            return "out of sight before the release"
         x_m, y_m, z_m = last_m
         above = z_m >= case.site.bin.rim_height_m - BELOW_RIM_M
         return _compartment(layout, np.array([x_m, y_m, 0.0 if above else z_m])) or "out of sight elsewhere"
@@ -409,12 +410,12 @@ def weight(case: Case) -> Finding:
             measured=drop.weight_n,
             unit="N",
             source="statement of the bin",
-            detail="the site declares no mass and tolerance for this item; the bin felt",
+            detail="the site declares no mass and tolerance for this item; the bin measured",
         )
     return at_most(
         abs(drop.weight_n - declared_n) / declared_n,
         tolerance,
         "",
         source="the site's item.mass_kg and lab.mass_tolerance",
-        detail=f"the bin felt {drop.weight_n} N, the item weighs {declared_n:.3f} N, apart by",
+        detail=f"the bin measured {drop.weight_n} N, the item weighs {declared_n:.3f} N; relative difference",
     )

@@ -43,9 +43,9 @@ def shown(proof: Proof, bin_name: str, said: Classification) -> Finding:
         return Finding(passed=False, source=_SOURCE, detail=f"the bin signed no picture: {error.message}")
     answer = f"{found.label} ({found.confidence:.2f})"
     if said.model_sha256 != model_sha256():
-        told = f"by another model than this oracle's, which says {answer}"
+        told = f"it used another model; this oracle's model says {answer}"
     elif said.thresholds_sha256 != thresholds_sha256():
-        told = f"with other thresholds than this oracle's, by which it is {answer}"
+        told = f"it used other thresholds; with this oracle's thresholds the answer is {answer}"
     else:
         told = f"the same network says {answer}"
     sure = max(said.probabilities.values(), default=0.0)
@@ -53,7 +53,7 @@ def shown(proof: Proof, bin_name: str, said: Classification) -> Finding:
         passed=True,
         measured=found.label,
         source=_SOURCE,
-        detail=f"the bin said {said.item_class} ({sure:.2f}); {told}; for judges to see, it decides nothing",
+        detail=f"the bin said {said.item_class} ({sure:.2f}); {told}; for information only",
     )
 
 
@@ -68,7 +68,9 @@ def _picture(proof: Proof, topic: str, image_sha256: str) -> bytes:
         try:
             picture = types.deserialize(message, column.ros_type).data.tobytes()
         except MalformedMessage as error:
-            raise CaseError("a message on the picture's topic is none", topic=topic, index=index) from error
+            raise CaseError(
+                "a message on the picture's topic is not an image", topic=topic, index=index
+            ) from error
         if "0x" + sha256(picture).hexdigest() == image_sha256:
             return picture
     raise CaseError(

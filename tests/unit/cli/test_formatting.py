@@ -41,8 +41,8 @@ def told(model: type[BaseModel], data: dict[str, Any], command: Callable[..., An
 @pytest.mark.parametrize(
     ("model", "data", "command", "says"),
     [
-        (CleaningParams, {}, tasks.create, ["say --item-id ITEM_ID"]),
-        (ChargingParams, {"robot": "r", "dock": "d"}, tasks.create, ["say --soc-from SOC_FROM"]),
+        (CleaningParams, {}, tasks.create, ["pass --item-id ITEM_ID"]),
+        (ChargingParams, {"robot": "r", "dock": "d"}, tasks.create, ["pass --soc-from SOC_FROM"]),
         (
             messages.RegisterTask,
             {"kind": "No Kind", "reward_iec": "ten", "max_attempts": 999},
@@ -62,7 +62,7 @@ def told(model: type[BaseModel], data: dict[str, Any], command: Callable[..., An
             messages.RegisterDevice,
             {"device": "0x1"},
             organization.register_device,
-            ["ADDRESS: ", "say --owner OWNER"],
+            ["ADDRESS: ", "pass --owner OWNER"],
         ),
     ],
 )

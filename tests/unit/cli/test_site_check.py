@@ -139,11 +139,10 @@ DOUBTFUL = [
     (
         robot("battery = { standby_power_w = 50 }"),
         5,
-        "robots.0.battery.standby_power_w: panther1 draws more while it is off (50 W) than while it stands "
-        "(45 W)",
+        "robots.0.battery.standby_power_w: panther1 draws more power switched off (50 W) than idle (45 W)",
     ),
     (item(x_m=6.98), 7, "items.0.pose: item1 reaches into a wall"),
-    (item() + item("item2", x_m=4.63), 12, "items.1.pose: item2 is in item1"),
+    (item() + item("item2", x_m=4.63), 12, "items.1.pose: item2 overlaps item1"),
     (
         "[bin]\npose = { x_m = 5.2, y_m = 0.4, yaw_rad = -1.5708 }\n",
         4,

@@ -83,7 +83,7 @@ def test_a_site_on_a_chain_elsewhere_is_prepared_with_the_amounts_that_it_names(
     block = w3.eth.block_number
     prepare(elsewhere, said.append, threading.Event())
     assert w3.eth.block_number == block, "the second time there is nothing to send"
-    assert said[0].startswith("keystores: all are in ")
+    assert said[0].startswith("keystores: all present in ")
 
 
 def test_it_waits_for_the_money_where_that_is_wanted(
@@ -111,7 +111,7 @@ def test_a_local_site_is_prepared_without_being_started(tmp_path: Path) -> None:
     prepare(path, said.append, threading.Event())
     site = Site.load(path)
     assert Deployment.load(site.data_dir, CHAIN_ID).chain_id == CHAIN_ID
-    assert "chain: the local one is started for this, and stopped afterwards" in said
+    assert "chain: running the local chain until this command ends" in said
     with pytest.raises(ChainUnavailable):
         contracts.recorded(site, connect(site.chain.url))
 

@@ -225,7 +225,7 @@ def test_what_was_signed_of_one_charge_is_no_proof_of_the_next(
     ]
     report = judge(Take(samples), second_chain_record(charge), binding=SECOND, device=METER)
     assert failed(report) == "both_signed"
-    assert "of this recording" in report.reason
+    assert "for this recording" in report.reason
 
 
 def test_an_interval_of_the_register_that_was_paid_for_is_spent_whoever_signs_it_again(

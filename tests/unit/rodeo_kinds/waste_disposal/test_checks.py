@@ -678,8 +678,8 @@ def test_without_motion_capture_the_robots_own_sight_stands_in_and_is_marked_as_
 @pytest.mark.parametrize(
     ("witnesses", "why"),
     [
-        pytest.param({"recording": "0x" + "ab" * 32}, "lists this recording nowhere", id="last week's run"),
-        pytest.param({"hears": lambda time_s: False}, "lists this recording nowhere", id="unheard"),
+        pytest.param({"recording": "0x" + "ab" * 32}, "does not list this recording", id="last week's run"),
+        pytest.param({"hears": lambda time_s: False}, "does not list this recording", id="unheard"),
         pytest.param(
             {"forks": lambda time_s: True}, "a seal of this recording", id="another version of the file"
         ),

@@ -20,14 +20,14 @@ PAID = task(3, "settled", "accepted")
     ("tasks", "says"),
     [
         ([], ""),
-        ([PAID], "item1 should lie in the bin: task 3 was paid for"),
+        ([PAID], "task 3 was paid for carrying item1"),
         (
             [task(4, "assigned"), task(3, "settled", "accepted")],
-            "task 4 is about item1 already, and is assigned",
+            "task 4, which is assigned, already moves item1",
         ),
         (
             [task(4, "failed", "rejected"), task(3, "settled", "accepted")],
-            "item1 should lie in the bin: task 3",
+            "task 3 was paid for",
         ),
         ([task(4, "cancelled")], ""),
         ([task(3, "settled", "accepted", item_id="item10")], ""),
