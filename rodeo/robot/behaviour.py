@@ -84,9 +84,12 @@ class Robot:
 
 
 class Behaviour(ABC):
-    """Does tasks of one kind. An exception of the errors in `rodeo.robot.errors` other than TaskFailed ends
-    the attempt for now; it is then begun again, from perception rather than from memory. Parameters that
-    do not fit the kind's model (pydantic's ValidationError) fail the task, too."""
+    """Does tasks of one kind.
+
+    TaskFailed, Blocked and parameters that do not fit the kind's model (pydantic's ValidationError) fail the
+    attempt. Any other error of `rodeo.robot.errors` interrupts it: the mind calls `execute` again, which
+    begins from perception rather than from memory.
+    """
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot

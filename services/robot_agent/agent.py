@@ -32,6 +32,7 @@ from rodeo.robot.behaviour import Behaviour, Estimate, Irrevocable, Robot
 from rodeo.robot.bin import SmartBin
 from rodeo.robot.errors import (
     AgentError,
+    Blocked,
     Cancelled,
     Halted,
     JournalBroken,
@@ -686,7 +687,7 @@ class Agent:
                 require_time_for_verdict(task, self._site)
                 self._begin(task, checkpoint, recording)
             duration_s = self._clock.now_s() - started_s
-        except (TaskFailed, Cancelled) as error:
+        except (TaskFailed, Blocked, Cancelled) as error:  # of Blocked, waiting was the retry
             log.error("task %d failed: %s", task.id, error)
             self._report(f"giving up: {error.message}")
             recording.note({"event": "execution_failed", **error.to_json()})

@@ -19,7 +19,6 @@ from rodeo.messages import Task
 from rodeo.queries import Offer
 from rodeo.robot.behaviour import Behaviour, Estimate, Record, Report, Robot
 from rodeo.robot.body import Checkpoint
-from rodeo.robot.errors import Blocked, TaskFailed
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor, travel_cost_m
 from rodeo.robot.ros_body import Battery
@@ -57,10 +56,7 @@ class StandGuard(Behaviour):
         goal, stay_s = self._goal(task)
         report("driving to the place", 0.1)
         self.robot.body.fold(checkpoint)
-        try:
-            self.robot.body.drive([goal], checkpoint)
-        except Blocked as error:
-            raise TaskFailed(f"the robot does not get there: {error.message}", cause=error.code) from error
+        self.robot.body.drive([goal], checkpoint)
         recording.note({"event": "arrived"})
         report("staying", 0.6)
         self.robot.body.wait(stay_s, checkpoint)
