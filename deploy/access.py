@@ -2,6 +2,8 @@
 
     everybody on the bus   may listen to everything and ask most things
     a process              may publish, serve and answer what the table says that it writes
+    a robot's body         may publish and serve what is in the robot's namespace, and ask for nothing else
+    a robot's mind         commands the body in that namespace, and takes orders for that robot, no other's
     a device               speaks through the process that has its key
     a wallet               is commanded by the process that works for it, and by operator and console;
                            witnesses may have the organization's post the root of their day
@@ -17,12 +19,13 @@ from collections.abc import Iterator
 from typing import Any
 
 from rodeo import topics
-from rodeo.config import Site, agent_process
+from rodeo.config import Site, agent_process, body_identity
 from rodeo.dao import ORGANIZATION
+from rodeo.lab.config import RobotConfig
 from rodeo.processes import processes_of
 from rodeo.serving import served_by
 from rodeo.tls import OPERATOR
-from rodeo.topics import TOPICS, Form, Plane, Topic
+from rodeo.topics import BODY, TOPICS, Form, Plane, Topic
 from rodeo.wallets import MOCAP_NAME
 
 _PEOPLE = (OPERATOR, "console")
@@ -33,6 +36,8 @@ _CALLERS: dict[str, str] = {
     topics.FOLLOW_JOINT_TRAJECTORY.key: "robot_agent",
     topics.GRIPPER_CMD.key: "robot_agent",
     topics.MOTOR_POWER.key: "robot_agent",
+    # Whoever stops another owner's robot, or lets it go on, decides over its work.
+    topics.EMERGENCY_STOP.key: "robot_agent",
     topics.BIN_CAPTURE.key: "itrash",
     topics.DOCK_ENABLE.key: "charger",
     # Nobody who is paid for moving things moves them by decree.
@@ -40,6 +45,9 @@ _CALLERS: dict[str, str] = {
     topics.ROBOT_ORDER.key: OPERATOR,
 }
 """The one process that uses a service or action which moves or switches something."""
+
+_ALSO_WRITES: dict[str, str] = {topics.TF_STATIC.key: "robot_sim"}
+"""A second writer: bin and dock have frames, too."""
 
 _WITNESSES = ("itrash", "robot_sim")
 """Work for the organization, and ask its wallet for nothing but the root of their day."""
@@ -54,7 +62,8 @@ _ANY_KEY = ["**", "@ros2_lv/**", "**/@adv/**"]
 
 def everybody(site: Site) -> list[str]:
     """The names of those who may be on the bus."""
-    return [*(process.name for process in processes_of(site)), OPERATOR]
+    bodies = [body_identity(robot.name) for robot in site.robots]
+    return [*(process.name for process in processes_of(site)), *bodies, OPERATOR]
 
 
 def access_control(site: Site) -> dict[str, Any]:
@@ -65,8 +74,8 @@ def access_control(site: Site) -> dict[str, Any]:
     policies = [{"rules": ["hear", "listen"], "subjects": all_names}]
     for name in all_names:
         rules += [
-            _rule(f"{name} writes", "ingress", _WRITE, sorted(_written_by(site, name))),
-            _rule(f"{name} asks", "ingress", ["query"], sorted(_asked_by(site, name))),
+            _rule(f"{name} writes", "ingress", _WRITE, sorted(set(_written_by(site, name)))),
+            _rule(f"{name} asks", "ingress", ["query"], sorted(set(_asked_by(site, name)))),
         ]
         policies.append({"rules": [f"{name} writes", f"{name} asks"], "subjects": [name]})
     return {
@@ -85,13 +94,14 @@ def _rule(name: str, flow: str, messages: list[str], keys: list[str]) -> dict[st
 def _written_by(site: Site, process: str) -> Iterator[str]:
     # Whose endpoints are in the ROS graph is no secret and no command.
     yield "@ros2_lv/**"
+    everybodys = "" if _job(process) == BODY else _EVERYBODY
     for topic in TOPICS:
         if topic is topics.SERVES:
             # Nobody keeps another from its work by claiming it.
             for what, name in served_by(site, process):
                 yield topic.pattern(org=site.org, what=what, name=name)
-        elif topic.writer in (_job(process), _EVERYBODY):
-            for key in _keys(site, topic, process):
+        elif topic.writer in (_job(process), everybodys) or _ALSO_WRITES.get(topic.key) == process:
+            for key in _written_keys(site, topic, process):
                 yield key
                 if topic.plane is Plane.ROBOT:
                     yield f"{key}/@adv/**"
@@ -99,6 +109,11 @@ def _written_by(site: Site, process: str) -> Iterator[str]:
 
 def _asked_by(site: Site, process: str) -> Iterator[str]:
     yield "**/@adv/**"
+    if _job(process) == BODY:
+        for topic in TOPICS:
+            if topic.writer == BODY and topic.form is not Form.TOPIC:
+                yield from _asked_keys(site, topic, process)
+        return
     for topic in TOPICS:
         if topic.key == topics.COMMAND.key:
             for participant in _wallets_of(site, process):
@@ -108,7 +123,7 @@ def _asked_by(site: Site, process: str) -> Iterator[str]:
             continue
         asked = topic.form is not Form.TOPIC or topic.writer == _EVERYBODY
         if asked and (process in _PEOPLE or _CALLERS.get(topic.key, _job(process)) == _job(process)):
-            yield from _keys(site, topic)
+            yield from _asked_keys(site, topic, process)
 
 
 def _wallets_of(site: Site, process: str) -> list[str]:
@@ -121,25 +136,41 @@ def _wallets_of(site: Site, process: str) -> list[str]:
 
 
 def _job(process: str) -> str:
-    """The process's name in the key table, which does not tell one robot's mind from another's."""
+    """The name in the key table, which does not tell one robot's mind or body from another's."""
     return process.partition(".")[0]
 
 
 def _devices_of(site: Site, process: str) -> list[str]:
     """Names of the devices whose keys the process has."""
-    if process == "*":
-        return ["*"]
     devices = {"itrash": [site.bin.name], "charger": [site.dock.name], "robot_sim": [MOCAP_NAME]}
     devices |= {agent_process(site, robot.name): [robot.name] for robot in site.robots}
     return devices.get(process, [])
 
 
-def _keys(site: Site, topic: Topic, process: str = "*") -> Iterator[str]:
-    """Key expressions of `topic` on this site, of those that `process` says something on."""
-    names = {"org": site.org, "bin": site.bin.name, "dock": site.dock.name, "process": process}
-    namespaces = {robot.namespace for robot in site.robots}
+def _robots_of(site: Site, process: str) -> list[RobotConfig]:
+    """The robot whose body or mind speaks; all of them for a process that is no robot's."""
+    own = [
+        robot
+        for robot in site.robots
+        if process in (body_identity(robot.name), agent_process(site, robot.name))
+    ]
+    return own or site.robots
+
+
+def _written_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
+    """Key expressions of what `process` says on `topic` on this site."""
     devices = _devices_of(site, process) if "{device}" in topic.key else ["*"]
-    for namespace, device in itertools.product(namespaces, devices):
-        key = topic.pattern(**names, ns=namespace, device=device)
-        # One responder serves a query's whole branch: state/task/7 as well as state/tasks.
-        yield f"{site.bus.domain_id}/{key}/**" if topic.plane is Plane.ROBOT else key
+    for robot, device in itertools.product(_robots_of(site, process), devices):
+        yield _key(site, topic, ns=robot.namespace, robot=robot.name, device=device, process=process)
+
+
+def _asked_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
+    """Key expressions of `topic` that `process` asks on this site, whoever answers."""
+    for robot in _robots_of(site, process):
+        yield _key(site, topic, ns=robot.namespace)
+
+
+def _key(site: Site, topic: Topic, **names: str) -> str:
+    key = topic.pattern(org=site.org, bin=site.bin.name, dock=site.dock.name, **names)
+    # One responder serves a query's whole branch: state/task/7 as well as state/tasks.
+    return f"{site.bus.domain_id}/{key}/**" if topic.plane is Plane.ROBOT else key

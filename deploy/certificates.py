@@ -1,8 +1,8 @@
 """The site's own certificate authority: `python -m deploy.certificates --site FILE`.
 
-Makes what is missing in `<data_dir>/tls/`: the authority, and a certificate for each process and for the
-command line ("operator"). A process on another machine needs `ca.pem` and its own two files, nothing else;
-`ca.key` stays where it was made.
+Makes what is missing in `<data_dir>/tls/`: the authority, and a certificate for each process, each robot's
+body ("body.<robot>") and the command line ("operator"). A process or robot on another machine needs `ca.pem`
+and its own two files, nothing else; `ca.key` stays where it was made.
 """
 
 from __future__ import annotations

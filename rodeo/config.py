@@ -30,6 +30,7 @@ from rodeo import endpoint
 from rodeo.errors import ConfigError
 from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, Pose2, RobotConfig
 from rodeo.site_problems import Place, close, dotted, explained
+from rodeo.topics import BODY
 
 MiB = 1 << 20
 
@@ -465,6 +466,11 @@ class Site(BaseSettings):
 def agent_process(site: Site, robot: str) -> str:
     """Name of the process that is the mind of `robot`: plain `robot_agent` where there is only one robot."""
     return "robot_agent" if len(site.robots) == 1 else f"robot_agent.{robot}"
+
+
+def body_identity(robot: str) -> str:
+    """Who the body of `robot` is on the bus, simulated or real: the name in its certificate."""
+    return f"{BODY}.{robot}"
 
 
 def check_environment() -> None:

@@ -388,8 +388,9 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
     ),
     (
         "Who holds the simulator's clock",
-        f"`{topics.CLOCK_MARK.key}` and `{topics.CLOCK_HOLD.key}`, which is a liveliness "
-        "token, too. A process that never says how it is, a real device for instance, is not waited for.",
+        f"`{topics.CLOCK_MARK.key}`, `{topics.BODY_MARK.key}` and `{topics.CLOCK_HOLD.key}`, which is a "
+        "liveliness token, too. A process that never says how it is, a real device for instance, is not "
+        "waited for.",
         (ClockMark, ClockHold),
     ),
 )

@@ -15,7 +15,7 @@ from rodeo.config import Site
 from rodeo.errors import ConfigError
 
 OPERATOR = "operator"
-"""The name of whoever is not a process of the table: the command line, the launcher."""
+"""Who is neither a process of the table nor a robot's body: the command line, the launcher."""
 
 
 @dataclass(frozen=True)

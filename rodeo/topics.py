@@ -12,6 +12,9 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cache
 
+BODY = "body"
+"""Who speaks for a robot's sensors and motors: on the bus `body.<robot>` (`rodeo.config.body_identity`)."""
+
 
 class Plane(StrEnum):
     ROBOT = "robot"
@@ -38,7 +41,7 @@ class Topic:
     rate_hz: float | None
     """Nominal rate in site time; None for on demand."""
     writer: str
-    """The process that publishes a topic or serves a service, action or query."""
+    """The process that publishes a topic or serves a service, action or query; `BODY` for the robot's."""
     recorded: bool = False
     """Part of a proof."""
     meaning: str = ""
@@ -86,7 +89,8 @@ def _topic(key: str, type: str, rate_hz: float | None, writer: str, recorded: bo
 
 
 def _served(key: str, type: str, form: Form, meaning: str) -> Topic:
-    return Topic(key, type, form, Plane.ROBOT, None, "robot_sim", meaning=meaning)
+    writer = BODY if key.startswith("{ns}/") else "robot_sim"
+    return Topic(key, type, form, Plane.ROBOT, None, writer, meaning=meaning)
 
 
 def _dao(key: str, type: str, form: Form, writer: str, meaning: str, rate_hz: float | None = None) -> Topic:
@@ -96,15 +100,15 @@ def _dao(key: str, type: str, form: Form, writer: str, meaning: str, rate_hz: fl
 # -- robot plane: what any robot offers ----------------------------------------------------------------
 
 CLOCK = _topic("clock", "rosgraph_msgs/msg/Clock", 50, "robot_sim", False, "simulated time")
-ODOM = _topic("{ns}/odom", "nav_msgs/msg/Odometry", 50, "robot_sim", True, "wheel odometry of the base")
+ODOM = _topic("{ns}/odom", "nav_msgs/msg/Odometry", 50, BODY, True, "wheel odometry of the base")
 JOINT_STATES = _topic(
-    "{ns}/joint_states", "sensor_msgs/msg/JointState", 50, "robot_sim", True, "arm, fingers and wheels"
+    "{ns}/joint_states", "sensor_msgs/msg/JointState", 50, BODY, True, "arm, fingers and wheels"
 )
 ARM_STATE = _topic(
     "{ns}/arm_controller/controller_state",
     "control_msgs/msg/JointTrajectoryControllerState",
     10,
-    "robot_sim",
+    BODY,
     True,
     "where the arm's controller wants the joints, and where they are",
 )
@@ -112,18 +116,18 @@ GRIPPER_STATE = _topic(
     "{ns}/gripper_controller/controller_state",
     "control_msgs/msg/JointTrajectoryControllerState",
     10,
-    "robot_sim",
+    BODY,
     True,
     "the same of the fingers: the reference is the last command's",
 )
 BATTERY_STATE = _topic(
-    "{ns}/battery_state", "sensor_msgs/msg/BatteryState", 1, "robot_sim", True, "the robot's battery"
+    "{ns}/battery_state", "sensor_msgs/msg/BatteryState", 1, BODY, True, "the robot's battery"
 )
 POSE = _topic(
     "{ns}/pose",
     "geometry_msgs/msg/PoseStamped",
     50,
-    "robot_sim",
+    BODY,
     True,
     "where the robot localises itself in the map; only on sites without motion capture",
 )
@@ -139,9 +143,7 @@ CMD_VEL = _topic(
     "{ns}/cmd_vel", "geometry_msgs/msg/Twist", None, "robot_agent", False, "base velocity command"
 )
 SCAN = replace(
-    _topic(
-        "{ns}/scan", "sensor_msgs/msg/LaserScan", 10, "robot_sim", False, "obstacles 0.2 m above the floor"
-    ),
+    _topic("{ns}/scan", "sensor_msgs/msg/LaserScan", 10, BODY, False, "obstacles 0.2 m above the floor"),
     lazy=True,
 )
 WRIST_DEPTH = replace(
@@ -149,7 +151,7 @@ WRIST_DEPTH = replace(
         "{ns}/wrist_camera/depth/image_rect_raw",
         "sensor_msgs/msg/Image",
         5,
-        "robot_sim",
+        BODY,
         False,
         "depth seen from the wrist, 32FC1 in m",
     ),
@@ -160,7 +162,7 @@ WRIST_DEPTH_INFO = replace(
         "{ns}/wrist_camera/depth/camera_info",
         "sensor_msgs/msg/CameraInfo",
         5,
-        "robot_sim",
+        BODY,
         False,
         "intrinsics, one message with each depth image",
     ),
@@ -171,24 +173,29 @@ WRIST_IMAGE = replace(
         "{ns}/wrist_camera/image/compressed",
         "sensor_msgs/msg/CompressedImage",
         1,
-        "robot_sim",
+        BODY,
         False,
         "colour picture from the wrist, JPEG",
     ),
     lazy=True,
 )
 TF = replace(
-    _topic(
-        "tf", "tf2_msgs/msg/TFMessage", 50, "robot_sim", False, "frames of each robot, `{ns}/...`, in the map"
-    ),
+    _topic("tf", "tf2_msgs/msg/TFMessage", 50, BODY, False, "frames of each robot, `{ns}/...`, in the map"),
     lazy=True,
 )
 TF_STATIC = replace(
-    _topic("tf_static", "tf2_msgs/msg/TFMessage", None, "robot_sim", False, "frames that do not move"),
+    _topic(
+        "tf_static",
+        "tf2_msgs/msg/TFMessage",
+        None,
+        BODY,
+        False,
+        "frames that do not move",
+    ),
     latched=True,
 )
 ROBOT_DESCRIPTION = replace(
-    _topic("{ns}/robot_description", "std_msgs/msg/String", None, "robot_sim", False, "the robot as URDF"),
+    _topic("{ns}/robot_description", "std_msgs/msg/String", None, BODY, False, "the robot as URDF"),
     latched=True,
 )
 PLAN = replace(
@@ -196,7 +203,7 @@ PLAN = replace(
         "{ns}/plan",
         "nav_msgs/msg/Path",
         None,
-        "robot_sim",
+        BODY,
         False,
         "the way the base takes, when it is planned",
     ),
@@ -350,6 +357,14 @@ CLOCK_MARK = _dao(
     "robot_sim",
     "the simulator asks those who hold its clock whether they have taken everything that was sent before",
 )
+BODY_MARK = _dao(
+    "rodeo/{org}/clock/body/{robot}",
+    "ClockMark",
+    Form.TOPIC,
+    BODY,
+    "a simulated body with a session of its own has sent all until now: the simulator sends its own mark "
+    "once it has heard this",
+)
 CLOCK_HOLD = _dao(
     "rodeo/{org}/clock/hold/{process}/{session}",
     "ClockHold",
@@ -408,7 +423,7 @@ def robot_interface() -> str:
         if topic is ITEM_POSE:
             continue  # the mind's own
         if topic.plane is Plane.ROBOT and (topic.key.startswith("{ns}/") or topic.key.startswith("tf")):
-            form = "subscribed" if topic.writer != "robot_sim" else topic.form
+            form = "subscribed" if topic.writer != BODY else topic.form
             recorded = "yes" if topic.recorded else ""
             lines.append(
                 f"| `{topic.key}` | `{topic.type}` | {form} | {_rate(topic)} | {recorded} | {topic.meaning} |"

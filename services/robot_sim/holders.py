@@ -65,6 +65,8 @@ class Holders:
         wake: called when somebody said something, from Zenoh's threads.
         warn: hears who holds the clock for longer than LONG_S, and with an empty text that it goes on.
         missing: who of the simulation's own is not up yet, for an experiment that begins with everybody.
+        taken: waits until the router has taken what was sent by other sessions than this bus's; False when it
+            has not, and the mark is lost.
     """
 
     def __init__(
@@ -74,7 +76,9 @@ class Holders:
         wake: Callable[[], None],
         warn: Callable[[str], None],
         missing: Callable[[], frozenset[str]] = frozenset,
+        taken: Callable[[], bool] = lambda: True,
     ) -> None:
+        self._taken = taken
         self._wake = wake
         self._warn = warn
         self._told = ""
@@ -229,7 +233,12 @@ class Holders:
         for one in self._seen.values():
             one.worked_before = one.hold.works
         payload = json.dumps({"number": self._number})
-        then(lambda: self._marks.put(payload))
+
+        def put() -> None:
+            if self._taken():
+                self._marks.put(payload)
+
+        then(put)
 
     @property
     def next_ns(self) -> int:

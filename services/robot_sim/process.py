@@ -19,6 +19,7 @@ from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.people import PeoplesTime
 from services.robot_sim.plane import SLOW_TICKS, LabPlane, RobotPlane
+from services.robot_sim.sessions import BodySessions
 from services.robot_sim.simulation import Simulation
 from services.robot_sim.snapshot import Snapshot
 from services.robot_sim.state import StateFile, saved_time_ns
@@ -119,17 +120,19 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             people = PeoplesTime(process.bus, site, lambda: simulation.time_s)
             keeps_wall_time = _keeps_wall_time(site, simulation)
             loop = Loop(simulation, state, site.clock, process.stop, people.speed, keeps_wall_time)
+            sessions = BodySessions(process.bus, site, list(simulation.robots), process.stop)
             mocap = MotionCapture(process.bus, site, process.data_dir / "mocap", list(simulation.captured))
             if not keeps_wall_time and site.clock.holders:
                 warn = partial(process.concern, "clock")
-                loop.holders = Holders(process.bus, site, loop.wake, warn, mocap.missing)
-            session, domain_id = process.bus.session, site.bus.domain_id
-            lab_node = Node(session, "lab", "", domain_id, simulation)
+                loop.holders = Holders(process.bus, site, loop.wake, warn, mocap.missing, sessions.taken)
+            domain_id = site.bus.domain_id
+            lab_node = Node(process.bus.session, "lab", "", domain_id, simulation)
             snapshot = Snapshot(simulation)
             lab = LabPlane(lab_node, loop, snapshot, open_camera(simulation), mocap)
             loop.tell_time = lab.tell_time
             nodes, robots, commanders = [lab_node], [], []
             for robot, seen in zip(simulation.robots.values(), snapshot.robots, strict=True):
+                session = sessions.of(robot.config.name)
                 node = Node(session, "body", robot.config.namespace, domain_id, simulation)
                 nodes.append(node)
                 commander = Commander(session, domain_id, robot.config.namespace, partial(_warn, process))
@@ -147,4 +150,5 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
                 node.close()
             for commander in commanders:
                 commander.close()
+            sessions.close()
             mocap.close()

@@ -3,26 +3,38 @@
 from __future__ import annotations
 
 import queue
+import threading
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+import zenoh
 
 from deploy.certificates import ensure_certificates
 from rodeo import tls, topics
 from rodeo.bus import Bus
-from rodeo.config import Site
+from rodeo.config import Site, body_identity
 from rodeo.errors import BusUnavailable, NoResponder
-from rodeo.ros2 import Node
+from rodeo.ros2 import ActionClient, Node
+from rodeo.ros2.errors import ActionServerUnavailable, GoalAborted, ServiceTimeout, ServiceUnavailable
 from rodeo.ros2.types import new
+from services.robot_sim.sessions import BodySessions
 from tests.support.site import WAIT_S, RunningSite, free_port, write_site
+
+ONE, OTHER = "panther1", "panther2"
+ROBOTS = f"""robots = [
+    {{ name = "{ONE}", pose = {{ x_m = 1.4, y_m = 1.3 }} }},
+    {{ name = "{OTHER}", pose = {{ x_m = 3.6, y_m = 4.1 }} }},
+]"""
+MIND = f"robot_agent.{ONE}"
 
 
 def closed_site(folder: Path) -> Site:
     """A site whose bus wants certificates, with its authority."""
     folder.mkdir(exist_ok=True)
-    path = write_site(folder, extra=f'bus.router = "tls/127.0.0.1:{free_port()}"')
+    path = write_site(folder, extra=f'bus.router = "tls/127.0.0.1:{free_port()}"\n{ROBOTS}')
     site = Site.load(path)
     ensure_certificates(site)
     return site
@@ -90,7 +102,7 @@ def test_a_client_without_a_certificate_of_the_site_stays_out(running: RunningSi
     Bus.open(endpoint, timeout_s=WAIT_S, identity=ours).close()
 
 
-@pytest.mark.parametrize("speaker", ["itrash", "robot_agent", "operator"])
+@pytest.mark.parametrize("speaker", ["itrash", MIND, "operator"])
 def test_only_the_bridge_publishes_events(running: RunningSite, voices: Voices, speaker: str) -> None:
     heard: queue.Queue[str] = queue.Queue()
     event = topics.EVENT.name(org=running.site.org, event="TaskSettled")
@@ -106,7 +118,7 @@ def test_only_the_bridge_publishes_events(running: RunningSite, voices: Voices, 
 def test_only_the_bin_states_what_it_was_shown(running: RunningSite, voices: Voices) -> None:
     heard: queue.Queue[str] = queue.Queue()
     said = topics.WITNESS_STATEMENT.name(org=running.site.org, device=running.site.bin.name)
-    voices["robot_agent"].subscribe_json(said, lambda _key, data: heard.put(data["by"]))
+    voices[MIND].subscribe_json(said, lambda _key, data: heard.put(data["by"]))
 
     def say() -> None:
         voices["bridge"].put_json(said, {"by": "bridge"})
@@ -115,15 +127,15 @@ def test_only_the_bin_states_what_it_was_shown(running: RunningSite, voices: Voi
     assert "bridge" not in until(heard, "itrash", say)
 
 
-def test_only_the_body_speaks_for_its_sensors(running: RunningSite, voices: Voices) -> None:
+def test_only_the_lab_speaks_for_its_sensors(running: RunningSite, voices: Voices) -> None:
     topic, typename = topics.BIN_PRESENCE.name(bin=running.site.bin.name), topics.BIN_PRESENCE.type
     heard: queue.Queue[float] = queue.Queue()
 
     def node(name: str) -> Node:
-        return Node(voices[name].session, name, "", running.site.bus.domain_id, _Now())
+        return node_of(running, voices, name)
 
     node("itrash").subscription(topic, typename, lambda message, _info: heard.put(message.range))
-    agent, body = (node(name).publisher(topic, typename) for name in ("robot_agent", "robot_sim"))
+    agent, body = (node(name).publisher(topic, typename) for name in (MIND, "robot_sim"))
 
     def say() -> None:
         agent.publish(new(typename, range=1.0))
@@ -146,8 +158,9 @@ def test_a_wallet_takes_orders_from_those_who_work_for_it(running: RunningSite, 
     wallet = f"rodeo/{running.site.org}/wallet"
     voices["bridge"].serve(f"{wallet}/**", lambda request: {"key": request.key})
     for process, own, other in (
-        ("robot_agent", "panther1", "organization"),
-        ("charger", "organization", "panther1"),
+        (MIND, ONE, "organization"),
+        (MIND, ONE, OTHER),
+        ("charger", "organization", ONE),
         ("oracle", "oracle", "organization"),
     ):
         assert asked(voices[process], f"{wallet}/{own}/transfer") == {"key": f"{wallet}/{own}/transfer"}
@@ -155,6 +168,123 @@ def test_a_wallet_takes_orders_from_those_who_work_for_it(running: RunningSite, 
             with pytest.raises(NoResponder):
                 voices[process].query(key)
     assert asked(voices["operator"], f"{wallet}/organization/transfer")
+
+
+@pytest.mark.parametrize("intruder", [body_identity(ONE), MIND, "robot_sim", "operator"])
+def test_only_its_own_body_says_how_a_robot_drives(
+    running: RunningSite, voices: Voices, intruder: str
+) -> None:
+    typename = topics.ODOM.type
+    heard: queue.Queue[str] = queue.Queue()
+    own = body_identity(OTHER)
+    said = {
+        name: node_of(running, voices, name).publisher(topics.ODOM.name(ns=OTHER), typename)
+        for name in (intruder, own)
+    }
+    node_of(running, voices, "itrash").subscription(
+        topics.ODOM.name(ns=OTHER), typename, lambda message, _info: heard.put(message.child_frame_id)
+    )
+
+    def say() -> None:
+        for name, publisher in said.items():
+            publisher.publish(new(typename, child_frame_id=name))
+
+    assert intruder not in until(heard, own, say)
+
+
+def test_a_velocity_comes_from_a_robots_own_mind(running: RunningSite, voices: Voices) -> None:
+    topic, typename = topics.CMD_VEL.name(ns=ONE), topics.CMD_VEL.type
+    heard: queue.Queue[float] = queue.Queue()
+    node_of(running, voices, body_identity(ONE)).subscription(
+        topic, typename, lambda twist, _info: heard.put(twist.linear.x)
+    )
+    stranger, own = (
+        node_of(running, voices, name).publisher(topic, typename) for name in (f"robot_agent.{OTHER}", MIND)
+    )
+
+    def say() -> None:
+        for publisher, speed_m_s in ((stranger, 1.0), (own, 0.5)):
+            publisher.publish(
+                new(typename, linear=new("geometry_msgs/msg/Vector3", x=speed_m_s, y=0.0, z=0.0))
+            )
+
+    assert 1.0 not in until(heard, 0.5, say)
+
+
+def test_the_simulators_mark_comes_after_what_its_bodies_said(running: RunningSite, voices: Voices) -> None:
+    site, bus = running.site, voices["robot_sim"]
+    sessions = BodySessions(bus, site, [ONE, OTHER], threading.Event())
+    assert len({str(session.info.zid()) for session in (bus.session, *map(sessions.of, (ONE, OTHER)))}) == 3
+    heard: list[tuple[str, bytes]] = []
+    changed = threading.Condition()
+    keys = [f"{site.bus.domain_id}/{topics.ODOM.name(ns=ns)}/sample" for ns in (ONE, OTHER)]
+    mark = topics.CLOCK_MARK.name(org=site.org)
+
+    def hear(key: str, payload: bytes) -> None:
+        with changed:
+            heard.append((key, payload))
+            changed.notify_all()
+
+    def say(session: zenoh.Session, key: str, payload: bytes) -> None:
+        session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    bodies = list(zip(map(sessions.of, (ONE, OTHER)), keys, strict=True))
+    for session, key in (*bodies, (bus.session, mark)):
+        voices["itrash"].subscribe_bytes(key, hear, inline=True)
+        while (key, b"begin") not in heard:  # until the subscription has come through
+            say(session, key, b"begin")
+            with changed:
+                changed.wait(0.1)
+    while not sessions.taken():
+        continue
+    for turn in range(30):
+        payload = bytes([turn]) * 20_000
+        for session, key in bodies:
+            for _ in range(20):
+                say(session, key, payload)
+        assert sessions.taken()
+        say(bus.session, mark, payload)
+        with changed:
+            assert changed.wait_for(lambda end=(mark, payload): end in heard, WAIT_S)
+            before = heard[: heard.index((mark, payload))]
+        assert [before.count((key, payload)) for key in keys] == [20, 20]
+    sessions.close()
+
+
+def test_a_simulated_body_speaks_as_itself_and_follows_its_own_mind_only(
+    running: RunningSite, voices: Voices
+) -> None:
+    running.start("robot_sim")
+    for robot in (ONE, OTHER):
+        came = threading.Event()
+        node_of(running, voices, "itrash").raw_subscription(
+            topics.ODOM.name(ns=robot), topics.ODOM.type, lambda _info, came=came: came.set()
+        )
+        assert came.wait(WAIT_S), robot
+        mind = node_of(running, voices, f"robot_agent.{robot}")
+        for body in (ONE, OTHER):
+            arm = ActionClient(
+                mind, topics.FOLLOW_JOINT_TRAJECTORY.name(ns=body), topics.FOLLOW_JOINT_TRAJECTORY.type
+            )
+            stop = mind.client(topics.EMERGENCY_STOP.name(ns=body), topics.EMERGENCY_STOP.type)
+            released = new(f"{topics.EMERGENCY_STOP.type}_Request", data=False)
+            goal = new(f"{topics.FOLLOW_JOINT_TRAJECTORY.type}_Goal")
+            # Its server is in the graph for all to see.
+            assert arm.wait_for_server(WAIT_S)
+            if body == robot:
+                assert stop.call(released, WAIT_S).success
+                # It comes as far as the arm, which has no use for a trajectory without joints.
+                with pytest.raises(GoalAborted):
+                    arm.send_goal(goal, timeout_s=WAIT_S).result(WAIT_S)
+            else:
+                for ask in (partial(arm.send_goal, goal), partial(stop.call, released)):
+                    with pytest.raises((ServiceTimeout, ServiceUnavailable, ActionServerUnavailable)):
+                        ask(timeout_s=0.5)
+
+
+def node_of(running: RunningSite, voices: Voices, name: str) -> Node:
+    node_name = name.replace(".", "_")
+    return Node(voices[name].session, node_name, "", running.site.bus.domain_id, _Now())
 
 
 class _Now:

@@ -4,10 +4,10 @@ import pytest
 import zenoh
 
 from deploy.access import access_control, everybody
-from rodeo.config import Site
+from rodeo import topics
+from rodeo.config import Site, agent_process, body_identity
 from rodeo.lab.config import Pose2, RobotConfig
-from rodeo.processes import PROCESSES
-from rodeo.topics import SEAL, TOPICS, WITNESS_STATEMENT, WITNESS_STATEMENTS, Topic
+from rodeo.topics import SEAL, TOPICS, WITNESS_STATEMENT, WITNESS_STATEMENTS, Form, Plane, Topic
 from tests.support.site import LAB
 
 
@@ -16,17 +16,34 @@ def rules() -> dict[str, dict[str, list[str]]]:
     return {rule["id"]: rule for rule in access_control(Site.load(LAB))["rules"]}
 
 
+NAMES = ("panther1", "panther2")
+
+
+@pytest.fixture(scope="module")
+def two() -> Site:
+    """A site of two robots, the second of another owner's make."""
+    first, second = (RobotConfig(name=name, pose=Pose2(x_m=1, y_m=1)) for name in NAMES)
+    second = second.model_copy(update={"namespace": "fleet/second", "body": "ros2"})
+    return Site.load(LAB).model_copy(update={"robots": [first, second]})
+
+
+def may(site: Site, name: str, does: str, key: str) -> bool:
+    """Whether who shows the certificate of `name` "writes" or "asks" `key`."""
+    rules = {rule["id"]: rule["key_exprs"] for rule in access_control(site)["rules"]}
+    return any(zenoh.KeyExpr(allowed).includes(zenoh.KeyExpr(key)) for allowed in rules[f"{name} {does}"])
+
+
 def test_every_key_has_a_writer_who_may_be_on_the_bus() -> None:
-    known = {*everybody(Site.load(LAB)), "every process", "console"}
+    known = {*(name.partition(".")[0] for name in everybody(Site.load(LAB))), "every process"}
     assert {topic.writer for topic in TOPICS} <= known
 
 
-def test_no_two_processes_may_write_the_same(rules: dict[str, dict[str, list[str]]]) -> None:
-    graph = "@ros2_lv/**"
-    written = {
-        process.name: [key for key in rules[f"{process.name} writes"]["key_exprs"] if key != graph]
-        for process in PROCESSES
-    }
+def test_no_two_may_write_the_same(two: Site) -> None:
+    # A robot's frames have its namespace in the message, not in the key, which all tools expect.
+    shared = {"@ros2_lv/**", *(f"0/{topic.key}/{end}" for topic in (topics.TF, topics.TF_STATIC)
+                               for end in ("**", "**/@adv/**"))}  # fmt: skip
+    rules = {rule["id"]: rule["key_exprs"] for rule in access_control(two)["rules"]}
+    written = {name: set(rules[f"{name} writes"]) - shared for name in everybody(two)}
     for name, keys in written.items():
         for other, others in written.items():
             for key in keys:
@@ -34,14 +51,67 @@ def test_no_two_processes_may_write_the_same(rules: dict[str, dict[str, list[str
                 assert name == other or not clashes, (name, other, key, clashes)
 
 
-def test_each_of_several_robots_minds_may_spend_from_its_own_wallet_only() -> None:
-    robots = [RobotConfig(name=name, pose=Pose2(x_m=1, y_m=1)) for name in ("panther1", "panther2")]
-    site = Site.load(LAB).model_copy(update={"robots": robots})
-    rules = {rule["id"]: rule["key_exprs"] for rule in access_control(site)["rules"]}
-    for name in ("panther1", "panther2"):
+def test_each_of_several_robots_minds_may_spend_from_its_own_wallet_only(two: Site) -> None:
+    rules = {rule["id"]: rule["key_exprs"] for rule in access_control(two)["rules"]}
+    for name in NAMES:
         asked = rules[f"robot_agent.{name} asks"]
         assert [key for key in asked if "/wallet/" in key] == [f"rodeo/lab/wallet/{name}/**"]
-        assert "0/panther1/cmd_vel/**" in rules[f"robot_agent.{name} writes"]
+
+
+ROBOTS_OWN = [topic for topic in TOPICS if topic.key.startswith("{ns}/")]
+
+
+@pytest.mark.parametrize("topic", ROBOTS_OWN, ids=lambda topic: topic.key)
+def test_what_is_in_a_robots_namespace_only_that_robots_body_or_mind_says(two: Site, topic: Topic) -> None:
+    for robot in two.robots:
+        key = f"0/{topic.name(ns=robot.namespace)}/what/follows"
+        speakers = {name for name in everybody(two) if may(two, name, "writes", key)}
+        body = topic.writer == topics.BODY
+        assert speakers == {body_identity(robot.name) if body else agent_process(two, robot.name)}
+
+
+@pytest.mark.parametrize(
+    "topic", [topic for topic in ROBOTS_OWN if topic.form is not Form.TOPIC], ids=lambda topic: topic.key
+)
+def test_a_body_is_commanded_by_its_own_mind_itself_and_people(two: Site, topic: Topic) -> None:
+    for robot in two.robots:
+        key = f"0/{topic.name(ns=robot.namespace)}/what/follows"
+        commanders = {name for name in everybody(two) if may(two, name, "asks", key)}
+        own = {body_identity(robot.name), agent_process(two, robot.name)}
+        assert commanders == {*own, "operator", "console"}
+
+
+def test_a_mind_takes_orders_for_its_own_robot_only(two: Site) -> None:
+    for robot in two.robots:
+        key = topics.ROBOT_ORDER.name(org=two.org, robot=robot.name, order="pause")
+        assert [name for name in everybody(two) if may(two, name, "writes", key)] == [
+            agent_process(two, robot.name)
+        ]
+
+
+def test_a_body_says_nothing_to_the_organization_and_asks_it_nothing(two: Site) -> None:
+    for name in NAMES:
+        rules = {rule["id"]: rule["key_exprs"] for rule in access_control(two)["rules"]}
+        said = [key for key in rules[f"body.{name} writes"] if key.startswith("rodeo/")]
+        assert said == [f"rodeo/lab/clock/body/{name}"]
+        assert not [key for key in rules[f"body.{name} asks"] if key.startswith("rodeo/")]
+
+
+def test_the_simulator_as_itself_says_what_is_the_labs(two: Site) -> None:
+    names = {"ns": "panther1", "bin": two.bin.name, "dock": two.dock.name}
+    said = {
+        topic.key
+        for topic in TOPICS
+        if topic.plane is Plane.ROBOT and may(two, "robot_sim", "writes", f"0/{topic.pattern(**names)}/x")
+    }
+    assert said == {topic.key for topic in TOPICS if topic.writer == "robot_sim"} - {
+        topics.CLOCK_MARK.key
+    } | {topics.TF_STATIC.key}
+
+
+def test_a_body_has_the_same_name_however_many_robots_there_are(two: Site) -> None:
+    one = two.model_copy(update={"robots": two.robots[:1]})
+    assert "body.panther1" in everybody(one) and "body.panther1" in everybody(two)
 
 
 @pytest.mark.parametrize("topic", [SEAL, WITNESS_STATEMENT, WITNESS_STATEMENTS], ids=lambda topic: topic.key)
