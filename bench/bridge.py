@@ -135,7 +135,7 @@ def _index_from_nothing(tasks: int) -> float:
         happened += [
             [
                 events.Transfer(someone, manager, iec),
-                events.TaskRegistered(number, someone, "waste_disposal", iec, 60, 60, 3, "{}"),
+                events.TaskRegistered(number, someone, "waste_disposal", iec, 60, 60, 3, proof, "{}"),
                 events.TaskAssigned(number, 1, robot, 1, iec, proof, 10**9),
             ],
             [events.ProofSubmitted(number, 1, robot, proof, "file:///proof.mcap", 10**9)],

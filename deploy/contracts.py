@@ -47,7 +47,7 @@ from rodeo.chain.client import connect, require_chain
 from rodeo.chain.errors import translated
 from rodeo.config import Site
 from rodeo.errors import RodeoError, WalletError
-from rodeo.kinds import kinds_of
+from rodeo.kinds import Kind, kinds_of
 from rodeo.process import main
 
 log = logging.getLogger(__name__)
@@ -70,7 +70,7 @@ Say = Callable[[str], object]
 def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     """Deploy what is missing; running it again after an error goes on from there.
 
-    Raises ChainError, WalletError or WithoutGasMoney; WrongChain before anything is sent there.
+    Raises ChainError, KindError, WalletError or WithoutGasMoney; WrongChain before anything is sent there.
     """
     local = site.chain.backend != "external"
     if local:
@@ -271,8 +271,12 @@ def _missing_rules(
             silence = Silence[declared.at_silence.upper()]
             yield administrator, calls.set_audit(kind, site.economy.audit_window_s, silence)
         # A machine that judged what it has no checks for is corrected; that people judge more is not.
-        if not rules.allowed or (review is Review.AUDITOR and rules.review is not review):
-            yield administrator, calls.allow_kind(kind, review)
+        if review is Review.AUDITOR:
+            if not rules.allowed or rules.review is not review:
+                yield administrator, calls.allow_kind(kind, review, bytes(32))
+        elif not rules.allowed or rules.review is review:
+            for call in _missing_hash(client, declared):
+                yield administrator, call
     for keystore, (device_role, name) in wallets.device_names(site).items():
         device = _told(site, keystore)
         if device is not None and not _is_registered(client, device):
@@ -283,6 +287,21 @@ def _missing_rules(
         if wallet is not None and client.allowance(wallet, client.task_manager) < _UNLIMITED // 2:
             spender = wallets.load(site, robot.name)
             yield spender, client.calls.approve(client.task_manager, _UNLIMITED)
+
+
+def _missing_hash(client: ChainClient, kind: Kind) -> Iterator[Call]:
+    """What lets tasks of `kind` be posted under the rules that are installed, which the site's oracle has.
+    Those that were current stay so, as far as there is room: their tasks are judged by them."""
+    # Imported here: what the checks use takes its time.
+    from rodeo.checks.rules import rules_hash
+
+    calls, current = client.organization_calls, client.current_rules(kind.name)
+    installed = bytes.fromhex((rules_hash(kind) or "").removeprefix("0x"))
+    if installed in current:
+        return
+    if len(current) == client.max_rules():
+        yield calls.retire_rules(kind.name, current[0])
+    yield calls.allow_kind(kind.name, Review.ORACLE, installed)
 
 
 def _is_registered(client: ChainClient, device: str) -> bool:

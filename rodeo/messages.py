@@ -113,6 +113,9 @@ class RegisterTask(Command):
     execution_window_s: Window | None = None
     verdict_window_s: Window | None = None
     max_attempts: Attempt | None = None
+    rules_sha256: Hex32 | None = None
+    """The rules by which it is to be judged, among the kind's current ones; by default the newest that the
+    bridge knows."""
     allow_wait: bool = False
     """Queue the task even though every service on offer costs more than its reward."""
 
@@ -250,14 +253,26 @@ class AllowKind(Command):
     audit_window_s: Window | None = None
     """How long auditors may look at a proof that the oracle could not decide."""
     at_silence: Winner | None = None
+    rules_sha256: Hex32 | None = None
+    """The rules by which it is judged from now on, beside those that are current. An oracle needs some; where
+    they are left out, those that are the newest stay so."""
 
     @model_validator(mode="after")
     def _has_a_judge(self) -> Self:
         if self.allowed != (self.review is not None):
             raise ValueError("review is needed to allow a kind, and only then")
+        if self.rules_sha256 is not None and not self.allowed:
+            raise ValueError("rules_sha256 goes with a kind that is allowed")
         if (self.audit_window_s is None) != (self.at_silence is None):
             raise ValueError("audit_window_s and at_silence go together: say both or none")
         return self
+
+
+class RetireRules(Command):
+    """No task is posted under these rules from now on. Those that were keep them."""
+
+    kind: Kind
+    rules_sha256: Hex32
 
 
 class SetPolicy(Command):
@@ -325,6 +340,7 @@ COMMANDS: dict[str, type[Command]] = {
     "revoke_device": RevokeDevice,
     "post_root": PostRoot,
     "allow_kind": AllowKind,
+    "retire_rules": RetireRules,
     "set_policy": SetPolicy,
     "set_terms": SetTerms,
     "set_members_only": SetMembersOnly,
@@ -452,6 +468,9 @@ class Task(Message):
     """Until when the auditors may decide an undecided attempt."""
     at_silence: Winner | None = None
     """Who wins if they do not."""
+    rules_sha256: str | None = None
+    """The rules by which it is judged: those that were current when it was posted (`rodeo.checks.rules`).
+    None where people judge and no rules were named."""
     execution_window_s: int
     verdict_window_s: int
     nonce: str | None

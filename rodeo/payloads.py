@@ -247,6 +247,7 @@ _VALUES: dict[str, Any] = {
     "root": _DIGEST,
     "uri": "https://store.example/" + "3d" * 32 + ".json",
     "review": "oracle",
+    "rules_sha256": "0x" + _DIGEST.removeprefix("0x"),
     "policy": "lowest_price",
     "bond_iec": "50",
     "penalty_iec": "20",
@@ -259,7 +260,7 @@ _SHOWN: dict[str, tuple[str, ...]] = {
     "register_task": ("params", "request_id"),
     "post_verdict": ("amount_iec",),
     "update_service": ("price_iec",),
-    "allow_kind": ("review",),
+    "allow_kind": ("review", "rules_sha256"),
     "set_terms": ("bond_iec", "penalty_iec", "max_failures"),
 }
 """Optional fields that the example of a command has, too."""

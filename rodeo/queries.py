@@ -271,6 +271,8 @@ class KindRules(Answer):
     audit_window_s: int
     silence: Literal["executor", "creator", "none"]
     """Who wins if the auditors do not answer."""
+    rules_sha256: list[str] = []
+    """The rules under which tasks may be posted now, the newest last."""
 
 
 class Terms(Answer):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 from typing import Annotated, Any, get_args
 
@@ -10,7 +11,8 @@ import typer
 from rodeo import queries, topics
 from rodeo.durations import span
 from rodeo.errors import InvalidRequest
-from rodeo.messages import Policy, RoleName
+from rodeo.kinds import KindError, installed, load
+from rodeo.messages import LIVE_STATES, Policy, RoleName
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
@@ -86,6 +88,8 @@ def _kind_in_words(kind: queries.KindRules) -> str:
     if kind.review == "oracle" and kind.audit_window_s:
         told += f"; if it cannot decide, auditors have {span(kind.audit_window_s)}"
         told += f", then the {kind.silence} wins"
+    if kind.rules_sha256:
+        told += f"; by the rules {' or '.join(reversed(kind.rules_sha256))}"
     return told
 
 
@@ -119,10 +123,21 @@ def kind(
     at_silence: Annotated[
         str | None, typer.Option(help="Who wins if no auditor answers in time: executor or creator.")
     ] = None,
+    rules_sha256: Annotated[
+        str | None,
+        typer.Option(
+            "--rules",
+            help="Hash of the rules by which it is judged, beside those that are current. Where the oracle "
+            "judges, the default is the hash of the installed kind (`rodeo kind show`).",
+        ),
+    ] = None,
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:
-    """Allow a kind of work, or stop allowing it. To allow it, set who judges it."""
+    """Allow a kind of work, or stop allowing it. To allow it, set who judges it.
+
+    Repeat it after an update of the kind's package: new tasks are then judged by the new rules.
+    """
     if allowed and review is None:
         raise InvalidRequest(
             f"choose who judges {name}: --review auditor for people, or --review oracle where it has checks",
@@ -135,6 +150,7 @@ def kind(
         "min_window_s": min_window_s,
         "audit_window_s": audit_window_s,
         "at_silence": at_silence,
+        "rules_sha256": rules_sha256 or (_installed_rules(name) if review == "oracle" else None),
     }
     accepted = f"judged by the {review}" if allowed else "no longer accepted"
     _send(
@@ -144,6 +160,92 @@ def kind(
         f"{name} is {'accepted and ' if allowed else ''}{accepted}.",
         **fields,
     )
+
+
+@organization.command("rules")
+@reports_errors
+def rules(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """List the rules by which tasks are judged, and how many tasks that have not ended need each of them.
+
+    Update an oracle's checks once no open task needs the rules that it has.
+    """
+    with connected(site) as (loaded, bus):
+        kinds = queries.ask(bus, loaded.org, queries.ORGANIZATION).kinds
+        needed: Counter[tuple[str, str]] = Counter()
+        offset, total = 0, 1
+        while offset < total:
+            page = queries.ask(
+                bus,
+                loaded.org,
+                queries.TASKS,
+                state=",".join(LIVE_STATES),
+                order="oldest",
+                limit=queries.MAX_PAGE,
+                offset=offset,
+            )
+            needed.update((task.kind, task.rules_sha256) for task in page.tasks if task.rules_sha256)
+            offset, total = offset + queries.MAX_PAGE, page.total
+    current = [(kind.kind, one) for kind in kinds for one in kind.rules_sha256]
+    newest = {(kind.kind, kind.rules_sha256[-1]) for kind in kinds if kind.rules_sha256}
+    entries = [
+        {
+            "kind": name,
+            "rules_sha256": one,
+            "state": "newest"
+            if (name, one) in newest
+            else "current"
+            if (name, one) in current
+            else "retired",
+            "open_tasks": needed[name, one],
+            "installed": one == _installed_rules(name),
+        }
+        for name, one in sorted({*current, *needed}, key=lambda entry: (entry[0], entry not in current))
+    ]
+    rows = [
+        Row(
+            (
+                str(one["kind"]),
+                str(one["rules_sha256"]),
+                str(one["state"]),
+                str(one["open_tasks"]),
+                "yes" if one["installed"] else "no",
+            )
+        )
+        for one in entries
+    ]
+    columns = ("kind", "rules", "state", "open tasks", "installed here")
+    print_listing({"rules": entries}, as_json, columns, rows, folds=(1,))
+
+
+@organization.command("retire-rules")
+@reports_errors
+def retire_rules(
+    name: Annotated[str, typer.Argument(help="The kind of task.")],
+    rules_sha256: Annotated[str, typer.Argument(metavar="RULES", help="Their hash.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Let nobody post a task under these rules any more. Tasks that were posted under them keep them."""
+    _send(
+        site,
+        participant,
+        "retire_rules",
+        f"No task of {name} is posted under {rules_sha256} any more.",
+        kind=name,
+        rules_sha256=rules_sha256,
+    )
+
+
+def _installed_rules(name: str) -> str | None:
+    """Hash of the rules of an installed kind; None where people judge it, or nothing of the name can be
+    imported here."""
+    # Imported here: what the checks use takes its time, and most commands need none of it.
+    from rodeo.checks.rules import rules_hash
+
+    try:
+        return rules_hash(load(name)) if name in installed() else None
+    except KindError:
+        return None
 
 
 @organization.command("terms")

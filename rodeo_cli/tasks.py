@@ -196,6 +196,7 @@ def _told(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
         ("time to work", span(task.execution_window_s)),
         ("time to judge", span(task.verdict_window_s)),
         ("without a verdict", f"the {task.at_silence} wins" if task.at_silence else ""),
+        ("rules", task.rules_sha256 or ""),
         ("proof", task.proof_sha256 or ""),
         ("proof at", task.proof_uri or ""),
         ("report", task.report_sha256 or ""),
@@ -388,6 +389,12 @@ def verify(
     loaded = Site.load(site)
     known = View(None, []) if offline else _chain_view(site, file)
     report = verify_file(file, loaded, known.chain_record)
+    task = known.chain_record and known.chain_record.task
+    if task and task.rules_sha256 != report.rules_sha256:
+        named = task.rules_sha256 or "none"
+        known.warnings.append(
+            f"the task is judged by the rules {named}; installed here are {report.rules_sha256}"
+        )
     for warning in known.warnings:
         errors.print(f"[bold yellow]warning[/]: {escape(warning)}", highlight=False, soft_wrap=True)
     if as_json:

@@ -40,6 +40,10 @@ class Rebuilt:
     devices: dict[str, Device] = field(default_factory=dict)
     roots: dict[tuple[str, int], bytes] = field(default_factory=dict)
     kinds: dict[str, KindRules] = field(default_factory=dict)
+    rules: dict[str, list[bytes]] = field(default_factory=dict)
+    """Kind -> the hashes that are current, the newest last."""
+    rules_of_tasks: dict[int, bytes] = field(default_factory=dict)
+    """What only the event tells."""
     roles: set[tuple[str, str]] = field(default_factory=set)
     """(role, account)"""
     terms: Terms = field(default_factory=lambda: Terms(0, 0, 0))
@@ -53,6 +57,7 @@ class Rebuilt:
         event = log.event
         match event:
             case events.TaskRegistered():
+                self.rules_of_tasks[event.task_id] = event.rules
                 self.tasks[event.task_id] = Task(
                     creator=event.creator,
                     reward=event.reward,
@@ -159,6 +164,11 @@ class Rebuilt:
                 self.devices[event.device] = revoked
             case events.KindAllowed():
                 self._kind(event.kind, allowed=True, review=event.review)
+                if any(event.rules):
+                    self._forget_rules(event.kind, event.rules)
+                    self.rules[event.kind].append(event.rules)
+            case events.RulesRetired():
+                self._forget_rules(event.kind, event.rules)
             case events.KindDisallowed():
                 self._kind(event.kind, allowed=False)
             case events.AuditChanged():
@@ -217,6 +227,9 @@ class Rebuilt:
     def _kind(self, kind: str, **changes: object) -> None:
         rules = self.kinds.get(kind, KindRules(False, Review.NONE, 0, 0, Silence.NONE))
         self.kinds[kind] = replace(rules, **changes)  # type: ignore[arg-type]
+
+    def _forget_rules(self, kind: str, rules: bytes) -> None:
+        self.rules[kind] = [one for one in self.rules.get(kind, []) if one != rules]
 
     def _balance(self, account: str, change: int) -> None:
         self.balances[account] = self.balances.get(account, 0) + change

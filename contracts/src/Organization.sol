@@ -27,6 +27,8 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     /// @notice A shorter window would let nobody answer, a longer one keep the reward from both sides.
     uint32 public constant MIN_AUDIT_WINDOW = 1 minutes;
     uint32 public constant MAX_AUDIT_WINDOW = 30 days;
+    /// @notice Of one kind at a time. Who posts a task pays for looking through them.
+    uint256 public constant MAX_RULES = 8;
 
     /// @inheritdoc IOrganization
     IERC20 public immutable token;
@@ -40,6 +42,8 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     bool public membersOnly;
     Terms private _terms;
     mapping(bytes32 kind => Kind) private _kinds;
+    /// @dev The newest last.
+    mapping(bytes32 kind => bytes32[]) private _rules;
 
     /// @param services_ may be deployed later, at this address; the same for `tasks_`, which checks it
     constructor(
@@ -58,17 +62,35 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function allowKind(bytes32 kind, Review review) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        Kind storage rules = _kinds[kind];
+    function allowKind(bytes32 kind, Review review, bytes32 rules) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        Kind storage k = _kinds[kind];
         if (review == Review.None) revert KindWithoutReview(kind);
-        if (review == Review.Oracle && rules.silence == Silence.None) revert KindWithoutAudit(kind);
-        rules.allowed = true;
-        rules.review = review;
-        emit KindAllowed(kind, review);
+        if (review == Review.Oracle && k.silence == Silence.None) revert KindWithoutAudit(kind);
+        if (review == Review.Oracle && rules == 0) revert KindWithoutRules(kind);
+        // What a machine computes is no rule for people, nor the other way round.
+        if (review != k.review) _retireAll(kind);
+        k.allowed = true;
+        k.review = review;
+        if (rules != 0) {
+            bytes32[] storage current = _rules[kind];
+            _remove(current, rules);
+            if (current.length == MAX_RULES) revert TooManyRules(kind, MAX_RULES);
+            current.push(rules);
+        }
+        emit KindAllowed(kind, review, rules);
+    }
+
+    /// @inheritdoc IOrganization
+    function retireRules(bytes32 kind, bytes32 rules) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        bytes32[] storage current = _rules[kind];
+        if (!_remove(current, rules)) revert RulesNotCurrent(kind, rules);
+        if (current.length == 0 && _kinds[kind].review == Review.Oracle) revert KindWithoutRules(kind);
+        emit RulesRetired(kind, rules);
     }
 
     /// @inheritdoc IOrganization
     function disallowKind(bytes32 kind) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        _retireAll(kind);
         _kinds[kind].allowed = false;
         emit KindDisallowed(kind);
     }
@@ -213,6 +235,11 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
+    function currentRules(bytes32 kind) external view returns (bytes32[] memory) {
+        return _rules[kind];
+    }
+
+    /// @inheritdoc IOrganization
     function isKindAllowed(bytes32 kind) external view returns (bool) {
         return _kinds[kind].allowed;
     }
@@ -235,14 +262,14 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function admitTask(bytes32 kind, address creator, uint32 executionWindow)
+    function admitTask(bytes32 kind, address creator, uint32 executionWindow, bytes32 wantedRules)
         external
         view
-        returns (IMatchingPolicy)
+        returns (IMatchingPolicy, bytes32)
     {
         uint32 minWindow = _admit(kind, creator).minWindow;
         if (executionWindow < minWindow) revert WindowTooShort(kind, executionWindow, minWindow);
-        return policy;
+        return (policy, _rulesFor(kind, wantedRules));
     }
 
     /// @inheritdoc IOrganization
@@ -258,6 +285,35 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         if (membersOnly && participant != address(this) && !isMember(participant)) {
             revert NotMember(participant);
         }
+    }
+
+    /// @dev What a task of `kind` is judged by whose creator wants `wanted`.
+    function _rulesFor(bytes32 kind, bytes32 wanted) private view returns (bytes32) {
+        bytes32[] storage current = _rules[kind];
+        uint256 count = current.length;
+        if (wanted == 0) return count == 0 ? bytes32(0) : current[count - 1];
+        for (uint256 i = count; i > 0; --i) {
+            if (current[i - 1] == wanted) return wanted;
+        }
+        revert RulesNotCurrent(kind, wanted);
+    }
+
+    function _retireAll(bytes32 kind) private {
+        bytes32[] storage current = _rules[kind];
+        for (uint256 i = current.length; i > 0; --i) {
+            emit RulesRetired(kind, current[i - 1]);
+            current.pop();
+        }
+    }
+
+    /// @dev Whether `rules` was there. The others keep their order.
+    function _remove(bytes32[] storage current, bytes32 rules) private returns (bool found) {
+        uint256 count = current.length;
+        for (uint256 i = 0; i < count; ++i) {
+            if (found) current[i - 1] = current[i];
+            else found = current[i] == rules;
+        }
+        if (found) current.pop();
     }
 
     function _setPolicy(IMatchingPolicy policy_) private {

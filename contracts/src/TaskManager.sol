@@ -248,7 +248,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     function _register(TaskRequest calldata request) private returns (uint256 taskId) {
-        IMatchingPolicy policy = organization.admitTask(request.kind, msg.sender, request.executionWindow);
+        (IMatchingPolicy policy, bytes32 rules) =
+            organization.admitTask(request.kind, msg.sender, request.executionWindow, request.rules);
         _requireWindow(request.executionWindow);
         _requireWindow(request.verdictWindow);
         if (request.maxAttempts == 0 || request.maxAttempts > MAX_ATTEMPTS) {
@@ -272,6 +273,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             request.executionWindow,
             request.verdictWindow,
             request.maxAttempts,
+            rules,
             request.params
         );
         _match(taskId, t, request.kind, policy);

@@ -304,7 +304,7 @@ contract AuditTest is Fixture {
 
     function test_attack_anAuditorLeavesUndecidedWhatItAloneJudges() public {
         vm.prank(admin);
-        organization.allowKind(CLEANING, Review.Auditor);
+        organization.allowKind(CLEANING, Review.Auditor, 0);
         _assertRefused(
             abi.encodeWithSelector(ITaskManager.AuditorMustDecide.selector, _taskId, auditor),
             auditor,

@@ -16,6 +16,7 @@ import {FirstComeFirstServed} from "../src/policies/FirstComeFirstServed.sol";
 abstract contract Fixture is Test {
     bytes32 internal constant CLEANING = "waste_disposal";
     bytes32 internal constant CHARGING = "battery_charging";
+    bytes32 internal constant RULES = keccak256("rules");
     bytes32 internal constant PROOF = keccak256("recording");
     bytes32 internal constant REPORT = keccak256("report");
     string internal constant URI = "https://store/recording.mcap";
@@ -75,8 +76,8 @@ abstract contract Fixture is Test {
         organization.grantRole(organization.TREASURER_ROLE(), admin);
         organization.setAudit(CLEANING, AUDIT_WINDOW, Silence.Executor);
         organization.setAudit(CHARGING, AUDIT_WINDOW, Silence.Creator);
-        organization.allowKind(CLEANING, Review.Oracle);
-        organization.allowKind(CHARGING, Review.Oracle);
+        organization.allowKind(CLEANING, Review.Oracle, RULES);
+        organization.allowKind(CHARGING, Review.Oracle, RULES);
         vm.stopPrank();
     }
 
@@ -97,7 +98,7 @@ abstract contract Fixture is Test {
     }
 
     function request(uint256 reward) internal pure returns (TaskRequest memory) {
-        return TaskRequest(CLEANING, reward, WINDOW, WINDOW, ATTEMPTS, "{}");
+        return TaskRequest(CLEANING, reward, WINDOW, WINDOW, ATTEMPTS, 0, "{}");
     }
 
     function post(address creator, uint256 reward) internal returns (uint256 taskId) {

@@ -123,9 +123,11 @@ contract OrganizationTest is Fixture {
         bytes memory refusal = _refusal(stranger, organization.DEFAULT_ADMIN_ROLE());
         vm.startPrank(stranger);
         vm.expectRevert(refusal);
-        organization.allowKind("painting", Review.Auditor);
+        organization.allowKind("painting", Review.Auditor, 0);
         vm.expectRevert(refusal);
         organization.disallowKind(CLEANING);
+        vm.expectRevert(refusal);
+        organization.retireRules(CLEANING, RULES);
         vm.expectRevert(refusal);
         organization.setPolicy(policy);
         vm.expectRevert(refusal);
@@ -257,9 +259,9 @@ contract OrganizationTest is Fixture {
 
     function test_auditorsJudgeTheKindsThatTheyReview() public {
         vm.expectEmit(address(organization));
-        emit IOrganization.KindAllowed(CLEANING, Review.Auditor);
+        emit IOrganization.KindAllowed(CLEANING, Review.Auditor, 0);
         vm.prank(admin);
-        organization.allowKind(CLEANING, Review.Auditor);
+        organization.allowKind(CLEANING, Review.Auditor, 0);
         offer(robot1, 80 ether);
         uint256 taskId = post(alice, 100 ether);
         submit(taskId);
@@ -276,11 +278,11 @@ contract OrganizationTest is Fixture {
     function test_aKindThatNobodyJudgesIsNotAllowed() public {
         vm.startPrank(admin);
         vm.expectRevert(abi.encodeWithSelector(IOrganization.KindWithoutReview.selector, bytes32("painting")));
-        organization.allowKind("painting", Review.None);
+        organization.allowKind("painting", Review.None, 0);
         assertFalse(organization.isKindAllowed("painting"));
         assertFalse(organization.mayJudge(oracle, "painting"), "an unknown kind has no judge");
         assertFalse(organization.mayJudge(auditor, "painting"), "an unknown kind has no judge");
-        organization.allowKind("painting", Review.Auditor);
+        organization.allowKind("painting", Review.Auditor, 0);
         assertTrue(organization.isKindAllowed("painting"));
         assertFalse(organization.mayJudge(oracle, "painting"));
     }
@@ -288,11 +290,11 @@ contract OrganizationTest is Fixture {
     function test_whatOraclesJudgeNeedsAuditorsForWhatTheyCannotDecide() public {
         vm.startPrank(admin);
         vm.expectRevert(abi.encodeWithSelector(IOrganization.KindWithoutAudit.selector, bytes32("painting")));
-        organization.allowKind("painting", Review.Oracle);
+        organization.allowKind("painting", Review.Oracle, RULES);
         vm.expectEmit(address(organization));
         emit IOrganization.AuditChanged("painting", 1 days, Silence.Creator);
         organization.setAudit("painting", 1 days, Silence.Creator);
-        organization.allowKind("painting", Review.Oracle);
+        organization.allowKind("painting", Review.Oracle, RULES);
         assertEq(organization.kindOf("painting").auditWindow, 1 days);
         assertEq(uint8(organization.kindOf("painting").silence), uint8(Silence.Creator));
     }

@@ -124,6 +124,7 @@ class TaskRequest(Struct):
     execution_window: int
     verdict_window: int
     max_attempts: int
+    rules: bytes
     params: str
 
 
@@ -161,8 +162,8 @@ class OrganizationCalls(ContractCalls):
     def admit(self, account: str) -> Call:
         return self._call("Organization", "admit", account)
 
-    def allow_kind(self, kind: str, review: Review) -> Call:
-        return self._call("Organization", "allowKind", kind, review)
+    def allow_kind(self, kind: str, review: Review, rules: bytes) -> Call:
+        return self._call("Organization", "allowKind", kind, review, rules)
 
     def begin_default_admin_transfer(self, new_admin: str) -> Call:
         return self._call("Organization", "beginDefaultAdminTransfer", new_admin)
@@ -205,6 +206,9 @@ class OrganizationCalls(ContractCalls):
 
     def renounce_role(self, role: Role, account: str) -> Call:
         return self._call("Organization", "renounceRole", role, account)
+
+    def retire_rules(self, kind: str, rules: bytes) -> Call:
+        return self._call("Organization", "retireRules", kind, rules)
 
     def revoke_device(self, device: str, reason: Revocation) -> Call:
         return self._call("Organization", "revokeDevice", device, reason)

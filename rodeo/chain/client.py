@@ -113,6 +113,14 @@ class ChainClient:
     def kind(self, kind: str) -> KindRules:
         return self._view("Organization", "kindOf", kind_to_bytes32(kind))
 
+    def current_rules(self, kind: str) -> list[bytes]:
+        """Hashes of the rules under which tasks of `kind` may be posted now, the newest last."""
+        return self._view("Organization", "currentRules", kind_to_bytes32(kind))
+
+    def max_rules(self) -> int:
+        """How many of them a kind may have."""
+        return self._view("Organization", "MAX_RULES")
+
     def terms(self) -> Terms:
         """What services agree to that are registered now."""
         return self._view("Organization", "terms")

@@ -58,6 +58,7 @@ class DeviceRevoked(Event):
 class KindAllowed(Event):
     kind: str
     review: Review
+    rules: bytes
 
 
 @dataclass(frozen=True)
@@ -93,6 +94,12 @@ class RoleRevoked(Event):
     role: str
     account: str
     sender: str
+
+
+@dataclass(frozen=True)
+class RulesRetired(Event):
+    kind: str
+    rules: bytes
 
 
 @dataclass(frozen=True)
@@ -233,6 +240,7 @@ class TaskRegistered(Event):
     execution_window: int
     verdict_window: int
     max_attempts: int
+    rules: bytes
     params: str
 
 

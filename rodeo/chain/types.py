@@ -133,6 +133,8 @@ def value(parameter: Mapping[str, Any], raw: Any) -> Any:
     Enums and structs become theirs, kinds, device roles and device names text, access roles their names.
     Other bytes stay bytes.
     """
+    if parameter["type"].endswith("[]"):
+        return [value({**parameter, "type": parameter["type"][:-2]}, one) for one in raw]
     known = _class(parameter.get("internalType", ""))
     if known is not None:
         return known(**values(parameter["components"], raw)) if issubclass(known, Struct) else known(raw)

@@ -52,6 +52,7 @@ from rodeo.messages import (
     RegisterService,
     RegisterTask,
     ReinstateService,
+    RetireRules,
     RevokeDevice,
     RevokeRole,
     SetMembersOnly,
@@ -70,6 +71,7 @@ from services.bridge.errors import (
     CannotDo,
     InsufficientFunds,
     KindWithoutChecks,
+    KindWithoutRules,
     NotThisWallets,
     RewardBelowPrice,
     UnknownCommand,
@@ -84,6 +86,9 @@ from services.bridge.projection import ZERO_ADDRESS
 from services.bridge.transactions import Transactions
 
 _UNLIMITED = 2**256 - 1
+
+NO_RULES = "0x" + "00" * 32
+"""Of a task that names none: the newest that are current, if there are any."""
 
 
 MAX_TEXT_BYTES = 16 * 1024
@@ -273,6 +278,8 @@ class Wallet:
             execution_window=command.execution_window_s or window_s,
             verdict_window=command.verdict_window_s or self.economy.verdict_window_s,
             max_attempts=command.max_attempts or self.economy.max_attempts,
+            # Named, so that no rules judge it that become current before this is mined.
+            rules=_bytes32(command.rules_sha256 or next(reversed(self.index.rules(command.kind)), NO_RULES)),
             params=text,
         )
         # The Organization approved the TaskManager in its constructor.
@@ -390,7 +397,18 @@ class Wallet:
         if command.review is None:
             return [*found, calls.disallow_kind(command.kind)]
         # Last, so that nobody posts such a task before its rules hold.
-        return [*found, calls.allow_kind(command.kind, Review[command.review.upper()])]
+        kept = self.index.rules(command.kind, (command.review,))
+        rules = command.rules_sha256 or next(reversed(kept), NO_RULES)
+        if command.review == "oracle" and rules == NO_RULES:
+            raise KindWithoutRules(
+                "say by which rules the oracle judges this kind: `rodeo kind show` names those of a kind",
+                kind=command.kind,
+            )
+        return [*found, calls.allow_kind(command.kind, Review[command.review.upper()], _bytes32(rules))]
+
+    def _retire_rules(self, command: RetireRules) -> list[Call]:
+        calls = self.client.organization_calls
+        return [calls.retire_rules(command.kind, _bytes32(command.rules_sha256))]
 
     def _set_policy(self, command: SetPolicy) -> list[Call]:
         return [self.client.organization_calls.set_policy(Policy[command.policy.upper()])]
@@ -514,6 +532,7 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "revoke_device": (RevokeDevice, Wallet._revoke_device),
     "post_root": (PostRoot, Wallet._post_root),
     "allow_kind": (AllowKind, Wallet._allow_kind),
+    "retire_rules": (RetireRules, Wallet._retire_rules),
     "set_policy": (SetPolicy, Wallet._set_policy),
     "set_terms": (SetTerms, Wallet._set_terms),
     "set_members_only": (SetMembersOnly, Wallet._set_members_only),

@@ -59,6 +59,10 @@ class KindWithoutChecks(RequestError):
     """The oracle has no checks for this kind: people judge it."""
 
 
+class KindWithoutRules(RequestError):
+    """An oracle judges by rules that everybody can name."""
+
+
 class UnknownService(RequestError):
     """No such service was ever registered."""
 

@@ -452,6 +452,12 @@ class Index:
         query = select(schema.kinds.c.kind).where(schema.kinds.c.allowed).order_by(schema.kinds.c.kind)
         return [row["kind"] for row in self._rows(query)]
 
+    def rules(self, kind: str, review: tuple[str, ...] = ("oracle", "auditor")) -> list[str]:
+        """Hashes of the rules under which tasks of a kind may be posted, the newest last; none where somebody
+        else judges it."""
+        row = self._first(select(schema.kinds).where(schema.kinds.c.kind == kind))
+        return [] if row is None or row["review"] not in review else list(row["rules_sha256"])
+
     def all_kinds(self) -> list[Row]:
         return self._rows(select(schema.kinds).order_by(schema.kinds.c.kind))
 

@@ -66,6 +66,7 @@ class Projection:
                     refunded=0,
                     execution_window_s=event.execution_window,
                     verdict_window_s=event.verdict_window,
+                    rules_sha256="0x" + event.rules.hex() if any(event.rules) else None,
                     params=params,
                     description=description,
                     text=event.params.lower(),
@@ -208,6 +209,9 @@ class Projection:
                 )
             case events.KindAllowed():
                 self._change_kind(event.kind, allowed=True, review=event.review.name.lower())
+                self._change_rules(event.kind, event.rules, current=any(event.rules))
+            case events.RulesRetired():
+                self._change_rules(event.kind, event.rules, current=False)
             case events.KindDisallowed():
                 self._change_kind(event.kind, allowed=False)
             case events.AuditChanged():
@@ -243,6 +247,12 @@ class Projection:
     def _change_kind(self, kind: str, **values: Any) -> None:
         self.rows.put(schema.kinds, **{**self._kind(kind), **values})
 
+    def _change_rules(self, kind: str, rules: bytes, *, current: bool) -> None:
+        """They are the newest now, or current no longer."""
+        named = "0x" + rules.hex()
+        others = [one for one in self._kind(kind)["rules_sha256"] if one != named]
+        self._change_kind(kind, rules_sha256=[*others, named] if current else others)
+
     def _kind(self, kind: str) -> Mapping[str, Any]:
         unknown = {
             "kind": kind,
@@ -251,6 +261,7 @@ class Projection:
             "min_window_s": 0,
             "audit_window_s": 0,
             "silence": "none",
+            "rules_sha256": [],
             "places": 0,
         }
         return self.rows.find(schema.kinds, kind) or unknown

@@ -137,6 +137,7 @@ tasks = Table(
     Column("at_silence", String(16), doc="who wins if the auditors do not answer: executor or creator"),
     Column("execution_window_s", BigInteger, nullable=False),
     Column("verdict_window_s", BigInteger, nullable=False),
+    Column("rules_sha256", String(66), doc="by which it is judged; null where people judge without any"),
     Column("nonce", String(66)),
     Column("proof_sha256", String(66)),
     Column("proof_uri", Written),
@@ -202,6 +203,7 @@ kinds = Table(
     Column("min_window_s", BigInteger, nullable=False),
     Column("audit_window_s", BigInteger, nullable=False),
     Column("silence", String(16), nullable=False, doc="who wins if the auditors do not answer, or none"),
+    Column("rules_sha256", JSON, nullable=False, doc="those that are current, the newest last"),
     Column("places", BigInteger, nullable=False, doc="given to idle services until now"),
 )
 

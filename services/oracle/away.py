@@ -285,24 +285,31 @@ class MissingProofs:
             return None
         check = Check(name="fetched", passed=False, source=task.proof_uri or "", detail=detail, fault=fault)
         return Report.of(
-            [check], kind=task.kind, task_id=task.id, attempt=task.attempt, proof_sha256=task.proof_sha256
+            [check],
+            kind=task.kind,
+            task_id=task.id,
+            attempt=task.attempt,
+            proof_sha256=task.proof_sha256,
+            rules_sha256=task.rules_sha256,
         )
 
     def _verdict_is_due(self, task: Task) -> bool:
         return is_due(task, self._site, self._clock)
 
 
-def due_s(task: Task, site: Site) -> float | None:
+def due_s(task: Task, site: Site, patience: float = 1.0) -> float | None:
     """Site time from which the verdict on a submitted task cannot wait any longer, or its window passes
-    without one; None where no window runs."""
+    without one; None where no window runs. `patience`: the share of the usual time before the end that who
+    asks needs."""
     if task.verdict_deadline is None:
         return None
-    return task.verdict_deadline - min(site.min_verdict_window_s, _MARGIN_SHARE * task.verdict_window_s)
+    margin_s = min(site.min_verdict_window_s, _MARGIN_SHARE * task.verdict_window_s)
+    return task.verdict_deadline - patience * margin_s
 
 
-def is_due(task: Task, site: Site, clock: Clock) -> bool:
-    """Whether the verdict on a submitted task cannot wait any longer."""
-    time_s = due_s(task, site)
+def is_due(task: Task, site: Site, clock: Clock, patience: float = 1.0) -> bool:
+    """Whether the verdict on a submitted task cannot wait any longer; `patience` as for `due_s`."""
+    time_s = due_s(task, site, patience)
     try:
         return time_s is not None and clock.now_s() >= time_s
     except ClockUnavailable:

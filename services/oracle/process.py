@@ -41,6 +41,7 @@ from rodeo.serving import served_by
 from services.oracle import worker
 from services.oracle.away import MissingProofs, ProofAway, due_s, is_due, owner_of
 from services.oracle.chain_view import read_chain_record
+from services.oracle.rules import Judging
 from services.oracle.scrub import Scrub
 
 log = logging.getLogger(__name__)
@@ -102,6 +103,7 @@ class Oracle:
             self._waits,
             lambda: list(self._wallet.state("chain").get("stores", [])),
         )
+        self._judging = Judging(process.site, self._clock, self._enqueue, self._waits)
         self._told: list[str] = []
         self._reports = process.data_dir / "reports"
         """Own copies: a store that loses one must not keep anybody waiting."""
@@ -117,13 +119,14 @@ class Oracle:
 
     def serve(self) -> None:
         # The first verdict must not wait for what all of them share.
-        worker.start(self._site)
+        self._judging.begin(worker.start(self._site))
         events = DaoEvents(self._process.bus, self._site.org, self._on_event, clock=self._clock)
         threads = [
             threading.Thread(target=self._take_turns, name="turns", daemon=True),
             threading.Thread(target=self._read_reports, name="reports", daemon=True),
             threading.Thread(target=self._scrub.run, args=(self._stop,), name="scrub", daemon=True),
             threading.Thread(target=self._sweep, name="sweep", daemon=True),
+            threading.Thread(target=self._judging.run, args=(self._stop,), name="rules", daemon=True),
             threading.Thread(
                 target=self._missing.run, args=(self._stop, self._update_status), name="missing", daemon=True
             ),
@@ -144,6 +147,7 @@ class Oracle:
                 self._chain = event.chain
                 self._for_auditors.clear()
         self._acts.on_event(event)
+        self._judging.on_event(event)
         if event.name == "ProofSubmitted" and event.task_id is not None:
             self._enqueue(event.task_id, int(event.args["attempt"]))
 
@@ -160,19 +164,21 @@ class Oracle:
         return submission is not None and submission.waits
 
     def _update_status(self) -> None:
-        """Whether the store can be read, as far as a proof waits for it, and which proofs are looked for."""
+        """Whether the store can be read, as far as a proof waits for it, which proofs are looked for, and how
+        many tasks need which rules."""
         if unreadable := self._missing.unreadable:
             self._process.not_ready(f"the store cannot be read: {unreadable}")
         else:
             self._process.ready()
-        if (summary := self._missing.summary()) != self._told:
+        self._process.concern("rules", self._judging.lacking())
+        if (summary := [*self._missing.summary(), *self._judging.summary()]) != self._told:
             self._told = summary
             self._set_activity(None, None)
 
     def _sweep(self) -> None:
         while not self._stop.wait(SWEEP_S):
             with self._lock:
-                known = self._in_work | self._for_auditors | self._missing.keys()
+                known = self._in_work | self._for_auditors | self._missing.keys() | self._judging.keys()
             for submission in self._acts.waiting():
                 if submission.key not in known:
                     log.warning(
@@ -224,6 +230,7 @@ class Oracle:
         key = task_id, attempt
         if not self._waits(*key):
             self._missing.forget(key)
+            self._judging.forget(key)
             return
         try:
             found = self._until_answered(lambda: self._verified(task_id, attempt))
@@ -303,6 +310,8 @@ class Oracle:
             with self._lock:
                 self._for_auditors.add((task_id, attempt))
             return None
+        if not self._judging.has(chain_record.task.kind, chain_record.task.rules_sha256):
+            return self._left(chain_record.task)
         key = task_id, attempt
         if (last_word := self._missing.last_word(key)) is not None:
             return chain_record.task, last_word
@@ -315,7 +324,19 @@ class Oracle:
             except EvidenceError as error:
                 owner = owner_of(error, chain_record.task.proof_uri or "", self._site, self._missing.stores)
                 raise ProofAway(str(error), task=chain_record.task, owner=owner) from error
-        return None if report is None else (chain_record.task, report)
+        if report is None:
+            return None
+        if report.rules_sha256 != chain_record.task.rules_sha256:
+            log.error("the checks judge by %s since this oracle was started: restart it", report.rules_sha256)
+            return self._left(chain_record.task)
+        return chain_record.task, report
+
+    def _left(self, task: Task) -> tuple[Task, Report] | None:
+        """What is said of a submission by rules that are not had here; None while others may judge it."""
+        last_word = self._judging.leave(task)
+        # Its own executor's later ones wait for that judge; nobody else's do.
+        self._acts.away(task.id, task.attempt, True)
+        return None if last_word is None else (task, last_word)
 
     def _post(self, task: Task, report: Report, report_sha256: str, report_uri: str) -> bool:
         """Post the verdict; False when the task was decided meanwhile."""
@@ -442,9 +463,12 @@ class Oracle:
                 self._running[key] = activity
             elif key is not None:
                 self._running.pop(key, None)
-            text = ", ".join([*self._running.values(), *self._missing.summary()]) or "idle"
             for_auditors = len(self._for_auditors)
-        self._process.activity(text, decided=self._decided, for_auditors=for_auditors)
+            running = list(self._running.values())
+        text = ", ".join([*running, *self._missing.summary(), *self._judging.summary()]) or "idle"
+        self._process.activity(
+            text, decided=self._decided, for_auditors=for_auditors, rules=self._judging.open_tasks()
+        )
 
 
 def is_ours(kinds: Kinds, kind: str, rules: list[dict[str, Any]]) -> bool:

@@ -25,6 +25,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
+from multiprocessing.connection import Connection
 from multiprocessing.context import ForkServerContext
 from pathlib import Path
 
@@ -41,7 +42,7 @@ from rodeo.evidence.errors import (
     StoreUnavailable,
 )
 from rodeo.files import is_full, replace_file, writing
-from rodeo.kinds import kinds_of
+from rodeo.kinds import KindError, kinds_of
 from rodeo.process import die_with
 
 log = logging.getLogger(__name__)
@@ -51,17 +52,37 @@ MEMORY_BYTES = 4 << 30
 ATTEMPTS = 2
 """A verification that ended without a report is tried once more: the machine may have been the reason."""
 
+
+class VerifierEnded(RodeoError):
+    """There is no process to verify in."""
+
+
 _STOP_SLICE_S = 0.2
 """Longest wait before a stop is noticed."""
 _SIGNAL_GRACE_S = 1.0
 """Between the end of a child and our own signal, when both got one."""
 
 
-def start(site: Site) -> None:
-    """Start the process that verifications are forked from; returns when it has loaded what they need."""
-    child = _context_of(site).Process(target=_nothing, name="first child", daemon=True)
+def start(site: Site) -> dict[str, str | None]:
+    """Start the process that verifications are forked from; returns when it has loaded what they need.
+
+    The rules that it judges by: kind -> hash, None where the kind's checks cannot be imported. Raises
+    VerifierEnded.
+    """
+    context = _context_of(site)
+    told, teller = context.Pipe(duplex=False)
+    child = context.Process(target=_tell_rules, args=(site, teller), name="first child", daemon=True)
     child.start()
+    teller.close()
+    try:
+        rules: dict[str, str | None] = told.recv()
+    except EOFError:
+        child.join()
+        raise VerifierEnded(
+            "the process that verifies ended before it named its rules", exit_status=child.exitcode
+        ) from None
     child.join()
+    return rules
 
 
 def verify_apart(
@@ -98,7 +119,12 @@ def verify_apart(
         fault="the oracle",
     )
     return Report.of(
-        [check], kind=task.kind, task_id=task.id, attempt=task.attempt, proof_sha256=task.proof_sha256
+        [check],
+        kind=task.kind,
+        task_id=task.id,
+        attempt=task.attempt,
+        proof_sha256=task.proof_sha256,
+        rules_sha256=task.rules_sha256,
     )
 
 
@@ -185,8 +211,19 @@ def _folder_in(scratch: Path) -> Iterator[str]:
         yield folder
 
 
-def _nothing() -> None:
-    """What the first child does."""
+def _tell_rules(site: Site, teller: Connection) -> None:
+    """What the first child does: all others have the same modules, and so the same rules."""
+    from rodeo.checks.rules import rules_hash
+
+    found: dict[str, str | None] = {}
+    for kind in kinds_of(site).values():
+        if not kind.by_people:
+            try:
+                found[kind.name] = rules_hash(kind)
+            except KindError as error:
+                log.error("proofs of %s are left to other oracles: %s", kind.name, error)
+                found[kind.name] = None
+    teller.send(found)
 
 
 def _child(

@@ -427,7 +427,8 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
     assert "watering" not in dao.state("chain")["kinds"]
     dao.command("organization", "allow_kind", kind="watering", review="auditor", min_window_s=60)
     watering = {"kind": "watering", "allowed": True, "review": "auditor", "min_window_s": 60}
-    assert watering | {"audit_window_s": 0, "silence": "none"} in dao.state("organization")["kinds"]
+    watering |= {"audit_window_s": 0, "silence": "none", "rules_sha256": []}
+    assert watering in dao.state("organization")["kinds"]
     dao.command("organization", "allow_kind", kind="watering", allowed=False)
     assert "watering" not in dao.state("chain")["kinds"]
     before = dao.balances()
@@ -469,8 +470,35 @@ def test_each_kind_of_the_site_says_who_judges_it_and_who_wins_at_the_auditors_s
     )
     (changed,) = [one for one in dao.state("organization")["kinds"] if one["kind"] == CLEANING]
     assert (changed["audit_window_s"], changed["silence"]) == (3600, "creator")
+    assert changed["rules_sha256"] == rules[CLEANING]["rules_sha256"] != []  # what was left out stays
     back = {"audit_window_s": rules[CLEANING]["audit_window_s"], "at_silence": rules[CLEANING]["silence"]}
     dao.command("organization", "allow_kind", kind=CLEANING, review="oracle", **back)
+
+
+def test_an_oracle_judges_by_named_rules_and_a_creator_by_current_ones(dao: Dao) -> None:
+    (before,) = [one for one in dao.state("organization")["kinds"] if one["kind"] == CLEANING]
+    dao.command("organization", "allow_kind", kind=CLEANING, allowed=False)
+    with pytest.raises(RemoteError) as refused:
+        dao.command("organization", "allow_kind", kind=CLEANING, review="oracle")
+    assert refused.value.code == "kind_without_rules"
+    own, other = ("0x" + digit * 64 for digit in "56")
+    dao.command("organization", "allow_kind", kind=CLEANING, review="oracle", rules_sha256=own)
+    with pytest.raises(RemoteError) as refused:
+        dao.post("1", allow_wait=True, rules_sha256=other)
+    assert (refused.value.code, refused.value.details["rules"]) == ("rules_not_current", other)
+    with pytest.raises(RemoteError) as refused:
+        dao.command("organization", "retire_rules", kind=CLEANING, rules_sha256=own)
+    assert refused.value.code == "kind_without_rules"
+    dao.command("organization", "allow_kind", kind=CLEANING, review="oracle", rules_sha256=other)
+    for wanted, got in ((own, own), (None, other)):
+        task_id = dao.post("1", allow_wait=True, **({} if wanted is None else {"rules_sha256": wanted}))
+        assert dao.task(task_id)["rules_sha256"] == got
+        dao.command("organization", "cancel_task", task_id=task_id)
+    (installed,) = before["rules_sha256"]
+    dao.command("organization", "allow_kind", kind=CLEANING, review="oracle", rules_sha256=installed)
+    for one in (own, other):
+        dao.command("organization", "retire_rules", kind=CLEANING, rules_sha256=one)
+    assert before in dao.state("organization")["kinds"]
 
 
 def test_a_part_of_the_work_is_paid_in_part_and_the_ledger_tells_both(dao: Dao) -> None:

@@ -38,14 +38,17 @@ def history() -> list[list[Event]]:
     """Blocks with everything that the index keeps."""
     iec = 10**18
     return [
-        [events.Transfer("0x" + "0" * 40, CREATOR, 2**256 - 1), events.KindAllowed("waste", Review.ORACLE)],
+        [
+            events.Transfer("0x" + "0" * 40, CREATOR, 2**256 - 1),
+            events.KindAllowed("waste", Review.ORACLE, b"\1" * 32),
+        ],
         [
             events.ServiceRegistered(1, ROBOT, "waste", 100 * iec, HOSTILE),
             events.TermsAgreed(1, 50 * iec, 20 * iec, 2),
         ],
         [
             events.Transfer(CREATOR, TASKS, 120 * iec),
-            events.TaskRegistered(1, CREATOR, "waste", 120 * iec, 3600, 600, 3, HOSTILE),
+            events.TaskRegistered(1, CREATOR, "waste", 120 * iec, 3600, 600, 3, b"\1" * 32, HOSTILE),
             events.TaskAssigned(1, 1, ROBOT, 1, 100 * iec, b"\x07" * 32, 4600),
         ],
         [events.ProofSubmitted(1, 1, ROBOT, b"\x0a" * 32, HOSTILE, 1700)],

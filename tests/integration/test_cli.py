@@ -289,7 +289,7 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     assert (now["policy"], now["members_only"]) == ("lowest_price", True)
     assert now["terms"] == {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2}
     rules = {"kind": "sweeping", "allowed": True, "review": "auditor", "min_window_s": 120}
-    rules |= {"audit_window_s": 0, "silence": "none"}
+    rules |= {"audit_window_s": 0, "silence": "none", "rules_sha256": []}
     assert rules in now["kinds"]
     assert "panther1" in {one["name"] for one in now["roles"]["AUDITOR_ROLE"]}
     assert "panther1" in {one["name"] for one in now["roles"]["MEMBER_ROLE"]}
@@ -303,6 +303,16 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     organization("dismiss", "panther1")
     organization("members-only", "--off")
     organization("terms")
+    followed, others = ("0x" + digit * 64 for digit in "56")
+    organization("kind", "sweeping", "--review", "auditor", "--rules", followed)
+    organization("kind", "sweeping", "--review", "auditor", "--rules", others)
+    organization("retire-rules", "sweeping", others)
+    assert "rules_not_current" in organization("retire-rules", "sweeping", others, status=1)
+    by_people = {"kind": "sweeping", "rules_sha256": followed, "state": "newest"}
+    listed = json.loads(organization("rules", "--json"))["rules"]
+    assert by_people | {"open_tasks": 0, "installed": False} in listed
+    assert {one["kind"] for one in listed if one["installed"]} == {"waste_disposal", "battery_charging"}
+    assert followed in organization("rules") and followed in organization("show")
     organization("kind", "sweeping", "--disallow")
     organization("policy", "first_come")
     assert "superseded" in organization("devices")

@@ -229,6 +229,61 @@ def test_an_oracle_that_is_killed_while_verifying_decides_after_its_restart(
     assert executor.verdict(task_id, attempt)["verdict"] == "accepted"
 
 
+# -- a task is judged by the rules that were current when it was posted -----------------------------------
+
+
+def test_the_rules_of_a_kind_change_while_a_task_is_open_and_it_is_paid_by_its_own(
+    dao: Dao, executor: Executor
+) -> None:
+    """Nor are tasks judged here by rules that this oracle lacks: at the end of the window people decide."""
+
+    def change(command: str, rules_sha256: str, **more: str) -> None:
+        dao.command("organization", command, kind="waste_disposal", rules_sha256=rules_sha256, **more)
+
+    def listed() -> dict[str, dict[str, Any]]:
+        done = CliRunner().invoke(app, ["organization", "rules", "--json", "--site", str(dao.running.path)])
+        assert done.exit_code == 0, done.output
+        entries = json.loads(done.output)["rules"]
+        return {one["rules_sha256"]: one for one in entries if one["kind"] == "waste_disposal"}
+
+    ((own, entry),) = listed().items()
+    assert (entry["state"], entry["installed"]) == ("newest", True)
+    next_rules = "0x" + "5e" * 32
+    task_id = executor.assigned()
+    needed = f"{entry['open_tasks'] + 1} open task"
+    dao.running.wait_for_status("oracle", lambda status: needed in status.activity and own in status.activity)
+    change("allow_kind", next_rules, review="oracle")
+    change("retire_rules", own)
+    assert [one["state"] for one in listed().values()] == ["newest", "retired"]
+    assert dao.task(task_id)["rules_sha256"] == own
+    before = dao.balances()["panther1"]
+    assert honest(executor, task_id)["verdict"] == "accepted"
+    dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "settlement")
+    assert dao.balances()["panther1"] == before + 100
+
+    other = executor.assigned(max_attempts=1, verdict_window_s=60)
+    assert dao.task(other)["rules_sha256"] == next_rules
+    attempt = executor.submit(other, *stored(executor, other))
+    warned = dao.running.wait_for_status(
+        "oracle", lambda status: any(next_rules in one for one in status.warnings)
+    )
+    assert warned.ready
+    assert "VerdictPosted" not in dao.names_of(other)
+    dao.set_clock(dao.task(other)["verdict_deadline"] - 2)
+    executor.film.take()  # time does not go back
+    verdict = executor.verdict(other, attempt)
+    assert verdict["verdict"] == "undecided"
+    assert verdict["reason"].startswith("rules: no oracle that has the rules of this task has judged it")
+    dao.verdict(other, "accepted", "looks clean", judge="organization", amount_iec="100")
+    dao.running.wait_for_status(
+        "oracle", lambda status: not any(next_rules in one for one in status.warnings)
+    )
+
+    change("allow_kind", own, review="oracle")
+    change("retire_rules", next_rules)
+    assert listed()[own]["state"] == "newest"
+
+
 # -- what the store gets wrong is not the executor's failure --------------------------------------------
 
 

@@ -41,7 +41,9 @@ struct Kind {
 /// from and income goes to its own token balance. The administrator (OpenZeppelin's default admin, handed over
 /// in two steps) grants the other roles.
 interface IOrganization is IDeviceRegistry {
-    event KindAllowed(bytes32 indexed kind, Review review);
+    /// @param rules 0 where people judge and no rules were named
+    event KindAllowed(bytes32 indexed kind, Review review, bytes32 rules);
+    event RulesRetired(bytes32 indexed kind, bytes32 rules);
     event KindDisallowed(bytes32 indexed kind);
     event MinWindowChanged(bytes32 indexed kind, uint32 minWindow);
     event AuditChanged(bytes32 indexed kind, uint32 auditWindow, Silence silence);
@@ -57,6 +59,12 @@ interface IOrganization is IDeviceRegistry {
     /// @notice What oracles judge needs auditors' rules first, because an oracle may leave a proof undecided. See
     /// setAudit.
     error KindWithoutAudit(bytes32 kind);
+    /// @notice What oracles judge is judged by rules that everybody can name, as long as it is allowed.
+    error KindWithoutRules(bytes32 kind);
+    /// @notice Tasks are posted under rules that are current, and only current ones are retired.
+    error RulesNotCurrent(bytes32 kind, bytes32 rules);
+    /// @notice Retire rules that no oracle has any more. See retireRules.
+    error TooManyRules(bytes32 kind, uint256 max);
     error InvalidAudit(uint32 auditWindow, Silence silence, uint32 min, uint32 max);
     /// @notice The organization is for members only.
     error NotMember(address account);
@@ -68,9 +76,19 @@ interface IOrganization is IDeviceRegistry {
     // -- administrator ------------------------------------------------------------------------------------
 
     /// @notice Accept tasks and services of `kind` from now on, and let oracles or auditors judge their proofs.
-    function allowKind(bytes32 kind, Review review) external;
+    /// @param kind what is to be done, ASCII
+    /// @param review who judges; where that changes, the rules that were current are retired
+    /// @param rules SHA-256 of the rules by which it is judged. They become the newest, beside those that are
+    /// current. 0, only where auditors judge, names none.
+    function allowKind(bytes32 kind, Review review, bytes32 rules) external;
 
-    /// @notice Accept no tasks and services of `kind` from now on. Live ones go on, with the judges that they have.
+    /// @notice Post no tasks under `rules` from now on. Those that were posted under them keep them.
+    /// @param kind what is to be done, ASCII
+    /// @param rules one of currentRules; of what oracles judge never the last
+    function retireRules(bytes32 kind, bytes32 rules) external;
+
+    /// @notice Accept no tasks and services of `kind` from now on, and retire all its rules. Live tasks go on, with
+    /// the judges and the rules that they have.
     function disallowKind(bytes32 kind) external;
 
     /// @notice What becomes of proofs of `kind` that an oracle leaves undecided from now on: auditors decide within
@@ -142,6 +160,10 @@ interface IOrganization is IDeviceRegistry {
     /// @notice The rules for work of `kind`.
     function kindOf(bytes32 kind) external view returns (Kind memory);
 
+    /// @notice SHA-256 of each of the rules under which tasks of `kind` may be posted now, the newest last.
+    /// @param kind what is to be done, ASCII
+    function currentRules(bytes32 kind) external view returns (bytes32[] memory);
+
     function isKindAllowed(bytes32 kind) external view returns (bool);
     function isMember(address account) external view returns (bool);
 
@@ -151,12 +173,18 @@ interface IOrganization is IDeviceRegistry {
     /// @notice Whether `account` may decide what an oracle left undecided.
     function mayAudit(address account) external view returns (bool);
 
-    /// @notice Reverts with UnknownKind, NotMember or WindowTooShort unless `creator` may post such a task.
-    /// @return what matches it
-    function admitTask(bytes32 kind, address creator, uint32 executionWindow)
+    /// @notice Reverts with UnknownKind, NotMember, WindowTooShort or RulesNotCurrent unless `creator` may post such
+    /// a task.
+    /// @param kind what is to be done, ASCII
+    /// @param creator who posts it
+    /// @param executionWindow seconds from assignment to proof
+    /// @param wantedRules the rules that the creator names; 0 for the newest
+    /// @return matching what matches it
+    /// @return rules by which it is judged; 0 where people judge and no rules were named
+    function admitTask(bytes32 kind, address creator, uint32 executionWindow, bytes32 wantedRules)
         external
         view
-        returns (IMatchingPolicy);
+        returns (IMatchingPolicy matching, bytes32 rules);
 
     /// @notice Reverts with UnknownKind or NotMember unless `provider` may offer such a service.
     /// @return what it agrees to

@@ -40,6 +40,8 @@ enum Silence {
 /// @param executionWindow seconds from assignment to proof
 /// @param verdictWindow seconds from proof to verdict
 /// @param maxAttempts how many assignments before the reward goes back
+/// @param rules SHA-256 of the rules by which it is to be judged, so that none that came meanwhile surprises the
+/// creator; 0 for the newest that are current. See IOrganization.allowKind.
 /// @param params JSON; only in the event
 struct TaskRequest {
     bytes32 kind;
@@ -47,6 +49,7 @@ struct TaskRequest {
     uint32 executionWindow;
     uint32 verdictWindow;
     uint8 maxAttempts;
+    bytes32 rules;
     string params;
 }
 
@@ -81,6 +84,8 @@ struct Task {
 /// what the verdict gave it and the creator the rest. The contract holds the bonds of services as well, and nothing
 /// else. An undecided attempt is over for its service: it costs it neither bond nor standing nor its next task.
 interface ITaskManager {
+    /// @param rules by which it is judged until it ends, whatever becomes current later; 0 where people judge and no
+    /// rules were named. Only in the event: no contract decides by them.
     event TaskRegistered(
         uint256 indexed taskId,
         address indexed creator,
@@ -89,6 +94,7 @@ interface ITaskManager {
         uint32 executionWindow,
         uint32 verdictWindow,
         uint8 maxAttempts,
+        bytes32 rules,
         string params
     );
     /// @param nonce could not be known before this assignment; a proof has to contain it

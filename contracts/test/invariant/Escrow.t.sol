@@ -2,6 +2,7 @@
 pragma solidity ^0.8.28;
 
 import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
+import {Kind, Review} from "../../src/interfaces/IOrganization.sol";
 import {Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {Task, TaskState} from "../../src/interfaces/ITaskManager.sol";
 import {HighestReputation} from "../../src/policies/HighestReputation.sol";
@@ -101,6 +102,21 @@ contract EscrowInvariants is Fixture {
             assertEq(s.bond, bond, "bond");
             assertEq(s.state == ServiceState.Suspended, suspended, "suspended");
             if (s.maxFailures != 0) assertEq(s.failures, failures, "failures");
+        }
+    }
+
+    /// @notice Tasks are posted under the rules that the administrator has named and not retired, and under no others;
+    /// what an oracle judges always has some, and nobody looks through many.
+    function invariant_theCurrentRulesAreThoseThatWereNamed() public view {
+        bytes32[2] memory kinds = [CLEANING, CHARGING];
+        for (uint256 i = 0; i < kinds.length; ++i) {
+            bytes32[] memory current = organization.currentRules(kinds[i]);
+            assertEq(current, _handler.expectedRules(kinds[i]));
+            Kind memory k = organization.kindOf(kinds[i]);
+            assertTrue(
+                current.length != 0 || k.review != Review.Oracle || !k.allowed, "an oracle without rules"
+            );
+            assertLe(current.length, organization.MAX_RULES());
         }
     }
 

@@ -3,14 +3,22 @@ pragma solidity ^0.8.28;
 
 import {CommonBase} from "forge-std/Base.sol";
 import {StdUtils} from "forge-std/StdUtils.sol";
+import {Vm} from "forge-std/Vm.sol";
 import {IECoin} from "../../src/IECoin.sol";
 import {Organization} from "../../src/Organization.sol";
 import {ServiceManager} from "../../src/ServiceManager.sol";
 import {TaskManager} from "../../src/TaskManager.sol";
 import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
-import {Terms} from "../../src/interfaces/IOrganization.sol";
+import {Review, Terms} from "../../src/interfaces/IOrganization.sol";
 import {Outcome, Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
-import {Silence, Task, TaskRequest, TaskState, Verdict} from "../../src/interfaces/ITaskManager.sol";
+import {
+    ITaskManager,
+    Silence,
+    Task,
+    TaskRequest,
+    TaskState,
+    Verdict
+} from "../../src/interfaces/ITaskManager.sol";
 
 /// @notice What a service agreed to and what should be left of it, from the rules alone.
 struct Ghost {
@@ -28,10 +36,19 @@ struct Disputed {
     bytes32 proofHash;
 }
 
+/// @notice Who judges a kind, and by which rules: the newest last.
+struct Judged {
+    Review review;
+    bytes32[] rules;
+}
+
 /// @notice Everything that anyone can do at any time, with bounded arguments, and what it should do to balances,
 /// bonds and standing.
 contract Handler is CommonBase, StdUtils {
     bytes32 private constant CLEANING = "waste_disposal";
+    bytes32 private constant CHARGING = "battery_charging";
+    /// @dev So many different rules are named; more than may be current.
+    uint256 private constant RULES = 12;
 
     IECoin private immutable _coin;
     Organization private immutable _organization;
@@ -52,6 +69,7 @@ contract Handler is CommonBase, StdUtils {
 
     mapping(uint256 taskId => uint8) private _attemptSeen;
     mapping(uint256 taskId => Disputed) private _disputes;
+    mapping(bytes32 kind => Judged) private _judged;
 
     /// @dev After every call: whoever was assigned was next in line.
     modifier inOrder() {
@@ -90,17 +108,49 @@ contract Handler is CommonBase, StdUtils {
             expected[providers[i]] = coin.balanceOf(providers[i]);
         }
         expected[address(organization)] = coin.balanceOf(address(organization));
+        _judged[CLEANING] = Judged(Review.Oracle, organization.currentRules(CLEANING));
+        _judged[CHARGING] = Judged(Review.Oracle, organization.currentRules(CHARGING));
+    }
+
+    /// @notice What the administrator has made current, and nobody has retired; the newest last.
+    function expectedRules(bytes32 kind) external view returns (bytes32[] memory) {
+        return _judged[kind].rules;
     }
 
     // -- creators -----------------------------------------------------------------------------------------
 
-    function registerTask(uint256 who, uint256 reward, uint8 attempts) external inOrder {
+    function registerTask(uint256 who, uint256 reward, uint8 attempts, uint256 wish) external inOrder {
         address creator = _creators[bound(who, 0, _creators.length - 1)];
         reward = bound(reward, 0, _min(expected[creator], 200 ether));
         attempts = uint8(bound(attempts, 1, 3));
+        // Three in four leave it to the organization.
+        bytes32 wanted = wish % 4 == 0 ? _rulesAt(wish / 4) : bytes32(0);
+        bytes32[] memory current = _judged[CLEANING].rules;
+        TaskRequest memory request = TaskRequest(CLEANING, reward, 1 hours, 1 hours, attempts, wanted, "{}");
+        if (wanted != 0 && !_isCurrent(current, wanted)) {
+            vm.prank(creator);
+            try _tasks.registerTask(request) {
+                violation = "a task was posted under rules that are not current";
+            } catch {}
+            return;
+        }
+        vm.recordLogs();
         vm.prank(creator);
-        _tasks.registerTask(TaskRequest(CLEANING, reward, 1 hours, 1 hours, attempts, "{}"));
+        _tasks.registerTask(request);
         expected[creator] -= reward;
+        if (_rulesPosted() != (wanted == 0 ? current[current.length - 1] : wanted)) {
+            violation = "a task was posted under other rules";
+        }
+    }
+
+    /// @dev As the event of the task that was just posted tells.
+    function _rulesPosted() private returns (bytes32 rules) {
+        Vm.Log[] memory logs = vm.getRecordedLogs();
+        for (uint256 i = 0; i < logs.length; ++i) {
+            if (logs[i].topics[0] == ITaskManager.TaskRegistered.selector) {
+                (,,,, rules,) = abi.decode(logs[i].data, (uint256, uint32, uint32, uint8, bytes32, string));
+            }
+        }
     }
 
     /// @dev Creators try at any time; the rules give the reward back only while the task is open.
@@ -346,6 +396,80 @@ contract Handler is CommonBase, StdUtils {
     function _setAudit(bool executor) private {
         vm.prank(_admin);
         _organization.setAudit(CLEANING, 1 hours, executor ? Silence.Executor : Silence.Creator);
+    }
+
+    /// @dev Cleanings are the oracle's throughout; who judges charges changes.
+    function allowKind(bool charging, uint8 review, uint256 which) external {
+        if (charging) _allowKind(CHARGING, Review(review % 3), _rulesAt(which));
+        else _allowKind(CLEANING, Review.Oracle, _rulesAt(which));
+    }
+
+    /// @dev An administrator who never retires anything.
+    function allowAll(bool charging) external {
+        bytes32 kind = charging ? CHARGING : CLEANING;
+        for (uint256 i = 1; i < RULES; ++i) {
+            _allowKind(kind, _judged[kind].review, _rulesAt(i));
+        }
+    }
+
+    function _allowKind(bytes32 kind, Review review, bytes32 rules) private {
+        Judged storage judged = _judged[kind];
+        bool other = review != judged.review;
+        bool full = judged.rules.length >= _organization.MAX_RULES() && !_isCurrent(judged.rules, rules);
+        bool right = review != Review.None && (rules == 0 ? review == Review.Auditor : other || !full);
+        vm.prank(_admin);
+        try _organization.allowKind(kind, review, rules) {
+            if (!right) violation = "a kind was allowed without judges or rules, or with too many";
+            if (other) delete judged.rules;
+            judged.review = review;
+            if (rules == 0) return;
+            _forget(judged, rules);
+            judged.rules.push(rules);
+        } catch {
+            if (right) violation = "a kind could not be allowed";
+        }
+    }
+
+    function retireRules(bool charging, uint256 which) external {
+        bytes32 kind = charging ? CHARGING : CLEANING;
+        Judged storage judged = _judged[kind];
+        uint256 count = judged.rules.length;
+        // Every other one is current.
+        bytes32 rules = which % 2 == 0 || count == 0 ? _rulesAt(which) : judged.rules[which % count];
+        bool right = _isCurrent(judged.rules, rules) && (count > 1 || judged.review == Review.Auditor);
+        vm.prank(_admin);
+        try _organization.retireRules(kind, rules) {
+            if (!right) violation = "rules were retired that are not current, or the last";
+            _forget(judged, rules);
+        } catch {
+            if (right) violation = "rules could not be retired";
+        }
+    }
+
+    function disallowKind() external {
+        vm.prank(_admin);
+        _organization.disallowKind(CHARGING);
+        delete _judged[CHARGING].rules;
+    }
+
+    /// @dev One in twelve is none.
+    function _rulesAt(uint256 which) private pure returns (bytes32) {
+        return which % RULES == 0 ? bytes32(0) : keccak256(abi.encode(which % RULES));
+    }
+
+    function _isCurrent(bytes32[] memory current, bytes32 rules) private pure returns (bool) {
+        for (uint256 i = 0; i < current.length; ++i) {
+            if (current[i] == rules) return true;
+        }
+        return false;
+    }
+
+    function _forget(Judged storage judged, bytes32 rules) private {
+        bytes32[] memory before = judged.rules;
+        delete judged.rules;
+        for (uint256 i = 0; i < before.length; ++i) {
+            if (before[i] != rules) judged.rules.push(before[i]);
+        }
     }
 
     function setPolicy(uint256 which) external {

@@ -11,6 +11,7 @@ from nicegui import ui
 from rodeo.dao import cannot_do
 from rodeo.durations import span
 from rodeo.errors import RodeoError
+from rodeo.kinds import KindError
 from services.console.actions import ORGANIZATION, speaks_for
 from services.console.formatting import iec, kind, moment, party, share, short
 from services.console.pages.frame import (
@@ -310,11 +311,12 @@ class ServicesPage:
             fact("Suspended after", f"{failures} failures in a row" if failures else "never")
         table(
             "Kinds of work",
-            [("Kind of work", ""), ("Judged by", ""), ("", "number")],
+            [("Kind of work", ""), ("Judged by", ""), ("Rules", "wide-only"), ("", "number")],
             [
                 (
                     kind(one["kind"]),
                     _judges(one),
+                    partial(_rules_hashes, one["rules_sha256"]),
                     partial(self._kind_end, one),
                 )
                 for one in organization["kinds"]
@@ -338,6 +340,49 @@ class ServicesPage:
         else:
             word, click = "Allow", partial(self._allow_kind, one["kind"])
         ui.button(word, on_click=click).props(f'flat dense aria-label="{word} {kind(one["kind"])}"')
+        if one["allowed"]:
+            label = f"Change the rules of {kind(one['kind'])}"
+            ui.button("Rules", on_click=partial(self._change_hashes, one)).props(
+                f'flat dense aria-label="{label}"'
+            )
+
+    @on_page
+    async def _change_hashes(self, one: Json) -> None:
+        async def change(answer: dict[str, str]) -> bool:
+            request = {"kind": one["kind"], "rules_sha256": answer["rules_sha256"]}
+            if answer["action"] == "retire":
+                return await self._act("retire_rules", request, "No more tasks are posted under these rules")
+            request |= {"allowed": True, "review": one["review"]}
+            return await self._act("allow_kind", request, "New tasks are judged by these rules")
+
+        await ask_form(
+            f"Rules of {kind(one['kind'])}",
+            {
+                "rules_sha256": Field(
+                    "Hash of the rules (0x…)", await ask(self._installed_rules, one["kind"])
+                ),
+                "action": Field(
+                    "What to do",
+                    choices={
+                        "allow": "Judge new tasks by them; older rules stay current",
+                        "retire": "Post no more tasks under them; their open tasks keep them",
+                    },
+                ),
+            },
+            "Do it",
+            change,
+        )
+
+    def _installed_rules(self, name: str) -> str:
+        """Hash of the rules by which what is installed here judges a kind; empty where people judge it."""
+        # Imported here: what the checks use takes its time, and few pages need it.
+        from rodeo.checks.rules import rules_hash
+
+        found = self._console.kinds.get(name)
+        try:
+            return "" if found is None else rules_hash(found) or ""
+        except KindError:
+            return ""
 
     @on_page
     async def _allow_kind(self, name: str) -> None:
@@ -350,6 +395,8 @@ class ServicesPage:
             if answer["review"] == _UNSAID:
                 ui.notify("Say who judges this kind of work", type="warning")
                 return False
+            if not answer["rules_sha256"]:
+                del answer["rules_sha256"]
             done = f"{kind(answer['kind'])} is allowed"
             return await self._act("allow_kind", {"allowed": True, **answer}, done)
 
@@ -358,6 +405,9 @@ class ServicesPage:
             {
                 "kind": Field("Name, for example window_cleaning", name),
                 "review": Field("Judged by", choices=judges),
+                "rules_sha256": Field(
+                    "Hash of the rules (0x…), where the oracle judges", await ask(self._installed_rules, name)
+                ),
             },
             "Allow it",
             allow,
@@ -474,6 +524,12 @@ def _draw_participants(participants: list[Json]) -> None:
             for one in participants
         ],
     )
+
+
+def _rules_hashes(rules: list[str]) -> None:
+    """The newest first, which new tasks get."""
+    for one in reversed(rules):
+        hash_text(one)
 
 
 def _judges(one: Json) -> str:

@@ -38,7 +38,7 @@ DEPLOYMENT = Deployment(
 )
 
 SAMPLES: dict[str, Any] = {
-    "request": TaskRequest("cleaning", 1, 60, 60, 1, "{}"),
+    "request": TaskRequest("cleaning", 1, 60, 60, 1, bytes(32), "{}"),
     "role": "robot",
     "kind": "cleaning",
     "state": ServiceState.ACTIVE,
@@ -47,6 +47,7 @@ SAMPLES: dict[str, Any] = {
     "verdict": Verdict.ACCEPTED,
     "silence": Silence.CREATOR,
     "root": bytes(32),
+    "rules": bytes(32),
     "members_only": True,
     "terms": Terms(2, 1, 3),
     "review": Review.AUDITOR,

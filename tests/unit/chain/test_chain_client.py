@@ -71,7 +71,15 @@ def test_a_task_from_registration_to_payment(organization: Organization, service
     assert isinstance(assigned, TaskAssigned)
     task_id = registered.task_id
     assert registered == TaskRegistered(
-        task_id, client.organization, KIND, REWARD, 3600, 3600, 3, '{"item_id":"item1"}'
+        task_id,
+        client.organization,
+        KIND,
+        REWARD,
+        3600,
+        3600,
+        3,
+        client.current_rules(KIND)[-1],
+        '{"item_id":"item1"}',
     )
     assert (assigned.task_id, assigned.attempt, assigned.executor) == (task_id, 1, robot)
     assert (assigned.service_id, assigned.price) == (service_id, PRICE)
@@ -199,7 +207,7 @@ def test_a_wrong_state_comes_with_both_states_by_name(organization: Organization
 def test_an_error_from_a_contract_further_down_arrives_as_well(organization: Organization) -> None:
     client, robot = organization.client, organization.robot.address
     balance = client.balance(robot)
-    request = TaskRequest(KIND, balance + 1, 3600, 3600, 3, "{}")
+    request = TaskRequest(KIND, balance + 1, 3600, 3600, 3, bytes(32), "{}")
     error = _refusal(organization, robot, client.calls.register_task(request))
     assert error.code == "erc20_insufficient_balance"
     assert error.args_by_name == {"sender": robot, "balance": balance, "needed": balance + 1}

@@ -54,14 +54,16 @@ class Life:
         organization, calls = self.organization, self.organization.client.organization_calls
         for call in (
             calls.set_terms(Terms(to_wei(Decimal(20)), to_wei(Decimal(6)), 2)),
-            calls.allow_kind("battery_charging", Review.AUDITOR),
+            calls.allow_kind("battery_charging", Review.AUDITOR, REPORT),
             calls.set_min_window(KIND, 60),
             calls.grant_role(Role.AUDITOR, organization.oracle.address),
             calls.admit(organization.robot.address),
             calls.admit(organization.operator.address),
             calls.set_members_only(True),
             calls.register_device(DEVICE, "mocap", organization.robot.address, "mocap2"),
-            calls.allow_kind("painting", Review.AUDITOR),
+            *(calls.allow_kind(KIND, Review.ORACLE, rules) for rules in (PROOF, REPORT, PROOF)),
+            calls.retire_rules(KIND, REPORT),
+            calls.allow_kind("painting", Review.AUDITOR, PROOF),
             calls.disallow_kind("painting"),
             calls.set_audit(KIND, 3600, Silence.EXECUTOR),
             calls.post_root(DEVICE, 0, REPORT, "file:///day"),
@@ -153,6 +155,7 @@ class Life:
         client = self.organization.client
         calls = client.organization_calls
         rules = [calls.set_audit(KIND, 3600, silence) for silence in list(Silence)[1:]]
+        rules.append(calls.allow_kind(KIND, Review.ORACLE, self.random.choice(client.current_rules(KIND))))
         chosen = self.random.choice([*rules, *(calls.set_policy(policy) for policy in Policy)])
         self.organization.send(self.organization.operator, chosen)
         for service_id in self._shuffled(client.service_count()):
@@ -223,8 +226,11 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
         assert indexed_task is not None
         kept = client.task(i)
         assert (indexed_task["state"], indexed_task["reward"]) == (kept.state.name.lower(), kept.reward), i
+        assert indexed_task["rules_sha256"] == "0x" + state.rules_of_tasks[i].hex(), i
         ended = indexed_task["ended"] is not None
         assert indexed_task["paid"] + indexed_task["refunded"] == (kept.reward if ended else 0), i
+    named = {kind: ["0x" + one.hex() for one in rules] for kind, rules in state.rules.items()}
+    assert {kind: index.rules(kind) for kind in named} == named
     index.close()
 
     for address, device in state.devices.items():
@@ -232,6 +238,7 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     assert state.roots == {(DEVICE, 0): REPORT} and client.root(DEVICE, 0) == REPORT
     for kind, rules in state.kinds.items():
         assert client.kind(kind) == rules
+        assert client.current_rules(kind) == state.rules.get(kind, [])
     assert client.terms() == state.terms
     assert client.members_only() == state.members_only
     assert client.policy() == state.policy

@@ -50,7 +50,9 @@ def chain(tmp_path: Path) -> Chain:
 
 
 def registered(task_id: int = 1, params: str = '{"params":{"item_id":"i"},"description":"d"}') -> Event:
-    return events.TaskRegistered(task_id, CREATOR, "waste_disposal", 120 * IEC, 3600, 600, 3, params)
+    return events.TaskRegistered(
+        task_id, CREATOR, "waste_disposal", 120 * IEC, 3600, 600, 3, bytes(32), params
+    )
 
 
 def offered() -> Event:
@@ -432,8 +434,8 @@ def test_what_the_token_refused_is_owed_until_it_is_collected(chain: Chain) -> N
 
 def test_kinds_can_be_allowed_and_disallowed(chain: Chain) -> None:
     chain.block(
-        events.KindAllowed("a", Review.ORACLE),
-        events.KindAllowed("b", Review.AUDITOR),
+        events.KindAllowed("a", Review.ORACLE, b"\1" * 32),
+        events.KindAllowed("b", Review.AUDITOR, bytes(32)),
         events.KindDisallowed("a"),
         events.AuditChanged("a", 60, Silence.CREATOR),
     )

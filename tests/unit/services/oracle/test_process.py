@@ -62,6 +62,9 @@ class HeldClock(WallClock):
             self.held += more
 
 
+RULES = "0x" + "77" * 32
+
+
 class Bridge:
     """What the oracle asks and tells; its index may be behind its own events."""
 
@@ -112,9 +115,8 @@ _ANSWERS = {
 @pytest.fixture
 def bridge(cleaning: Take) -> Bridge:
     chain_record = cleaning_chain_record(cleaning)
-    return Bridge(
-        chain_record.task.model_copy(update={"proof_uri": "file:///x", "proof_sha256": "0x" + "33" * 32})
-    )
+    changed = {"proof_uri": "file:///x", "proof_sha256": "0x" + "33" * 32, "rules_sha256": RULES}
+    return Bridge(chain_record.task.model_copy(update=changed))
 
 
 @pytest.fixture
@@ -130,6 +132,7 @@ def oracle(
         proof_sha256=None,
         outcome="rejected",
         reason="fetched",
+        rules_sha256=RULES,
         checks=[],
     )
     monkeypatch.setattr(worker, "verify_apart", lambda *_, **__: refused)
@@ -148,6 +151,7 @@ def oracle(
 
     def start() -> Oracle:
         made = Oracle(service)  # type: ignore[arg-type]
+        made._judging.begin({"waste_disposal": RULES})
         made._wallet = bridge  # type: ignore[assignment]
         bridge.tell = made._on_event
         for target in (made._take_turns, made._sweep):
@@ -175,7 +179,7 @@ def event(task: Task, seq: int, name: str, **args: Any) -> DaoEvent:
 
 
 def submit(oracle: Oracle, task: Task) -> None:
-    oracle._on_event(event(task, 1, "TaskRegistered", kind=task.kind))
+    oracle._on_event(event(task, 1, "TaskRegistered", kind=task.kind, rules=task.rules_sha256))
     oracle._on_event(event(task, 2, "ProofSubmitted", attempt=task.attempt, executor="panther1"))
 
 
@@ -239,6 +243,29 @@ def test_who_waits_for_the_bridge_holds_no_clock(
     submit(judge, bridge.current)
     wait_until(lambda: bridge.behind < 10**9 and clock.held == 0)
     assert judge._in_work == {(bridge.current.id, bridge.current.attempt)}
+
+
+def test_a_report_by_other_rules_than_the_tasks_is_no_verdict(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As where the checks were updated under a running oracle: people decide, its window being over here."""
+    other = Report(
+        kind="waste_disposal",
+        task_id=1,
+        attempt=1,
+        proof_sha256=None,
+        outcome="accepted",
+        reason="accepted",
+        rules_sha256="0x" + "88" * 32,
+        checks=[],
+    )
+    monkeypatch.setattr(worker, "verify_apart", lambda *_, **__: other)
+    bridge.current = bridge.current.model_copy(update={"verdict_deadline": 1.0})
+    submit(oracle(), bridge.current)
+    assert bridge.posted.wait(WAIT_S)
+    (verdict,) = bridge.verdicts
+    assert (verdict.outcome, verdict.amount_iec) == ("undecided", None)
+    assert verdict.reason.startswith("rules: no oracle that has the rules of this task has judged it")
 
 
 def wait_until(condition: Callable[[], bool]) -> None:
