@@ -40,7 +40,9 @@ CLEANINGS = 10
 _SAME = 0.01
 _EMPTY_SOC = 0.3
 _CHARGE_WALL_S = 900.0
-NIGHT_WALL_S = 20.0
+_NIGHT_S = 10 * 3600.0
+"""Shorter than a rested battery lasts: a charge is measured by itself."""
+_NIGHT_WALL_S = 60.0
 _READY_S = 60.0
 _MEANWHILE_S, _ARRIVALS_S = 0.5, 99.5
 """Site time between two looks whether everybody is ready, and after which the first task is posted: shortly
@@ -110,10 +112,10 @@ def held_site(speed: float, idle_speed: float, **more: Any) -> Iterator[tuple[Si
 
 
 def _night() -> dict[str, float]:
-    """One robot that rests, and no task."""
+    """Site time per wall time while one robot rests for _NIGHT_S, and there is no task."""
     with held_site(0.0, 0.0) as (_, _, clock):
         began_s, wall_s = clock.now_s(), time.perf_counter()
-        clock.wait_for(lambda: False, wall_s=NIGHT_WALL_S, resting=True)
+        clock.wait_for(lambda: False, until_s=began_s + _NIGHT_S, wall_s=_NIGHT_WALL_S, resting=True)
         return {"night_realtime_factor": (clock.now_s() - began_s) / (time.perf_counter() - wall_s)}
 
 
