@@ -1,7 +1,7 @@
 """How a whole site's time passes: cleanings at any speed, a charge, and a night in which nothing happens.
 
-Everybody who works holds the clock: minds, bin, dock, bridge, oracle, chain, and this bench, which posts the
-tasks at the same site times.
+While tasks are done everybody who works holds the clock: minds, bin, dock, bridge, oracle, chain, and this
+bench, which posts the tasks at the same site times.
 
 `sim_determinism` is 1 when the same commands at the same times give the same world to the last bit, and the
 first cleaning comes to the same on a busy machine as on a quiet one: the same events in the same order, the
@@ -120,11 +120,13 @@ def _night() -> dict[str, float]:
 
 
 def _charging() -> float:
-    """Site time per wall time while a battery is filled from _EMPTY_SOC."""
+    """Site time per wall time while a battery is filled from _EMPTY_SOC, with the holders that a site has
+    unless it says otherwise."""
     first = Site.load(SITE).robots[0]
     robot, pose = first.name, first.pose.model_dump()
     empty = {"name": robot, "pose": pose, "battery": {"soc": _EMPTY_SOC}}
-    with held_site(0.0, 0.0, robots=[empty]) as (site, bus, clock):
+    usual = [*Site.load(SITE).clock.holders, "arrivals"]
+    with held_site(0.0, 0.0, robots=[empty], **{"clock.holders": usual}) as (site, bus, clock):
         flowing: list[tuple[float, float]] = []
         over = threading.Event()
 

@@ -14,7 +14,7 @@ from typing import Any, Literal, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from rodeo.checks.report import Finding
-from rodeo.config import Site
+from rodeo.config import FASTEST_CLOCK, Site
 from rodeo.errors import wrong_fields
 from rodeo.evidence import EvidenceError, Proof
 from rodeo.lab.config import ItemConfig, RobotConfig
@@ -28,8 +28,6 @@ THE_CREATOR = "the task's creator"
 NO_MOCAP = "not applicable: the site has no motion capture"
 LATE_WALL_S = 5.0
 """What a busy recorder or bridge may be late, of wall time: more of site time where the clock is faster."""
-FASTEST = 50.0
-"""How many times faster than real time a simulated clock without a set speed goes."""
 
 Params = TypeVar("Params", bound=BaseModel)
 
@@ -104,7 +102,7 @@ class Case:
         clock = self.site.clock
         if clock.source == "wall":
             return 1.0
-        return max((clock.idle_speed if self.checks.at_idle_speed else clock.speed) or FASTEST, 1.0)
+        return max((clock.idle_speed if self.checks.at_idle_speed else clock.speed) or FASTEST_CLOCK, 1.0)
 
     @property
     def slack_s(self) -> float:

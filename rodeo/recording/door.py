@@ -15,6 +15,7 @@ from typing import Literal
 
 from rodeo import topics
 from rodeo.budget import Bucket
+from rodeo.config import FASTEST_CLOCK
 from rodeo.evidence.container import Limits
 from rodeo.evidence.errors import LayoutChanged
 from rodeo.evidence.series import Layout
@@ -107,8 +108,8 @@ _NUMBERS: dict[str, tuple[str, ...]] = {
 
 def stamp_slack_s(speed: float) -> float:
     """Seconds of site time that a stamp may be off the site's clock, which runs `speed` times as fast as the
-    wall's."""
-    return STAMP_SLACK_WALL_S * max(1.0, speed)
+    wall's; at 0 as fast as it can."""
+    return STAMP_SLACK_WALL_S * max(1.0, speed or FASTEST_CLOCK)
 
 
 class MessageDoor:

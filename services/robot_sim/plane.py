@@ -30,6 +30,7 @@ _DEPTH_TICKS = 10
 _SECOND_TICKS = 50
 """Control periods between messages of 10 Hz, 5 Hz and 1 Hz."""
 _CLOCK_WALL_PERIOD_S = 0.01
+_CLOCK_PERIOD_NS = 5_000_000_000
 _SHOWN_M, _FELL_N = 0.02, 0.05
 """By so much a reading of the bin has changed when the bin may act on it."""
 _NOTHING_SHOWN = -1e3
@@ -51,6 +52,7 @@ class LabPlane:
 
         self._clock, self._clock_cdr = publisher(topics.CLOCK), messages.clock_template()
         self._clock_sent_s = -math.inf
+        self._clock_sent_ns = 0
         self._mocap = mocap
         self._mocap_poses = {
             body: publisher(topics.MOCAP_POSE, body=body)
@@ -131,11 +133,12 @@ class LabPlane:
         return bool(self._snapshot.stalls_ns)
 
     def publish_clock(self, at_once: bool = False) -> None:
-        """At most every _CLOCK_WALL_PERIOD_S: whoever reads the clock needs no more than that."""
-        now_s = time.monotonic()
-        if at_once or self.stalled or now_s - self._clock_sent_s >= _CLOCK_WALL_PERIOD_S:
-            self._clock_sent_s = now_s
-            now_ns = self._snapshot.time_ns
+        """At most every _CLOCK_WALL_PERIOD_S, as whoever reads the clock needs no more. But no message is
+        stamped more than _CLOCK_PERIOD_NS after the time that was told last: recorders would leave it out."""
+        now_s, now_ns = time.monotonic(), self._snapshot.time_ns
+        due = now_s - self._clock_sent_s >= _CLOCK_WALL_PERIOD_S
+        if at_once or self.stalled or due or now_ns - self._clock_sent_ns > _CLOCK_PERIOD_NS:
+            self._clock_sent_s, self._clock_sent_ns = now_s, now_ns
             self._loop.publish_queue.add(self._clock.publish_cdr, self._clock_cdr.encode(now_ns), now_ns)
 
     def tell_time(self, now_ns: int) -> None:

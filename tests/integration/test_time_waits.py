@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from rodeo import topics
+from rodeo.evidence import Store, open_proof
 from tests.integration.test_agent import Organization
 from tests.support.load import busy_machine
 from tests.support.site import RunningSite, write_site
@@ -58,6 +59,17 @@ def expire(running: RunningSite, organization: Organization) -> None:
     assert WINDOW_S < failed.time_s - assigned.time_s <= WINDOW_S + LATE_S
 
 
+def charge(running: RunningSite, organization: Organization, task_id: int) -> None:
+    """The dock hears each of its readings, although many seconds pass at once."""
+    for order in ("resume", "charge"):
+        running.bus.query(topics.ROBOT_ORDER.name(org=running.site.org, robot="panther1", order=order))
+    organization.wait_for_event("TaskSettled", task_id)
+    task = organization.task(task_id)
+    proof = open_proof(Store(running.site).fetch(task["proof_uri"], task["proof_sha256"]))
+    ended = next(event for event in proof.events() if event.get("event") == "session_ended")
+    assert (task["kind"], task["verdict"], ended["left_out"]) == ("battery_charging", "accepted", {})
+
+
 def run(folder: Path, chain_backend: str, stopped: str | None) -> dict[str, Any]:
     """What one cleaning came to."""
     running = RunningSite(write_site(folder, chain_backend, SITE))
@@ -78,6 +90,7 @@ def run(folder: Path, chain_backend: str, stopped: str | None) -> dict[str, Any]
         came_to["events"] = Counter(event.name for event in organization.events if event.task_id == task_id)
         if stopped is None:
             expire(running, organization)
+            charge(running, organization, task_id + 2)
         return came_to
     finally:
         organization.close()
