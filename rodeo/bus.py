@@ -213,7 +213,7 @@ class Bus:
             try:
                 callback(str(sample.key_expr), sample.payload.to_bytes())
             except RodeoError as error:
-                log.warning("left out a message on %s: %s", sample.key_expr, error)
+                log.warning("ignored a message on %s: %s", sample.key_expr, error)
             except Exception:
                 # The subscription's thread must outlive one message.
                 log.exception("the handler of %s failed", sample.key_expr)
@@ -242,7 +242,7 @@ class Bus:
         try:
             replies = self.session.get(selector, payload=body, timeout=timeout_s)
         except zenoh.ZError as refusal:
-            raise InvalidRequest("this is no key of the bus", key=selector) from refusal
+            raise InvalidRequest("this is not a key of the bus", key=selector) from refusal
         for reply in replies:
             if reply.ok is not None:
                 return _answer(key, reply.ok.payload.to_bytes())
@@ -252,9 +252,11 @@ class Bus:
             error = _answer(key, data)
             code, message, details = error.get("code"), error.get("message"), error.get("details")
             if not (isinstance(code, str) and isinstance(message, str) and isinstance(details, dict | None)):
-                raise MalformedAnswer("the responder's error has no code and message", key=key, answer=error)
+                raise MalformedAnswer(
+                    "the responder's error lacks a code and a message", key=key, answer=error
+                )
             raise RemoteError(code, message, details)
-        raise NoResponder("nobody serves this key", key=key)
+        raise NoResponder("no process serves this key", key=key)
 
     def query_all(
         self, key: str, *, parameters: dict[str, Any], timeout_s: float, most: int
@@ -272,7 +274,7 @@ class Bus:
                 consolidation=zenoh.ConsolidationMode.NONE,
             )
         except zenoh.ZError as refusal:
-            raise InvalidRequest("this is no key of the bus", key=selector) from refusal
+            raise InvalidRequest("this is not a key of the bus", key=selector) from refusal
         answers: list[dict[str, Any]] = []
         for reply in replies:
             if reply.ok is None:
@@ -281,7 +283,7 @@ class Bus:
                 data = reply.ok.payload.to_bytes()
                 answers.append(decode_json(data, max_bytes=_MAX_ANSWER_BYTES))
             except MalformedJson as error:
-                log.info("left out an answer on %s: %s", key, error)
+                log.info("ignored an answer on %s: %s", key, error)
             if len(answers) >= most:
                 break
         return answers
@@ -335,7 +337,7 @@ class Bus:
                 pool.submit(answer, query)
             except RuntimeError:
                 # The threads have ended: whoever asks a process that stops hears that nobody answers.
-                log.debug("not answered while stopping: %s", query.key_expr)
+                log.debug("stopping; did not answer %s", query.key_expr)
 
         return self.session.declare_queryable(key, on_query)
 
@@ -345,7 +347,7 @@ class Bus:
         try:
             self.session.close()
         except zenoh.ZError as error:
-            log.warning("the router did not take all that was sent: %s", error)
+            log.warning("the router did not accept all messages: %s", error)
 
 
 class DaoEvents:
@@ -437,7 +439,7 @@ class DaoEvents:
                     self._bus, self._org, queries.EVENTS, timeout_s=5.0, after=self._seq, limit=self._PAGE
                 )
             except MalformedAnswer as error:
-                log.warning("the index does not answer with events: %s", error)
+                log.warning("the index answered without events: %s", error)
                 return
             except (NoResponder, QueryTimeout, RemoteError) as error:
                 # The bridge is away; the next round asks again, and status shows it.
@@ -447,7 +449,7 @@ class DaoEvents:
                 if self._follow_chain(answer.chain):
                     continue
                 if answer.last_seq < self._seq:
-                    log.info("the index was made anew: its events count from 1 again")
+                    log.info("the index was rebuilt: its events count from 1 again")
                     self._seq = 0
                     self._live.clear()
                     continue
@@ -496,7 +498,7 @@ def _answer(key: str, payload: bytes) -> dict[str, Any]:
         # Whom we ask may answer at length: a page of tasks with all that people wrote into them.
         return decode_json(payload, max_bytes=None)
     except MalformedJson as error:
-        raise MalformedAnswer(f"the answer is no JSON object: {error.message}", key=key) from error
+        raise MalformedAnswer(f"the answer is not a JSON object: {error.message}", key=key) from error
 
 
 def _escaped(value: Any) -> str:

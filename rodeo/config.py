@@ -86,7 +86,9 @@ class ClockConfig(_Table):
     @model_validator(mode="after")
     def _starts_only_what_goes_its_own_way(self) -> Self:
         if self.start is not None and self.keeps_wall_time:
-            raise ValueError("start is for a simulated clock that does not keep the wall's time: set a speed")
+            raise ValueError(
+                "clock.start needs a simulated clock that does not run on wall time: set clock.speed"
+            )
         return self
 
     def begin_s(self) -> int:
@@ -252,7 +254,9 @@ class CameraConfig(_Table):
     @model_validator(mode="after")
     def _has_an_address(self) -> CameraConfig:
         if (self.source == "bus") != (not self.address):
-            raise ValueError("a camera's address belongs to the sources video and folder, and they need one")
+            raise ValueError(
+                "the camera sources video and folder need an address, and the other sources take none"
+            )
         return self
 
 
@@ -297,8 +301,8 @@ class KindConfig(_Table):
     def _says_who_judges(self) -> KindConfig:
         if self.review is None and (self.title or self.description or self.parameters):
             raise ValueError(
-                f'{self.name} is declared here, so say who judges it: review = "auditor"; '
-                "or leave title, description and parameters to its package"
+                f'{self.name} is declared here: add review = "auditor" to set who judges it, '
+                "or remove title, description and parameters, which its package sets"
             )
         return self
 
@@ -440,7 +444,7 @@ class Site(BaseSettings):
     @model_validator(mode="after")
     def _one_time(self) -> Self:
         if self.chain.backend == "external" and not self.clock.keeps_wall_time:
-            raise ValueError("an external chain keeps wall time: clock.speed and clock.idle_speed must be 1")
+            raise ValueError("an external chain runs on wall time: set clock.speed and clock.idle_speed to 1")
         return self
 
     @property
@@ -489,7 +493,7 @@ def _check_variable(variable: str) -> None:
             close = difflib.get_close_matches(name, model.model_fields, n=1)
             meant = _PREFIX + "__".join([*known, *close]).upper()
             raise ConfigError(
-                f"the environment variable {variable} means no field of the site"
+                f"the environment variable {variable} names no field of the site"
                 + (f"; is {meant} meant?" if close else ""),
                 known=sorted(model.model_fields),
             )
@@ -601,7 +605,7 @@ def _hours(site: Site) -> Iterator[tuple[Place, str]]:
     for number, tariff in enumerate(site.economy.electricity):
         if tariff.from_hour in hours:
             place = ("economy", "electricity", number, "from_hour")
-            yield place, f"two prices of electricity begin at hour {tariff.from_hour}"
+            yield place, f"two electricity tariffs begin at hour {tariff.from_hour}"
         hours.add(tariff.from_hour)
 
 
@@ -619,5 +623,5 @@ def _ports(site: Site) -> Iterator[tuple[Place, str]]:
     for place, host, port in listening:
         if port and (host, port) in seen:
             first = ".".join(map(str, seen[host, port]))
-            yield place, f"port {port} of {host} is that of {first} already"
+            yield place, f"port {port} of {host} is already used by {first}"
         seen.setdefault((host, port), place)

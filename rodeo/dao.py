@@ -45,18 +45,18 @@ def cannot_do(site: Site, participant: str, kind: str) -> str:
         robots_do = [name for name, one in kinds.items() if one.behaviour]
         able, does = kind in robots_do, f"robots do {', '.join(robots_do) or 'nothing'} only"
     elif participant == "oracle":
-        able, does = False, "the oracle judges work and does none"
+        able, does = False, "the oracle only judges work"
     elif participant == ORGANIZATION:
         energy = kinds.providing("energy")
         able = by_people or (energy is not None and kind == energy.name)
         does = f"the organization sells {energy.name} at its dock, and " if energy else ""
-        does += "its people do what auditors judge"
+        does += "its people do the kinds that auditors judge"
     else:
         declared = next((one.kinds for one in site.participants if one.name == participant), None)
         able = by_people if declared is None else kind in declared
         does = (
-            "people do the kinds that auditors judge; what a participant's own program does is named in "
-            "the site file, in the participant's `kinds`"
+            "people do the kinds that auditors judge; if it is a program, list its kinds in the site file, "
+            "in the participant's `kinds`"
             if declared is None
             else f"by the site file it does {', '.join(declared) or 'nothing'}"
         )

@@ -39,7 +39,7 @@ def problem(folders: Iterable[Path], min_free_mb: float) -> str:
             seen.add(device)
             found = os.statvfs(there)
         except OSError as error:
-            return f"{folder} cannot be looked at: {error.strerror}"
+            return f"cannot inspect {folder}: {error.strerror}"
         free_mb = found.f_bavail * found.f_frsize / _MB
         wanted_mb = min(min_free_mb, _SMALL_SHARE * found.f_blocks * found.f_frsize / _MB)
         if free_mb < wanted_mb:

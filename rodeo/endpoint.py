@@ -56,8 +56,8 @@ def problem(router: str, is_open: bool) -> str:
         return ""
     return (
         f"{router} lets whoever reaches it speak as any process. Leave bus.router out (a socket that only "
-        'this user can open), or say bus.router = "tls/<address>:<port>" (certificates and access rules), or '
-        "choose it by name with bus.open = true"
+        'this user can open), or set bus.router = "tls/<address>:<port>" (certificates and access rules), or '
+        "accept the open bus with bus.open = true"
     )
 
 
@@ -112,10 +112,12 @@ def check_socket_folder(router: str) -> None:
         return
     except PermissionError as error:
         raise UnsafeSocketFolder(
-            "the folder of the bus's socket is where only others may look", path=str(folder)
+            "the folder of the bus's socket cannot be read by this user", path=str(folder)
         ) from error
     if not stat.S_ISDIR(found.st_mode):
-        raise UnsafeSocketFolder("the bus's socket needs a folder here, and this is none", path=str(folder))
+        raise UnsafeSocketFolder(
+            "the bus's socket needs a folder here, but this is not a folder", path=str(folder)
+        )
     if found.st_uid != os.geteuid():
         raise UnsafeSocketFolder(
             "the folder of the bus's socket belongs to another user",

@@ -148,9 +148,9 @@ class PortUnavailable(RodeoError):
     def of(cls, purpose: str, host: str, port: int, error: OSError) -> PortUnavailable:
         """What listening for `purpose` raised."""
         if error.errno == errno.EADDRINUSE:
-            why = "another program holds that port: end it, or give another port in the site file"
+            why = "another program uses that port: stop it, or set another port in the site file"
         elif error.errno == errno.EADDRNOTAVAIL:
-            why = "that address is not this machine's: correct it in the site file"
+            why = "this machine does not have that address: correct it in the site file"
         else:
             why = error.strerror or str(error)
         return cls(f"cannot listen on {host}:{port} for {purpose}: {why}")

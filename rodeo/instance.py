@@ -61,7 +61,7 @@ def lock_instance(data_dir: Path, wait_s: float = 0.0, stop: threading.Event | N
             if time.monotonic() >= deadline_s or (stop is not None and stop.is_set()):
                 raise
             if not said:
-                log.info("%s; waiting up to %.0f s for its end", error.message, wait_s)
+                log.info("%s; waiting up to %.0f s for it to exit", error.message, wait_s)
                 said = True
         (stop or threading.Event()).wait(_LOOK_S)
 
@@ -117,7 +117,7 @@ def note_ending(data_dir: Path, reason: str, gave_up: bool) -> None:
         (data_dir / _ENDING).write_text(ending.model_dump_json())
     except OSError as error:
         # The reason is in the log as well, and the disk may be what the process ends for.
-        log.warning("how it ended cannot be kept: %s", error)
+        log.warning("cannot record how it ended: %s", error)
 
 
 def last_ending(data_dir: Path) -> Ending | None:

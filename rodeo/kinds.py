@@ -154,7 +154,7 @@ class Kind:
     def validate(self, params: Mapping[str, Any]) -> None:
         """Raises InvalidRequest, which names each wrong field."""
         if wrong := self.wrong_fields(params):
-            raise InvalidRequest("the parameters are not those of this kind", kind=self.name, fields=wrong)
+            raise InvalidRequest("the parameters do not fit this kind", kind=self.name, fields=wrong)
 
     def load_behaviour(self) -> Any:
         """What an executor does, or None."""
@@ -177,7 +177,7 @@ def _attribute(kind: Kind, where: str) -> Any:
         return getattr(import_module(module), name)
     except (ImportError, AttributeError) as error:
         raise KindError(
-            "this part of the kind cannot be imported", kind=kind.name, part=where, reason=str(error)
+            "cannot import this part of the kind", kind=kind.name, part=where, reason=str(error)
         ) from error
 
 
@@ -237,7 +237,7 @@ def load(name: str) -> Kind:
             "the kind cannot be imported", kind=name, where=point.value, reason=str(error)
         ) from error
     if not isinstance(kind, Kind) or kind.name != name:
-        raise KindError("the entry point is no Kind of its name", kind=name, where=point.value)
+        raise KindError("the entry point is not a Kind of this name", kind=name, where=point.value)
     return kind
 
 

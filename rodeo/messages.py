@@ -159,7 +159,7 @@ class PostVerdict(Command):
     @model_validator(mode="after")
     def _pays_what_is_accepted(self) -> Self:
         if (self.outcome == "accepted") != (self.amount_iec is not None):
-            raise ValueError("an accepted verdict says how much is paid, and no other verdict does")
+            raise ValueError("an accepted verdict names the amount paid; any other verdict names none")
         return self
 
 
@@ -264,7 +264,7 @@ class AllowKind(Command):
         if self.rules_sha256 is not None and not self.allowed:
             raise ValueError("rules_sha256 goes with a kind that is allowed")
         if (self.audit_window_s is None) != (self.at_silence is None):
-            raise ValueError("audit_window_s and at_silence go together: say both or none")
+            raise ValueError("audit_window_s and at_silence go together: set both or neither")
         return self
 
 

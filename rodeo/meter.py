@@ -39,8 +39,8 @@ def load_register(path: Path) -> float:
         return 0.0
     except (OSError, ValidationError) as error:
         raise RegisterBroken(
-            "the meter's register is damaged: restore the file; or move it away, and the register "
-            "goes on from its last signed statement",
+            "the meter's register is damaged: restore the file, or move it away; then the register "
+            "continues from its last signed statement",
             path=str(path),
             reason=unreadable(error),
         ) from error

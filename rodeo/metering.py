@@ -70,7 +70,7 @@ def pack(readings: Sequence[Reading]) -> tuple[int, str]:
     rows = np.rint(rows)
     rows[:, 0] -= since_ms
     if len(rows) > MAX_READINGS or not ((rows[:, :2] >= 0) & (rows[:, :2] < 2**32)).all():
-        raise ValueError("readings that are too many, out of order or out of range")
+        raise ValueError("the readings are too many, out of order or out of range")
     packed = np.zeros(len(rows), _RECORD)
     for name, column in zip(("offset_ms", "voltage_mv", "current_ma"), rows.T, strict=True):
         packed[name] = column

@@ -17,15 +17,15 @@ REQUESTS = Histogram(
 )
 """`key` as served, with its wildcards; `outcome` is `ok` or the error's code."""
 
-READY = Gauge("rodeo_ready", "1 when the process does its work")
+READY = Gauge("rodeo_ready", "1 while the process is ready")
 BUS_CONNECTED = Gauge("rodeo_bus_connected", "1 while there is a router")
 NOT_READY = Counter("rodeo_not_ready_total", "Times that the process stopped being ready")
 
 RECORDER_REFUSED = Counter(
-    "rodeo_recorder_refused_total", "What a recorder heard and did not write", ["what", "reason"]
+    "rodeo_recorder_refused_total", "Messages that a recorder received but did not write", ["what", "reason"]
 )
 """`what` is `message` or `statement`; reasons are those of `rodeo.recording.Refusal`."""
 HEADS_REFUSED = Counter(
-    "rodeo_heads_refused_total", "What a witness heard that no registered device of its organization signed"
+    "rodeo_heads_refused_total", "Messages to a witness that no registered device of its organization signed"
 )
-SEALS_UNPUBLISHED = Counter("rodeo_seals_unpublished_total", "Seals that the bus did not take")
+SEALS_UNPUBLISHED = Counter("rodeo_seals_unpublished_total", "Seals that could not be published")

@@ -97,7 +97,7 @@ def _wrong(site: Site, org: str, theirs: Origin | None) -> WrongBus:
         whose += f", with the contracts {theirs.contracts}" if theirs.contracts else ""
     ours = f"{site.org} in {site.data_dir}"
     return WrongBus(
-        f"the bus at {site.bus.router} is not this site's ({ours}), but that of {whose}",
+        f"the bus at {site.bus.router} belongs to {whose}, not to this site ({ours})",
         router=site.bus.router,
         org=org,
     )

@@ -193,7 +193,7 @@ class Process:
             new = rival.thing not in wanted
             wanted[rival.thing] = time.monotonic()
         if new:
-            log.warning("%s wants to serve %s, too; it is served here", rival.holder, rival.thing)
+            log.warning("%s tries to serve %s, which is already served here", rival.holder, rival.thing)
 
     def _on_lost(self, error: ServedElsewhere) -> None:
         self.fail(error)
@@ -305,7 +305,7 @@ class Process:
         with self._lock:
             reason = self._reason
             if self._ready and self._ready_until_s is not None and time.monotonic() > self._ready_until_s:
-                reason = "it hangs: by now it should have said that it still works"
+                reason = "it hangs: its main loop has not reported in time"
             if self._disk_problem:
                 reason = self._disk_problem
             # What else is wrong may well come of it.
@@ -340,7 +340,7 @@ class Process:
         texts = []
         for holder, wanted in self._rivals.items():
             if things := sorted(str(thing) for thing, heard_s in wanted.items() if heard_s > since_s):
-                texts.append(f"{holder} wants to serve {', '.join(things)}, too")
+                texts.append(f"{holder} also tries to serve {', '.join(things)}")
         return texts
 
     def _clock_off(self) -> str:
@@ -352,9 +352,9 @@ class Process:
         except ClockUnavailable:
             return ""  # who needs the clock waits for it
         if behind_s > CLOCK_OFF_S:
-            return f"clock {behind_s:.0f} s behind the wall's; `rodeo status` tells how robot_sim is"
+            return f"clock {behind_s:.0f} s behind wall time; see robot_sim in `rodeo status`"
         if behind_s < -CLOCK_OFF_S and self.site.chain.backend == "external":
-            return f"clock {-behind_s:.0f} s ahead of the wall's; it stands still for so long"
+            return f"clock {-behind_s:.0f} s ahead of wall time; it waits for wall time to catch up"
         return ""
 
     def _clock_warnings(self) -> list[str]:
@@ -481,7 +481,7 @@ def _leave(waited_s: float) -> None:
     Closing a Zenoh session waits 10 s for a router that takes nothing, as one does that is stopping itself.
     """
     log.warning(
-        "leaving what does not end within %.1f s: the bus may not have got all that was sent", waited_s
+        "exiting because the shutdown took longer than %.1f s: some messages may not be sent", waited_s
     )
     logging.shutdown()
     os._exit(0)

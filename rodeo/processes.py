@@ -17,14 +17,14 @@ class ProcessEntry:
 
 
 PROCESSES: tuple[ProcessEntry, ...] = (
-    ProcessEntry("router", "deploy.router", "routes the bus"),
+    ProcessEntry("router", "deploy.router", "the Zenoh router of the bus"),
     ProcessEntry("chain", "deploy.chain", "the shared chain: eth-tester or anvil"),
     ProcessEntry("bridge", "services.bridge", "signs, sends and indexes for the others"),
     ProcessEntry("oracle", "services.oracle", "verifies proofs and posts verdicts"),
     ProcessEntry("itrash", "services.itrash", "the smart bin"),
     ProcessEntry("charger", "services.charger", "the dock's energy meter"),
     ProcessEntry("console", "services.console", "the web page where people run the organization"),
-    ProcessEntry("robot_sim", "services.robot_sim", "the robot's body and the lab"),
+    ProcessEntry("robot_sim", "services.robot_sim", "the simulated lab and robots"),
     ProcessEntry("robot_agent", "services.robot_agent", "the robot's mind"),
 )
 

@@ -26,11 +26,11 @@ def parse_hours(text: str) -> Hours:
     """What "08:00-18:00" says. Raises ValueError with a sentence."""
     match = _WRITTEN.fullmatch(text.strip())
     if match is None:
-        raise ValueError(f'hours are written like "08:00-18:00", not {text!r}')
+        raise ValueError(f'write hours like "08:00-18:00", not {text!r}')
     begin_h, begin_min, end_h, end_min = map(int, match.groups())
     begin, end = 60 * begin_h + begin_min, 60 * end_h + end_min
     if begin_min > 59 or end_min > 59 or begin >= _DAY_MIN or end > _DAY_MIN:
-        raise ValueError(f"{text!r} names no times of a day, which begins at 00:00 and ends at 24:00")
+        raise ValueError(f"{text!r} is not a range of times between 00:00 and 24:00")
     if begin == end:
         raise ValueError(f'{text!r} ends when it begins; "00:00-24:00" is the whole day')
     return begin, end if end > begin else end + _DAY_MIN
@@ -54,9 +54,7 @@ def zone(name: str) -> tzinfo:
     except (ZoneInfoNotFoundError, ValueError, OSError):
         known = available_timezones()
     if not known:
-        raise ValueError(
-            f"this machine has no data on time zones, so {name!r} is not known: pip install tzdata"
-        )
+        raise ValueError(f"this machine has no time zone database to look up {name!r}: pip install tzdata")
     raise ValueError(
         f'there is no time zone {name!r}; they are named like "Europe/Berlin"{close(name, known)}'
     )

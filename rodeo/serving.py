@@ -148,7 +148,7 @@ class Claim:
                 self._drop(self._claims)
                 return
             if rivals is None:
-                say("the router does not tell who serves what")
+                say("the router does not answer which process serves what")
             elif any(rival.serves or rival.holder < self.holder for rival in rivals):
                 self._drop(self._claims)
             elif not self._claims:
@@ -161,10 +161,10 @@ class Claim:
                 if now_s >= deadline_s:
                     self.close()
                     raise error
-                say(f"{error.message}; waiting up to {lease_s:.0f} s for its end")
+                say(f"{error.message}; waiting up to {lease_s:.0f} s for it to exit")
             if stop.wait(_LOOK_S):
                 self.close()
-                raise Interrupted("stopped while somebody else serves the same")
+                raise Interrupted("stopped while waiting for another process to stop serving the same")
 
     def watch(self, on_rival: Callable[[Rival], None], on_lost: Callable[[ServedElsewhere], None]) -> None:
         """From now on `on_rival` hears of others that want to serve the same, and `on_lost` of an elder that

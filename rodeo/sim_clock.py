@@ -130,7 +130,7 @@ class SimClock:
                 self._refused_s = -math.inf
             return True
         if now_s - self._said_s > _WARNED_S:
-            log.error("a second speaker on /clock is refused: %s; followed: %s", source, self._speaker)
+            log.error("ignoring a second publisher on /clock: %s; following: %s", source, self._speaker)
             self._said_s = now_s
         self._refused, self._refused_s = source, now_s
         return False
@@ -140,7 +140,7 @@ class SimClock:
         with self._changed:
             if time.monotonic() - self._refused_s > _WARNED_S:
                 return ""
-            return f"a second speaker on /clock is refused: session {self._refused}"
+            return f"ignoring a second publisher on /clock: session {self._refused}"
 
     def now_ns(self) -> int:
         if self._now_ns is None:

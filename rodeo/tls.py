@@ -54,7 +54,9 @@ def openness(site: Site) -> str:
     """What people are told of a bus that is open; empty on a closed one."""
     if bus_is_closed(site):
         return ""
-    return f"the bus is open (bus.open = true): what is said at {site.bus.router} may be anybody's word"
+    return (
+        f"the bus is open (bus.open = true): anybody who reaches {site.bus.router} can publish as any process"
+    )
 
 
 def files(site: Site, name: str) -> Identity:

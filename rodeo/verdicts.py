@@ -50,7 +50,7 @@ def verdict_words(verdict: str, reason: str | None, judge: str | None, by_people
     if verdict == "expired":
         return reason or "nobody judged it in time"
     if by_people:
-        return f"{verdict} by {who}, a person, who says: “{reason or ''}”"
+        return f"{verdict} by {who} (a person): “{reason or ''}”"
     if verdict == "accepted":
         return f"accepted by {who}: all its checks passed"
     return f"{verdict} by {who}: {reason or 'no reason given'}"

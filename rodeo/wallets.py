@@ -91,7 +91,7 @@ def address(site: Site, name: str) -> str:
         return to_checksum_address(str(keystore["address"]))
     except ValueError as error:
         raise WalletError(
-            "the keystore's address is none", name=name, path=str(keystore_path(site, name))
+            "the keystore's address is not valid", name=name, path=str(keystore_path(site, name))
         ) from error
 
 

@@ -147,7 +147,7 @@ def judge(
         auditor = Participant(bus, loaded.org, participant)
         statement.judge(loaded, auditor, task_id, accepted, reason, _amount(amount))
     word = "accepted" if accepted else "rejected"
-    say(f"Task {task_id} is {word} by the auditor {participant}, a person, who says: “{reason}”")
+    say(f"Task {task_id} is {word} by the auditor {participant} (a person): “{reason}”")
 
 
 def _amount(text: str | None) -> Decimal | None:

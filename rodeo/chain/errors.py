@@ -150,7 +150,7 @@ def translated() -> Iterator[None]:
             "the node refused", rpc_code=details.get("code"), reason=details.get("message")
         ) from error
     except Web3Exception as error:
-        raise RpcFailed("the node's answer cannot be used", reason=str(error)) from error
+        raise RpcFailed("the node's answer is not valid", reason=str(error)) from error
     except (requests.RequestException, OSError) as error:
         raise ChainUnavailable("the node does not answer", reason=why_unanswered(error)) from error
 
@@ -163,15 +163,15 @@ def why_unanswered(error: BaseException) -> str:
         causes += [one for one in inner if isinstance(one, BaseException) and one not in causes]
     for cause in reversed(causes):
         if isinstance(cause, socket.gaierror):
-            return "nobody knows this host name"
+            return "unknown host name"
         if isinstance(cause, ssl.SSLError):
-            return "TLS failed: " + (cause.reason or "no secure connection").lower().replace("_", " ")
+            return "TLS failed: " + (cause.reason or "the TLS connection failed").lower().replace("_", " ")
         if isinstance(cause, TimeoutError | urllib3.exceptions.TimeoutError | requests.Timeout):
             return "no answer in time"
         if isinstance(cause, OSError) and cause.errno is not None:
             return os.strerror(cause.errno).lower()
         if isinstance(cause, ValueError) and not isinstance(cause, OSError | urllib3.exceptions.HTTPError):
-            return "what answers there is no Ethereum node"
+            return "the server there is not an Ethereum node"
     first = str(causes[-1]).partition("\n")[0]
     return first[:_LONGEST_REASON] or type(error).__name__
 

@@ -78,7 +78,7 @@ class Act:
         """Raises MalformedAct."""
         found = _ACT.fullmatch(text) if len(text) <= _MAX_CHARACTERS else None
         if found is None:
-            raise MalformedAct("this is no act", act=text[:_MAX_CHARACTERS])
+            raise MalformedAct("this is not an act", act=text[:_MAX_CHARACTERS])
         first, last = found["first"], found["last"] or found["first"]
         if Decimal(last) < Decimal(first):
             raise MalformedAct("an act ends before it begins", act=text)
@@ -230,7 +230,7 @@ class ConsumedActs:
             try:
                 found.append(Act.parse(text))
             except MalformedAct as error:
-                log.error("the report %s lists what is no act: %s", sha256, error)
+                log.error("the report %s lists an invalid act: %s", sha256, error)
         with self._lock:
             self._listed[sha256.lower()] = found
             self._told()

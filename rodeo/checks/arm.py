@@ -72,7 +72,7 @@ def joint_speed(case: Case) -> Finding:
         case.robot.limits.joint_rad_s * TOLERANCE,
         "rad/s",
         source="Interbotix vx300s description",
-        detail=f"fastest joint: {ARM_JOINTS[worst]}",
+        detail=f"highest joint speed: {ARM_JOINTS[worst]}",
     )
 
 
@@ -83,7 +83,7 @@ def stays_clear(case: Case) -> Finding:
         touch.depth_m,
         SOLID_LIMIT_M,
         "m",
-        source="the site's solid things and the robot's links",
+        source="the site's obstacles and the robot's links",
         detail=f"{touch.link} into {touch.into}",
     )
 
@@ -140,8 +140,8 @@ def gripper_commanded(case: Case) -> Finding:
         worst_m,
         AGAINST_LIMIT_M,
         "m",
-        source="play of the fingers",
-        detail="a finger's way away from where it is commanded",
+        source="mechanical play of the fingers",
+        detail="distance that a finger moves away from its command",
     )
 
 
@@ -157,8 +157,8 @@ def _held_by_command(case: Case, time_s: Array, wanted_m: Array, gap_m: Array) -
         float((wanted_m[held] > gap_m[held] + AGAINST_LIMIT_M).mean()),
         1 - HELD_SHARE,
         "",
-        source="play of the fingers",
-        detail="share of the carry over which the fingers were commanded to be wider than they were",
+        source="mechanical play of the fingers",
+        detail="share of the carry during which the fingers were commanded wider than they were",
     )
 
 
@@ -172,7 +172,7 @@ def _commands(case: Case, topic: Topic, joints: tuple[str, ...]) -> tuple[Array,
     numbers = np.isfinite(wanted).all(axis=1)
     if numbers.mean() < 1 - NO_NUMBER_SHARE:
         raise CaseError(
-            "the controller's references are no numbers", topic=state.topic, share=float((~numbers).mean())
+            "the controller's references are not finite", topic=state.topic, share=float((~numbers).mean())
         )
     time_s, wanted = increasing(state)[numbers], wanted[numbers]
     # Where joint states were lost nobody knows how the arm went; `cleaning_gaps` says how much that may be.

@@ -31,7 +31,7 @@ def base_speed(case: Case) -> Finding:
         case.robot.limits.linear_m_s * TOLERANCE,
         "m/s",
         source="Husarion Panther: 2 m/s",
-        detail=f"fastest by {case.base_source}",
+        detail=f"highest speed by {case.base_source}",
     )
 
 
@@ -45,7 +45,7 @@ def base_acceleration(case: Case) -> Finding:
         TYRE_GRIP_M_S2,
         "m/s2",
         source="friction of the tyres on the lab's floor",
-        detail=f"hardest by {case.base_source}",
+        detail=f"highest acceleration by {case.base_source}",
     )
 
 
@@ -57,7 +57,7 @@ def turning_speed(case: Case) -> Finding:
         case.robot.limits.angular_rad_s * TOLERANCE,
         "rad/s",
         source="the site's limits of the robot",
-        detail=f"fastest by {case.base_source}",
+        detail=f"highest turn rate by {case.base_source}",
     )
 
 

@@ -59,7 +59,7 @@ def replayed(case: Case) -> Finding:
         float(time_s[-1] - time_s[0]),
         COUNTS.carried_s,
         "s",
-        source="no carry across a room takes longer",
+        source="longest plausible carry across a room",
         detail="replayed in physics from the grasp to the item's rest",
     )
 
@@ -87,7 +87,11 @@ def transport(case: Case) -> Finding:
     slip = float(np.linalg.norm(grip - grip[0], axis=1).max())
     if held < HELD_SHARE:
         return at_least(
-            held, HELD_SHARE, "", source="replay in physics", detail="share of the way that it is held"
+            held,
+            HELD_SHARE,
+            "",
+            source="replay in physics",
+            detail="share of the path on which the gripper holds it",
         )
     return at_most(
         slip, SLIP_LIMIT_M, "m", source="length of the pads", detail="the item slips in the gripper by"
@@ -114,7 +118,7 @@ def motion_capture(case: Case) -> Finding:
         MOTION_CAPTURE_LIMIT_M,
         "m",
         source="motion capture of the item",
-        detail="between the replayed item and the recorded one",
+        detail="distance between the replayed item and the recorded one",
     )
 
 
@@ -132,7 +136,7 @@ def ensemble(case: Case) -> Finding:
 
 _TRUST = {
     "motion capture": "the item lay where motion capture signed it",
-    "perception": "weaker: the item lay where the robot says that it saw it",
+    "perception": "weaker: the item lay where the robot reported it",
 }
 
 

@@ -93,7 +93,7 @@ class Case:
     def item(self) -> ItemConfig:
         """The item that the work is about. Raises CaseError."""
         if self.checks.item is None:
-            raise CaseError("this kind of work is about no item", kind=self.kind)
+            raise CaseError("this kind of work involves no item", kind=self.kind)
         return self.checks.item(self)
 
     @property
@@ -190,4 +190,4 @@ def ordered(case: Case, model: type[Params]) -> Params:
         return model.model_validate(case.chain_record.task.params)
     except ValidationError as error:
         wrong = ", ".join(f"{field}: {why}" for field, why in wrong_fields(error).items())
-        raise OthersFailed(f"the task cannot be done as it is posted: {wrong}", THE_CREATOR) from error
+        raise OthersFailed(f"the task cannot be executed as posted: {wrong}", THE_CREATOR) from error

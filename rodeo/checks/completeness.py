@@ -29,7 +29,7 @@ COMMANDS_SHARE = 0.5
 messages, five times the mean, is a third of half a minute."""
 HOLE_PERIODS = 25
 """A silence of so many nominal periods (0.5 s at 50 Hz) is a hole."""
-_NO_NUMBERS = "a bag does not tell the publishers' sequence numbers"
+_NO_NUMBERS = "a bag does not hold the publishers' sequence numbers"
 
 
 def in_order(case: Case) -> Finding:
@@ -91,7 +91,7 @@ def missed(
         limit,
         "",
         source="sequence numbers on the bus",
-        detail=f"published and not recorded: /{name}",
+        detail=f"published but not recorded: /{name}",
     )
 
 
@@ -132,7 +132,7 @@ def least_covered(case: Case, topics: list[tuple[Topic, str]], start_s: float, e
         least = 1 - COMMANDS_SHARE if _of_commands(topic) else COVERED_SHARE
         shares.append((share - least, share, least, name))
     _, share, limit, name = min(shares)
-    return at_least(share, limit, "", source="the recording's own span", detail=f"least covered: /{name}")
+    return at_least(share, limit, "", source="the recording's own span", detail=f"lowest coverage: /{name}")
 
 
 def _of_commands(topic: Topic) -> bool:

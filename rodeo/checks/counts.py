@@ -40,7 +40,7 @@ class Counts:
     sightings: int = 1_000
     """Places where the robot says that it saw the item; it looks a few times."""
     carried_s: float = 600.0
-    """From the grasp to the item's rest; no carry across a room takes longer. Asked before it is replayed."""
+    """From the grasp to the item's rest; no plausible carry is longer. Checked before the replay."""
     replayed_s: float = 1_200.0
     """Stepped through physics in all replays together. Counted while they run."""
 

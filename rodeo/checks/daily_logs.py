@@ -66,8 +66,8 @@ def _lacking(device: Device, testimony: Testimony, logs: dict[int, DayLog]) -> l
     return [
         (
             whose,
-            f"{len(numbers)} statements of {whose} ({device.address}) are not in the log of its day that is "
-            f"on chain, number {numbers[0]} first",
+            f"{len(numbers)} statements of {whose} ({device.address}) are missing from the day's log whose "
+            f"root is on chain, the first with number {numbers[0]}",
         )
     ]
 
@@ -85,5 +85,5 @@ def _fetched(case: Case, device: Device, root: Root) -> DayLog:
     }
     day = signed.log
     if (day.address.lower(), day.day) != (root.device.lower(), root.day) or signed.signer.lower() not in keys:
-        raise BadStatement("the log is not the device's", signer=signed.signer, day=day.day)
+        raise BadStatement("the log belongs to another device", signer=signed.signer, day=day.day)
     return day

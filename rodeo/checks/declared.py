@@ -20,5 +20,5 @@ def not_given_up(case: Case) -> Finding:
         passed=reason is None,
         measured=reason,
         source="the executor's own recording",
-        detail="the executor's own word" if reason is None else f"the executor reports: {reason}",
+        detail="the executor's own statement" if reason is None else f"the executor reports: {reason}",
     )

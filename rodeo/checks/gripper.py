@@ -66,8 +66,8 @@ def gripper_agrees(case: Case) -> Finding:
         AGREE_M,
         "m",
         source="errors of encoders and motion capture",
-        detail=f"gripper seen from where base and joints have it, {AGREE_SHARE:.0%} of the time; "
-        f"clocks apart by {best_s:.2f} s",
+        detail=f"distance of the gripper from its pose by base and joints, {AGREE_SHARE:.0%} of the time; "
+        f"clock offset {best_s:.2f} s",
     )
 
 
@@ -80,7 +80,9 @@ def item_in_gripper(case: Case) -> Finding:
     for start_s, end_s in gripper.unseen_s:
         lost_s = min(end_s, release_s) - max(start_s, phases.closing_s)
         if lost_s > UNSEEN_S:
-            return at_most(lost_s, UNSEEN_S, "s", _SOURCE, "over which nothing of the gripper is signed")
+            return at_most(
+                lost_s, UNSEEN_S, "s", _SOURCE, "longest time without a signed pose of the gripper"
+            )
     at_s = _seen(np.arange(phases.lifted_s, release_s, _LOOK_CLOSELY_S), gripper, item)
     if len(at_s) < 2:
         raise CaseError("motion capture did not see the item between lift and release")

@@ -64,7 +64,7 @@ def fork(case: Case, *witnesses: Sequence[Said]) -> Finding | None:
                     f"seal {head.index} {head.digest[:18]}",
                     None,
                     source=f"heads that {one.statement.device} lists",
-                    detail="a seal of this recording that the file does not have",
+                    detail="a seal of this recording that is not in the file",
                 )
     return None
 

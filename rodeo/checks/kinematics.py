@@ -85,7 +85,7 @@ class Kinematics:
         standing = smoothed(base.time_s, np.hstack([base.position_m, base.quaternion]), time_s)
         moving = joints.named("position", [*ARM_JOINTS, *FINGER_JOINTS])[known]
         if not np.isfinite(moving).all():
-            raise CaseError("a joint's position is not a number", topic=joints.topic)
+            raise CaseError("a joint's position is not finite", topic=joints.topic)
         arm = slice(len(ARM_JOINTS))
         moving[:, arm] = smoothed(time_s, moving[:, arm], time_s, _JOINTS_HALF_WINDOW_S)
         rows = np.tile(self._data.qpos, (len(time_s), 1))

@@ -14,7 +14,7 @@ def executors_own_seal(case: Case) -> Finding:
         (case.proof.signer or "").lower(),
         (case.chain_record.task.executor or "").lower(),
         source="the assignment on chain",
-        detail="who sealed the statement",
+        detail="signer of the statement",
     )
 
 
@@ -25,7 +25,7 @@ def stated(case: Case) -> Finding:
         try:
             check_photo(photo)
         except BadPhoto as error:
-            return Finding(passed=False, measured=number, detail=f"a photo is no picture: {error.message}")
+            return Finding(passed=False, measured=number, detail=f"a photo is not an image: {error.message}")
     return Finding(
         passed=True,
         measured=f"{len(statement.note)} characters, {len(statement.photos)} photos",
@@ -37,6 +37,6 @@ def judged_by_people(_case: Case) -> Finding:
     """Whether the work was done is not for a machine to tell."""
     return Finding(
         passed=False,
-        detail="an auditor judges people's work: rodeo task review",
-        fault="nobody: the oracle measures no such work",
+        detail="an auditor judges people's work; see `rodeo task review`",
+        fault="none: the oracle has no checks for this work",
     )

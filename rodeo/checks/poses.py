@@ -129,7 +129,7 @@ def motions_of(case: Case) -> list[Motion]:
         off_s = abs(one.end_us * 1e-6 - one.time_s)
         if not (one.start_us <= one.end_us and before_us < one.end_us) or off_s > case.slack_s:
             raise OthersFailed(
-                "the times of a statement contradict themselves, or those of the one before",
+                "the times of a statement contradict each other or those of the previous statement",
                 THE_MOTION_CAPTURE,
                 seq=one.seq,
             )
@@ -199,7 +199,7 @@ def _poses(table: Table) -> tuple[Array, Array]:
     position_m, quaternion = table.vector("pose.position"), table.vector("pose.orientation", "wxyz")
     norm = np.linalg.norm(quaternion, axis=1)
     if not (np.isfinite(position_m).all() and np.isfinite(norm).all() and (abs(norm - 1) < 1e-3).all()):
-        raise CaseError("a pose is not a pose", topic=table.topic)
+        raise CaseError("a pose is not finite", topic=table.topic)
     return position_m, quaternion / norm[:, None]
 
 

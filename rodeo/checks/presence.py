@@ -31,7 +31,7 @@ def stays(case: Case, place: Place, near_m: float, least_s: float) -> Finding:
     Over a stretch of UNSEEN_S of which nothing is signed, nobody knows where the robot was.
     """
     if not case.mocap:
-        return undecided("the site has no motion capture: nobody else saw where the robot was", "the site")
+        return undecided("the site has no motion capture: no witness saw where the robot was", "the site")
     lasts_s = max(
         (moving_s(case, one.from_s, one.until_s) for one in _stays(case, place, near_m)), default=0.0
     )

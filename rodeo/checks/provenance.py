@@ -83,7 +83,7 @@ def _by_its_time(case: Case, device: Device, found: Finding) -> Finding:
         return found
     return undecided(
         f"its key {device.address} was revoked as compromised before the proof was submitted, and no witness "
-        "lists the recording's last seals from before",
+        "listed the recording's last seals before that",
         whose,
         source=found.source,
     )
@@ -113,7 +113,7 @@ def executor_on_site(case: Case) -> Finding:
     robots = [robot.name for robot in case.site.robots]
     source = "the site's robots and the device registry on chain"
     if executor not in robots:
-        return equal(executor, " or ".join(robots), source=source, detail="who was assigned the work")
+        return equal(executor, " or ".join(robots), source=source, detail="executor of the assignment")
     if not case.proof.sealed:
         return skipped(_NOT_SEALED)
     return equal(device, executor, source=source, detail="the robot that sealed the recording")
@@ -134,7 +134,7 @@ def recorded_in_assignment(case: Case) -> Finding:
         case.slack_s,
         "s",
         source="block times of assignment and submission",
-        detail="recorded outside the assignment by",
+        detail="time recorded outside the assignment",
     )
 
 
@@ -162,5 +162,5 @@ def vouched_for(is_sealed: bool) -> Finding:
         "sealed" if is_sealed else "a bag without a seal",
         "sealed",
         source="docs/evidence.md",
-        detail="who vouches for the recording",
+        detail="witnesses of the recording",
     )

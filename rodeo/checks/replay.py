@@ -222,7 +222,7 @@ def replay_of(case: Case) -> Replay:
     end_s = min(phases.rest_s + SETTLE_S, known_s[-1])
     if not 0 < end_s - start_s <= COUNTS.carried_s:
         raise CaseError(
-            "the carry is not recorded, or of more seconds than a proof may hold",
+            "the carry is not recorded, or is longer than a proof may hold",
             carried_s=round(end_s - start_s, 2),
             limit_s=COUNTS.carried_s,
         )
@@ -402,7 +402,7 @@ class World:
         state[self._grip.hand_qvel] = way.speed[max(begin - 1, 0)]
         self._replayed_s += TIMESTEP_S * (steps.stop - begin)
         if self._replayed_s > COUNTS.replayed_s:
-            raise CaseError("more replayed seconds than a proof may need", limit_s=COUNTS.replayed_s)
+            raise CaseError("the replay needs more seconds than a proof may take", limit_s=COUNTS.replayed_s)
         states, sensors = rollout.rollout(self.model, self.data, state, way.control[None, steps])
         return Rows(len(states[0]), states[0, ::EVERY], sensors[0, ::EVERY], states[0, -1])
 

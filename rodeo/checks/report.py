@@ -156,7 +156,7 @@ def describe(check: Check) -> str:
     values = ""
     if check.measured is not None and check.limit is not None:
         values = f" ({_text(check.measured, check.unit)}, limit {_text(check.limit, check.unit)})"
-    fault = f"; not the executor's failure but that of {check.fault}" if check.undecided else ""
+    fault = f"; {check.fault} is at fault, not the executor" if check.undecided else ""
     return f"{check.name}: {check.detail}{values}"[: 500 - len(fault)] + fault
 
 

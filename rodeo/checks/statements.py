@@ -84,7 +84,7 @@ def _apart(before: Testimony, after: Testimony) -> str | None:
     if last.statement.time_s > first.statement.time_s or last.statement.seq >= first.statement.seq:
         return f"the chains under its keys {keys} overlap"
     if first.statement.seq == last.statement.seq + 1 and first.statement.previous != last.digest:
-        return f"the chain under its key {after.address} does not go on with that under {before.address}"
+        return f"its chain under the key {after.address} does not continue its chain under {before.address}"
     return None
 
 

@@ -29,7 +29,7 @@ def named_table(case: Case, topic: topics.Topic, name: str) -> Table:
     newest_s = np.maximum.accumulate(stamp_s) if len(stamp_s) else stamp_s
     table = table.only(stamp_s > np.concatenate([[-np.inf], newest_s[:-1]]))
     if not len(table):
-        raise CaseError("nothing was recorded when it was stamped", topic=name)
+        raise CaseError("no message was recorded at the time in its header stamp", topic=name)
     return table
 
 

@@ -55,7 +55,7 @@ def verify_file(
     missed = ""
     for stage in case.checks.stages:
         if missed and (proof.sealed or provenance.sealed not in stage):  # nobody need be asked about a bag
-            checks += [_skipped(check, f"not asked: {missed} did not pass") for check in stage]
+            checks += [_skipped(check, f"skipped: {missed} did not pass") for check in stage]
             continue
         checks += [_run(check, case) for check in stage]
         missed = next((check.name for check in checks if check.passed is False), "")
@@ -102,7 +102,7 @@ def _claimed(case: Case) -> list[str]:
     try:
         return case.checks.acts(case)
     except (EvidenceError, *_UNFORESEEN) as error:
-        log.info("what an undecided proof claims is not known: %r", error)
+        log.info("cannot determine what an undecided proof claims: %r", error)
         return []
 
 
@@ -147,7 +147,7 @@ def _run(function: CheckFunction, case: Case) -> Check:
     try:
         finding = function(case)
     except OthersFailed as error:
-        finding = undecided(str(error)[:300], error.fault, source="what others signed and posted")
+        finding = undecided(str(error)[:300], error.fault, source="other parties' statements and posts")
     except EvidenceError as error:
         return _failed(name, error)
     except _UNFORESEEN as error:

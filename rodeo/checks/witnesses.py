@@ -76,7 +76,7 @@ def unsound(case: Case, role: str, name: str, whose: str) -> Finding | None:
         return undecided(alarm, whose, source="one chain of statements per device")
     if any(one.statement.inputs == "open_bus" for one in testimony.said):
         return undecided(
-            f"{testimony.address} says that its readings came over an open bus, where anybody speaks",
+            f"{testimony.address} states that its readings came over an open bus, where anybody can publish",
             whose,
             source="`inputs` of its statements",
         )
@@ -110,7 +110,8 @@ def listed_otherwise(case: Case, role: str, name: str) -> str | None:
             if said is not None and said.digest != head.digest:
                 return (
                     f"{other.name} lists number {head.index} of {name} ({head.address}) as "
-                    f"{head.digest[:18]}, the recording has {said.digest[:18]}: it was signed twice"
+                    f"{head.digest[:18]}, but the recording has {said.digest[:18]}: the device signed it "
+                    "twice"
                 )
     return None
 
@@ -125,7 +126,7 @@ def compromised(case: Case, role: str, name: str, whose: str) -> Finding | None:
         if fallen := not_standing(testimony, key, others):
             return undecided(
                 f"its key {key.address} was revoked as compromised before the proof was submitted, and no "
-                f"other witness lists its statement {fallen[-1].statement.seq} from before",
+                f"other witness listed its statement {fallen[-1].statement.seq} before that",
                 whose,
                 source="device registry on chain",
             )
@@ -135,8 +136,8 @@ def compromised(case: Case, role: str, name: str, whose: str) -> Finding | None:
 def revoked_meanwhile(key: Device, whose: str) -> Finding:
     """What is missing is missing because a key was revoked."""
     return undecided(
-        f"its key {key.address} was revoked as {key.revoked_because} meanwhile, and what it had to say is "
-        "not signed under another",
+        f"its key {key.address} was revoked as {key.revoked_because} during the recording, and no "
+        "other key signed its statements",
         whose,
         source="device registry on chain",
     )
@@ -185,7 +186,7 @@ def in_daily_log(case: Case) -> Finding:
         passed=True,
         measured=found.statements,
         source=source,
-        detail="; ".join(["statements that stand in the log of their day", *found.unread])[:300],
+        detail="; ".join(["statements found in the log of their day", *found.unread])[:300],
     )
 
 
@@ -269,15 +270,14 @@ def _listed(late_s: Array) -> Finding:
             limit=UNLISTED_S,
             unit="s",
             source=_SOURCE,
-            detail="from what was recorded to the first statement that lists it, at worst",
+            detail="longest time from a message to the first statement that lists it",
         )
     return Finding(
         passed=bool(soon.mean() >= LISTED_SHARE),
         measured=float(soon.mean()),
         limit=LISTED_SHARE,
         source=_SOURCE,
-        detail=f"share of the time of the work that is listed within {LISTED_S:g} s; "
-        f"at worst after {worst:.1f} s",
+        detail=f"share of the working time listed within {LISTED_S:g} s; the worst took {worst:.1f} s",
     )
 
 
@@ -305,7 +305,7 @@ def seen_throughout(case: Case) -> Finding:
             lasts_s = moving_s(case, start_s, end_s)
             if lasts_s - off_s > UNSEEN_S:
                 return at_most(
-                    lasts_s - off_s, UNSEEN_S, "s", _SOURCE, f"over which nothing of {name} is signed"
+                    lasts_s - off_s, UNSEEN_S, "s", _SOURCE, f"longest time without a signed pose of {name}"
                 )
             if lasts_s > UNSEEN_S:
                 was_off = True
@@ -318,7 +318,7 @@ def seen_throughout(case: Case) -> Finding:
         UNSEEN_M,
         "m",
         _SOURCE,
-        f"unsigned ways of {case.item.id} against the base, in all",
+        f"total unsigned motion of {case.item.id} relative to the base",
     )
     if not found.passed:
         return found
@@ -354,7 +354,7 @@ def _moves(item: Pose) -> tuple[float, float]:
 def _was_off(case: Case) -> Finding:
     longest_s = max(end_s - start_s for start_s, end_s in silences_s(case))
     return undecided(
-        f"motion capture was off for {longest_s:.1f} s, from one of its statements to the very next",
+        f"motion capture was off for {longest_s:.1f} s between two consecutive statements",
         THE_MOTION_CAPTURE,
         source="chain of the motion capture",
     )

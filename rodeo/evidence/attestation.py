@@ -97,5 +97,7 @@ def recover(signable: SignableMessage, signature: str, signer: str) -> str:
     except Exception as error:  # eth-account raises a dozen unrelated types for malformed signatures
         raise BadAttestation("the signature is malformed", signer=signer, cause=str(error)) from error
     if recovered.lower() != signer.lower():
-        raise BadAttestation("the signature is not the named signer's", signer=signer, recovered=recovered)
+        raise BadAttestation(
+            "the signature does not match the named signer", signer=signer, recovered=recovered
+        )
     return recovered

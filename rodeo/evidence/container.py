@@ -100,7 +100,7 @@ class Container:
         """
         with self.path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
             if mapped[: len(MCAP0_MAGIC)] != MCAP0_MAGIC:
-                raise CorruptProof("the file does not begin as an MCAP file", offset=0)
+                raise CorruptProof("the file does not begin with the MCAP magic bytes", offset=0)
             self.valid_bytes = len(MCAP0_MAGIC)
             self._read_header(mapped)
             summary = SummaryOf()
@@ -127,7 +127,7 @@ class Container:
             self._expect(mapped, ending, "the summary does not follow from the messages")
             if self.valid_bytes != len(mapped):
                 raise CorruptProof(
-                    "something stands behind the file's end",
+                    "there is data after the file's end",
                     offset=self.valid_bytes,
                     size=len(mapped) - self.valid_bytes,
                 )
@@ -269,7 +269,7 @@ class Container:
             entries.append(offset)
             if not (earliest_ns <= log_ns <= latest_ns and earliest_ns <= publish_ns <= latest_ns):
                 raise ProofTooLarge(
-                    "a message's time is absurd", limit="times", log_ns=log_ns, publish_ns=publish_ns
+                    "a message's time is out of range", limit="times", log_ns=log_ns, publish_ns=publish_ns
                 )
             yield RawMessage(
                 channel_id,
@@ -303,7 +303,7 @@ class Container:
     def _declare_schema(self, schema: Schema) -> None:
         _limit("schema_bytes", len(schema.data), self.limits.schema_bytes)
         if schema.id == 0:
-            raise CorruptProof("a schema has the number 0, which stands for none", name=schema.name[:200])
+            raise CorruptProof("a schema has the ID 0, which MCAP reserves", name=schema.name[:200])
         if schema.id in self.schemas:
             raise CorruptProof("a schema is declared twice", schema_id=schema.id)
         self.schemas[schema.id] = schema
@@ -320,7 +320,7 @@ class Container:
         encoding = schema.encoding if schema else None
         if (channel.message_encoding, encoding) not in _ENCODINGS.items():
             raise CorruptProof(
-                "a channel is encoded as no recording is",
+                "a channel has an encoding that no recording uses",
                 topic=channel.topic[:200],
                 message_encoding=channel.message_encoding[:100],
                 schema_encoding=str(encoding)[:100],
@@ -356,7 +356,7 @@ def _parse(read: Callable[[ReadDataStream], Record], body: bytes) -> Record:
     builder = RecordBuilder()
     record.write(builder)
     if builder.end()[_RECORD.size :] != body:
-        raise CorruptProof("a record holds more than its fields", record=type(record).__name__)
+        raise CorruptProof("a record holds data after its fields", record=type(record).__name__)
     return record
 
 

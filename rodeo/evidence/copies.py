@@ -61,7 +61,7 @@ class Copies:
         try:
             offset = int(request.parameters.get("offset", "0"))
         except ValueError as error:
-            raise InvalidRequest("the offset is no number", offset=request.parameters["offset"]) from error
+            raise InvalidRequest("the offset is not a number", offset=request.parameters["offset"]) from error
         if offset < 0:
             raise InvalidRequest("the offset is below 0", offset=offset)
         path = self._find(wanted)
@@ -85,9 +85,9 @@ class Copies:
         with self._putting:  # whoever asks twice at once does not have it uploaded twice
             found = _hash(path)
             if found != wanted:
-                raise NoCopy("the copy that is kept here is damaged, too", sha256=wanted, found=found)
+                raise NoCopy("the copy here is damaged, too", sha256=wanted, found=found)
             uri = self._store.put(path)
-        log.info("as asked, the proof %s is in the store again", wanted)
+        log.info("as asked, the proof restored %s to the store", wanted)
         return ProofCopy(device=self._device, sha256=wanted, size_bytes=path.stat().st_size, uri=uri)
 
 
@@ -110,7 +110,7 @@ def hand_over(bus: Bus, org: str, wanted: str, path: Path, max_bytes: int) -> bo
             _read_parts(bus, key, wanted, min(holder.size_bytes, max_bytes), file)
         if _hash(path) == wanted:
             return True
-        log.warning("what %s handed over as the proof %s is not that", holder.device, wanted)
+        log.warning("%s sent other bytes than the proof %s", holder.device, wanted)
         path.unlink()
     return False
 
@@ -130,7 +130,7 @@ def _asked(bus: Bus, key: str, parameters: dict[str, object], timeout_s: float, 
         try:
             copies.append(ProofCopy.model_validate(answer))
         except ValidationError as error:
-            log.info("left out what is no answer on %s: %s", key, error)
+            log.info("ignored an invalid answer on %s: %s", key, error)
     return copies
 
 

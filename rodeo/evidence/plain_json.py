@@ -17,7 +17,7 @@ def read_json(data: bytes) -> dict[str, Any]:
 def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     value = dict(pairs)
     if len(value) != len(pairs):
-        raise ValueError(f"a name stands twice among {[name[:50] for name, _ in pairs[:20]]}")
+        raise ValueError(f"a key occurs twice among {[name[:50] for name, _ in pairs[:20]]}")
     return value
 
 

@@ -176,7 +176,7 @@ def open_proof(path: Path | str, limits: Limits | None = None) -> Proof:
         order.append(indices[topic])
     audit = reader.audit
     if audit.binding is None or audit.signer is None or not audit.final:
-        raise UnsealedProof("the recording was never sealed for good", messages=reader.running.messages)
+        raise UnsealedProof("the recording has no final seal", messages=reader.running.messages)
     audit.check_signatures()
     return Proof(
         path,

@@ -124,7 +124,7 @@ class Recorder:
         thread, once it is there. A seal leaves `seal_period_ns` (default `SEAL_PERIOD_NS`) unsigned at most.
         """
         if path.exists():
-            raise RecordingExists("there is a recording already; resume it", path=str(path))
+            raise RecordingExists("a recording exists already; resume it", path=str(path))
         path.parent.mkdir(parents=True, exist_ok=True)
         self._begin(path, path, binding, account, clock, on_seal, seal_period_ns, restored=[])
 

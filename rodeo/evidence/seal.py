@@ -242,7 +242,7 @@ class SealAudit:
             else:
                 self._see(fields, running)
         except BadAttestation as error:
-            raise BrokenSeal("a seal's signature does not hold", index=self.count, **error.details) from error
+            raise BrokenSeal("a seal's signature is not valid", index=self.count, **error.details) from error
         except (ValueError, RecursionError) as error:
             raise BrokenSeal("a seal is malformed", index=self.count, cause=str(error)[:500]) from error
         self._last = fields
@@ -264,7 +264,7 @@ class SealAudit:
                 verify_attestation(Attestation.model_validate(self._last))
         except BadAttestation as error:
             details = {"index": self.count - 1, **error.details}
-            raise BrokenSeal("the last seal's signature does not hold", **details) from error
+            raise BrokenSeal("the last seal's signature is not valid", **details) from error
         except ValueError as error:
             raise BrokenSeal("the last seal is malformed", cause=str(error)[:500]) from error
 
@@ -284,7 +284,7 @@ class SealAudit:
             # All but the time is compared here; the model would take long for thousands of seals.
             stated = payload
             if not isinstance(payload.get("time_ns"), str):
-                raise ValueError("time_ns is no string")
+                raise ValueError("time_ns is not a string")
         expected = self._expected(running, binding)
         if stated != expected | {"time_ns": stated["time_ns"]}:
             for name in expected:

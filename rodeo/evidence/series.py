@@ -72,7 +72,7 @@ class Table:
     def __getitem__(self, path: str) -> Array:
         """(n,) column of a number or (n, m) of a sequence of numbers. Raises LayoutChanged."""
         if path not in (self.rows.dtype.names or ()):
-            raise LayoutChanged("the messages have no such number", topic=self.topic, field=path)
+            raise LayoutChanged("the messages have no such field", topic=self.topic, field=path)
         return self.rows[path]
 
     def vector(self, path: str, components: str = "xyz") -> Array:

@@ -60,9 +60,9 @@ class Store:
                 upload(filesystem, path, target)
             found = self._stored(filesystem, target)
         if found is None:
-            raise StoreUnavailable("the store does not have what it took", uri=uri)
+            raise StoreUnavailable("the store does not have the file that it accepted", uri=uri)
         if found != digest:
-            raise ProofHashMismatch("the store gave back other bytes", uri=uri, found="0x" + found)
+            raise ProofHashMismatch("the store returned other bytes", uri=uri, found="0x" + found)
         return uri
 
     def _open(self, uri: str) -> tuple[Any, str]:
@@ -157,7 +157,7 @@ class Store:
         if "0x" + found != sha256.lower():
             path.unlink()
             raise ProofHashMismatch(
-                "the bytes are not those that were submitted", uri=uri, found="0x" + found, expected=sha256
+                "the bytes do not match the submitted hash", uri=uri, found="0x" + found, expected=sha256
             )
         return path
 
@@ -180,7 +180,7 @@ def _reached(uri: str) -> Iterator[None]:
         raise ProofNotFound("the store has no such file", uri=uri) from error
     except Exception as error:  # botocore, aiohttp and others have no root in common
         cause = f"{type(error).__name__}: {error}"[:500]
-        raise StoreUnavailable("the store did not answer as it should", uri=uri, cause=cause) from error
+        raise StoreUnavailable("the store's answer is not valid", uri=uri, cause=cause) from error
 
 
 def _digest(stream: IO[bytes], max_bytes: int, copy: IO[bytes] | None = None) -> str:

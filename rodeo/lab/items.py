@@ -234,7 +234,7 @@ def top_grasps(item: ItemConfig, position_m: Sequence[float], quat_wxyz: Sequenc
     grasps = sorted((g for g in grasps if g.width_m <= WIDEST_GRASP_M), key=lambda g: g.width_m)
     if not grasps:
         raise NotGraspable(
-            "the item cannot be taken from above as it lies", item=item.id, up=axes[:, 2].tolist()
+            "the item cannot be grasped from above as it lies", item=item.id, up=axes[:, 2].tolist()
         )
     return grasps
 

@@ -91,7 +91,7 @@ class Pace:
         if self.is_real:
             return f"{span(left_s)} left"
         if self.speed <= STANDS:
-            return f"{span(left_s)} of site time left; the site's clock stands"
+            return f"{span(left_s)} of site time left; the site's clock is stopped"
         return (
             f"{span(left_s)} of site time left, {span(left_s / self.speed)} on the wall clock "
             f"at the present speed ({self.speed:.3g} times real time)"

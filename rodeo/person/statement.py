@@ -183,7 +183,7 @@ def judge(
     task = auditor.task(task_id)
     if amount_iec is not None and not (accepted and 0 < amount_iec <= (task.price_iec or 0)):
         raise BadAmount(
-            "accepted work is paid more than nothing and at most its price, rejected work is not paid",
+            "pay accepted work more than 0 IEC and at most its price; pay rejected work nothing",
             amount_iec=str(amount_iec),
             price_iec=str(task.price_iec),
             accepted=accepted,
@@ -237,9 +237,9 @@ def check_photo(photo: bytes) -> np.ndarray:
     try:
         picture = decode_image(photo, PHOTO_LIMITS)
     except ImageError as error:
-        raise BadPhoto(f"the photo is no picture: {error.message}", **error.details) from error
+        raise BadPhoto(f"the photo is not an image: {error.message}", **error.details) from error
     if ends_early(photo):
-        raise BadPhoto("the photo ends before its picture does", bytes=len(photo))
+        raise BadPhoto("the photo is cut off", bytes=len(photo))
     return picture
 
 
@@ -264,10 +264,10 @@ def read_statement(proof: Proof) -> Statement:
     try:
         photos = tuple(bytes(types.deserialize(data, PHOTO_TYPE).data) for data in messages)
     except MalformedMessage as error:
-        raise NoStatement("a photo's message is none", cause=str(error)[:300]) from error
+        raise NoStatement("a photo's message is not an image", cause=str(error)[:300]) from error
     digests = ["0x" + sha256(photo).hexdigest() for photo in photos]
     if said[0].get("photos_sha256") != digests:
-        raise NoStatement("the photos are not those of the statement", photos=len(photos))
+        raise NoStatement("the photos do not match the statement", photos=len(photos))
     return Statement(said[0]["note"], photos)
 
 

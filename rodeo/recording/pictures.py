@@ -97,11 +97,11 @@ class PictureFetcher:
             try:
                 data = base64.b64decode(str(answer.get("data_base64", "")), validate=True)
             except (binascii.Error, ValueError) as error:
-                log.info("left out what is no picture: %s", error)
+                log.info("ignored an invalid picture: %s", error)
                 continue
             if len(data) <= _MAX_BYTES and "0x" + sha256(data).hexdigest() == name:
                 return data
-        log.info("nobody has the picture %s", name)
+        log.info("no process has the picture %s", name)
         return None
 
 

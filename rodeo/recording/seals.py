@@ -43,7 +43,7 @@ class SealPublisher:
         with self._changed:
             if len(self._waiting) >= _WAITING:
                 self._waiting.popleft()
-                self._drop("the bus does not take it")
+                self._drop("the bus did not accept it")
             self._waiting.append(data)
             self._changed.notify()
 

@@ -224,7 +224,7 @@ class StatementDoor:
         chain.overheard = chain.overheard and progress
         chain.fruitless = 0 if progress or not chain.incomplete else chain.fruitless + 1
         if chain.fruitless >= _FRUITLESS and chain.incomplete:
-            log.warning("%s does not tell what it stated after %d", self._name(address), chain.through)
+            log.warning("%s does not answer with its statements after %d", self._name(address), chain.through)
             chain.give_up()
         return progress and chain.incomplete
 
@@ -434,10 +434,10 @@ class StatementListener:
                     if heard is not None:
                         self._deliver(heard)
                 except RodeoError as error:
-                    log.warning("left out a statement of %s: %s", name, error)
+                    log.warning("ignored a statement of %s: %s", name, error)
                 except Exception:
                     # The next one must be heard whatever happened to this one.
-                    log.exception("the handler of what %s states failed", name)
+                    log.exception("the handler of a statement of %s failed", name)
             self._arrived.task_done()
         self._arrived.task_done()
 

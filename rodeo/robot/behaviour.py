@@ -115,7 +115,7 @@ class Behaviour(ABC):
         self, done: Irrevocable, task: Task, checkpoint: Checkpoint, report: Report, recording: Record
     ) -> None:
         """Do what is left after `done`, in the recording that goes on. Raises TaskFailed."""
-        raise NotImplementedError("a behaviour whose work cannot be done again says how to finish it")
+        raise NotImplementedError("a behaviour whose work cannot be repeated must define how to finish it")
 
     def tidy(self, checkpoint: Checkpoint) -> None:
         """After an attempt, however it ended: make room for whoever works here next."""

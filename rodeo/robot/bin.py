@@ -82,7 +82,7 @@ class SmartBin:
         """
         chain = self._witness.chain
         if chain is None:
-            raise NoAnswer("the bridge has not told yet for which organization the robot signs")
+            raise NoAnswer("the bridge has not yet named the organization that the robot signs for")
         fields = claimant.model_dump(include={"recording", "task_id", "attempt"})
         self._presented = chain.sign(Presentation, self._clock.now_s(), bin=self._name, **fields)
         self._witness.publish(self._presented)
@@ -127,8 +127,8 @@ class SmartBin:
             if now_s >= deadline_s:
                 if not self._listener.answered:
                     raise NoAnswer(
-                        "the bridge could not be asked which devices there are, so that nobody knows whether "
-                        "it is the bin who states something",
+                        "the bridge did not answer which devices are registered, so the robot cannot check "
+                        "the bin's signatures",
                         timeout_s=timeout_wall_s,
                     )
                 last = self.said_after(kind, float("-inf"))

@@ -60,8 +60,8 @@ class Consumption(BaseModel):
             return cls(working_w=battery.idle_power_w + battery.arm_power_w + _FIRST_DRIVING_W)
         except (OSError, ValidationError) as error:
             raise JournalBroken(
-                "what the robot learnt of its consumption is damaged: restore the file; or move it "
-                "away, and it learns anew",
+                "the robot's learned power consumption is damaged: restore the file, or move it away; "
+                "then the robot learns it again",
                 path=str(path),
                 reason=unreadable(error),
             ) from error

@@ -7,7 +7,7 @@ RodeoError
     ├── Cancelled           an operator gave up the attempt
     ├── JournalBroken       a file that the agent keeps is not what it wrote
     ├── CapReached          buying more would exceed the daily spending cap
-    ├── Revoked             the assignment is gone: expired, cancelled or decided
+    ├── Revoked             the task is no longer assigned to this robot: expired, cancelled or decided
     ├── BodySilent          the body or the motion capture does not report
     ├── MotionFailed        the body could not do a motion
     │   └── Blocked         nowhere to stand could be reached, for as long as the robot has patience

@@ -121,7 +121,7 @@ class MobileManipulator:
                 return
             log.info("missed the contacts; docking again")
             self.leave(parking, checkpoint)
-        raise MotionFailed("the robot does not get onto the dock's contacts", dockings=_DOCKINGS)
+        raise MotionFailed("the robot cannot reach the dock's contacts", dockings=_DOCKINGS)
 
     def docked(self, checkpoint: Checkpoint) -> bool:
         """Whether the robot stands on the dock's contacts."""
@@ -133,8 +133,8 @@ class MobileManipulator:
                 self._body.navigate(pose, checkpoint)
                 return
             except MotionFailed as error:
-                log.info("not that way: %s", error)
-        log.warning("no way to drive clear of x %.2f y %.2f; staying", parked.x_m, parked.y_m)
+                log.info("cannot take this path: %s", error)
+        log.warning("no path away from x %.2f y %.2f; staying", parked.x_m, parked.y_m)
 
     def wait(self, seconds: float, checkpoint: Checkpoint) -> None:
         until_s = self._clock.now_s() + seconds

@@ -47,8 +47,8 @@ class Memory:
             self._facts = _Facts(lying=lying)
         except (OSError, ValidationError) as error:
             raise JournalBroken(
-                "the robot's memory is damaged: restore the file; or move it away, and the robot "
-                "looks for its items where the site file has them",
+                "the robot's memory is damaged: restore the file, or move it away; then the robot "
+                "looks for items at their places in the site file",
                 path=str(path),
                 reason=unreadable(error),
             ) from error

@@ -167,13 +167,13 @@ class ReceiptPolicy:
         if session is None or session.closed:
             return None
         if (record.attempt, record.recording, record.begin_wh) != session[:3]:
-            log.warning("the meter tells of another session: %s", record.recording)
+            log.warning("the meter reports another session: %s", record.recording)
             return None
         if record.register_wh < session.signed_wh:
             return None  # older than what was signed
         ahead_wh = _ahead_wh(record.register_wh - session.base_wh, session.base, now)
         if ahead_wh > session.resolution_wh:
-            log.warning("the meter is ahead of the gauge by %.1f Wh more than both may err", ahead_wh)
+            log.warning("the meter is ahead of the gauge by %.1f Wh beyond their tolerances", ahead_wh)
             return None
         closed = record.reason == "close"
         self._session = session._replace(signed_wh=record.register_wh, closed=closed)
@@ -318,7 +318,7 @@ class Receipts:
             # Whoever reads the OCMF text must find in it what the robot signed for.
             ocmf.check(record, heard.device.address)
         except BadStatement as error:
-            log.warning("the meter's record %d is not signed for: %s", record.seq, error)
+            log.warning("the robot does not sign the meter's record %d: %s", record.seq, error)
             return
         with self._lock:
             self._pending.append(heard)

@@ -94,7 +94,7 @@ def statements(path: Path) -> Iterator[tuple[str, Statement]]:
             attestation = Attestation.model_validate(one)
             yield attestation.signer, parse(attestation.payload)
         except (ValidationError, BadStatement) as error:
-            log.warning("left out what is no statement in the recording: %s", error)
+            log.warning("ignored an invalid statement in the recording: %s", error)
 
 
 def last_s(path: Path) -> float:
@@ -104,7 +104,7 @@ def last_s(path: Path) -> float:
         for _, _, message in SealedReader(path):
             last_ns = max(last_ns, message.log_ns)
     except ContainerError as error:
-        log.info("read up to where the recording is cut off: %s", error)
+        log.info("the recording is cut off; read it up to there: %s", error)
     return last_ns * 1e-9
 
 
@@ -115,7 +115,7 @@ def _json(path: Path, channel: str) -> Iterator[tuple[float, dict[str, Any]]]:
             if topic == channel:
                 yield message.log_ns * 1e-9, json.loads(message.data)
     except ContainerError as error:
-        log.info("read up to where the recording is cut off: %s", error)
+        log.info("the recording is cut off; read it up to there: %s", error)
 
 
 class Recording:
@@ -361,7 +361,7 @@ class Recording:
                 deadline_s = time.monotonic() + _WITNESS_WALL_S
             if time.monotonic() >= deadline_s:
                 raise NoAnswer(
-                    "motion capture does not vouch for this recording",
+                    "motion capture does not list this recording",
                     listed=listed,
                     shown=shown,
                     item=item,
@@ -383,10 +383,10 @@ class Recording:
             return seen and all(t >= now_ns for t in self._heard_ns.values())
 
         if not self._await(written, _SILENT_WALL_S):
-            log.warning("not everything up to the end of the work could be recorded")
+            log.warning("the recording misses messages from before the end of the work")
         self._listener.catch_up()
         if not self._pictures.wait(_SILENT_WALL_S):
-            log.warning("the bin does not give the picture that it classified")
+            log.warning("the bin does not send the picture that it classified")
 
     def stop(self) -> None:
         """Hear nothing more; what was heard is signed and on disk, to be sealed or suspended."""

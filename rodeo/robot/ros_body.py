@@ -139,7 +139,7 @@ class Latest:
         try:
             return types.deserialize(cdr, self._typename)
         except MalformedMessage as error:
-            log.warning("left out a message on %s: %s", self.topic, error)
+            log.warning("ignored a message on %s: %s", self.topic, error)
             return None
 
 
@@ -247,7 +247,7 @@ class RosBody:
             self._switch(False)
         elif not self._said_unswitched:
             self._said_unswitched = True
-            log.info("the body does not serve %s: its motors stay on", topics.MOTOR_POWER.key)
+            log.info("the robot does not offer %s: its motors stay on", topics.MOTOR_POWER.key)
 
     def switch_on(self) -> bool:
         """Give the motors power, unless they are known to have it; whether they have it only now."""

@@ -80,7 +80,7 @@ class WristCamera:
                 try:
                     return types.deserialize(messages.get(), topic.type)
                 except MalformedMessage as error:
-                    log.warning("left out a message on %s: %s", topic.name(**self._names), error)
+                    log.warning("ignored a message on %s: %s", topic.name(**self._names), error)
                     checkpoint()
         raise NoAnswer("the wrist camera sends no pictures", timeout_s=_PICTURE_WALL_S)
 
@@ -99,7 +99,7 @@ def depth_image(image: Any) -> Array:
     data = np.asarray(image.data, np.uint8)
     if image.encoding != _DEPTH_ENCODING or step < 4 * width or not 0 < height * width <= _MOST_PIXELS:
         raise MalformedMessage(
-            "not a depth picture", encoding=str(image.encoding)[:20], width=width, height=height, step=step
+            "not a depth image", encoding=str(image.encoding)[:20], width=width, height=height, step=step
         )
     if data.size < height * step:
         raise MalformedMessage("the depth picture is cut off", bytes=int(data.size), expected=height * step)

@@ -65,7 +65,7 @@ def decode_image(data: bytes, limits: ImageLimits = IMAGE_LIMITS) -> np.ndarray:
     try:
         width_px, height_px = image_size(data)
     except (struct.error, IndexError):
-        raise BrokenImage("the photo ends before its size is told", bytes=len(data)) from None
+        raise BrokenImage("the photo ends before its size", bytes=len(data)) from None
     if width_px < 1 or height_px < 1:
         raise BrokenImage("the photo has no pixels", width_px=width_px, height_px=height_px)
     if width_px * height_px > limits.max_pixels:

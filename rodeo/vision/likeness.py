@@ -72,9 +72,9 @@ def from_text(text: str) -> Print:
     try:
         packed = np.frombuffer(base64.b64decode(text, validate=True), np.uint8)
     except (binascii.Error, ValueError) as error:
-        raise BadPrint("the print is not base64", cause=str(error)) from error
+        raise BadPrint("the fingerprint is not base64", cause=str(error)) from error
     if len(packed) != (size + 7) // 8:
-        raise BadPrint("the print has another length", bytes=len(packed), expected=(size + 7) // 8)
+        raise BadPrint("the fingerprint has another length", bytes=len(packed), expected=(size + 7) // 8)
     return np.unpackbits(packed, count=size).astype(bool).reshape(len(_WINDOWS), BITS)
 
 

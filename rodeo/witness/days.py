@@ -76,7 +76,7 @@ class SignedDay(BaseModel):
             attestation = Attestation.model_validate_json(path.read_bytes())
             day = DayLog.model_validate(attestation.payload)
         except ValidationError as error:
-            raise BadStatement("the file is no log of a day", cause=str(error)[:200]) from error
+            raise BadStatement("the file is not a daily log", cause=str(error)[:200]) from error
         return cls(log=day, signer=verify_attestation(attestation))
 
 
@@ -117,7 +117,7 @@ class Days:
                 else:
                     self._catch_up()
             except OSError as error:
-                log.warning("the log of the day cannot be written now: %s", error)
+                log.warning("cannot write the daily log now: %s", error)
 
     def unposted(self) -> list[Unposted]:
         """The oldest first; the running day among them."""
@@ -141,7 +141,7 @@ class Days:
         """
         lines = list(_lines(one.path))
         if [seq for seq, _ in lines] != list(range(lines[0][0], lines[0][0] + len(lines))):
-            raise BadStatement("the log of a day has gaps", path=str(one.path), first=lines[0][0])
+            raise BadStatement("a daily log has gaps", path=str(one.path), first=lines[0][0])
         day = DayLog(
             **scope.model_dump(),
             device=device,
@@ -191,9 +191,7 @@ class Days:
             return 0
         except ValueError:
             # The chain takes one root a day: to ask it again costs nothing.
-            log.warning(
-                "%s holds no number; days that were posted are looked at again", self._folder / _POSTED
-            )
+            log.warning("%s holds no number; checking the posted days again", self._folder / _POSTED)
             return 0
 
 

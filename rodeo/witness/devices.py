@@ -75,7 +75,7 @@ class DeviceTable:
             # Once: it is asked again every second, by each who listens.
             log.log(
                 logging.DEBUG if self._silent else logging.INFO,
-                "cannot ask which devices there are: %s",
+                "cannot query the registered devices: %s",
                 error,
             )
             self._silent = True

@@ -134,8 +134,8 @@ class Journal:
             return Attestation.model_validate_json(line)
         except ValidationError as error:
             raise BrokenJournal(
-                "the journal is damaged: a line is no statement. Restore the file; or move it "
-                "away and register another key for the device, because this one would sign numbers twice",
+                "the journal is damaged: a line is not a statement. Restore the file. Or move it away "
+                "and register another key for the device, because this key would sign numbers twice",
                 path=str(self._path),
                 begins=str(line[:80]),
             ) from error

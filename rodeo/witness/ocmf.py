@@ -91,7 +91,7 @@ def check(record: MeterRecord, address: str) -> None:
     expected = data(record)
     parts = record.ocmf.split("|")
     if len(parts) != 3 or parts[:2] != ["OCMF", expected]:
-        raise BadStatement("the OCMF text says otherwise", page=record.page, ocmf=record.ocmf[:64])
+        raise BadStatement("the OCMF text does not match the record", page=record.page, ocmf=record.ocmf[:64])
     if not _is_signed(expected, parts[2], address):
         raise BadStatement("the OCMF text is not signed by its device", page=record.page, device=address)
 

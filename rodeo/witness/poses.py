@@ -86,7 +86,7 @@ def unpack_all(texts: Sequence[str]) -> list[tuple[Array, Array, Array]]:
         small[:, column] = (value.astype(float) - _HALF) / _SCALE
     square = (small**2).sum(axis=1)
     if (none := (rest > 3) | (square > 1.0)).any():
-        raise BadStatement("an orientation is none", index=int(none.argmax()))
+        raise BadStatement("an orientation is not a valid quaternion", index=int(none.argmax()))
     quaternion = np.empty((len(records), 4))
     rows, largest = np.arange(len(records)), rest.astype(int)
     quaternion[rows[:, None], _OTHERS[largest]] = small
@@ -108,9 +108,7 @@ def _raw(text: str) -> bytes:
     except (binascii.Error, ValueError) as error:
         raise BadStatement("a track is not base64", cause=str(error)) from error
     if not data or len(data) % POSE_BYTES:
-        raise BadStatement(
-            "a track is not made of whole poses", length_bytes=len(data), pose_bytes=POSE_BYTES
-        )
+        raise BadStatement("a track does not hold whole poses", length_bytes=len(data), pose_bytes=POSE_BYTES)
     return data
 
 

@@ -69,21 +69,21 @@ class DailyRoots:
                 pause_s = _RETRY_WALL_S
                 if self._said != str(error):
                     self._said = str(error)
-                    log.warning("the root of a day waits: %s", error)
+                    log.warning("cannot post a daily root yet: %s", error)
 
     def _chain_s(self) -> float:
         """Time of the newest block, which is behind the site's; 0 while nobody tells."""
         try:
             return self._participant.ask(queries.CHAIN).time_s
         except (BusError, RemoteError) as error:
-            log.debug("the chain's time is not known: %s", error)
+            log.debug("cannot read the chain's time: %s", error)
             return 0.0
 
     def _post(self, one: Unposted) -> None:
         try:
             signed = self._witness.day_log(one)
         except BadStatement as error:
-            log.error("the log of day %d is not posted: %s", one.day, error)
+            log.error("cannot post the log of day %d: %s", one.day, error)
             self._given_up.add(one)
             return
         if signed is None:

@@ -249,7 +249,7 @@ def parse(payload: dict[str, Any]) -> Statement:
     except ValidationError as error:
         fields = {".".join(map(str, one["loc"])): one["msg"] for one in error.errors()[:8]}
         raise BadStatement(
-            "the payload is no statement", type=str(payload.get("type"))[:64], **fields
+            "the payload is not a statement", type=str(payload.get("type"))[:64], **fields
         ) from error
 
 

@@ -126,7 +126,7 @@ class Witness:
                     organization=chain.contracts.organization,
                 )
             except (BusError, RemoteError, ValidationError) as error:
-                log.debug("%s is not told for whom it signs: %s", self.device, error)
+                log.debug("%s does not know yet for which organization it signs: %s", self.device, error)
                 self._closed.wait(_RETRY_WALL_S)
                 continue
             if self._chain is None:
@@ -150,7 +150,7 @@ class Witness:
         except (BadAttestation, BadStatement) as error:
             # A line in the log for each would be what a flood is after.
             HEADS_REFUSED.inc()
-            log.debug("left out a seal: %s", error)
+            log.debug("ignored a seal: %s", error)
 
     def _on_statement(self, _key: str, payload: bytes) -> None:
         try:
@@ -165,7 +165,7 @@ class Witness:
                 self._listener(device, parse(spoken.attestation.payload))
         except (MalformedJson, BadAttestation, BadStatement) as error:
             HEADS_REFUSED.inc()
-            log.debug("left out a statement: %s", error)
+            log.debug("ignored a statement: %s", error)
 
     def _on_head(self, spoken: Spoken) -> Device | None:
         """Take what another registered device of the organization signed; None for what is not.
@@ -181,7 +181,7 @@ class Witness:
             return None
         chain = self._chain
         if chain is not None and not spoken.made_for(chain.scope):
-            raise BadStatement("it was made for another organization", device=device.name)
+            raise BadStatement("it names another organization", device=device.name)
         checks = self._checks.setdefault(address, Bucket(_CHECKS_PER_WALL_S, _CHECKS_PER_WALL_S))
         if not checks.take(time.monotonic()):
             return None
@@ -199,7 +199,7 @@ class Witness:
 def _count(parameters: dict[str, str], name: str) -> int:
     text = parameters.get(name, "0")
     if not text.isdecimal():
-        raise InvalidRequest("a parameter is no count", parameter=name, value=text[:64])
+        raise InvalidRequest("a parameter is not a count", parameter=name, value=text[:64])
     return int(text)
 
 
@@ -231,7 +231,7 @@ def unverified_seal(data: bytes) -> Spoken:
             digest=own,
         )
     except ValidationError as error:
-        raise BadStatement("what was heard is no seal", cause=str(error)[:200]) from error
+        raise BadStatement("the message is not a seal", cause=str(error)[:200]) from error
     return Spoken(attestation, head)
 
 
@@ -255,5 +255,5 @@ def unverified_statement(data: dict[str, Any]) -> Spoken:
             digest=payload_digest(attestation.payload),
         )
     except ValidationError as error:
-        raise BadStatement("what was heard is no statement", cause=str(error)[:200]) from error
+        raise BadStatement("the message is not a statement", cause=str(error)[:200]) from error
     return Spoken(attestation, head)

@@ -231,7 +231,7 @@ class Wallet:
         except Exception as error:
             # rlp, eth_keys and eth_account each raise their own types on hostile bytes; all mean the same.
             raise NotThisWallets(
-                "this is no signed transaction of type 2", problem=repr(error)[:200]
+                "this is not a signed transaction of type 2", problem=repr(error)[:200]
             ) from error
         chain_id, to = self.client.deployment.chain_id, to_checksum_address(fields["to"] or ZERO_ADDRESS)
         found = (signer, fields.get("chainId"), to in self.client.deployment.contracts.values())
@@ -299,7 +299,7 @@ class Wallet:
         task = self.index.task(command.task_id)
         if command.nonce is not None and task is not None and task["nonce"] != command.nonce:
             raise AssignmentChanged(
-                "the proof is for another assignment than the task has now",
+                "the proof belongs to an earlier assignment of this task",
                 task_id=command.task_id,
                 nonce=command.nonce,
                 nonce_now=task["nonce"],
@@ -466,7 +466,7 @@ class Wallet:
             if request_id is not None and request_id == command.request_id:
                 return  # the same one again, which is known
             raise AlreadyOffered(
-                f"{self.participant} is offering {kind} already; the chain has not answered yet", kind=kind
+                f"{self.participant} is offering {kind} already; its transaction is not mined yet", kind=kind
             )
         for service in self.index.offers(self.address, kind):
             raise AlreadyOffered(
@@ -495,7 +495,7 @@ class Wallet:
         balance = self.client.balance(account)
         if balance < needed:
             raise InsufficientFunds(
-                "the account has less than this needs",
+                "the account's balance is too low for this",
                 account=account,
                 name=self.names.key_name(account),
                 balance_iec=iec(balance),

@@ -49,7 +49,7 @@ def open_journal(
     except JournalDamaged as error:
         if not ordered:
             raise
-        log.warning("the damaged journal is kept in %s: %s", set_aside(path, _GIVEN_UP), error)
+        log.warning("kept the damaged journal in %s: %s", set_aside(path, _GIVEN_UP), error)
         for suffix in ("-wal", "-shm"):
             path.with_name(path.name + suffix).unlink(missing_ok=True)
         journal = Journal(path)
@@ -77,15 +77,17 @@ def _require_whole(
         missing = _missing(journal, counts, addresses, sent)
     if missing and not ordered:
         raise JournalIncomplete(
-            f"the journal lacks {sum(missing.values())} transactions that its wallets have sent: it was "
-            "deleted or emptied, or is an older copy, or somebody used the wallets without this bridge. Put "
-            "the newest copy back; or, once none of their transactions waits to be mined, go on without "
-            "them with `rodeo up --new-journal`: a request_id of before then counts as a new request",
+            f"the journal lacks {sum(missing.values())} transactions that its wallets have sent. Either it "
+            "was "
+            "deleted, emptied or replaced by an older copy, or somebody used the wallets without this "
+            "bridge. "
+            "Restore the newest copy. Or wait until no transaction of the wallets is pending, and continue "
+            "with `rodeo up --new-journal`; the bridge then treats old request_ids as new",
             path=str(path),
             missing=missing,
         )
     if missing:
-        log.warning("the journal goes on without what was sent before, as ordered: %s", missing)
+        log.warning("continuing without earlier transactions, as ordered by --new-journal: %s", missing)
     journal.account_for({name: _accounted(count, addresses[name], sent) for name, count in counts.items()})
 
 
@@ -117,7 +119,7 @@ def _take_over(journal: Journal, path: Path, wallets: Iterable[str]) -> None:
         other = Journal(other_path)
         for name in wallets:
             if taken := journal.take_over(other, name):
-                log.info("%d transactions of %s are taken over from %s", taken, name, other_path)
+                log.info("took over %d transactions of %s from %s", taken, name, other_path)
         other.close()
 
 
@@ -149,7 +151,7 @@ class Continuity:
             )
             self._seen |= new
         except (ChainUnavailable, JournalUnwritable) as error:
-            log.debug("what was sent without the bridge is noted later: %s", error)
+            log.debug("cannot count yet what the wallets sent without the bridge: %s", error)
 
 
 def _accounted(count: int, address: str, sent: Mapping[str, int]) -> Accounted:
@@ -162,5 +164,7 @@ def _counts(node: Node, addresses: Mapping[str, str]) -> dict[str, int]:
     answers = node.batch([("eth_getTransactionCount", [addresses[name], "latest"]) for name in names])
     for answer in answers:
         if isinstance(answer, ChainError):
-            raise ChainUnavailable("the node does not tell what a wallet has sent", reason=str(answer))
+            raise ChainUnavailable(
+                "the node does not report a wallet's transaction count", reason=str(answer)
+            )
     return {name: int(answer, 16) for name, answer in zip(names, answers, strict=True)}

@@ -3,7 +3,7 @@
     RodeoError
     ├── RequestError
     │   ├── UnknownCommand        no such command
-    │   ├── UnknownQuery          no such question
+    │   ├── UnknownQuery          no such query
     │   ├── RequestIdReused       the same request_id with another content
     │   ├── UnknownKind           the organization does not accept this kind of work
     │   ├── UnknownTask
@@ -14,7 +14,7 @@
     │   ├── InsufficientFunds     the wallet has less than the command needs
     │   ├── RewardBelowPrice      every service on offer costs more
     │   ├── FeeTooHigh            the chain asks for more than the wallet may pay
-    │   ├── DailyLimitReached     the wallet has spent what it may in a day
+    │   ├── DailyLimitReached     the wallet has reached its daily spending limit
     │   ├── AssignmentChanged     the proof is for an assignment that the task does not have any more
     │   ├── WalletElsewhere       the participant signs for itself: prepare and broadcast
     │   └── NotThisWallets        what is to be broadcast was signed by another key, or is for another chain
@@ -40,7 +40,7 @@ class UnknownCommand(RequestError):
 
 
 class UnknownQuery(RequestError):
-    """There is no such question."""
+    """There is no such query."""
 
 
 class RequestIdReused(RequestError):

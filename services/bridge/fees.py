@@ -72,7 +72,7 @@ class Limits:
         needed = market.base_fee + market.priority_fee
         if cap < needed:
             raise FeeTooHigh(
-                "the chain asks for more than this wallet may pay",
+                "the transaction's fee exceeds this wallet's limit",
                 needed_wei_per_gas=str(needed),
                 limit_wei_per_gas=str(cap),
                 gas=gas,
@@ -89,7 +89,7 @@ class Limits:
             if limit is not None and more and before + more > limit:
                 unit = "iec" if what == "IEC" else "eth"
                 raise DailyLimitReached(
-                    "the wallet has spent what it may in a day",
+                    "the wallet has reached its daily spending limit",
                     what=what,
                     **{
                         f"{name}_{unit}": f"{from_wei(wei):f}"

@@ -150,7 +150,7 @@ class Follower:
             and position.block >= 0
             and headers[0]["parentHash"] != position.block_hash
         ):
-            self._reorganize("another block follows on what was indexed")
+            self._reorganize("the next block does not follow the indexed one")
             return True
         known = {_number(header): header for header in headers}
         near = [
@@ -163,7 +163,7 @@ class Follower:
         for one in found:
             header = known.get(int(one["blockNumber"], 16))
             if header is not None and header["hash"] != one["blockHash"]:
-                log.info("block %d was replaced while it was read", _number(header))
+                log.info("block %d was replaced while the bridge read it", _number(header))
                 return True  # again
         if None in known.values():
             return True
@@ -198,7 +198,7 @@ class Follower:
             self._behind_since_s = self._behind_since_s or now_s
             if now_s - self._behind_since_s < self._grace_s:
                 return False
-        self._reorganize("the chain ends before what was indexed")
+        self._reorganize("the chain's head is behind the index")
         return True
 
     def _reorganize(self, why: str) -> None:

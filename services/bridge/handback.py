@@ -64,10 +64,10 @@ class HandBack:
         try:
             self._perform(wallet, reason, task)
         except (RodeoError, OSError) as error:
-            log.warning("not given back: %s", error, extra={"task": task["id"]})
+            log.warning("cannot return the task: %s", error, extra={"task": task["id"]})
 
     def _perform(self, wallet: Wallet, reason: str, task: Row) -> None:
-        log.error("given back: %s", reason, extra={"task": task["id"]})
+        log.error("returning the task: %s", reason, extra={"task": task["id"]})
         service = self._index.service(task["service_id"])
         if service is not None and service["state"] == "active":
             _done(wallet, "update_service", {"service_id": service["id"], "state": "paused"})
@@ -96,7 +96,7 @@ class HandBack:
         )
         path = self._folder / f"{task['id']}-{task['attempt']}.mcap"
         path.unlink(missing_ok=True)  # half a one, of a process that was killed
-        note = f"Given back undone: {reason}."
+        note = f"Returned unfinished: {reason}."
         recorder = Recorder(path, binding, account, self._clock)
         recorder.write_json(EVENT_CHANNEL, {"event": "execution_failed", "message": reason})
         recorder.write_json(EVENT_CHANNEL, {"event": "statement", "note": note, "photos_sha256": []})

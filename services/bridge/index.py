@@ -127,7 +127,7 @@ class Index:
             self._position = Position(rows[0]["block"], rows[0]["block_hash"], rows[0]["block_time_s"])
             self._rows_digest, problem = self._inspect()
             if problem is not None:
-                log.warning("the index is made anew from the chain: %s", problem)
+                log.warning("rebuilding the index from the chain: %s", problem)
                 self.clear()
             else:
                 self._forget_receipts()
@@ -193,11 +193,11 @@ class Index:
             cursor = connection.execute(select(schema.cursor)).mappings().one_or_none()
             found = rows_digest(connection)
         if cursor is None:
-            return found, "it does not say how far it follows the chain"
+            return found, "it does not record its position on the chain"
         position = Position(cursor["block"], cursor["block_hash"], cursor["block_time_s"])
         if cursor["digest"] == _digest_text(found, position):
             return found, None
-        return found, f"what it holds up to block {position.block} is not what was written there"
+        return found, f"its contents up to block {position.block} do not match their digest"
 
     def said(self) -> Said:
         """What the chain can be asked about, as of one block."""
@@ -628,9 +628,7 @@ def _set_aside_if_damaged(url: str) -> None:
     path = Path(parsed.database)
     if (problem := damage(path)) is None:
         return
-    log.warning(
-        "the index is damaged and is made anew from the chain: %s", problem, extra={"path": str(path)}
-    )
+    log.warning("the index is damaged; rebuilding it from the chain: %s", problem, extra={"path": str(path)})
     path.replace(path.with_name(path.name + ".damaged"))
     for suffix in ("-wal", "-shm"):
         path.with_name(path.name + suffix).unlink(missing_ok=True)

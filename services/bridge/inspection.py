@@ -95,10 +95,10 @@ class Inspector:
             try:
                 problem = self._index.problem() or self.compare(_MOST_BALANCES)
             except (ChainUnavailable, DBAPIError) as error:
-                log.debug("the index is looked at later: %s", error)
+                log.debug("will inspect the index later: %s", error)
                 continue
             except (LookupError, TypeError, ValueError) as error:
-                problem = f"a value in it cannot be read: {error}"
+                problem = f"it holds a value that cannot be read: {error}"
             if problem is not None and generation == self._generation:
                 self.found = problem
             pause_s = max(PERIOD_S, (time.thread_time() - started_s) / _SHARE)

@@ -132,9 +132,9 @@ class Journal:
         self._path = path
         if (problem := damage(path)) is not None:
             raise JournalDamaged(
-                "the journal is damaged: put it back from a copy, or, once none of the wallets' transactions "
-                "waits to be mined, begin another one with `rodeo up --new-journal`: a request_id of before "
-                "then counts as a new request",
+                "the journal is damaged: restore it from a backup. Or wait until no transaction of the "
+                "wallets is pending, and start a new journal with `rodeo up --new-journal`; the bridge then "
+                "treats old request_ids as new",
                 path=str(path),
                 problem=problem,
             )

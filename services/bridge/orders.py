@@ -172,7 +172,9 @@ class Orders:
         """What became of this request before. Raises RequestIdReused."""
         entry = self._journal.find(wallet, request_id)
         if entry is not None and entry.content_sha256 != content_sha256:
-            raise RequestIdReused("this request_id was used for another request", request_id=request_id)
+            raise RequestIdReused(
+                "this request_id was already used for a different request", request_id=request_id
+            )
         return entry
 
     def waiting(self, name: str) -> int:
@@ -297,7 +299,7 @@ class Orders:
         if job is not None:
             if job.order.content_sha256 != order.content_sha256:
                 raise RequestIdReused(
-                    "this request_id was used for another request", request_id=order.request_id
+                    "this request_id was already used for a different request", request_id=order.request_id
                 )
             return job
         entry = self.find(order.wallet, order.request_id, order.content_sha256)

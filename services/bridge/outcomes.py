@@ -125,14 +125,12 @@ class Outcomes:
     def _take_back(self, job: Job) -> None:
         entry = job.signed
         log.warning(
-            "%s: %s is not sent again: its task is not assigned as it was",
+            "%s: %s is not sent again: its task has another assignment",
             entry.wallet,
             entry.command,
             extra=job.log_fields(),
         )
-        lost = TransactionDropped(
-            "a reorganization undid the assignment that it was for", tx_hash=entry.tx_hash
-        )
+        lost = TransactionDropped("a reorganization undid its assignment", tx_hash=entry.tx_hash)
         if self._orders.wallet_of(job).account is None:
             self._orders.forget(job, lost)
         else:
@@ -159,7 +157,7 @@ class Outcomes:
     def _was_refused(self, job: Job, error: ChainError) -> None:
         reason = str(error.details.get("reason", error)).lower()
         entry = job.signed
-        log.info("%s: %s was not taken: %s", entry.wallet, entry.command, reason, extra=job.log_fields())
+        log.info("%s: the node rejected %s: %s", entry.wallet, entry.command, reason, extra=job.log_fields())
         if "nonce too low" in reason:
             # Mined already, or its nonce went to another one: the receipt tells.
             job.due_s = job.last_sent_s = 0.0
@@ -279,9 +277,14 @@ class Outcomes:
 
     def _nonce_went_elsewhere(self, job: Job) -> None:
         entry = job.signed
-        log.warning("%s: nonce of %s went elsewhere", entry.wallet, entry.command, extra=job.log_fields())
+        log.warning(
+            "%s: another transaction used the nonce of %s",
+            entry.wallet,
+            entry.command,
+            extra=job.log_fields(),
+        )
         if not self._start_again(job):
-            lost = TransactionDropped("its nonce went to another transaction", tx_hash=entry.tx_hash)
+            lost = TransactionDropped("another transaction used its nonce", tx_hash=entry.tx_hash)
             self._orders.forget(job, lost)
 
     def _reply(self, receipt: dict[str, Any]) -> Reply:

@@ -79,15 +79,15 @@ _NOTE_S = 2.0
 _TELL_S = 1.0
 """Between two messages on how far the index is: it may be a hundred blocks in a second."""
 
-BLOCKS_BEHIND = Gauge("rodeo_bridge_blocks_behind", "Blocks of the node that are not in the index")
+BLOCKS_BEHIND = Gauge("rodeo_bridge_blocks_behind", "Blocks of the node that the index does not hold yet")
 INDEXED_BLOCK = Gauge("rodeo_bridge_indexed_block", "The newest block in the index")
 BLOCKS = Histogram(
     "rodeo_bridge_block_seconds",
-    "Wall time from hearing of new blocks to their events on the bus",
+    "Wall time from receiving new blocks to publishing their events",
     buckets=LATENCY_BUCKETS_S,
 )
-EVENTS = Counter("rodeo_bridge_events_total", "Events put on the bus", ["name"])
-UNDONE_BLOCKS = Counter("rodeo_bridge_undone_blocks_total", "Blocks that a reorganization took back")
+EVENTS = Counter("rodeo_bridge_events_total", "Events published on the bus", ["name"])
+UNDONE_BLOCKS = Counter("rodeo_bridge_undone_blocks_total", "Blocks that a reorganization removed")
 QUEUE = Gauge("rodeo_bridge_queue_length", "Transactions that wait to be sent or mined", ["wallet"])
 COMMANDS = Histogram(
     "rodeo_bridge_command_seconds",
@@ -95,7 +95,7 @@ COMMANDS = Histogram(
     ["command", "outcome"],
     buckets=LATENCY_BUCKETS_S,
 )
-FAILURES = Counter("rodeo_bridge_failures_total", "What the bridge could not do", ["code"])
+FAILURES = Counter("rodeo_bridge_failures_total", "Failures by error code", ["code"])
 
 
 @dataclass
@@ -154,7 +154,9 @@ class Bridge:
         known = [*wallets.wallet_names(self._site), *wallets.wallets_elsewhere(self._site)]
         wanted = known if self._config.wallets is None else self._config.wallets
         if strangers := sorted(set(wanted) - set(known)):
-            raise ConfigError("bridge.wallets names nobody of this site", unknown=strangers, known=known)
+            raise ConfigError(
+                "bridge.wallets names no participant of this site", unknown=strangers, known=known
+            )
         return wanted
 
     def run(self) -> None:
@@ -169,7 +171,9 @@ class Bridge:
             except NotDeployed:
                 self._not_ready("deployment record missing: run `rodeo site prepare`")
             except DeploymentMismatch as error:
-                self._not_ready(f"deployment record does not fit: run `rodeo site prepare` ({error})")
+                self._not_ready(
+                    f"deployment record does not match the chain: run `rodeo site prepare` ({error})"
+                )
             except (ChainUnavailable, RpcFailed) as error:
                 reason = error.details.get("reason") or error.message
                 self._not_ready(f"no node at {self._site.chain.url}: {reason}")
@@ -184,7 +188,7 @@ class Bridge:
                 if self._attachment is not None:
                     self._attachment.inspector.found = error.message
             except DBAPIError as error:
-                self._not_ready(f"the index's database does not answer: {error.orig}")
+                self._not_ready(f"the index database does not answer: {error.orig}")
                 if self._attachment is not None and self._attachment.chain.index.is_malformed():
                     # Opened again, its file is set aside.
                     self._attachment.close()
@@ -207,7 +211,7 @@ class Bridge:
         deployment.verify(w3)
         if self._attachment is None or not deployment.is_same(self._attachment.chain.deployment):
             if self._attachment is not None:
-                log.warning("another deployment: starting its index and its journal")
+                log.warning("another deployment: opening its index and its journal")
                 self._attachment.close()
             self._attachment = self._open(deployment)
         return self._attachment
@@ -228,7 +232,7 @@ class Bridge:
             folder / "journal.sqlite", self._process.data_dir, node, addresses, deployment.sent
         )
         if freed := journal.free_requests(deployment.contracts.values()):
-            log.warning("%d requests of before were made to other contracts: they count no more", freed)
+            log.warning("ignoring %d earlier requests: they were for other contracts", freed)
         index = Index(
             self._config.database or sqlite_url(folder / "index.sqlite"),
             deployment.chain_id,
@@ -305,7 +309,7 @@ class Bridge:
         self._heads = heads = open_heads(
             self._site.chain.url,
             self._site.chain.websocket_url,
-            lambda why: log.info("the node is asked for new blocks: %s", why),
+            lambda why: log.info("polling the node for new blocks: %s", why),
         )
         headers: list[Header] = []
         current_s = time.monotonic()
@@ -327,7 +331,7 @@ class Bridge:
                 if not attachment.compared:
                     problem = attachment.inspector.compare()
                     if problem is not None and attachment.made_anew:
-                        self._not_ready(f"what the node's contracts say contradicts its events: {problem}")
+                        self._not_ready(f"the node's contract state contradicts its events: {problem}")
                         headers = heads.wait()
                         continue
                     attachment.inspector.found = problem
@@ -352,8 +356,8 @@ class Bridge:
 
     def _make_index_anew(self, attachment: _Attachment, why: str) -> None:
         """Read it from the chain again; it answers nothing meanwhile."""
-        log.warning("the index is made anew from the chain: %s", why)
-        self._not_ready("the index was damaged and is read from the chain again")
+        log.warning("rebuilding the index from the chain: %s", why)
+        self._not_ready("the index was damaged; rebuilding it from the chain")
         attachment.chain.index.clear()
         attachment.inspector.reset()
         attachment.compared, attachment.made_anew = False, True
@@ -453,10 +457,10 @@ class Bridge:
                     if self._attachment is not None and not self._reason:
                         end_s = self._expire_overdue(self._attachment)
                 except ClockUnavailable:
-                    log.debug("no time has passed that anybody knows of")
+                    log.debug("the site's time is not known yet")
                 except Exception:
                     # Windows must end whatever happened to this look: the index may just be closed.
-                    log.exception("the windows' ends are not known; looking again")
+                    log.exception("cannot look up the windows' ends; trying again")
                 self._clock.wait_for(
                     self._windows_changed.is_set,
                     self._stop,
@@ -477,7 +481,7 @@ class Bridge:
         jobs = []
         for task_id in overdue:
             if self._expiring.get(task_id, -math.inf) <= wall_s:
-                log.info("its window has passed", extra={"task": task_id})
+                log.info("its window is over; expiring it", extra={"task": task_id})
                 self._expiring[task_id] = wall_s + _EXPIRY_RETRY_S
                 jobs.append(self._threads[ORGANIZATION].submit(_expire, wallet, task_id))
         ended, _ = futures.wait(jobs, _EXPIRY_RETRY_S)
@@ -504,7 +508,7 @@ class Bridge:
                 self._giving_back[key] = job, now_s + _EXPIRY_RETRY_S
                 if key not in self._given_back:
                     self._given_back.add(key)
-                    self._process.warn(f"task {task['id']} is given back undone: {reason}")
+                    self._process.warn(f"task {task['id']} is returned unfinished: {reason}")
 
 
 MAX_BLOCK_AHEAD_S = 5.0
@@ -551,7 +555,7 @@ class _Asked:
         if error is not None:
             FAILURES.labels(outcome).inc()
             log.info(
-                "%s: %s was refused: %s", self.participant, self.command, error, extra={"task": self.task_id}
+                "%s: refused %s: %s", self.participant, self.command, error, extra={"task": self.task_id}
             )
 
 

@@ -66,7 +66,7 @@ class Queries:
         if what.startswith("task/"):
             return self._task(what.removeprefix("task/"))
         if what not in self._table:
-            raise UnknownQuery("no such question", what=what, known=[*self._table, "task/<id>"])
+            raise UnknownQuery("no such query", what=what, known=[*self._table, "task/<id>"])
         return self._table[what](request)
 
     # -- tasks and services --------------------------------------------------------------------------------

@@ -80,7 +80,7 @@ class Signer:
         )
         for wallet, nonce in zip(unsynced, answers, strict=False):
             if isinstance(nonce, ChainError):
-                raise ChainUnavailable("the node does not tell the nonce", reason=str(nonce))
+                raise ChainUnavailable("the node does not report the nonce", reason=str(nonce))
             wallet.next_nonce = max(int(nonce, 16), wallet.after)
         made_s = float(self._index.position.block_time_s)
         accepted: list[Job] = []
@@ -122,7 +122,9 @@ class Signer:
         try:
             fees = wallet.limits.fees(market.bumped(before), market, gas)
             if fees.max_fee * 10 < before.max_fee * 11 or fees.priority_fee * 10 < before.priority_fee * 11:
-                raise TransactionTimeout("the limits leave no room for a higher fee", max_fee=fees.max_fee)
+                raise TransactionTimeout(
+                    "the wallet's limits do not allow a higher fee", max_fee=fees.max_fee
+                )
         except (RequestError, TransactionTimeout) as error:
             log.warning("%s: %s stays stuck: %s", entry.wallet, entry.command, error, extra=job.log_fields())
             return
@@ -194,7 +196,7 @@ class Signer:
             [("eth_getBlockByNumber", ["latest", False]), ("eth_maxPriorityFeePerGas", [])]
         )
         if not isinstance(header, dict):
-            raise ChainUnavailable("the node does not tell its fees", reason=str(header))
+            raise ChainUnavailable("the node does not report its fees", reason=str(header))
         # Not every node advises a tip; then there is no need of one.
         priority_fee = 0 if isinstance(tip, ChainError) else int(tip, 16)
         market = Market(int(header.get("baseFeePerGas", "0x0"), 16), priority_fee)

@@ -71,12 +71,12 @@ class Transactions:
                 self._stop.wait(_TICK_S)
             except JournalUnwritable as error:
                 if self.failure is None:
-                    log.error("nothing is sent for now: %s", error)
+                    log.error("not sending transactions for now: %s", error)
                 self.failure = error
                 self._stop.wait(_TICK_S)
             except Exception:
                 # What is journaled must be sent: one fault, said here, may not end everybody's transactions.
-                log.exception("sending failed; going on")
+                log.exception("sending failed; continuing")
                 self._stop.wait(_TICK_S)
             self.orders.changed.wait(_TICK_S)
             self.orders.changed.clear()

@@ -221,7 +221,7 @@ class Delivery:
         with self._step():
             problem = self._wrong_with(receipt, payload_digest(heard.attestation["payload"]))
             if problem is not None:
-                log.warning("left out a receipt of the robot's: %s", problem)
+                log.warning("ignored a receipt of the robot: %s", problem)
                 return
             self._recorder.write_json(ATTESTATION_CHANNEL, heard.attestation)
             self._count(receipt)
@@ -373,12 +373,12 @@ class Delivery:
         `own` is its digest."""
         record = self._records.get(receipt.record)
         if record is None or not receipt.repeats(record, self._chain.address):
-            return f"it is for what the meter did not record: {receipt.record}"
+            return f"the meter has no such record: {receipt.record}"
         lacking = [one for one in self._listed_seals(receipt) if one not in self._seals]
         if lacking and not self._resumed:
-            return f"it lists a seal that the recording does not have: {lacking[0]}"
+            return f"it lists a seal that is not in the recording: {lacking[0]}"
         if self._receipts.setdefault(receipt.seq, own) != own:
-            return f"it signed another with number {receipt.seq}"
+            return f"the robot signed another receipt with number {receipt.seq}"
         return None
 
     def _listed_seals(self, receipt: Receipt) -> list[str]:
@@ -393,7 +393,7 @@ class Delivery:
     def _count(self, receipt: Receipt) -> None:
         params = self._order.params
         if self._receipted_wh is None and params is not None and not params.begins_at(receipt.soc):
-            log.warning("the robot is at %.0f %%, its task says otherwise", receipt.soc * 100)
+            log.warning("the robot's charge of %.0f %% does not match its task", receipt.soc * 100)
             self.session.stop(End.OTHER_CHARGE)
         self._listed = self._listed or not self._seals.isdisjoint(self._listed_seals(receipt))
         self._receipted_wh = max(self._receipted_wh or 0.0, receipt.register_wh)

@@ -78,8 +78,8 @@ class Job(BaseModel):
             return None
         except (OSError, ValidationError) as error:
             raise JobBroken(
-                "the charger's job is damaged: restore the file; or move it away, and the session "
-                "that was under way is not paid",
+                "the charger's job file is damaged: restore it, or move it away; then the charger "
+                "is not paid for the interrupted session",
                 path=str(path),
                 reason=unreadable(error),
             ) from error
@@ -88,7 +88,7 @@ class Job(BaseModel):
         """Put the job at `path`, which is of another chain or another assignment, and its recording away."""
         kept = [set_aside(one, FOREIGN) for one in (path, recording) if one.exists()]
         log.warning(
-            "the job %s is of another chain or another assignment (%s); it is kept in %s",
+            "the job %s belongs to another chain or assignment (%s); kept in %s",
             self.name,
             self.assignment or "it does not say which",
             ", ".join(map(str, kept)),
@@ -153,9 +153,9 @@ def wrong_order(task: Task, params: ChargingParams, site: Site) -> str | None:
     """
     price_iec, tariff_iec = task.price_iec, providing_energy(site).price_iec
     if price_iec is not None and price_iec > tariff_iec:
-        return f"it costs {price_iec} IEC, more than the {tariff_iec} IEC of a session here"
+        return f"it pays {price_iec} IEC, but a session here costs {tariff_iec} IEC"
     soc_from = max(params.soc_from - SOC_USED, 0.0)
     most_wh = _MORE_SHARE * order_wh(site.robot(params.robot).battery, site.dock, soc_from, params.soc_target)
     if params.energy_wh > most_wh:
-        return f"it orders {params.energy_wh:g} Wh, where its battery takes {most_wh:.0f} Wh at most"
+        return f"it orders {params.energy_wh:g} Wh, but its battery takes {most_wh:.0f} Wh at most"
     return None

@@ -325,7 +325,7 @@ class Charger:
     def _wait_chain(self) -> WitnessChain | None:
         """None when asked to stop before it is known for which organization the meter signs."""
         while (chain := self._witness.chain) is None and not self._process.stop.is_set():
-            self._process.not_ready("not known yet for which organization the meter signs")
+            self._process.not_ready("the meter's organization is not known yet")
             self._pause(_CHAIN_WALL_S)
         return chain
 
@@ -399,7 +399,7 @@ class Charger:
             log.warning("the dock does not answer: %s", error)
             return False
         if not answer.success:
-            log.warning("the dock refuses to %s: %s", "close" if closed else "open", answer.message)
+            log.warning("the dock refused to %s: %s", "close" if closed else "open", answer.message)
         return bool(answer.success)
 
     def _check_assignment(self, delivery: Delivery) -> None:

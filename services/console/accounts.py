@@ -61,7 +61,7 @@ def require_participant(site: Site, roles: Iterable[Role], participant: str | No
     known = workers(site)
     if participant is None:
         if Role.EXECUTOR in roles:
-            sentence = f"an executor works as a participant of this site: say which of {', '.join(known)}"
+            sentence = f"an executor works as a participant of this site: choose one of {', '.join(known)}"
             raise InvalidRequest(sentence, fields={"participant": f"choose one of {', '.join(known)}"})
     elif participant not in known:
         sentence = f"nobody can work as {participant} here: this site has the keys of {', '.join(known)}"
@@ -191,7 +191,7 @@ class Accounts:
             with self._engine.begin() as connection:
                 connection.execute(insert(_users).values(row))
         except IntegrityError as error:
-            raise AccountExists("there is an account of this name already", name=name) from error
+            raise AccountExists("an account of this name already exists", name=name) from error
         return user
 
     def user(self, name: str) -> User:
@@ -280,7 +280,7 @@ class Accounts:
                     connection.execute(update(_sessions).where(_sessions.c.key == key).values(used_s=now_s))
                 ends_s = min(now_s + self._config.session_idle_s, last_s)
             return Session(key, _user(row), ends_s)
-        raise NotLoggedIn("log in first; the session is over or never began")
+        raise NotLoggedIn("log in first; there is no valid session")
 
     def log_out(self, token: str | None) -> None:
         self._end(_key(token or ""))

@@ -186,7 +186,7 @@ class Actions:
     def executor(self, user: User) -> Executor:
         """Whoever this person works as. Raises Forbidden, WalletError when the key is not on this site."""
         if user.participant is None:
-            raise Forbidden("your account works as no participant; an administrator can say which")
+            raise Forbidden("your account has no participant; an administrator can set one")
         participant = Participant(self.bus, self.site.org, user.participant)
         return Executor(self.site, participant, wallets.load(self.site, user.participant), self._clock)
 
@@ -227,7 +227,7 @@ def _of_organization(command: str) -> Perform:
 def _of_participant(command: str) -> Perform:
     def perform(actions: Actions, user: User, request: OfferService | ChangeService) -> Json:
         if not speaks_for(user, request.participant):
-            raise Forbidden("you do not speak for this participant", participant=request.participant)
+            raise Forbidden("your account may not act for this participant", participant=request.participant)
         return actions.command(request.participant, command, request)
 
     return perform
@@ -275,7 +275,9 @@ def _create_user(actions: Actions, _user: User, request: NewUser) -> Json:
 
 def _change_user(actions: Actions, user: User, request: ChangedUser) -> Json:
     if request.name == user.name and (request.disabled or Role.ADMINISTRATOR not in request.roles):
-        raise InvalidRequest("another administrator must do this to you", fields={"name": "your own account"})
+        raise InvalidRequest(
+            "another administrator must change your account", fields={"name": "your own account"}
+        )
     if not request.disabled:
         require_participant(actions.site, request.roles, request.participant)
     actions.accounts.change_user(request.name, request.roles, request.participant, request.disabled)
@@ -318,42 +320,42 @@ def _command(name: str, summary: str, model: type[BaseModel], roles: frozenset[R
 
 _TABLE = (
     Action("post_task", "Post a task; its reward goes into escrow", RegisterTask, _OPERATOR, _post_task),
-    _command("cancel_task", "Cancel a task that nobody has; its reward comes back", CancelTask, _OPERATOR),
-    _command("match_task", "Look again for a service for an open task", MatchTask, _OPERATOR),
+    _command("cancel_task", "Cancel a task that is not assigned; refund its reward", CancelTask, _OPERATOR),
+    _command("match_task", "Match an open task with a service again", MatchTask, _OPERATOR),
     Action("register_service", "Offer a service", OfferService, _PROVIDER,
            _of_participant("register_service")),
     Action("update_service", "Price, pause, resume or retire a service", ChangeService, _PROVIDER,
            _of_participant("update_service")),
-    _command("suspend_service", "Take work from a service", SuspendService, _ADMINISTRATOR),
-    _command("reinstate_service", "Let a suspended service work again", ReinstateService, _ADMINISTRATOR),
+    _command("suspend_service", "Suspend a service", SuspendService, _ADMINISTRATOR),
+    _command("reinstate_service", "Reinstate a suspended service", ReinstateService, _ADMINISTRATOR),
     _command("register_device", "Let a key sign evidence", RegisterDevice, _ADMINISTRATOR),
-    _command("revoke_device", "Let a key sign no more", RevokeDevice, _ADMINISTRATOR),
+    _command("revoke_device", "Revoke a key", RevokeDevice, _ADMINISTRATOR),
     _command("allow_kind", "Allow or forbid a kind of work; who judges it", AllowKind, _ADMINISTRATOR),
     _command("retire_rules", "Post no more tasks under these rules of a kind", RetireRules, _ADMINISTRATOR),
     _command("set_policy", "How a service is chosen for a task", SetPolicy, _ADMINISTRATOR),
     _command("set_terms", "Bond, penalty and how many failures suspend", SetTerms, _ADMINISTRATOR),
-    _command("set_members_only", "Open the organization or close it", SetMembersOnly, _ADMINISTRATOR),
+    _command("set_members_only", "Admit everybody, or members only", SetMembersOnly, _ADMINISTRATOR),
     _command("admit", "Make somebody a member", Admit, _ADMINISTRATOR),
     _command("dismiss", "End a membership", Dismiss, _ADMINISTRATOR),
-    _command("deposit", "From the key's own account into the treasury", Deposit, _TREASURER),
-    _command("withdraw", "Out of the treasury", Withdraw, _TREASURER),
-    Action("pause_robot", "Let a robot finish its attempt and then wait", RobotRequest, _OPERATOR,
+    _command("deposit", "Pay from the key's own account into the treasury", Deposit, _TREASURER),
+    _command("withdraw", "Pay out of the treasury", Withdraw, _TREASURER),
+    Action("pause_robot", "Pause a robot: it finishes its attempt, then waits", RobotRequest, _OPERATOR,
            _of_robot("pause")),
-    Action("resume_robot", "Let a paused or stopped robot go on", RobotRequest, _OPERATOR,
+    Action("resume_robot", "Resume a paused or stopped robot", RobotRequest, _OPERATOR,
            _of_robot("resume")),
     Action("charge_robot", "Have a robot buy a charge now", RobotRequest, _OPERATOR, _of_robot("charge")),
     Action("cancel_robot", "Have a robot give up its attempt", RobotRequest, _OPERATOR, _of_robot("cancel")),
     Action("stop_robot", "Stop a robot at once", RobotRequest, _OPERATOR, _of_robot("stop")),
     Action("stop_all", "Stop every robot at once", Nothing, _OPERATOR, _stop_all),
-    Action("accept_work", "Take on a task that is assigned to you", TaskId, _EXECUTOR, _accept_work),
-    Action("submit_work", "Hand in note and photos as the proof of your work", SubmitWork, _EXECUTOR,
+    Action("accept_work", "Accept a task that is assigned to you", TaskId, _EXECUTOR, _accept_work),
+    Action("submit_work", "Submit a note and photos as the proof of your work", SubmitWork, _EXECUTOR,
            _submit_work),
     Action("judge", "Approve or reject a proof that waits for an auditor", Judge, _AUDITOR, _judge),
     Action("create_user", "Make an account for a person", NewUser, _ADMINISTRATOR, _create_user),
     Action("change_user", "Change roles or disable an account", ChangedUser, _ADMINISTRATOR, _change_user),
     Action("set_passphrase", "Set a new passphrase", NewPassphrase, _ANYBODY, _set_passphrase),
-    Action("issue_token", "A token for a program that acts in your name", NewToken, _ANYBODY, _issue_token),
-    Action("revoke_token", "Make one of your tokens worthless", TokenId, _ANYBODY, _revoke_token),
+    Action("issue_token", "Create a token for a program of yours", NewToken, _ANYBODY, _issue_token),
+    Action("revoke_token", "Revoke one of your tokens", TokenId, _ANYBODY, _revoke_token),
 )  # fmt: skip
 
 ACTIONS: dict[str, Action] = {action.name: action for action in _TABLE}

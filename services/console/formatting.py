@@ -36,26 +36,26 @@ STATE_COLOURS = {
 
 _ADVICE = {
     "no_responder": "Check on the overview that the bridge is running, then try again.",
-    "query_timeout": "It may still happen: look whether it did before you try again.",
-    "bridge_not_ready": "The bridge says why on the overview; try again when it is ready.",
+    "query_timeout": "It may still happen. Check whether it did before you try again.",
+    "bridge_not_ready": "The overview shows why. Try again when the bridge is ready.",
     "insufficient_funds": "Deposit IEC under Treasury, or choose a smaller amount.",
     "reward_below_price": "Raise the reward, or let the task wait for a cheaper service.",
     "unknown_kind": "An administrator can allow this kind of work.",
     "kind_without_checks": "Let an auditor judge it.",
-    "kind_without_audit": "Say under Undecided work who decides what the oracle cannot.",
+    "kind_without_audit": "Under Undecided work, choose who decides if the oracle cannot.",
     "device_name_taken": "Revoke the key that has this name first, or choose another name.",
     "invalid_amount": "Pay more than nothing and at most the agreed price.",
     "bad_amount": "Pay more than nothing and at most the agreed price.",
-    "cannot_do": "Let somebody offer it who can do it.",
+    "cannot_do": "Choose a participant who can do this work.",
     "already_offered": "Change the price or the state of that service under Services.",
     "judge_is_party": "Another auditor has to judge it.",
     "judged_before": "Another auditor has to judge it.",
     "robot_unavailable": "Check on the overview that the robot's agent is running.",
     "forbidden": "Ask an administrator for the role.",
-    "unknown_command": "This site's bridge is too old for it.",
-    "unknown_query": "This site's bridge is too old for it.",
-    "nothing_to_cancel": "Look again: it may have finished.",
-    "wrong_state": "It has moved on meanwhile; the page shows how it is now.",
+    "unknown_command": "This site's bridge is too old for this action.",
+    "unknown_query": "This site's bridge is too old for this action.",
+    "nothing_to_cancel": "Reload the page: it may have finished.",
+    "wrong_state": "Its state has changed. The page shows the present state.",
     "unknown_task": "Look for its number under Tasks.",
     "unknown_participant": "Participants are listed under Services; or give an address (0x…).",
     "store_unavailable": "Check that the site's store can be reached, then try again.",
@@ -83,9 +83,9 @@ FIELD_ADVICE = {
     "participant": "enter the name of a participant of this site",
     "passphrase": "use 12 to 256 characters",
     "current": "enter the passphrase you log in with",
-    "label": "say in 1 to 64 characters what it is for",
-    "note": "say in at most 4,000 characters what you did",
-    "reason": "say why in at most 500 characters",
+    "label": "enter its purpose in 1 to 64 characters",
+    "note": "describe your work in at most 4,000 characters",
+    "reason": "give a reason of at most 500 characters",
     "max_attempts": "enter a whole number from 1 to 255",
     "audit_window_s": "enter seconds, from a minute to 30 days",
     "execution_window_s": "give the executor at least a minute",
@@ -100,7 +100,7 @@ def explain(error: RodeoError) -> str:
     if isinstance(fields, dict):
         advice: dict[str, str] = {}
         if sentence.startswith(_UNFIT):
-            sentence, advice = "mend this and try again", FIELD_ADVICE
+            sentence, advice = "correct this and try again", FIELD_ADVICE
         wrong = "; ".join(
             f"{name.replace('_iec', '').replace('_', ' ')}: {advice.get(name, text)}"
             for name, text in fields.items()

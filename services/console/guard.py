@@ -117,15 +117,15 @@ class Guard:
         if headers.get("host") not in self._hosts:
             respond = problem(421, "unknown_host", "the console does not serve this host name")
         elif path.startswith("/_nicegui_ws/"):
-            respond = problem(400, "websocket_only", "pages talk to the console over a websocket")
+            respond = problem(400, "websocket_only", "a page connects to the console over a WebSocket")
         elif not is_utf8(headers.get("content-type", "")):
-            respond = problem(415, "unknown_charset", "texts are UTF-8")
+            respond = problem(415, "unknown_charset", "the request's text is not UTF-8")
         elif (
             method not in _SAFE_METHODS
             and not path.startswith("/api/")
             and headers.get("origin") not in self._origins
         ):
-            respond = problem(403, "foreign_origin", "this request does not come from a page of the console")
+            respond = problem(403, "foreign_origin", "this request comes from a page of another site")
         elif session is None and not _is_public(path):
             wants_page = method == "GET" and "text/html" in headers.get("accept", "")
             asked = f"{path}?{scope['query_string'].decode('latin-1')}".removesuffix("?")

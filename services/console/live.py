@@ -70,7 +70,7 @@ class Newest:
         try:
             self.message = types.deserialize(sample.payload.to_bytes(), self._typename)
         except MalformedMessage as error:
-            log.warning("left out a message on %s: %s", sample.key_expr, error)
+            log.warning("ignored a message on %s: %s", sample.key_expr, error)
             return
         self.heard_s = time.monotonic()
 
@@ -164,7 +164,7 @@ class Live:
                 listener()
             except Exception:
                 # One page that cannot draw itself must not keep the others from it.
-                log.exception("a page could not show a change of %s", what)
+                log.exception("a page failed to show a change of %s", what)
 
     # -- processes -------------------------------------------------------------------------------------
 

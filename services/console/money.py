@@ -19,11 +19,11 @@ _DAY_S = 24 * _HOUR_S
 _REASONS = {
     "escrow": "Reward of task {task} into escrow",
     "payment": "Payment for task {task}",
-    "surplus": "Rest of the reward of task {task}",
+    "surplus": "Unspent reward of task {task}",
     "refund": "Refund of task {task}",
     "bond": "Bond of a service",
     "penalty": "Penalty for task {task}",
-    "bond_returned": "Bond came back",
+    "bond_returned": "Bond refunded",
     "collected": "Collected later",
     "deposit": "Deposit into the treasury",
     "withdrawal": "Withdrawal from the treasury",

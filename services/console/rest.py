@@ -36,7 +36,7 @@ from services.console.pages.frame import Console
 Json = dict[str, Any]
 
 TaskId = Annotated[int, PathParameter(ge=0, lt=2**63)]
-AttemptNumber = Annotated[int | None, Query(ge=1, lt=2**8, description="The last one if left out")]
+AttemptNumber = Annotated[int | None, Query(ge=1, lt=2**8, description="By default the last one")]
 
 
 class TaskPage(BaseModel):
@@ -62,14 +62,14 @@ _STATUS_BY_CODE = {
 _PROBLEMS = problems(
     {
         400: "The request cannot be read",
-        401: "No token, or one that was revoked",
-        403: "The token's owner has none of the roles that may do this",
+        401: "The token is missing or revoked",
+        403: "The token's owner has no role that allows this",
         404: "There is no such thing",
-        409: "The organization refuses it as things are now",
+        409: "The organization refuses this in its present state",
         413: "The request is too large",
         422: "A field is wrong",
-        503: "The bridge is away; try again later",
-        504: "No answer in time; look whether it happened before you try again",
+        503: "The bridge does not answer; try again later",
+        504: "No answer in time; check whether it happened before you try again",
     }
 )
 
@@ -114,7 +114,9 @@ def _questions(api: FastAPI, console: Console, caller: Any) -> None:
         _user: caller,
         state: TaskState | None = None,
         kind: Kind | None = None,
-        text: Annotated[str | None, Query(max_length=200, description="In its note or parameters")] = None,
+        text: Annotated[
+            str | None, Query(max_length=200, description="Text to find in the description or parameters")
+        ] = None,
         limit: Annotated[int, Field(ge=1, le=500)] = 50,
         offset: Annotated[int, Field(ge=0, lt=2**63)] = 0,
     ) -> TaskPage:
@@ -174,7 +176,7 @@ def _questions(api: FastAPI, console: Console, caller: Any) -> None:
         "services": "Services on offer and their records.",
         "wallets": "Balances of the site's participants.",
         "devices": "Keys that may sign evidence.",
-        "roots": "What devices signed on a day, as it was fixed on chain.",
+        "roots": "Daily roots on chain: the hash of what a device signed on a day.",
         "chain": "The chain, its contracts and the kinds of work that are accepted.",
     }.items():
         api.get(f"/{name}", name=name, description=summary)(_state(console, name, caller))

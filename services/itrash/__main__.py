@@ -3,4 +3,4 @@ import sys
 from rodeo.process import main
 from services.itrash.process import run
 
-sys.exit(main("itrash", run, "The smart bin: classifies what it is shown, confirms what falls in."))
+sys.exit(main("itrash", run, "The smart bin: classifies items and confirms what falls in."))

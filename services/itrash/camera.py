@@ -151,7 +151,7 @@ class VideoCamera:
             if not self._stop.is_set():
                 with self._changed:
                     if self._problem is None:
-                        log.warning("the camera %s went away", self._shown)
+                        log.warning("lost the camera %s", self._shown)
                     self._frame, self._problem = None, f"no frames from {self._shown}"
                 self._stop.wait(_REOPEN_S)
 

@@ -45,8 +45,8 @@ class Journal(BaseModel):
             return cls()
         except (OSError, ValidationError) as error:
             raise JournalBroken(
-                "the bin's journal is damaged: restore the file; or move it away, and what was "
-                "weighed and not signed is lost",
+                "the bin's journal is damaged: restore the file, or move it away; then the bin "
+                "loses the weighings that it has not signed yet",
                 path=str(path),
                 reason=unreadable(error),
             ) from error

@@ -39,7 +39,7 @@ class Pictures:
                 path.unlink(missing_ok=True)
         except (OSError, DiskFull) as error:
             raise PictureNotKept(
-                "a picture cannot be kept", path=str(self._folder), cause=str(error)
+                "cannot store a picture", path=str(self._folder), cause=str(error)
             ) from error
         return name
 

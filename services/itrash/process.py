@@ -111,7 +111,7 @@ class Itrash:
         if not isinstance(statement, Presentation) or statement.bin != self._config.name:
             return
         if device.role != "robot":
-            log.warning("left out a presentation by %s, which is no robot", device.name)
+            log.warning("ignored a presentation by %s, which is not a robot", device.name)
             return
         claimant = Claimant(
             device=device.name,
@@ -303,7 +303,7 @@ class Itrash:
         """Put readiness and activity into the process's status."""
         missing = self.missing_sensors()
         if self._witness.chain is None:
-            self._process.not_ready("waiting to hear from the bridge for which organization it signs")
+            self._process.not_ready("waiting for the bridge to name the organization")
         elif missing:
             self._process.not_ready(f"no readings from {', '.join(missing)}")
         else:

@@ -118,12 +118,12 @@ def make_api(bin_: BinView, limits: ImageLimits = IMAGE_LIMITS) -> FastAPI:
         """Classify one photo. Nothing is stored."""
         return await anyio.to_thread.run_sync(classify_bytes, await _photo_of(request), limiter=decoding)
 
-    @api.get("/classification", responses={204: {"description": "Nothing was classified yet"}})
+    @api.get("/classification", responses={204: {"description": "Nothing classified yet"}})
     def classification() -> Response:
         """The last signed classification."""
         return _data_or_nothing(bin_.state()["classification"])
 
-    @api.get("/disposal", responses={204: {"description": "Nothing fell in yet"}})
+    @api.get("/disposal", responses={204: {"description": "Nothing has fallen in yet"}})
     def disposal() -> Response:
         """The last signed disposal."""
         return _data_or_nothing(bin_.state()["disposal"])

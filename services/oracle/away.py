@@ -112,7 +112,7 @@ class MissingProofs:
         self.forget(key)
         with self._lock:
             self._sought[key] = _Sought(task, away.message, away.owner)
-        log.warning("task %d attempt %d: %s; asking its executor for it", *key, away.message)
+        log.warning("task %d attempt %d: %s; asking its executor for the proof", *key, away.message)
 
     def run(self, stop: threading.Event, tell: Callable[[], None]) -> None:
         """Until `stop`; `tell` is called now and then to show how it stands."""
@@ -216,7 +216,7 @@ class MissingProofs:
                         self._copies[key] = copy
                     if word is not None:
                         self._last_words[key] = word
-                said = "the proof is here" if copy else word and word.reason
+                said = "the executor sent the proof" if copy else word and word.reason
                 log.info("task %d attempt %d: %s", *key, said)
                 self._found(*key)
             self._looked.set()
@@ -243,7 +243,7 @@ class MissingProofs:
         except BusError as error:
             log.info("cannot ask for the proof: %s", error)
         except (OSError, DiskFull) as error:
-            one.owner, one.why = "oracle", f"the oracle cannot keep the proof: {error}"
+            one.owner, one.why = "oracle", f"the oracle cannot store the proof: {error}"
         return None
 
     def _fetch(self, one: _Sought, wanted: str) -> Path | None:
@@ -268,7 +268,7 @@ class MissingProofs:
         try:
             self._store.put(path)
         except EvidenceError as error:
-            log.warning("the proof is verified, and cannot be put into the store: %s", error)
+            log.warning("the proof is verified, but cannot be stored: %s", error)
 
     # -- patience --------------------------------------------------------------------------------------
 
@@ -276,10 +276,10 @@ class MissingProofs:
         """The report once patience is over."""
         task, over = one.task, self._verdict_is_due(one.task)
         if one.owner == "executor" and (over or one.asked_s >= self._site.oracle.handover_s):
-            detail = f"{one.why[:200]}; asked {one.asked} times, its executor did not hand it over"
+            detail = f"{one.why[:200]}; the executor did not send it when asked {one.asked} times"
             fault = None
         elif over and one.owner != "executor":
-            detail = f"it could not be read until the verdict was due: {one.why[:200]}"
+            detail = f"the oracle could not read it before the verdict was due: {one.why[:200]}"
             fault = "the store" if one.owner == "store" else "the oracle"
         else:
             return None

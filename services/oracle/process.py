@@ -275,7 +275,7 @@ class Oracle:
         except StoreUnavailable as error:
             if not is_due(task, self._site, self._clock):
                 raise
-            log.error("the verdict is due, and the store does not take its report: %s", error)
+            log.error("the verdict is due, but the store does not accept its report: %s", error)
             return f"{self._site.store_url.rstrip('/')}/{own.name}", "0x" + sha256
 
     def _verified(self, task_id: int, attempt: int) -> tuple[Task, Report] | None:
@@ -301,7 +301,7 @@ class Oracle:
             return None
         if not is_ours(self._kinds, chain_record.task.kind, self._wallet.state("organization")["kinds"]):
             log.info(
-                "task %d attempt %d of %s is for an auditor to judge",
+                "task %d attempt %d of %s waits for an auditor",
                 task_id,
                 attempt,
                 chain_record.task.kind,
@@ -412,8 +412,8 @@ class Oracle:
                 data = self._fetch_report(uri, sha256)
             except EvidenceError as error:
                 log.warning(
-                    "the report of task %d attempt %d cannot be read, so nothing is accepted that it may "
-                    "have paid for: %s",
+                    "cannot read the report of task %d attempt %d; until then no proof is accepted that it "
+                    "may have paid for: %s",
                     submission.task_id,
                     submission.attempt,
                     error,
@@ -491,6 +491,6 @@ def _acts_listed(data: bytes, sha256: str) -> list[str]:
     try:
         listed = json.loads(data).get("acts", [])
     except (ValueError, RecursionError, AttributeError) as error:
-        log.error("the report %s of a verdict is not one that lists acts: %r", sha256, error)
+        log.error("the report %s of a verdict lists no acts: %r", sha256, error)
         return []
     return [str(act) for act in listed] if isinstance(listed, list) else []

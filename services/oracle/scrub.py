@@ -85,8 +85,8 @@ class Scrub:
             try:
                 self.look()
             except (StoreUnavailable, BusError, DiskFull, OSError) as error:
-                log.warning("the store cannot be looked through now: %s", error)
-                self._warn(f"the store cannot be looked through: {error}")
+                log.warning("cannot scan the store now: %s", error)
+                self._warn(f"cannot scan the store: {error}")
                 stop.wait(_LOOK_S[1])
 
     def look(self) -> None:
@@ -143,10 +143,10 @@ class Scrub:
             elif not ask_to_put(self._bus, self._site.org, one.sha256) or not self._is_whole(one):
                 self._put_what_is_handed_over(one)
         except EvidenceError as error:
-            log.warning("%s cannot be put into the store again: %s", one.what, error)
+            log.warning("cannot restore %s to the store: %s", one.what, error)
         whole = self._is_whole(one)
         if whole:
-            log.warning("%s is in the store again", one.what)
+            log.warning("restored %s to the store", one.what)
         return whole
 
     def _put_what_is_handed_over(self, one: Judged) -> None:
@@ -172,5 +172,5 @@ class Scrub:
         except FileNotFoundError:
             pass
         except (OSError, ValidationError) as error:
-            log.warning("%s cannot be read; the sweep of the store begins anew: %s", self._path, error)
+            log.warning("cannot read %s; scanning the store from the start: %s", self._path, error)
         return _Progress(last_s=time.time())

@@ -112,7 +112,9 @@ class AssignmentWatch:
             self._task.attempt,
             self._task.nonce,
         ):
-            raise Revoked("the assignment is gone", task_id=self._task.id, state=current.state)
+            raise Revoked(
+                "the task is no longer assigned to this robot", task_id=self._task.id, state=current.state
+            )
 
 
 class Agent:
@@ -278,7 +280,9 @@ class Agent:
                     full = is_full(error)
                     if full:
                         self._process.not_ready(f"waiting for room on the disk: {error}")
-                    trouble = "waiting for room on the disk" if full else f"in trouble: {error.message}"
+                    trouble = (
+                        "waiting for room on the disk" if full else f"failed, trying again: {error.message}"
+                    )
                     self._wait_out(trouble, _RETRY_WALL_S, error)
         finally:
             self._orders.close()
@@ -475,7 +479,7 @@ class Agent:
         home, here = self._robot.pose, self._body.base_pose(self._checkpoint)
         if len(self._site.robots) == 1 or math.dist((home.x_m, home.y_m), (here.x_m, here.y_m)) < _HOME_M:
             return
-        self._report("going where it is in nobody's way")
+        self._report("driving to its resting place")
         try:
             self._manipulator.fold(self._undistracted)
             self._body.navigate(home, self._undistracted)
@@ -504,7 +508,7 @@ class Agent:
         except Distracted:
             return
         except MotionFailed as error:
-            log.info("could not explore there: %s", error)
+            log.info("cannot explore there: %s", error)
 
     def _undistracted(self) -> None:
         self._checkpoint()
@@ -520,7 +524,7 @@ class Agent:
         log.info("posted charging task %d", task_id)
 
     def _await_charge(self, situation: Situation) -> None:
-        self._report("waiting for somebody to take the charging task")
+        self._report("waiting for a service to take the charging task")
         self._wait_for_news()
 
     def _dock(self, situation: Situation) -> None:
@@ -621,7 +625,7 @@ class Agent:
         try:
             self._close_services(self._behaviours)
         except RemoteError as error:
-            log.warning("the proof of task %d goes first: %s", task.id, error)
+            log.warning("submitting the proof of task %d first: %s", task.id, error)
 
     def _seal(self, task: Task, journal: Journal, folder: Path) -> None:
         """Finish, as it is, a recording whose process was interrupted. Raises EvidenceError, BusError."""
@@ -638,12 +642,12 @@ class Agent:
         try:
             return self._manipulator.held(self._checkpoint)
         except MotionFailed as error:
-            log.warning("cannot feel what is in the gripper: %s", error)
+            log.warning("cannot find out what the gripper holds: %s", error)
             return self._memory.held
 
     def _put_back(self, held: Held) -> None:
         """Lay an item that an interruption or a failed attempt left in the gripper where it was taken."""
-        self._report(f"putting {held.item_id or 'what is held'} back to start again", 0.1)
+        self._report(f"putting {held.item_id or 'the item'} back to start again", 0.1)
         try:
             self._manipulator.put_back(held, self._checkpoint)
         except (MotionFailed, Unreachable) as error:
@@ -704,7 +708,7 @@ class Agent:
         except ValidationError as error:
             # Not every creator asks the bridge, so a behaviour may meet parameters that fit no model.
             raise TaskFailed(
-                "the parameters are not those of the kind", fields=wrong_fields(error)
+                "the task's parameters do not fit its kind", fields=wrong_fields(error)
             ) from error
 
     def _abort(self, checkpoint: Callable[[], None]) -> None:

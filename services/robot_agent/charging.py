@@ -118,7 +118,7 @@ class Charging:
             if battery.soc >= soc_target and self._dao.next_assignment(self._work):
                 break
             if not battery.charging and not self._manipulator.docked(checkpoint):
-                log.warning("not on the dock's contacts any more; docking again")
+                log.warning("lost the dock's contacts; docking again")
                 self._manipulator.dock(checkpoint)
             self._wait(wake, checkpoint)
         self.clear_the_dock(checkpoint, report)

@@ -61,8 +61,8 @@ class Journal(BaseModel):
             raise _damaged(path, assignment, error) from error
         if journal is None:
             log.warning(
-                "what is remembered of task %d attempt %d is of another chain or another assignment "
-                "(%s, this is %s); it is kept in %s",
+                "the journal of task %d attempt %d belongs to another chain or assignment (%s, this is %s); "
+                "kept in %s",
                 assignment.task_id,
                 assignment.attempt,
                 whose.assignment or "it does not say which",
@@ -94,7 +94,7 @@ class Journal(BaseModel):
 def _damaged(path: Path, assignment: Assignment, error: OSError | ValidationError) -> JournalBroken:
     return JournalBroken(
         f"the journal of task {assignment.task_id} attempt {assignment.attempt} is damaged: "
-        f"restore the file; or move the folder {path.parent} away, and the robot begins the attempt again",
+        f"restore the file; or move the folder {path.parent} away, and the robot starts the attempt again",
         path=str(path),
         reason=unreadable(error),
     )
@@ -112,7 +112,7 @@ def recording_of(tasks: Path, sha256: str) -> Path | None:
         try:
             journal = Journal.model_validate_json(path.read_bytes())
         except (OSError, ValidationError) as error:
-            log.debug("passed over the journal %s: %s", path, error)
+            log.debug("ignored the journal %s: %s", path, error)
             continue
         if journal.proof_sha256 == sha256:
             return path.with_name("recording.mcap")

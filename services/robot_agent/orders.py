@@ -127,7 +127,7 @@ class Orders:
             elif order is Order.STOP:
                 self._stop()
             elif self._nonce is None:
-                raise NothingToCancel("the robot has no attempt under way")
+                raise NothingToCancel("the robot has no current attempt")
             else:
                 self._keep(cancel=self._nonce)
         log.info("ordered: %s", order)
@@ -167,8 +167,8 @@ def _load(path: Path) -> Standing:
         return Standing()
     except (OSError, ValidationError) as error:
         raise JournalBroken(
-            "the robot's orders are damaged: restore the file; or move it away, and no order holds: "
-            "the robot works",
+            "the file of the robot's orders is damaged: restore it, or move it away; then no order holds "
+            "and the robot works",
             path=str(path),
             reason=unreadable(error),
         ) from error

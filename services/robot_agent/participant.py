@@ -49,7 +49,7 @@ class RobotParticipant(Participant):
             )
         posted = self.command("register_task", request)
         if posted.task_id is None:
-            raise MalformedAnswer("the answer does not number the new task", tx_hash=posted.tx_hash)
+            raise MalformedAnswer("the answer has no ID of the new task", tx_hash=posted.tx_hash)
         return posted.task_id
 
     def set_service_state(self, service_id: int, state: str) -> None:

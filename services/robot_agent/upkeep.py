@@ -84,7 +84,7 @@ class Upkeep:
                 try:
                     self._consumption.save(self._path)
                 except DiskFull as error:
-                    log.warning("what was learnt is kept later: %s", error)
+                    log.warning("cannot save the learned values yet: %s", error)
 
     def _moved(self, time_s: float, here: Point) -> None:
         if self._last is None:

@@ -12,7 +12,7 @@ parser = argparse.ArgumentParser(
 )
 parser.add_argument("--site", type=Path, required=True, help="site file (TOML)")
 parser.add_argument(
-    "--fresh", action="store_true", help="begin a new world instead of going on with the saved one"
+    "--fresh", action="store_true", help="start a new world instead of continuing the saved one"
 )
 arguments = parser.parse_args()
 

@@ -88,7 +88,7 @@ class Actions:
             if not drive.was_blocked or replans == _REPLANS:
                 break
             replans += 1
-            log.info("%s: the way is blocked; planning another", self._robot.config.name)
+            log.info("%s: the path is blocked; planning another", self._robot.config.name)
         if drive.was_cancelled:
             goal.canceled(types.new(result))
         elif drive.error or drive.was_blocked:
@@ -252,9 +252,9 @@ def _goal_pose(target: Any) -> Pose2:
     """Raises UnknownFrame, GoalOutsideMap."""
     frame, pose = target.header.frame_id, on_plane(target.pose)
     if frame not in ("", "map"):
-        raise UnknownFrame(202, "goals are in the frame map", frame=frame)
+        raise UnknownFrame(202, "the goal must be in the frame map", frame=frame)
     if not all(map(math.isfinite, (pose.x_m, pose.y_m, pose.yaw_rad))):
-        raise GoalOutsideMap(204, "the goal is not a place", x=pose.x_m, y=pose.y_m, yaw=pose.yaw_rad)
+        raise GoalOutsideMap(204, "the goal is not a finite pose", x=pose.x_m, y=pose.y_m, yaw=pose.yaw_rad)
     return pose
 
 
@@ -263,14 +263,18 @@ def _motion(goal: ServerGoal) -> Motion:
     trajectory = goal.request.trajectory
     names = list(trajectory.joint_names)
     if sorted(names) != sorted(ARM_JOINTS):
-        raise BadTrajectory(TrajectoryError.INVALID_JOINTS, "the joints are not the arm's", joints=names)
+        raise BadTrajectory(
+            TrajectoryError.INVALID_JOINTS, "the trajectory names other joints than the arm's", joints=names
+        )
     order = [names.index(name) for name in ARM_JOINTS]
     waypoints = []
     for k, point in enumerate(trajectory.points):
         values = [np.asarray(point.positions), np.asarray(point.velocities), np.asarray(point.accelerations)]
         given = [v for v in values if len(v)]
         if len(values[0]) != 6 or any(len(v) != 6 for v in given) or (len(values[2]) and not len(values[1])):
-            raise BadTrajectory(TrajectoryError.INVALID_GOAL, "a point lacks joints or derivatives", point=k)
+            raise BadTrajectory(
+                TrajectoryError.INVALID_GOAL, "a trajectory point lacks joints or derivatives", point=k
+            )
         time_s = stamp_s(point.time_from_start)
         waypoints.append(Waypoint(time_s, tuple(v[order] for v in given)))
     return Motion(

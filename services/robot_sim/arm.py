@@ -81,7 +81,9 @@ def check(waypoints: Sequence[Waypoint], ranges_rad: np.ndarray, limits: MotionL
     if not (np.isfinite(values).all() and np.isfinite(times).all()):
         raise BadTrajectory(TrajectoryError.INVALID_GOAL, "the trajectory has numbers that are not finite")
     if times[0] < 0 or (np.diff(times) <= 0).any():
-        raise BadTrajectory(TrajectoryError.INVALID_GOAL, "times must rise", times_s=times.tolist()[:8])
+        raise BadTrajectory(
+            TrajectoryError.INVALID_GOAL, "the points' times must increase", times_s=times.tolist()[:8]
+        )
     outside = (values < ranges_rad[:, 0] - 1e-6) | (values > ranges_rad[:, 1] + 1e-6)
     if outside.any():
         point, joint = np.argwhere(outside)[0]
@@ -97,7 +99,7 @@ def check(waypoints: Sequence[Waypoint], ranges_rad: np.ndarray, limits: MotionL
         if speeds.max() > limits.joint_rad_s:
             raise BadTrajectory(
                 TrajectoryError.INVALID_GOAL,
-                "a joint would be too fast",
+                "a joint would exceed its speed limit",
                 joint=ARM_JOINTS[int(speeds.max(axis=0).argmax())],
                 speed_rad_s=float(speeds.max()),
                 limit_rad_s=limits.joint_rad_s,

@@ -79,5 +79,5 @@ class WristCamera:
                 self._camera = Camera(self._model, self._name)
             except RendererUnavailable as error:
                 self._unavailable = True
-                log.warning("NO OPENGL DRIVER: %s shows nothing (%s)", self._name, error)
+                log.warning("NO OPENGL DRIVER: %s publishes no images (%s)", self._name, error)
         return None if self._camera is None else encode(self._camera.image(data))

@@ -69,7 +69,7 @@ class Commander:
             self._refused.add(sender)
         if new:
             who = "a stranger" if sender is None else str(sender)
-            self._warn(f"{self._namespace} is already commanded by {commander}: {who} is refused")
+            self._warn(f"{self._namespace} already takes commands from {commander}; refused {who}")
         return False
 
     def close(self) -> None:

@@ -132,7 +132,7 @@ class Holders:
         try:
             hold = validate(ClockHold, decode_json(sample.payload.to_bytes()))
         except RodeoError as error:
-            log.warning("left out a message on %s: %s", sample.key_expr, error)
+            log.warning("ignored a message on %s: %s", sample.key_expr, error)
             return
         with self._lock:
             if session not in self._there:
@@ -156,7 +156,7 @@ class Holders:
                 return
             self._there.discard(session)
             if self._seen.pop(session, None) is not None:
-                log.info("%s is gone: the clock does not wait for it", session.process)
+                log.info("%s is gone: the clock no longer waits for it", session.process)
             self._awaited.discard(session)
             self._free_until_ns = 0
         self._wake()
@@ -268,7 +268,7 @@ class Holders:
             self.waited_s += now_s - self._held_since_s
             self._held_since_s = None
         if text != self._told:
-            log.warning("%s", text or "the clock goes on")
+            log.warning("%s", text or "the clock runs again")
             self._warn(text)
             self._told = text
 

@@ -300,7 +300,7 @@ class Loop:
     def _skip(self, behind_s: float) -> None:
         """The machine stalled: go on at the wall's time."""
         if behind_s > _TOLD_STALL_S:
-            log.warning("stalled: %.1f s are skipped, so that the clock stays with the wall's", behind_s)
+            log.warning("stalled: skipping %.1f s to stay with wall time", behind_s)
         self.simulation.stall(round(behind_s * 1e9))
 
     def _do(self, function: Callable[[], object], done: Future[object] | None) -> None:

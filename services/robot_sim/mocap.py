@@ -73,7 +73,7 @@ class MotionCapture:
             except DiskFull as error:
                 # The world goes on. What nobody vouches for is seen to be missing.
                 if not self._full:
-                    log.error("motion capture states nothing: %s", error)
+                    log.error("motion capture publishes no statements: %s", error)
                 self._full = True
                 return
             self._full = False
@@ -107,7 +107,7 @@ class MotionCapture:
             account = wallets.load(self._site, f"{NAME}-device")
         except KeystoreMissing as error:
             if not self._said:
-                log.info("poses are not signed: %s", error)
+                log.info("cannot sign poses: %s", error)
                 self._said = True
             return None
         # Its cameras are its own: nothing that it signs came over the bus.

@@ -80,9 +80,9 @@ class PeoplesTime:
     def activity(self, text: str) -> str:
         """`text`, with why the clock is slow where it is."""
         if self.task_id is not None:
-            return f"{text}, slowly: a person has task {self.task_id}"
+            return f"{text}; slowly, because a person has task {self.task_id}"
         if not self._asked and self.limit == 1.0:
-            return f"{text}, slowly: the bridge has not said yet whether a person has a task"
+            return f"{text}; slowly, because the bridge has not yet reported whether a person has a task"
         return text
 
     def _follow(self) -> None:
@@ -91,7 +91,7 @@ class PeoplesTime:
             try:
                 tasks, audited = self._ask()
             except (BusError, RemoteError) as error:
-                log.debug("who has a task is not known: %s", error)
+                log.debug("cannot find out who has a task: %s", error)
             else:
                 self._asked = True
                 self.take(tasks, audited, time.monotonic())

@@ -161,10 +161,10 @@ class LabPlane:
     def _set_entity_state(self, request: Any) -> Any:
         frame = request.state.header.frame_id
         if frame not in ("", "map", "world"):
-            return _entity_result(_OPERATION_FAILED, f"poses are in the frame map, not {frame!r}")
+            return _entity_result(_OPERATION_FAILED, f"the pose must be in the frame map, not {frame!r}")
         state = _entity_state(request.state)
         if state is None:
-            return _entity_result(_OPERATION_FAILED, "not a pose or not a speed")
+            return _entity_result(_OPERATION_FAILED, "the pose or the twist is not finite")
         try:
             self._loop.call(lambda: self._simulation.place(request.entity, state))
         except UnknownEntity as error:

@@ -151,14 +151,14 @@ def plan(lab: Map, start: Pose2, goal: Pose2) -> Route:
         raise GoalOccupied(206, "the robot does not fit at the goal", goal=goal.model_dump())
     approach = _straight(lab, goal, _steps(STRAIGHT_IN_M), sign=-1) or _straight(lab, goal, [0.0], sign=-1)
     if approach is None:
-        raise NoValidPath(208, "there is no room to approach the goal", goal=goal.model_dump())
+        raise NoValidPath(208, "there is no space to approach the goal", goal=goal.model_dump())
     backwards = _straight(lab, start, [0.0, *_steps(CELL_M)], sign=-1)
     depart = backwards or _straight(lab, start, _steps(CELL_M), sign=1)
     if depart is None:
         raise NoValidPath(208, "the robot is boxed in", start=start.model_dump())
     way = _shortest(lab, (depart.x_m, depart.y_m), (approach.x_m, approach.y_m))
     if way is None:
-        raise NoValidPath(208, "the way is blocked", start=start.model_dump(), goal=goal.model_dump())
+        raise NoValidPath(208, "the path is blocked", start=start.model_dump(), goal=goal.model_dump())
     return Route(goal, depart, tuple(way))
 
 

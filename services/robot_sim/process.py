@@ -98,7 +98,7 @@ def _keeps_wall_time(site: Site, simulation: Simulation) -> bool:
     if not site.clock.keeps_wall_time:
         return False
     if site.chain.backend != "external" and ahead_s > _AHEAD_S:
-        log.warning("the clock went faster before: it goes on %.1f s ahead of the wall's", ahead_s)
+        log.warning("the clock ran faster before: it continues %.1f s ahead of wall time", ahead_s)
         return False
     return True
 
@@ -116,7 +116,7 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
         with StateFile(path, simulation.fingerprint, simulation.row_size) as state:
             if (saved := state.load()) is not None:
                 simulation.restore(*saved)
-                log.info("going on from the saved world at %.2f s", simulation.time_s)
+                log.info("continuing the saved world at %.2f s", simulation.time_s)
             people = PeoplesTime(process.bus, site, lambda: simulation.time_s)
             keeps_wall_time = _keeps_wall_time(site, simulation)
             loop = Loop(simulation, state, site.clock, process.stop, people.speed, keeps_wall_time)

@@ -72,7 +72,7 @@ class StateFile:
                 magic, fingerprint, *_ = _HEADER.unpack(head)
                 if magic == _MAGIC and fingerprint != self._fingerprint:
                     return AnotherWorld(
-                        "the saved world is another lab; start with --fresh",
+                        "the saved world belongs to another lab; start with --fresh",
                         path=str(self.path),
                     )
         return WorldLost(
@@ -93,7 +93,9 @@ class StateFile:
             if magic != _MAGIC:
                 continue
             if fingerprint != self._fingerprint:
-                raise AnotherWorld("the saved world is another lab; start with --fresh", path=str(self.path))
+                raise AnotherWorld(
+                    "the saved world belongs to another lab; start with --fresh", path=str(self.path)
+                )
             start = offset + _HEADER.size
             numbers = self._map[start : start + self._row_bytes]
             if _checksum(sequence, time_ns, numbers) == crc and (best is None or sequence > best[0]):

@@ -693,7 +693,7 @@ def test_participants_and_wallets_are_known_by_name(dao: Dao) -> None:
         ("carla", CLEANING, "carla cannot do waste_disposal: people do the kinds that"),
         ("carla", "battery_charging", "people do the kinds that auditors judge"),
         ("organization", CLEANING, "sells battery_charging at its dock"),
-        ("oracle", "dusting", "the oracle judges work and does none"),
+        ("oracle", "dusting", "the oracle only judges work"),
     ],
 )
 def test_nobody_offers_what_they_cannot_do(dao: Dao, who: str, kind: str, why: str) -> None:
@@ -930,7 +930,7 @@ def test_a_value_that_was_changed_in_the_index_is_not_told_for_truth(own_dao: Da
         connection.close()
 
     change_balance()  # while the bridge runs
-    told = "the index is made anew from the chain"
+    told = "rebuilding the index from the chain"
     deadline_s = time.monotonic() + WAIT_S
     while told not in dao.running.log("bridge"):
         assert time.monotonic() < deadline_s

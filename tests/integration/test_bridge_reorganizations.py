@@ -60,7 +60,7 @@ def assert_every_event_once(dao: Dao) -> None:
 
 
 def test_the_node_tells_of_its_blocks(dao: Dao) -> None:
-    assert "the node is asked for new blocks" not in dao.running.log("bridge")
+    assert "polling the node for new blocks" not in dao.running.log("bridge")
 
 
 def test_what_a_shorter_chain_lacks_is_undone_and_said(dao: Dao) -> None:

@@ -168,13 +168,13 @@ def test_nobody_else_moves_the_sites_clock_and_whoever_tries_is_told_of(running:
 
     def told(status: Status) -> bool:
         session.put(key, far_future)
-        return any("second speaker on /clock" in warning for warning in status.warnings)
+        return any("second publisher on /clock" in warning for warning in status.warnings)
 
     clock = SimClock(session, domain)
     running.wait_for_status("itrash", told)
     assert clock.wait_ready(threading.Event(), WAIT_S) and clock.now_s() < 2**31 - 1
-    assert "second speaker on /clock" in status(running.path).stdout
-    assert "second speaker on /clock" in running.log("itrash")
+    assert "second publisher on /clock" in status(running.path).stdout
+    assert "second publisher on /clock" in running.log("itrash")
 
 
 @pytest.mark.long

@@ -117,7 +117,7 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     person.get_by_role("button", name=f"Accept task {task_id}").click()
     expect(person.get_by_text(f"Task {task_id} is yours to do")).to_be_visible()
     code = photo_code(Dao(desk.running).task(task_id)["nonce"])
-    expect(person.get_by_text(f"Let a photo show the code {code}")).to_be_visible()
+    expect(person.get_by_text(f"Show the code {code} in a photo")).to_be_visible()
     person.get_by_role("button", name=f"Hand in task {task_id}").click()
     person.get_by_label("What did you do?").fill("Washed all four wheels")
     person.locator("input[type=file]").set_input_files(PHOTO)
@@ -133,7 +133,7 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     auditor.get_by_role("button", name=f"Judge task {task_id}").click()
     expect(auditor.get_by_text("“Washed all four wheels”")).to_be_visible()
     expect(auditor.get_by_role("img", name="Photo 1 of the work")).to_be_visible()
-    known = auditor.get_by_role("list", name="What is known of it")
+    known = auditor.get_by_role("list", name="Known facts about the proof")
     expect(known.get_by_text(f"One photo should show the code {code}.")).to_be_visible()
     expect(known.get_by_text("Photo 1 has 320 x 240 pixels; it has no metadata.")).to_be_visible()
     auditor.get_by_label("Why?").fill("They shine")
@@ -141,9 +141,9 @@ def test_a_person_does_a_task_hands_in_a_photo_and_is_paid_when_an_auditor_appro
     auditor.get_by_role("dialog", name="Approve this work?").get_by_role("button", name="Approve").click()
 
     expect(handed_in.get_by_text("paid 5 IEC")).to_be_visible()
-    expect(handed_in.get_by_text("accepted by an auditor, a person, who says: “They shine”")).to_be_visible()
+    expect(handed_in.get_by_text("accepted by an auditor (a person): “They shine”")).to_be_visible()
     open_page(auditor, f"/tasks/{task_id}")
-    word = "Accepted by the auditor organization, a person, who says: “They shine”"
+    word = "Accepted by the auditor organization (a person): “They shine”"
     attempts = auditor.get_by_role("table", name="Attempts at this task")
     expect(attempts.get_by_text(word)).to_be_visible()
     report = auditor.get_by_role("region", name="Auditor's verdict")

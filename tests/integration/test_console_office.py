@@ -122,7 +122,7 @@ def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(des
         tab_to(page, page.get_by_label(field))
         press("Control+A")
         page.keyboard.type(text)
-    tab_to(page, page.get_by_role("checkbox", name="Let it wait if every service costs more"))
+    tab_to(page, page.get_by_role("checkbox", name="Queue it if every service costs more"))
     press("Space")
     for hint in ("The cheapest service", "stands there"):
         expect(page.get_by_text(hint)).to_have_count(0)
@@ -195,7 +195,7 @@ def test_who_has_no_role_may_look_and_is_refused_whatever_they_try(desk: Office)
     page = desk.page("reader")
     expect(page.get_by_role("link", name="Post a task")).to_have_count(0)
     page.goto("/tasks/new")
-    expect(page.get_by_text("needs the role operator")).to_be_visible()
+    expect(page.get_by_text("You need the role operator")).to_be_visible()
     expect(page.get_by_role("button", name="Review and post")).to_have_count(0)
     page.close()
     task: dict[str, Any] = {"kind": "waste_disposal", "reward_iec": "1", "params": {}}
@@ -216,7 +216,7 @@ def test_taking_a_role_takes_it_from_a_page_that_is_open_too(desk: Office) -> No
     desk.accounts.change_user(operator, [], None)
     page.get_by_role("button", name="Review and post").click()
     page.get_by_role("button", name="Pay 100 IEC into escrow").click()
-    expect(page.get_by_text("This needs the role operator")).to_be_visible()
+    expect(page.get_by_text("This You need the role operator")).to_be_visible()
     page.close()
 
 
@@ -471,7 +471,7 @@ def test_no_page_holds_a_secret_and_an_address_without_a_page_says_so(desk: Offi
         assert found == [], path
     for path in ("/nothing", "/tasks/nothing"):
         page.goto(path)
-        expect(page.get_by_text("There is nothing at this address")).to_be_visible()
+        expect(page.get_by_text("This address has no page")).to_be_visible()
     page.goto("/tasks/999999")
     expect(page.get_by_text("There is no task 999999")).to_be_visible()
     expect(page.get_by_role("heading", level=1, name="Task 999999")).to_be_visible()

@@ -39,7 +39,7 @@ def test_task_1_of_a_new_chain_is_done_and_paid_and_the_charger_offers_again(tmp
             Participant(running.bus, running.site.org, ORGANIZATION).own_service("battery_charging")
             is not None
         )
-        assert "of another chain" in running.log("robot_agent")
+        assert "belongs to another chain" in running.log("robot_agent")
         attempts = {path.name for path in (running.site.data_dir / "robot_agent" / "tasks").iterdir()}
         assert attempts == {"1-1", "1-1.of-another-assignment-1"}
     finally:

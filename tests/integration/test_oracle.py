@@ -173,7 +173,7 @@ def test_bad_proofs_get_their_own_reasons_and_the_next_is_served(dao: Dao, execu
     missing = f"{dao.site.store_url}/{'cd' * 32}.mcap"
     attempt = executor.submit(task_id, "0x" + "cd" * 32, missing)
     reason = executor.verdict(task_id, attempt)["reason"]
-    assert reason.startswith("fetched: ") and "its executor did not hand it over" in reason
+    assert reason.startswith("fetched: ") and "the executor did not send it" in reason
 
     path = executor.record(task_id)
     path.write_bytes(path.read_bytes()[:200_000])
@@ -310,7 +310,7 @@ def test_a_proof_that_the_store_damaged_is_put_there_again_and_paid(
     in_store(uri).write_bytes(path.read_bytes()[:-100])
     executor.submit(task_id, sha256, uri)
     waiting = dao.running.wait_for_status("oracle", lambda status: "waits for its proof" in status.activity)
-    assert waiting.ready and "the bytes are not those that were submitted" in waiting.activity
+    assert waiting.ready and "the bytes do not match the submitted hash" in waiting.activity
     assert "VerdictPosted" not in dao.names_of(task_id)
     kept[sha256] = path  # the executor's process is there again
     assert executor.verdict(task_id, 1)["verdict"] == "accepted"
@@ -355,7 +355,7 @@ def test_the_hash_of_nothing_earns_nothing_and_holds_up_nobody_else(
     assert executor.verdict(own, 1)["verdict"] == "accepted"
     verdict = executor.verdict(theirs, 1)
     assert verdict["verdict"] == "rejected"
-    assert "its executor did not hand it over" in verdict["reason"]
+    assert "the executor did not send it" in verdict["reason"]
     executor.submit(other, "0x" + "ee" * 32, f"{dao.site.store_url}/{'ee' * 32}.mcap")
     assert executor.verdict(other, 1)["verdict"] == "rejected"
     dao.command("thief", "update_service", service_id=int(service), state="retired")
@@ -477,7 +477,7 @@ def test_what_comes_after_a_verdict_is_a_warning_and_before_one_a_doubt(
     organization.command("post_root", day)
     after = verified(dao, path)
     assert after["outcome"] == "accepted"
-    assert ["are not in the log of its day" in warning for warning in after["warnings"]] == [True]
+    assert ["are missing from the day's log" in warning for warning in after["warnings"]] == [True]
 
     doubted = honest(executor, executor.assigned())
     assert doubted["verdict"] == "undecided"

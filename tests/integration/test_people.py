@@ -102,7 +102,7 @@ def test_a_copied_photo_and_note_are_shown_with_what_they_copy_and_the_auditor_d
     )
     rodeo(dao, "task", "judge", str(second), "--reject", "--reason", "Alice's photo")
     told = rodeo(dao, "task", "judge", str(first), "--accept", "--reason", "One can see it")
-    word = "accepted by the auditor organization, a person, who says: “One can see it”"
+    word = "accepted by the auditor organization (a person): “One can see it”"
     assert word in told
     shown = rodeo(dao, "task", "show", str(first))
     assert word in shown and "oracle" not in shown
@@ -136,5 +136,5 @@ def test_the_oracle_posts_nothing_on_a_kind_that_it_has_no_checks_for(dao: Dao, 
     task_id = handed_in(dao, "polishing", "alice", "It shines.", photo)
     status = dao.running.wait_for_status("oracle", lambda one: one.details.get("for_auditors", 0) > before)
     assert status.details["decided"] == 0
-    assert f"task {task_id} attempt 1 of polishing is for an auditor to judge" in dao.running.log("oracle")
+    assert f"task {task_id} attempt 1 of polishing waits for an auditor" in dao.running.log("oracle")
     assert dao.task(task_id)["state"] == "submitted"

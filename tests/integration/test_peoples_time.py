@@ -46,7 +46,7 @@ def test_a_person_has_the_named_time_on_the_wall_clock_and_is_told_both(
         task_id = dao.post("30", kind="window_cleaning", params={}, execution_window_s=60, max_attempts=1)
         posted_s = time.monotonic()
         status = running.wait_for_status("robot_sim", lambda one: f"has task {task_id}" in one.activity)
-        assert status.activity == f"simulating, slowly: a person has task {task_id}"
+        assert status.activity == f"simulating; slowly, because a person has task {task_id}"
         told = rodeo(dao, "task", "show", str(task_id))
         assert "of site time left" in told and "on the wall clock at the present speed" in told
         assert "on the wall clock at the present speed" in rodeo(

@@ -93,4 +93,4 @@ def test_a_second_copy_refuses_to_serve_and_each_task_is_posted_once(
     assert "already served by process" in rows["bridge"].reason
     (bridge,) = [row for row in read_rows(dao.running.site) if row.name == "bridge"]
     assert bridge.here and bridge.state == "ready" and bridge.status is not None
-    assert any("wants to serve" in text and "wallet organization" in text for text in bridge.status.warnings)
+    assert any("tries to serve" in text and "wallet organization" in text for text in bridge.status.warnings)

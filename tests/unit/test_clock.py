@@ -71,8 +71,8 @@ def test_a_second_publisher_does_not_move_the_time_and_is_told_of(
     assert follower.warning() == ""
     refuses(follower, lambda: second.publish(clock_at(FUTURE_S)))
     assert follower.now_ns() == 1000 * SECOND_NS
-    assert "second speaker on /clock" in follower.warning()
-    assert "second speaker on /clock" in caplog.text
+    assert "second publisher on /clock" in follower.warning()
+    assert "second publisher on /clock" in caplog.text
     reaches(follower, 1001, lambda: first.publish(clock_at(1001)))
 
 

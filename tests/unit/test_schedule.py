@@ -40,13 +40,13 @@ def test_hours_are_read_as_people_write_them(text: str, hours: tuple[int, int]) 
 @pytest.mark.parametrize(
     ("text", "why"),
     [
-        ("8-18", 'are written like "08:00-18:00"'),
-        ("from 8 to 18", 'are written like "08:00-18:00"'),
-        ("08:00-18:00 UTC", 'are written like "08:00-18:00"'),
-        ("", 'are written like "08:00-18:00"'),
-        ("08:60-18:00", "no times of a day"),
-        ("08:00-24:01", "no times of a day"),
-        ("24:00-08:00", "no times of a day"),
+        ("8-18", 'write hours like "08:00-18:00"'),
+        ("from 8 to 18", 'write hours like "08:00-18:00"'),
+        ("08:00-18:00 UTC", 'write hours like "08:00-18:00"'),
+        ("", 'write hours like "08:00-18:00"'),
+        ("08:60-18:00", "is not a range of times"),
+        ("08:00-24:01", "is not a range of times"),
+        ("24:00-08:00", "is not a range of times"),
         ("08:00-08:00", "ends when it begins"),
     ],
 )

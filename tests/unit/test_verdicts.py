@@ -14,7 +14,7 @@ from tests.support.site import LAB
 
 def test_a_persons_verdict_is_told_as_a_persons_word() -> None:
     said = verdict_words("accepted", "accepted", "organization", by_people=True)
-    assert said == "accepted by the auditor organization, a person, who says: “accepted”"
+    assert said == "accepted by the auditor organization (a person): “accepted”"
     assert verdict_words("accepted", "accepted", "oracle", by_people=False) == (
         "accepted by the oracle: all its checks passed"
     )

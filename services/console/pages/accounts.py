@@ -51,10 +51,10 @@ class AccountsPage:
             with ui.element("div").classes("stack span-7"), card("Your tokens") as head:
                 with head:
                     ui.button("New token", icon="add", on_click=self._issue).props("flat dense")
-                Text("p", "A token lets a program do under /api what you may do here.", "soft")
+                Text("p", "With a token a program may do under /api whatever you may do here.", "soft")
                 self._tokens = Section(self._draw_tokens).waiting()
             with ui.element("div").classes("stack span-5"), card("Your passphrase"):
-                Text("p", "A new passphrase ends all your sessions, this one too.", "soft")
+                Text("p", "A new passphrase ends all your sessions, including this one.", "soft")
                 self._current = ui.input("Current passphrase", password=True).props(
                     "outlined dense autocomplete=current-password"
                 )
@@ -116,7 +116,7 @@ class AccountsPage:
             {
                 "name": Field("Name"),
                 "passphrase": Field("First passphrase, 12 characters or more", secret=True),
-                "roles": Field("Roles; none may look", choices=_ROLES, several=True),
+                "roles": Field("Roles; none: read-only", choices=_ROLES, several=True),
                 "participant": Field("Participant, for an executor", choices=self._workers()),
             },
             "Make it",
@@ -129,7 +129,7 @@ class AccountsPage:
         await ask_form(
             f"Roles of {person.name}",
             {
-                "roles": Field("Roles; none may look", ",".join(person.roles), _ROLES, several=True),
+                "roles": Field("Roles; none: read-only", ",".join(person.roles), _ROLES, several=True),
                 "participant": Field(
                     "Participant, for an executor", person.participant or "", self._workers()
                 ),
@@ -171,7 +171,7 @@ class AccountsPage:
 
     def _token_end(self, token: Json) -> None:
         request = {"token_id": token["id"]}
-        revoke = partial(self._act, "revoke_token", request, "The token is worthless now")
+        revoke = partial(self._act, "revoke_token", request, "The token is revoked")
         button = ui.button("Revoke", on_click=revoke).props("flat dense color=negative")
         button.props["aria-label"] = f"Revoke {token['label']}"
 
@@ -182,7 +182,7 @@ class AccountsPage:
                 return False
             lines = [
                 ("Token", reply["token"]),
-                ("Shown", "this once; keep it where programs keep secrets"),
+                ("Shown", "It is shown only once. Keep it with your other secrets."),
             ]
             await confirm("Your new token", lines, "I have it")
             return True

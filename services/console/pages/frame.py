@@ -113,7 +113,7 @@ def frame(console: Console, title: str, path: str, *, heading: bool = True) -> I
             ui.element("div").style("padding: 12px 16px; min-width: 200px"),
         ):
             Text("p", person.name, "title")
-            Text("p", ", ".join(sorted(person.roles)) or "may look, not change", "soft")
+            Text("p", ", ".join(sorted(person.roles)) or "read-only", "soft")
             # A plain form: it works when nothing else does.
             with ui.element("form").props('method="post" action="/logout"').style("margin-top: 12px"):
                 ui.button("Log out").props("outline dense type=submit")

@@ -24,16 +24,14 @@ def register(console: Console) -> None:
     @nicegui_app.exception_handler(404)
     @nicegui_app.exception_handler(RequestValidationError)
     async def no_page(request: Request, _error: Exception) -> Response:
-        return explain(
-            request, "No such page", "There is nothing at this address. Choose a page from the menu.", 404
-        )
+        return explain(request, "No such page", "This address has no page. Choose one from the menu.", 404)
 
     @nicegui_app.exception_handler(Exception)
     async def no_answer(request: Request, _error: Exception) -> Response:
         # The framework's own page would show the error's text, whatever that holds. It is in the log.
         return explain(
             request,
-            "This page could not be made",
-            "Load it again; if that does not help, the log of the process console says why.",
+            "This page failed to load",
+            "Reload it. If that does not help, see the log of the process console.",
             500,
         )

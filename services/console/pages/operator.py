@@ -60,7 +60,10 @@ def register(console: Console) -> None:
                     stop = ui.button("Stop everything", icon="front_hand", color="negative")
                     stop.props("unelevated").on_click(partial(_stop_all, console))
             if not user().has(Role.OPERATOR):
-                notice("Ordering robots needs the role operator. Ask an administrator for it.", bad=True)
+                notice(
+                    "You need the role operator to give orders to robots. Ask an administrator for it.",
+                    bad=True,
+                )
                 return
             with ui.element("div").classes("grid"):
                 with ui.element("div").classes("stack span-7"), card("Lab"):
@@ -150,7 +153,7 @@ async def _stop_all(console: Console) -> None:
         return
     if reply["silent"]:
         names = ", ".join(reply["silent"])
-        ui.notify(f"Did not hear: {names}. Use the emergency stop on the robot.", type="negative", timeout=0,
+        ui.notify(f"No answer from {names}. Use the emergency stop on the robot.", type="negative", timeout=0,
                   close_button="Close")  # fmt: skip
     if reply["stopped"]:
         ui.notify(f"Stopped: {', '.join(reply['stopped'])}", type="positive")

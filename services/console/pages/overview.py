@@ -102,9 +102,9 @@ def _seen(state: Json) -> dict[str, str]:
     words = {}
     for name, one in state["robots"].items():
         if "x" not in one:
-            words[name] = f"{name} has not been heard yet."
+            words[name] = f"{name} has not reported its position yet."
         elif not one["fresh"]:
-            words[name] = f"{name} is silent; it is drawn where it was last seen."
+            words[name] = f"{name} is silent. The map shows its last known position."
         elif one["source"] != "motion capture":
             words[name] = f"The position of {name} comes from its {one['source']}, which drifts."
     return words
@@ -117,7 +117,7 @@ def _draw_seen(words: list[tuple[str, str]]) -> None:
 
 def _draw_now(processes: list[ProcessState]) -> None:
     if not processes:
-        empty("Nobody is at work.")
+        empty("No robot is working.")
         return
     with ui.element("ul").classes("list"):
         for one in processes:
@@ -137,7 +137,7 @@ def _draw_now(processes: list[ProcessState]) -> None:
 def _draw_processes(processes: list[ProcessState]) -> None:
     table(
         "Processes of this site",
-        [("Process", ""), ("State", ""), ("What it says", "wrap")],
+        [("Process", ""), ("State", ""), ("Status", "wrap")],
         [
             (
                 one.name,

@@ -229,7 +229,7 @@ class ServicesPage:
 
     def _draw_devices(self, devices: list[Json]) -> None:
         if not devices:
-            empty("No key may sign evidence yet.")
+            empty("No key is registered to sign evidence yet.")
             return
         table(
             "Device keys",
@@ -273,7 +273,7 @@ class ServicesPage:
                 "reason": Field(
                     "Why",
                     choices={
-                        "superseded": "Another key takes over: what it signed before stays good",
+                        "superseded": "Another key takes over. Its earlier signatures stay valid",
                         "compromised": "Somebody else may have signed with it",
                     },
                 )
@@ -393,7 +393,7 @@ class ServicesPage:
 
         async def allow(answer: dict[str, str]) -> bool:
             if answer["review"] == _UNSAID:
-                ui.notify("Say who judges this kind of work", type="warning")
+                ui.notify("Choose who judges this kind of work", type="warning")
                 return False
             if not answer["rules_sha256"]:
                 del answer["rules_sha256"]
@@ -425,7 +425,7 @@ class ServicesPage:
                 "audit_window_s": Field("Auditors may look at it for (s)", str(7 * 24 * 3600)),
                 "at_silence": Field(
                     "If they do not answer",
-                    choices={"executor": "the executor is paid", "creator": "the creator has it back"},
+                    choices={"executor": "the executor is paid", "creator": "the creator is refunded"},
                 ),
             },
             "Set the rule",
@@ -447,9 +447,7 @@ class ServicesPage:
                 "set_policy", {"policy": wanted}, "Services are chosen differently now"
             ):
                 return False
-            return answer == before or await self._act(
-                "set_terms", answer, "New services agree to the new terms"
-            )
+            return answer == before or await self._act("set_terms", answer, "New services get the new terms")
 
         await ask_form(
             "Rules of the organization",
@@ -470,7 +468,7 @@ class ServicesPage:
             if what in _MEMBERSHIP:
                 return await self._act(what, {"account": account}, f"{account} {_MEMBERSHIP[what]}")
             closed = what == "close"
-            done = "Only members may take part now" if closed else "Everybody may take part now"
+            done = "Only members may now take part" if closed else "Everybody may now take part"
             return await self._act("set_members_only", {"enabled": closed}, done)
 
         choices = {

@@ -186,7 +186,7 @@ class TaskPage:
         self, made: list[Attempt], names: dict[str, str], shown: int | None, verdicts: dict[int, str]
     ) -> None:
         if not made:
-            empty("Nobody has taken it on yet.")
+            empty("Nobody has accepted it yet.")
             return
         table(
             "Attempts at this task",
@@ -402,7 +402,7 @@ def _audit_step(task: Task) -> list[tuple[str, float | None, str]]:
     if task.state == "undecided":
         return [("An auditor decides", None, "now")]
     silent = task.verdict == "undecided"
-    return [("Auditors were silent" if silent else "An auditor decided", None, "bad" if silent else "done")]
+    return [("No auditor answered" if silent else "An auditor decided", None, "bad" if silent else "done")]
 
 
 def _deadline(task: Task) -> str:
@@ -422,7 +422,7 @@ def _draw_agreement(kinds: Kinds, task: Task) -> None:
         fact("Creator", party(task.creator_name, task.creator))
         fact("Executor", party(task.executor_name, task.executor) if task.executor else "nobody yet")
         if task.nonce and kinds.by_people(task.kind):
-            fact("Code that a photo should show", photo_code(task.nonce))
+            fact("Code to show in a photo", photo_code(task.nonce))
         fact("Reward", iec(task.reward_iec))
         fact("Agreed price", iec(task.price_iec))
         fact("In escrow", iec(task.reward_iec if live else 0))

@@ -58,7 +58,7 @@ def register(console: Console) -> None:
         with frame(console, "Post a task", "/tasks", heading=False):
             page_head("Post a task", "Its reward goes into escrow until the work is proven.")
             if not user().has(Role.OPERATOR):
-                notice("Posting tasks needs the role operator. Ask an administrator for it.", bad=True)
+                notice("You need the role operator to post tasks. Ask an administrator for it.", bad=True)
                 return
             PostForm(console, like)
 
@@ -216,7 +216,7 @@ class PostForm:
                         self.window.props('hint="of site time, which runs faster than the wall clock"')
                     self.description = ui.input("Note for people")
                     self.wait = ui.checkbox(
-                        "Let it wait if every service costs more", on_change=self._changed
+                        "Queue it if every service costs more", on_change=self._changed
                     ).classes("whole")
                 for field in (self.kind, self.reward, self.window, self.attempts, self.description):
                     field.props("outlined dense")
@@ -370,7 +370,7 @@ class PostForm:
     async def _review(self) -> None:
         if self._problems():
             self._changed()
-            ui.notify("Mend what the form says first", type="warning")
+            ui.notify("Correct the marked fields first", type="warning")
             return
         request = self._request()
         reward = exact(request.reward_iec)

@@ -59,12 +59,13 @@ def register(console: Console) -> None:
                 notice(warning)
             if not person.has(Role.EXECUTOR, Role.AUDITOR):
                 notice(
-                    "This page is for executors and auditors. Ask an administrator for the role.", bad=True
+                    "This page is for executors and auditors. Ask an administrator for one of these roles.",
+                    bad=True,
                 )
                 return
             if person.has(Role.EXECUTOR):
                 if person.participant is None:
-                    notice("Your account works as no participant; an administrator can say which.", bad=True)
+                    notice("Your account has no participant. An administrator can set one.", bad=True)
                 else:
                     ExecutorDesk(console, person.participant)
             if person.has(Role.AUDITOR):
@@ -132,7 +133,7 @@ class ExecutorDesk:
                     if task.execution_deadline:
                         time_left(self._console, task.execution_deadline)
                     if task.nonce:
-                        Text("span", f"Let a photo show the code {photo_code(task.nonce)}", "soft")
+                        Text("span", f"Show the code {photo_code(task.nonce)} in a photo", "soft")
 
     @on_page
     async def _accept(self, task: Task) -> None:
@@ -194,7 +195,7 @@ class ExecutorDesk:
 
 def _draw_ended(kinds: Kinds, tasks: list[Task]) -> None:
     if not tasks:
-        empty("You have handed in nothing yet.")
+        empty("You have submitted nothing yet.")
         return
     with ui.element("ul").classes("list"):
         for task in tasks:
@@ -282,7 +283,7 @@ class AuditorDesk:
             try:
                 known = (await ask(self._console.queries.review, task)).lines()
             except RodeoError as error:
-                known = [f"What is known of it could not be found out: {explain(error)}"]
+                known = [f"Cannot load the proof's details: {explain(error)}"]
 
         async def answer(accepted: bool) -> None:
             text, paid = (reason.value or "").strip(), (amount.value or "").strip()
@@ -310,7 +311,7 @@ class AuditorDesk:
             if task.state == "undecided":
                 notice(f"The oracle could not decide: {task.reason}. {_at_silence(task)}")
             if statement is None:
-                notice("The proof holds no statement that could be shown; the task's page has the recording.")
+                notice("The proof holds no statement to show. The task's page has the recording.")
             else:
                 Text("p", f"“{statement.note}”", "wrap")
                 for number, photo in enumerate(statement.photos, start=1):
@@ -318,7 +319,7 @@ class AuditorDesk:
                     image = ui.element("img").props(f'alt="Photo {number} of the work"')
                     image.props["src"] = source
                     image.style("max-width: 100%; max-height: 320px; border-radius: 8px")
-            with ui.element("ul").classes("list").props('aria-label="What is known of it"'):
+            with ui.element("ul").classes("list").props('aria-label="Known facts about the proof"'):
                 for line in known:
                     Text("li", line, "soft wrap")
             reason = ui.input("Why?").props("outlined dense maxlength=500").style("width: 100%")

@@ -94,4 +94,4 @@ def test_more_replayed_seconds_than_a_proof_may_need_are_refused(
     monkeypatch.setattr(replay, "COUNTS", replace(COUNTS, replayed_s=3.0))
     report = judge(cleaning, cleaning_chain_record(cleaning))
     assert report.outcome == "rejected"
-    assert "more replayed seconds than a proof may need (limit_s=3.0)" in report.reason
+    assert "the replay needs more seconds than a proof may take (limit_s=3.0)" in report.reason

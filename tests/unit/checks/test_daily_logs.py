@@ -103,7 +103,7 @@ def test_a_log_that_its_device_did_not_sign_says_nothing(
     chain = with_roots(cleaning_chain_record(cleaning), root(stored, said, BIN, signer=STRANGER, without=1))
     report = judge(cleaning, chain, at=stored)
     assert report.accepted, report.reason
-    assert "the log is not the device's" in finding(report, "in_daily_log").detail
+    assert "the log belongs to another device" in finding(report, "in_daily_log").detail
 
 
 def test_a_log_that_is_gone_says_nothing(

@@ -121,7 +121,7 @@ def test_a_recording_that_nobody_listed_before_its_key_was_taken_is_left_to_peop
     deaf_s = cleaning.end_s - 6
     report = judge(cleaning, chain, witnesses=Witnesses(hears=lambda time_s: time_s < deaf_s))
     assert report.outcome == "undecided"
-    assert "no witness lists the recording's last seals" in report.reason
+    assert "no witness listed the recording's last seals" in report.reason
 
 
 # -- witnesses -----------------------------------------------------------------------------------------
@@ -144,7 +144,7 @@ def test_what_was_taken_before_motion_capture_listed_it_is_left_to_people(
     report = judge(cleaning, revoked(cleaning_chain_record(cleaning), "bin", fell_s + 0.01, "compromised"))
     assert report.outcome == "undecided"
     assert report.fault == "the bin itrash"
-    assert "no other witness lists its statement 2" in report.reason
+    assert "no other witness listed its statement 2" in report.reason
 
 
 @pytest.mark.parametrize("because", ["superseded", "compromised"])

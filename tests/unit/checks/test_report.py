@@ -31,9 +31,7 @@ def test_the_first_check_that_fails_names_the_rejection() -> None:
 def test_what_neither_party_owns_is_undecided_and_names_who_failed() -> None:
     report = Report.of([PASSED, UNDECIDED])
     assert (report.outcome, report.fault) == ("undecided", "the site's motion capture")
-    assert report.reason == (
-        "unseen: nobody saw it; not the executor's failure but that of the site's motion capture"
-    )
+    assert report.reason == ("unseen: nobody saw it; the site's motion capture is at fault, not the executor")
 
 
 @pytest.mark.parametrize("checks", [(UNDECIDED, REJECTED), (REJECTED, UNDECIDED)])
@@ -66,4 +64,4 @@ def test_a_reason_fits_the_chain_and_keeps_whose_failure_it_is() -> None:
     long = Check(name="unseen", **undecided("x" * 1000, "the oracle").model_dump())
     reason = Report.of([long]).reason
     assert len(reason) == 500
-    assert reason.endswith("that of the oracle")
+    assert reason.endswith("the oracle is at fault, not the executor")

@@ -75,7 +75,7 @@ WRONG = [
     (
         robot('working_hours = ["08:00-12:00", "8-18"]'),
         5,
-        "robots.0.working_hours.1: hours are written like \"08:00-18:00\", not '8-18'",
+        "robots.0.working_hours.1: write hours like \"08:00-18:00\", not '8-18'",
     ),
     (
         robot('working_hours = ["08:00-12:00", "11:00-18:00"]'),
@@ -108,9 +108,9 @@ WRONG = [
     (
         "[economy]\nelectricity = [\n { from_hour = 6, eur_kwh = 1 },\n { from_hour = 6, eur_kwh = 2 },\n]\n",
         6,
-        "economy.electricity.1.from_hour: two prices of electricity begin at hour 6",
+        "economy.electricity.1.from_hour: two electricity tariffs begin at hour 6",
     ),
-    ("console.port = 8090\n", 3, "console.port: port 8090 of 127.0.0.1 is that of itrash.http_port already"),
+    ("console.port = 8090\n", 3, "console.port: port 8090 of 127.0.0.1 is already used by itrash.http_port"),
     (
         "[bridge.limits.pantehr1]\ndaily_iec = 1\n",
         3,

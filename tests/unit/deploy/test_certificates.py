@@ -13,4 +13,4 @@ def test_a_second_run_says_that_nothing_had_to_be_made() -> None:
 
 
 def test_what_was_made_is_listed_with_its_folder() -> None:
-    assert report(Path("/site/tls"), ["bridge", "oracle"]) == "Made in /site/tls: bridge, oracle."
+    assert report(Path("/site/tls"), ["bridge", "oracle"]) == "Generated in /site/tls: bridge, oracle."

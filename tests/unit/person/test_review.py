@@ -183,7 +183,7 @@ def test_what_is_no_picture_is_shown_as_such_and_its_exact_copy_found(site: Site
     chain.submit(1, "wheels", fake)
     chain.submit(2, "other words", fake, WHEELS)
     first, second = reviewed(site, chain, 2).photos
-    assert "no picture" in first.problem
+    assert "not an image" in first.problem
     assert [use.task_id for use in first.exact_copies] == [1]
     assert second.problem == ""
 

@@ -290,7 +290,7 @@ class Notes:
         self.awaited.append(item)
         if self.deaf:
             self.deaf -= 1
-            raise NoAnswer("motion capture does not vouch for this recording", item=item)
+            raise NoAnswer("motion capture does not list this recording", item=item)
 
 
 class AnsweringBin:
@@ -391,12 +391,12 @@ class BinBus:
     ) -> dict[str, Any]:
         if key.endswith("/devices"):
             if not self.bridge:
-                raise NoResponder("nobody serves this key", key=key)
+                raise NoResponder("no process serves this key", key=key)
             return {"devices": self.devices}
         self.on_ask()
         if self.away:
             self.away -= 1
-            raise NoResponder("nobody serves this key", key=key)
+            raise NoResponder("no process serves this key", key=key)
         if self.answers:
             answer = self.answers.pop(0)
             if isinstance(answer, RodeoError):

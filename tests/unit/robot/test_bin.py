@@ -82,7 +82,7 @@ def test_what_was_said_about_something_else_before_is_no_answer(listener: Listen
     "answer",
     [
         RemoteError("internal", "it broke"),
-        MalformedAnswer("the answer is no JSON object", key="k"),
+        MalformedAnswer("the answer is not a JSON object", key="k"),
         {"disposal": 7},
         {"disposal": {"payload": {}}},
     ],

@@ -59,20 +59,20 @@ class Bridge:
 
     def ask(self, query: Query[A], **_parameters: Any) -> A:
         if self.away:
-            raise NoResponder("nobody serves this key", key=query.what)
+            raise NoResponder("no process serves this key", key=query.what)
         roots = answers.roots([one.model_dump() for one in self.roots])
         return answers.answered(query, {"chain": answers.chain(time_s=self.time_s), "roots": roots})
 
     def command(self, name: str, request: PostRoot) -> None:
         assert name == "post_root"
         if self.away:
-            raise NoResponder("nobody serves this key", key=name)
+            raise NoResponder("no process serves this key", key=name)
         if any((one.device, one.day) == (request.device, request.day) for one in self.roots):
             raise RemoteError("root_already_posted", "the root of that day is on chain")
         self.roots.append(request)
         if self.dies_after:
             self.dies_after = False
-            raise NoResponder("nobody serves this key", key=name)
+            raise NoResponder("no process serves this key", key=name)
 
 
 @pytest.fixture
@@ -165,7 +165,7 @@ def test_a_store_that_is_away_delays_it_and_loses_nothing(
     roots = poster(bin, bridge)
 
     def away(*_arguments: Any) -> None:
-        raise StoreUnavailable("the store did not answer as it should")
+        raise StoreUnavailable("the store's answer is not valid")
 
     with monkeypatch.context() as patch, pytest.raises(StoreUnavailable):
         patch.setattr(Store, "put_bytes", away)

@@ -58,7 +58,7 @@ class Bus:
     def query(self, key: str, parameters: dict[str, Any], timeout_s: float) -> dict[str, Any]:
         if self.slow.is_set():
             Event().wait(timeout_s)
-            raise NoResponder("nobody serves this key", key=key)
+            raise NoResponder("no process serves this key", key=key)
         if key.endswith("/chain"):
             return answers.chain(contracts=answers.CONTRACTS | self.contracts)
         owner = "0x" + "56" * 20

@@ -519,7 +519,7 @@ def test_a_value_that_was_changed_in_its_file_is_not_told_for_truth(
         chain.index.roll_back(NOWHERE)
     again = open_index(tmp_path)
     assert again.position == NOWHERE and again.balances() == {}
-    assert "made anew from the chain" in caplog.text
+    assert "rebuilding the index from the chain" in caplog.text
     assert again.problem() is None
 
 

@@ -155,7 +155,7 @@ def test_a_name_can_be_taken_once(accounts: Accounts) -> None:
         (
             [Role.EXECUTOR],
             None,
-            "an executor works as a participant of this site: say which of",
+            "an executor works as a participant of this site: choose one of",
         ),
         ([Role.EXECUTOR], "bod", "nobody can work as bod here: this site has the keys of organization, bob"),
         ([Role.EXECUTOR], "panther1", "nobody can work as panther1"),
@@ -186,5 +186,5 @@ def test_the_terminal_makes_no_executor_without_a_participant(
     site = write_site(tmp_path, extra='participants = [{ name = "bob" }]')
     create = ["console", "create", "eve", "--role", "executor", "--site", str(site)]
     refused = CliRunner().invoke(app, create)
-    assert refused.exit_code == 1 and "say which of organization, bob" in " ".join(refused.output.split())
+    assert refused.exit_code == 1 and "choose one of organization, bob" in " ".join(refused.output.split())
     assert CliRunner().invoke(app, [*create, "--participant", "bob"]).exit_code == 0

@@ -130,7 +130,7 @@ def test_what_nobody_hands_over_is_rejected_when_its_executor_was_asked_long_eno
     one.begin()
     report = one.word()
     assert report.outcome == "rejected"
-    assert "its executor did not hand it over" in report.reason
+    assert "the executor did not send it" in report.reason
 
 
 def test_an_executor_is_not_asked_while_the_oracle_is_off_the_bus(search: Callable[..., Search]) -> None:

@@ -100,7 +100,7 @@ def test_what_the_store_lacks_or_damaged_or_may_not_give_is_no_verdict(
 def undecided_by_the_oracle(report: Report) -> str:
     """What ended the verification, which the executor does not answer for."""
     assert (report.outcome, report.fault) == ("undecided", "the oracle"), report.reason
-    assert f", {ATTEMPTS} times; not the executor's failure but that of the oracle" in report.reason
+    assert f", {ATTEMPTS} times; the oracle is at fault, not the executor" in report.reason
     return report.reason
 
 

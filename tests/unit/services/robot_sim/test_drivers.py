@@ -237,9 +237,9 @@ def test_trajectories_that_cannot_be_followed_are_refused(robot: SimRobot) -> No
         return caught.value.message
 
     assert "empty" in refused([])
-    assert "rise" in refused([Waypoint(1.0, (good,)), Waypoint(1.0, (good,))])
+    assert "increase" in refused([Waypoint(1.0, (good,)), Waypoint(1.0, (good,))])
     assert "range" in refused([Waypoint(1.0, (good + 3.0,))])
-    assert "too fast" in refused([Waypoint(1.0, (good,)), Waypoint(1.1, (good + np.eye(6)[0],))])
+    assert "speed limit" in refused([Waypoint(1.0, (good,)), Waypoint(1.1, (good + np.eye(6)[0],))])
     assert "finite" in refused([Waypoint(1.0, (good * np.nan,))])
     check([Waypoint(1.0, (good,)), Waypoint(2.0, (good + 0.1,))], ranges, limits)
 

@@ -151,7 +151,7 @@ def test_the_clock_is_slow_for_those_who_work_and_those_who_judge_and_for_no_mac
     held.take([task(state, kind)], audited, clock.wall_s)
     held.adjust(clock.wall_s)
     assert (held.speed(400) < 10) == slow
-    assert held.activity("simulating").startswith("simulating, slowly: a person has task") == slow
+    assert held.activity("simulating").startswith("simulating; slowly, because a person has task") == slow
     # Handed in or judged, the clock is free again.
     held.take([], audited, clock.wall_s)
     held.adjust(clock.wall_s)
@@ -185,7 +185,7 @@ def test_before_the_bridge_has_said_who_has_a_task_nobodys_time_is_spent(
 ) -> None:
     held = people(Clock(), **changes)
     assert held.speed(400) == speed
-    assert ("the bridge has not said yet" in held.activity("simulating")) == (speed == 1)
+    assert ("the bridge has not yet reported" in held.activity("simulating")) == (speed == 1)
     held.close()
 
 
