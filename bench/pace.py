@@ -26,9 +26,8 @@ from rodeo import topics
 from rodeo.bus import Bus, DaoEvents
 from rodeo.config import Site
 from rodeo.lab.body import Twist2
-from rodeo.lab.config import ItemConfig
+from rodeo.lab.config import ItemConfig, PosturesConfig
 from rodeo.lab.items import rest_pose
-from rodeo.lab.world import STOWED_RAD
 from rodeo.messages import DaoEvent
 from rodeo.ros2 import Node, types
 from rodeo.sim_clock import SimClock
@@ -155,7 +154,7 @@ def _world_after_commands() -> bytes:
     """Everything that changes in a simulated lab, after a curve and a motion of the arm."""
     simulation = Simulation(Site.load(SITE), 0)
     (robot,) = simulation.robots.values()
-    there = np.array(STOWED_RAD) + 0.2
+    there = np.array(PosturesConfig().stowed_rad) + 0.2
     motion = Motion([Waypoint(2.0, (there, np.zeros(6)))], lambda: False, np.full(6, 0.5), np.full(6, 0.05))
     for period in range(500):
         robot.command(Twist2(0.3, 0.4), simulation.moved_s)

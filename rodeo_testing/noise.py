@@ -9,7 +9,7 @@ import numpy as np
 
 from rodeo import topics
 from rodeo.evidence import Attestation
-from rodeo.lab.world import ARM_JOINTS
+from rodeo.lab.world import arm_model
 from rodeo.ros2.types import new
 from rodeo_testing.recordings import Sample, Sides, Take, Witnesses, stamp, stamped_ns
 
@@ -59,7 +59,8 @@ def noisy(
 
     `clock_s` is how far the clock of the motion capture is ahead, if it is not drawn.
     """
-    offset_rad = chance.normal(0, noise.encoder_rad, len(ARM_JOINTS)) if noise.encoder_rad else np.zeros(6)
+    joints = len(arm_model().joints)
+    offset_rad = chance.normal(0, noise.encoder_rad, joints) if noise.encoder_rad else np.zeros(joints)
     drift = chance.normal(0, 0.01, 2)
     drawn_s = chance.uniform(-1, 1) * noise.clock_s
     lost = _Lost(noise, chance)
@@ -153,8 +154,9 @@ def _measured(
         return replace(message, pose=replace(pose, position=position, orientation=orientation))
     if sample.topic.endswith("joint_states"):
         position = message.position + chance.normal(0, noise.joint_rad, len(message.position))
-        position[:6] += offset_rad
-        position[6:8] = message.position[6:8] + chance.normal(0, noise.finger_m, 2)
+        arm, fingers = slice(len(offset_rad)), slice(len(offset_rad), len(offset_rad) + 2)
+        position[arm] += offset_rad
+        position[fingers] = message.position[fingers] + chance.normal(0, noise.finger_m, 2)
         return replace(message, position=position)
     if sample.topic.endswith("arm_controller/controller_state"):
         return replace(

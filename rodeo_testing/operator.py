@@ -12,14 +12,11 @@ import numpy as np
 import ruckig
 
 from rodeo.lab.body import Body, Twist2
-from rodeo.lab.config import ItemConfig, Pose2
+from rodeo.lab.config import ItemConfig, Pose2, RobotConfig
 from rodeo.lab.geometry import wrap
 from rodeo.lab.items import shape_of, top_grasps
 from rodeo.lab.layout import SHOULDER_M, BinLayout
-from rodeo.lab.world import ARM_JOINTS, CONTROL_STEPS, GRIPPER_OPEN_M, STOWED_RAD, robot_model
-
-READY_RAD = np.array(STOWED_RAD)
-WORKING_RAD = np.array([0.0, -0.6, 0.9, 0.0, 1.1, 0.0])
+from rodeo.lab.world import CONTROL_STEPS, GRIPPER_OPEN_M, robot_model
 
 
 def pointing_down(point_m: tuple[float, float, float], closing_yaw_rad: float) -> mink.SE3:
@@ -30,10 +27,12 @@ def pointing_down(point_m: tuple[float, float, float], closing_yaw_rad: float) -
 
 
 class Operator:
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, body: Body) -> None:
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, body: Body, robot: RobotConfig) -> None:
         self.model, self.data, self.body = model, data, body
-        self.kinematics = robot_model()
-        self.arm_qpos = [self.kinematics.joint(name).qposadr[0] for name in ARM_JOINTS]
+        self.stowed_rad = np.array(robot.postures.stowed_rad)
+        self.working_rad = np.array(robot.postures.ready_rad)
+        self.kinematics = robot_model(robot.kinematics)
+        self.arm_qpos = [self.kinematics.joint(name).qposadr[0] for name in body.arm_model.joints]
         self.grip = (GRIPPER_OPEN_M, 5.0)
         self.setpoint = body.arm_setpoint
 
@@ -42,11 +41,14 @@ class Operator:
         x, y, _ = target.translation()
         closing = target.rotation().as_matrix()[:, 1]
         seeds = [from_rad]
-        for posture in (WORKING_RAD, READY_RAD):
+        for posture in (self.working_rad, self.stowed_rad):
             # The waist turned towards the target, the wrist turned for the fingers.
             waist = math.atan2(y, x - SHOULDER_M)
             wrist = math.remainder(math.pi / 2 - math.atan2(closing[1], closing[0]) + waist, math.pi)
-            seeds.append(posture + np.array([waist, 0, 0, 0, 0, wrist]))
+            seed = posture.copy()
+            seed[0] += waist
+            seed[-1] += wrist
+            seeds.append(seed)
         solutions = [found for seed in seeds if (found := self._descend(target, seed)) is not None]
         if not solutions:
             raise AssertionError(f"no IK solution for {target.translation()}")
@@ -76,12 +78,15 @@ class Operator:
             self.tick()
 
     def move(self, target_rad: np.ndarray, speed: float = 1.2) -> None:
-        profile = ruckig.Ruckig(6, 0.02)
-        motion = ruckig.InputParameter(6)
+        joints = len(target_rad)
+        profile = ruckig.Ruckig(joints, 0.02)
+        motion = ruckig.InputParameter(joints)
         motion.current_position = list(self.setpoint)
         motion.target_position = list(target_rad)
-        motion.max_velocity, motion.max_acceleration, motion.max_jerk = [speed] * 6, [2.5] * 6, [15.0] * 6
-        out = ruckig.OutputParameter(6)
+        motion.max_velocity, motion.max_acceleration, motion.max_jerk = (
+            [most] * joints for most in (speed, 2.5, 15.0)
+        )
+        out = ruckig.OutputParameter(joints)
         result = ruckig.Result.Working
         while result == ruckig.Result.Working:
             result = profile.update(motion, out)
@@ -148,7 +153,7 @@ class Operator:
         self.reach((x, y, z), closing, speed=0.6)
         self.grasp(force_n)
         self.reach((x, y, z + 0.15), closing, speed=0.8)
-        self.move(READY_RAD)
+        self.move(self.stowed_rad)
 
     def show(self, item: ItemConfig, layout: BinLayout) -> None:
         """Hold the item in front of the bin's camera; the robot is parked at the bin."""
@@ -164,7 +169,7 @@ class Operator:
         self.reach((x, y, rim_m + below_m + 0.02), math.pi / 2)
         self.open()
         self.reach((x, y, rim_m + below_m + 0.10), math.pi / 2)
-        self.move(READY_RAD)
+        self.move(self.stowed_rad)
 
     def _hang_m(self, item: ItemConfig) -> float:
         """How far the item's centre is below the pads."""

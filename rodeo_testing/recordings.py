@@ -27,10 +27,10 @@ from rodeo.config import Site
 from rodeo.evidence import Attestation, Binding, SealedProof
 from rodeo.evidence.recorder import _Entry, _SealedFile
 from rodeo.evidence.seal import QUIET_SEAL_PERIOD_NS, SealChain
-from rodeo.lab.body import JOINTS, Body, Twist2
+from rodeo.lab.body import Body, Twist2, joint_names
 from rodeo.lab.config import Pose2, gripper_body
 from rodeo.lab.geometry import wrap
-from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, world_spec
+from rodeo.lab.world import world_spec
 from rodeo.ros2.types import STORE, new, serialize
 from rodeo.stamps import set_stamp, stamp_ns
 from rodeo.topics import ATTESTATION_CHANNEL
@@ -544,10 +544,9 @@ class Camera:
         self._sequence = 0
         self._odom = np.zeros(3)
         name = self.robot.name
-        hand = self.model.body_parentid[self.model.joint(f"{name}/{FINGER_JOINTS[0]}").bodyid[0]]
         self._tracked = [
             (name, f"{name}/base_link"),
-            (gripper_body(name), self.model.body(hand).name),
+            (gripper_body(name), f"{name}/{self.body.arm_model.hand}"),
             *((item.id, item.id) for item in site.items),
         ]
 
@@ -567,8 +566,8 @@ class Camera:
         ns, body = self.robot.name, self.body
         if self._sequence % CONTROLLER_FRAMES == 0:
             fingers_m = gripper_m * np.array([1.0, -1.0])
-            self._control("arm", ARM_JOINTS, arm_rad, body.positions[:6])
-            self._control("gripper", FINGER_JOINTS, fingers_m, body.positions[6:8])
+            self._control("arm", body.arm_model.joints, arm_rad, body.arm)
+            self._control("gripper", body.arm_model.fingers, fingers_m, body.positions[body.finger_columns])
         twist = body.wheel_twist
         self._odom[2] += twist.angular_rad_s * 0.02
         self._odom[:2] += (
@@ -583,7 +582,7 @@ class Camera:
         self._add(topics.ODOM.name(ns=ns), ODOMETRY, odometry)
         joints = new(
             JOINTS_TYPE,
-            name=list(JOINTS),
+            name=list(joint_names(body.arm_model)),
             position=np.array(body.positions),
             velocity=np.array(body.velocities),
             effort=np.array(body.efforts),
@@ -650,7 +649,7 @@ SWAY_RAMP_S = 2.0
 
 class FilmedOperator(Operator):
     def __init__(self, camera: Camera) -> None:
-        super().__init__(camera.model, camera.data, camera.body)
+        super().__init__(camera.model, camera.data, camera.body, camera.robot)
         self.camera = camera
         self._sway_rad = self._most_rad = self._swayed_s = 0.0
         self._swaying = False
@@ -678,7 +677,8 @@ class FilmedOperator(Operator):
         change_rad = step_rad if self._swaying else -step_rad
         self._sway_rad = float(np.clip(self._sway_rad + change_rad, 0.0, self._most_rad))
         self._swayed_s += 0.02
-        turn = 2 * math.pi * (SWAY_HZ * self._swayed_s + np.arange(len(ARM_JOINTS)) / len(ARM_JOINTS))
+        joints = len(self.body.arm_model.joints)
+        turn = 2 * math.pi * (SWAY_HZ * self._swayed_s + np.arange(joints) / joints)
         return np.asarray(self._sway_rad * np.sin(turn))
 
     def turn_to(self, yaw_rad: float) -> None:

@@ -29,7 +29,8 @@ from rodeo.checks.verify import verify_file, verify_submission
 from rodeo.config import KindConfig, Site
 from rodeo.evidence import Attestation, Binding, Store, attest
 from rodeo.evidence.recorder import RESUMED
-from rodeo.lab.body import JOINTS
+from rodeo.lab.body import joint_names
+from rodeo.lab.world import arm_model
 from rodeo.messages import DaoEvent, Device, Task
 from rodeo.ros2.types import new
 from rodeo_testing.assignments import BINDING, ROBOT
@@ -39,8 +40,9 @@ from rodeo_testing.recordings import SIGNED, Sample, Take, Witnesses, seal, stam
 JOINT_STATES, ODOM, STATED = "panther1/joint_states", "panther1/odom", "rodeo/attestation"
 ARM_STATE, GRIPPER_STATE = (f"panther1/{part}_controller/controller_state" for part in ("arm", "gripper"))
 ROBOT_POSE, GRIPPER_POSE = "mocap/panther1/pose", "mocap/panther1/gripper/pose"
-FINGERS = [JOINTS.index("left_finger"), JOINTS.index("right_finger")]
-WAIST = JOINTS.index("waist")
+JOINTS = joint_names(arm_model())
+FINGERS = [JOINTS.index(name) for name in arm_model().fingers]
+WAIST = 0
 WIDE = np.array([0.057, -0.057])
 """Fingers wide open, m."""
 STRANGER = Account.create()

@@ -1,6 +1,4 @@
-"""Did arm and gripper stay within what a ViperX 300 S can do, and out of what is solid?"""
-
-from functools import cache
+"""Did arm and gripper stay within what their model can do, and out of what is solid?"""
 
 import numpy as np
 
@@ -11,7 +9,8 @@ from rodeo.checks.phases import phases_of
 from rodeo.checks.report import Finding, at_most
 from rodeo.checks.tables import increasing, joints_of, table_of
 from rodeo.evidence.series import Array
-from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, robot_model
+from rodeo.lab.arm import ArmModel
+from rodeo.lab.world import arm_model
 from rodeo.topics import ARM_STATE, GRIPPER_STATE, Topic
 
 RANGE_SLACK_RAD = 0.05
@@ -38,32 +37,29 @@ SOLID_LIMIT_M = 0.02
 """How deep a link may reach into what stands in the lab: things touch, poses have errors."""
 
 
-@cache
-def _ranges() -> Array:
-    """(6, 2) joint limits of the robot's model, rad."""
-    model = robot_model()
-    return np.array([model.joint(name).range for name in ARM_JOINTS])
+def _arm(case: Case) -> ArmModel:
+    return arm_model(case.robot.kinematics)
 
 
 def joint_range(case: Case) -> Finding:
     """How far a joint ever was beyond its range."""
-    position = joints_of(case).named("position", list(ARM_JOINTS))
-    low, high = _ranges().T
+    position = joints_of(case).named("position", list(_arm(case).joints))
+    low, high = _arm(case).ranges_rad.T
     beyond = np.maximum(low - position, position - high).max(axis=0)
     worst = int(beyond.argmax())
     return at_most(
         max(float(beyond[worst]), 0.0),
         RANGE_SLACK_RAD,
         "rad",
-        source="Interbotix vx300s description",
-        detail=f"{ARM_JOINTS[worst]} beyond its range",
+        source="joint ranges of the robot's model",
+        detail=f"{_arm(case).joints[worst]} beyond its range",
     )
 
 
 def joint_speed(case: Case) -> Finding:
     """Fastest joint, by its positions."""
     time_s = increasing(joints_of(case))
-    position = joints_of(case).named("position", list(ARM_JOINTS))
+    position = joints_of(case).named("position", list(_arm(case).joints))
     step = max(1, round(WINDOW_S / float(np.median(np.diff(time_s)))))
     speed = np.abs(position[step:] - position[:-step]) / (time_s[step:] - time_s[:-step])[:, None]
     worst = int(speed.max(axis=0).argmax())
@@ -72,7 +68,7 @@ def joint_speed(case: Case) -> Finding:
         case.robot.limits.joint_rad_s * TOLERANCE,
         "rad/s",
         source="Interbotix vx300s description",
-        detail=f"highest joint speed: {ARM_JOINTS[worst]}",
+        detail=f"highest joint speed: {_arm(case).joints[worst]}",
     )
 
 
@@ -91,7 +87,7 @@ def stays_clear(case: Case) -> Finding:
 def gripper_force(case: Case) -> Finding:
     """Strongest recorded push of a finger."""
     return at_most(
-        float(np.abs(joints_of(case).named("effort", list(FINGER_JOINTS))).max()),
+        float(np.abs(joints_of(case).named("effort", list(_arm(case).fingers))).max()),
         case.robot.limits.gripper_force_n * TOLERANCE,
         "N",
         source="the site's limits of the robot",
@@ -101,8 +97,8 @@ def gripper_force(case: Case) -> Finding:
 
 def arm_commanded(case: Case) -> Finding:
     """The arm was where its controller wanted it: the joints moved because they were told to."""
-    time_s, wanted = _commands(case, ARM_STATE, ARM_JOINTS)
-    off = np.abs(wanted - _measured(case, time_s, ARM_JOINTS)).max(axis=1)
+    time_s, wanted = _commands(case, ARM_STATE, _arm(case).joints)
+    off = np.abs(wanted - _measured(case, time_s, _arm(case).joints)).max(axis=1)
     worst, median = float(off.max()), float(np.median(off))
     if not worst <= FOLLOWING_LIMIT_RAD:
         return at_most(
@@ -122,8 +118,8 @@ _OFF = "commanded against measured joints"
 
 def gripper_commanded(case: Case) -> Finding:
     """The fingers only ever went where they were commanded, though what they hold may stop them before."""
-    time_s, wanted = _commands(case, GRIPPER_STATE, FINGER_JOINTS)
-    wanted_m, gap_m = _half_gap(wanted), _half_gap(_measured(case, time_s, FINGER_JOINTS))
+    time_s, wanted = _commands(case, GRIPPER_STATE, _arm(case).fingers)
+    wanted_m, gap_m = _half_gap(wanted), _half_gap(_measured(case, time_s, _arm(case).fingers))
     # By how much each step took the fingers away from what was commanded before it and after it, however
     # often that changes.
     away_m = np.minimum(

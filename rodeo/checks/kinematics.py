@@ -16,8 +16,9 @@ from rodeo.checks.results import once_per_case
 from rodeo.checks.smoothing import smoothed
 from rodeo.checks.tables import increasing, joints_of
 from rodeo.evidence.series import Array
+from rodeo.lab.arm import ArmModel
 from rodeo.lab.config import Pose2
-from rodeo.lab.world import ARM_JOINTS, FINGER_JOINTS, world_spec
+from rodeo.lab.world import world_spec
 
 RAMP_S = 0.2
 """In which errors of the encoders come up: no jerk may shake what the hand holds."""
@@ -62,12 +63,13 @@ class Kinematics:
         self._own = model.body_rootid[model.geom_bodyid] == root
         # Links touch each other at their joints; only what they touch of the lab is asked for.
         model.geom_contype[self._own] = 0
+        self._names = names = ArmModel.of(model, prefix)
         at = model.jnt_qposadr[model.body_jntadr[root]]
         arm, fingers = (
-            [model.joint(prefix + name).qposadr[0] for name in names] for names in (ARM_JOINTS, FINGER_JOINTS)
+            [model.joint(prefix + name).qposadr[0] for name in some] for some in (names.joints, names.fingers)
         )
         self._arm = np.array(arm)
-        body = model.body_parentid[model.joint(prefix + FINGER_JOINTS[0]).bodyid[0]]
+        body = model.body(prefix + names.hand).id
         self._chain = [body]
         """Bodies from the base to the one that carries the fingers."""
         while (body := model.body_parentid[body]) != 0:
@@ -83,10 +85,10 @@ class Kinematics:
             raise CaseError("joints and base were not recorded at the same time", topic=joints.topic)
         time_s = time_s[known]
         standing = smoothed(base.time_s, np.hstack([base.position_m, base.quaternion]), time_s)
-        moving = joints.named("position", [*ARM_JOINTS, *FINGER_JOINTS])[known]
+        moving = joints.named("position", [*self._names.joints, *self._names.fingers])[known]
         if not np.isfinite(moving).all():
             raise CaseError("a joint's position is not finite", topic=joints.topic)
-        arm = slice(len(ARM_JOINTS))
+        arm = slice(len(self._names.joints))
         moving[:, arm] = smoothed(time_s, moving[:, arm], time_s, _JOINTS_HALF_WINDOW_S)
         rows = np.tile(self._data.qpos, (len(time_s), 1))
         rows[:, columns] = np.hstack([standing, moving])
@@ -99,7 +101,7 @@ class Kinematics:
 
     def hand_path(self, time_s: Array, offset_rad: Array, from_s: float = -np.inf) -> HandPath:
         """The hand at each of `time_s`, which is finer than the recording, with encoders that are off by
-        `offset_rad` (6,) `from_s` on."""
+        `offset_rad`, one for each joint, `from_s` on."""
         first = max(int(np.searchsorted(self.time_s, time_s[0], side="right")) - 2, 0)
         last = int(np.searchsorted(self.time_s, time_s[-1])) + 2
         known_s, rows = self.time_s[first:last], self._rows[first:last].copy()

@@ -12,7 +12,7 @@ from rodeo.checks.poses import Pose, pose_of
 from rodeo.checks.results import once_per_case
 from rodeo.checks.tables import gaps_of, increasing, joints_of, table_of
 from rodeo.evidence.series import Array
-from rodeo.lab.world import FINGER_JOINTS, GRIPPER_CLOSED_M
+from rodeo.lab.world import GRIPPER_CLOSED_M, arm_model
 from rodeo.topics import GRIPPER_STATE
 
 LIFTED_M = 0.05
@@ -86,9 +86,10 @@ def felt_phases(case: Case) -> Phases:
     with that. Raises CaseError."""
     state = table_of(case, GRIPPER_STATE, ns=case.robot.namespace)
     time_s, joint_time_s = increasing(state), increasing(joints_of(case))
-    reference_m = state.named("reference.positions", list(FINGER_JOINTS), "joint_names")
+    fingers = list(arm_model(case.robot.kinematics).fingers)
+    reference_m = state.named("reference.positions", fingers, "joint_names")
     wanted_m = np.maximum((reference_m[:, 0] - reference_m[:, 1]) / 2, GRIPPER_CLOSED_M)
-    fingers_m = joints_of(case).named("position", list(FINGER_JOINTS))
+    fingers_m = joints_of(case).named("position", fingers)
     gap_m = np.interp(time_s, joint_time_s, (fingers_m[:, 0] - fingers_m[:, 1]) / 2)
     height_m = kinematics_of(case).hand(time_s).position_m[:, 2]
     held = (gap_m > wanted_m + CLOSED_M) & (gap_m > GRIPPER_CLOSED_M + CLOSED_M)

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 from types import SimpleNamespace
 
 import mujoco
@@ -31,12 +32,11 @@ from rodeo.checks.poses import pose_of, sighting
 from rodeo.checks.results import once_per_case
 from rodeo.checks.tables import increasing, joints_of
 from rodeo.evidence.series import Array
+from rodeo.lab.arm import GRASP_SITE, ArmModel
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.world import (
-    ARM_JOINTS,
-    FINGER_JOINTS,
-    GRASP_SITE,
     TIMESTEP_S,
+    arm_model,
     robot_spec,
     world_spec,
 )
@@ -74,28 +74,30 @@ class Perturbation:
 
     item_m: tuple[float, float] = (0.0, 0.0)
     """Item beside where motion capture had it; its markers are on its outside."""
-    arm_rad: tuple[float, ...] = (0.0,) * len(ARM_JOINTS)
-    """Encoders' zero."""
+    arm_rad: tuple[float, ...] = ()
+    """Encoders' zero, of each joint; empty for none."""
     friction: float = 1.0
     """Times the model's."""
     effort: float = 1.0
     """Times the recorded effort of the fingers."""
 
 
-ENSEMBLE = (
-    Perturbation(),
-    *(
-        Perturbation(
-            item_m=tuple(rng.normal(0, 0.0015, 2)),
-            arm_rad=tuple(rng.normal(0, 0.0005, len(ARM_JOINTS))),
-            friction=rng.uniform(0.85, 1.15),
-            effort=rng.uniform(0.9, 1.1),
-        )
-        for rng in (np.random.default_rng(number) for number in range(1, 5))
-    ),
-)
-"""Of the ensemble: none, then 1.5 mm of motion capture, half a milliradian of encoders, 15 % of friction and
-10 % of effort. The same ones for every proof, so that anybody gets the same result."""
+@cache
+def ensemble(joints: int) -> tuple[Perturbation, ...]:
+    """For an arm of so many joints: none, then 1.5 mm of motion capture, half a milliradian of encoders, 15 %
+    of friction and 10 % of effort. The same ones for every proof, so that anybody gets the same result."""
+    return (
+        Perturbation(),
+        *(
+            Perturbation(
+                item_m=tuple(rng.normal(0, 0.0015, 2)),
+                arm_rad=tuple(rng.normal(0, 0.0005, joints)),
+                friction=rng.uniform(0.85, 1.15),
+                effort=rng.uniform(0.9, 1.1),
+            )
+            for rng in (np.random.default_rng(number) for number in range(1, 5))
+        ),
+    )
 
 
 SIGHTINGS = (
@@ -110,10 +112,10 @@ SIGHTINGS = (
 elements and the way back to the map allow. An item that the gripper finds nowhere there was not taken."""
 
 
-def ensemble_around(perturbation: Perturbation) -> tuple[Perturbation, ...]:
-    """`ENSEMBLE` beside the place that `perturbation` found for the item."""
+def ensemble_around(perturbation: Perturbation, joints: int) -> tuple[Perturbation, ...]:
+    """`ensemble` beside the place that `perturbation` found for the item."""
     x_m, y_m = perturbation.item_m
-    return tuple(replace(m, item_m=(m.item_m[0] + x_m, m.item_m[1] + y_m)) for m in ENSEMBLE)
+    return tuple(replace(m, item_m=(m.item_m[0] + x_m, m.item_m[1] + y_m)) for m in ensemble(joints))
 
 
 @dataclass(frozen=True)
@@ -199,11 +201,12 @@ def replay_of(case: Case) -> Replay:
     """Replay the carry of the task's item. Raises CaseError when the recording shows none.
 
     With the item exactly where motion capture had it, or, if the gripper misses it there, with the first of
-    `ENSEMBLE` in which it does not.
+    `ensemble` in which it does not.
     """
     joints = joints_of(case)
     joint_time_s = increasing(joints)
-    fingers_m = joints.named("position", list(FINGER_JOINTS))
+    arm = arm_model(case.robot.kinematics)
+    fingers_m = joints.named("position", list(arm.fingers))
     phases = phases_of(case)
     if case.mocap:
         item = pose_of(case, case.item.id)
@@ -229,12 +232,12 @@ def replay_of(case: Case) -> Replay:
     time_s = np.arange(start_s, end_s, TIMESTEP_S)
 
     fingers = PchipInterpolator(joint_time_s, fingers_m)
-    effort = joints.named("effort", list(FINGER_JOINTS))
+    effort = joints.named("effort", list(arm.fingers))
     motion = Motion(
         phases=phases,
         time_s=time_s,
         kinematics=kinematics_of(case),
-        hand=kinematics_of(case).hand_path(time_s, np.zeros(len(ARM_JOINTS))),
+        hand=kinematics_of(case).hand_path(time_s, np.zeros(len(arm.joints))),
         fingers_m=fingers(time_s),
         finger_speed_m_s=fingers.derivative()(time_s),
         effort_n=np.stack([np.interp(time_s, joint_time_s, column) for column in effort.T], axis=1),
@@ -242,7 +245,7 @@ def replay_of(case: Case) -> Replay:
         item_quat=item_quat,
     )
     world = World(case)
-    guesses = ENSEMBLE if case.mocap else SIGHTINGS
+    guesses = ensemble(len(arm.joints)) if case.mocap else SIGHTINGS
     exact = world.run(motion, guesses[0])
     if exact.picked:
         return exact
@@ -263,10 +266,11 @@ def vote_of(case: Case) -> Vote:
     """
     found = replay_of(case)
     wanted = compartment_at(case, found.item_m[-1])
-    members = ENSEMBLE if case.mocap else ensemble_around(found.perturbation)
+    joints = len(arm_model(case.robot.kinematics).joints)
+    members = ensemble(joints) if case.mocap else ensemble_around(found.perturbation, joints)
     succeeded = failed = 0
     for perturbation in members:
-        if max(succeeded, failed) > len(ENSEMBLE) // 2:
+        if max(succeeded, failed) > len(members) // 2:
             break
         if perturbation == found.perturbation:
             fell = found.picked and wanted is not None
@@ -294,9 +298,10 @@ class World:
         robot, item = case.robot, case.item
         prefix = f"{robot.name}/"
         spec = world_spec(SimpleNamespace(**fixtures(case), items=[item], robots=[]))
-        _add_hand(spec, robot_spec(robot), prefix)
+        arm = arm_model(robot.kinematics)
+        _add_hand(spec, robot_spec(robot), arm, prefix)
         reduce_to_solids(spec, case)
-        self._fingers = [prefix + name for name in FINGER_JOINTS]
+        self._fingers = [prefix + name for name in arm.fingers]
         for axis in np.eye(6):
             motor = spec.add_actuator(trntype=mujoco.mjtTrn.mjTRN_JOINT, target=_HAND, gear=axis)
             # The control is an acceleration.
@@ -423,12 +428,12 @@ class World:
         )
 
 
-def _add_hand(spec: mujoco.MjSpec, robot: mujoco.MjSpec, prefix: str) -> None:
+def _add_hand(spec: mujoco.MjSpec, robot: mujoco.MjSpec, arm: ArmModel, prefix: str) -> None:
     """The robot's hand with its fingers, free of its arm, too heavy for anything to move."""
     for kind in (robot.actuators, robot.sensors, robot.tendons, robot.excludes):
         for element in list(kind):
             robot.delete(element)
-    hand = robot.joint(FINGER_JOINTS[0]).parent.parent
+    hand = robot.joint(arm.fingers[0]).parent.parent
     for joint in list(hand.joints):
         robot.delete(joint)
     body = spec.worldbody.add_frame().attach_body(hand, prefix)

@@ -48,9 +48,9 @@ def joints_of(case: Case) -> Table:
 def gaps_of(case: Case) -> tuple[Array, Array]:
     """(n,) stamps of the joints and (n,) half the gap between the fingers, m."""
     # Imported here: the oracle's own process has no use for MuJoCo.
-    from rodeo.lab.world import FINGER_JOINTS
+    from rodeo.lab.world import arm_model
 
-    fingers_m = joints_of(case).named("position", list(FINGER_JOINTS))
+    fingers_m = joints_of(case).named("position", list(arm_model(case.robot.kinematics).fingers))
     return increasing(joints_of(case)), (fingers_m[:, 0] - fingers_m[:, 1]) / 2
 
 

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from rodeo.lab.arm import ArmModel
 from rodeo.lab.config import MotionLimits, Pose2
 from rodeo.lab.geometry import yaw_of
 from rodeo.lab.world import (
-    ARM_JOINTS,
     CONTROL_PERIOD_S,
-    FINGER_JOINTS,
     GRIPPER_CLOSED_M,
     GRIPPER_OPEN_M,
     PAD_THICKNESS_M,
@@ -19,8 +18,6 @@ from rodeo.lab.world import (
     TRACK_M,
     WHEEL_JOINTS,
 )
-
-JOINTS = (*ARM_JOINTS, *FINGER_JOINTS, *WHEEL_JOINTS)
 
 SKID_TRACK_M = TRACK_M * 1.56
 """Track of the ideal two-wheeled robot that turns like the skidding one (Husarion multiplies by 1.5)."""
@@ -40,6 +37,11 @@ class Twist2:
     angular_rad_s: float = 0.0
 
 
+def joint_names(arm: ArmModel) -> tuple[str, ...]:
+    """All joints of a robot with this arm, in the order of its joint states: arm, fingers, wheels."""
+    return (*arm.joints, *arm.fingers, *WHEEL_JOINTS)
+
+
 class Body:
     """One robot in a world. Commands hold until the next one; call them once per control period.
 
@@ -50,14 +52,19 @@ class Body:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: str, limits: MotionLimits) -> None:
         self.model, self.data, self.name, self.limits = model, data, robot, limits
         self._base = model.body(f"{robot}/base_link").id
-        joints = [model.joint(f"{robot}/{name}") for name in JOINTS]
+        self.arm_model = arm = ArmModel.of(model, f"{robot}/")
+        joints = [model.joint(f"{robot}/{name}") for name in joint_names(arm)]
+        count = len(arm.joints)
+        self.arm_columns, self.finger_columns = slice(0, count), slice(count, count + 2)
+        """Of `positions`, `velocities` and `efforts`."""
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._dof = np.array([joint.dofadr[0] for joint in joints])
-        self._wheel_dof, self._finger_dof = self._dof[8:], self._dof[6:8]
-        self._arm_joints = [joint.id for joint in joints[:6]]
+        self._arm_qpos, self._finger_qpos = self._qpos[self.arm_columns], self._qpos[self.finger_columns]
+        self._wheel_qpos, self._wheel_dof = self._qpos[count + 2 :], self._dof[count + 2 :]
+        self._finger_dof = self._dof[self.finger_columns]
         self._wheels = np.array([model.actuator(f"{robot}/{name}").id for name in WHEEL_JOINTS])
-        self._arm = np.array([model.actuator(f"{robot}/{name}").id for name in ARM_JOINTS])
-        self._arm_act = np.array([model.actuator(f"{robot}/{name}").actadr[0] for name in ARM_JOINTS])
+        self._arm = np.array([model.actuator(f"{robot}/{name}").id for name in arm.joints])
+        self._arm_act = np.array([model.actuator(f"{robot}/{name}").actadr[0] for name in arm.joints])
         gripper = model.actuator(f"{robot}/gripper")
         self._gripper, self._gripper_act = gripper.id, gripper.actadr[0]
         self._yaw_rate = model.sensor(f"{robot}/gyro").adr[0] + 2
@@ -85,44 +92,39 @@ class Body:
 
     @property
     def positions(self) -> np.ndarray:
-        """(12,) joint positions in the order of JOINTS: rad, m for the fingers."""
+        """(n,) joint positions in the order of `joint_names`: rad, m for the fingers."""
         return self._position[self._qpos]
 
     @property
     def velocities(self) -> np.ndarray:
-        """(12,) rad/s, m/s for the fingers."""
+        """(n,) rad/s, m/s for the fingers."""
         return self._velocity[self._dof]
 
     @property
     def efforts(self) -> np.ndarray:
-        """(12,) what the motors give: N m, N for the fingers."""
+        """(n,) what the motors give: N m, N for the fingers."""
         return self._force[self._dof]
 
     @property
     def arm(self) -> np.ndarray:
-        """(6,) arm joint positions, rad."""
-        return self._position[self._qpos[:6]]
+        """(len(arm_model.joints),) arm joint positions, rad."""
+        return self._position[self._arm_qpos]
 
     @property
     def arm_setpoint(self) -> np.ndarray:
-        """(6,) where the arm's servos want the joints now, rad."""
+        """(len(arm_model.joints),) where the arm's servos want the joints now, rad."""
         return self._activation[self._arm_act]
 
     @property
     def gripper_m(self) -> float:
         """Half the gap between the fingers."""
-        left, right = self._position[self._qpos[6:8]].tolist()
+        left, right = self._position[self._finger_qpos].tolist()
         return (left - right) / 2
 
     @property
     def gripper_speed_m_s(self) -> float:
         left, right = self._velocity[self._finger_dof].tolist()
         return (left - right) / 2
-
-    @property
-    def arm_ranges(self) -> np.ndarray:
-        """(6, 2) lowest and highest position of each arm joint, rad."""
-        return self.model.jnt_range[self._arm_joints]
 
     @property
     def gripper_force_n(self) -> float:
@@ -155,7 +157,7 @@ class Body:
 
     def _standing(self) -> Sequence[float]:
         """(4,) wheel speeds that stop the wheels and keep them where they stopped, whatever pushes."""
-        positions = self._position[self._qpos[8:]].tolist()
+        positions = self._position[self._wheel_qpos].tolist()
         if self._stand_rad is None:
             if max(map(abs, self._velocity[self._wheel_dof].tolist())) > _STANDING_RAD_S:
                 return (0.0,) * 4
@@ -163,7 +165,7 @@ class Body:
         return [_RETURN_PER_S * (stand - now) for stand, now in zip(self._stand_rad, positions, strict=True)]
 
     def move_arm(self, setpoint_rad: np.ndarray) -> None:
-        """Bring the servos' set-points to `setpoint_rad` (6,) within one control period, if speeds allow."""
+        """Bring the servos' set-points to `setpoint_rad` in one control period, if speeds allow."""
         speed = (setpoint_rad - self._activation[self._arm_act]) / CONTROL_PERIOD_S
         limit = self.limits.joint_rad_s
         self._control[self._arm] = np.minimum(np.maximum(speed, -limit), limit)

@@ -207,6 +207,24 @@ class MotionLimits(Section):
     gripper_force_n: Positive = Field(5.0, description="largest force of one finger")
 
 
+Posture = Annotated[tuple[float, ...], Field(min_length=1)]
+
+
+class PosturesConfig(Section):
+    """Joint angles of the arm in rad, from the base to the hand; by default a ViperX 300S's."""
+
+    stowed_rad: Posture = (0.0, -1.1, 0.55, 0.0, 1.77, 0.0)
+    """In a new world: the gripper points down, 0.63 m above the floor and hardly beyond the bumper."""
+    ready_rad: Posture = (0.0, -0.6, 0.9, 0.0, 1.1, 0.0)
+    """Folded above the deck: for driving without anything in the gripper."""
+    look_rad: Posture = (0.0, -1.1, 0.55, 0.0, 1.25, 0.0)
+    """Camera 0.75 m above the front bumper, looking at the floor half a metre ahead of it. The first joint
+    turns it."""
+    aside_rad: Posture = (1.2, -0.86, 0.45, 0.0, 1.63, 0.0)
+    """Fingers down over the deck's left side: for driving to and from the bin out of its sensor's sight. With
+    the first joint's angle negated it is over the right side."""
+
+
 class NoiseConfig(Section):
     """What a simulated robot's sensors add to the truth: standard deviations of Gaussian noise; 0 is perfect.
 
@@ -245,7 +263,10 @@ class RobotConfig(Section):
     """ROS namespace of its topics and prefix of its frames; the name if left out."""
     body: Literal["sim", "ros2"] = "sim"
     kinematics: Path | None = None
-    """MJCF or URDF of the robot, seen from the site file; `rodeo/lab/panther_viperx.xml` if left out."""
+    """MJCF or URDF of the robot, seen from the site file; `rodeo/lab/panther_viperx.xml` if left out. It says
+    which joints the arm has, how many, and which fingers (`rodeo.lab.arm`)."""
+    postures: PosturesConfig = PosturesConfig()
+    """Of the arm; one with other joints than a ViperX 300S needs its own."""
     wallet: str = Field("", pattern=r"^[a-z][a-z0-9_-]*$", validate_default=True)
     """Keystore of its account; the name if left out."""
     pose: Pose2

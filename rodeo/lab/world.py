@@ -8,6 +8,7 @@ Names: `<robot>/<part>` for what belongs to a robot (`panther1/waist`), the item
 """
 
 import math
+from functools import cache
 from pathlib import Path
 from typing import Protocol
 
@@ -17,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from rodeo.errors import ConfigError
 from rodeo.lab import items as trash
+from rodeo.lab.arm import GRASP_SITE, ArmModel
 from rodeo.lab.config import (
     BinConfig,
     DockConfig,
@@ -35,8 +37,6 @@ CONTROL_STEPS = 10
 CONTROL_PERIOD_S = TIMESTEP_S * CONTROL_STEPS
 
 WHEEL_JOINTS = ("fl_wheel_joint", "fr_wheel_joint", "rl_wheel_joint", "rr_wheel_joint")
-ARM_JOINTS = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate")
-FINGER_JOINTS = ("left_finger", "right_finger")
 WHEEL_RADIUS_M = 0.1825
 ROLLING_RADIUS_M = 0.1852
 """Between the loaded and the free radius of the tyre: way per radian."""
@@ -46,11 +46,6 @@ PAD_THICKNESS_M = 0.008
 GRIPPER_OPEN_M = 0.057
 GRIPPER_CLOSED_M = 0.021
 
-STOWED_RAD = (0.0, -1.1, 0.55, 0.0, 1.77, 0.0)
-"""Arm joints for driving: the gripper points down, 0.63 m above the floor and hardly beyond the bumper."""
-
-GRASP_SITE = "grasp"
-"""Where the pads meet; x points out of the hand, the fingers close along y."""
 CAMERA_SITE = "wrist_camera_optical_frame"
 """Of the wrist's depth and colour camera (REP 103: z ahead, x right, y down)."""
 LIDAR_SITE = "lidar_link"
@@ -113,13 +108,18 @@ def world_spec(site: LabSite) -> mujoco.MjSpec:
 
 
 def begin(model: mujoco.MjModel, site: LabSite) -> mujoco.MjData:
-    """The world as it is when new: things where the site file puts them, arms stowed, grippers open."""
+    """The world as it is when new: things where the site file puts them, arms stowed, grippers open.
+
+    Raises ConfigError for a posture that is none of the arm's.
+    """
     data = mujoco.MjData(model)
     for robot in site.robots:
-        for joint, position in zip(ARM_JOINTS, STOWED_RAD, strict=True):
+        arm = ArmModel.of(model, f"{robot.name}/")
+        stowed_rad = arm.posture("stowed_rad", robot.postures.stowed_rad)
+        for joint, position in zip(arm.joints, stowed_rad, strict=True):
             data.joint(f"{robot.name}/{joint}").qpos[0] = position
             data.act[model.actuator(f"{robot.name}/{joint}").actadr[0]] = position
-        for joint, side in zip(FINGER_JOINTS, (1, -1), strict=True):
+        for joint, side in zip(arm.fingers, (1, -1), strict=True):
             data.joint(f"{robot.name}/{joint}").qpos[0] = side * GRIPPER_OPEN_M
         data.act[model.actuator(f"{robot.name}/gripper").actadr[0]] = GRIPPER_OPEN_M
     mujoco.mj_forward(model, data)
@@ -145,6 +145,12 @@ def robot_model(kinematics: Path | None = None) -> mujoco.MjModel:
     except (ValueError, KeyError) as error:
         raise ConfigError(f"not a usable robot: {error}", kinematics=str(kinematics)) from error
     return model
+
+
+@cache
+def arm_model(kinematics: Path | None = None) -> ArmModel:
+    """The arm of `robot_model(kinematics)`, which says what it raises."""
+    return ArmModel.of(robot_model(kinematics))
 
 
 def _set_physics(spec: mujoco.MjSpec) -> None:

@@ -19,9 +19,10 @@ import ruckig
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from rodeo.lab.config import MotionLimits
+from rodeo.lab.arm import GRASP_SITE
+from rodeo.lab.config import MotionLimits, PosturesConfig
 from rodeo.lab.layout import SHOULDER_M
-from rodeo.lab.world import ARM_JOINTS, CAMERA_SITE, GRASP_SITE, robot_model
+from rodeo.lab.world import CAMERA_SITE, arm_model, robot_model
 from rodeo.robot.errors import Unreachable
 
 Vector = NDArray[np.float64]
@@ -32,15 +33,6 @@ _IK_STEPS = 200
 _IK_STEP_S = 0.1
 _BRANCH_JUMP_RAD = 2.5
 """A solution further than this from where the arm is means another branch: a wild swing to get there."""
-
-READY_RAD = np.array([0.0, -0.6, 0.9, 0.0, 1.1, 0.0])
-"""Folded above the deck: for driving without anything in the gripper."""
-
-LOOK_RAD = np.array([0.0, -1.1, 0.55, 0.0, 1.25, 0.0])
-"""Camera 0.75 m above the front bumper, looking at the floor half a metre ahead of it."""
-
-ASIDE_RAD = np.array([1.2, -0.86, 0.45, 0.0, 1.63, 0.0])
-"""Fingers down over the deck's left side: for driving to and from the bin out of its sensor's sight."""
 
 CRUISE_RAD_S = 1.2
 """Joint speed of ordinary motions, well below the limit so that tracking errors stay within it too."""
@@ -73,7 +65,7 @@ def pointing_down(position_m: Sequence[float], closing_yaw_rad: float) -> Grippe
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Joint motion: `times_s` (n,) from 0, `positions` and `velocities` (n, 6) in rad and rad/s."""
+    """Joint motion: `times_s` (n,) from 0, `positions` and `velocities` (n, joints) in rad and rad/s."""
 
     times_s: Vector
     positions: Vector
@@ -95,13 +87,24 @@ class Trajectory:
 class Arm:
     """Kinematics of one robot's arm, as `kinematics` (MJCF or URDF, by default ours) describes it.
 
-    Not thread-safe: it keeps scratch data. Raises ConfigError for a file that describes no such robot.
+    Not thread-safe: it keeps scratch data. Raises ConfigError for a file that describes no such robot and
+    for postures that are not the arm's.
     """
 
-    def __init__(self, limits: MotionLimits, kinematics: Path | None = None) -> None:
+    def __init__(
+        self,
+        limits: MotionLimits,
+        kinematics: Path | None = None,
+        postures: PosturesConfig = PosturesConfig(),  # noqa: B008 - frozen
+    ) -> None:
         self.model = robot_model(kinematics)
+        arm = arm_model(kinematics)
+        self.stowed_rad, self.ready_rad, self.look_rad, self.aside_rad = (
+            arm.posture(name, getattr(postures, name))
+            for name in ("stowed_rad", "ready_rad", "look_rad", "aside_rad")
+        )
         self._data = mujoco.MjData(self.model)
-        joints = [self.model.joint(name) for name in ARM_JOINTS]
+        joints = [self.model.joint(name) for name in arm.joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints])
         self._dofs = np.array([joint.dofadr[0] for joint in joints])
         self.lower = np.array([joint.range[0] for joint in joints])
@@ -117,11 +120,11 @@ class Arm:
         self._reach = mink.FrameTask(GRASP_SITE, "site", position_cost=10.0, orientation_cost=1.0)
         self._open_qpos = self.model.qpos0.copy()
         """The model's own posture with the fingers open."""
-        for finger, side in (("left_finger", 1), ("right_finger", -1)):
+        for finger, side in zip(arm.fingers, (1, -1), strict=True):
             self._open_qpos[self.model.joint(finger).qposadr[0]] = side * 0.04
 
     def forward(self, q: Vector) -> GripperPose:
-        """Gripper pose for joint angles `q` (6,)."""
+        """Gripper pose for joint angles `q`, one for each joint."""
         self._place(q)
         mujoco.mj_kinematics(self.model, self._data)
         position = self._data.site_xpos[self._site].copy()
@@ -137,8 +140,8 @@ class Arm:
     @cached_property
     def camera_offset_m(self) -> Vector:
         """(3,) from where the pads meet to the camera, in the gripper frame."""
-        position_m, _ = self.camera(READY_RAD)
-        gripper = self.forward(READY_RAD)
+        position_m, _ = self.camera(self.ready_rad)
+        gripper = self.forward(self.ready_rad)
         return gripper.rotation.T @ (position_m - gripper.position_m)
 
     def collides(self, q: Vector) -> bool:
@@ -150,16 +153,17 @@ class Arm:
         return bool(self._data.ncon)
 
     def inverse(self, target: GripperPose, near: Vector) -> Vector:
-        """Joint angles (6,) for a gripper pose, on the branch of `near`, where the arm is now.
+        """Joint angles for a gripper pose, on the branch of `near`, where the arm is now.
 
         Raises Unreachable with how far off the best configuration was.
         """
         closest_m = np.inf
         x_m, y_m = target.position_m[:2]
-        aimed = READY_RAD.copy()
+        aimed = self.ready_rad.copy()
         aimed[0] = np.arctan2(y_m, x_m - SHOULDER_M)
-        turns = (np.array([0, 0, 0, 0, 0, roll]) for roll in (0.0, np.pi / 2, -np.pi / 2))
-        for seed in (near, *(aimed + turn for turn in turns)):
+        # The first joint aims the arm, the last one turns the hand.
+        turn = np.eye(len(near))[-1]
+        for seed in (near, *(aimed + roll * turn for roll in (0.0, np.pi / 2, -np.pi / 2))):
             q, error_m, angle_rad = self._solve(target, seed)
             closest_m = min(closest_m, error_m)
             solved = error_m <= _POSITION_TOLERANCE_M and angle_rad <= _ANGLE_TOLERANCE_RAD
@@ -199,7 +203,7 @@ class Arm:
         return q, float(np.linalg.norm(error[:3])), float(np.linalg.norm(error[3:]))
 
     def line(self, start: Vector, target: GripperPose) -> Vector:
-        """Knots (n, 6) that move the gripper from `start` to `target` along a straight line.
+        """Knots (n, joints) that move the gripper from `start` to `target` along a straight line.
 
         The orientation turns to the target's within the first point, so give the same one. Raises
         Unreachable when a point cannot be reached or the arm would have to flip on the way.
@@ -217,7 +221,7 @@ class Arm:
         return np.array(knots)
 
     def trajectory(self, knots: Sequence[Vector] | Vector, speed_rad_s: float = CRUISE_RAD_S) -> Trajectory:
-        """The fastest smooth motion through joint angles `knots` (n, 6) that keeps the limits.
+        """The fastest smooth motion through joint angles `knots` (n, joints) that keeps the limits.
 
         A spline through the knots, its parameter driven by Ruckig from rest to rest. Raises Unreachable
         when the robot would touch itself on the way.

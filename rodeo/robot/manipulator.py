@@ -15,12 +15,9 @@ from rodeo.lab.config import ItemConfig, Pose2
 from rodeo.lab.geometry import ahead
 from rodeo.lab.items import top_grasps
 from rodeo.lab.layout import dock_parking, on_contacts
-from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M, STOWED_RAD
+from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M
 from rodeo.robot.arm import (
-    ASIDE_RAD,
     CRUISE_RAD_S,
-    LOOK_RAD,
-    READY_RAD,
     Arm,
     Trajectory,
     Vector,
@@ -149,23 +146,25 @@ class MobileManipulator:
 
     def fold(self, checkpoint: Checkpoint) -> None:
         """Unless the arm is folded, as after a task or as when new."""
-        arm_rad = self._body.joints(checkpoint).arm_rad
-        if any(np.abs(arm_rad - folded).max() <= _THERE_RAD for folded in (READY_RAD, STOWED_RAD)):
+        arm, arm_rad = self._arm, self._body.joints(checkpoint).arm_rad
+        if any(np.abs(arm_rad - folded).max() <= _THERE_RAD for folded in (arm.ready_rad, arm.stowed_rad)):
             return
-        self._body.follow(lambda now: self._arm.trajectory([now, READY_RAD]), checkpoint)
+        self._body.follow(lambda now: arm.trajectory([now, arm.ready_rad]), checkpoint)
 
     def carry(self, checkpoint: Checkpoint) -> None:
         """On the side where the arm is."""
         self._body.follow(self._plan_aside, checkpoint)
 
     def _plan_aside(self, now: Vector) -> Trajectory:
-        mirror = np.array([1.0 if now[0] >= 0 else -1.0, 1, 1, 1, 1, 1])
-        return self._arm.trajectory([now, ASIDE_RAD * mirror])
+        aside_rad = self._arm.aside_rad.copy()
+        aside_rad[0] *= 1.0 if now[0] >= 0 else -1.0
+        return self._arm.trajectory([now, aside_rad])
 
     # -- seeing ----------------------------------------------------------------------------------------
 
     def look(self, checkpoint: Checkpoint, turn_rad: float = 0.0) -> list[View]:
-        posture = LOOK_RAD + np.array([turn_rad, 0, 0, 0, 0, 0])
+        posture = self._arm.look_rad.copy()
+        posture[0] += turn_rad
         self._body.follow(lambda now: self._arm.trajectory([now, posture]), checkpoint)
         return self._camera.look(checkpoint)
 

@@ -15,10 +15,11 @@ import numpy as np
 from rodeo import topics
 from rodeo.clock import Clock
 from rodeo.config import Site
+from rodeo.lab.arm import ArmModel
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.geometry import on_plane
 from rodeo.lab.layout import on_contacts
-from rodeo.lab.world import ARM_JOINTS, CONTROL_PERIOD_S, FINGER_JOINTS
+from rodeo.lab.world import CONTROL_PERIOD_S, arm_model
 from rodeo.robot.arm import Trajectory, Vector
 from rodeo.robot.body import Checkpoint
 from rodeo.robot.errors import BodySilent, MotionFailed
@@ -48,7 +49,7 @@ _GOAL_TIME_TOLERANCE_S = 3
 
 @dataclass(frozen=True)
 class Joints:
-    """`arm_rad` (6,) and half the gap between the fingers."""
+    """`arm_rad`, one for each joint from the base to the hand, and half the gap between the fingers."""
 
     arm_rad: Vector
     gripper_m: float
@@ -160,6 +161,7 @@ class RosBody:
         self._battery = latest(topics.BATTERY_STATE.name(**names), topics.BATTERY_STATE)
         pose = topics.MOCAP_POSE.name(body=robot.name) if site.lab.mocap else topics.POSE.name(**names)
         self._pose = latest(pose, topics.MOCAP_POSE)
+        self._arm_model = arm_model(robot.kinematics)
         self._clock = clock
         self._dock = site.dock
         self._navigate, self._follow, self._grip = (
@@ -182,12 +184,12 @@ class RosBody:
 
     def joints(self, checkpoint: Checkpoint) -> Joints:
         """Raises BodySilent."""
-        return _joints(self._joint_states.since(self._moved_s, checkpoint))
+        return _joints(self._joint_states.since(self._moved_s, checkpoint), self._arm_model)
 
     def recent_gripper_m(self) -> float | None:
         """Half the gap between the fingers a moment ago, None when nobody says so."""
         message = self._joint_states.recent()
-        return None if message is None else _joints(message).gripper_m
+        return None if message is None else _joints(message, self._arm_model).gripper_m
 
     def battery(self, checkpoint: Checkpoint) -> Battery:
         """Raises BodySilent."""
@@ -228,7 +230,7 @@ class RosBody:
         """Move the arm along `plan(current joint angles)`, planned anew whenever it has to start again."""
 
         def goal() -> Any:
-            return _follow_goal(plan(self.joints(checkpoint).arm_rad))
+            return _follow_goal(plan(self.joints(checkpoint).arm_rad), self._arm_model)
 
         self._execute(self._follow, goal, checkpoint)
 
@@ -305,10 +307,10 @@ class RosBody:
                 self._moved_s = self._clock.now_s()
 
 
-def _joints(message: Any) -> Joints:
+def _joints(message: Any, arm: ArmModel) -> Joints:
     position = dict(zip(message.name, message.position, strict=True))
-    left, right = (position[name] for name in FINGER_JOINTS)
-    return Joints(np.array([position[name] for name in ARM_JOINTS]), float(left - right) / 2)
+    left, right = (position[name] for name in arm.fingers)
+    return Joints(np.array([position[name] for name in arm.joints]), float(left - right) / 2)
 
 
 def _finish(goal: ClientGoal, checkpoint: Checkpoint) -> Any:
@@ -335,7 +337,7 @@ def _plain(result: Any) -> dict[str, Any]:
     return {name: value for name, value in vars(result).items() if name.islower() and name[0] != "_"}
 
 
-def _follow_goal(trajectory: Trajectory) -> Any:
+def _follow_goal(trajectory: Trajectory, arm: ArmModel) -> Any:
     points = [
         types.new(
             "trajectory_msgs/msg/JointTrajectoryPoint",
@@ -345,7 +347,7 @@ def _follow_goal(trajectory: Trajectory) -> Any:
         )
         for time_s, position, velocity in _rows(trajectory)
     ]
-    message = types.new("trajectory_msgs/msg/JointTrajectory", joint_names=list(ARM_JOINTS), points=points)
+    message = types.new("trajectory_msgs/msg/JointTrajectory", joint_names=list(arm.joints), points=points)
     tolerance = types.new("builtin_interfaces/msg/Duration", sec=_GOAL_TIME_TOLERANCE_S)
     return types.new(
         f"{topics.FOLLOW_JOINT_TRAJECTORY.type}_Goal", trajectory=message, goal_time_tolerance=tolerance

@@ -23,6 +23,7 @@ from rodeo.bus import Bus, DaoEvents, validate
 from rodeo.config import Site
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.instance import HEARTBEAT_S
+from rodeo.lab.config import RobotConfig
 from rodeo.lab.geometry import on_plane
 from rodeo.messages import DaoEvent, Status, Task
 from rodeo.person.pace import Pace
@@ -30,7 +31,7 @@ from rodeo.processes import processes_of
 from rodeo.ros2 import types, wire
 from rodeo.ros2.errors import MalformedMessage
 from services.console.queries import Queries
-from services.console.scene import ARM_JOINTS, arm_points
+from services.console.scene import arm_drawing
 
 log = logging.getLogger(__name__)
 
@@ -315,7 +316,7 @@ class Live:
         self._newest.clear()
 
     def _map_state(self) -> Json:
-        robots = {one.name: self._robot_state(one.name, one.namespace) for one in self._site.robots}
+        robots = {one.name: self._robot_state(one) for one in self._site.robots}
         items = {}
         for item in self._site.items:
             pose = self._newest[topics.MOCAP_POSE.name(body=item.id)]
@@ -324,7 +325,8 @@ class Live:
                 items[item.id] = {"x": _mm(at.x), "y": _mm(at.y), "z": _mm(at.z), "fresh": pose.fresh}
         return {"robots": robots, "items": items}
 
-    def _robot_state(self, name: str, namespace: str) -> Json:
+    def _robot_state(self, robot: RobotConfig) -> Json:
+        name, namespace = robot.name, robot.namespace
         mocap = self._newest[topics.MOCAP_POSE.name(body=name)]
         odom = self._newest[topics.ODOM.name(ns=namespace)]
         joints = self._newest[topics.JOINT_STATES.name(ns=namespace)]
@@ -336,8 +338,9 @@ class Live:
             state |= _pose(odom.message.pose.pose) | {"fresh": odom.fresh, "source": "wheel odometry"}
         if joints.message is not None and joints.fresh:
             angles = dict(zip(joints.message.name, joints.message.position, strict=False))
-            if all(joint in angles for joint in ARM_JOINTS):
-                state["arm"] = arm_points(np.array([angles[joint] for joint in ARM_JOINTS]))
+            arm = arm_drawing(robot.kinematics)
+            if all(joint in angles for joint in arm.joints):
+                state["arm"] = arm.points(np.array([angles[joint] for joint in arm.joints]))
         if battery.message is not None and battery.fresh:
             state["soc"] = round(float(battery.message.percentage), 3)
         plan = self._newest[topics.PLAN.name(ns=namespace)]

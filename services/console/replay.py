@@ -12,12 +12,13 @@ from rodeo.config import Site
 from rodeo.evidence import Attestation, Proof
 from rodeo.evidence.errors import BadStatement, LayoutChanged
 from rodeo.evidence.series import Table
+from rodeo.lab.config import RobotConfig
 from rodeo.lab.geometry import yaws_of
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL
 from rodeo.witness import Classification, Drop, Motion, Removal, parse
 from rodeo.witness.motion import track as signed_track
 from services.console.formatting import phrase
-from services.console.scene import ARM_JOINTS, arm_points
+from services.console.scene import arm_drawing
 
 Json = dict[str, Any]
 Array = np.ndarray[Any, Any]
@@ -42,7 +43,7 @@ def track(proof: Proof, site: Site) -> Json:
         "robots": {
             robot.name: columns
             for robot in site.robots
-            if (columns := _robot(proof, motion, robot.name, robot.namespace, at_ns)) is not None
+            if (columns := _robot(proof, motion, robot, at_ns)) is not None
         },
         "items": {
             item.id: columns for item in site.items if (columns := _pose(motion, item.id, at_ns)) is not None
@@ -87,7 +88,8 @@ def _pose(motion: list[Motion], body: str, at_ns: Array) -> Json | None:
     return {"x": _rounded(x), "y": _rounded(y), "z": _rounded(z), "yaw": yaw}
 
 
-def _robot(proof: Proof, motion: list[Motion], name: str, namespace: str, at_ns: Array) -> Json | None:
+def _robot(proof: Proof, motion: list[Motion], robot: RobotConfig, at_ns: Array) -> Json | None:
+    name, namespace = robot.name, robot.namespace
     columns = _pose(motion, name, at_ns)
     if columns is None:
         odom = _table(proof, topics.ODOM, topics.ODOM.name(ns=namespace))
@@ -99,11 +101,12 @@ def _robot(proof: Proof, motion: list[Motion], name: str, namespace: str, at_ns:
     columns.pop("z", None)
     joints = _table(proof, topics.JOINT_STATES, topics.JOINT_STATES.name(ns=namespace))
     if joints is not None:
+        arm = arm_drawing(robot.kinematics)
         try:
-            angles = joints.named("position", list(ARM_JOINTS))[_rows(joints, at_ns)]
+            angles = joints.named("position", arm.joints)[_rows(joints, at_ns)]
         except LayoutChanged:
-            angles = np.empty((0, 6))  # another robot's arm, which this map cannot draw
-        columns["arm"] = [arm_points(row) for row in angles]
+            angles = np.empty((0, len(arm.joints)))  # another robot's arm, which this map cannot draw
+        columns["arm"] = [arm.points(row) for row in angles]
     battery = _table(proof, topics.BATTERY_STATE, topics.BATTERY_STATE.name(ns=namespace))
     if battery is not None:
         columns["soc"] = _rounded(battery["percentage"][_rows(battery, at_ns)])

@@ -5,7 +5,8 @@ Coordinates are in the map frame, metres, rounded to millimetres: they are sent 
 
 from __future__ import annotations
 
-import math
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,45 +18,38 @@ from rodeo.lab.layout import BUMPER_M, HALF_WIDTH_M, BinLayout, dock_parking
 Array = np.ndarray[Any, Any]
 Json = dict[str, Any]
 
-ARM_JOINTS = ("waist", "shoulder", "elbow", "forearm_roll", "wrist_angle", "wrist_rotate")
 
-_MOUNT_M = np.array([0.25, 0.0, 0.37])
-_MOUNT_PITCH_RAD = 0.35
-_CHAIN: tuple[tuple[tuple[float, float, float], str | None], ...] = (
-    ((0.0, 0.0, 0.079), "z"),
-    ((0.0, 0.0, 0.04805), "y"),
-    ((0.05955, 0.0, 0.3), "y"),
-    ((0.2, 0.0, 0.0), "x"),
-    ((0.1, 0.0, 0.0), "y"),
-    ((0.069744, 0.0, 0.0), "x"),
-    ((0.1072, 0.0, 0.0), None),
-)
-"""Offset of each joint in the frame before it and its axis; the last is where the fingers meet. Source:
-`rodeo/lab/panther_viperx.xml`, which a test compares. Not read from there: the page needs no MuJoCo."""
+class ArmDrawing:
+    """A robot's arm on the floor plan, as its model has it."""
 
+    def __init__(self, kinematics: Path | None) -> None:
+        # Imported here: a console without robots' arms to draw needs no MuJoCo.
+        import mujoco
 
-def arm_points(joints_rad: Array) -> list[list[float]]:
-    """Joints of the arm and the tip of the gripper on the floor plan, in the robot's base frame.
+        from rodeo.lab.arm import GRASP_SITE
+        from rodeo.lab.world import arm_model, robot_model
 
-    `joints_rad` (6,) in the order of ARM_JOINTS. Returns 8 points [x, y] (m), x forward, y left.
-    """
-    frame, point = _rotation("y", _MOUNT_PITCH_RAD), _MOUNT_M.copy()
-    points = [point[:2]]
-    for (offset, axis), angle in zip(_CHAIN, [*joints_rad, 0.0], strict=True):
-        point = point + frame @ np.array(offset)
-        points.append(point[:2])
-        if axis is not None:
-            frame = frame @ _rotation(axis, float(angle))
-    return [[round(float(x), 3), round(float(y), 3)] for x, y in points]
+        self._mujoco, self._model = mujoco, robot_model(kinematics)
+        self.joints = list(arm_model(kinematics).joints)
+        ids = [self._model.joint(name).id for name in self.joints]
+        self._ids, self._qpos = np.array(ids), self._model.jnt_qposadr[ids]
+        self._mount = int(self._model.body_parentid[self._model.jnt_bodyid[ids[0]]])
+        self._tip = self._model.site(GRASP_SITE).id
+
+    def points(self, joints_rad: Array) -> list[list[float]]:
+        """Mount, joints and tip of the gripper in the robot's base frame: [x, y] (m), x forward, y left.
+
+        `joints_rad` is in the order of `joints`.
+        """
+        data = self._mujoco.MjData(self._model)
+        data.qpos[self._qpos] = joints_rad
+        self._mujoco.mj_kinematics(self._model, data)
+        places = [data.xpos[self._mount], *data.xanchor[self._ids], data.site_xpos[self._tip]]
+        return [[round(float(x), 3), round(float(y), 3)] for x, y, _ in places]
 
 
-def _rotation(axis: str, angle_rad: float) -> Array:
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    if axis == "x":
-        return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
-    if axis == "y":
-        return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+arm_drawing = cache(ArmDrawing)
+"""One of each model."""
 
 
 def lab(site: Site) -> Json:

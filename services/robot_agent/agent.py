@@ -140,7 +140,7 @@ class Agent:
         self._witness = Witness(bus, site.org, robot.name, self._device, process.data_dir, inputs)
         self._bin = SmartBin(bus, site, self._clock, self._witness)
         self._memory = Memory(site, process.data_dir / "memory.json")
-        arm = Arm(robot.limits, robot.kinematics)
+        arm = Arm(robot.limits, robot.kinematics, robot.postures)
         item_pose = topics.ITEM_POSE
         self._item_pose = self._node.publisher(item_pose.name(ns=robot.namespace), item_pose.type)
         camera = WristCamera(self._make_node, robot, self._body, arm, self._clock)

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from rodeo import topics
+from rodeo.lab.arm import ArmModel
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import on_plane
-from rodeo.lab.world import ARM_JOINTS
 from rodeo.ros2 import LATCHED, ActionServer, Node, ServerGoal, types
 from rodeo.stamps import SECOND_NS, stamp_s
 from services.robot_sim import messages
@@ -174,8 +174,8 @@ class Actions:
         result = "control_msgs/action/FollowJointTrajectory_Result"
         robot = self._robot
         try:
-            motion = _motion(goal)
-            check(motion.waypoints, robot.body.arm_ranges, robot.config.limits)
+            motion = _motion(goal, robot.body.arm_model)
+            check(motion.waypoints, robot.body.arm_model, robot.config.limits)
         except BadTrajectory as error:
             log.warning("%s: refused a trajectory: %s", robot.config.name, error)
             goal.abort(types.new(result, error_code=int(error.error), error_string=str(error)))
@@ -198,7 +198,7 @@ class Actions:
         return types.new(
             "control_msgs/action/FollowJointTrajectory_Feedback",
             header=messages.header(self._simulation.time_ns, ""),
-            joint_names=list(ARM_JOINTS),
+            joint_names=list(self._robot.body.arm_model.joints),
             desired=types.new(point, positions=desired),
             actual=types.new(point, positions=actual),
             error=types.new(point, positions=desired - actual),
@@ -258,20 +258,24 @@ def _goal_pose(target: Any) -> Pose2:
     return pose
 
 
-def _motion(goal: ServerGoal) -> Motion:
-    """The trajectory in a goal. Raises BadTrajectory."""
+def _motion(goal: ServerGoal, arm: ArmModel) -> Motion:
+    """The trajectory in a goal. Raises BadTrajectory that names the joints that it should be for."""
     trajectory = goal.request.trajectory
     names = list(trajectory.joint_names)
-    if sorted(names) != sorted(ARM_JOINTS):
+    if sorted(names) != sorted(arm.joints):
         raise BadTrajectory(
-            TrajectoryError.INVALID_JOINTS, "the trajectory names other joints than the arm's", joints=names
+            TrajectoryError.INVALID_JOINTS,
+            "the trajectory names other joints than the arm's",
+            joints=names,
+            expected=list(arm.joints),
         )
-    order = [names.index(name) for name in ARM_JOINTS]
+    count, order = len(names), [names.index(name) for name in arm.joints]
     waypoints = []
     for k, point in enumerate(trajectory.points):
         values = [np.asarray(point.positions), np.asarray(point.velocities), np.asarray(point.accelerations)]
         given = [v for v in values if len(v)]
-        if len(values[0]) != 6 or any(len(v) != 6 for v in given) or (len(values[2]) and not len(values[1])):
+        wrong = any(len(v) != count for v in (values[0], *given))
+        if wrong or (len(values[2]) and not len(values[1])):
             raise BadTrajectory(
                 TrajectoryError.INVALID_GOAL, "a trajectory point lacks joints or derivatives", point=k
             )
@@ -280,14 +284,14 @@ def _motion(goal: ServerGoal) -> Motion:
     return Motion(
         waypoints,
         lambda: goal.is_cancel_requested,
-        _tolerance(goal.request.path_tolerance, PATH_TOLERANCE_RAD),
-        _tolerance(goal.request.goal_tolerance, GOAL_TOLERANCE_RAD),
+        _tolerance(goal.request.path_tolerance, arm, PATH_TOLERANCE_RAD),
+        _tolerance(goal.request.goal_tolerance, arm, GOAL_TOLERANCE_RAD),
         stamp_s(goal.request.goal_time_tolerance) or GOAL_TIME_TOLERANCE_S,
     )
 
 
-def _tolerance(given: list[Any], default_rad: float) -> np.ndarray:
+def _tolerance(given: list[Any], arm: ArmModel, default_rad: float) -> np.ndarray:
     """control_msgs/JointTolerance: 0 means the default, negative means none."""
     by_name = {tolerance.name: tolerance.position for tolerance in given}
-    values = [by_name.get(name, 0.0) for name in ARM_JOINTS]
+    values = [by_name.get(name, 0.0) for name in arm.joints]
     return np.array([default_rad if v == 0 else math.inf if v < 0 else v for v in values])

@@ -12,9 +12,10 @@ import numpy as np
 from scipy.interpolate import BPoly
 
 from rodeo.errors import RodeoError
+from rodeo.lab.arm import ArmModel
 from rodeo.lab.body import Body
 from rodeo.lab.config import MotionLimits
-from rodeo.lab.world import ARM_JOINTS, GRIPPER_OPEN_M
+from rodeo.lab.world import GRIPPER_OPEN_M
 
 PATH_TOLERANCE_RAD = 0.2
 GOAL_TOLERANCE_RAD = 0.02
@@ -44,7 +45,7 @@ class BadTrajectory(RodeoError):
 
 @dataclass(frozen=True)
 class Waypoint:
-    """Joint positions in the order of ARM_JOINTS, with derivatives as far as they are given."""
+    """Joint positions in the order of the arm's joints, with derivatives as far as they are given."""
 
     time_s: float
     derivatives: tuple[np.ndarray, ...]
@@ -65,15 +66,18 @@ class Motion:
     was_cancelled: bool = False
     started_s: float | None = None
     spline: BPoly | None = None
-    desired_rad: np.ndarray = field(default_factory=lambda: np.zeros(6))
+    desired_rad: np.ndarray = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.desired_rad = np.zeros_like(self.path_tolerance_rad)
 
     @property
     def end_s(self) -> float:
         return self.waypoints[-1].time_s
 
 
-def check(waypoints: Sequence[Waypoint], ranges_rad: np.ndarray, limits: MotionLimits) -> None:
-    """Raise BadTrajectory unless times rise, positions are in `ranges_rad` (6, 2), speeds within limits."""
+def check(waypoints: Sequence[Waypoint], arm: ArmModel, limits: MotionLimits) -> None:
+    """Raise BadTrajectory unless times rise, positions are in the joints' ranges, speeds within limits."""
     if not waypoints:
         raise BadTrajectory(TrajectoryError.INVALID_GOAL, "the trajectory is empty")
     times = np.array([w.time_s for w in waypoints])
@@ -84,13 +88,14 @@ def check(waypoints: Sequence[Waypoint], ranges_rad: np.ndarray, limits: MotionL
         raise BadTrajectory(
             TrajectoryError.INVALID_GOAL, "the points' times must increase", times_s=times.tolist()[:8]
         )
-    outside = (values < ranges_rad[:, 0] - 1e-6) | (values > ranges_rad[:, 1] + 1e-6)
+    low, high = arm.ranges_rad.T
+    outside = (values < low - 1e-6) | (values > high + 1e-6)
     if outside.any():
         point, joint = np.argwhere(outside)[0]
         raise BadTrajectory(
             TrajectoryError.INVALID_GOAL,
             "a position is outside the joint's range",
-            joint=ARM_JOINTS[joint],
+            joint=arm.joints[joint],
             point=int(point),
             position_rad=float(values[point, joint]),
         )
@@ -100,7 +105,7 @@ def check(waypoints: Sequence[Waypoint], ranges_rad: np.ndarray, limits: MotionL
             raise BadTrajectory(
                 TrajectoryError.INVALID_GOAL,
                 "a joint would exceed its speed limit",
-                joint=ARM_JOINTS[int(speeds.max(axis=0).argmax())],
+                joint=arm.joints[int(speeds.max(axis=0).argmax())],
                 speed_rad_s=float(speeds.max()),
                 limit_rad_s=limits.joint_rad_s,
             )
@@ -120,7 +125,7 @@ class ArmDriver:
 
     @property
     def reference_rad(self) -> np.ndarray:
-        """(6,) where the joints are wanted now."""
+        """(len(arm_model.joints),) where the joints are wanted now."""
         return self._hold_rad
 
     def follow(self, motion: Motion) -> None:
@@ -163,7 +168,7 @@ class ArmDriver:
         if (error > motion.path_tolerance_rad).any():
             # What blocks the arm is not pushed any further.
             self._hold_rad = self._body.arm.copy()
-            joint = ARM_JOINTS[int((error - motion.path_tolerance_rad).argmax())]
+            joint = self._body.arm_model.joints[int((error - motion.path_tolerance_rad).argmax())]
             motion.error = TrajectoryError.PATH_TOLERANCE_VIOLATED
             motion.reason = f"{joint} is {error.max():.3f} rad off its path"
             self._end(motion)
@@ -171,7 +176,7 @@ class ArmDriver:
             if (error <= motion.goal_tolerance_rad).all():
                 self._end(motion)
             elif elapsed_s >= motion.end_s + motion.goal_time_tolerance_s:
-                joint = ARM_JOINTS[int((error - motion.goal_tolerance_rad).argmax())]
+                joint = self._body.arm_model.joints[int((error - motion.goal_tolerance_rad).argmax())]
                 motion.error = TrajectoryError.GOAL_TOLERANCE_VIOLATED
                 motion.reason = f"{joint} stopped {error.max():.3f} rad short"
                 self._end(motion)
@@ -181,7 +186,8 @@ class ArmDriver:
         waypoints = list(motion.waypoints)
         if waypoints[0].time_s > 0:
             order = len(waypoints[0].derivatives)
-            still = (self._hold_rad, np.zeros(6), np.zeros(6))[:order]
+            zero = np.zeros_like(self._hold_rad)
+            still = (self._hold_rad, zero, zero)[:order]
             waypoints.insert(0, Waypoint(0.0, still))
         if len(waypoints) == 1:
             waypoints.append(Waypoint(waypoints[0].time_s + 1e-3, waypoints[0].derivatives))

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from rodeo.lab.battery import Battery, Supply, SupplyStatus
-from rodeo.lab.body import JOINTS
 from rodeo.lab.config import BatteryConfig, NoiseConfig
 from rodeo.lab.geometry import quaternion_of
 from rodeo.lab.sensors import Lidar, Pinhole
@@ -109,10 +108,10 @@ def pose_template() -> StampedDoubles:
     return StampedDoubles(pose_stamped(0, planar_pose(0.0, 0.0, 0.0)), 7)
 
 
-def joint_state_template() -> JointStates:
-    zeros = np.zeros(len(JOINTS))
+def joint_state_template(joints: Sequence[str]) -> JointStates:
+    zeros = np.zeros(len(joints))
     return JointStates(
-        _JointState(header=header(0, ""), name=list(JOINTS), position=zeros, velocity=zeros, effort=zeros)
+        _JointState(header=header(0, ""), name=list(joints), position=zeros, velocity=zeros, effort=zeros)
     )
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from rodeo import topics
-from rodeo.lab.body import Twist2
-from rodeo.lab.world import ARM_JOINTS, CAMERA_SITE, FINGER_JOINTS
+from rodeo.lab.body import Twist2, joint_names
+from rodeo.lab.world import CAMERA_SITE
 from rodeo.ros2 import DEFAULT, LATCHED, MessageInfo, Node, Publisher, types
 from rodeo.stamps import stamp_ns
 from services.robot_sim import messages
@@ -214,15 +214,16 @@ class RobotPlane:
         def publisher(topic: topics.Topic) -> Publisher:
             return node.publisher(topic.name(ns=self._ns), topic.type, LATCHED if topic.latched else DEFAULT)
 
+        arm = robot.body.arm_model
         self._odom = publisher(topics.ODOM)
         self._odometry = messages.odometry_template(self._ns, robot.config.noise)
         self._joints = publisher(topics.JOINT_STATES)
-        self._joint_states = messages.joint_state_template()
+        self._joint_states = messages.joint_state_template(joint_names(arm))
         self._pose = None if self._simulation.site.lab.mocap else publisher(topics.POSE)
         self._pose_cdr = messages.pose_template()
         self._arm, self._gripper = publisher(topics.ARM_STATE), publisher(topics.GRIPPER_STATE)
-        self._arm_state = messages.controller_state_template(ARM_JOINTS)
-        self._gripper_state = messages.controller_state_template(FINGER_JOINTS)
+        self._arm_state = messages.controller_state_template(arm.joints)
+        self._gripper_state = messages.controller_state_template(arm.fingers)
         self._battery = publisher(topics.BATTERY_STATE)
         self._battery_state = messages.BatteryState(self._ns, robot.config.battery)
         self._scan, self._scan_cdr = publisher(topics.SCAN), messages.scan_template(self._ns)
@@ -297,10 +298,13 @@ class RobotPlane:
         add(self._joints.publish_cdr, joints, now_ns)
 
     def _publish_controllers(self, now_ns: int) -> None:
-        seen, add, position = self._seen, self._loop.publish_queue.add, self._seen.body.positions
-        arm = self._arm_state.encode(now_ns, seen.arm_reference_rad, position[:6])
+        seen, add, body = self._seen, self._loop.publish_queue.add, self._seen.body
+        position = body.positions
+        arm = self._arm_state.encode(now_ns, seen.arm_reference_rad, position[body.arm_columns])
         add(self._arm.publish_cdr, arm, now_ns)
-        fingers = self._gripper_state.encode(now_ns, seen.gripper_reference_m * _FINGER_SIDES, position[6:8])
+        fingers = self._gripper_state.encode(
+            now_ns, seen.gripper_reference_m * _FINGER_SIDES, position[body.finger_columns]
+        )
         add(self._gripper.publish_cdr, fingers, now_ns)
 
     def _frame_poses(self) -> np.ndarray:

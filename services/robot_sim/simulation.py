@@ -15,7 +15,6 @@ from rodeo.lab.sensors import Lidar
 from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import (
     CONTROL_PERIOD_S,
-    FINGER_JOINTS,
     LIDAR_SITE,
     begin,
     robot_model,
@@ -186,15 +185,14 @@ class Simulation:
             **{robot.name: self.model.body(robot.name).id for robot in elsewhere},
         }
         if site.lab.mocap_gripper:
-            self.captured |= {gripper_body(robot.name): self._carrier(robot) for robot in bodies}
+            self.captured |= {gripper_body(name): self._hand(robot) for name, robot in self.robots.items()}
         """What the motion capture tracks: names and MuJoCo's numbers of bodies."""
         self._state_size = mujoco.mj_stateSize(self.model, _MJ_STATE)
         self._row = np.empty(self._state_size + len(self._extras()))
 
-    def _carrier(self, robot: RobotConfig) -> int:
+    def _hand(self, robot: SimRobot) -> int:
         """The body that carries the fingers."""
-        finger = self.model.joint(f"{robot.name}/{FINGER_JOINTS[0]}").bodyid[0]
-        return int(self.model.body_parentid[finger])
+        return int(self.model.body(f"{robot.config.name}/{robot.body.arm_model.hand}").id)
 
     @property
     def time_s(self) -> float:

@@ -10,12 +10,10 @@ from collections.abc import Callable, Sequence
 import mujoco
 import numpy as np
 
+from rodeo.lab.arm import GRASP_SITE, ArmModel
 from rodeo.lab.world import (
-    ARM_JOINTS,
     CONTROL_PERIOD_S,
     CONTROL_STEPS,
-    FINGER_JOINTS,
-    GRASP_SITE,
     GRIPPER_OPEN_M,
     TIMESTEP_S,
     WHEEL_JOINTS,
@@ -61,17 +59,17 @@ class Steps:
         """(nv,) the most that each speed may be in a world that is stepped widely."""
         fingers = []
         for robot in robots:
-            base = model.body(f"{robot}/base_link")
+            arm, base = ArmModel.of(model, f"{robot}/"), model.body(f"{robot}/base_link")
             for dof in np.flatnonzero(model.dof_bodyid == base.id):
                 self._still[dof] = np.inf
             for names, most in (
                 (WHEEL_JOINTS, np.inf),
-                (ARM_JOINTS, ARM_STILL_RAD_S),
-                (FINGER_JOINTS, FINGER_STILL_M_S),
+                (arm.joints, ARM_STILL_RAD_S),
+                (arm.fingers, FINGER_STILL_M_S),
             ):
                 for name in names:
                     self._still[model.joint(f"{robot}/{name}").dofadr[0]] = most
-            fingers += [model.joint(f"{robot}/{name}").qposadr[0] for name in FINGER_JOINTS]
+            fingers += [model.joint(f"{robot}/{name}").qposadr[0] for name in arm.fingers]
         self._fingers = np.array(fingers, int)
         bases = [model.body(f"{robot}/base_link").id for robot in robots]
         self._hands = np.array([model.site(f"{robot}/{GRASP_SITE}").id for robot in robots], int)

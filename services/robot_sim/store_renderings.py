@@ -16,7 +16,7 @@ from rodeo.lab.config import ItemConfig
 from rodeo.lab.items import PALM_CLEARANCE_M, SHAPES, Shape, shape_of
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.render import Camera, encode
-from rodeo.lab.world import ARM_JOINTS, PAD_THICKNESS_M, begin, build_world
+from rodeo.lab.world import PAD_THICKNESS_M, arm_model, begin, build_world
 from services.robot_sim.camera import RENDERINGS
 
 SHOWING_RAD = (0.0, -0.5045, -0.246, 0.0, 1.9713, 0.0)
@@ -31,11 +31,11 @@ def held(site: Site, item: ItemConfig | None) -> bytes:
     site = site.model_copy(update={"robots": [robot], "items": [item] if item else []})
     model = build_world(site)
     data = begin(model, site)
-    for name, position in zip(ARM_JOINTS, SHOWING_RAD, strict=True):
+    for name, position in zip(arm_model().joints, SHOWING_RAD, strict=True):
         data.joint(f"{robot.name}/{name}").qpos[0] = position
     if item is not None:
         shape = shape_of(item)
-        for finger, side in (("left_finger", 1), ("right_finger", -1)):
+        for finger, side in zip(arm_model().fingers, (1, -1), strict=True):
             data.joint(f"{robot.name}/{finger}").qpos[0] = side * (shape.half_m[1] + PAD_THICKNESS_M)
         mujoco.mj_forward(model, data)
         _put_between_pads(data, robot.name, item, shape)

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rodeo.lab.config import Pose2
+from rodeo.lab.config import Pose2, PosturesConfig
 from rodeo.lab.layout import HALF_WIDTH_M, BinLayout
 from rodeo.lab.world import GRIPPER_CLOSED_M
-from rodeo.robot.arm import READY_RAD, Arm, Trajectory, pointing_down
+from rodeo.robot.arm import Arm, Trajectory, pointing_down
 from rodeo.robot.errors import MotionFailed, Stopped
 from rodeo.robot.navigation import Floor
 from rodeo.robot.ros_body import RosBody
@@ -23,6 +23,8 @@ from rodeo.ros2 import ActionClient, Node, types
 from rodeo.ros2.errors import GoalCanceled
 from rodeo.sim_clock import SimClock
 from tests.support.site import WAIT_S, RunningSite, write_site
+
+READY_RAD = np.array(PosturesConfig().ready_rad)
 
 BEHIND_DESK = Pose2(x_m=4.7, y_m=3.2, yaw_rad=1.0)
 """On the straight way there, from where the robot starts, it would hit the desk."""

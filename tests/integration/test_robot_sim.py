@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rodeo.lab.config import Pose2
+from rodeo.lab.config import Pose2, PosturesConfig
 from rodeo.lab.geometry import wrap
 from rodeo.lab.layout import BinLayout, dock_parking, on_contacts
-from rodeo.lab.world import ARM_JOINTS, STOWED_RAD
+from rodeo.lab.world import arm_model
 from rodeo.ros2 import LATCHED, ActionClient, MessageInfo, Node, types
 from rodeo.ros2.errors import ActionServerLost, GoalAborted, GoalRejected
 from rodeo.sim_clock import SimClock
@@ -146,14 +146,14 @@ def test_the_robot_docks_and_is_charged(remote: Remote) -> None:
 
 def test_arm_and_gripper_do_as_told_and_refuse_nonsense(remote: Remote) -> None:
     remote.watch("panther1/joint_states", "sensor_msgs/msg/JointState")
-    target = np.array(STOWED_RAD) + np.array([0.5, 0.1, 0, 0, 0, 0.3])
+    target = np.array(PosturesConfig().stowed_rad) + np.array([0.5, 0.1, 0, 0, 0, 0.3])
     point = types.new(
         "trajectory_msgs/msg/JointTrajectoryPoint",
         positions=target,
         velocities=np.zeros(6),
         time_from_start=types.msg("builtin_interfaces/msg/Duration")(sec=1, nanosec=0),
     )
-    joints = list(ARM_JOINTS)
+    joints = list(arm_model().joints)
     trajectory = types.new("trajectory_msgs/msg/JointTrajectory", joint_names=joints, points=[point])
     goal = types.new("control_msgs/action/FollowJointTrajectory_Goal", trajectory=trajectory)
     assert remote.arm.send_goal(goal).result(WALL_LIMIT_S).error_code == 0

@@ -16,7 +16,6 @@ from rodeo.lab.drop import JUDGED_AFTER_DROP_S
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout
 from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo_testing.assignments import chain_record
-from rodeo_testing.operator import READY_RAD
 from rodeo_testing.recordings import RENDERINGS, Camera, FilmedOperator, Reality, Take, moved
 
 KIND = "waste_disposal"
@@ -57,7 +56,7 @@ def film_cleaning(
     before = start or Pose2(x_m=beside.x_m - 0.5, y_m=beside.y_m)
     camera.put_robot(before)
     operator.wait(0.5)
-    operator.move(READY_RAD)
+    operator.move(operator.stowed_rad)
     operator.drive_to(beside)
 
     operator.wait(linger_s / 2)

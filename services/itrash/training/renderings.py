@@ -30,7 +30,7 @@ from scipy.spatial.transform import Rotation
 from rodeo.lab.items import PALM_CLEARANCE_M, SHAPES, Shape, shape_of
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.render import Camera, encode
-from rodeo.lab.world import ARM_JOINTS, GRIPPER_CLOSED_M, GRIPPER_OPEN_M, PAD_THICKNESS_M, build_world
+from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M, PAD_THICKNESS_M, arm_model, build_world
 from rodeo.vision.images import decode_image
 from services.itrash.training.dataset import Sample
 
@@ -111,7 +111,7 @@ class _Studio:
         world_geoms = self._model.body(0).geomnum[0]
         """The floor and the walls."""
         self._room = slice(0, world_geoms)
-        self._arm = [self._model.joint(f"{self._robot}/{name}") for name in ARM_JOINTS]
+        self._arm = [self._model.joint(f"{self._robot}/{name}") for name in arm_model().joints]
 
     def samples(self, per_class: int) -> Iterator[Sample]:
         by_class = {c: [item for item in self._site.items if item.item_class == c] for c in ItemClass}

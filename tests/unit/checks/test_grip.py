@@ -12,11 +12,12 @@ import pytest
 from rodeo.checks import grip
 from rodeo.checks.case import Case
 from rodeo.checks.kinematics import kinematics_of
-from rodeo.checks.replay import ENSEMBLE, Motion, Replay, World, compartment_at, replay_of
+from rodeo.checks.replay import Motion, Perturbation, Replay, World, compartment_at, replay_of
 from rodeo.checks.verify import case_of
 from rodeo.config import Site
 from rodeo.evidence import open_proof
-from rodeo.lab.body import JOINTS
+from rodeo.lab.body import joint_names
+from rodeo.lab.world import arm_model
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Sample, Take, seal
@@ -24,9 +25,10 @@ from tests.unit.conftest import Judge, failed
 
 JOINT_STATES = "panther1/joint_states"
 GRIPPER_STATE = "panther1/gripper_controller/controller_state"
+JOINTS = joint_names(arm_model())
 FINGERS = [JOINTS.index("left_finger"), JOINTS.index("right_finger")]
 STEP_S = 0.002
-EXACT = ENSEMBLE[0]
+EXACT = Perturbation()
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ def lab_with(item: ItemConfig) -> tuple[Site, Operator]:
     site = site.model_copy(update={"items": [item], "robots": [robot]})
     model = build_world(site)
     data = begin(model, site)
-    return site, Operator(model, data, Body(model, data, robot.name, robot.limits))
+    return site, Operator(model, data, Body(model, data, robot.name, robot.limits), robot)
 
 
 def an_item(item_class: ItemClass, shape: str, mass_kg: float) -> ItemConfig:

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from rodeo.errors import ConfigError
+from rodeo.lab.arm import GRASP_SITE
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.lab.urdf import to_urdf
-from rodeo.lab.world import CAMERA_SITE, GRASP_SITE, robot_model, robot_spec
+from rodeo.lab.world import CAMERA_SITE, robot_model, robot_spec
 
 
 @pytest.fixture

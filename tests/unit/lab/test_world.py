@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from rodeo.config import Site
-from rodeo.lab.body import JOINTS, Body, Twist2
+from rodeo.lab.body import Body, Twist2, joint_names
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import wrap
-from rodeo.lab.world import ARM_JOINTS, CONTROL_STEPS, begin, build_world, robot_model
+from rodeo.lab.world import CONTROL_STEPS, arm_model, begin, build_world, robot_model
 from tests.support.site import LAB
 
 
@@ -55,7 +55,7 @@ def test_the_arm_reaches_as_far_as_the_data_sheet_says() -> None:
 
 def test_the_robot_alone_has_the_names_of_the_drivers() -> None:
     model = robot_model()
-    assert {model.joint(j).name for j in range(model.njnt)} == set(JOINTS)
+    assert {model.joint(j).name for j in range(model.njnt)} == set(joint_names(arm_model()))
 
 
 def test_a_new_world_is_at_rest(body: Body) -> None:
@@ -109,7 +109,7 @@ def test_the_arm_obeys_the_joint_speed_limit(body: Body) -> None:
     for _ in range(25):
         body.move_arm(target)
         mujoco.mj_step(body.model, body.data, nstep=CONTROL_STEPS)
-    assert body.arm_setpoint[ARM_JOINTS.index("waist")] == pytest.approx(0.5 * math.pi, rel=0.01)
+    assert body.arm_setpoint[arm_model().joints.index("waist")] == pytest.approx(0.5 * math.pi, rel=0.01)
 
 
 def test_walls_stop_the_base(site: Site) -> None:

@@ -18,19 +18,18 @@ from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.errors import NoResponder, RodeoError
 from rodeo.evidence import Attestation, attest
-from rodeo.lab.config import ItemConfig, Pose2
+from rodeo.lab.config import ItemConfig, Pose2, PosturesConfig
 from rodeo.lab.geometry import ahead
 from rodeo.lab.items import rest_pose, shape_of
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.world import (
-    ARM_JOINTS,
-    FINGER_JOINTS,
     GRIPPER_CLOSED_M,
     GRIPPER_OPEN_M,
     PAD_THICKNESS_M,
+    arm_model,
     build_world,
 )
-from rodeo.robot.arm import READY_RAD, Arm, Trajectory, Vector
+from rodeo.robot.arm import Arm, Trajectory, Vector
 from rodeo.robot.bin import Kind, Word
 from rodeo.robot.body import Checkpoint
 from rodeo.robot.errors import MotionFailed, NoAnswer
@@ -50,6 +49,7 @@ from rodeo.witness import (
     WitnessChain,
 )
 
+READY_RAD = np.array(PosturesConfig().ready_rad)
 _GRASP_RADIUS_M = 0.03
 
 
@@ -242,9 +242,9 @@ class RayCamera:
         data.qpos[joint : joint + 7] = [
             body.base.x_m, body.base.y_m, height_m, np.cos(half), 0, 0, np.sin(half)
         ]  # fmt: skip
-        for name, value in zip(ARM_JOINTS, body.arm_rad, strict=True):
+        for name, value in zip(arm_model().joints, body.arm_rad, strict=True):
             data.qpos[model.joint(f"{robot}/{name}").qposadr[0]] = value
-        for name, side in zip(FINGER_JOINTS, (1, -1), strict=True):
+        for name, side in zip(arm_model().fingers, (1, -1), strict=True):
             data.qpos[model.joint(f"{robot}/{name}").qposadr[0]] = side * body.gripper_m
         for item, pose in body.items.items():
             joint = model.joint(item).qposadr[0]

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rodeo.lab.config import MotionLimits
-from rodeo.robot.arm import CRUISE_RAD_S, READY_RAD, Arm, pointing_down
+from rodeo.lab.config import MotionLimits, PosturesConfig
+from rodeo.robot.arm import CRUISE_RAD_S, Arm, pointing_down
 from rodeo.robot.errors import Unreachable
+
+READY_RAD = np.array(PosturesConfig().ready_rad)
 
 LIMITS = MotionLimits()
 

@@ -10,14 +10,17 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rodeo.config import Site
-from rodeo.lab.config import ItemConfig, Pose2
+from rodeo.lab.config import ItemConfig, Pose2, PosturesConfig
 from rodeo.lab.items import SHAPES, rest_pose, shape_of, top_grasps
-from rodeo.robot.arm import LOOK_RAD, READY_RAD, Arm, pointing_down
+from rodeo.robot.arm import Arm, pointing_down
 from rodeo.robot.errors import NotFound
 from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Cloud, View, best, cloud, clusters, level
 from tests.support.site import LAB
 from tests.unit.robot.fakes import KinematicBody, ManualClock, RayCamera
+
+READY_RAD = np.array(PosturesConfig().ready_rad)
+LOOK_RAD = np.array(PosturesConfig().look_rad)
 
 SITE = Site.load(LAB)
 FLOOR = Floor(SITE)

@@ -14,12 +14,14 @@ import zenoh
 from rodeo.bus import zenoh_config
 from rodeo.clock import WallClock
 from rodeo.config import Site
-from rodeo.lab.config import Pose2
-from rodeo.robot.arm import READY_RAD, Trajectory
+from rodeo.lab.config import Pose2, PosturesConfig
+from rodeo.robot.arm import Trajectory
 from rodeo.robot.errors import MotionFailed, Stopped
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import ActionServer, Node, ServerGoal, types
 from tests.support.site import LAB, WAIT_S, free_port
+
+READY_RAD = np.array(PosturesConfig().ready_rad)
 
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
 FOLLOW = "control_msgs/action/FollowJointTrajectory"

@@ -16,9 +16,10 @@ from rodeo import topics
 from rodeo.checks.case import ChainRecord
 from rodeo.config import Site
 from rodeo.evidence import Attestation, Binding, attest, open_proof
-from rodeo.lab.body import JOINTS
+from rodeo.lab.body import joint_names
 from rodeo.lab.config import ItemClass
 from rodeo.lab.drop import RECORDED_AFTER_DROP_S
+from rodeo.lab.world import arm_model
 from rodeo.witness import Claimant
 from rodeo.witness.poses import pack, unpack
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning, without_mocap
@@ -30,6 +31,7 @@ from tests.unit.conftest import Judge, failed
 JOINT_STATES, ODOM = "panther1/joint_states", "panther1/odom"
 GRIPPER_STATE = "panther1/gripper_controller/controller_state"
 ROBOT_POSE, ITEM_POSE = "mocap/panther1/pose", "mocap/item1/pose"
+JOINTS = joint_names(arm_model())
 FINGERS = [JOINTS.index("left_finger"), JOINTS.index("right_finger")]
 
 

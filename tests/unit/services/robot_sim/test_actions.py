@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,26 +14,33 @@ import zenoh
 
 from rodeo.bus import zenoh_config
 from rodeo.config import ClockConfig, Site
+from rodeo.lab.body import joint_names
+from rodeo.lab.world import WHEEL_JOINTS
 from rodeo.ros2 import LATCHED, ActionClient, Node, types
 from rodeo.ros2.errors import GoalAborted
+from services.robot_sim import messages
 from services.robot_sim.actions import Actions
+from services.robot_sim.arm import TrajectoryError
 from services.robot_sim.commander import Commander
 from services.robot_sim.entities import EntityState
 from services.robot_sim.loop import Loop
 from services.robot_sim.simulation import SimRobot, Simulation
 from services.robot_sim.state import StateFile
+from tests.support.arms import JOINTS, with_arm
 from tests.support.site import LAB, free_port
 
 WALL_LIMIT_S = 120.0
 UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
+FOLLOW = "control_msgs/action/FollowJointTrajectory"
 
 
 class Bench:
     """One simulation in a thread, its actions, and a client of them."""
 
-    def __init__(self, folder: Path, session: zenoh.Session, monkeypatch: pytest.MonkeyPatch) -> None:
-        site = Site.load(LAB).model_copy(update={"items": []})
+    def __init__(
+        self, site: Site, folder: Path, session: zenoh.Session, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         self.simulation = Simulation(site, 1_800_000_000_000_000_000)
         self.robot: SimRobot = self.simulation.robots["panther1"]
         self.each_period: Callable[[], None] = lambda: None
@@ -52,6 +59,7 @@ class Bench:
         self.node = Node(session, "client", "", 0, self.simulation)
         Actions(self._server, loop, self.robot, Commander(session, 0, "panther1"))
         self.client = ActionClient(self.node, "panther1/navigate_to_pose", NAVIGATE)
+        self.arm = ActionClient(self.node, "panther1/arm_controller/follow_joint_trajectory", FOLLOW)
         self._thread = threading.Thread(target=loop.run, args=(self,))
         self._thread.start()
 
@@ -71,6 +79,21 @@ class Bench:
         assert self.client.wait_for_server(WALL_LIMIT_S)
         return self.client.send_goal(types.new(f"{NAVIGATE}_Goal", pose=pose), feedback, WALL_LIMIT_S)
 
+    def follow(self, joints: Sequence[str], target_rad: np.ndarray) -> Any:
+        """Move these joints there within 3 s."""
+        point = types.new(
+            "trajectory_msgs/msg/JointTrajectoryPoint",
+            positions=np.ascontiguousarray(target_rad),
+            velocities=np.zeros(len(target_rad)),
+            time_from_start=types.duration_message(3_000_000_000),
+        )
+        trajectory = types.new(
+            "trajectory_msgs/msg/JointTrajectory", joint_names=list(joints), points=[point]
+        )
+        assert self.arm.wait_for_server(WALL_LIMIT_S)
+        goal = types.new(f"{FOLLOW}_Goal", trajectory=trajectory)
+        return self.arm.send_goal(goal, timeout_s=WALL_LIMIT_S).result(WALL_LIMIT_S)
+
     def close(self) -> None:
         self._stop.set()
         self._thread.join()
@@ -80,9 +103,14 @@ class Bench:
 
 
 @pytest.fixture
-def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
+def site() -> Site:
+    return Site.load(LAB).model_copy(update={"items": []})
+
+
+@pytest.fixture
+def bench(site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Bench]:
     session = zenoh.open(zenoh_config("router", listen=[f"tcp/127.0.0.1:{free_port()}"]))
-    bench = Bench(tmp_path, session, monkeypatch)
+    bench = Bench(site, tmp_path, session, monkeypatch)
     yield bench
     bench.close()
     session.close()
@@ -150,3 +178,42 @@ def test_a_stop_engaged_in_the_middle_of_a_drive_aborts_it(bench: Bench) -> None
     with pytest.raises(GoalAborted):
         bench.drive(4.6, 1.3).result(WALL_LIMIT_S)
     assert bench.robot.body.pose.x_m < 2.0
+
+
+class TestAnotherArm:
+    """Of five joints and of seven."""
+
+    @pytest.fixture(params=[5, 7])
+    def joints(self, request: pytest.FixtureRequest) -> tuple[str, ...]:
+        return JOINTS[request.param]
+
+    @pytest.fixture
+    def site(self, site: Site, joints: tuple[str, ...], tmp_path: Path) -> Site:
+        return with_arm(site, len(joints), tmp_path)
+
+    def test_a_trajectory_moves_each_joint_of_the_arm(self, bench: Bench, joints: tuple[str, ...]) -> None:
+        target_rad = bench.robot.body.arm + np.linspace(0.3, 0.1, len(joints))
+        # Whoever commands an arm may name its joints in any order.
+        result = bench.follow(joints[::-1], target_rad[::-1])
+        assert result.error_code == 0
+        assert bench.robot.body.arm == pytest.approx(target_rad, abs=0.02)
+
+    def test_other_joints_are_refused_with_the_names_of_the_arms(
+        self, bench: Bench, joints: tuple[str, ...]
+    ) -> None:
+        others = [*joints[:-1], "tail"]
+        with pytest.raises(GoalAborted) as aborted:
+            bench.follow(others, bench.robot.body.arm)
+        result = aborted.value.result
+        assert result.error_code == TrajectoryError.INVALID_JOINTS
+        assert str(list(joints)) in result.error_string and "tail" in result.error_string
+
+    def test_joint_states_name_every_joint(self, bench: Bench, joints: tuple[str, ...]) -> None:
+        body = bench.robot.body
+        names = joint_names(body.arm_model)
+        assert names == (*joints, "left_finger", "right_finger", *WHEEL_JOINTS)
+        template = messages.joint_state_template(names)
+        cdr = template.encode(1, body.positions, body.velocities, body.efforts)
+        message = types.deserialize(cdr, "sensor_msgs/msg/JointState")
+        assert message.name == list(names)
+        assert (message.position == body.positions).all()

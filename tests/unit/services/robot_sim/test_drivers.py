@@ -7,10 +7,9 @@ import pytest
 
 from rodeo.config import Site
 from rodeo.lab.body import Twist2
-from rodeo.lab.config import NoiseConfig, Pose2
+from rodeo.lab.config import NoiseConfig, Pose2, PosturesConfig
 from rodeo.lab.geometry import wrap
 from rodeo.lab.layout import BinLayout, dock_parking
-from rodeo.lab.world import STOWED_RAD
 from services.robot_sim.arm import BadTrajectory, Grip, Motion, TrajectoryError, Waypoint, check
 from services.robot_sim.navigation import Drive, NavigationError
 from services.robot_sim.planner import Map, Route, plan
@@ -147,7 +146,7 @@ def test_the_emergency_stop_stops_at_once_and_holds_until_released(
         plan(Map.of(simulation.site), robot.body.pose, BinLayout(simulation.site.bin).parking), lambda: False
     )
     robot.base.follow(under_way)
-    target = np.array(STOWED_RAD) + np.array([1.5, 0, 0, 0, 0, 0])
+    target = np.array(PosturesConfig().stowed_rad) + np.array([1.5, 0, 0, 0, 0, 0])
     motion, grip = motion_to(target, 5.0), Grip(0.0, 5.0, lambda: False)
     robot.arm.follow(motion)
     robot.gripper.follow(grip)
@@ -207,7 +206,7 @@ def motion_to(target: np.ndarray, seconds: float) -> Motion:
 
 
 def test_the_arm_follows_a_trajectory(simulation: Simulation, robot: SimRobot) -> None:
-    target = np.array(STOWED_RAD) + np.array([0.8, 0.3, 0.2, 0.5, -0.3, 0.7])
+    target = np.array(PosturesConfig().stowed_rad) + np.array([0.8, 0.3, 0.2, 0.5, -0.3, 0.7])
     motion = motion_to(target, 2.0)
     robot.arm.follow(motion)
     assert run_until(simulation, motion.finished, 5.0) == pytest.approx(2.0, abs=0.5)
@@ -227,12 +226,12 @@ def test_an_arm_that_is_blocked_aborts_and_stops_pushing(simulation: Simulation,
 
 
 def test_trajectories_that_cannot_be_followed_are_refused(robot: SimRobot) -> None:
-    ranges, limits = robot.body.arm_ranges, robot.config.limits
-    good = np.array(STOWED_RAD)
+    arm, limits = robot.body.arm_model, robot.config.limits
+    good = np.array(PosturesConfig().stowed_rad)
 
     def refused(waypoints: list[Waypoint]) -> str:
         with pytest.raises(BadTrajectory) as caught:
-            check(waypoints, ranges, limits)
+            check(waypoints, arm, limits)
         assert caught.value.error == TrajectoryError.INVALID_GOAL
         return caught.value.message
 
@@ -241,7 +240,7 @@ def test_trajectories_that_cannot_be_followed_are_refused(robot: SimRobot) -> No
     assert "range" in refused([Waypoint(1.0, (good + 3.0,))])
     assert "speed limit" in refused([Waypoint(1.0, (good,)), Waypoint(1.1, (good + np.eye(6)[0],))])
     assert "finite" in refused([Waypoint(1.0, (good * np.nan,))])
-    check([Waypoint(1.0, (good,)), Waypoint(2.0, (good + 0.1,))], ranges, limits)
+    check([Waypoint(1.0, (good,)), Waypoint(2.0, (good + 0.1,))], arm, limits)
 
 
 def test_the_gripper_reaches_its_goal_or_stalls(simulation: Simulation, robot: SimRobot) -> None:

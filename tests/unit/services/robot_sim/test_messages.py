@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from rodeo.config import Site
-from rodeo.lab.body import JOINTS
+from rodeo.lab.body import joint_names
 from rodeo.lab.config import NoiseConfig
 from rodeo.lab.sensors import WRIST_CAMERA, Lidar
+from rodeo.lab.world import arm_model
 from rodeo.ros2 import types
 from services.robot_sim import messages
 from services.robot_sim.frames import RobotFrames, Transform, odom_in_map
@@ -54,11 +55,12 @@ def test_odometry_written_into_its_template_reads_back() -> None:
 
 
 def test_joint_states_written_into_their_template_read_back() -> None:
-    count = len(JOINTS)
+    joints = joint_names(arm_model())
+    count = len(joints)
     position, velocity, effort = (np.arange(count) + offset for offset in (0.0, 100.0, 200.0))
-    cdr = messages.joint_state_template().encode(TIME_NS, position, velocity, effort)
+    cdr = messages.joint_state_template(joints).encode(TIME_NS, position, velocity, effort)
     message = types.deserialize(cdr, "sensor_msgs/msg/JointState")
-    assert message.name == list(JOINTS)
+    assert message.name == list(joints)
     assert (message.position == position).all()
     assert (message.velocity == velocity).all()
     assert (message.effort == effort).all()

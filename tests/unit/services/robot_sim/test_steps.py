@@ -7,8 +7,8 @@ import pytest
 
 from rodeo.config import Site
 from rodeo.lab.body import Twist2
-from rodeo.lab.config import Pose2
-from rodeo.lab.world import CONTROL_PERIOD_S, STOWED_RAD, TIMESTEP_S
+from rodeo.lab.config import Pose2, PosturesConfig
+from rodeo.lab.world import CONTROL_PERIOD_S, TIMESTEP_S
 from services.robot_sim.arm import Grip, Motion, Waypoint
 from services.robot_sim.simulation import SimRobot, Simulation
 from services.robot_sim.steps import BASE_NEAR_M, Steps
@@ -41,7 +41,7 @@ def drive(simulation: Simulation) -> None:
 
 def move_arm(simulation: Simulation) -> None:
     still = np.zeros(6)
-    there = np.array(STOWED_RAD) + 0.2
+    there = np.array(PosturesConfig().stowed_rad) + 0.2
     motion = Motion([Waypoint(2.0, (there, still))], lambda: False, np.full(6, 0.5), np.full(6, 0.05))
     the_robot(simulation).arm.follow(motion)
 
