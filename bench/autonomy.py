@@ -42,6 +42,7 @@ from rodeo.messages import DaoEvent
 from rodeo.robot.errors import Unreachable
 from rodeo.robot.navigation import Floor
 from rodeo.ros2 import Node
+from rodeo_testing import BINS
 from services.robot_sim.planner import Map, PlanningFailed, plan
 from tests.support.site import free_port
 
@@ -95,7 +96,7 @@ def random_world(seed: int) -> tuple[list[FurnitureConfig], list[ItemConfig]]:
             update={"lab": base.lab.model_copy(update={"furniture": tuple(furniture)}), "items": []}
         )
         floor = Floor(site)
-        stands = (BinLayout(site.bin).parking, dock_parking(site.dock), base.robots[0].pose)
+        stands = (BinLayout(site.bins[0]).parking, dock_parking(site.docks[0]), base.robots[0].pose)
         if any(_distance_m(stand, furniture) < _FREE_M for stand in stands):
             continue
         items = _items(floor, chance, [(s.x_m, s.y_m) for s in stands], site.lab.size_m)
@@ -145,7 +146,7 @@ def _items(
 def _can_be_cleaned(site: Site, floor: Floor, items: list[ItemConfig]) -> bool:
     """Whether there is a way to each item and from there to the bin while all of them lie about."""
     places = [(item.pose.x_m, item.pose.y_m) for item in items]
-    lab, start, end = Map.of(site, places), site.robots[0].pose, BinLayout(site.bin).parking
+    lab, start, end = Map.of(site, places), site.robots[0].pose, BinLayout(site.bins[0]).parking
 
     def way(here: Pose2, there: Pose2) -> bool:
         try:
@@ -210,7 +211,7 @@ def starting_site(tables: dict[str, Any], speed: float) -> Iterator[tuple[Launch
                     f"extends = {json.dumps(str(SITE))}",
                     f'data_dir = "{folder}/data"',
                     f'chain.url = "http://127.0.0.1:{free_port()}"',
-                    "itrash.http_port = 0",
+                    BINS,
                     f"console.port = {free_port()}",
                     f"clock.speed = {speed}",
                     "agent.explore_when_idle = false",

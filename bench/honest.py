@@ -290,7 +290,7 @@ def _charge(number: int, level: Level) -> list[Outcome]:
     soc = float(chance.choice([0.86, 0.9, 0.93]))
     film = _charge_film(soc)
     take, witnesses = noisy(film, LEVELS[level], chance)
-    ordered_wh = order_wh(site.robots[0].battery, site.dock, soc, TARGET_SOC)
+    ordered_wh = order_wh(site.robots[0].battery, site.docks[0], soc, TARGET_SOC)
     params = {"soc_from": soc, "soc_target": TARGET_SOC, "energy_wh": ordered_wh}
     with tempfile.TemporaryDirectory() as folder:
         path = seal(take, Path(folder, "proof.mcap"), CHARGE_BINDING, METER, witnesses).path

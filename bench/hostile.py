@@ -143,7 +143,7 @@ def swaying(site: Site, film: Take, folder: Path) -> Hostile:
 
 def swaying_charge(site: Site, _film: Take, folder: Path) -> Hostile:
     """Hours on the dock, with a record and a receipt every other second; both sides agree on all of them."""
-    dock, robot, meter = site.dock, site.robots[0], Meter(REGISTER_WH)
+    dock, robot, meter = site.docks[0], site.robots[0], Meter(REGISTER_WH)
     samples: list[Sample] = []
 
     def record(reason: str, now_ns: int, soc: float) -> None:

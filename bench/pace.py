@@ -139,7 +139,7 @@ def _charging() -> float:
         node = Node(bus.session, "bench", "", site.bus.domain_id, clock)
         try:
             node.subscription(
-                topics.DOCK_OUTPUT.name(dock=site.dock.name), topics.DOCK_OUTPUT.type, on_output
+                topics.DOCK_OUTPUT.name(dock=site.docks[0].name), topics.DOCK_OUTPUT.type, on_output
             )
             bus.query(topics.ROBOT_ORDER.name(org=site.org, robot=robot, order="charge"), timeout_s=_READY_S)
             if not clock.wait_for(over.is_set, wall_s=_CHARGE_WALL_S, resting=True):

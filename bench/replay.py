@@ -286,9 +286,9 @@ def _published(site: Site) -> Iterator[tuple[str, topics.Topic]]:
     values = {
         "ns": [robot.namespace for robot in site.robots],
         "body": [*(robot.name for robot in site.robots), *(item.id for item in site.items)],
-        "bin": [site.bin.name],
-        "compartment": list(site.bin.compartments),
-        "dock": [site.dock.name],
+        "bin": [site.bins[0].name],
+        "compartment": list(site.bins[0].compartments),
+        "dock": [site.docks[0].name],
     }
     for topic in topics.TOPICS:
         if topic.plane is not topics.Plane.ROBOT or topic.rate_hz is None or "camera" in topic.key:

@@ -95,7 +95,7 @@ def _render(site: Site) -> dict[str, float]:
     model = build_world(site)
     data = begin(model, site)
     try:
-        camera = Camera(model, f"{site.bin.name}/camera")
+        camera = Camera(model, f"{site.bins[0].name}/camera")
     except RendererUnavailable:
         return {}
     encode(camera.image(data))

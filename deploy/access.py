@@ -118,7 +118,7 @@ def _asked_by(site: Site, process: str) -> Iterator[str]:
         if topic.key == topics.COMMAND.key:
             for participant in _wallets_of(site, process):
                 yield topics.COMMAND.pattern(org=site.org, participant=participant)
-            if process in _WITNESSES:
+            if _job(process) in _WITNESSES:
                 yield topics.COMMAND.name(org=site.org, participant=ORGANIZATION, command="post_root")
             continue
         asked = topic.form is not Form.TOPIC or topic.writer == _EVERYBODY
@@ -130,9 +130,8 @@ def _wallets_of(site: Site, process: str) -> list[str]:
     """Participants for whom the process works."""
     if process in _PEOPLE:
         return ["*"]
-    wallets = {"charger": ["organization"], "oracle": ["oracle"]}
-    wallets |= {agent_process(site, robot.name): [robot.name] for robot in site.robots}
-    return wallets.get(process, [])
+    wallets = {"charger": ["organization"], "oracle": ["oracle"], "robot_agent": _own(site, process, "robot")}
+    return wallets.get(_job(process), [])
 
 
 def _job(process: str) -> str:
@@ -140,11 +139,16 @@ def _job(process: str) -> str:
     return process.partition(".")[0]
 
 
+def _own(site: Site, process: str, what: str) -> list[str]:
+    """The robots, bins or docks (`what`) that the process is the one of."""
+    return [thing.name for thing in served_by(site, process) if thing.what == what]
+
+
 def _devices_of(site: Site, process: str) -> list[str]:
     """Names of the devices whose keys the process has."""
-    devices = {"itrash": [site.bin.name], "charger": [site.dock.name], "robot_sim": [MOCAP_NAME]}
-    devices |= {agent_process(site, robot.name): [robot.name] for robot in site.robots}
-    return devices.get(process, [])
+    if process == "robot_sim":
+        return [MOCAP_NAME]
+    return [name for what in ("bin", "dock", "robot") for name in _own(site, process, what)]
 
 
 def _robots_of(site: Site, process: str) -> list[RobotConfig]:
@@ -161,16 +165,24 @@ def _written_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
     """Key expressions of what `process` says on `topic` on this site."""
     devices = _devices_of(site, process) if "{device}" in topic.key else ["*"]
     for robot, device in itertools.product(_robots_of(site, process), devices):
-        yield _key(site, topic, ns=robot.namespace, robot=robot.name, device=device, process=process)
+        yield from _keys(
+            site, topic, process, robot=robot.name, ns=robot.namespace, device=device, process=process
+        )
 
 
 def _asked_keys(site: Site, topic: Topic, process: str) -> Iterator[str]:
     """Key expressions of `topic` that `process` asks on this site, whoever answers."""
     for robot in _robots_of(site, process):
-        yield _key(site, topic, ns=robot.namespace)
+        yield from _keys(site, topic, process, ns=robot.namespace)
 
 
-def _key(site: Site, topic: Topic, **names: str) -> str:
-    key = topic.pattern(org=site.org, bin=site.bin.name, dock=site.dock.name, **names)
-    # One responder serves a query's whole branch: state/task/7 as well as state/tasks.
-    return f"{site.bus.domain_id}/{key}/**" if topic.plane is Plane.ROBOT else key
+def _keys(site: Site, topic: Topic, speaker: str, **names: str) -> Iterator[str]:
+    """Of its own bin or dock; of all for a process that is none's."""
+    bins = _own(site, speaker, "bin") or [one.name for one in site.bins]
+    docks = _own(site, speaker, "dock") or [dock.name for dock in site.docks]
+    for bin_name, dock in itertools.product(
+        bins if "{bin}" in topic.key else ["*"], docks if "{dock}" in topic.key else ["*"]
+    ):
+        key = topic.pattern(org=site.org, bin=bin_name, dock=dock, **names)
+        # One responder serves a query's whole branch: state/task/7 as well as state/tasks.
+        yield f"{site.bus.domain_id}/{key}/**" if topic.plane is Plane.ROBOT else key

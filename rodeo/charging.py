@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from rodeo.config import Site
 from rodeo.lab.config import BatteryConfig, DockConfig
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -38,7 +39,8 @@ class ChargingParams(BaseModel):
     model_config = ConfigDict(extra="allow")
 
     robot: Annotated[Name, shown("Robot", "robot")]
-    dock: Annotated[Name, shown("Dock", "follows")]
+    dock: Annotated[Name | None, shown("Dock", "dock")] = None
+    """Left out, the site's first."""
     soc_from: Annotated[Share, shown("Charge now (%)", "percent", 0.5)]
     soc_target: Annotated[Share, shown("Charge to (%)", "percent", 0.95)]
     energy_wh: Annotated[Number, Field(gt=0, le=LARGEST_ORDER_WH), shown("Energy (Wh)", "follows")]
@@ -52,6 +54,12 @@ class ChargingParams(BaseModel):
         """Whether the whole price is due. `closing_soc` is what the robot signed at the end, if it did."""
         reached = closing_soc is not None and closing_soc >= self.soc_target - SOC_SLACK
         return delivered_wh >= (REACHED_SHARE if reached else COMPLETE_SHARE) * self.energy_wh
+
+
+def dock_of(site: Site, named: object) -> DockConfig:
+    """Where a charge takes place: at the dock that its task names, or at the site's first where it names
+    none. Raises ConfigError where the site has no such dock."""
+    return site.dock(site.docks[0].name if named is None and site.docks else str(named))
 
 
 def order_wh(battery: BatteryConfig, dock: DockConfig, soc_from: float, soc_target: float) -> float:

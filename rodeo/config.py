@@ -9,10 +9,10 @@ import difflib
 import os
 import time
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from decimal import Decimal
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, TypeVar
 from urllib.parse import urlsplit
 
 from pydantic import (
@@ -243,30 +243,6 @@ class OracleConfig(_Table):
     fuse, and as much for an earlier submission that it has to wait for."""
 
 
-class CameraConfig(_Table):
-    """Where the bin's pictures come from."""
-
-    source: Literal["bus", "video", "folder"] = "bus"
-    address: str = ""
-    """`video`: what OpenCV opens, a device number or path ("0", "/dev/video0") or a stream ("rtsp://...");
-    `folder`: its path, which starts at the site file that says it; the bus needs none."""
-
-    @model_validator(mode="after")
-    def _has_an_address(self) -> CameraConfig:
-        if (self.source == "bus") != (not self.address):
-            raise ValueError(
-                "the camera sources video and folder need an address, and the other sources take none"
-            )
-        return self
-
-
-class ItrashConfig(_Table):
-    http_host: str = "127.0.0.1"
-    http_port: int = Field(default=8090, ge=0, le=65535)
-    """0 takes a free port, which the process's status tells."""
-    camera: CameraConfig = CameraConfig()
-
-
 class MaintenanceConfig(_Table):
     """Care that a robot asks people for: it posts such a task whenever it has driven so far.
 
@@ -360,15 +336,14 @@ class Site(BaseSettings):
     disk: DiskConfig = DiskConfig()
     store: StoreConfig = StoreConfig()
     oracle: OracleConfig = OracleConfig()
-    itrash: ItrashConfig = ItrashConfig()
     agent: AgentConfig = AgentConfig()
     bridge: BridgeConfig = BridgeConfig()
     metrics: MetricsConfig = MetricsConfig()
     console: ConsoleConfig = ConsoleConfig()
 
     lab: LabConfig
-    bin: BinConfig
-    dock: DockConfig
+    bins: list[BinConfig] = []
+    docks: list[DockConfig] = []
     robots: list[RobotConfig]
     items: list[ItemConfig] = []
     participants: list[ParticipantConfig] = []
@@ -461,15 +436,46 @@ class Site(BaseSettings):
 
     def robot(self, name: str) -> RobotConfig:
         """The robot called `name`. Raises ConfigError."""
-        for robot in self.robots:
-            if robot.name == name:
-                return robot
-        raise ConfigError("no such robot on this site", robot=name, robots=[r.name for r in self.robots])
+        return _called(name, "robot", self.robots)
+
+    def bin(self, name: str) -> BinConfig:
+        """The bin called `name`. Raises ConfigError."""
+        return _called(name, "bin", self.bins)
+
+    def dock(self, name: str) -> DockConfig:
+        """The dock called `name`. Raises ConfigError."""
+        return _called(name, "dock", self.docks)
+
+
+Part = TypeVar("Part", RobotConfig, BinConfig, DockConfig)
+
+
+def _called(name: str, what: str, parts: Sequence[Part]) -> Part:
+    for part in parts:
+        if part.name == name:
+            return part
+    known = {what: name, f"{what}s": [part.name for part in parts]}
+    raise ConfigError(f"no such {what} on this site", **known)
 
 
 def agent_process(site: Site, robot: str) -> str:
-    """Name of the process that is the mind of `robot`: plain `robot_agent` where there is only one robot."""
-    return "robot_agent" if len(site.robots) == 1 else f"robot_agent.{robot}"
+    """Name of the process that is the mind of `robot`."""
+    return _process("robot_agent", site.robots, robot)
+
+
+def bin_process(site: Site, name: str) -> str:
+    """Name of the process that is the bin called `name`."""
+    return _process("itrash", site.bins, name)
+
+
+def dock_process(site: Site, name: str) -> str:
+    """Name of the process that is the meter of the dock called `name`."""
+    return _process("charger", site.docks, name)
+
+
+def _process(job: str, parts: Sequence[Part], name: str) -> str:
+    """Plain `job` where there is only one."""
+    return job if len(parts) == 1 else f"{job}.{name}"
 
 
 def body_identity(robot: str) -> str:
@@ -520,9 +526,10 @@ def read_tables(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     for robot in tables.get("robots", []):
         if isinstance(robot, dict) and isinstance(kinematics := robot.get("kinematics"), str):
             robot["kinematics"] = str((path.parent / kinematics).resolve())
-    match tables.get("itrash"):
-        case {"camera": {"source": "folder", "address": str(folder)} as camera}:
-            camera["address"] = str((path.parent / folder).resolve())
+    for one in tables.get("bins", []):
+        match one:
+            case {"camera": {"source": "folder", "address": str(folder)} as camera}:
+                camera["address"] = str((path.parent / folder).resolve())
     base = tables.pop("extends", None)
     return tables if base is None else _merge(read_tables(path.parent / base, (*seen, path)), tables)
 
@@ -563,8 +570,10 @@ def placed(site: Site) -> Iterator[tuple[Place, str, Pose2]]:
     """Everything that stands or lies in the room: where the file says so, its name, its pose."""
     for number, furniture in enumerate(site.lab.furniture):
         yield ("lab", "furniture", number), furniture.name, furniture.pose
-    yield ("bin",), site.bin.name, site.bin.pose
-    yield ("dock",), site.dock.name, site.dock.pose
+    for number, bin_ in enumerate(site.bins):
+        yield ("bins", number), bin_.name, bin_.pose
+    for number, dock in enumerate(site.docks):
+        yield ("docks", number), dock.name, dock.pose
     for number, robot in enumerate(site.robots):
         if robot.body == "sim":
             yield ("robots", number), robot.name, robot.pose
@@ -611,9 +620,9 @@ def _hours(site: Site) -> Iterator[tuple[Place, str]]:
 
 def _ports(site: Site) -> Iterator[tuple[Place, str]]:
     listening: list[tuple[Place, str, int]] = [
-        (("itrash", "http_port"), site.itrash.http_host, site.itrash.http_port),
-        (("console", "port"), site.console.host, site.console.port),
+        (("bins", number, "http_port"), one.http_host, one.http_port) for number, one in enumerate(site.bins)
     ]
+    listening.append((("console", "port"), site.console.host, site.console.port))
     ports = site.metrics.ports.items()
     listening += [(("metrics", "ports", process), site.metrics.host, port) for process, port in ports]
     chain = urlsplit(site.chain.url)

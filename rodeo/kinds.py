@@ -34,6 +34,8 @@ EXECUTION_WINDOW_S = 2 * 3600
 FORMATS = {
     "item": "the id of an item of the site",
     "robot": "the name of a robot of the site",
+    "bin": "the name of a bin of the site",
+    "dock": "the name of a dock of the site",
     "map-x": "m east of the map's origin, chosen on the map",
     "map-y": "m north of it",
     "percent": "a share, 0 to 1, that people read in percent",
@@ -118,6 +120,13 @@ class Kind:
     def __post_init__(self) -> None:
         if self.review == "oracle" and not self.checks:
             raise KindError("the oracle has no checks for this kind: let auditors judge it", kind=self.name)
+
+    def lacks(self, site: Site) -> str:
+        """What the site has none of, and a proof of this kind needs a statement of; empty if nothing."""
+        needed = {one.signed_by for one in self.recorded}
+        if "bin" in needed and not site.bins:
+            return "bins"
+        return "docks" if "meter" in needed and not site.docks else ""
 
     @property
     def by_people(self) -> bool:
@@ -206,8 +215,15 @@ class Kinds(Mapping[str, Kind]):
 
 
 def kinds_of(site: Site) -> Kinds:
-    """The kinds that the site file lists. Raises KindError."""
-    return Kinds({one.name: _declared(one) for one in site.kinds})
+    """The kinds that the site file lists. Raises KindError, also for a kind for which the site has no bin or
+    dock."""
+    kinds = {one.name: _declared(one) for one in site.kinds}
+    for kind in kinds.values():
+        if missing := kind.lacks(site):
+            raise KindError(
+                f"work of this kind needs what the site lacks: write [[{missing}]]", kind=kind.name
+            )
+    return Kinds(kinds)
 
 
 def providing_energy(site: Site) -> Kind:

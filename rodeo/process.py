@@ -10,7 +10,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
@@ -25,6 +25,7 @@ from rodeo.config import Site
 from rodeo.errors import (
     BusUnavailable,
     ClockUnavailable,
+    ConfigError,
     Interrupted,
     KeystoreMissing,
     RodeoError,
@@ -393,6 +394,33 @@ def main(
             run(site, stop)
 
     return supervise(name, body)
+
+
+def main_of_one(
+    job: str,
+    what: str,
+    names: Callable[[Site], Sequence[str]],
+    process: Callable[[Site, str], str],
+    run: Callable[[Site, str, threading.Event], None],
+    description: str,
+) -> int:
+    """The same for a process of which a site has one for each robot, bin or dock (`what`): `--<what> NAME`
+    says which, by default the first of `names(site)`; `process(site, name)` is what it is then called."""
+    parser = argparse.ArgumentParser(prog=job, description=description)
+    parser.add_argument("--site", type=Path, required=True, help="site file (TOML)")
+    parser.add_argument(f"--{what}", dest="name", help=f"which {what} of the site; the first by default")
+    arguments = parser.parse_args()
+
+    def body(stop: threading.Event) -> None:
+        site = Site.load(arguments.site)
+        known = names(site)
+        if not known:
+            raise ConfigError(f"the site has no {what}")
+        name = arguments.name or known[0]
+        with noting_its_end(site.data_dir / process(site, name), stop):
+            run(site, name, stop)
+
+    return supervise(f"{job} {arguments.name}" if arguments.name else job, body)
 
 
 @contextmanager

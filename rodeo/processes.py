@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from rodeo.config import Site, agent_process
+from rodeo.config import Site, agent_process, bin_process, dock_process
 
 
 @dataclass(frozen=True)
@@ -30,17 +30,27 @@ PROCESSES: tuple[ProcessEntry, ...] = (
 
 
 def processes_of(site: Site) -> list[ProcessEntry]:
-    """The processes that `site` needs: no chain where it is elsewhere, a mind for each robot."""
-    external = site.chain.backend == "external"
-    wanted = [process for process in PROCESSES if not (external and process.name == "chain")]
-    if len(site.robots) == 1:
-        return wanted
-    agent = BY_NAME["robot_agent"]
-    minds = [
-        replace(agent, name=agent_process(site, robot.name), arguments=("--robot", robot.name))
-        for robot in site.robots
+    """The processes that `site` needs: no chain where it is elsewhere, one for each bin, dock and robot."""
+    own: dict[str, list[ProcessEntry]] = {
+        "itrash": _each("itrash", "bin", {one.name: bin_process(site, one.name) for one in site.bins}),
+        "charger": _each("charger", "dock", {one.name: dock_process(site, one.name) for one in site.docks}),
+        "robot_agent": _each(
+            "robot_agent", "robot", {one.name: agent_process(site, one.name) for one in site.robots}
+        ),
+    }
+    if site.chain.backend == "external":
+        own["chain"] = []
+    return [entry for process in PROCESSES for entry in own.get(process.name, [process])]
+
+
+def _each(job: str, option: str, names: dict[str, str]) -> list[ProcessEntry]:
+    """Of one thing the process needs not be told which."""
+    if len(names) == 1:
+        return [BY_NAME[job]]
+    return [
+        replace(BY_NAME[job], name=process, arguments=(f"--{option}", name))
+        for name, process in names.items()
     ]
-    return [process for process in wanted if process is not agent] + minds
 
 
 BY_NAME: dict[str, ProcessEntry] = {process.name: process for process in PROCESSES}

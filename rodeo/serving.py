@@ -21,7 +21,7 @@ from typing import NamedTuple
 import zenoh
 
 from rodeo import topics
-from rodeo.config import Site, agent_process
+from rodeo.config import Site, agent_process, bin_process, dock_process
 from rodeo.errors import Interrupted, ServedElsewhere
 
 log = logging.getLogger(__name__)
@@ -63,11 +63,11 @@ def served_by(site: Site, process: str) -> list[Thing]:
         return [Thing("wallet", name) for name in names]
     things = {
         "oracle": Thing("oracle", "oracle"),
-        "itrash": Thing("bin", site.bin.name),
-        "charger": Thing("dock", site.dock.name),
         "console": Thing("console", "console"),
         "robot_sim": Thing("clock", f"domain{site.bus.domain_id}"),
     }
+    things |= {bin_process(site, one.name): Thing("bin", one.name) for one in site.bins}
+    things |= {dock_process(site, one.name): Thing("dock", one.name) for one in site.docks}
     things |= {agent_process(site, robot.name): Thing("robot", robot.name) for robot in site.robots}
     return [things[process]] if process in things else []
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Iterable
 from typing import Any, get_args
 
@@ -12,9 +13,10 @@ Place = tuple[str | int, ...]
 """Keys and numbers of entries from the top of the file to a value."""
 
 _SINGULAR = {
-    "bins": "a site has one bin: write [bin]; another bin is a device of another site",
-    "docks": "a site has one dock: write [dock]; another dock is a device of another site",
     "labs": "a site has one lab: write [lab]",
+    "itrash": "each bin has its own page and camera: write under its [[bins]]",
+    "bin": "a site has a list of bins: write [[bins]] above each",
+    "dock": "a site has a list of docks: write [[docks]] above each",
     "robot": "a site has a list of robots: write [[robots]] above each",
     "item": "a site has a list of items: write [[items]] above each",
     "participant": "a site has a list of participants: write participants = [{ name = ... }]",
@@ -45,7 +47,7 @@ def _sentence(error: dict[str, Any], model: type[BaseModel]) -> str:
         table = _model_at(model, place[:-1])
         known = _names(table) if table is not None else []
         if len(place) == 1 and name in _SINGULAR:
-            return _SINGULAR[name]
+            return _SINGULAR[name] + _instead(name, error.get("input"))
         if len(place) > 1 and name in model.model_fields and name not in known:
             return (
                 f"no such key here: {name} belongs to the site itself, above the first [table] of the file"
@@ -59,6 +61,24 @@ def _sentence(error: dict[str, Any], model: type[BaseModel]) -> str:
         expected = [one.strip(" '") for one in str(error["ctx"]["expected"]).replace(" or ", ",").split(",")]
         return text + close(error["input"], expected)
     return text
+
+
+def _instead(name: str, said: Any) -> str:
+    """The lines to write in place of a table that is a list's entry now."""
+    if name not in ("bin", "dock", "itrash") or not isinstance(said, dict):
+        return ""
+    lines = [f"{key} = {toml(value)}" for key, value in said.items()]
+    return "\n" + "\n".join(([] if name == "itrash" else [f"[[{name}s]]"]) + lines)
+
+
+def toml(value: Any) -> str:
+    """A value of a site file, on one line."""
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    if isinstance(value, dict):
+        return "{ " + ", ".join(f"{key} = {toml(one)}" for key, one in value.items()) + " }"
+    # What TOML writes otherwise than JSON (dates, infinities) is in none of these tables.
+    return json.dumps(value)
 
 
 def _names(model: type[BaseModel]) -> list[str]:

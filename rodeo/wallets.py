@@ -64,13 +64,13 @@ class SiteDevice(NamedTuple):
 
 def device_names(site: Site) -> dict[str, SiteDevice]:
     """Keystores of the devices, which sign evidence and own nothing -> role and name on chain."""
-    robots = {f"{robot.name}-device": SiteDevice("robot", robot.name) for robot in site.robots}
-    return {
-        **robots,
-        f"{site.bin.name}-device": SiteDevice("bin", site.bin.name),
-        "meter-device": SiteDevice("meter", site.dock.name),
-        "mocap-device": SiteDevice("mocap", MOCAP_NAME),
-    }
+    devices = [
+        *(SiteDevice("robot", robot.name) for robot in site.robots),
+        *(SiteDevice("bin", one.name) for one in site.bins),
+        *(SiteDevice("meter", dock.name) for dock in site.docks),
+        SiteDevice("mocap", MOCAP_NAME),
+    ]
+    return {f"{device.name}-device": device for device in devices}
 
 
 def keystore_path(site: Site, name: str) -> Path:

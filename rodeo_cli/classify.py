@@ -22,14 +22,14 @@ class Unreadable(RodeoError):
 
 @reports_errors
 def classify(files: Photos, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
-    """Say what waste each photo shows, and which compartment of the site's bin takes it."""
+    """Say what waste each photo shows, and which compartment of the site's first bin takes it."""
     # OpenCV takes its time to import; the other commands should not wait for it.
     import numpy as np
 
     from rodeo.vision.classifier import Classifier
     from services.itrash.behaviour import compartment_of
 
-    config = Site.load(site).bin
+    config = next(iter(Site.load(site).bins), None)
     classifier = Classifier()
     classifier.logits(np.zeros((8, 8, 3), np.uint8))  # the first picture takes longer, whichever it is
     answers, failed = [], False
@@ -43,7 +43,8 @@ def classify(files: Photos, site: SiteOption = DEFAULT_SITE, as_json: JsonOption
             )
             answers.append({"file": str(path), "error": error.to_json()})
             continue
-        answer["compartment"] = compartment_of(config, answer["class"])
+        if config is not None:
+            answer["compartment"] = compartment_of(config, answer["class"])
         answers.append(answer)
         if not as_json:
             console.print(_line(answer), highlight=False, soft_wrap=True)

@@ -29,10 +29,11 @@ import deploy
 from deploy.launcher import Launcher
 from rodeo import queries, topics
 from rodeo.bus import Bus, DaoEvents
-from rodeo.config import Site
+from rodeo.config import Site, read_tables
 from rodeo.errors import BusError, RemoteError, RodeoError
 from rodeo.kinds import Kind, kinds_of, providing_energy
 from rodeo.messages import DaoEvent, Status, Task
+from rodeo.site_problems import toml
 from rodeo_cli.common import console, print_table, reports_errors
 from rodeo_cli.formatting import iec
 from rodeo_cli.layout import Row
@@ -135,6 +136,7 @@ def write_site(base: Path, chain: str, out: Path) -> Path:
     out.mkdir(parents=True)
     robot = site.robots[0]
     soc = site.agent.charge_below + DEMO_SOC_ABOVE
+    bins = [one | {"http_port": 0} for one in read_tables(base).get("bins", [])]
     path = out / "site.toml"
     path.write_text(
         f"""# Written by `rodeo demo`: the lab on free ports.
@@ -142,7 +144,7 @@ extends = {json.dumps(str(base.resolve()))}
 data_dir = {json.dumps(str((out / "data").resolve()))}
 chain.url = "http://127.0.0.1:{_free_port()}"
 chain.backend = "{chain}"
-itrash.http_port = 0
+bins = {toml(bins)}
 console.port = 0
 agent.explore_when_idle = false
 
@@ -298,8 +300,9 @@ def _away(demo: Demo) -> bool:
 def _progress(task: Task, energy: str, statuses: dict[str, Status]) -> float | None:
     """Share of a task done: the executor tells how far its work is, the chain the rest."""
     if task.state == "assigned":
-        executor = statuses.get("charger" if task.kind == energy else "robot_agent")
-        return 0.9 * ((executor.progress if executor else None) or 0.0)
+        job = "charger" if task.kind == energy else "robot_agent"
+        told = [status.progress or 0.0 for name, status in statuses.items() if name.partition(".")[0] == job]
+        return 0.9 * max(told, default=0.0)
     return {"open": 0.0, "submitted": 0.95, "undecided": 0.95}.get(task.state, 1.0)
 
 

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 
 from rodeo.config import Site, check_environment, faults, read_tables
 from rodeo.errors import ConfigError
+from rodeo.kinds import installed, load
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import ahead, facing
 from rodeo.lab.layout import (
@@ -79,7 +80,7 @@ def check(path: Path) -> list[Finding]:
         site = Site(**tables)
     except ValidationError as error:
         return [finding("error", place, text) for place, text in explained(error, Site).items()]
-    if wrong := faults(site):
+    if wrong := faults(site) | dict(_lacking(site)):
         return [finding("error", place, text) for place, text in wrong.items()]
     return [
         finding("warning", place, text)
@@ -152,11 +153,13 @@ def _boxes(site: Site) -> Iterator[_Box]:
     for number, one in enumerate(site.lab.furniture):
         place: Place = ("lab", "furniture", number)
         yield _Box(place, one.name, one.pose, one.size_m[0] / 2, one.size_m[1] / 2)
-    layout = BinLayout(site.bin)
-    yield _Box(("bin",), site.bin.name, site.bin.pose, layout.depth_m / 2, layout.width_m / 2)
-    x_m, y_m = ahead(site.dock.pose, -_DOCK_HALF_M[0])
-    behind = Pose2(x_m=x_m, y_m=y_m, yaw_rad=site.dock.pose.yaw_rad)
-    yield _Box(("dock",), site.dock.name, behind, *_DOCK_HALF_M)
+    for number, bin_ in enumerate(site.bins):
+        layout = BinLayout(bin_)
+        yield _Box(("bins", number), bin_.name, bin_.pose, layout.depth_m / 2, layout.width_m / 2)
+    for number, dock in enumerate(site.docks):
+        x_m, y_m = ahead(dock.pose, -_DOCK_HALF_M[0])
+        behind = Pose2(x_m=x_m, y_m=y_m, yaw_rad=dock.pose.yaw_rad)
+        yield _Box(("docks", number), dock.name, behind, *_DOCK_HALF_M)
     for number, robot in enumerate(site.robots):
         if robot.body == "sim":
             yield _Box(("robots", number), robot.name, robot.pose, BUMPER_M, HALF_WIDTH_M)
@@ -174,6 +177,14 @@ def _overlaps(site: Site) -> Iterator[tuple[Place, str]]:
         x_m, y_m = zip(*box.corners, strict=True)
         if max(-min(x_m), -min(y_m), max(x_m) - length_m, max(y_m) - width_m) > _TOUCH_M:
             yield (*box.place, "pose"), f"{box.name} reaches into a wall"
+
+
+def _lacking(site: Site) -> Iterator[tuple[Place, str]]:
+    known = installed()
+    for number, one in enumerate(site.kinds):
+        # What is not installed here may be where the site runs.
+        if one.review is None and one.name in known and (missing := load(one.name).lacks(site)):
+            yield ("kinds", number), f"{one.name} needs what the site lacks: write [[{missing}]]"
 
 
 def _standby(site: Site) -> Iterator[tuple[Place, str]]:
@@ -206,8 +217,14 @@ def _unreachable(site: Site) -> Iterator[tuple[Place, str]]:
         return
     start = robot.pose
     wanted: list[tuple[Place, str, list[Pose2]]] = [
-        (("bin", "pose"), f"the bin {site.bin.name}", [BinLayout(site.bin).parking]),
-        (("dock", "pose"), f"the dock {site.dock.name}", [dock_parking(site.dock)]),
+        *(
+            (("bins", number, "pose"), f"the bin {one.name}", [BinLayout(one).parking])
+            for number, one in enumerate(site.bins)
+        ),
+        *(
+            (("docks", number, "pose"), f"the dock {one.name}", [dock_parking(one)])
+            for number, one in enumerate(site.docks)
+        ),
     ]
     for number, item in enumerate(site.items):
         around = [

@@ -49,8 +49,8 @@ class Hardware:
         self.malformed = False
         """Whether it says what is no number."""
         self._time_ns = 1_800_000_000_000_000_000
-        dock, robot = site.site.dock.name, site.site.robots[0]
-        self._supply, self._battery = site.site.dock, robot.battery
+        dock, robot = site.site.docks[0].name, site.site.robots[0]
+        self._supply, self._battery = site.site.docks[0], robot.battery
         node = Node(site.bus.session, "hardware", "", site.site.bus.domain_id, self)
         self._clock = node.publisher(topics.CLOCK.name(), topics.CLOCK.type)
         self._output = node.publisher(topics.DOCK_OUTPUT.name(dock=dock), topics.DOCK_OUTPUT.type)

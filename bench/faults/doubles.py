@@ -8,6 +8,7 @@ from concurrent.futures import Future
 
 from bench.faults.case import BASE, Case, Script, add, case
 from bench.faults.lab import Lab, need
+from rodeo_testing import BINS
 
 REFUSED = r"already served by|served_elsewhere"
 
@@ -33,7 +34,7 @@ def second_bridge(lab: Lab) -> Iterator[None]:
 
 def _second(name: str) -> Script:
     def script(lab: Lab) -> Iterator[None]:
-        elsewhere = lab.variant("elsewhere", "console.port = 0\nitrash.http_port = 0\n")
+        elsewhere = lab.variant("elsewhere", f"console.port = 0\n{BINS}\n")
         lab.up(name, site=elsewhere)
         lab.wait_for_log("elsewhere", name, REFUSED)
         need(lab.ready(name), f"the first {name} is not ready")

@@ -17,7 +17,7 @@ from rodeo.checks.report import Finding
 from rodeo.config import FASTEST_CLOCK, Site
 from rodeo.errors import wrong_fields
 from rodeo.evidence import EvidenceError, Proof
-from rodeo.lab.config import ItemConfig, RobotConfig
+from rodeo.lab.config import BinConfig, ItemConfig, RobotConfig
 from rodeo.messages import Device, Root, Task
 
 MOTION_CAPTURE = "mocap"
@@ -97,6 +97,13 @@ class Case:
         return self.checks.item(self)
 
     @property
+    def bin(self) -> BinConfig:
+        """The bin that the work is done at. Raises CaseError."""
+        if self.checks.bin is None:
+            raise CaseError("this kind of work is done at no bin", kind=self.kind)
+        return self.checks.bin(self)
+
+    @property
     def speed(self) -> float:
         """How many times faster than the wall's time the site's goes."""
         clock = self.site.clock
@@ -170,6 +177,8 @@ class Checks:
     """Name of the robot that a proof is about."""
     item: Callable[[Case], ItemConfig] | None = None
     """What is carried, where the checks of the carry are among the stages. Raises CaseError."""
+    bin: Callable[[Case], BinConfig] | None = None
+    """At which bin, where one of the checks or of what they compute asks for it. Raises CaseError."""
     both_sides_sign: bool = False
     """Whether seller and buyer testify against each other, so that their own devices' word is evidence.
     Otherwise a witness that the executor owns counts for nothing, and no robot vouches for others: it works

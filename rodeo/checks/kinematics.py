@@ -205,13 +205,14 @@ def kinematics_of(case: Case) -> Kinematics:
 
 def fixtures(case: Case) -> dict[str, object]:
     """What stands in the lab."""
-    return {"lab": case.site.lab, "bin": case.site.bin, "dock": case.site.dock}
+    return {"lab": case.site.lab, "bins": case.site.bins, "docks": case.site.docks}
 
 
 def reduce_to_solids(spec: mujoco.MjSpec, case: Case) -> None:
     """Leave out what nothing can touch, and what only weighs."""
-    for name in case.site.bin.compartments:
-        spec.delete(spec.joint(f"{case.site.bin.name}/{name}"))
+    for bin_ in case.site.bins:
+        for name in bin_.compartments:
+            spec.delete(spec.joint(f"{bin_.name}/{name}"))
     for kind in (spec.pairs, spec.actuators, spec.sensors):
         for element in list(kind):
             spec.delete(element)

@@ -123,13 +123,13 @@ def motion_capture_of(case: Case) -> Testimony:
 
 @once_per_case
 def bin_testimony(case: Case) -> Testimony:
-    """Raises CaseError when the site's bin signed nothing."""
-    return testimony_of(case, "bin", case.site.bin.name)
+    """Of the bin that the work is done at. Raises CaseError when it signed nothing."""
+    return testimony_of(case, "bin", case.bin.name)
 
 
 @once_per_case
 def bin_said(case: Case) -> list[Said]:
-    """What the site's bin signed, in the order of its chain; nothing if it signed nothing."""
+    """What that bin signed, in the order of its chain; nothing if it signed nothing."""
     try:
         return bin_testimony(case).said
     except CaseError:

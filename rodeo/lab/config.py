@@ -48,6 +48,10 @@ SHAPE_NAMES: dict[ItemClass, tuple[str, ...]] = {
 """Of `rodeo.lab.items.SHAPES`, which takes the geometry to read."""
 
 
+_DEVICE_NAME = r"^[a-z][a-z0-9_]*$"
+"""A part of ROS names, of Zenoh keys, and of the name of a process."""
+
+
 class Section(BaseModel):
     """A section of the site file: unknown keys are mistakes, values do not change while running."""
 
@@ -93,6 +97,23 @@ def gripper_body(robot: str) -> str:
     return f"{robot}/gripper"
 
 
+class CameraConfig(Section):
+    """Where a bin's pictures come from."""
+
+    source: Literal["bus", "video", "folder"] = "bus"
+    address: str = ""
+    """`video`: what OpenCV opens, a device number or path ("0", "/dev/video0") or a stream ("rtsp://...");
+    `folder`: its path, which starts at the site file that says it; the bus needs none."""
+
+    @model_validator(mode="after")
+    def _has_an_address(self) -> "CameraConfig":
+        if (self.source == "bus") != (not self.address):
+            raise ValueError(
+                "the camera sources video and folder need an address, and the other sources take none"
+            )
+        return self
+
+
 class BinConfig(Section):
     """A smart bin: a row of open-top compartments and a camera on a post behind them.
 
@@ -100,8 +121,13 @@ class BinConfig(Section):
     robot parks. Compartments stand side by side along the bin's y axis, the first at the largest y.
     """
 
-    name: str = "itrash"
+    name: str = Field("itrash", pattern=_DEVICE_NAME)
+    """Of the bin in the organization, in its topics, and of its keystore with `-device` behind it."""
     pose: Pose2
+    http_host: str = "127.0.0.1"
+    http_port: int = Field(0, ge=0, le=65535)
+    """Of the bin's page; 0 takes a free port, which its process's status tells."""
+    camera: CameraConfig = CameraConfig()
     rim_height_m: Positive = 0.42
     compartment_size_m: tuple[Positive, Positive] = (0.22, 0.20)
     wall_thickness_m: Positive = 0.01
@@ -136,7 +162,9 @@ class DockConfig(Section):
     current has fallen to `cutoff_a`.
     """
 
-    name: str = "dock1"
+    name: str = Field("dock1", pattern=_DEVICE_NAME)
+    """Of the dock and its meter in the organization, in its topics, and of its keystore with `-device`
+    behind it."""
     pose: Pose2
     contact_tolerance_m: Positive = 0.06
     contact_tolerance_rad: Positive = 0.15

@@ -1,6 +1,6 @@
 """The lab in MuJoCo: one world for the simulator that moves it and for the oracle that replays it.
 
-`build_world(site)` puts the room, the furniture, the dock, the bin, the items and the robots together;
+`build_world(site)` puts the room, the furniture, the docks, the bins, the items and the robots together;
 `robot_model()` is the robot alone with its base fixed at the origin, for kinematics.
 
 Names: `<robot>/<part>` for what belongs to a robot (`panther1/waist`), the item's id for an item's body,
@@ -79,8 +79,8 @@ class LabSite(Protocol):
     """The part of a site that the world is made of."""
 
     lab: LabConfig
-    bin: BinConfig
-    dock: DockConfig
+    bins: list[BinConfig]
+    docks: list[DockConfig]
     items: list[ItemConfig]
     robots: list[RobotConfig]
 
@@ -98,8 +98,10 @@ def world_spec(site: LabSite) -> mujoco.MjSpec:
     _add_room(spec, site.lab)
     for furniture in site.lab.furniture:
         _add_furniture(spec, furniture)
-    _add_dock(spec, site.dock)
-    _add_bin(spec, site.bin)
+    for dock in site.docks:
+        _add_dock(spec, dock)
+    for bin_ in site.bins:
+        _add_bin(spec, bin_)
     for item in site.items:
         _add_item(spec, item)
     for robot in site.robots:

@@ -1,4 +1,4 @@
-"""Asks the bin for the pictures that it classified: a recording holds what the bin signed the hash of."""
+"""Asks bins for the pictures that it classified: a recording holds what a bin signed the hash of."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ _MOST = 20
 _MAX_BYTES = 8 << 20
 """Of one picture, as the bin reads them."""
 
-Write = Callable[[bytes, int], None]
-"""Gets a CompressedImage as CDR and the time of the picture in ns."""
+Write = Callable[[str, bytes, int], None]
+"""Gets the bin's name, a CompressedImage as CDR and the time of the picture in ns."""
 
 
 class PictureFetcher:
     """Fetches in a thread of its own what it is told of, and hands it to `write`."""
 
-    def __init__(self, bus: Bus, org: str, bin_name: str, write: Write) -> None:
+    def __init__(self, bus: Bus, org: str, write: Write) -> None:
         self._bus = bus
-        self._key = topics.BIN_PICTURE.name(org=org, bin=bin_name)
+        self._org = org
         self._write = write
         self._wanted: deque[Classification] = deque()
         self._asked: set[str] = set()
@@ -72,10 +72,10 @@ class PictureFetcher:
                 if self._closed:
                     return
                 next_one = self._wanted[0]
-            picture = self._fetch(next_one.image_sha256)
+            picture = self._fetch(next_one.device, next_one.image_sha256)
             if picture is not None:
                 time_ns = round(next_one.shown_s * 1e9)
-                self._write(_message(picture, time_ns), time_ns)
+                self._write(next_one.device, _message(picture, time_ns), time_ns)
             with self._changed:
                 if picture is not None:
                     self._wanted.popleft()
@@ -84,11 +84,14 @@ class PictureFetcher:
                     self._changed.wait_for(lambda: self._closed, _RETRY_WALL_S)
                 self._changed.notify_all()
 
-    def _fetch(self, name: str) -> bytes | None:
-        """The picture with this hash, whoever answers; None when nobody has it now."""
+    def _fetch(self, bin_name: str, name: str) -> bytes | None:
+        """The bin's picture with this hash, whoever answers; None when nobody has it now."""
         try:
             answers = self._bus.query_all(
-                self._key, parameters={"sha256": name}, timeout_s=_ANSWER_WALL_S, most=4
+                topics.BIN_PICTURE.name(org=self._org, bin=bin_name),
+                parameters={"sha256": name},
+                timeout_s=_ANSWER_WALL_S,
+                most=4,
             )
         except (BusError, RemoteError) as error:
             log.info("cannot ask the bin for a picture: %s", error)

@@ -8,7 +8,7 @@ that only drives somewhere needs `weigh` and `execute`.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -63,6 +63,8 @@ class Irrevocable:
     """When, site time."""
     complete: bool
     """Whether the recording holds what follows from it, too: then the attempt is over."""
+    where: str = ""
+    """Name of the thing on the site that it was done at, where the work has to know."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,8 @@ class Robot:
     body: Body
     floor: Floor
     memory: Memory
-    bin: SmartBin
+    bins: Mapping[str, SmartBin]
+    """The site's, by name."""
     clock: Clock
     announce: Callable[[Sighting], None]
     """Publishes where the robot sees the item that it is about to take."""

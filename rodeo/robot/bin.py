@@ -39,18 +39,18 @@ _KEPT = 50
 
 
 class SmartBin:
-    """Hears what the site's bin states, and presents the robot to it.
+    """Hears what one bin of the site states, and presents the robot to it.
 
     What a statement is about is told by its own time, not by when it was heard. Close it before the bus.
     """
 
-    def __init__(self, bus: Bus, site: Site, clock: Clock, witness: Witness) -> None:
+    def __init__(self, bus: Bus, site: Site, name: str, clock: Clock, witness: Witness) -> None:
         """`witness` signs for the robot."""
         self._bus = bus
         self._clock = clock
-        self._name = site.bin.name
+        self._name = name
         self._witness = witness
-        self._state_key = topics.BIN_STATE.name(org=site.org, bin=site.bin.name)
+        self._state_key = topics.BIN_STATE.name(org=site.org, bin=name)
         self._words: dict[type[Word], deque[Word]] = {kind: deque(maxlen=_KEPT) for kind in get_args(Word)}
         self._lock = threading.Lock()
         self._presented: Attestation | None = None

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from rodeo.lab.config import ItemConfig, Pose2
+from rodeo.lab.config import DockConfig, ItemConfig, Pose2
 from rodeo.robot.memory import Held
 from rodeo.robot.perception import Sighting, View
 
@@ -37,7 +37,7 @@ class Body(Protocol):
         time. Raises Blocked."""
         ...
 
-    def dock(self, checkpoint: Checkpoint) -> None:
+    def dock(self, at: DockConfig, checkpoint: Checkpoint) -> None:
         """Onto the dock's contacts, unless the robot stands there. Raises MotionFailed."""
         ...
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from rodeo.clock import Clock
 from rodeo.config import Site
-from rodeo.lab.config import ItemConfig, Pose2
+from rodeo.lab.config import DockConfig, ItemConfig, Pose2
 from rodeo.lab.geometry import ahead
 from rodeo.lab.items import top_grasps
 from rodeo.lab.layout import dock_parking, on_contacts
@@ -73,7 +73,7 @@ class MobileManipulator:
         stop: threading.Event,
     ) -> None:
         """`stop` ends `wait`."""
-        self._dock = site.dock
+        self._docks = site.docks
         self._body = body
         self._arm = arm
         self._camera = camera
@@ -103,10 +103,10 @@ class MobileManipulator:
                 raise Blocked(failure.message, waited_s=patience_s, **failure.details) from failure
             self.wait(_BLOCKED_S, checkpoint)
 
-    def dock(self, checkpoint: Checkpoint) -> None:
-        if self.docked(checkpoint):
+    def dock(self, at: DockConfig, checkpoint: Checkpoint) -> None:
+        if self.docked(checkpoint) == at:
             return
-        parking = dock_parking(self._dock)
+        parking = dock_parking(at)
         for attempt in range(1, _DOCKINGS + 1):
             try:
                 self._body.navigate(parking, checkpoint)
@@ -114,15 +114,16 @@ class MobileManipulator:
                 if attempt == _DOCKINGS:
                     raise
                 log.warning("could not dock: %s", error)
-            if self.docked(checkpoint):
+            if self.docked(checkpoint) == at:
                 return
             log.info("missed the contacts; docking again")
             self.leave(parking, checkpoint)
         raise MotionFailed("the robot cannot reach the dock's contacts", dockings=_DOCKINGS)
 
-    def docked(self, checkpoint: Checkpoint) -> bool:
-        """Whether the robot stands on the dock's contacts."""
-        return on_contacts(self._dock, self._body.base_pose(checkpoint))
+    def docked(self, checkpoint: Checkpoint) -> DockConfig | None:
+        """The dock on whose contacts the robot stands."""
+        base = self._body.base_pose(checkpoint)
+        return next((dock for dock in self._docks if on_contacts(dock, base)), None)
 
     def leave(self, parked: Pose2, checkpoint: Checkpoint) -> None:
         for pose in self._floor.ways_out(parked, self._memory.lying()):

@@ -70,21 +70,25 @@ def footprint(pose: Pose2) -> Rectangle:
     return Rectangle(pose, BUMPER_M, HALF_WIDTH_M)
 
 
+def _bin_floor(layout: BinLayout) -> Rectangle:
+    """The floor that a bin and its post cover."""
+    front_m = layout.depth_m / 2
+    middle = _shifted(layout.config.pose, (front_m - _BIN_POST_M) / 2)
+    return Rectangle(middle, (front_m + _BIN_POST_M) / 2, layout.width_m / 2)
+
+
 class Floor:
     """The site's floor and what stands on it."""
 
     def __init__(self, site: Site) -> None:
         self._size_m = site.lab.size_m
-        bin_ = BinLayout(site.bin)
-        front_m = bin_.depth_m / 2
         self._obstacles = [
             *(Rectangle(f.pose, f.size_m[0] / 2, f.size_m[1] / 2) for f in site.lab.furniture),
-            Rectangle(
-                _shifted(site.bin.pose, (front_m - _BIN_POST_M) / 2),
-                (front_m + _BIN_POST_M) / 2,
-                bin_.width_m / 2,
+            *(_bin_floor(BinLayout(one)) for one in site.bins),
+            *(
+                Rectangle(_shifted(dock.pose, -_DOCK_DEPTH_M / 2), _DOCK_DEPTH_M / 2, _DOCK_WIDTH_M / 2)
+                for dock in site.docks
             ),
-            Rectangle(_shifted(site.dock.pose, -_DOCK_DEPTH_M / 2), _DOCK_DEPTH_M / 2, _DOCK_WIDTH_M / 2),
         ]
 
     @property
@@ -96,7 +100,7 @@ class Floor:
         """From the point to the nearest wall or thing; negative outside the room."""
         length_m, width_m = self._size_m
         walls_m = min(x_m, y_m, length_m - x_m, width_m - y_m)
-        return min(walls_m, *(obstacle.distance_m(x_m, y_m) for obstacle in self._obstacles))
+        return min([walls_m, *(obstacle.distance_m(x_m, y_m) for obstacle in self._obstacles)])
 
     def grasp_poses(self, item: Point, others: Iterable[Point], start: Pose2) -> list[Pose2]:
         """Places to stand with the item right ahead, the nearest to `start` first.

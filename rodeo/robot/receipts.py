@@ -6,10 +6,12 @@ import logging
 import math
 import threading
 from collections import deque
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 from rodeo import topics
 from rodeo.bus import Bus
+from rodeo.charging import dock_of
 from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.evidence import Attestation
@@ -23,6 +25,7 @@ from rodeo.ros2 import Node
 from rodeo.stamps import stamp_s
 from rodeo.wallets import SiteDevice
 from rodeo.witness import MeterRecord, Receipt, ocmf, parse
+from rodeo.witness.devices import DeviceTable
 from rodeo.witness.statement import payload_digest
 from rodeo.witness.witness import Witness
 
@@ -244,24 +247,25 @@ class Receipts:
             lambda message, _info: self._on_battery(message),
             inline=True,
         )
-        self._listener = StatementListener(
-            bus,
-            site.org,
-            lambda devices: StatementDoor(
-                devices.known,
-                [SiteDevice("meter", site.dock.name)],
-                lambda: None,
-                clock,
-                stamp_slack_s(max(site.clock.speed, site.clock.idle_speed)),
-                Refusals(),
-            ),
-            self._on_record,
-            only=site.dock.name,
-            hold=clock.hold,
-        )
+        self._listeners = [
+            StatementListener(
+                bus,
+                site.org,
+                partial(self._door, site, SiteDevice("meter", dock.name)),
+                self._on_record,
+                only=dock.name,
+                hold=clock.hold,
+            )
+            for dock in site.docks
+        ]
+
+    def _door(self, site: Site, meter: SiteDevice, devices: DeviceTable) -> StatementDoor:
+        slack_s = stamp_slack_s(max(site.clock.speed, site.clock.idle_speed))
+        return StatementDoor(devices.known, [meter], lambda: None, self._clock, slack_s, Refusals())
 
     def close(self) -> None:
-        self._listener.close()
+        for listener in self._listeners:
+            listener.close()
 
     def begin(self, task: Task) -> None:
         """From now on sign for what `task` delivers; done again for the same task, nothing changes."""
@@ -272,7 +276,9 @@ class Receipts:
                 return
             self._begun = task.id, task.registered
             self._refused = None
-            self._account = ReceiptPolicy(self._gauge, self._site.dock.name, self._robot.name, task.id)
+            self._account = ReceiptPolicy(
+                self._gauge, dock_of(self._site, task.params.get("dock")).name, self._robot.name, task.id
+            )
             self._restore(self._account, task.registered)
             self._answer_pending()
 
@@ -287,7 +293,8 @@ class Receipts:
                 self._answer_pending()
         if last is not None:
             self._witness.publish(last)
-        self._listener.catch_up()
+        for listener in self._listeners:
+            listener.catch_up()
 
     # -- inside ----------------------------------------------------------------------------------------
 
@@ -320,6 +327,8 @@ class Receipts:
         except BadStatement as error:
             log.warning("the robot does not sign the meter's record %d: %s", record.seq, error)
             return
+        if record.robot != self._robot.name:
+            return  # who charges at another dock
         with self._lock:
             self._pending.append(heard)
             self._answer_pending()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import logging
 import threading
@@ -57,21 +56,19 @@ _HOLE_NS = 400_000_000
 
 def recorded_topics(site: Site, robot: str, records: Iterable[Topic]) -> Iterator[tuple[Topic, str]]:
     """Each of the topics `records` and its names on this site, for the proof of a task of `robot`."""
-    names = {
-        "ns": [site.robot(robot).namespace],
-        "bin": [site.bin.name],
-        "compartment": list(site.bin.compartments),
-        "dock": [site.dock.name],
-    }
+    own = {"ns": site.robot(robot).namespace}
     for topic in records:
-        yield from ((topic, name) for name in _expand(topic, names))
-
-
-def _expand(topic: Topic, names: dict[str, list[str]]) -> list[str]:
-    used = {field: values for field, values in names.items() if f"{{{field}}}" in topic.key}
-    return [
-        topic.name(**dict(zip(used, values, strict=True))) for values in itertools.product(*used.values())
-    ]
+        if "{compartment}" in topic.key:
+            things = [
+                {"bin": one.name, "compartment": name} for one in site.bins for name in one.compartments
+            ]
+        elif "{bin}" in topic.key:
+            things = [{"bin": one.name} for one in site.bins]
+        elif "{dock}" in topic.key:
+            things = [{"dock": dock.name} for dock in site.docks]
+        else:
+            things = [{}]
+        yield from ((topic, topic.name(**own, **names)) for names in things)
 
 
 def stated(path: Path) -> dict[str, int]:
@@ -192,8 +189,7 @@ class Recording:
         )
         self._seals = SealPublisher(bus, site.org, robot)
         self._pictures_written = 0
-        self._picture_topic = topics.BIN_IMAGE.name(bin=site.bin.name)
-        self._pictures = PictureFetcher(bus, site.org, site.bin.name, self._on_picture)
+        self._pictures = PictureFetcher(bus, site.org, self._on_picture)
         # At 50 Hz each; the others are not waited for, or the first motion would be late.
         wanted = {
             name for topic, name in recorded if topic in (topics.ODOM, topics.JOINT_STATES, topics.POSE)
@@ -304,13 +300,13 @@ class Recording:
                 self._listed |= any(head.chain == own for head in statement.heads)
                 self._shown |= statement.tracks.keys()
 
-    def _on_picture(self, cdr: bytes, time_ns: int) -> None:
+    def _on_picture(self, bin_name: str, cdr: bytes, time_ns: int) -> None:
         """A picture that the bin classified, as its camera encoded it."""
         self._pictures_written += 1
         number, type_ = self._pictures_written, topics.BIN_IMAGE.type
         self._guard(
             lambda: self._recorder.write_ros(
-                self._picture_topic, type_, cdr, self._clock.now_ns(), time_ns, number
+                topics.BIN_IMAGE.name(bin=bin_name), type_, cdr, self._clock.now_ns(), time_ns, number
             )
         )
 

@@ -163,7 +163,7 @@ class RosBody:
         self._pose = latest(pose, topics.MOCAP_POSE)
         self._arm_model = arm_model(robot.kinematics)
         self._clock = clock
-        self._dock = site.dock
+        self._docks = site.docks
         self._navigate, self._follow, self._grip = (
             ActionClient(node, action.name(**names), action.type, clock=clock)
             for action in (topics.NAVIGATE_TO_POSE, topics.FOLLOW_JOINT_TRAJECTORY, topics.GRIPPER_CMD)
@@ -204,7 +204,8 @@ class RosBody:
         if battery is not None:
             heard["soc"] = round(float(battery.percentage), 3)
         if pose is not None:
-            heard["docked"] = on_contacts(self._dock, on_plane(pose.pose))
+            base = on_plane(pose.pose)
+            heard["docked"] = any(on_contacts(dock, base) for dock in self._docks)
         return heard
 
     def recent_base_pose(self) -> Pose2 | None:

@@ -7,15 +7,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rodeo.charging import ChargingParams
-from rodeo.checks.case import Case, ordered
+from rodeo.charging import ChargingParams, dock_of
+from rodeo.checks.case import Case, CaseError, ordered
 from rodeo.checks.keys import counts_until_s
 from rodeo.checks.results import once_per_case
 from rodeo.checks.statements import Said, Testimony, joined
 from rodeo.checks.testimony import by_signer, keys_of
+from rodeo.errors import ConfigError
 from rodeo.evidence import Binding
 from rodeo.messages import Device
 from rodeo.metering import Reading, Readings, unpack
+from rodeo.topics import DOCK_OUTPUT
 from rodeo.witness import MeterRecord, Receipt, Scope
 
 
@@ -87,9 +89,25 @@ class Charge:
 def names(case: Case) -> Names:
     """Raises OthersFailed for a task that does not say what to deliver, CaseError without a robot."""
     if case.chain_record is None:
-        return Names(case.site.dock.name, case.robot.name)
+        return Names(_recorded_dock(case), case.robot.name)
     params = ordered(case, ChargingParams)
-    return Names(params.dock, params.robot)
+    return Names(_first_dock(case) if params.dock is None else params.dock, params.robot)
+
+
+def _first_dock(case: Case) -> str:
+    """Where a charge takes place that leaves it to the seller."""
+    try:
+        return dock_of(case.site, None).name
+    except ConfigError as error:
+        raise CaseError("the site has no dock") from error
+
+
+def _recorded_dock(case: Case) -> str:
+    """The dock whose terminals are in the recording."""
+    docks = [
+        one.name for one in case.site.docks if f"/{DOCK_OUTPUT.name(dock=one.name)}" in case.proof.topics
+    ]
+    return docks[0] if docks else _first_dock(case)
 
 
 @once_per_case

@@ -53,7 +53,9 @@ def same_names(case: Case) -> Finding:
     devices = {device.address.lower(): device.name for device in case.chain_record.devices}
     robots = [robot.name for robot in case.site.robots]
     robot = who.robot if who.robot in robots else f"not {who.robot}"
-    found = f"dock {case.site.dock.name}, meter {devices.get(signer)}, robot {robot}"
+    docks = [dock.name for dock in case.site.docks]
+    dock = who.meter if who.meter in docks else f"not {who.meter}"
+    found = f"dock {dock}, meter {devices.get(signer)}, robot {robot}"
     return equal(
         found,
         f"dock {who.meter}, meter {who.meter}, robot {who.robot}",
@@ -151,7 +153,7 @@ def fresh(case: Case) -> Finding:
 
 def power(case: Case) -> Finding:
     """The dock never gave more than it can, by its readings or by its register."""
-    dock, charge = case.site.dock, charge_of(case)
+    dock, charge = case.site.dock(names(case).meter), charge_of(case)
     readings = charge.readings()
     highest_w = float(readings.power_w.max()) if len(readings.time_s) else 0.0
     mean_w = 0.0

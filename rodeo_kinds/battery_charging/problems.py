@@ -16,8 +16,9 @@ def problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
     robots = [robot.name for robot in site.robots]
     if params.get("robot") not in robots:
         wrong["robot"] = choose("robot", robots)
-    if params.get("dock") != site.dock.name:
-        wrong["dock"] = f"the dock of this site is {site.dock.name}"
+    docks = [dock.name for dock in site.docks]
+    if params.get("dock") not in (None, *docks):
+        wrong["dock"] = choose("dock", docks)
     soc_from, soc_target = params.get("soc_from"), params.get("soc_target")
     if not (is_number(soc_from) and is_number(soc_target)) or not 0 <= soc_from < soc_target <= 1:  # type: ignore[operator]
         wrong["soc_target"] = "choose a target above the present charge and at most 100 %"
@@ -28,10 +29,13 @@ def problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
 
 
 def complete(site: Site, params: Mapping[str, Any]) -> dict[str, Any]:
-    """With the site's dock where none is named, and with the energy, Wh, where it is left out."""
-    whole = {"dock": site.dock.name, **params}
+    """With the site's only dock where none is named, and with the energy, Wh, where it is left out."""
+    whole = dict(params)
+    if len(site.docks) == 1:
+        whole.setdefault("dock", site.docks[0].name)
+    dock = next((one for one in site.docks if whole.get("dock") in (None, one.name)), None)
     robot = next((one for one in site.robots if one.name == whole.get("robot")), None)
     soc_from, soc_target = whole.get("soc_from"), whole.get("soc_target")
-    if robot and "energy_wh" not in whole and is_number(soc_from) and is_number(soc_target):
-        whole["energy_wh"] = order_wh(robot.battery, site.dock, soc_from, soc_target)  # type: ignore[arg-type]
+    if robot and dock and "energy_wh" not in whole and is_number(soc_from) and is_number(soc_target):
+        whole["energy_wh"] = order_wh(robot.battery, dock, soc_from, soc_target)  # type: ignore[arg-type]
     return whole

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -21,6 +23,7 @@ from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout
 from rodeo.lab.place import PLACE_LIMIT_M, TAKEN_LIMIT_M
 from rodeo.messages import Task
 from rodeo.robot.behaviour import Behaviour, Estimate, Irrevocable, Record, Report, Robot
+from rodeo.robot.bin import SmartBin
 from rodeo.robot.body import Checkpoint, Point
 from rodeo.robot.errors import (
     Blocked,
@@ -80,6 +83,22 @@ _BIN_ANSWER_WALL_S = 20.0
 _BIN_RECALL_WALL_S = 4.0
 
 
+@dataclass(frozen=True)
+class Station:
+    """A bin: what it says, and where it takes what."""
+
+    bin: SmartBin
+    layout: BinLayout
+
+    @property
+    def name(self) -> str:
+        return self.layout.config.name
+
+    def away_m(self, x_m: float, y_m: float) -> float:
+        """From the place to where the robot parks."""
+        return math.dist((x_m, y_m), (self.layout.parking.x_m, self.layout.parking.y_m))
+
+
 class WasteDisposal(Behaviour):
     """Disposes of items. `dispose` may be called again at any moment after an interruption."""
 
@@ -89,8 +108,7 @@ class WasteDisposal(Behaviour):
         self._body = robot.body
         self._floor = robot.floor
         self._memory = robot.memory
-        self._bin = robot.bin
-        self._layout = BinLayout(robot.site.bin)
+        self._stations = [Station(robot.bins[one.name], BinLayout(one)) for one in robot.site.bins]
         self._clock = robot.clock
         self._announce = robot.announce
 
@@ -98,43 +116,65 @@ class WasteDisposal(Behaviour):
 
     def weigh(self, task: Task | None, here: Pose2) -> Estimate:
         """For the way over the item to the bin; without a task over the farthest item."""
-        end = self._layout.parking
         if task is None:
-            places = [(item.pose.x_m, item.pose.y_m) for item in self._items]
+            places, stations = [(item.pose.x_m, item.pose.y_m) for item in self._items], self._stations
         else:
-            places = [place_of(task)]
-        way_m = max(
-            (
-                math.dist((here.x_m, here.y_m), place) + math.dist(place, (end.x_m, end.y_m))
-                for place in places
-            ),
-            default=2 * self._floor.diagonal_m,
+            params = ordered(task)
+            places, stations = [(params.x_m, params.y_m)], self._choice(params)[:1]
+        ways = [
+            (math.dist((here.x_m, here.y_m), place) + station.away_m(*place), station)
+            for place in places
+            for station in stations
+        ]
+        way_m, station = max(
+            ways, key=lambda way: way[0], default=(2 * self._floor.diagonal_m, self._stations[0])
         )
-        return self.robot.estimate(way_m, end)
+        return self.robot.estimate(way_m, station.layout.parking)
 
     def execute(self, task: Task, checkpoint: Checkpoint, report: Report, recording: Record) -> None:
-        place = place_of(task)
-        self.dispose(str(task.params["item_id"]), place, checkpoint, report, recording)
+        params = ordered(task)
+        place, stations = (params.x_m, params.y_m), self._choice(params)
+        self.dispose(params.item_id, place, stations, checkpoint, report, recording)
+
+    def _choice(self, params: CleaningParams) -> list[Station]:
+        """The bin that the task names, or all, the nearest to the item first. Raises TaskFailed."""
+        found = [one for one in self._stations if params.bin in (None, one.name)]
+        if not found:
+            raise TaskFailed("no such bin on this site", bin=params.bin)
+        return sorted(found, key=lambda one: one.away_m(params.x_m, params.y_m))
 
     def irrevocable(self, recording: Path) -> Irrevocable | None:
         """What was released cannot be taken out of the bin again."""
-        released_s = when_released(recording)
-        if released_s is None:
+        released = release_in(recording)
+        if released is None:
             return None
-        return Irrevocable(released_s, tells_of_disposal(recording, released_s, RECORDED_AFTER_DROP_S))
+        told = tells_of_disposal(recording, *released, RECORDED_AFTER_DROP_S)
+        return Irrevocable(released[0], told, where=released[1])
 
     def finish(
         self, done: Irrevocable, task: Task, checkpoint: Checkpoint, report: Report, recording: Record
     ) -> None:
-        self.confirm(done.done_s, checkpoint, report, recording)
+        self.confirm(done.done_s, self._station(done.where), checkpoint, report, recording)
+
+    def _station(self, name: str) -> Station:
+        """Raises TaskFailed."""
+        for station in self._stations:
+            if station.name == name:
+                return station
+        raise TaskFailed("no such bin on this site", bin=name)
 
     def tidy(self, checkpoint: Checkpoint) -> None:
-        """Make room for whoever uses the bin next, with the arm folded, wherever it was left."""
-        base, parking = self._body.here(checkpoint), self._layout.parking
-        if math.dist((base.x_m, base.y_m), (parking.x_m, parking.y_m)) > _AT_BIN_M:
+        """Make room for whoever uses a bin next, with the arm folded, wherever it was left."""
+        station = self._nearest(checkpoint)
+        base, parking = self._body.here(checkpoint), station.layout.parking
+        if station.away_m(base.x_m, base.y_m) > _AT_BIN_M:
             return
         self._body.carry(checkpoint)
         self._body.leave(parking, checkpoint)
+
+    def _nearest(self, checkpoint: Checkpoint) -> Station:
+        base = self._body.here(checkpoint)
+        return min(self._stations, key=lambda one: one.away_m(base.x_m, base.y_m))
 
     # -- the work --------------------------------------------------------------------------------------
 
@@ -146,9 +186,16 @@ class WasteDisposal(Behaviour):
         raise TaskFailed("no such item on this site", item=item_id)
 
     def dispose(
-        self, item_id: str, place: Point, checkpoint: Checkpoint, report: Report, record: Record
+        self,
+        item_id: str,
+        place: Point,
+        stations: Sequence[Station],
+        checkpoint: Checkpoint,
+        report: Report,
+        record: Record,
     ) -> None:
-        """Bring the item, which lies within PLACE_LIMIT_M of `place`, into the bin, and see that it stays.
+        """Bring the item, which lies within PLACE_LIMIT_M of `place`, into the first bin of these that can be
+        reached, and see that it stays.
 
         Raises TaskFailed with the last cause when the limits on retries are used up, and when the item is
         not there.
@@ -167,8 +214,9 @@ class WasteDisposal(Behaviour):
                     )
                 else:
                     deliveries += 1
-                    released_s = self._deliver(item, held, checkpoint, report, record)
-                    self._finish(released_s, _BIN_ANSWER_WALL_S, checkpoint, report, record)
+                    station = self._go_to(stations, item, checkpoint, report)
+                    released_s = self._deliver(item, held, station, checkpoint, report, record)
+                    self._finish(released_s, station, _BIN_ANSWER_WALL_S, checkpoint, report, record)
                     return
             except NotFound as error:
                 raise TaskFailed(
@@ -190,14 +238,16 @@ class WasteDisposal(Behaviour):
         known = self._memory.place(item.id)
         return place if picks == 1 or known is None else known
 
-    def confirm(self, released_s: float, checkpoint: Checkpoint, report: Report, record: Record) -> None:
+    def confirm(
+        self, released_s: float, station: Station, checkpoint: Checkpoint, report: Report, record: Record
+    ) -> None:
         """Ask the bin about an item that was released at `released_s`, before an interruption.
 
         Raises TaskFailed when something was taken out since: the item may be anywhere.
         """
         try:
             # What fell before this call was stated long ago, or never will be.
-            self._finish(released_s, _BIN_RECALL_WALL_S, checkpoint, report, record)
+            self._finish(released_s, station, _BIN_RECALL_WALL_S, checkpoint, report, record)
         except TakenOut as error:
             raise TaskFailed(f"gave up: {error.message}", cause=error.code, **error.details) from error
 
@@ -295,21 +345,34 @@ class WasteDisposal(Behaviour):
 
     # -- bringing it -----------------------------------------------------------------------------------
 
-    def _deliver(
-        self, item: ItemConfig, held: Held, checkpoint: Checkpoint, report: Report, record: Record
-    ) -> float:
-        """Returns when it was let go of, site time."""
+    def _go_to(
+        self, stations: Sequence[Station], item: ItemConfig, checkpoint: Checkpoint, report: Report
+    ) -> Station:
+        """Carry it to the first of these bins that can be reached."""
         holding = self._body.holding(checkpoint)
         report(f"carrying {item.id} to the bin", 0.45)
         self._body.carry(holding)
-        self._body.drive([self._layout.parking], holding, _QUEUE_S)
-        report(f"showing {item.id} to the bin", 0.6)
-        compartment = self._present(held, item, holding, record.claimant).compartment
+        self._body.drive([one.layout.parking for one in stations], holding, _QUEUE_S)
+        return stations[0] if len(stations) == 1 else self._nearest(holding)
+
+    def _deliver(
+        self,
+        item: ItemConfig,
+        held: Held,
+        station: Station,
+        checkpoint: Checkpoint,
+        report: Report,
+        record: Record,
+    ) -> float:
+        """Returns when it was let go of, site time."""
+        holding = self._body.holding(checkpoint)
+        report(f"showing {item.id} to {station.name}", 0.6)
+        compartment = self._present(held, item, station, holding, record.claimant).compartment
         report(f"dropping {item.id} into {compartment}", 0.7)
-        return self._drop(held, compartment, checkpoint, record)
+        return self._drop(held, station, compartment, checkpoint, record)
 
     def _present(
-        self, held: Held, item: ItemConfig, checkpoint: Checkpoint, claimant: Claimant
+        self, held: Held, item: ItemConfig, station: Station, checkpoint: Checkpoint, claimant: Claimant
     ) -> Classification:
         """Hold the item where the camera looks until the bin says what it is, and that this robot shows it.
 
@@ -322,10 +385,10 @@ class WasteDisposal(Behaviour):
         for attempt in range(1, _SHOWS + 1):
             # The clock of a fast simulation is heard late: the last answer may be ahead of it.
             after_s = max(after_s, self._clock.now_s())
-            self._bin.present(claimant)
-            self._body.show(held, self._layout.show_point, checkpoint, turn_rad)
+            station.bin.present(claimant)
+            self._body.show(held, station.layout.show_point, checkpoint, turn_rad)
             try:
-                said = self._bin.wait_for(Classification, after_s, checkpoint, _BIN_ANSWER_WALL_S)
+                said = station.bin.wait_for(Classification, after_s, checkpoint, _BIN_ANSWER_WALL_S)
             except NoAnswer:
                 if attempt == _SHOWS:
                     raise
@@ -353,7 +416,9 @@ class WasteDisposal(Behaviour):
             self._body.wait(_LOOK_AWAY_S, checkpoint)
         raise AssertionError("unreachable")
 
-    def _drop(self, held: Held, compartment: str, checkpoint: Checkpoint, record: Record) -> float:
+    def _drop(
+        self, held: Held, station: Station, compartment: str, checkpoint: Checkpoint, record: Record
+    ) -> float:
         """Returns when it was let go of, site time."""
         released_s = math.nan
 
@@ -361,14 +426,14 @@ class WasteDisposal(Behaviour):
             nonlocal released_s
             # The bin says when the weight had settled: later than this, also by a clock a little behind.
             released_s = self._clock.now_s()
-            record.note({"event": "releasing", "item": held.item_id})
+            record.note({"event": "releasing", "item": held.item_id, "bin": station.name})
 
-        self._body.place(held, self._layout.compartment(compartment), checkpoint, releasing)
+        self._body.place(held, station.layout.compartment(compartment), checkpoint, releasing)
         # Sealed at once: from here on a hole is no loss.
         record.note({"event": "released", "item": held.item_id})
         self._memory.let_go(None)
         self._body.wait(_FALL_S, checkpoint)
-        self._hold_still(released_s, checkpoint)
+        self._hold_still(released_s, station, checkpoint)
         try:
             self._body.draw_back(checkpoint)
         except (MotionFailed, Unreachable) as error:  # the item is in the bin all the same
@@ -377,15 +442,21 @@ class WasteDisposal(Behaviour):
             self._recover(checkpoint)
         return released_s
 
-    def _hold_still(self, released_s: float, checkpoint: Checkpoint) -> None:
+    def _hold_still(self, released_s: float, station: Station, checkpoint: Checkpoint) -> None:
         """Until the bin speaks of what fell after `released_s`; it may also stay silent."""
         try:
-            self._bin.wait_for(Drop, released_s, checkpoint, _HOLD_WALL_S)
+            station.bin.wait_for(Drop, released_s, checkpoint, _HOLD_WALL_S)
         except NoAnswer as error:
             log.info("%s yet", error)
 
     def _finish(
-        self, released_s: float, patience_s: float, checkpoint: Checkpoint, report: Report, record: Record
+        self,
+        released_s: float,
+        station: Station,
+        patience_s: float,
+        checkpoint: Checkpoint,
+        report: Report,
+        record: Record,
     ) -> None:
         """Wait for the bin's own word, make room at the bin, and be there until what fell has stayed in it.
 
@@ -394,7 +465,7 @@ class WasteDisposal(Behaviour):
         report("waiting for the bin to confirm", 0.9)
         drop: Drop | None = None
         try:
-            drop = self._bin.wait_for(Drop, released_s, checkpoint, patience_s)
+            drop = station.bin.wait_for(Drop, released_s, checkpoint, patience_s)
         except NoAnswer as error:
             log.warning("%s; submitting without its confirmation", error)
             record.note({"event": "unconfirmed", **error.to_json()})
@@ -407,7 +478,9 @@ class WasteDisposal(Behaviour):
         until_s = (released_s if drop is None else drop.settled_s) + RECORDED_AFTER_DROP_S
         while (now_s := self._clock.now_s()) < until_s:
             self._body.wait(min(until_s - now_s, _LOOK_AROUND_S), checkpoint)
-        if drop is not None and (removal := self._bin.removed(drop.compartment, drop.after_s)) is not None:
+        if drop is None:
+            return
+        if (removal := station.bin.removed(drop.compartment, drop.after_s)) is not None:
             raise TakenOut(
                 "something was taken out of the bin after the drop",
                 compartment=removal.compartment,
@@ -423,31 +496,30 @@ class WasteDisposal(Behaviour):
             log.warning("the arm did not fold: %s", error)
 
 
-def place_of(task: Task) -> Point:
-    """Where the task says that its item lies. Raises TaskFailed."""
+def ordered(task: Task) -> CleaningParams:
+    """What the task says: which item lies where, and into which bin. Raises TaskFailed."""
     try:
-        params = CleaningParams.model_validate(task.params)
+        return CleaningParams.model_validate(task.params)
     except ValidationError as error:
         raise TaskFailed(
             "the task's parameters do not name an item and its place", fields=wrong_fields(error)
         ) from error
-    return params.x_m, params.y_m
 
 
-def when_released(path: Path) -> float | None:
-    """Site time at which the fingers were last opened over the bin, by the recording at `path`, which may be
-    cut off."""
-    times_s = [time_s for time_s, one in notes(path) if one.get("event") == "releasing"]
-    return times_s[-1] if times_s else None
+def release_in(path: Path) -> tuple[float, str] | None:
+    """Site time at which the fingers were last opened over a bin, and its name, by the recording at `path`,
+    which may be cut off."""
+    found = [(time_s, str(one.get("bin"))) for time_s, one in notes(path) if one.get("event") == "releasing"]
+    return found[-1] if found else None
 
 
-def tells_of_disposal(path: Path, after_s: float, for_s: float) -> bool:
+def tells_of_disposal(path: Path, after_s: float, bin_name: str, for_s: float) -> bool:
     """Whether the recording holds the bin's word that something fell after `after_s` (site time), and what
     came for `for_s` after that."""
     drops = [
         statement.settled_s
         for _, statement in statements(path)
-        if isinstance(statement, Drop) and statement.settled_s > after_s
+        if isinstance(statement, Drop) and statement.device == bin_name and statement.settled_s > after_s
     ]
     return bool(drops) and last_s(path) >= min(drops) + for_s
 

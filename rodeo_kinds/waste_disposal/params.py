@@ -22,13 +22,16 @@ _UNDER_WAY = ("open", "assigned", "submitted", "undecided")
 
 
 class CleaningParams(BaseModel):
-    """What a waste_disposal task says beyond its reward: which item, and where it lies, m in frame `map`."""
+    """What a waste_disposal task says beyond its reward: which item, where it lies, m in frame `map`, and
+    into which bin."""
 
     model_config = ConfigDict(extra="allow")
 
     item_id: Annotated[Name, shown("Item", "item")]
     x_m: Annotated[Coordinate, shown("East, x (m)", "map-x")]
     y_m: Annotated[Coordinate, shown("North, y (m)", "map-y")]
+    bin: Annotated[Name | None, shown("Bin", "bin")] = None
+    """Left out, the robot chooses."""
 
 
 def doubt(params: Mapping[str, Any], tasks: Sequence[Task]) -> str:
@@ -64,6 +67,9 @@ def problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
         wrong["x_m"] = "choose the place on the map"
     elif (reason := _occupied(site, float(x_m), float(y_m))) is not None:  # type: ignore[arg-type]
         wrong["x_m"] = reason
+    bins = [one.name for one in site.bins]
+    if params.get("bin") not in (None, *bins):
+        wrong["bin"] = choose("bin", bins)
     return wrong
 
 
@@ -72,12 +78,10 @@ def _occupied(site: Site, x_m: float, y_m: float) -> str | None:
     width_m, height_m = site.lab.size_m
     if not (0 <= x_m <= width_m and 0 <= y_m <= height_m):
         return f"the place is outside the lab, which is {width_m:g} m by {height_m:g} m"
-    layout = BinLayout(site.bin)
     boxes = [(one.name, one.pose, one.size_m[0], one.size_m[1]) for one in site.lab.furniture]
-    for name, pose, length_m, depth_m in [
-        *boxes,
-        (site.bin.name, site.bin.pose, layout.depth_m, layout.width_m),
-    ]:
+    layouts = [BinLayout(one) for one in site.bins]
+    boxes += [(one.config.name, one.config.pose, one.depth_m, one.width_m) for one in layouts]
+    for name, pose, length_m, depth_m in boxes:
         c, s = math.cos(pose.yaw_rad), math.sin(pose.yaw_rad)
         dx, dy = x_m - pose.x_m, y_m - pose.y_m
         if abs(c * dx + s * dy) <= length_m / 2 and abs(c * dy - s * dx) <= depth_m / 2:

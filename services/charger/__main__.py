@@ -1,8 +1,16 @@
+"""`python -m services.charger --site FILE [--dock NAME]`"""
+
 import sys
 
-from rodeo.process import main
+from rodeo.config import dock_process
+from rodeo.process import main_of_one
 from services.charger.process import run
 
-sys.exit(
-    main("charger", run, "The dock's energy meter: charges robots and proves the energy that it delivered.")
-)
+DESCRIPTION = "A dock's energy meter: charges robots and proves the energy that it delivered."
+
+if __name__ == "__main__":
+    sys.exit(
+        main_of_one(
+            "charger", "dock", lambda site: [one.name for one in site.docks], dock_process, run, DESCRIPTION
+        )
+    )

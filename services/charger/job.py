@@ -11,15 +11,16 @@ from pathlib import Path
 from pydantic import BaseModel, ValidationError
 
 from rodeo import topics
-from rodeo.charging import SOC_USED, ChargingParams, order_wh
+from rodeo.charging import SOC_USED, ChargingParams, dock_of, order_wh
 from rodeo.config import Site
 from rodeo.dao import Assignment
-from rodeo.errors import RodeoError, unreadable
+from rodeo.errors import ConfigError, RodeoError, unreadable
 from rodeo.evidence import Attestation
 from rodeo.evidence.errors import ContainerError
 from rodeo.evidence.reader import SealedReader
 from rodeo.files import replace_file, set_aside
 from rodeo.kinds import providing_energy
+from rodeo.lab.config import DockConfig
 from rodeo.messages import Task
 from rodeo.metering import Reading
 from rodeo.ros2.types import deserialize
@@ -34,11 +35,20 @@ class BadTask(RodeoError):
     """Whoever delivered for this task might not be paid."""
 
 
-def require_payable(task: Task, params: ChargingParams, site: Site) -> None:
+def is_for(task: Task, dock: str, site: Site) -> bool:
+    """Whether the charger of `dock` has to do the task. Somebody must refuse a task that names none of the
+    site's docks: the first does."""
+    try:
+        return dock_of(site, task.params.get("dock")).name == dock
+    except ConfigError:
+        return dock == site.docks[0].name
+
+
+def require_payable(task: Task, params: ChargingParams, site: Site, dock: str) -> None:
     """Before anything is delivered. Raises BadTask when it is for another dock, and when an honest proof may
     not be judged within its verdict window."""
-    if params.dock != site.dock.name:
-        raise BadTask("this charger serves another dock", serves=site.dock.name, dock=params.dock)
+    if params.dock not in (None, dock):
+        raise BadTask("this charger serves another dock", serves=dock, dock=params.dock)
     if task.verdict_window_s < site.min_verdict_window_s:
         raise BadTask(
             "the task's verdict window is too short",
@@ -145,7 +155,7 @@ _MORE_SHARE = 1.1
 """Of what a robot's own estimate orders."""
 
 
-def wrong_order(task: Task, params: ChargingParams, site: Site) -> str | None:
+def wrong_order(task: Task, params: ChargingParams, site: Site, dock: DockConfig) -> str | None:
     """Why the dock would not be paid for what it delivers, if so; to be asked before it delivers anything.
 
     A session is paid by the share of its order, so who orders a thousand times what a battery takes would pay
@@ -155,7 +165,7 @@ def wrong_order(task: Task, params: ChargingParams, site: Site) -> str | None:
     if price_iec is not None and price_iec > tariff_iec:
         return f"it pays {price_iec} IEC, but a session here costs {tariff_iec} IEC"
     soc_from = max(params.soc_from - SOC_USED, 0.0)
-    most_wh = _MORE_SHARE * order_wh(site.robot(params.robot).battery, site.dock, soc_from, params.soc_target)
+    most_wh = _MORE_SHARE * order_wh(site.robot(params.robot).battery, dock, soc_from, params.soc_target)
     if params.energy_wh > most_wh:
         return f"it orders {params.energy_wh:g} Wh, but its battery takes {most_wh:.0f} Wh at most"
     return None

@@ -22,13 +22,14 @@ from pydantic import ValidationError
 from rodeo import queries, topics
 from rodeo.bus import DaoEvents
 from rodeo.charging import ChargingParams
-from rodeo.config import Site
+from rodeo.config import Site, dock_process
 from rodeo.dao import ORGANIZATION, Assignment, Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError, RodeoError
 from rodeo.evidence import Binding, Store
 from rodeo.evidence.copies import Copies
 from rodeo.evidence.errors import RecordingSealed, StoreUnavailable
 from rodeo.kinds import providing_energy
+from rodeo.lab.config import DockConfig
 from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Task
 from rodeo.process import Process
@@ -43,7 +44,7 @@ from rodeo.witness import Inputs, Scope, WitnessChain
 from rodeo.witness.roots import DailyRoots
 from rodeo.witness.witness import Witness
 from services.charger.delivery import Delivery, Order
-from services.charger.job import Job, require_payable, wrong_order
+from services.charger.job import Job, is_for, require_payable, wrong_order
 from services.charger.session import End, Phase, SessionLimits, SessionState
 
 log = logging.getLogger(__name__)
@@ -71,13 +72,14 @@ _OVER = {"TaskSettled", "TaskFailed", "TaskCancelled"}
 class Charger:
     """One dock."""
 
-    def __init__(self, process: Process) -> None:
+    def __init__(self, process: Process, dock: DockConfig) -> None:
         site = process.site
+        self._dock = dock
         self._process = process
         self._site = site
         self._energy = providing_energy(process.site)
         self._organization = Participant(process.bus, site.org, ORGANIZATION)
-        self._account = process.wait_account("meter-device")
+        self._account = process.wait_account(f"{dock.name}-device")
         self._store = Store(site)
         self._job_path = process.data_dir / "job.json"
         self._offered_on: tuple[str, str] | None = None
@@ -92,12 +94,12 @@ class Charger:
         self._events_lock = threading.Lock()
         self._heard_s = -math.inf
         """Wall (monotonic) time of the dock's last reading."""
-        self._node = Node(process.bus.session, "charger", "", site.bus.domain_id, process.clock)
+        self._node = Node(process.bus.session, f"{dock.name}_meter", "", site.bus.domain_id, process.clock)
         enable = topics.DOCK_ENABLE
-        self._enable = self._node.client(enable.name(dock=site.dock.name), enable.type)
+        self._enable = self._node.client(enable.name(dock=dock.name), enable.type)
         output = topics.DOCK_OUTPUT
         # In the receiving thread: when a simulated clock's mark is there, so is what was read before.
-        self._node.subscription(output.name(dock=site.dock.name), output.type, self._on_output, inline=True)
+        self._node.subscription(output.name(dock=dock.name), output.type, self._on_output, inline=True)
         for robot in site.robots:
             battery = topics.BATTERY_STATE
             self._node.subscription(
@@ -108,11 +110,9 @@ class Charger:
             )
         # It reads its terminals over the bus: on an open one anybody may have said what they say.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
-        self._witness = Witness(
-            process.bus, site.org, site.dock.name, self._account, process.data_dir, inputs
-        )
+        self._witness = Witness(process.bus, site.org, dock.name, self._account, process.data_dir, inputs)
         self._roots = DailyRoots(site, self._organization, self._witness)
-        self._copies = Copies(process.bus, site.org, site.dock.name, self._store, self._kept)
+        self._copies = Copies(process.bus, site.org, dock.name, self._store, self._kept)
         self._dao_events = DaoEvents(process.bus, site.org, self._on_event, clock=process.clock)
 
     # -- bus -------------------------------------------------------------------------------------------
@@ -184,7 +184,12 @@ class Charger:
         if here == self._offered_on:
             return
         energy = self._energy
-        self._organization.offer_service(energy.name, energy.price_iec, f"charging at {self._site.dock.name}")
+        self._organization.offer_service(
+            energy.name,
+            energy.price_iec,
+            f"charging at {self._dock.name}",
+            one_of_several=len(self._site.docks) > 1,
+        )
         self._offered_on = here
 
     def _own_job(self) -> Job | None:
@@ -233,7 +238,8 @@ class Charger:
         self._persist(
             lambda: found.extend(
                 (task, self._organization.assignment(task))
-                for task in self._organization.assignments(self._energy.name)[:1]
+                for task in self._organization.assignments(self._energy.name)
+                if is_for(task, self._dock.name, self._site)
             )
         )
         if not found:
@@ -277,12 +283,12 @@ class Charger:
     def _deliver(self, job: Job, path: Path) -> str | None:
         """Do the session; the SHA-256 of its sealed recording, None when asked to stop before its end."""
         bindings: list[Any] = []
-        self._persist(lambda: bindings.append(self._organization.binding(job.task, self._site.dock.name)))
+        self._persist(lambda: bindings.append(self._organization.binding(job.task, self._dock.name)))
         chain = self._wait_chain()
         if not bindings or chain is None:
             return None
         order, problem = self._order(job, path, bindings[0])
-        seals = SealPublisher(self._process.bus, self._site.org, self._site.dock.name)
+        seals = SealPublisher(self._process.bus, self._site.org, self._dock.name)
         try:
             delivery = Delivery(
                 order, chain, self._witness.publish, self._account, self._process.clock, self._save, seals
@@ -416,19 +422,19 @@ class Charger:
     def _order(self, job: Job, path: Path, binding: Binding) -> tuple[Order, str | None]:
         """What is to be done, and what is wrong with the task."""
         site, task, problem = self._site, job.task, None
-        dock, params = site.dock, None
+        dock, params = self._dock, None
         # A robot that the site does not know publishes nothing, wherever that is; `problem` says it.
         namespace = str(task.params.get("robot"))
         try:
             params = ChargingParams.model_validate(task.params)
             namespace = site.robot(params.robot).namespace
-            require_payable(task, params, site)
+            require_payable(task, params, site, dock.name)
         except (ValidationError, RodeoError) as error:
             problem = str(error)
         assigned_s = task.assigned or 0.0
         window_s = (task.execution_deadline or assigned_s) - assigned_s
         if problem is None and params is not None:
-            problem = wrong_order(task, params, site)
+            problem = wrong_order(task, params, site, dock)
         limits = SessionLimits(
             voltage_v=dock.voltage_v,
             cutoff_a=dock.cutoff_a,
@@ -490,14 +496,15 @@ class Charger:
 
     def _update_readiness(self) -> None:
         if time.monotonic() - self._heard_s > _SILENCE_S:
-            self._process.not_ready(f"no readings from {topics.DOCK_OUTPUT.name(dock=self._site.dock.name)}")
+            self._process.not_ready(f"no readings from {topics.DOCK_OUTPUT.name(dock=self._dock.name)}")
         else:
             self._process.ready()
 
 
-def run(site: Site, stop: threading.Event) -> None:
-    """The process, until `stop`."""
-    with Process("charger", site, stop) as process:
-        process.serve_alone(served_by(site, "charger"))
+def run(site: Site, dock: str, stop: threading.Event) -> None:
+    """The process of `dock`, until `stop`. Raises ConfigError for an unknown name."""
+    config, name = site.dock(dock), dock_process(site, dock)
+    with Process(name, site, stop) as process:
+        process.serve_alone(served_by(site, name))
         process.wait_clock()
-        Charger(process).run()
+        Charger(process, config).run()

@@ -87,8 +87,8 @@ export default {
         const upright = w < 0.12 * one.name.length ? `rotate(-90 ${one.x} ${-one.y})` : "";
         node("text", { x: one.x, y: -one.y, transform: upright }, group, one.name);
       }
-      this.drawDock(svg);
-      this.drawBin(svg);
+      for (const dock of this.lab.docks) this.drawDock(svg, dock);
+      for (const bin of this.lab.bins) this.drawBin(svg, bin);
       // Robots under items, which they carry, and every name on top.
       [this.paths, this.bodies, this.things, this.names] = [0, 1, 2, 3].map(() => node("g", {}, svg));
       this.marker = node("g", { class: "marker", visibility: "hidden" }, svg);
@@ -96,8 +96,7 @@ export default {
       node("path", { d: "M-0.24 0H0.24M0-0.24V0.24" }, this.marker);
     },
 
-    drawDock(svg) {
-      const { dock } = this.lab;
+    drawDock(svg, dock) {
       const group = node("g", { class: "dock" }, svg);
       const box = node("rect", { x: -0.16, y: -0.3, width: 0.16, height: 0.6, rx: 0.03 }, group);
       box.style.transform = placed(dock);
@@ -106,8 +105,7 @@ export default {
       node("title", {}, group, `${dock.name}: charging dock`);
     },
 
-    drawBin(svg) {
-      const bin = this.lab.bin;
+    drawBin(svg, bin) {
       const group = node("g", { class: "bin" }, svg);
       const [depth, width] = bin.size_m;
       const box = node("rect", { x: -depth / 2, y: -width / 2, width: depth, height: width, rx: 0.02 }, group);
@@ -181,9 +179,11 @@ export default {
         if (one.x === undefined) continue;
         drawn.style.transform = placed({ x: one.x, y: one.y });
         drawn.classList.toggle("stale", !one.fresh);
-        // Labels of what lies in the bin would lie upon each other.
-        const { bin } = this.lab;
-        drawn.classList.toggle("inside", Math.hypot(one.x - bin.x, one.y - bin.y) < bin.size_m[1] / 2 + 0.1);
+        // Labels of what lies in a bin would lie upon each other.
+        const inside = this.lab.bins.some(
+          (bin) => Math.hypot(one.x - bin.x, one.y - bin.y) < bin.size_m[1] / 2 + 0.1,
+        );
+        drawn.classList.toggle("inside", inside);
       }
     },
 

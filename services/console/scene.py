@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from rodeo.config import Site
-from rodeo.lab.geometry import ahead
-from rodeo.lab.layout import BUMPER_M, HALF_WIDTH_M, BinLayout, dock_parking
+from rodeo.lab.config import BinConfig
+from rodeo.lab.layout import BUMPER_M, HALF_WIDTH_M, BinLayout
 
 Array = np.ndarray[Any, Any]
 Json = dict[str, Any]
@@ -54,8 +54,6 @@ arm_drawing = cache(ArmDrawing)
 
 def lab(site: Site) -> Json:
     """What does not move."""
-    layout = BinLayout(site.bin)
-    pose, dock = site.bin.pose, site.dock.pose
     return {
         "size_m": list(site.lab.size_m),
         "robot": {"bumper_m": BUMPER_M, "half_width_m": HALF_WIDTH_M},
@@ -70,27 +68,30 @@ def lab(site: Site) -> Json:
             }
             for one in site.lab.furniture
         ],
-        "bin": {
-            "name": site.bin.name,
-            "x": pose.x_m,
-            "y": pose.y_m,
-            "yaw": pose.yaw_rad,
-            "size_m": [layout.depth_m, layout.width_m],
-            "compartments": [
-                {
-                    "name": name,
-                    "x": round(layout.compartment(name)[0], 3),
-                    "y": round(layout.compartment(name)[1], 3),
-                    "size_m": list(site.bin.compartment_size_m),
-                }
-                for name in site.bin.compartments
-            ],
-        },
-        "dock": {"name": site.dock.name, "x": dock.x_m, "y": dock.y_m, "yaw": dock.yaw_rad},
-        "docked": _point(ahead(dock_parking(site.dock), 0.0)),
+        "bins": [_bin(one) for one in site.bins],
+        "docks": [
+            {"name": one.name, "x": one.pose.x_m, "y": one.pose.y_m, "yaw": one.pose.yaw_rad}
+            for one in site.docks
+        ],
         "items": {item.id: item.item_class.value for item in site.items},
     }
 
 
-def _point(point: tuple[float, float]) -> list[float]:
-    return [round(point[0], 3), round(point[1], 3)]
+def _bin(config: BinConfig) -> Json:
+    layout, pose = BinLayout(config), config.pose
+    return {
+        "name": config.name,
+        "x": pose.x_m,
+        "y": pose.y_m,
+        "yaw": pose.yaw_rad,
+        "size_m": [layout.depth_m, layout.width_m],
+        "compartments": [
+            {
+                "name": name,
+                "x": round(layout.compartment(name)[0], 3),
+                "y": round(layout.compartment(name)[1], 3),
+                "size_m": list(config.compartment_size_m),
+            }
+            for name in config.compartments
+        ],
+    }

@@ -1,6 +1,16 @@
+"""`python -m services.itrash --site FILE [--bin NAME]`"""
+
 import sys
 
-from rodeo.process import main
+from rodeo.config import bin_process
+from rodeo.process import main_of_one
 from services.itrash.process import run
 
-sys.exit(main("itrash", run, "The smart bin: classifies items and confirms what falls in."))
+DESCRIPTION = "A smart bin: classifies items and confirms what falls in."
+
+if __name__ == "__main__":
+    sys.exit(
+        main_of_one(
+            "itrash", "bin", lambda site: [one.name for one in site.bins], bin_process, run, DESCRIPTION
+        )
+    )

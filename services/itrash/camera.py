@@ -18,8 +18,8 @@ import numpy as np
 
 from rodeo import topics
 from rodeo.clock import Clock
-from rodeo.config import CameraConfig
 from rodeo.errors import RodeoError
+from rodeo.lab.config import CameraConfig
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.ros2.errors import ServiceUnavailable
 from rodeo.ros2.types import new

@@ -17,10 +17,11 @@ from typing import Any
 
 from rodeo import topics
 from rodeo.bus import Request
-from rodeo.config import Site
+from rodeo.config import Site, bin_process
 from rodeo.dao import ORGANIZATION, Participant
 from rodeo.errors import RodeoError
 from rodeo.http import HttpServer
+from rodeo.lab.config import BinConfig
 from rodeo.process import Process
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.serving import served_by
@@ -61,15 +62,15 @@ _SILENCE_S = 3.0
 class Itrash:
     """One bin."""
 
-    def __init__(self, process: Process, classifier: Classifier) -> None:
+    def __init__(self, process: Process, config: BinConfig, classifier: Classifier) -> None:
         site = process.site
         self.classifier = classifier
         self._process = process
-        self._config = site.bin
-        self._account = process.wait_account(f"{site.bin.name}-device")
+        self._config = config
+        self._account = process.wait_account(f"{config.name}-device")
         self._path = process.data_dir / "journal.json"
         self._journal = Journal.load(self._path)
-        self._bin = Bin(site.bin, self._journal.memory)
+        self._bin = Bin(config, self._journal.memory)
         self._lock = threading.Lock()
         """Guards the state machine and the journal."""
         self._actions: queue.SimpleQueue[Action | None] = queue.SimpleQueue()
@@ -81,27 +82,27 @@ class Itrash:
         # Its sensors speak over the bus: on an open one anybody may have said what they say.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
         self._witness = Witness(
-            process.bus, site.org, site.bin.name, self._account, process.data_dir, inputs, self._on_statement
+            process.bus, site.org, config.name, self._account, process.data_dir, inputs, self._on_statement
         )
         self._roots = DailyRoots(site, Participant(process.bus, site.org, ORGANIZATION), self._witness)
         self._heard_s: dict[str, float] = {}
         """Wall (monotonic) time of each sensor's last reading."""
-        node = Node(process.bus.session, site.bin.name, "", site.bus.domain_id, process.clock)
+        node = Node(process.bus.session, config.name, "", site.bus.domain_id, process.clock)
         self.url = ""
         """Where the HTTP interface listens; set once it does."""
-        self._camera = open_camera(site.itrash.camera, node, site.bin.name, process.clock)
+        self._camera = open_camera(config.camera, node, config.name, process.clock)
         presence, load = topics.BIN_PRESENCE, topics.BIN_LOAD
-        self._sensors = {presence.name(bin=site.bin.name)}
+        self._sensors = {presence.name(bin=config.name)}
         # In the receiving thread: when a simulated clock's mark is there, so is what was sensed before.
-        node.subscription(presence.name(bin=site.bin.name), presence.type, self._on_presence, inline=True)
-        for compartment in site.bin.compartments:
-            name = load.name(bin=site.bin.name, compartment=compartment)
+        node.subscription(presence.name(bin=config.name), presence.type, self._on_presence, inline=True)
+        for compartment in config.compartments:
+            name = load.name(bin=config.name, compartment=compartment)
             self._sensors.add(name)
             node.subscription(name, load.type, self._load_callback(compartment, name), inline=True)
         self._node = node
-        state_key = topics.BIN_STATE.name(org=site.org, bin=site.bin.name)
+        state_key = topics.BIN_STATE.name(org=site.org, bin=config.name)
         self._queryable = process.bus.serve(state_key, self._serve_state)
-        picture_key = topics.BIN_PICTURE.name(org=site.org, bin=site.bin.name)
+        picture_key = topics.BIN_PICTURE.name(org=site.org, bin=config.name)
         self._gallery = process.bus.serve(picture_key, self._serve_picture)
 
     # -- who shows something ---------------------------------------------------------------------------
@@ -320,14 +321,15 @@ def _dump(model: Any) -> dict[str, Any] | None:
     return None if model is None else model.model_dump()
 
 
-def run(site: Site, stop: threading.Event) -> None:
-    """The process, until `stop`."""
-    with Process("itrash", site, stop) as process:
-        process.serve_alone(served_by(site, "itrash"))
+def run(site: Site, bin_name: str, stop: threading.Event) -> None:
+    """The process of the bin called `bin_name`, until `stop`. Raises ConfigError for an unknown name."""
+    config, name = site.bin(bin_name), bin_process(site, bin_name)
+    with Process(name, site, stop) as process:
+        process.serve_alone(served_by(site, name))
         process.wait_clock()
-        bin_ = Itrash(process, Classifier())
-        host, port = site.itrash.http_host, site.itrash.http_port
-        with HttpServer(make_api(bin_), host, port, "the bin's page (itrash.http_port)", LIMITS) as server:
+        bin_ = Itrash(process, config, Classifier())
+        told = f"the page of {bin_name} (bins.http_port)"
+        with HttpServer(make_api(bin_), config.http_host, config.http_port, told, LIMITS) as server:
             bin_.url = server.url
             log.info("HTTP on %s", server.url)
             bin_.run()

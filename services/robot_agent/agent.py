@@ -138,7 +138,9 @@ class Agent:
         # Where the robot stands and what it holds, it is told over the bus.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
         self._witness = Witness(bus, site.org, robot.name, self._device, process.data_dir, inputs)
-        self._bin = SmartBin(bus, site, self._clock, self._witness)
+        self._bins = {
+            one.name: SmartBin(bus, site, one.name, self._clock, self._witness) for one in site.bins
+        }
         self._memory = Memory(site, process.data_dir / "memory.json")
         arm = Arm(robot.limits, robot.kinematics, robot.postures)
         item_pose = topics.ITEM_POSE
@@ -194,7 +196,7 @@ class Agent:
                         body=self._manipulator,
                         floor=self._floor,
                         memory=self._memory,
-                        bin=self._bin,
+                        bins=self._bins,
                         clock=self._clock,
                         announce=self._announce,
                         estimate=partial(self._upkeep.estimate, name),
@@ -288,7 +290,8 @@ class Agent:
             self._orders.close()
             self._copies.close()
             self._dao_events.close()
-            self._bin.close()
+            for one in self._bins.values():
+                one.close()
             self._receipts.close()
             self._witness.close()
             self._node.close()

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
+from collections import Counter
 from collections.abc import Collection
 from typing import Protocol
 
-from rodeo.charging import order_wh
+from rodeo.charging import dock_of, order_wh
 from rodeo.clock import Clock
 from rodeo.config import Site
+from rodeo.errors import ConfigError
 from rodeo.kinds import providing_energy
+from rodeo.lab.config import DockConfig
 from rodeo.lab.layout import dock_parking
 from rodeo.messages import RegisterTask, Task
 from rodeo.robot.body import Checkpoint
@@ -73,7 +77,7 @@ class Charging:
         The request id changes with the number of charging tasks there are: asked again after a crash, the
         bridge gives the first answer instead of posting a second task.
         """
-        target = self._site.agent.charge_target
+        target, dock = self._site.agent.charge_target, self._choose_dock()
         if ordered and soc >= target:
             target = 1.0
         request = RegisterTask(
@@ -82,24 +86,46 @@ class Charging:
             reward_iec=self._energy.price_iec,
             params={
                 "robot": self._robot,
-                "dock": self._site.dock.name,
+                "dock": dock.name,
                 "soc_from": round(soc, 4),
                 "soc_target": target,
-                "energy_wh": order_wh(self._site.robot(self._robot).battery, self._site.dock, soc, target),
+                "energy_wh": order_wh(self._site.robot(self._robot).battery, dock, soc, target),
             },
-            description=f"Charge {self._robot} at {self._site.dock.name} to {target:.0%}",
+            description=f"Charge {self._robot} at {dock.name} to {target:.0%}",
             execution_window_s=self._energy.execution_window_s,
         )
         return self._dao.post(request, self._clock.now_s(), self._site.agent.daily_spending_cap_iec)
+
+    def _choose_dock(self) -> DockConfig:
+        """Where the fewest charges are ordered already; of those the nearest."""
+        live = [
+            task
+            for state in ("open", "assigned")
+            for task in self._dao.tasks(kind=self._energy.name, state=state)
+        ]
+        taken = Counter(str(task.params.get("dock")) for task in live)
+        here = self._body.recent_base_pose()
+
+        def cost(dock: DockConfig) -> tuple[int, float]:
+            way_m = math.dist((here.x_m, here.y_m), (dock.pose.x_m, dock.pose.y_m)) if here else 0.0
+            return taken[dock.name], way_m
+
+        return min(self._site.docks, key=cost)
 
     def take(self, task: Task, wake: threading.Event, checkpoint: Checkpoint, report: Tell) -> None:
         """Drive to the dock and stay until the charger is done with `task`, then leave.
 
         Raises MotionFailed when the dock cannot be reached.
         """
-        report("driving to the dock", 0.0)
+        try:
+            dock = dock_of(self._site, task.params.get("dock"))
+        except ConfigError as error:
+            log.warning("waiting for the end of task %d: %s", task.id, error)
+            self._wait(wake, checkpoint)
+            return
+        report(f"driving to {dock.name}", 0.0)
         self._receipts.begin(task)
-        self._manipulator.dock(checkpoint)
+        self._manipulator.dock(dock, checkpoint)
         soc_from = float(task.params["soc_from"])
         soc_target = float(task.params["soc_target"])
         begun: tuple[float, float] | None = None
@@ -117,18 +143,18 @@ class Charging:
                 break
             if battery.soc >= soc_target and self._dao.next_assignment(self._work):
                 break
-            if not battery.charging and not self._manipulator.docked(checkpoint):
+            if not battery.charging and self._manipulator.docked(checkpoint) != dock:
                 log.warning("lost the dock's contacts; docking again")
-                self._manipulator.dock(checkpoint)
+                self._manipulator.dock(dock, checkpoint)
             self._wait(wake, checkpoint)
         self.clear_the_dock(checkpoint, report)
 
     def clear_the_dock(self, checkpoint: Checkpoint, report: Tell) -> None:
         """Make room for whoever charges next, if the robot stands on the contacts."""
-        if not self._manipulator.docked(checkpoint):
+        if (dock := self._manipulator.docked(checkpoint)) is None:
             return
         report("leaving the dock", 1.0)
-        self._manipulator.leave(dock_parking(self._site.dock), checkpoint)
+        self._manipulator.leave(dock_parking(dock), checkpoint)
 
     def _wait(self, wake: threading.Event, checkpoint: Checkpoint) -> None:
         """Until something happens on chain or it is time to look again."""

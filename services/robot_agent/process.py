@@ -10,9 +10,9 @@ from rodeo.serving import served_by
 from services.robot_agent.agent import Agent
 
 
-def run(site: Site, robot: str | None, stop: threading.Event) -> None:
-    """Drive `robot`, by default the site's first, until `stop`. Raises ConfigError for an unknown name."""
-    config = site.robot(robot or site.robots[0].name)
+def run(site: Site, robot: str, stop: threading.Event) -> None:
+    """Drive `robot` until `stop`. Raises ConfigError for an unknown name."""
+    config = site.robot(robot)
     name = agent_process(site, config.name)
     with Process(name, site, stop) as process:
         process.serve_alone(served_by(site, name))

@@ -125,8 +125,10 @@ class Upkeep:
 
     def battery_suffices(self, soc: float, needs: Estimate) -> bool:
         """Whether the battery lasts for such a task, and the way to the dock after it."""
-        end, dock = needs.ends_at, dock_parking(self._site.dock)
-        home_m = DETOUR * math.dist((end.x_m, end.y_m), (dock.x_m, dock.y_m))
+        end = needs.ends_at
+        parkings = map(dock_parking, self._site.docks)
+        # The farthest: the others may be taken.
+        home_m = DETOUR * max(math.dist((end.x_m, end.y_m), (one.x_m, one.y_m)) for one in parkings)
         with self._lock:
             home_wh = self._consumption.drive_wh(home_m)
         return battery_suffices(soc, self._robot.battery, needs.energy_wh, home_wh)

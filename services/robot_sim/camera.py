@@ -8,6 +8,8 @@ from typing import Protocol
 import mujoco
 
 from rodeo.errors import RodeoError
+from rodeo.lab.config import BinConfig
+from rodeo.lab.layout import BinLayout
 from rodeo.lab.render import Camera, RendererUnavailable, encode
 from services.robot_sim.simulation import Simulation
 
@@ -29,9 +31,9 @@ class BinCamera(Protocol):
 
 
 class RenderedCamera:
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation, bin_: BinConfig) -> None:
         self._simulation = simulation
-        self._camera = Camera(simulation.model, f"{simulation.site.bin.name}/camera")
+        self._camera = Camera(simulation.model, f"{bin_.name}/camera")
 
     def jpeg(self) -> bytes:
         return encode(self._camera.image(self._simulation.data))
@@ -40,15 +42,15 @@ class RenderedCamera:
 class StoredCamera:
     """Shows the kind of the item that is really there, not how it is held."""
 
-    def __init__(self, simulation: Simulation) -> None:
+    def __init__(self, simulation: Simulation, bin_: BinConfig) -> None:
         self._simulation = simulation
+        self._show_point = BinLayout(bin_).show_point
 
     def jpeg(self) -> bytes:
-        show_point = self._simulation.bin.show_point
         name = "empty"
         for item in self._simulation.site.items:
             position_m, _ = self._simulation.item_pose(item.id)
-            if math.dist(position_m, show_point) <= _SHOWN_M:
+            if math.dist(position_m, self._show_point) <= _SHOWN_M:
                 name = f"{item.item_class}_{item.shape}"
         path = RENDERINGS / f"{name}.jpg"
         if not path.is_file():
@@ -56,12 +58,14 @@ class StoredCamera:
         return path.read_bytes()
 
 
-def open_camera(simulation: Simulation) -> BinCamera:
+def open_camera(simulation: Simulation, bin_: BinConfig) -> BinCamera:
     try:
-        return RenderedCamera(simulation)
+        return RenderedCamera(simulation, bin_)
     except RendererUnavailable as error:
-        log.warning("NO OPENGL DRIVER: the bin's camera shows stored renderings of the items (%s)", error)
-        return StoredCamera(simulation)
+        log.warning(
+            "NO OPENGL DRIVER: the camera of %s shows stored renderings of the items (%s)", bin_.name, error
+        )
+        return StoredCamera(simulation, bin_)
 
 
 class WristCamera:

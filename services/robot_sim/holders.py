@@ -18,7 +18,7 @@ import zenoh
 
 from rodeo import topics
 from rodeo.bus import Bus, decode_json, validate
-from rodeo.config import Site, agent_process
+from rodeo.config import Site, agent_process, bin_process, dock_process
 from rodeo.errors import RodeoError
 from rodeo.messages import ClockHold
 
@@ -119,7 +119,12 @@ class Holders:
         self._begins_s: float | None = None
         self._begun = False
         self._own_missing = missing
-        self._expected = (self._kinds - {"robot_agent"}) | self._minds
+        per_thing = {bin_process(site, one.name) for one in site.bins}
+        per_thing |= {dock_process(site, one.name) for one in site.docks}
+        self._expected = self._minds | frozenset(
+            kind for kind in self._kinds if kind not in ("robot_agent", "itrash", "charger")
+        )
+        self._expected |= {one for one in per_thing if one.partition(".")[0] in self._kinds}
         self._missing = self._expected if "arrivals" in self._kinds else frozenset()
         """Who is not there yet: an experiment begins with everybody whom its clock waits for."""
 

@@ -9,11 +9,12 @@ import numpy as np
 
 from rodeo import topics
 from rodeo.lab.body import Twist2, joint_names
+from rodeo.lab.config import BinConfig
 from rodeo.lab.world import CAMERA_SITE
 from rodeo.ros2 import DEFAULT, LATCHED, MessageInfo, Node, Publisher, types
 from rodeo.stamps import stamp_ns
 from services.robot_sim import messages
-from services.robot_sim.camera import BinCamera, WristCamera
+from services.robot_sim.camera import WristCamera, open_camera
 from services.robot_sim.commander import Commander
 from services.robot_sim.entities import EntityState, UnknownEntity
 from services.robot_sim.frames import RobotFrames, odom_in_map
@@ -37,15 +38,93 @@ _NOTHING_SHOWN = -1e3
 _FINGER_SIDES = np.array([1.0, -1.0])
 
 
-class LabPlane:
-    """Clock, motion capture, bin and dock."""
+class BinPlane:
+    """One bin's sensors and its camera."""
 
-    def __init__(
-        self, node: Node, loop: Loop, snapshot: Snapshot, camera: BinCamera, mocap: MotionCapture
-    ) -> None:
-        self._loop, self._simulation, self._snapshot, self._camera = loop, loop.simulation, snapshot, camera
+    def __init__(self, node: Node, loop: Loop, snapshot: Snapshot, config: BinConfig) -> None:
+        self._loop, self._simulation, self._snapshot = loop, loop.simulation, snapshot
+        self._name = config.name
+        self._camera = open_camera(self._simulation, config)
+        presence, load, image = topics.BIN_PRESENCE, topics.BIN_LOAD, topics.BIN_IMAGE
+        self._presence = node.publisher(presence.name(bin=self._name), presence.type)
+        self._presence_cdr = messages.presence_template(self._name)
+        self._loads = {
+            name: (
+                node.publisher(load.name(bin=self._name, compartment=name), load.type),
+                messages.load_template(f"{self._name}/{name}"),
+            )
+            for name in config.compartments
+        }
+        self._told = np.full(1 + len(self._loads), np.nan)
+        self._image = node.publisher(image.name(bin=self._name), image.type)
+        node.service(topics.BIN_CAPTURE.name(bin=self._name), topics.BIN_CAPTURE.type, self._capture)
+
+    def publish(self) -> None:
+        seen, add = self._snapshot, self._loop.publish_queue.add
+        now_ns, presence_m = seen.time_ns, seen.presence_m(self._name)
+        add(self._presence.publish_cdr, self._presence_cdr.encode(now_ns, presence_m), now_ns)
+        weights_n = {name: seen.weight_n(self._name, name) for name in self._loads}
+        for name, (scale, load) in self._loads.items():
+            weight = messages.LOAD_Z, (weights_n[name],)
+            add(scale.publish_cdr, load.encode(now_ns, weight), now_ns)
+        # Where nothing reflects the sensor says infinity.
+        shown = presence_m / _SHOWN_M if math.isfinite(presence_m) else _NOTHING_SHOWN
+        self._watch(np.array([shown, *(weight_n / _FELL_N for weight_n in weights_n.values())]))
+
+    def _watch(self, readings: np.ndarray) -> None:
+        """The bin acts on readings that change."""
+        if not np.abs(readings - self._told).max() < 1:
+            self._told = readings
+            self._loop.sent()
+
+    def _capture(self, _request: Any) -> Any:
+        def take() -> None:
+            jpeg, now_ns = self._camera.jpeg(), self._simulation.time_ns
+            image = messages.compressed_image(now_ns, f"{self._name}/camera", jpeg)
+            self._loop.publish_queue.then(lambda: self._image.publish(image, now_ns))
+
+        self._loop.call(take)
+        return types.new("std_srvs/srv/Trigger_Response", success=True)
+
+
+class DockPlane:
+    """One dock's terminals and its contactor."""
+
+    def __init__(self, node: Node, loop: Loop, snapshot: Snapshot, name: str) -> None:
+        self._loop, self._snapshot, self._name = loop, snapshot, name
+        self._supply = loop.simulation.supplies[name]
+        self._told = False, False
+        self._output_cdr = messages.DockOutput(name)
+        output, enable = topics.DOCK_OUTPUT, topics.DOCK_ENABLE
+        self._output = node.publisher(output.name(dock=name), output.type)
+        node.service(enable.name(dock=name), enable.type, self._enable)
+
+    def publish(self) -> None:
+        """What the dock reads at its terminals."""
+        now_ns, supply = self._snapshot.time_ns, self._snapshot.supplies[self._name]
+        self._loop.publish_queue.add(
+            self._output.publish_cdr, self._output_cdr.encode(now_ns, supply), now_ns
+        )
+        self._watch((supply.connected, supply.current_a > 0))
+
+    def _watch(self, stands: tuple[bool, bool]) -> None:
+        """The dock acts on robots and on power that come or go. When it acts on how much has come, it says
+        itself."""
+        if stands != self._told:
+            self._told = stands
+            self._loop.sent()
+
+    def _enable(self, request: Any) -> Any:
+        self._loop.call(lambda: self._supply.enable(request.data))
+        return types.new("std_srvs/srv/SetBool_Response", success=True)
+
+
+class LabPlane:
+    """Clock, motion capture, bins and docks."""
+
+    def __init__(self, node: Node, loop: Loop, snapshot: Snapshot, mocap: MotionCapture) -> None:
+        self._loop, self._simulation, self._snapshot = loop, loop.simulation, snapshot
         site = self._simulation.site
-        self._bin, self._dock = site.bin.name, site.dock.name
 
         def publisher(topic: topics.Topic, **names: str) -> Publisher:
             return node.publisher(topic.name(**names), topic.type)
@@ -60,22 +139,8 @@ class LabPlane:
             if "/" not in body  # of a gripper only what is signed is of use
         }
         self._pose = messages.pose_template()
-        self._presence = publisher(topics.BIN_PRESENCE, bin=self._bin)
-        self._presence_cdr = messages.presence_template(self._bin)
-        self._loads = {
-            name: (
-                publisher(topics.BIN_LOAD, bin=self._bin, compartment=name),
-                messages.load_template(f"{self._bin}/{name}"),
-            )
-            for name in site.bin.compartments
-        }
-        self._told_bin = np.full(1 + len(self._loads), np.nan)
-        self._told_dock = False, False
-        self._dock_output = messages.DockOutput(self._dock)
-        self._image = publisher(topics.BIN_IMAGE, bin=self._bin)
-        self._output = publisher(topics.DOCK_OUTPUT, dock=self._dock)
-        node.service(topics.BIN_CAPTURE.name(bin=self._bin), topics.BIN_CAPTURE.type, self._capture)
-        node.service(topics.DOCK_ENABLE.name(dock=self._dock), topics.DOCK_ENABLE.type, self._enable)
+        self._bins = [BinPlane(node, loop, snapshot, config) for config in site.bins]
+        self._docks = [DockPlane(node, loop, snapshot, config.name) for config in site.docks]
         node.service(topics.SET_ENTITY_STATE.name(), topics.SET_ENTITY_STATE.type, self._set_entity_state)
         static = node.publisher(topics.TF_STATIC.name(), topics.TF_STATIC.type, LATCHED)
         static.publish(
@@ -95,37 +160,14 @@ class LabPlane:
                     add(self._mocap_poses[body].publish_cdr, self._pose.encode(now_ns, (0, pose)), now_ns)
             add(self._mocap.see, poses, now_ns)
         if skipped or tick % SLOW_TICKS == 0:
-            presence_m = seen.presence_m()
-            add(self._presence.publish_cdr, self._presence_cdr.encode(now_ns, presence_m), now_ns)
-            weights_n = {name: seen.weight_n(name) for name in self._loads}
-            for name, (scale, load) in self._loads.items():
-                weight = messages.LOAD_Z, (weights_n[name],)
-                add(scale.publish_cdr, load.encode(now_ns, weight), now_ns)
-            # Where nothing reflects the sensor says infinity.
-            shown = presence_m / _SHOWN_M if math.isfinite(presence_m) else _NOTHING_SHOWN
-            self._watch_bin(np.array([shown, *(weight_n / _FELL_N for weight_n in weights_n.values())]))
+            for bin_ in self._bins:
+                bin_.publish()
         if skipped or seen.stalls_ns or tick % _SECOND_TICKS == 0:
             self.publish_power()
 
     def publish_power(self) -> None:
-        """What the dock reads at its terminals."""
-        now_ns, supply = self._snapshot.time_ns, self._snapshot.supply
-        output = self._dock_output.encode(now_ns, supply)
-        self._loop.publish_queue.add(self._output.publish_cdr, output, now_ns)
-        self._watch_dock((supply.connected, supply.current_a > 0))
-
-    def _watch_bin(self, readings: np.ndarray) -> None:
-        """The bin acts on readings that change."""
-        if not np.abs(readings - self._told_bin).max() < 1:
-            self._told_bin = readings
-            self._loop.sent()
-
-    def _watch_dock(self, stands: tuple[bool, bool]) -> None:
-        """The dock acts on robots and on power that come or go. When it acts on how much has come, it says
-        itself."""
-        if stands != self._told_dock:
-            self._told_dock = stands
-            self._loop.sent()
+        for dock in self._docks:
+            dock.publish()
 
     @property
     def stalled(self) -> bool:
@@ -144,19 +186,6 @@ class LabPlane:
     def tell_time(self, now_ns: int) -> None:
         """Publish /clock at once."""
         self._clock.publish_cdr(self._clock_cdr.encode(now_ns), now_ns)
-
-    def _capture(self, _request: Any) -> Any:
-        def take() -> None:
-            jpeg, now_ns = self._camera.jpeg(), self._simulation.time_ns
-            image = messages.compressed_image(now_ns, f"{self._bin}/camera", jpeg)
-            self._loop.publish_queue.then(lambda: self._image.publish(image, now_ns))
-
-        self._loop.call(take)
-        return types.new("std_srvs/srv/Trigger_Response", success=True)
-
-    def _enable(self, request: Any) -> Any:
-        self._loop.call(lambda: self._simulation.supply.enable(request.data))
-        return types.new("std_srvs/srv/SetBool_Response", success=True)
 
     def _set_entity_state(self, request: Any) -> Any:
         frame = request.state.header.frame_id

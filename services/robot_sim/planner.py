@@ -96,14 +96,16 @@ class Map:
         occupied = np.zeros((rows, columns), dtype=bool)
         for furniture in site.lab.furniture:
             occupied |= _rectangle(x, y, furniture.pose, furniture.size_m[0] / 2, furniture.size_m[1] / 2)
-        layout = BinLayout(site.bin)
-        occupied |= _rectangle(x, y, site.bin.pose, layout.depth_m / 2, layout.width_m / 2)
-        behind = ahead(site.bin.pose, -site.bin.show_distance_m / 2)
-        post = Pose2(x_m=behind[0], y_m=behind[1], yaw_rad=site.bin.pose.yaw_rad)
-        occupied |= _rectangle(x, y, post, site.bin.show_distance_m / 2 + 0.13, 0.08)
-        middle = ahead(site.dock.pose, -0.085)
-        box = Pose2(x_m=middle[0], y_m=middle[1], yaw_rad=site.dock.pose.yaw_rad)
-        occupied |= _rectangle(x, y, box, 0.085, 0.25)
+        for one in site.bins:
+            layout = BinLayout(one)
+            occupied |= _rectangle(x, y, one.pose, layout.depth_m / 2, layout.width_m / 2)
+            behind = ahead(one.pose, -one.show_distance_m / 2)
+            post = Pose2(x_m=behind[0], y_m=behind[1], yaw_rad=one.pose.yaw_rad)
+            occupied |= _rectangle(x, y, post, one.show_distance_m / 2 + 0.13, 0.08)
+        for dock in site.docks:
+            middle = ahead(dock.pose, -0.085)
+            box = Pose2(x_m=middle[0], y_m=middle[1], yaw_rad=dock.pose.yaw_rad)
+            occupied |= _rectangle(x, y, box, 0.085, 0.25)
         for item in items:
             occupied |= np.hypot(x - item[0], y - item[1]) <= ITEM_RADIUS_M
         return cls(occupied)

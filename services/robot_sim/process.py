@@ -12,7 +12,6 @@ from rodeo.process import Process
 from rodeo.ros2 import Node
 from rodeo.serving import served_by
 from services.robot_sim.actions import Actions
-from services.robot_sim.camera import open_camera
 from services.robot_sim.commander import Commander
 from services.robot_sim.holders import Holders
 from services.robot_sim.loop import Loop
@@ -128,7 +127,7 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             domain_id = site.bus.domain_id
             lab_node = Node(process.bus.session, "lab", "", domain_id, simulation)
             snapshot = Snapshot(simulation)
-            lab = LabPlane(lab_node, loop, snapshot, open_camera(simulation), mocap)
+            lab = LabPlane(lab_node, loop, snapshot, mocap)
             loop.tell_time = lab.tell_time
             nodes, robots, commanders = [lab_node], [], []
             for robot, seen in zip(simulation.robots.values(), snapshot.robots, strict=True):

@@ -9,7 +9,7 @@ from rodeo.chance import Moments, generator
 from rodeo.config import Site
 from rodeo.lab.battery import Battery, Supply
 from rodeo.lab.body import Body, Twist2
-from rodeo.lab.config import RobotConfig, gripper_body
+from rodeo.lab.config import DockConfig, RobotConfig, gripper_body
 from rodeo.lab.layout import BUMPER_M, BinLayout, on_contacts
 from rodeo.lab.sensors import Lidar
 from rodeo.lab.urdf import to_urdf
@@ -176,8 +176,8 @@ class Simulation:
         items = [item.id for item in site.items]
         self.steps = Steps(self.model, self.data, list(self.robots), items, lambda: self._reaching)
         self.map = Map.of(site)
-        self.supply = Supply(site.dock)
-        self.bin = BinLayout(site.bin)
+        self.supplies = {dock.name: Supply(dock) for dock in site.docks}
+        self._bins = [BinLayout(bin_) for bin_ in site.bins]
         self._items = {item.id: self.model.body(item.id).id for item in site.items}
         self.captured = {
             **self._items,
@@ -254,7 +254,7 @@ class Simulation:
     @property
     def parked(self) -> bool:
         """Whether a robot is being charged, nothing moves and nothing is asked to."""
-        return self.supply.current_a > 0 and self.still
+        return any(supply.current_a > 0 for supply in self.supplies.values()) and self.still
 
     def halt(self) -> None:
         """End all motion under way as cancelled."""
@@ -264,17 +264,20 @@ class Simulation:
             robot.gripper.halt()
 
     def _power(self, dt_s: float) -> None:
-        docked = self.docked
-        supplied_a = self.supply.deliver(docked.battery if docked else None, docked.load_w if docked else 0.0)
-        for robot in self.robots.values():
-            robot.battery.step(robot.load_w, supplied_a if robot is docked else 0.0, dt_s)
+        supplied_a: dict[str, float] = {}
+        for dock in self.site.docks:
+            docked, supply = self.docked(dock), self.supplies[dock.name]
+            if docked is None:
+                supply.deliver(None, 0.0)
+            else:
+                supplied_a[docked.config.name] = supply.deliver(docked.battery, docked.load_w)
+        for name, robot in self.robots.items():
+            robot.battery.step(robot.load_w, supplied_a.get(name, 0.0), dt_s)
 
     # -- what sensors of the lab see ---------------------------------------------------------------
 
-    @property
-    def docked(self) -> SimRobot | None:
+    def docked(self, dock: DockConfig) -> SimRobot | None:
         """The robot on the dock's contacts."""
-        dock = self.site.dock
         # Most are far from it, which is known without their whole pose.
         for robot in self.robots.values():
             x_m, y_m, _ = robot.body.position_m.tolist()
@@ -289,7 +292,9 @@ class Simulation:
         return self.data.xpos[body], self.data.xquat[body]
 
     def lab_frames(self) -> list[Transform]:
-        return lab_frames(self.model, [self.site.bin.name, self.site.dock.name])
+        return lab_frames(
+            self.model, [bin_.name for bin_ in self.site.bins] + [dock.name for dock in self.site.docks]
+        )
 
     def place(self, entity: str, state: EntityState) -> None:
         """Put an item, an obstacle or a robot that is not simulated somewhere. Raises UnknownEntity."""
@@ -298,11 +303,10 @@ class Simulation:
     def items_on_floor(self) -> list[tuple[float, float]]:
         """Where items lie that a base has to drive around."""
         places = (self.data.xpos[body] for body in self._items.values())
-        bin_pose = self.site.bin.pose
         return [
             (float(x), float(y))
             for x, y, z in places
-            if z < _ON_FLOOR_M and math.hypot(x - bin_pose.x_m, y - bin_pose.y_m) > self.bin.width_m / 2
+            if z < _ON_FLOOR_M and not any(_is_at(layout, x, y) for layout in self._bins)
         ]
 
     # -- survival ----------------------------------------------------------------------------------
@@ -324,15 +328,22 @@ class Simulation:
         mujoco.mj_setState(self.model, self.data, row[:size].copy(), _MJ_STATE)
         self.entities.settle(self.model, self.data)
         mujoco.mj_forward(self.model, self.data)
-        enabled, finished, *rest = row[size:]
-        self.supply.enabled, self.supply.finished = bool(enabled), bool(finished)
-        shares = np.split(np.array(rest), len(self.robots))
+        switches, rest = np.split(row[size:], [2 * len(self.supplies)])
+        for supply, (enabled, finished) in zip(self.supplies.values(), switches.reshape(-1, 2), strict=True):
+            supply.enabled, supply.finished = bool(enabled), bool(finished)
+        shares = np.split(rest, len(self.robots))
         for robot, share in zip(self.robots.values(), shares, strict=True):
             robot.restore(share)
 
     def _extras(self) -> list[float]:
         robots = [number for robot in self.robots.values() for number in robot.row()]
-        return [float(self.supply.enabled), float(self.supply.finished), *robots]
+        switches = [(supply.enabled, supply.finished) for supply in self.supplies.values()]
+        return [*(float(one) for pair in switches for one in pair), *robots]
+
+
+def _is_at(layout: BinLayout, x_m: float, y_m: float) -> bool:
+    at = layout.config.pose
+    return math.hypot(x_m - at.x_m, y_m - at.y_m) <= layout.width_m / 2
 
 
 def _fingerprint(model: mujoco.MjModel, robots: list[str]) -> bytes:

@@ -75,7 +75,7 @@ class Snapshot:
         ]
         self._bodies = list(simulation.captured)
         self._tracked = np.array(list(simulation.captured.values()))
-        self._presence = self.model.site(f"{self.site.bin.name}/presence").id
+        self._presence = {one.name: self.model.site(f"{one.name}/presence").id for one in self.site.bins}
         self.take()
 
     def take(self) -> None:
@@ -89,7 +89,7 @@ class Snapshot:
     def take_power(self) -> None:
         """Only what changes while nothing moves."""
         self.time_ns = self._simulation.time_ns
-        self.supply = self._simulation.supply.copy()
+        self.supplies = {name: supply.copy() for name, supply in self._simulation.supplies.items()}
         for robot in self.robots:
             robot.take_power()
 
@@ -102,12 +102,13 @@ class Snapshot:
             if height_m >= _UNDERGROUND_M:
                 yield body, pose
 
-    def weight_n(self, compartment: str) -> float:
-        return scale_weight_n(self.model, self.data, self.site.bin.name, compartment)
+    def weight_n(self, bin_name: str, compartment: str) -> float:
+        return scale_weight_n(self.model, self.data, bin_name, compartment)
 
-    def presence_m(self) -> float:
+    def presence_m(self, bin_name: str) -> float:
         """Distance from the bin's camera to the first thing in front of it; infinite beyond 2 m."""
-        eye = self.data.site_xpos[self._presence]
-        beam = self.data.site_xmat[self._presence].reshape(3, 3)[:, 2].copy()
+        sensor = self._presence[bin_name]
+        eye = self.data.site_xpos[sensor]
+        beam = self.data.site_xmat[sensor].reshape(3, 3)[:, 2].copy()
         distance_m = mujoco.mj_ray(self.model, self.data, eye, beam, None, True, -1, None)
         return distance_m if 0 <= distance_m <= _PRESENCE_MAX_M else math.inf

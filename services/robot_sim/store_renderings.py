@@ -27,7 +27,7 @@ _QUALITY = 85
 
 def held(site: Site, item: ItemConfig | None) -> bytes:
     """The bin's camera picture of an item in the gripper of the parked robot, as a JPEG."""
-    robot = site.robots[0].model_copy(update={"pose": BinLayout(site.bin).parking})
+    robot = site.robots[0].model_copy(update={"pose": BinLayout(site.bins[0]).parking})
     site = site.model_copy(update={"robots": [robot], "items": [item] if item else []})
     model = build_world(site)
     data = begin(model, site)
@@ -40,7 +40,7 @@ def held(site: Site, item: ItemConfig | None) -> bytes:
         mujoco.mj_forward(model, data)
         _put_between_pads(data, robot.name, item, shape)
     mujoco.mj_forward(model, data)
-    camera = Camera(model, f"{site.bin.name}/camera")
+    camera = Camera(model, f"{site.bins[0].name}/camera")
     picture = encode(camera.image(data), quality=_QUALITY)
     camera.close()
     return picture
@@ -62,7 +62,7 @@ def main() -> None:
     for item_class, shapes in SHAPES.items():
         for shape in shapes:
             # Lying things are carried along the robot's x axis, which is the bin's.
-            pose = site.bin.pose
+            pose = site.bins[0].pose
             item = ItemConfig(id="shown", item_class=item_class, shape=shape, pose=pose)
             (RENDERINGS / f"{item_class}_{shape}.jpg").write_bytes(held(site, item))
 

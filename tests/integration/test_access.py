@@ -117,7 +117,7 @@ def test_only_the_bridge_publishes_events(running: RunningSite, voices: Voices, 
 
 def test_only_the_bin_states_what_it_was_shown(running: RunningSite, voices: Voices) -> None:
     heard: queue.Queue[str] = queue.Queue()
-    said = topics.WITNESS_STATEMENT.name(org=running.site.org, device=running.site.bin.name)
+    said = topics.WITNESS_STATEMENT.name(org=running.site.org, device=running.site.bins[0].name)
     voices[MIND].subscribe_json(said, lambda _key, data: heard.put(data["by"]))
 
     def say() -> None:
@@ -128,7 +128,7 @@ def test_only_the_bin_states_what_it_was_shown(running: RunningSite, voices: Voi
 
 
 def test_only_the_lab_speaks_for_its_sensors(running: RunningSite, voices: Voices) -> None:
-    topic, typename = topics.BIN_PRESENCE.name(bin=running.site.bin.name), topics.BIN_PRESENCE.type
+    topic, typename = topics.BIN_PRESENCE.name(bin=running.site.bins[0].name), topics.BIN_PRESENCE.type
     heard: queue.Queue[float] = queue.Queue()
 
     def node(name: str) -> Node:
@@ -147,7 +147,7 @@ def test_only_the_lab_speaks_for_its_sensors(running: RunningSite, voices: Voice
 def test_only_the_bridge_answers_for_the_chain(running: RunningSite, voices: Voices) -> None:
     root = f"rodeo/{running.site.org}"
     voices["itrash"].serve(f"{root}/state/**", lambda _request: {"balance_iec": "1000000"})
-    own = topics.BIN_STATE.name(org=running.site.org, bin=running.site.bin.name)
+    own = topics.BIN_STATE.name(org=running.site.org, bin=running.site.bins[0].name)
     voices["itrash"].serve(own, lambda _request: {"seq": 1})
     assert asked(voices["operator"], own) == {"seq": 1}
     with pytest.raises(NoResponder):

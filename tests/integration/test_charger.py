@@ -67,7 +67,7 @@ class Organization:
         path = Store(self.running.site).fetch(str(task.proof_uri), str(task.proof_sha256))
         proof = open_proof(path)
         assert proof.binding == self.robot.binding(task, "dock1")
-        assert proof.signer == wallets.address(self.running.site, "meter-device")
+        assert proof.signer == wallets.address(self.running.site, "dock1-device")
         verdict = PostVerdict(
             task_id=task.id,
             attempt=task.attempt,

@@ -38,7 +38,7 @@ class Hardware:
     """The bin's sensors and camera, and the site's clock, ten times faster than real time."""
 
     def __init__(self, site: RunningSite) -> None:
-        config = site.site.bin
+        config = site.site.bins[0]
         self.range_m = math.inf
         self.loads_n = dict.fromkeys(config.compartments, 0.0)
         self.photo = b""
@@ -127,10 +127,10 @@ class Listener:
     """The bin's statements as they come over the bus, each with a valid signature of the bin's device."""
 
     def __init__(self, site: RunningSite) -> None:
-        self._signer = wallets.address(site.site, f"{site.site.bin.name}-device")
+        self._signer = wallets.address(site.site, f"{site.site.bins[0].name}-device")
         self.classifications: queue.SimpleQueue[Classification] = queue.SimpleQueue()
         self.drops: queue.SimpleQueue[Drop] = queue.SimpleQueue()
-        key = topics.WITNESS_STATEMENT.name(org=site.site.org, device=site.site.bin.name)
+        key = topics.WITNESS_STATEMENT.name(org=site.site.org, device=site.site.bins[0].name)
         site.bus.subscribe_json(key, self._on_attestation)
 
     def _on_attestation(self, _key: str, data: dict[str, Any]) -> None:
@@ -186,14 +186,14 @@ def test_a_shown_item_is_classified_and_its_drop_confirmed_on_the_bus_and_over_h
     verdict = httpx.post(f"{url}/classify", content=hardware.photo, timeout=WAIT_S).json()
     assert verdict["class"] == "plastic"
 
-    key = topics.BIN_PICTURE.name(org=site.site.org, bin=site.site.bin.name)
+    key = topics.BIN_PICTURE.name(org=site.site.org, bin=site.site.bins[0].name)
     picture = site.bus.query(key, parameters={"sha256": classified.image_sha256})
     assert base64.b64decode(picture["data_base64"]) == hardware.photo
     with pytest.raises(RemoteError) as refusal:
         site.bus.query(key, parameters={"sha256": "../journal.json"})
     assert refusal.value.code == "no_such_picture"
 
-    key = topics.WITNESS_STATEMENTS.name(org=site.site.org, device=site.site.bin.name)
+    key = topics.WITNESS_STATEMENTS.name(org=site.site.org, device=site.site.bins[0].name)
     again = site.bus.query(key, parameters={"after": dropped.seq - 1})["statements"]
     assert [parse(one["payload"]) for one in again] == [dropped]
 
@@ -208,10 +208,10 @@ def test_a_robot_that_presents_itself_is_named_and_a_stranger_is_not(
         journal = WitnessJournal(tmp_path / f"journal-{number}")
         chain = WitnessChain("panther1", account, SCOPE, "closed_bus", journal, HeadBook())
         presented = chain.sign(
-            Presentation, 5.0, bin=site.site.bin.name, recording=recording, task_id=7, attempt=1
+            Presentation, 5.0, bin=site.site.bins[0].name, recording=recording, task_id=7, attempt=1
         )
         site.bus.put_json(topics.WITNESS_STATEMENT.name(org=site.site.org, device="panther1"), presented)
-    state_key = topics.BIN_STATE.name(org=site.site.org, bin=site.site.bin.name)
+    state_key = topics.BIN_STATE.name(org=site.site.org, bin=site.site.bins[0].name)
     deadline_s = time.monotonic() + WAIT_S
     while not (presented := site.bus.query(state_key)["presented"]):
         assert time.monotonic() < deadline_s, site.log("itrash")
@@ -240,7 +240,7 @@ def test_a_drop_while_the_bin_was_killed_is_confirmed_after_its_restart(
     assert not dropped.correct
     assert dropped.seq == classified.seq + 1
 
-    state = site.bus.query(topics.BIN_STATE.name(org=site.site.org, bin=site.site.bin.name))
+    state = site.bus.query(topics.BIN_STATE.name(org=site.site.org, bin=site.site.bins[0].name))
     assert parse(state["classification"]["payload"]) == classified
     assert parse(state["disposal"]["payload"]) == dropped
 

@@ -142,7 +142,7 @@ def test_it_drives_around_the_furniture(lab: RunningSite, body: RosBody) -> None
 
 
 def test_a_place_inside_the_furniture_is_refused_with_a_code(lab: RunningSite, body: RosBody) -> None:
-    inside = lab.site.bin.pose
+    inside = lab.site.bins[0].pose
     with pytest.raises(MotionFailed) as caught:
         body.navigate(inside, go_on)
     assert caught.value.details["result"]["error_code"] > 0
@@ -207,7 +207,7 @@ def test_a_trajectory_beyond_a_joints_range_is_refused(body: RosBody, joint: str
 
 
 def test_the_bin_can_be_parked_at(lab: RunningSite, body: RosBody) -> None:
-    parking = BinLayout(lab.site.bin).parking
+    parking = BinLayout(lab.site.bins[0]).parking
     body.navigate(parking, go_on)
     reached = body.base_pose(go_on)
     assert math.dist((reached.x_m, reached.y_m), (parking.x_m, parking.y_m)) < 0.02

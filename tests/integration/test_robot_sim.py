@@ -130,11 +130,11 @@ def remote(lab: RunningSite) -> Iterator[Remote]:
 def test_the_robot_docks_and_is_charged(remote: Remote) -> None:
     remote.watch("dock1/output", "sensor_msgs/msg/BatteryState")
     remote.watch("panther1/battery_state", "sensor_msgs/msg/BatteryState")
-    assert remote.drive(dock_parking(remote.site.dock)).result(WALL_LIMIT_S).error_code == 0
-    goal, pose = dock_parking(remote.site.dock), remote.pose()
+    assert remote.drive(dock_parking(remote.site.docks[0])).result(WALL_LIMIT_S).error_code == 0
+    goal, pose = dock_parking(remote.site.docks[0]), remote.pose()
     assert math.dist((pose.x_m, pose.y_m), (goal.x_m, goal.y_m)) < 0.02
     assert abs(wrap(pose.yaw_rad - goal.yaw_rad)) < 0.03
-    assert on_contacts(remote.site.dock, pose)
+    assert on_contacts(remote.site.docks[0], pose)
 
     assert remote.call("dock1/enable", "std_srvs/srv/SetBool", data=True).success
     remote.until("dock1/output", lambda output: output.current == pytest.approx(10.5))
@@ -190,7 +190,7 @@ def test_a_goal_nobody_can_reach_is_aborted_with_nav2s_code(remote: Remote) -> N
 
 @SLOWLY
 def test_a_killed_simulation_goes_on_where_it_was(lab: RunningSite, remote: Remote) -> None:
-    parking = BinLayout(remote.site.bin).parking
+    parking = BinLayout(remote.site.bins[0]).parking
     start = remote.pose()
     goal = remote.drive(parking)
     # Killed on the way, as soon as the base has moved.
@@ -210,7 +210,7 @@ def test_a_killed_simulation_goes_on_where_it_was(lab: RunningSite, remote: Remo
 
 
 def test_it_stops_in_time_while_the_router_takes_nothing(lab: RunningSite, remote: Remote) -> None:
-    remote.drive(BinLayout(remote.site.bin).parking)
+    remote.drive(BinLayout(remote.site.bins[0]).parking)
     router, body = lab.children["router"], lab.children["robot_sim"]
     router.send_signal(signal.SIGSTOP)
     try:
@@ -285,13 +285,13 @@ def eventually(holds: Callable[[], Any], what: str) -> None:
 
 @SLOWLY
 def test_an_emergency_stop_aborts_the_goal_and_refuses_the_next(remote: Remote) -> None:
-    goal = remote.drive(BinLayout(remote.site.bin).parking)
+    goal = remote.drive(BinLayout(remote.site.bins[0]).parking)
     stop = "panther1/emergency_stop", "std_srvs/srv/SetBool"
     assert remote.call(*stop, data=True).success
     with pytest.raises(GoalAborted):
         goal.result(WALL_LIMIT_S)
     with pytest.raises(GoalRejected):
-        remote.drive(BinLayout(remote.site.bin).parking)
+        remote.drive(BinLayout(remote.site.bins[0]).parking)
     assert remote.call(*stop, data=False).success
     there = remote.pose()
     assert remote.drive(there).result(WALL_LIMIT_S).error_code == 0
@@ -311,7 +311,7 @@ def test_without_motor_power_it_draws_the_standby_power_and_refuses_goals(remote
     assert remote.call(*power, data=False).success
     assert draws(battery.standby_power_w)
     with pytest.raises(GoalRejected):
-        remote.drive(BinLayout(remote.site.bin).parking)
+        remote.drive(BinLayout(remote.site.bins[0]).parking)
     assert remote.call(*power, data=True).success
     assert draws(battery.idle_power_w)
     assert remote.drive(remote.pose()).result(WALL_LIMIT_S).error_code == 0

@@ -26,6 +26,7 @@ from rodeo.messages import Status
 from rodeo.processes import processes_of
 from rodeo.tls import OPERATOR, identity
 from rodeo.wallets import ensure_wallets
+from rodeo_testing import BINS
 from tests.support.nursery import Fork, Nursery
 
 LAB = Path(__file__).parents[2] / "deploy" / "sites" / "lab.toml"
@@ -59,7 +60,7 @@ def write_site(folder: Path, chain_backend: str = "eth-tester", extra: str = "")
 data_dir = {json.dumps(str(folder / "data"))}
 chain.url = "http://127.0.0.1:{free_port()}"
 chain.backend = "{chain_backend}"
-itrash.http_port = 0
+{"" if "[[bins]]" in extra else BINS}
 console.port = {free_port()}
 {extra}
 """

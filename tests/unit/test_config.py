@@ -98,16 +98,26 @@ def test_a_file_that_is_not_toml_is_an_error(tmp_path: Path, text: str) -> None:
     assert caught.value.details["path"] == str(path)
 
 
-def test_an_unknown_robot_is_an_error_that_names_those_there_are() -> None:
+@pytest.mark.parametrize(("what", "known"), [("robot", "panther1"), ("bin", "itrash"), ("dock", "dock1")])
+def test_an_unknown_robot_bin_or_dock_is_an_error_that_names_those_there_are(what: str, known: str) -> None:
+    find = getattr(Site.load(LAB), what)
+    assert find(known).name == known
     with pytest.raises(ConfigError) as caught:
-        Site.load(LAB).robot("nobody")
-    assert caught.value.details == {"robot": "nobody", "robots": ["panther1"]}
+        find("nobody")
+    assert caught.value.details == {what: "nobody", f"{what}s": [known]}
+
+
+def test_a_site_without_bins_and_docks_is_one(tmp_path: Path) -> None:
+    site = tmp_path / "site.toml"
+    site.write_text(f'extends = "{LAB}"\nbins = []\ndocks = []\nkinds = []\n')
+    assert (Site.load(site).bins, Site.load(site).docks) == ([], [])
 
 
 def test_a_camera_folder_is_beside_the_file_that_says_it(tmp_path: Path) -> None:
     site = tmp_path / "site.toml"
-    site.write_text(f'extends = "{LAB}"\n[itrash.camera]\nsource = "folder"\naddress = "pictures"\n')
-    assert Site.load(site).itrash.camera.address == str(tmp_path / "pictures")
+    camera = 'camera = { source = "folder", address = "pictures" }'
+    site.write_text(f'extends = "{LAB}"\n[[bins]]\npose = {{ x_m = 5.2, y_m = 4.45 }}\n{camera}\n')
+    assert Site.load(site).bins[0].camera.address == str(tmp_path / "pictures")
 
 
 def test_the_data_directory_is_beside_the_file_that_says_it(

@@ -26,6 +26,22 @@ def test_each_of_several_robots_has_a_mind_of_its_own() -> None:
     assert len({p.name for p in processes}) == len(processes)
 
 
+PLURAL = Site.load(LAB.with_name("plural.toml"))
+
+
+def test_each_of_several_bins_and_docks_has_a_process_of_its_own() -> None:
+    known = {p.name: p.arguments for p in processes_of(PLURAL)}
+    assert {name: known[name] for name in known if "." in name} == {
+        "itrash.bin_north": ("--bin", "bin_north"),
+        "itrash.bin_east": ("--bin", "bin_east"),
+        "charger.dock_west": ("--dock", "dock_west"),
+        "charger.dock_east": ("--dock", "dock_east"),
+    }
+    assert not known.keys() & {"itrash", "charger"}
+    none = PLURAL.model_copy(update={"bins": [], "docks": []})
+    assert not [p for p in processes_of(none) if p.module in ("services.itrash", "services.charger")]
+
+
 def test_a_chain_elsewhere_is_not_started() -> None:
     site = SITE.model_copy(update={"chain": ChainConfig(backend="external")})
     assert "chain" not in {p.name for p in processes_of(site)}

@@ -149,3 +149,6 @@ def test_each_process_serves_what_it_has_the_key_or_the_name_of() -> None:
     assert served_by(site, "charger") == [Thing("dock", "dock1")]
     assert [one.name for one in served_by(site, "bridge")] == ["organization", "panther1", "oracle"]
     assert served_by(site, "router") == []
+    plural = Site.load(LAB.with_name("plural.toml"))
+    assert served_by(plural, "itrash.bin_east") == [Thing("bin", "bin_east")]
+    assert served_by(plural, "charger.dock_west") == [Thing("dock", "dock_west")]

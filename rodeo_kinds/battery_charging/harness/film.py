@@ -50,7 +50,7 @@ def film_charging(
 
     What meter and robot sign is signed by `seal`, which knows the recording that it is about.
     """
-    dock, robot = site.dock, site.robots[0]
+    dock, robot = site.docks[0], site.robots[0]
     battery, supply = Battery(robot.battery, soc), Supply(dock)
     meter = Meter(register_wh)
     supply.enable(True)

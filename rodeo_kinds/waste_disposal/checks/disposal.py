@@ -56,7 +56,7 @@ def _classification(case: Case) -> Classification:
     """The one that the drop refers to, or the last. Raises CaseError."""
     found = [one.statement for one in bin_said(case) if isinstance(one.statement, Classification)]
     if not found:
-        raise CaseError("no classification signed by the bin is in the recording", bin=case.site.bin.name)
+        raise CaseError("no classification signed by the bin is in the recording", bin=case.bin.name)
     drop = drop_of(case)
     return next((one for one in found if drop and one.number == drop.classification), found[-1])
 
@@ -71,7 +71,7 @@ def drop_of(case: Case) -> Drop | None:
 def _drop(case: Case) -> Drop:
     drop = drop_of(case)
     if drop is None:
-        raise CaseError("no drop signed by the bin is in the recording", bin=case.site.bin.name)
+        raise CaseError("no drop signed by the bin is in the recording", bin=case.bin.name)
     return drop
 
 
@@ -79,12 +79,12 @@ def expected_compartment(case: Case) -> str:
     """By the site's mapping of the attested class. Raises CaseError."""
     label = _classification(case).item_class
     # What the bin does not recognize goes where trash goes.
-    return case.site.bin.compartment_of(ItemClass(label) if label in set(ItemClass) else ItemClass.TRASH)
+    return case.bin.compartment_of(ItemClass(label) if label in set(ItemClass) else ItemClass.TRASH)
 
 
 def bin_witnessed(case: Case) -> Finding:
     """This site's bin signed what it felt by its own sensors, in one chain."""
-    name = case.site.bin.name
+    name = case.bin.name
     if (failed := unsound(case, "bin", name, f"the bin {name}")) is not None:
         return failed
     testimony = bin_testimony(case)
@@ -185,7 +185,7 @@ def presented(case: Case) -> Finding:
 
 def _at_bin(case: Case) -> Finding:
     base, release_s = base_of(case), replay_of(case).release_s
-    bin_m = np.array([case.site.bin.pose.x_m, case.site.bin.pose.y_m])
+    bin_m = np.array([case.bin.pose.x_m, case.bin.pose.y_m])
     place = [np.interp(release_s, base.time_s, column) for column in base.position_m[:, :2].T]
     return at_most(
         float(np.linalg.norm(np.array(place) - bin_m)),
@@ -223,14 +223,14 @@ def heard(case: Case) -> Finding:
 
 def pictured(case: Case) -> Finding:
     """The picture that the bin classified is in the proof, as its camera encoded it."""
-    return picture.shown(case.proof, case.site.bin.name, _classification(case))
+    return picture.shown(case.proof, case.bin.name, _classification(case))
 
 
 def nothing_left_out(case: Case) -> Finding:
     """From the release on, the recording holds what the bin said, and what motion capture said without a gap
     in which it could have told of the bin: it lists each head of the bin `TOLD` times.
     """
-    missing = {case.site.bin.name: _missing_of_bin(case)}
+    missing = {case.bin.name: _missing_of_bin(case)}
     if case.mocap:
         numbers = [one.statement.seq for one in motion_of(case)]
         ends_s = [one.statement.end_us * 1e-6 for one in motion_of(case) if isinstance(one.statement, Motion)]
@@ -337,7 +337,7 @@ def _mentioned(case: Case) -> bool:
 def _end(case: Case, drop: Drop) -> str:
     """The compartment that the item is in from the drop on, or what keeps it from being in one."""
     item, settled_s = pose_of(case, case.item.id), drop.settled_s + CLOCKS_S
-    layout = BinLayout(case.site.bin)
+    layout = BinLayout(case.bin)
     names = [_compartment(layout, place) for place in item.position_m[item.time_s >= settled_s]]
     names += [_fallen_into(case, layout, place) for place in _falling(case, settled_s)]
     left = next((name for name in names if name not in (drop.compartment, _ABOVE)), drop.compartment)
@@ -350,7 +350,7 @@ def _end(case: Case, drop: Drop) -> str:
         if last_s < replay_of(case).release_s - EARLY_SLACK_S:
             return "out of sight before the release"
         x_m, y_m, z_m = last_m
-        above = z_m >= case.site.bin.rim_height_m - BELOW_RIM_M
+        above = z_m >= case.bin.rim_height_m - BELOW_RIM_M
         return _compartment(layout, np.array([x_m, y_m, 0.0 if above else z_m])) or "out of sight elsewhere"
     still = item.time_s >= last_s - JUDGED_AFTER_DROP_S / 2
     if (np.linalg.norm(item.position_m[still] - last_m, axis=1) > REST_M).any():
@@ -372,7 +372,7 @@ def _fallen_into(case: Case, layout: BinLayout, point_m: np.ndarray) -> str | No
     """`_ABOVE` for what is not below the bin's rim yet, else whose walls are around it; None for nobody's: a
     person may put it in from there."""
     x_m, y_m, z_m = point_m
-    above = z_m >= case.site.bin.rim_height_m - BELOW_RIM_M
+    above = z_m >= case.bin.rim_height_m - BELOW_RIM_M
     return _ABOVE if above else _compartment(layout, np.array([x_m, y_m, 0.0]))
 
 

@@ -1,4 +1,4 @@
-"""Which item a cleaning is about."""
+"""Which item a cleaning is about, and at which bin it ends."""
 
 import numpy as np
 
@@ -6,7 +6,9 @@ from rodeo.checks.case import Case, CaseError, ordered
 from rodeo.checks.poses import motions_of, pose_of
 from rodeo.checks.results import once_per_case
 from rodeo.checks.tables import events_of
-from rodeo.lab.config import ItemConfig
+from rodeo.checks.testimony import testimony_of
+from rodeo.lab.config import BinConfig, ItemConfig
+from rodeo.witness import Classification, Drop
 from rodeo_kinds.waste_disposal.params import CleaningParams
 
 
@@ -29,3 +31,34 @@ def item_of(case: Case) -> ItemConfig:
     if not tracked:
         raise CaseError("motion capture signed no item of this site", items=list(items))
     return items[max(tracked, key=lambda one: float(np.ptp(pose_of(case, one).position_m, axis=0).max()))]
+
+
+@once_per_case
+def bin_of(case: Case) -> BinConfig:
+    """The bin that the task names. Where it leaves the bin to the robot, or without a chain, the one whose
+    statements name this recording; of several the one that felt something fall. Raises CaseError."""
+    bins = case.site.bins
+    if case.chain_record is not None and (named := ordered(case, CleaningParams).bin) is not None:
+        found = next((one for one in bins if one.name == named), None)
+        if found is None:
+            raise CaseError("the site has no such bin", bin=named)
+        return found
+    if not bins:
+        raise CaseError("the site has no bin")
+    # The first of equals: a site with one bin has no other, whatever the recording holds.
+    return max(bins, key=lambda one: _spoke_of_this(case, one))
+
+
+def _spoke_of_this(case: Case, bin_: BinConfig) -> tuple[bool, bool]:
+    """Whether the bin signed that something fell from who makes this recording, and what it was shown."""
+    try:
+        said = [one.statement for one in testimony_of(case, "bin", bin_.name).said]
+    except CaseError:
+        return False, False
+    of_this = [
+        type(one)
+        for one in said
+        if isinstance(one, Drop | Classification)
+        and any(claimant.recording == case.proof.recording for claimant in one.claimants)
+    ]
+    return Drop in of_this, Classification in of_this

@@ -944,6 +944,12 @@ def a_bin_of_another_site(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take, devices=registered("bin", name="itrash2"))
 
 
+@HARNESS.forgery("bin_witnessed", "nothing signed by this witness", role="executor")
+def carried_into_another_bin(shop: CleaningWorkshop) -> Submission:
+    """The task names another bin of the site than the one that the item is in."""
+    return shop.beside_another_bin(bin="itrash2")
+
+
 # -- where the item ends -------------------------------------------------------------------------------
 
 
@@ -960,7 +966,7 @@ def _homewards(sample: Sample, begin_s: float) -> Sample:
 @HARNESS.forgery("stays_in_bin", role="executor")
 def a_pebble_falls(shop: CleaningWorkshop) -> Submission:
     """The item goes home in a sleeve while a pebble falls; every pose of it is signed."""
-    rim_m = shop.site.bin.rim_height_m
+    rim_m = shop.site.bins[0].rim_height_m
     begin_s = max(s.time_ns for s in shop.take.of(ITEM_POSE) if s.message.pose.position.z > rim_m) * 1e-9
     return shop.submitted(shop.take.edited(ITEM_POSE, lambda s: _homewards(s, begin_s)))
 
@@ -1027,7 +1033,7 @@ def taken_home_while_it_falls(shop: CleaningWorkshop) -> Submission:
 
 
 def _last_above_the_bin_s(shop: CleaningWorkshop) -> float:
-    rim_m = shop.site.bin.rim_height_m
+    rim_m = shop.site.bins[0].rim_height_m
     return max(s.time_ns for s in shop.take.of(ITEM_POSE) if s.message.pose.position.z > rim_m) * 1e-9
 
 

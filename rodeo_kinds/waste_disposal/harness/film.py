@@ -49,7 +49,7 @@ def film_cleaning(
     camera = Camera(site, reality)
     operator = FilmedOperator(camera)
     item = next(item for item in site.items if item.id == item_id)
-    layout = BinLayout(site.bin)
+    layout = BinLayout(site.bins[0])
     place = camera.data.body(item_id)
     lies = (float(place.xpos[0]), float(place.xpos[1]))
     beside = Pose2(x_m=lies[0] - PICK_DISTANCE_M, y_m=lies[1])
@@ -70,11 +70,11 @@ def film_cleaning(
     operator.drive_to(layout.parking)
     operator.sway_no_more()
 
-    camera.say("robot/presentation", bin=site.bin.name)
+    camera.say("robot/presentation", bin=site.bins[0].name)
     operator.show(item, layout)
-    wanted = site.bin.compartment_of(item.item_class)
+    wanted = site.bins[0].compartment_of(item.item_class)
     picture = (RENDERINGS / f"{item.item_class.value}_1.jpg").read_bytes()
-    camera.photograph(site.bin.name, picture)
+    camera.photograph(site.bins[0].name, picture)
     camera.say(
         "bin/classification",
         number=1,
@@ -89,7 +89,7 @@ def film_cleaning(
     )
     released_s = camera.now_ns * 1e-9
     operator.drop(item, layout, compartment or wanted)
-    inside = [n for n in site.bin.compartments if layout.contains(n, tuple(place.xpos))]
+    inside = [n for n in site.bins[0].compartments if layout.contains(n, tuple(place.xpos))]
     if inside:
         camera.say(
             "bin/drop",

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from rodeo.checks.case import ChainRecord
-from rodeo.lab.config import FurnitureConfig, Pose2
+from rodeo.lab.config import BinConfig, FurnitureConfig, Pose2
 from rodeo_kinds.waste_disposal.harness.film import KIND, cleaning_chain_record, film_cleaning
 from rodeo_testing.harness import Harness
 from rodeo_testing.recordings import Take
@@ -46,6 +47,12 @@ class CleaningWorkshop(Workshop):
         site = self.site.model_copy(update={"lab": lab})
         return Submission(self.chain_record(), self.honest_file(), site=site)
 
+    def beside_another_bin(self, **params: Any) -> Submission:
+        """The honest proof, said to be of a site that has another bin, of a task with these parameters."""
+        other = BinConfig(name="itrash2", pose=Pose2(x_m=1.0, y_m=0.4, yaw_rad=math.pi / 2))
+        site = self.site.model_copy(update={"bins": [other, *self.site.bins]})
+        return Submission(self.chain_record(params=PLACE | params), self.honest_file(), site=site)
+
 
 HARNESS = Harness(CleaningWorkshop)
 
@@ -54,3 +61,15 @@ HARNESS = Harness(CleaningWorkshop)
 def an_item_carried_into_its_compartment(shop: CleaningWorkshop) -> Submission:
     """A robot takes the item, shows it to the bin, and drops it where the bin says."""
     return shop.submitted(shop.take)
+
+
+@HARNESS.honest
+def carried_into_one_of_two_bins(shop: CleaningWorkshop) -> Submission:
+    """The task leaves the bin to the robot."""
+    return shop.beside_another_bin()
+
+
+@HARNESS.honest
+def carried_into_the_bin_that_is_named(shop: CleaningWorkshop) -> Submission:
+    """The task names the bin."""
+    return shop.beside_another_bin(bin="itrash")

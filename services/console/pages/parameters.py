@@ -82,6 +82,9 @@ def _field(site: Site, name: str, schema: Json, changed: Callable[[], None]) -> 
     if form == "robot":
         robots = [one.name for one in site.robots]
         return ui.select(robots, value=next(iter(robots), None), label=label, on_change=changed)
+    if form in ("bin", "dock"):
+        names = [one.name for one in (site.bins if form == "bin" else site.docks)]
+        return ui.select(names, label=label, clearable=True, on_change=changed)
     if "enum" in schema:
         return ui.select(schema["enum"], value=proposed, label=label, on_change=changed)
     if form == "percent":

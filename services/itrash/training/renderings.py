@@ -70,8 +70,8 @@ class _StudioSite:
     """A room with one item of every shape; just enough of a site for `build_world`."""
 
     lab: LabConfig
-    bin: BinConfig
-    dock: DockConfig
+    bins: list[BinConfig]
+    docks: list[DockConfig]
     robots: list[RobotConfig]
     items: list[ItemConfig]
 
@@ -79,8 +79,8 @@ class _StudioSite:
 def _studio_site() -> _StudioSite:
     return _StudioSite(
         lab=LabConfig(furniture=_FURNITURE),
-        bin=BinConfig(pose=Pose2(x_m=4.0, y_m=4.6, yaw_rad=-np.pi / 2)),
-        dock=DockConfig(pose=Pose2(x_m=0.1, y_m=1.0)),
+        bins=[BinConfig(pose=Pose2(x_m=4.0, y_m=4.6, yaw_rad=-np.pi / 2))],
+        docks=[DockConfig(pose=Pose2(x_m=0.1, y_m=1.0))],
         robots=[RobotConfig(name="panther1", pose=_CORNER)],
         items=[
             ItemConfig(id=f"{item_class}_{shape}", item_class=item_class, shape=shape, pose=_CORNER)
@@ -102,7 +102,7 @@ class _Studio:
         self._site = _studio_site()
         self._model = build_world(self._site)
         self._data = mujoco.MjData(self._model)
-        self._layout = BinLayout(self._site.bin)
+        self._layout = BinLayout(self._site.bins[0])
         self._lit = self._model.light_diffuse.copy()
         self._rgba = self._model.geom_rgba.copy()
         self._light_dir = self._model.light_dir.copy()
@@ -115,7 +115,7 @@ class _Studio:
 
     def samples(self, per_class: int) -> Iterator[Sample]:
         by_class = {c: [item for item in self._site.items if item.item_class == c] for c in ItemClass}
-        camera = Camera(self._model, f"{self._site.bin.name}/camera")
+        camera = Camera(self._model, f"{self._site.bins[0].name}/camera")
         try:
             for item_class, items in by_class.items():
                 for number in range(per_class):

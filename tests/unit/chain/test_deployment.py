@@ -39,7 +39,7 @@ def test_the_organization_is_set_up_as_the_site_says(organization: Organization)
     assert all(client.is_kind_allowed(kind) for kind in kinds_of(site))
     robot = client.device(wallets.address(site, "panther1-device"))
     assert (robot.role, robot.owner) == ("robot", organization.robot.address)
-    meter = client.device(wallets.address(site, "meter-device"))
+    meter = client.device(wallets.address(site, "dock1-device"))
     assert (meter.role, meter.owner) == ("meter", client.organization)
     assert meter.registrar == organization.operator.address and meter.revoked_at == 0
 

@@ -56,6 +56,7 @@ def test_the_lab_that_comes_along_is_a_good_site() -> None:
     assert check(LAB) == []
 
 
+BINS = '[[bins]]\nname = "{}"\npose = {{ x_m = 5.2, y_m = 4.45, yaw_rad = -1.5708 }}\nhttp_port = {}\n'
 WRONG = [
     (
         item(x_m=14.6),
@@ -65,9 +66,31 @@ WRONG = [
     (item(shape="cann"), 6, "items.0.shape: metal has no shape 'cann', only can and tin; is \"can\" meant?"),
     (item() + item(x_m=3.0), 9, 'items.1.id: two things in the lab are called "item1"'),
     (
-        "[[bins]]\nname = 1\n",
+        '[bin]\nname = "itrash"\npose = { x_m = 1, y_m = 4.5 }\n',
         3,
-        "bins: a site has one bin: write [bin]; another bin is a device of another site",
+        "bin: a site has a list of bins: write [[bins]] above each\n"
+        '[[bins]]\nname = "itrash"\npose = { x_m = 1, y_m = 4.5 }',
+    ),
+    (
+        '[dock]\nname = "dock1"\n',
+        3,
+        'dock: a site has a list of docks: write [[docks]] above each\n[[docks]]\nname = "dock1"',
+    ),
+    (
+        "[itrash]\nhttp_port = 8091\n",
+        3,
+        "itrash: each bin has its own page and camera: write under its [[bins]]\nhttp_port = 8091",
+    ),
+    (
+        BINS.format("a", 8095) + BINS.format("b", 8095),
+        10,
+        "bins.1.http_port: port 8095 of 127.0.0.1 is already used by bins.0.http_port",
+    ),
+    (BINS.format("itrash", 0) * 2, 8, 'bins.1.name: two things in the lab are called "itrash"'),
+    (
+        BINS.format("Two", 0),
+        4,
+        "bins.0.name: String should match pattern '^[a-z][a-z0-9_]*$'",
     ),
     ("chain.ulr = 1\n", 3, 'chain.ulr: no such key; is "url" meant?'),
     ("clock.sed = 7\n", 3, 'clock.sed: no such key; is "seed" meant?'),
@@ -110,7 +133,7 @@ WRONG = [
         6,
         "economy.electricity.1.from_hour: two electricity tariffs begin at hour 6",
     ),
-    ("console.port = 8090\n", 3, "console.port: port 8090 of 127.0.0.1 is already used by itrash.http_port"),
+    ("console.port = 8090\n", 3, "console.port: port 8090 of 127.0.0.1 is already used by bins.0.http_port"),
     (
         "[bridge.limits.pantehr1]\ndaily_iec = 1\n",
         3,
@@ -135,6 +158,12 @@ def test_what_no_site_can_be_is_named_with_its_line_and_refused(
     assert refused.value.details["fields"][place] == why
 
 
+@pytest.mark.parametrize(("lacking", "kind"), [("bins", 0), ("docks", 1)])
+def test_a_kind_of_work_needs_what_it_is_done_at(said: Said, lacking: str, kind: int) -> None:
+    (finding,) = said(f"{lacking} = []\n")
+    assert f"error: kinds.{kind}" in finding and finding.endswith(f"what the site lacks: write [[{lacking}]]")
+
+
 DOUBTFUL = [
     (
         robot("battery = { standby_power_w = 50 }"),
@@ -144,14 +173,14 @@ DOUBTFUL = [
     (item(x_m=6.98), 7, "items.0.pose: item1 reaches into a wall"),
     (item() + item("item2", x_m=4.63), 12, "items.1.pose: item2 overlaps item1"),
     (
-        "[bin]\npose = { x_m = 5.2, y_m = 0.4, yaw_rad = -1.5708 }\n",
+        "[[bins]]\npose = { x_m = 5.2, y_m = 0.4, yaw_rad = -1.5708 }\n",
         4,
-        "bin.pose: panther1 finds no way to the bin itrash from where it starts",
+        "bins.0.pose: panther1 finds no way to the bin itrash from where it starts",
     ),
     (
-        "[dock]\npose = { x_m = 6.9, y_m = 2.6, yaw_rad = 0.0 }\n",
+        "[[docks]]\npose = { x_m = 6.9, y_m = 2.6, yaw_rad = 0.0 }\n",
         4,
-        "dock.pose: panther1 finds no way to the dock dock1 from where it starts",
+        "docks.0.pose: panther1 finds no way to the dock dock1 from where it starts",
     ),
 ]
 

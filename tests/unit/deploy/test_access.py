@@ -98,7 +98,7 @@ def test_a_body_says_nothing_to_the_organization_and_asks_it_nothing(two: Site) 
 
 
 def test_the_simulator_as_itself_says_what_is_the_labs(two: Site) -> None:
-    names = {"ns": "panther1", "bin": two.bin.name, "dock": two.dock.name}
+    names = {"ns": "panther1", "bin": two.bins[0].name, "dock": two.docks[0].name}
     said = {
         topic.key
         for topic in TOPICS
@@ -112,6 +112,25 @@ def test_the_simulator_as_itself_says_what_is_the_labs(two: Site) -> None:
 def test_a_body_has_the_same_name_however_many_robots_there_are(two: Site) -> None:
     one = two.model_copy(update={"robots": two.robots[:1]})
     assert "body.panther1" in everybody(one) and "body.panther1" in everybody(two)
+
+
+def test_each_of_several_bins_and_docks_speaks_for_itself_only() -> None:
+    site = Site.load(LAB.with_name("plural.toml"))
+    rules = {rule["id"]: rule["key_exprs"] for rule in access_control(site)["rules"]}
+    for process, own, other in (
+        ("itrash.bin_east", "bin_east", "bin_north"),
+        ("charger.dock_east", "dock_east", "dock_west"),
+    ):
+        written, asked = rules[f"{process} writes"], rules[f"{process} asks"]
+        assert f"rodeo/lab/witness/{own}/statement" in written
+        assert not [key for key in written if other in key]
+        assert [key for key in asked if key.startswith("0/") and other in key] == []
+    assert "rodeo/lab/itrash/bin_east/state" in rules["itrash.bin_east writes"]
+    assert "0/bin_east/camera/capture/**" in rules["itrash.bin_east asks"]
+    assert "0/dock_east/enable/**" in rules["charger.dock_east asks"]
+    assert {"0/bin_east/presence/**", "0/dock_west/output/**"} <= set(rules["robot_sim writes"])
+    wallet = [key for key in rules["charger.dock_east asks"] if "/wallet/" in key]
+    assert wallet == ["rodeo/lab/wallet/organization/**"]
 
 
 @pytest.mark.parametrize("topic", [SEAL, WITNESS_STATEMENT, WITNESS_STATEMENTS], ids=lambda topic: topic.key)
@@ -128,11 +147,11 @@ def test_a_device_speaks_through_the_process_that_has_its_key(
                 for key in rules[f"{name} writes"]["key_exprs"]
             )
         ]
-        for device in (site.bin.name, site.dock.name, "panther1", "mocap", "somebody")
+        for device in (site.bins[0].name, site.docks[0].name, "panther1", "mocap", "somebody")
     }
     assert speakers == {
-        site.bin.name: ["itrash"],
-        site.dock.name: ["charger"],
+        site.bins[0].name: ["itrash"],
+        site.docks[0].name: ["charger"],
         "panther1": ["robot_agent"],
         "mocap": ["robot_sim"],
         "somebody": [],

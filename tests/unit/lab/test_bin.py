@@ -25,7 +25,7 @@ class Bin:
             for k, (c, s, m) in enumerate(things)
         ]
         self.site = site.model_copy(update={"items": items})
-        self.layout = BinLayout(self.site.bin)
+        self.layout = BinLayout(self.site.bins[0])
         self.model = build_world(self.site)
         self.data = begin(self.model, self.site)
 
@@ -48,8 +48,8 @@ class Bin:
         mujoco.mj_step(self.model, self.data, nstep=round(seconds / self.model.opt.timestep))
 
     def weights_n(self) -> dict[str, float]:
-        names = self.site.bin.compartments
-        return {name: scale_weight_n(self.model, self.data, self.site.bin.name, name) for name in names}
+        names = self.site.bins[0].compartments
+        return {name: scale_weight_n(self.model, self.data, self.site.bins[0].name, name) for name in names}
 
     def inside(self, item: str, compartment: str) -> bool:
         return self.layout.contains(compartment, tuple(self.data.body(item).xpos))
@@ -83,9 +83,9 @@ def test_what_falls_into_one_compartment_moves_no_other_scale() -> None:
 def test_the_labs_own_items_are_weighed_one_after_another() -> None:
     site = Site.load(LAB)
     lab = Bin([(item.item_class, item.shape, item.mass_kg) for item in site.items])
-    expected = dict.fromkeys(site.bin.compartments, 0.0)
+    expected = dict.fromkeys(site.bins[0].compartments, 0.0)
     for item in lab.site.items:
-        compartment = site.bin.compartment_of(item.item_class)
+        compartment = site.bins[0].compartment_of(item.item_class)
         expected[compartment] += item.mass_kg * GRAVITY
         lab.drop(item.id, compartment)
         assert lab.inside(item.id, compartment)

@@ -38,9 +38,9 @@ def an_item(item_class: ItemClass, shape: str, mass_kg: float) -> ItemConfig:
 def test_an_item_is_carried_from_the_floor_into_its_compartment(item_class: ItemClass, shape: str) -> None:
     item = an_item(item_class, shape, mass_kg=0.2)
     site, operator = lab_with(item)
-    layout = BinLayout(site.bin)
+    layout = BinLayout(site.bins[0])
     parking = layout.parking
-    compartment = site.bin.compartment_of(item_class)
+    compartment = site.bins[0].compartment_of(item_class)
 
     operator.pick(item)
     assert operator.data.body(item.id).xpos[2] > 0.3
@@ -51,8 +51,8 @@ def test_an_item_is_carried_from_the_floor_into_its_compartment(item_class: Item
     operator.drop(item, layout, compartment)
 
     assert layout.contains(compartment, tuple(operator.data.body(item.id).xpos))
-    for name in site.bin.compartments:
-        weight_n = scale_weight_n(operator.model, operator.data, site.bin.name, name)
+    for name in site.bins[0].compartments:
+        weight_n = scale_weight_n(operator.model, operator.data, site.bins[0].name, name)
         expected_n = item.mass_kg * GRAVITY if name == compartment else 0.0
         assert weight_n == pytest.approx(expected_n, abs=0.03)
 

@@ -100,6 +100,9 @@ class KinematicBody:
         self._arm = Arm(site.robots[0].limits)
         self._hang: Vector = np.zeros(3)
 
+    def recent_base_pose(self) -> Pose2:
+        return self.base
+
     def base_pose(self, checkpoint: Checkpoint) -> Pose2:
         checkpoint()
         return self.base
@@ -170,8 +173,8 @@ class KinematicBody:
 
     def _fall(self, item: ItemConfig) -> None:
         x_m, y_m, _ = self.items[item.id].position_m
-        layout = BinLayout(self.site.bin)
-        for name in self.site.bin.compartments:
+        layout = BinLayout(self.site.bins[0])
+        for name in self.site.bins[0].compartments:
             if layout.contains(name, (x_m, y_m, 0.2)):
                 self.dropped_in = name
                 self._put(item.id, (x_m, y_m, 0.15))

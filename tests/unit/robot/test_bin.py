@@ -40,7 +40,7 @@ class Listener:
         self.bus = BinBus()
         self.clock = ManualClock()
         self.voice = Voice(folder, self.bus)
-        self.bin = SmartBin(self.bus, Site.load(LAB), self.clock, self.voice)  # type: ignore[arg-type]
+        self.bin = SmartBin(self.bus, Site.load(LAB), "itrash", self.clock, self.voice)  # type: ignore[arg-type]
         assert until(lambda: self.bin._listener._devices.known(self.bus.devices[0]["address"]) is not None)
 
     def live(self, kind: Any, time_s: float, **more: Any) -> None:

@@ -52,15 +52,15 @@ def test_exploring_stays_clear_of_everything() -> None:
 
 
 def test_the_bin_is_in_the_way_and_ways_out_lead_clear_of_it() -> None:
-    parking = BinLayout(SITE.bin).parking
-    assert FLOOR.clearance_m(SITE.bin.pose.x_m, SITE.bin.pose.y_m) == 0.0
+    parking = BinLayout(SITE.bins[0]).parking
+    assert FLOOR.clearance_m(SITE.bins[0].pose.x_m, SITE.bins[0].pose.y_m) == 0.0
     assert FLOOR.clearance_m(parking.x_m, parking.y_m) < FOOTPRINT_RADIUS_M
     for pose in FLOOR.ways_out(parking, []):
         assert FLOOR.clearance_m(pose.x_m, pose.y_m) > FOOTPRINT_RADIUS_M
 
 
 def test_ways_out_keep_away_from_trash() -> None:
-    parking = BinLayout(SITE.bin).parking
+    parking = BinLayout(SITE.bins[0]).parking
     trash = (parking.x_m, parking.y_m - 1.2)
     ways = FLOOR.ways_out(parking, [trash])
     assert len(ways) < len(FLOOR.ways_out(parking, []))

@@ -98,7 +98,9 @@ def test_furniture_is_not_an_item() -> None:
 
 def test_something_of_another_size_is_not_the_item_and_the_error_says_what_was_seen() -> None:
     _, _, camera = scene("plastic", "bottle", seed=5)
-    can = ItemConfig.model_validate({"id": "item9", "class": "metal", "shape": "tin", "pose": SITE.dock.pose})
+    can = ItemConfig.model_validate(
+        {"id": "item9", "class": "metal", "shape": "tin", "pose": SITE.docks[0].pose}
+    )
     found = clusters(cloud(camera.look(go_on)), PLACE, 0.4, FLOOR.is_open)
     with pytest.raises(NotFound) as caught:
         best(found, can, PLACE, 0.045)

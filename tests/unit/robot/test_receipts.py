@@ -257,7 +257,7 @@ class Surroundings:
         site, here = Site.load(LAB), cast(Any, self)
         self.receipts = Receipts(site, site.robots[0], here, here, here, cast(Any, self.clock))
         deadline_s = time.monotonic() + WAIT_S
-        while self.receipts._listener._devices.known(METER.address) is None:
+        while self.receipts._listeners[0]._devices.known(METER.address) is None:
             assert time.monotonic() < deadline_s
             Event().wait(0.01)
         self.receipts.begin(JOB)
@@ -312,7 +312,7 @@ class Surroundings:
         assert isinstance(said, MeterRecord)
         told = attest(signed.payload | {"ocmf": text(said)}, METER)
         self._callbacks[1]("rodeo/lab/witness/dock1/statement", told.model_dump_json().encode())
-        self.receipts._listener.settle()
+        self.receipts._listeners[0].settle()
 
 
 JOB = charging_chain_record(Take([Sample("", "", None, 1_900_000_000 * 10**9)])).task

@@ -53,9 +53,17 @@ RECORDS = (*topics.ROBOT_STATE, topics.BIN_LOAD)
 def test_every_topic_that_is_asked_for_is_recorded_under_its_full_names() -> None:
     recorded = {name: topic.type for topic, name in recorded_topics(SITE, "panther1", RECORDS)}
     assert recorded["panther1/odom"] == "nav_msgs/msg/Odometry"
-    assert {f"itrash/{name}/load" for name in SITE.bin.compartments} <= recorded.keys()
+    assert {f"itrash/{name}/load" for name in SITE.bins[0].compartments} <= recorded.keys()
     assert {topic.type for topic in RECORDS} == set(recorded.values())
     assert not any("{" in name for name in recorded)
+
+
+def test_all_bins_and_docks_are_recorded() -> None:
+    site = Site.load(LAB.with_name("plural.toml"))
+    records = (topics.BIN_LOAD, topics.DOCK_OUTPUT, topics.BIN_IMAGE)
+    names = {name for _, name in recorded_topics(site, "panther1", records)}
+    assert {f"{bin_.name}/{name}/load" for bin_ in site.bins for name in bin_.compartments} <= names
+    assert {"dock_west/output", "dock_east/output", "bin_east/camera/image/compressed"} <= names
 
 
 def test_what_a_robot_tells_of_itself_may_be_recorded() -> None:

@@ -263,7 +263,7 @@ def test_the_executors_meter_seals_it(charge: Take, judge: Judge) -> None:
     assert failed(report) == "signer"
 
 
-@pytest.mark.parametrize("missing", ["energy_wh", "soc_from", "dock"])
+@pytest.mark.parametrize("missing", ["energy_wh", "soc_from", "robot"])
 def test_a_task_that_does_not_say_what_to_deliver_is_not_judged(
     charge: Take, judge: Judge, missing: str
 ) -> None:
@@ -303,7 +303,7 @@ def test_without_a_chain_what_both_signed_is_told(charge: Take, judge: Judge) ->
 
 
 def test_a_dock_that_gives_more_than_it_can_is_refused(charge: Take, judge: Judge, site: Any) -> None:
-    weak = site.model_copy(update={"dock": site.dock.model_copy(update={"current_a": 5.0})})
+    weak = site.model_copy(update={"docks": [site.docks[0].model_copy(update={"current_a": 5.0})]})
     report = judge(charge, charging_chain_record(charge), binding=CHARGE_BINDING, device=METER, at=weak)
     assert failed(report) == "power"
 

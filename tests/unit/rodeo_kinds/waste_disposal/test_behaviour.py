@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from rodeo.config import Site
+from rodeo.evidence import Recorder
+from rodeo.lab.config import Pose2
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S
 from rodeo.lab.layout import BinLayout
 from rodeo.lab.place import JUDGED_LIMIT_M, TAKEN_LIMIT_M
@@ -22,7 +25,10 @@ from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Sighting
 from rodeo.witness import Classification, Drop
 from rodeo_kinds.waste_disposal import behaviour as cleaning_module
-from rodeo_kinds.waste_disposal.behaviour import WasteDisposal
+from rodeo_kinds.waste_disposal.behaviour import WasteDisposal, ordered
+from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
+from rodeo_testing.assignments import BINDING, ROBOT
+from rodeo_testing.recordings import Sample, Take
 from tests.support.site import LAB
 from tests.unit.robot.fakes import (
     CLAIMANT,
@@ -37,6 +43,7 @@ from tests.unit.robot.fakes import (
     manipulator,
 )
 
+MOMENT = Take([Sample("", "", None, 1_900_000_000 * 10**9)])
 ITEMS = [item.id for item in Site.load(LAB).items]
 
 
@@ -56,7 +63,7 @@ class Scene:
         self.progress: list[float] = []
         self.sightings: list[Sighting] = []
         self.hands = manipulator(self.site, self.body, self.camera, self.memory)
-        smart_bin = SmartBin(bus, self.site, self.clock, Voice(folder, bus)) if bus else self.bin  # type: ignore[arg-type]
+        smart_bin = SmartBin(bus, self.site, "itrash", self.clock, Voice(folder, bus)) if bus else self.bin  # type: ignore[arg-type]
         self.cleaning = WasteDisposal(
             Robot(
                 "panther1",
@@ -64,7 +71,7 @@ class Scene:
                 self.hands,
                 Floor(self.site),
                 self.memory,
-                smart_bin,  # type: ignore[arg-type]
+                {"itrash": smart_bin},  # type: ignore[dict-item]
                 self.clock,
                 self.sightings.append,
                 lambda way_m, ends_at: Estimate(way_m, way_m, ends_at),
@@ -86,6 +93,7 @@ class Scene:
         self.cleaning.dispose(
             item,
             (x_m + off_m, y_m),
+            self.cleaning._stations,
             checkpoint,
             lambda text, share: self.progress.append(share),
             self.record,
@@ -113,7 +121,7 @@ def test_an_item_ends_in_the_compartment_that_the_bin_names(
 def test_the_robot_leaves_the_bin_when_it_is_done(scene: Scene) -> None:
     scene.dispose()
     scene.cleaning.tidy(go_on)
-    parking = BinLayout(scene.site.bin).parking
+    parking = BinLayout(scene.site.bins[0]).parking
     assert parking in scene.body.drives
     assert Floor(scene.site).clearance_m(scene.body.base.x_m, scene.body.base.y_m) > 0.6
 
@@ -213,7 +221,7 @@ def test_the_robot_leaves_the_bin_and_records_on_for_longer_than_the_oracle_asks
     scene.bin.on_wait = lambda kind: dropped_s.append(scene.clock.now_s()) if kind is Drop else None
     scene.dispose()
     assert scene.clock.now_s() - dropped_s[-1] >= JUDGED_AFTER_DROP_S + 4.5
-    base, parking = scene.body.base, BinLayout(scene.site.bin).parking
+    base, parking = scene.body.base, BinLayout(scene.site.bins[0]).parking
     assert math.dist((base.x_m, base.y_m), (parking.x_m, parking.y_m)) > 0.5
 
 
@@ -227,7 +235,8 @@ def test_what_is_taken_out_after_the_drop_is_not_submitted_as_done(scene: Scene)
 def test_what_was_taken_out_during_an_interruption_fails_the_task(scene: Scene) -> None:
     scene.bin.thefts = 1
     with pytest.raises(TaskFailed) as caught:
-        scene.cleaning.confirm(900.0, go_on, lambda _text, _share: None, scene.record)
+        (station,) = scene.cleaning._stations
+        scene.cleaning.confirm(900.0, station, go_on, lambda _text, _share: None, scene.record)
     assert caught.value.details["cause"] == "taken_out"
 
 
@@ -498,3 +507,42 @@ def test_a_drop_by_others_that_is_told_only_after_the_release_is_waited_past(
     scene.dispose()
     assert len(told) == 2
     assert scene.events == ["releasing", "released"]
+
+
+def two_bins(scene: Scene) -> WasteDisposal:
+    """The cleaning at a site that has another bin, nearer to item1, which answers as the first does."""
+    other = scene.site.bins[0].model_copy(
+        update={"name": "other", "pose": Pose2(x_m=5.2, y_m=0.4, yaw_rad=math.pi / 2)}
+    )
+    site = scene.site.model_copy(update={"bins": [*scene.site.bins, other]})
+    smart_bin: Any = scene.bin
+    robot = replace(scene.cleaning.robot, site=site, bins={"itrash": smart_bin, "other": smart_bin})
+    return WasteDisposal(robot)
+
+
+@pytest.mark.parametrize(("named", "goes_to"), [("itrash", "itrash"), ("other", "other"), (None, "other")])
+def test_the_robot_goes_to_the_bin_that_the_task_names_or_to_the_nearest(
+    scene: Scene, named: str | None, goes_to: str
+) -> None:
+    cleaning = two_bins(scene)
+    params = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2} | ({"bin": named} if named else {})
+    task = cleaning_chain_record(MOMENT, params).task
+    station = next(one for one in cleaning._stations if one.name == goes_to)
+    assert cleaning.weigh(task, scene.body.base).ends_at == station.layout.parking
+    assert cleaning._choice(ordered(task))[0] == station
+    with pytest.raises(TaskFailed):
+        cleaning.weigh(task.model_copy(update={"params": params | {"bin": "nowhere"}}), scene.body.base)
+
+
+def test_what_was_dropped_before_an_interruption_is_asked_of_the_bin_that_it_fell_into(
+    scene: Scene, tmp_path: Path
+) -> None:
+    scene.dispose()
+    (note,) = [note for note in scene.record.notes if note["event"] == "releasing"]
+    assert note["bin"] == "itrash"
+    path, clock = tmp_path / "recording.mcap", ManualClock()
+    clock.time_s = 1_900_000_000.0
+    with Recorder(path, BINDING, ROBOT, clock) as recorder:
+        recorder.write_json("rodeo/event", note | {"bin": "other"}, urgent=True)
+    done = two_bins(scene).irrevocable(path)
+    assert done is not None and done.where == "other"

@@ -17,7 +17,7 @@ from rodeo.checks.case import ChainRecord
 from rodeo.config import Site
 from rodeo.evidence import Attestation, Binding, attest, open_proof
 from rodeo.lab.body import joint_names
-from rodeo.lab.config import ItemClass
+from rodeo.lab.config import BinConfig, ItemClass, Pose2
 from rodeo.lab.drop import RECORDED_AFTER_DROP_S
 from rodeo.lab.world import arm_model
 from rodeo.witness import Claimant
@@ -194,7 +194,7 @@ def test_a_hole_before_the_item_lies_in_the_bin_is_refused(
 
 
 def test_a_hole_over_the_release_is_refused(cleaning: Take, judge: Judge) -> None:
-    rim_m = Site.load(LAB).bin.rim_height_m
+    rim_m = Site.load(LAB).bins[0].rim_height_m
     above = [s for s in cleaning.of(ITEM_POSE) if s.message.pose.position.z > rim_m]
     take = interrupted(cleaning, above[-1].time_ns * 1e-9)
     assert failed(judge(take, cleaning_chain_record(take))) == "cleaning_gaps"
@@ -534,8 +534,8 @@ def test_an_item_that_the_bins_walls_hide_was_last_seen_above_the_opening(
     cleaning: Take, judge: Judge, site: Site
 ) -> None:
     """Motion capture cannot look into this bin."""
-    rim_m = site.bin.rim_height_m
-    bin_m = site.bin.pose
+    rim_m = site.bins[0].rim_height_m
+    bin_m = site.bins[0].pose
 
     def hidden(sample: Sample) -> Sample | None:
         at = sample.message.pose.position
@@ -893,3 +893,18 @@ def test_another_robot_that_claims_the_showing_does_not_have_it_rejected(
     report = judge(take, cleaning_chain_record(cleaning), at=elsewhere)
     assert report.outcome == outcome, report.reason
     assert report.fault == (None if mocap else "the site")
+
+
+@pytest.mark.parametrize(
+    ("named", "says"), [("itrash", "accepted"), (None, "accepted"), ("itrash2", "bin_witnessed")]
+)
+def test_of_two_bins_the_one_counts_that_the_task_names_or_whose_word_is_there(
+    cleaning: Take, judge: Judge, site: Site, named: str | None, says: str
+) -> None:
+    other = BinConfig(name="itrash2", pose=Pose2(x_m=1.0, y_m=0.4, yaw_rad=math.pi / 2))
+    two = site.model_copy(update={"bins": [other, *site.bins]})
+    chain = cleaning_chain_record(cleaning)
+    params = chain.task.params | ({"bin": named} if named else {})
+    chain = chain.model_copy(update={"task": chain.task.model_copy(update={"params": params})})
+    report = judge(cleaning, chain, at=two)
+    assert report.reason.startswith(says), report.reason

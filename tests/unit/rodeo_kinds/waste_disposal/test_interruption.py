@@ -8,7 +8,7 @@ from typing import Any
 from rodeo.evidence import Recorder, attest
 from rodeo.robot.recording import stated
 from rodeo.witness import Drop
-from rodeo_kinds.waste_disposal.behaviour import tells_of_disposal, when_released
+from rodeo_kinds.waste_disposal.behaviour import release_in, tells_of_disposal
 from rodeo_testing.assignments import BINDING, ROBOT
 from tests.unit.robot.fakes import BIN, ManualClock, payload_of
 
@@ -24,31 +24,32 @@ def test_a_release_is_as_late_as_it_was_last_noted(tmp_path: Path) -> None:
     clock.time_s = START_S
     with Recorder(path, BINDING, ROBOT, clock) as recorder:
         recorder.write_json("rodeo/attestation", fell(START_S))
-    assert when_released(path) is None
+    assert release_in(path) is None
 
     for _ in range(2):  # the fingers did not open the first time
         clock.time_s += 10
         with Recorder.resume(path, BINDING, ROBOT, clock) as recorder:
-            recorder.write_json("rodeo/event", {"event": "releasing", "item": "item1"})
-    assert when_released(path) == START_S + 20
+            recorder.write_json("rodeo/event", {"event": "releasing", "item": "item1", "bin": "itrash"})
+    assert release_in(path) == (START_S + 20, "itrash")
 
 
 def test_only_what_fell_after_the_release_is_this_items_drop_whenever_it_was_told(tmp_path: Path) -> None:
     path, clock = tmp_path / "recording.mcap", ManualClock()
     clock.time_s = START_S
     with Recorder(path, BINDING, ROBOT, clock) as recorder:
-        recorder.write_json("rodeo/event", {"event": "releasing", "item": "item1"})
+        recorder.write_json("rodeo/event", {"event": "releasing", "item": "item1", "bin": "itrash"})
         recorder.write_json("rodeo/attestation", fell(START_S - 10))
         recorder.write_json("rodeo/attestation", {"payload": {"body": "item1", "time_s": START_S + 3}})
-    assert not tells_of_disposal(path, START_S, 0.0)
+    assert not tells_of_disposal(path, START_S, "itrash", 0.0)
 
     with Recorder.resume(path, BINDING, ROBOT, clock) as recorder:
         recorder.write_json("rodeo/attestation", fell(START_S - 1, 2))
         recorder.write_json("rodeo/attestation", fell(START_S + 2, 3))
-    assert not tells_of_disposal(path, START_S, 10.0)
+    assert not tells_of_disposal(path, START_S, "itrash", 10.0)
 
     clock.time_s = START_S + 12.5
     with Recorder.resume(path, BINDING, ROBOT, clock):
         pass
-    assert tells_of_disposal(path, START_S, 10.0)
+    assert tells_of_disposal(path, START_S, "itrash", 10.0)
+    assert not tells_of_disposal(path, START_S, "another", 10.0)
     assert stated(path) == {BIN.address: 3}

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rodeo.robot.errors import TaskFailed
-from rodeo_kinds.waste_disposal.behaviour import place_of
+from rodeo_kinds.waste_disposal.behaviour import ordered
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.recordings import Sample, Take
 
@@ -20,19 +20,19 @@ MOMENT = Take([Sample("", "", None, 1_900_000_000 * 10**9)])
 def test_a_task_without_a_place_is_given_up_before_work_is_done_for_it(x_m: Any) -> None:
     task = cleaning_chain_record(MOMENT, {"item_id": "item1", "x_m": x_m, "y_m": 1.0}).task
     with pytest.raises(TaskFailed):
-        place_of(task)
+        ordered(task)
 
 
 def test_a_place_in_whole_metres_is_one() -> None:
     task = cleaning_chain_record(MOMENT, {"item_id": "item1", "x_m": 5, "y_m": 1.5}).task
-    assert place_of(task) == (5.0, 1.5)
+    assert (ordered(task).x_m, ordered(task).y_m) == (5.0, 1.5)
 
 
 TASK = cleaning_chain_record(MOMENT).task
 
 
 def test_the_place_of_an_item_is_the_tasks() -> None:
-    assert place_of(TASK) == (TASK.params["x_m"], TASK.params["y_m"])
+    assert (ordered(TASK).x_m, ordered(TASK).y_m) == (TASK.params["x_m"], TASK.params["y_m"])
 
 
 @pytest.mark.parametrize(
@@ -50,5 +50,5 @@ def test_the_place_of_an_item_is_the_tasks() -> None:
 def test_a_task_that_is_nonsense_is_given_up_and_breaks_nothing(params: dict[str, Any] | None) -> None:
     posted = {} if params is None else TASK.params | params
     with pytest.raises(TaskFailed) as refused:
-        place_of(TASK.model_copy(update={"params": posted}))
+        ordered(TASK.model_copy(update={"params": posted}))
     assert refused.value.details["fields"].keys() == (params or TASK.params).keys()

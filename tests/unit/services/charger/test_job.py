@@ -16,7 +16,7 @@ from rodeo.messages import Task
 from rodeo.topics import EVENT_CHANNEL
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
 from rodeo_testing.recordings import Sample, Take
-from services.charger.job import BadTask, Job, JobBroken, recover, require_payable, wrong_order
+from services.charger.job import BadTask, Job, JobBroken, is_for, recover, require_payable, wrong_order
 from tests.support.site import LAB
 
 ACCOUNT = Account.create()
@@ -65,21 +65,37 @@ def test_nothing_is_delivered_for_a_verdict_that_may_come_too_late(clock: ClockC
     """Also where the clock only hurries while a robot charges."""
     site = Site.load(LAB).model_copy(update={"clock": clock})
     enough_s = 240 * 400 if clock.source == "sim" else 240
-    require_payable(task(verdict_window_s=enough_s), PARAMS, site)
+    require_payable(task(verdict_window_s=enough_s), PARAMS, site, "dock1")
     with pytest.raises(BadTask) as refused:
-        require_payable(task(verdict_window_s=enough_s - 1), PARAMS, site)
+        require_payable(task(verdict_window_s=enough_s - 1), PARAMS, site, "dock1")
     assert refused.value.details == {"verdict_window_s": enough_s - 1, "needs_s": enough_s}
 
 
 def test_the_sites_own_charges_leave_time_for_the_verdict() -> None:
     site = Site.load(LAB)
-    require_payable(task(verdict_window_s=site.economy.verdict_window_s), PARAMS, site)
+    require_payable(task(verdict_window_s=site.economy.verdict_window_s), PARAMS, site, "dock1")
 
 
 def test_nothing_is_delivered_for_another_docks_task() -> None:
     with pytest.raises(BadTask) as refused:
-        require_payable(task(), PARAMS.model_copy(update={"dock": "dock9"}), Site.load(LAB))
+        require_payable(task(), PARAMS.model_copy(update={"dock": "dock9"}), Site.load(LAB), "dock1")
     assert refused.value.details == {"serves": "dock1", "dock": "dock9"}
+
+
+@pytest.mark.parametrize(
+    ("named", "chargers"),
+    [
+        pytest.param({"dock": "dock_east"}, ["dock_east"], id="the dock that the task names"),
+        pytest.param({"dock": None}, ["dock_west"], id="none: the first"),
+        pytest.param({"dock": "dock9"}, ["dock_west"], id="none of the site: the first refuses it"),
+        pytest.param({"dock": ["dock_east"]}, ["dock_west"], id="nonsense"),
+    ],
+)
+def test_of_several_docks_one_does_a_charge(named: dict[str, Any], chargers: list[str]) -> None:
+    site = Site.load(LAB.with_name("plural.toml"))
+    moment = Take([Sample("", "", None, START_S * 10**9)])
+    ordered = charging_chain_record(moment, named).task
+    assert [dock.name for dock in site.docks if is_for(ordered, dock.name, site)] == chargers
 
 
 def test_no_file_is_no_job_and_a_broken_one_an_error(tmp_path: Path) -> None:
@@ -104,5 +120,6 @@ def test_what_would_not_be_paid_is_not_delivered(
 ) -> None:
     moment = Take([Sample("", "", None, START_S * 10**9)])
     ordered = charging_chain_record(moment, order, price_iec=Decimal(price_iec)).task
-    problem = wrong_order(ordered, ChargingParams.model_validate(ordered.params), Site.load(LAB))
+    site = Site.load(LAB)
+    problem = wrong_order(ordered, ChargingParams.model_validate(ordered.params), site, site.docks[0])
     assert problem is None if says is None else says in str(problem)

@@ -55,7 +55,7 @@ class Organization:
             raise RemoteError("unknown_task", "no such task")
         return self.now
 
-    def offer_service(self, *_offer: Any) -> None:
+    def offer_service(self, *_offer: Any, one_of_several: bool) -> None:
         self.offers += 1
 
 
@@ -63,6 +63,7 @@ class Organization:
 def charger(tmp_path: Path) -> Charger:
     made: Any = Charger.__new__(Charger)
     made._site = Site.load(LAB)
+    made._dock = made._site.docks[0]
     made._energy = providing_energy(made._site)
     made._organization = Organization()
     made._process = SimpleNamespace(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -19,19 +20,19 @@ from tests.unit.robot.fakes import KinematicBody, ManualClock, RayCamera, manipu
 SITE = Site.load(LAB)
 
 
-def charging(body: KinematicBody, folder: Path, dao: Any = None) -> Charging:
+def charging(body: KinematicBody, folder: Path, dao: Any = None, site: Site = SITE) -> Charging:
     receipts: Any = None
     ros: Any = body
-    memory = Memory(SITE, folder / "memory.json")
-    hands = manipulator(SITE, body, RayCamera(body), memory)
-    return Charging(SITE, "panther1", dao, ros, hands, body.clock, receipts, ["sweeping"])
+    memory = Memory(site, folder / "memory.json")
+    hands = manipulator(site, body, RayCamera(body), memory)
+    return Charging(site, "panther1", dao, ros, hands, body.clock, receipts, ["sweeping"])
 
 
 def test_a_robot_on_the_contacts_leaves_them(tmp_path: Path) -> None:
     body, said = KinematicBody(SITE, ManualClock()), []
-    body.base = dock_parking(SITE.dock)
+    body.base = dock_parking(SITE.docks[0])
     charging(body, tmp_path).clear_the_dock(lambda: None, lambda text, share: said.append(text))
-    assert not on_contacts(SITE.dock, body.base)
+    assert not on_contacts(SITE.docks[0], body.base)
     assert said == ["leaving the dock"]
 
 
@@ -53,6 +54,9 @@ class Organization:
     def __init__(self) -> None:
         self.posted: list[RegisterTask] = []
 
+    def tasks(self, state: str, **_filters: Any) -> list[Any]:
+        return [SimpleNamespace(params=request.params) for request in self.posted if state == "open"]
+
     def count(self, kind: str) -> int:
         return len(self.posted)
 
@@ -69,3 +73,25 @@ def test_a_robot_orders_the_energy_that_its_battery_takes_and_what_it_uses_meanw
     stored_wh = (params.soc_target - 0.5) * battery.capacity_wh
     assert params.soc_from == 0.5
     assert stored_wh < params.energy_wh < 1.5 * stored_wh
+
+
+def test_a_robot_orders_at_the_nearest_dock_where_nobody_is_to_be_charged(tmp_path: Path) -> None:
+    site, organization = Site.load(LAB.with_name("plural.toml")), Organization()
+    body = KinematicBody(site, ManualClock())
+    body.base = dock_parking(site.dock("dock_east"))
+    order = charging(body, tmp_path, organization, site)
+    for _ in range(3):
+        order.buy(0.5)
+    docks = [request.params["dock"] for request in organization.posted]
+    assert docks == ["dock_east", "dock_west", "dock_east"]
+
+
+def test_a_robot_docks_where_it_is_told(tmp_path: Path) -> None:
+    site = Site.load(LAB.with_name("plural.toml"))
+    body = KinematicBody(site, ManualClock())
+    body.base = dock_parking(site.dock("dock_west"))
+    memory = Memory(site, tmp_path / "memory.json")
+    hands = manipulator(site, body, RayCamera(body), memory)
+    assert hands.docked(lambda: None) == site.dock("dock_west")
+    hands.dock(site.dock("dock_east"), lambda: None)
+    assert hands.docked(lambda: None) == site.dock("dock_east")

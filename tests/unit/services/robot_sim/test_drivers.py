@@ -53,13 +53,13 @@ def drive(simulation: Simulation, robot: SimRobot, goal: Pose2) -> Drive:
 
 
 def test_the_base_arrives_where_it_is_sent(simulation: Simulation, robot: SimRobot) -> None:
-    for goal in (BinLayout(simulation.site.bin).parking, dock_parking(simulation.site.dock)):
+    for goal in (BinLayout(simulation.site.bins[0]).parking, dock_parking(simulation.site.docks[0])):
         under_way = drive(simulation, robot, goal)
         pose = robot.body.pose
         assert under_way.error == NavigationError.NONE
         assert math.dist((pose.x_m, pose.y_m), (goal.x_m, goal.y_m)) < 0.02
         assert abs(wrap(pose.yaw_rad - goal.yaw_rad)) < 0.03
-    assert simulation.docked is robot
+    assert simulation.docked(simulation.site.docks[0]) is robot
 
 
 def test_the_base_arrives_where_there_is_no_room_for_a_straight_approach(
@@ -80,7 +80,7 @@ def test_the_base_arrives_where_there_is_no_room_for_a_straight_approach(
 def test_a_base_has_stood_for_a_while_when_it_says_that_it_arrived(
     simulation: Simulation, robot: SimRobot
 ) -> None:
-    goal = BinLayout(simulation.site.bin).parking
+    goal = BinLayout(simulation.site.bins[0]).parking
     under_way = Drive(plan(Map.of(simulation.site), robot.body.pose, goal), lambda: False)
     robot.base.follow(under_way)
     before = [robot.body.pose]
@@ -95,7 +95,7 @@ def test_a_base_has_stood_for_a_while_when_it_says_that_it_arrived(
 def test_a_base_pushed_off_its_goal_at_the_last_moment_drives_there_again(
     simulation: Simulation, robot: SimRobot
 ) -> None:
-    goal = dock_parking(simulation.site.dock)
+    goal = dock_parking(simulation.site.docks[0])
     under_way = Drive(plan(Map.of(simulation.site), robot.body.pose, goal), lambda: False)
     robot.base.follow(under_way)
 
@@ -120,7 +120,7 @@ def perfect() -> Simulation:
 
 def drift_m(simulation: Simulation) -> float:
     robot = simulation.robots["panther1"]
-    drive(simulation, robot, BinLayout(simulation.site.bin).parking)
+    drive(simulation, robot, BinLayout(simulation.site.bins[0]).parking)
     pose, odometry = robot.body.pose, robot.odometry
     return math.dist((pose.x_m, pose.y_m), (odometry.x_m, odometry.y_m))
 
@@ -143,7 +143,8 @@ def test_the_emergency_stop_stops_at_once_and_holds_until_released(
     simulation: Simulation, robot: SimRobot
 ) -> None:
     under_way = Drive(
-        plan(Map.of(simulation.site), robot.body.pose, BinLayout(simulation.site.bin).parking), lambda: False
+        plan(Map.of(simulation.site), robot.body.pose, BinLayout(simulation.site.bins[0]).parking),
+        lambda: False,
     )
     robot.base.follow(under_way)
     target = np.array(PosturesConfig().stowed_rad) + np.array([1.5, 0, 0, 0, 0, 0])
@@ -181,7 +182,7 @@ def test_a_base_that_cannot_get_on_says_so(simulation: Simulation, robot: SimRob
 def test_a_cancelled_drive_stops_the_base(simulation: Simulation, robot: SimRobot) -> None:
     cancelled = False
     lab = Map.of(simulation.site)
-    goal = BinLayout(simulation.site.bin).parking
+    goal = BinLayout(simulation.site.bins[0]).parking
     under_way = Drive(plan(lab, robot.body.pose, goal), lambda: cancelled)
     robot.base.follow(under_way)
     run_for(simulation, 3.0)

@@ -47,7 +47,7 @@ def test_a_way_around_furniture_is_longer_than_the_straight_line(site: Site) -> 
 
 
 def test_the_bin_is_approached_straight_and_left_backwards(site: Site, lab: Map) -> None:
-    parking = BinLayout(site.bin).parking
+    parking = BinLayout(site.bins[0]).parking
     inward = plan(lab, START, parking)
     x, y = inward.way[-1]
     assert x == pytest.approx(parking.x_m, abs=0.01)
@@ -58,7 +58,7 @@ def test_the_bin_is_approached_straight_and_left_backwards(site: Site, lab: Map)
 
 
 def test_the_dock_can_be_reached_and_left(site: Site, lab: Map) -> None:
-    parking = dock_parking(site.dock)
+    parking = dock_parking(site.docks[0])
     assert plan(lab, START, parking).length_m > 0
     assert plan(lab, parking, START).length_m > 0
 

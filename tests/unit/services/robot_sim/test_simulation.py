@@ -29,7 +29,7 @@ def site_with(**robot: object) -> Site:
 def docked() -> Simulation:
     site = Site.load(LAB)
     battery = BatteryConfig(soc=0.5)
-    simulation = Simulation(site_with(pose=dock_parking(site.dock), battery=battery), START_NS)
+    simulation = Simulation(site_with(pose=dock_parking(site.docks[0]), battery=battery), START_NS)
     for _ in range(50):
         simulation.step()
     return simulation
@@ -108,7 +108,7 @@ def test_a_docked_robot_charges_once_the_contactor_is_closed(docked: Simulation)
     robot = the_robot(docked)
     assert robot.battery.current_a < 0
     assert not docked.parked
-    docked.supply.enable(True)
+    docked.supplies["dock1"].enable(True)
     docked.step()
     assert robot.battery.current_a > 8
     assert docked.parked
@@ -150,7 +150,7 @@ def test_a_restored_robot_is_off_or_stopped_as_it_was(stopped: bool, powered: bo
 
 
 def test_idle_time_is_skipped_only_while_nothing_is_asked_for(docked: Simulation) -> None:
-    docked.supply.enable(True)
+    docked.supplies["dock1"].enable(True)
     docked.step()
     before_ns, before_soc = docked.time_ns, the_robot(docked).battery.soc
     docked.skip()
@@ -161,7 +161,7 @@ def test_idle_time_is_skipped_only_while_nothing_is_asked_for(docked: Simulation
 
 
 def test_skipped_time_charges_as_much_as_simulated_time(docked: Simulation) -> None:
-    docked.supply.enable(True)
+    docked.supplies["dock1"].enable(True)
     docked.step()
     battery = the_robot(docked).battery
     start = battery.soc
@@ -175,32 +175,54 @@ def test_skipped_time_charges_as_much_as_simulated_time(docked: Simulation) -> N
 
 def test_a_robot_beside_the_dock_gets_nothing() -> None:
     simulation = Simulation(Site.load(LAB), START_NS)
-    simulation.supply.enable(True)
+    simulation.supplies["dock1"].enable(True)
     simulation.step()
-    assert simulation.supply.current_a == 0.0
-    assert simulation.docked is None
+    assert simulation.supplies["dock1"].current_a == 0.0
+    assert simulation.docked(simulation.site.docks[0]) is None
 
 
 def test_the_presence_sensor_sees_what_is_held_before_the_camera() -> None:
     simulation = Simulation(Site.load(LAB), START_NS)
-    assert Snapshot(simulation).presence_m() == math.inf
-    layout = BinLayout(simulation.site.bin)
+    assert Snapshot(simulation).presence_m("itrash") == math.inf
+    layout = BinLayout(simulation.site.bins[0])
     qpos = simulation.data.joint("item1").qpos
     qpos[:3] = layout.show_point
     simulation.step()
-    assert Snapshot(simulation).presence_m() == pytest.approx(simulation.site.bin.show_distance_m, abs=0.04)
+    assert Snapshot(simulation).presence_m("itrash") == pytest.approx(
+        simulation.site.bins[0].show_distance_m, abs=0.04
+    )
 
 
 def test_without_opengl_the_camera_shows_the_kind_of_thing_that_is_there() -> None:
     simulation = Simulation(Site.load(LAB), START_NS)
-    camera = StoredCamera(simulation)
+    camera = StoredCamera(simulation, simulation.site.bins[0])
     assert camera.jpeg() == (RENDERINGS / "empty.jpg").read_bytes()
-    simulation.data.body("item1").xpos[:] = BinLayout(simulation.site.bin).show_point
+    simulation.data.body("item1").xpos[:] = BinLayout(simulation.site.bins[0]).show_point
     assert camera.jpeg() == (RENDERINGS / "metal_can.jpg").read_bytes()
 
 
 def test_items_in_the_bin_are_not_in_the_way() -> None:
     simulation = Simulation(Site.load(LAB), START_NS)
     assert len(simulation.items_on_floor()) == 3
-    simulation.data.body("item1").xpos[:] = (*BinLayout(simulation.site.bin).compartment("yellow")[:2], 0.13)
+    simulation.data.body("item1").xpos[:] = (
+        *BinLayout(simulation.site.bins[0]).compartment("yellow")[:2],
+        0.13,
+    )
     assert len(simulation.items_on_floor()) == 2
+
+
+def test_each_dock_charges_who_stands_on_it_and_each_bin_sees_what_it_is_shown() -> None:
+    site = Site.load(LAB.with_name("plural.toml"))
+    parked = site.robots[0].model_copy(update={"pose": dock_parking(site.dock("dock_east"))})
+    simulation = Simulation(site.model_copy(update={"robots": [parked]}), START_NS)
+    for supply in simulation.supplies.values():
+        supply.enable(True)
+    simulation.data.joint("item1").qpos[:3] = BinLayout(site.bin("bin_east")).show_point
+    simulation.step()
+    assert simulation.supplies["dock_east"].connected
+    assert not simulation.supplies["dock_west"].connected
+    seen = Snapshot(simulation)
+    assert math.isfinite(seen.presence_m("bin_east")) and not math.isfinite(seen.presence_m("bin_north"))
+    again = Simulation(simulation.site, START_NS)
+    again.restore(simulation.time_ns, simulation.row())
+    assert all(supply.enabled for supply in again.supplies.values())
