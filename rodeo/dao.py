@@ -109,12 +109,10 @@ class Participant:
         mine = [task for task in self.tasks(kind=kind, state="assigned") if task.executor_name == self.name]
         return sorted(mine, key=lambda task: (task.assigned or 0.0, task.id))
 
-    def own_service(self, kind: str, description: str | None = None) -> Offer | None:
-        """The service of this kind, with this description if one is given, that this participant offers,
-        unless it is retired."""
+    def own_service(self, kind: str) -> Offer | None:
+        """The service of this kind that this participant offers, unless it is retired."""
         for service in self.ask(queries.SERVICES).services:
             mine = service.provider_name == self.name and service.kind == kind
-            mine = mine and description in (None, service.description)
             if mine and service.state != "retired":
                 return service
         return None
@@ -163,20 +161,17 @@ class Participant:
 
     # -- commands --------------------------------------------------------------------------------------
 
-    def offer_service(
-        self, kind: str, price_iec: Decimal, description: str, *, one_of_several: bool = False
-    ) -> Offer | None:
-        """Register the service, or bring price and state of the one that there is in line. A participant that
-        offers `one_of_several` of a kind, each for a task at a time, tells them apart by their descriptions.
+    def offer_service(self, kind: str, price_iec: Decimal, description: str) -> Offer | None:
+        """Register the service, or bring price and state of the one that there is in line.
 
         Returns the service as it was before, None when there was none. Doing it twice changes nothing.
         """
-        service = self.own_service(kind, description if one_of_several else None)
+        service = self.own_service(kind)
         if service is None:
             self.command(
                 "register_service",
                 RegisterService(
-                    request_id=f"service-{self.name}-{kind}" + (f"-{description}" if one_of_several else ""),
+                    request_id=f"service-{self.name}-{kind}",
                     kind=kind,
                     price_iec=price_iec,
                     description=description,

@@ -184,12 +184,8 @@ class Charger:
         if here == self._offered_on:
             return
         energy = self._energy
-        self._organization.offer_service(
-            energy.name,
-            energy.price_iec,
-            f"charging at {self._dock.name}",
-            one_of_several=len(self._site.docks) > 1,
-        )
+        docks = " or ".join(dock.name for dock in self._site.docks)
+        self._organization.offer_service(energy.name, energy.price_iec, f"charging at {docks}")
         self._offered_on = here
 
     def _own_job(self) -> Job | None:

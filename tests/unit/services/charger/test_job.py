@@ -112,7 +112,9 @@ def test_no_file_is_no_job_and_a_broken_one_an_error(tmp_path: Path) -> None:
         pytest.param({}, 200, None, id="as the dock offers it"),
         pytest.param({"energy_wh": 1e9}, 200, "Wh at most", id="its share of the price would be nothing"),
         pytest.param({"soc_target": 0.2}, 200, "Wh at most", id="nothing is to be charged"),
-        pytest.param({}, Decimal("200.000001"), "more than the 200 IEC", id="above the tariff none is paid"),
+        pytest.param(
+            {}, Decimal("200.000001"), "a session here costs 200 IEC", id="above the tariff none is paid"
+        ),
     ],
 )
 def test_what_would_not_be_paid_is_not_delivered(

@@ -55,7 +55,7 @@ class Organization:
             raise RemoteError("unknown_task", "no such task")
         return self.now
 
-    def offer_service(self, *_offer: Any, one_of_several: bool) -> None:
+    def offer_service(self, *_offer: Any) -> None:
         self.offers += 1
 
 
