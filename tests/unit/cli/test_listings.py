@@ -39,7 +39,7 @@ ACTS = {
     *(f"rodeo robot {order}" for order in robot.ORDERS),
     *(f"rodeo organization {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
-        "reinstate", "deposit", "withdraw", "register-device", "revoke-device",
+        "reinstate", "deposit", "withdraw", "register-device", "revoke-device", "retire-rules",
     )),
 }  # fmt: skip
 """Commands that change something and list nothing."""
@@ -55,6 +55,7 @@ TASK: dict[str, Any] = {
     "params": {}, "execution_deadline": None, "verdict_deadline": None, "audit_deadline": None,
     "service_id": None, "registered": 1.0, "assigned": None, "proof_submitted": None, "settled": None,
     "execution_window_s": 60, "verdict_window_s": 60, "at_silence": None, "proof_sha256": None,
+    "rules_sha256": None,
     "proof_uri": None, "report_sha256": None, "report_uri": None, "nonce": None,
 }  # fmt: skip
 OFFER = {
