@@ -338,6 +338,33 @@ def test_an_auditor_pays_a_part_of_what_the_oracle_could_not_decide(desk: Office
     page.close()
 
 
+def test_an_administrator_changes_the_rules_of_a_kind(desk: Office) -> None:
+    def current() -> list[str]:
+        kinds = {one["kind"]: one for one in desk.dao.state("organization")["kinds"]}
+        return list(kinds["waste_disposal"]["rules_sha256"])
+
+    (installed,) = current()
+    other = "0x" + "5e" * 32
+    page = desk.page("ada")
+    open_page(page, "/services")
+    change = page.get_by_role("button", name="Change the rules of Waste disposal")
+    change.click()
+    rules = page.get_by_label("Hash of the rules")
+    expect(rules).to_have_value(installed)
+    rules.fill(other)
+    answer(page, "Do it")
+    shown = row(page, "Kinds of work", "Waste disposal")
+    expect(shown.get_by_text(other[:10])).to_be_visible()
+    assert current() == [installed, other]
+    change.click()
+    page.get_by_label("Hash of the rules").fill(other)
+    choose(page, "What to do", "Post no more tasks under them")
+    answer(page, "Do it")
+    expect(shown.get_by_text(other[:10])).to_have_count(0)
+    assert current() == [installed]
+    page.close()
+
+
 def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) -> None:
     page = desk.page("ada")
     open_page(page, "/services")
