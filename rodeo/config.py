@@ -35,11 +35,11 @@ from rodeo.topics import BODY
 MiB = 1 << 20
 
 _PREFIX = "RODEO__"
-"""Of environment variables."""
+"""Prefix of environment variables."""
 
 
 FASTEST_CLOCK = 50.0
-"""How many times faster than real time a simulated clock without a set speed goes."""
+"""Speed of a simulated clock, times real time, if the site file sets none."""
 
 
 class _Table(BaseModel):
@@ -51,8 +51,8 @@ class BusConfig(_Table):
     """Zenoh endpoint of the router. "local", the default, is a Unix socket in a folder that only the site's
     user can open; a loaded `Site` has its endpoint here. "tls/..." asks for certificates."""
     open: bool = False
-    """Whoever reaches the router may speak as any process, as with "tcp/...". Status and console say so, and
-    a witness that hears its sensors over such a bus does not count alone."""
+    """Allow an endpoint such as "tcp/...", where everybody who can connect can publish as any process. Status
+    and console then show a warning. A witness that reads its sensors over such a bus is not enough alone."""
     domain_id: int = Field(default=0, ge=0, le=232)
     """ROS_DOMAIN_ID of the robot plane."""
 
@@ -68,20 +68,21 @@ class ClockConfig(_Table):
     speed: float = Field(default=1.0, ge=0)
     """Simulated seconds per wall second; 0 runs as fast as the machine allows."""
     idle_speed: float = Field(default=1.0, ge=0)
-    """The same while a robot charges and nothing moves; 0 also jumps over all time in which robots rest and
-    nobody has anything to do."""
+    """Simulated seconds per wall second while a robot charges and nothing moves. With 0 the clock also skips
+    all time in which robots rest and nobody has anything to do."""
     holders: list[Literal["robot_agent", "itrash", "charger", "bridge", "oracle", "chain", "arrivals"]] = [
         "robot_agent",
         "itrash",
         "charger",
     ]
-    """For whose work a simulated clock waits (`rodeo.holding`). With `bridge`, `oracle` and `chain` nothing
-    that a site does depends on how fast the machine is; `arrivals` posts the work of an experiment."""
+    """Processes that a simulated clock waits for while they are busy (`rodeo.holding`). With `bridge`,
+    `oracle` and `chain` in the list, the speed of the machine does not change what a site does. `arrivals` is
+    the process that posts the tasks of an experiment."""
     start: AwareDatetime | None = None
-    """When a simulated site's time begins, with an offset: 2026-05-04T06:00:00Z. None takes the wall's."""
+    """Time at which a simulated site begins, with a UTC offset: 2026-05-04T06:00:00Z. None: the wall time."""
     seed: int | None = Field(default=None, ge=0)
-    """Of all that chance decides on the site, real or simulated (rodeo.chance). None: what a robot's mind
-    chooses is another each time, and the simulated sensors' noise is the same, as of seed 0."""
+    """Seed of every random choice on the site, real or simulated (rodeo.chance). None: a robot's mind chooses
+    differently at each start, and the simulated sensors have the noise of seed 0."""
 
     @model_validator(mode="after")
     def _starts_only_what_goes_its_own_way(self) -> Self:
@@ -97,7 +98,7 @@ class ClockConfig(_Table):
 
     @property
     def keeps_wall_time(self) -> bool:
-        """Whether the site's time is that of the wall: measured, or simulated at speed 1 throughout."""
+        """Whether the site runs on wall time: with a real clock, or simulated at speed 1 throughout."""
         return self.source == "wall" or (self.speed, self.idle_speed) == (1, 1)
 
 
@@ -109,21 +110,20 @@ class ChainConfig(_Table):
     backend: Literal["eth-tester", "anvil", "external"] = "eth-tester"
     """Which local chain `deploy.chain` starts; external starts none and uses `url` as it is."""
     id: int = Field(default=LOCAL_CHAIN_ID, gt=0)
-    """Which chain it is (EIP-155). A node that answers with another one is not used, and nothing is deployed
-    there."""
+    """Chain ID (EIP-155). Processes refuse a node that answers with another ID, and deploy nothing there."""
     url: str = "http://127.0.0.1:8545"
     websocket_url: str | None = None
-    """Where the node tells of new blocks (eth_subscribe). None tries the address of `url`; with an empty
-    text, and where the node has no subscriptions, it is asked."""
+    """WebSocket URL for new blocks (eth_subscribe). None tries the address of `url`. With an empty string, or
+    if the node has no subscriptions, the bridge polls the node."""
     confirmations: int = Field(default=0, ge=0)
     """Blocks on top of an event's block before it is published."""
     max_block_age_s: float | None = Field(default=None, gt=0)
-    """How old the newest indexed block may be before the bridge is not ready, for chains whose blocks come by
-    the wall clock. None where a block only comes with a transaction."""
+    """Age of the newest indexed block, s, above which the bridge is not ready, for chains that mine on wall
+    time. None for chains that mine a block only for a transaction."""
 
 
 class TariffConfig(_Table):
-    """What a kilowatt-hour costs the organization from an hour of the site's day (UTC) on."""
+    """Price of a kilowatt-hour for the organization, from an hour of the site's day (UTC) on."""
 
     from_hour: int = Field(ge=0, le=23)
     eur_kwh: Decimal = Field(ge=0)
@@ -135,15 +135,15 @@ class EconomyConfig(_Table):
     initial_iec: Decimal = Decimal(2000)
     """Minted to the organization and to each robot at deployment."""
     supply_iec: Decimal = Decimal(1_000_000)
-    """All that will ever exist; what is left after the above goes to the organization's administrator."""
+    """Total supply of IEC. The organization's administrator gets what the amounts above leave."""
     verdict_window_s: int = 48 * 3600
-    """Long against a verification: it only rescues the money when the oracle never answers. A simulated
-    site skips hours in seconds while the robot charges."""
+    """Verdict window, s. It is long compared with a verification, because it only frees the escrow if the
+    oracle never answers. A simulated site skips hours in seconds while the robot charges."""
     audit_window_s: int = Field(default=7 * 24 * 3600, ge=60, le=30 * 24 * 3600)
-    """How long the organization's auditors may look at what the oracle could not decide."""
+    """Time for the organization's auditors to decide a task that the oracle could not, s."""
     max_attempts: int = Field(default=3, ge=1)
     electricity: list[TariffConfig] = [TariffConfig(from_hour=0, eur_kwh=Decimal("0.30"))]
-    """Before the day's first hour named here the last one's price holds."""
+    """Before the first hour in this list, the price of the last one applies."""
 
 
 class WalletLimits(_Table):
@@ -151,30 +151,30 @@ class WalletLimits(_Table):
 
     max_fee_per_gas_gwei: Decimal | None = Field(default=None, gt=0)
     max_fee_eth: Decimal | None = Field(default=None, gt=0, max_digits=36, decimal_places=18)
-    """For one transaction: its gas limit times what it offers per gas."""
+    """Maximum fee of one transaction: its gas limit times its max fee per gas."""
     daily_fee_eth: Decimal | None = Field(default=None, ge=0, max_digits=36, decimal_places=18)
     daily_iec: Decimal | None = Field(default=None, ge=0, max_digits=36, decimal_places=18)
-    """Rewards, transfers, deposits and bonds."""
+    """Maximum of rewards, transfers, deposits and bonds in a day."""
 
 
 class BridgeConfig(_Table):
     """One process bridges all wallets of a site, or each robot's computer runs one for its own."""
 
     name: str = Field(default="bridge", pattern=r"^[a-z][a-z0-9_-]*$")
-    """Of the process: its data folder, its status."""
+    """Name of the process, of its data folder and of its status."""
     wallets: list[str] | None = None
-    """Participants whose wallets this one has; all by default."""
+    """Participants whose wallets this bridge manages; all by default."""
     public: bool = True
-    """Publish events and answer `state` queries; of several bridges one does."""
+    """Publish events and answer `state` queries. Only one of several bridges does so."""
     database: str | None = None
     """SQLAlchemy URL of the index, e.g. `postgresql+psycopg://user@host/rodeo`; a SQLite file by default."""
     max_behind_s: float = Field(default=10.0, gt=0)
-    """Wall time for which the index may have fewer blocks than the node, or the node not answer, before the
-    bridge is not ready."""
+    """Wall time after which the bridge is not ready if its index is behind the node or the node does not
+    answer."""
     stuck_s: float = Field(default=30.0, gt=0)
-    """Wall time after which a transaction that is not mined is sent again with a higher fee."""
+    """Wall time after which the bridge replaces a pending transaction with one at a higher fee."""
     limits: dict[str, WalletLimits] = {}
-    """Participant -> what its wallet may spend."""
+    """Participant -> spending limits of its wallet."""
 
 
 KindName = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
@@ -185,20 +185,20 @@ class ParticipantConfig(_Table):
 
     name: str = Field(pattern=r"^[a-z][a-z0-9-]{0,63}$")
     address: str | None = Field(default=None, pattern=r"^0x[0-9a-fA-F]{40}$")
-    """Of a wallet that lives elsewhere: its owner signs, the bridge only broadcasts. Without one the bridge
-    has its keystore."""
+    """Address of a participant who signs with a wallet elsewhere; the bridge only broadcasts. Without an
+    address the bridge signs with the participant's keystore."""
     kinds: list[KindName] | None = None
-    """Kinds of work that it may offer. Left out, those that people judge: a person has no machine for the
-    others. Name them for a participant whose own program does them."""
+    """Kinds of work that the participant may offer. By default the kinds that people judge, because a person
+    has no machine for the others. List other kinds if the participant's own program does them."""
 
 
 class PeopleConfig(_Table):
     """On a simulated site, whose time goes faster than theirs."""
 
     min_window_s: float = Field(default=3600.0, ge=0)
-    """Wall time that a person has at least to do a task, or to judge a proof. While one has to, the clock
-    goes no faster than that, and never slower than the wall's: a window that is shorter on chain stays so.
-    0 lets the clock go."""
+    """Least wall time for a person to do a task or to judge a proof. Meanwhile the simulator slows the clock
+    down accordingly, but never below real time: a window that is shorter on chain stays shorter. 0 never
+    slows the clock down."""
 
 
 class MetricsConfig(_Table):
@@ -206,15 +206,15 @@ class MetricsConfig(_Table):
 
     host: str = "127.0.0.1"
     ports: dict[str, Annotated[int, Field(ge=0, le=65535)]] = {}
-    """Process -> port; one that is not named takes a free port, which its status tells."""
+    """Process -> port. A process without an entry takes a free port and shows it in its status."""
 
 
 class DiskConfig(_Table):
-    """Room to write in. A process that writes is not ready while there is less, and begins nothing new."""
+    """Free disk space. While there is less, a process that writes is not ready and starts nothing new."""
 
     min_free_mb: float = Field(default=200.0, ge=0)
-    """Left on each file system that a process writes to: data, logs, a store that is a folder. Of a small
-    file system a twentieth is enough."""
+    """Free space needed on each file system that a process writes to: data, logs, a store that is a folder.
+    On a small file system a twentieth of its size is enough."""
 
 
 class StoreConfig(_Table):
@@ -226,25 +226,26 @@ class StoreConfig(_Table):
     """Of fsspec's client for these URLs ({ endpoint_url = "..." } for S3). Credentials do not belong here."""
     max_bytes: int = 256 * MiB
     scrub_days: float = Field(default=7.0, gt=0)
-    """Within so many days of wall time the oracle has hashed once all that verdicts name in the store."""
+    """Days of wall time in which the oracle hashes every file in the store that a verdict names once."""
 
 
 class OracleConfig(_Table):
     cpu_limit_s: float = Field(default=60.0, gt=0)
-    """CPU time of one verification, a fuse: four times what the worst proof costs that keeps the counts
-    (`rodeo.checks.counts`). Beyond it, it is tried once more and then undecided."""
+    """CPU time limit of one verification. It is four times the cost of the worst proof within the limits of
+    `rodeo.checks.counts`. The oracle tries a verification that exceeds it once more, then returns
+    undecided."""
     time_limit_s: float = Field(default=600.0, gt=0)
-    """Wall time of one verification, only to end one that hangs; what follows is the same."""
+    """Wall time limit of one verification, for one that hangs. The consequences are the same."""
     handover_s: float = Field(default=3600.0, gt=0)
-    """Wall time that an executor has to hand over the proof that it submitted, once it is asked because the
-    store does not have it; at most until the verdict is due. Then the proof is rejected."""
+    """Wall time for an executor to send a submitted proof that the store does not have, counted from the
+    oracle's request and ending when the verdict is due. After it the oracle rejects the proof."""
     verdict_within_s: float = Field(default=240.0, gt=0)
-    """Wall time after which a submission has its verdict, if the worst comes: two verifications up to the
-    fuse, and as much for an earlier submission that it has to wait for."""
+    """Wall time until the verdict on a submission in the worst case: two verifications up to the CPU time
+    limit, and the same again for an earlier submission that it waits for."""
 
 
 class MaintenanceConfig(_Table):
-    """Care that a robot asks people for: it posts such a task whenever it has driven so far.
+    """Maintenance by people: the robot posts such a task each time it has driven `every_km`.
 
     Auditors judge it: no oracle sees whether it was done.
     """
@@ -260,7 +261,7 @@ class KindConfig(_Table):
     """A kind of work that the organization knows.
 
     With a `review` the table itself declares the kind, which has neither behaviour nor checks. Without one it
-    names an installed package, which says who judges. What is left out here is as the package says.
+    names an installed package, which sets who judges. The package also sets every field left out here.
     """
 
     name: KindName
@@ -268,7 +269,7 @@ class KindConfig(_Table):
     title: str = Field(default="", max_length=80)
     description: str = Field(default="", max_length=2000)
     parameters: dict[str, Any] = {}
-    """JSON Schema (draft 2020-12) of what a task says."""
+    """JSON Schema (draft 2020-12) of a task's parameters."""
     price_iec: Decimal | None = Field(default=None, ge=0)
     execution_window_s: int | None = Field(default=None, gt=0)
     at_silence: Literal["executor", "creator"] | None = None
@@ -284,11 +285,11 @@ class KindConfig(_Table):
 
 
 class DemoConfig(_Table):
-    """What `rodeo demo` has done, and paid for."""
+    """The task that `rodeo demo` posts and pays for."""
 
     kind: KindName
     params: dict[str, Any] = {}
-    """What the kind leaves open is filled in."""
+    """Parameters of the task. The kind fills in the missing ones."""
 
 
 class ConsoleConfig(_Table):
@@ -296,16 +297,16 @@ class ConsoleConfig(_Table):
 
     host: str = "127.0.0.1"
     port: int = Field(default=8088, ge=0, le=65535)
-    """0 takes a free one, which the process's status tells."""
+    """0 takes a free port. The process's status shows it."""
     origin: str | None = Field(default=None, pattern=r"^https://[^/]+$")
-    """What people type into the browser when a proxy that speaks TLS stands in front, for example
-    "https://console.example.org". Without it only this machine may reach the console."""
+    """Address that people open in the browser if a TLS proxy is in front of the console, for example
+    "https://console.example.org". Without it only this machine can reach the console."""
     trusted_proxies: list[str] = []
-    """Addresses whose X-Forwarded-For is believed."""
+    """Addresses of proxies whose X-Forwarded-For header the console trusts."""
     session_idle_s: float = Field(default=30 * 60, gt=0)
     """Wall time without a click after which a person has to log in again."""
     session_max_s: float = Field(default=12 * 3600, gt=0)
-    """The same, however busy they are."""
+    """Wall time after which a person has to log in again, even if active."""
 
 
 class AgentConfig(_Table):
@@ -314,12 +315,12 @@ class AgentConfig(_Table):
     charge_target: float = Field(default=0.95, gt=0, le=1)
     explore_when_idle: bool = True
     daily_spending_cap_iec: Decimal = Field(default=Decimal(1000), ge=0)
-    """What a robot may put into tasks of its own within 24 hours of site time."""
+    """IEC that a robot may spend on tasks of its own within 24 hours of site time."""
     maintenance: list[MaintenanceConfig] = []
 
 
 class Site(BaseSettings):
-    """Everything a process is told. Read-only once loaded."""
+    """The whole configuration of a process. Read-only once loaded."""
 
     model_config = SettingsConfigDict(env_prefix=_PREFIX, env_nested_delimiter="__", extra="forbid")
 

@@ -1,4 +1,4 @@
-"""Kinds of work: what a task of a kind says, who judges it, and where the code is that does and checks it.
+"""Kinds of work: the parameters of a kind's tasks, who judges it, and where its behaviour and checks are.
 
 A kind is a package that declares a `Kind` under the entry point group `rodeo.kinds`. One that has neither
 behaviour nor checks is a table `[[kinds]]` of the site file. A kind's code runs beside keys, so only what the
@@ -26,10 +26,10 @@ from rodeo.messages import Task
 from rodeo.topics import ROBOT_STATE, Topic
 
 GROUP = "rodeo.kinds"
-"""Of entry points: kind -> its `Kind`."""
+"""Entry point group: kind -> its `Kind`."""
 
 EXECUTION_WINDOW_S = 2 * 3600
-"""Of a kind that does not say how long an executor has, site time."""
+"""Default execution window, site time."""
 
 FORMATS = {
     "item": "the id of an item of the site",
@@ -45,16 +45,16 @@ FORMATS = {
 
 Judge = Literal["oracle", "auditor"]
 Doubt = Callable[[Mapping[str, Any], Sequence[Task]], str]
-"""Why a task with these parameters can probably not be done, by the tasks that name its subject, the newest
-first; empty where nothing tells so."""
+"""Why a task with these parameters can probably not be done, judging by the tasks that name its subject, the
+newest first; empty if there is no reason."""
 Completion = Callable[[Site, Mapping[str, Any]], dict[str, Any]]
-"""The parameters with what follows from them at a site."""
+"""Completes the parameters with values that follow from them at a site."""
 Problems = Callable[[Site, Mapping[str, Any]], dict[str, str]]
 """Field of the parameters -> what to do about it, for parameters that fit the schema but not the site."""
 
 
 class KindError(RodeoError):
-    """A kind that is not installed, or is not what it should be."""
+    """A kind that is not installed or not valid."""
 
     code = "kind_error"
 
@@ -73,16 +73,16 @@ def _no_problems(_site: Site, _params: Mapping[str, Any]) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Recorded:
-    """A topic that belongs into the executor's recording; the executor's device seals all of it."""
+    """A topic of the executor's recording. The executor's device seals all of it."""
 
     topic: Topic
     signed_by: str = ""
-    """Role of the witness that signed it itself, for statements."""
+    """For statements: role of the witness that signed them."""
 
 
 @dataclass(frozen=True)
 class Kind:
-    """What is known of a kind of work without its code. `behaviour`, `checks` and `harness` are
+    """Declaration of a kind of work, without its code. `behaviour`, `checks` and `harness` are
     "module:attribute"; empty where a kind has none."""
 
     name: str
@@ -91,21 +91,21 @@ class Kind:
     review: Judge
     """Who judges a proof. An oracle judges only what has checks."""
     params: type[BaseModel] | None = None
-    """A task's parameters; None where `parameters` says them."""
+    """Model of a task's parameters; None if `parameters` defines them."""
     parameters: Mapping[str, Any] = field(default_factory=dict)
     """JSON Schema of the parameters where there is no model."""
     execution_window_s: int = EXECUTION_WINDOW_S
-    """Site time that an executor has where the task does not say."""
+    """Execution window if the task sets none, site time."""
     at_silence: Literal["executor", "creator"] = "executor"
-    """Who wins when the auditors, asked by the oracle, do not answer."""
+    """Who wins if the oracle could not decide and no auditor answers."""
     price_iec: Decimal = Decimal(0)
-    """What the site's own robots and docks ask for."""
+    """Price that the site's own robots and docks ask."""
     example: Mapping[str, Any] = field(default_factory=dict)
-    """Parameters of a task as somebody would post it."""
+    """Example parameters of a task."""
     recorded: tuple[Recorded, ...] = tuple(map(Recorded, ROBOT_STATE))
-    """What an executor's proof holds."""
+    """Topics in an executor's proof."""
     unit: str = "task"
-    """What a price is for."""
+    """Unit of the price."""
     provides: Literal["", "energy"] = ""
     """What a robot buys with a task of this kind."""
     behaviour: str = ""
@@ -114,7 +114,7 @@ class Kind:
     problems: Problems = _no_problems
     complete: Completion = _as_they_are
     subject: str = ""
-    """The parameter that names what a task is about, if there is one thing."""
+    """The parameter that names the task's subject, if it has one."""
     doubt: Doubt = _no_doubt
 
     def __post_init__(self) -> None:
@@ -130,12 +130,12 @@ class Kind:
 
     @property
     def by_people(self) -> bool:
-        """Whether a proof is people's word, which an auditor judges."""
+        """Whether a proof is a person's statement, which an auditor judges."""
         return not self.checks
 
     @property
     def records(self) -> tuple[Topic, ...]:
-        """Topics that a robot writes into its proof as they come, beside statements."""
+        """Topics that a robot records in its proof unchanged, besides statements."""
         return tuple(one.topic for one in self.recorded if one.topic.recorded and not one.signed_by)
 
     @property
@@ -157,7 +157,7 @@ class Kind:
         return {}
 
     def wrong_params(self, site: Site, params: Mapping[str, Any]) -> dict[str, str]:
-        """Field -> what to do about it, by the schema and by what there is at the site."""
+        """Field -> how to correct it, checked against the schema and the site."""
         return self.problems(site, params) or self.wrong_fields(params)
 
     def validate(self, params: Mapping[str, Any]) -> None:
@@ -166,11 +166,11 @@ class Kind:
             raise InvalidRequest("the parameters do not fit this kind", kind=self.name, fields=wrong)
 
     def load_behaviour(self) -> Any:
-        """What an executor does, or None."""
+        """The behaviour of an executor, or None."""
         return _attribute(self, self.behaviour)
 
     def load_checks(self) -> Any:
-        """How a proof is checked, or None."""
+        """The checks of a proof, or None."""
         return _attribute(self, self.checks)
 
     def load_harness(self) -> Any:
@@ -258,7 +258,7 @@ def load(name: str) -> Kind:
 
 
 def _declared(config: KindConfig) -> Kind:
-    """The package's declaration, or the table's own, with what the site file says otherwise."""
+    """The declaration of the package or of the table, with the site file's overrides."""
     if config.review is None:
         kind = load(config.name)
     else:
@@ -278,5 +278,5 @@ def choose(what: str, known: Sequence[str]) -> str:
 
 
 def is_number(value: object) -> bool:
-    """Whether it is a finite number, and no truth value."""
+    """Whether it is a finite number and not a bool."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

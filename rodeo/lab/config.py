@@ -67,7 +67,7 @@ class Pose2(Section):
 
 
 class FurnitureConfig(Section):
-    """Something the robot drives around; `pose` is the centre of its footprint, `size_m` its extent."""
+    """An obstacle on the floor; `pose` is the centre of its footprint, `size_m` its extent."""
 
     name: str
     kind: Literal["desk", "shelf", "crate"]
@@ -219,7 +219,7 @@ class BatteryConfig(Section):
 
 
 class MotionLimits(Section):
-    """What the body may do: the drivers obey these and the oracle holds recordings against them.
+    """Limits of the body. The drivers obey them, and the oracle checks recordings against them.
 
     Speed and wheel limits: Husarion (2 m/s; wheel joints 34.5 N m, 10.958 rad/s). Arm: Interbotix
     vx300s description (pi rad/s per joint; joint ranges and torques are in the robot model itself).
@@ -254,7 +254,7 @@ class PosturesConfig(Section):
 
 
 class NoiseConfig(Section):
-    """What a simulated robot's sensors add to the truth: standard deviations of Gaussian noise; 0 is perfect.
+    """Noise of a simulated robot's sensors: standard deviations of Gaussian noise; 0 is perfect.
 
     Scale and bias are drawn once per robot, from its name and the site's `clock.seed`, so that a run can be
     repeated.
@@ -282,28 +282,29 @@ def _is_a_zone(name: str) -> str:
 class RobotConfig(Section):
     """One robot: by default a Husarion Panther with a ViperX 300S arm.
 
-    `body` says who moves it: `robot_sim`, or a robot that runs ROS 2 on the same Zenoh network.
+    `body` names what moves it: `robot_sim`, or a robot that runs ROS 2 on the same Zenoh network.
     """
 
     name: str = Field("panther1", pattern=r"^[a-z][a-z0-9_]*$")
-    """Of the robot in the organization, of its motion capture body, of its keystore unless `wallet` says."""
+    """Name of the robot in the organization, of its motion capture body, and of its keystore unless `wallet`
+    is set."""
     namespace: str = Field("", pattern=r"^[a-z][a-z0-9_]*(/[a-z][a-z0-9_]*)*$", validate_default=True)
     """ROS namespace of its topics and prefix of its frames; the name if left out."""
     body: Literal["sim", "ros2"] = "sim"
     kinematics: Path | None = None
-    """MJCF or URDF of the robot, seen from the site file; `rodeo/lab/panther_viperx.xml` if left out. It says
-    which joints the arm has, how many, and which fingers (`rodeo.lab.arm`)."""
+    """MJCF or URDF of the robot, resolved against the site file; default `rodeo/lab/panther_viperx.xml`. It
+    defines the arm's joints, their number, and the fingers (`rodeo.lab.arm`)."""
     postures: PosturesConfig = PosturesConfig()
-    """Of the arm; one with other joints than a ViperX 300S needs its own."""
+    """Postures of the arm. An arm with other joints than a ViperX 300S's needs its own."""
     wallet: str = Field("", pattern=r"^[a-z][a-z0-9_-]*$", validate_default=True)
-    """Keystore of its account; the name if left out."""
+    """Keystore of its account; by default the name."""
     pose: Pose2
     """Where a simulated body stands in a new world."""
     working_hours: tuple[Annotated[str, AfterValidator(_are_hours)], ...] | None = Field(None, min_length=1)
-    """Hours of the day in which it works, like "08:00-18:00" (rodeo.schedule); always if left out. It is off
-    otherwise: it takes no work, and draws its battery's standby power."""
+    """Hours of the day in which the robot works, like "08:00-18:00" (rodeo.schedule); by default always. At
+    other times it is off: it takes no work and draws its battery's standby power."""
     timezone: Annotated[str, AfterValidator(_is_a_zone)] = "UTC"
-    """Of the working hours, by its name in the IANA database, for instance "Europe/Berlin"."""
+    """Time zone of the working hours, by its IANA name, for instance "Europe/Berlin"."""
     battery: BatteryConfig = BatteryConfig()
     limits: MotionLimits = MotionLimits()
     noise: NoiseConfig = NoiseConfig()

@@ -1,4 +1,4 @@
-"""What a kind of work can have a robot do, whatever the robot is made of."""
+"""What a kind of work can ask of a robot, independent of its hardware."""
 
 from __future__ import annotations
 
@@ -10,21 +10,21 @@ from rodeo.robot.memory import Held
 from rodeo.robot.perception import Sighting, View
 
 Checkpoint = Callable[[], None]
-"""Called at least every 0.1 s while something is waited for; raises what should end the wait."""
+"""Called at least every 0.1 s during a wait; raises an error to end the wait."""
 
 Point = tuple[float, float]
 Point3 = tuple[float, float, float]
 
 PATIENCE_S = 300.0
-"""Site time for which a place that cannot be reached is tried again: who stands in the way may move on, and
-another robot takes this long to pick something up while planning goes at wall speed."""
+"""Site time for which the robot retries a blocked place. An obstacle may move away; another robot takes this
+long to pick something up while planning runs at wall speed."""
 
 
 class Body(Protocol):
     """A base that drives, an arm with two fingers, and a depth camera at the wrist.
 
     Places are in the frame `map`: m and rad, z up from the floor. Each method returns when it is done. It
-    raises what `checkpoint` raises, BodySilent when the robot tells nothing of itself any more, MotionFailed
+    raises what `checkpoint` raises, BodySilent when the robot stops publishing its state, MotionFailed
     when the robot gives up a motion, and Unreachable when the arm cannot get there.
     """
 
@@ -33,24 +33,24 @@ class Body(Protocol):
         ...
 
     def drive(self, poses: Sequence[Pose2], checkpoint: Checkpoint, patience_s: float = PATIENCE_S) -> None:
-        """To the first of `poses` (at least one) that can be reached; tries again for `patience_s` of site
+        """Drive to the first of `poses` (at least one) that can be reached; retries for `patience_s` of site
         time. Raises Blocked."""
         ...
 
     def dock(self, at: DockConfig, checkpoint: Checkpoint) -> None:
-        """Onto the dock's contacts, unless the robot stands there. Raises MotionFailed."""
+        """Drive onto the dock's contacts, unless the robot stands there. Raises MotionFailed."""
         ...
 
     def leave(self, parked: Pose2, checkpoint: Checkpoint) -> None:
-        """Away from the narrow place `parked`, for whoever comes next; stays where there is no way out."""
+        """Drive away from the narrow place `parked` to make room; stays if there is no path."""
         ...
 
     def wait(self, seconds: float, checkpoint: Checkpoint) -> None:
-        """Let so much site time pass."""
+        """Wait for this much site time."""
         ...
 
     def fold(self, checkpoint: Checkpoint) -> None:
-        """The arm, for driving with nothing in the fingers."""
+        """Fold the arm, for driving with nothing in the fingers."""
         ...
 
     def carry(self, checkpoint: Checkpoint) -> None:
@@ -58,18 +58,18 @@ class Body(Protocol):
         ...
 
     def look(self, checkpoint: Checkpoint, turn_rad: float = 0.0) -> list[View]:
-        """At the floor ahead, the camera turned to the left by `turn_rad`. Raises NoAnswer."""
+        """Look at the floor ahead, with the camera turned to the left by `turn_rad`. Raises NoAnswer."""
         ...
 
     def look_down(
         self, place: Point, checkpoint: Checkpoint, height_m: float, left_m: float = 0.0
     ) -> list[View]:
-        """At `place`, within the arm's reach, from above: the fingers at `height_m`, `left_m` to the left.
+        """Look at `place`, within reach, from above, with the fingers at `height_m`, `left_m` to the left.
         Raises NoAnswer."""
         ...
 
     def open_fingers(self, checkpoint: Checkpoint) -> None:
-        """Unless they are open."""
+        """Open the fingers, unless they are open."""
         ...
 
     def grasp(self, item: ItemConfig, sighting: Sighting, checkpoint: Checkpoint) -> Held:
@@ -77,7 +77,7 @@ class Body(Protocol):
         ...
 
     def held(self, checkpoint: Checkpoint) -> Held | None:
-        """What is between the fingers, as the fingers feel it."""
+        """The object between the fingers, as measured by the fingers."""
         ...
 
     def holding(self, checkpoint: Checkpoint) -> Checkpoint:
@@ -93,9 +93,9 @@ class Body(Protocol):
         ...
 
     def draw_back(self, checkpoint: Checkpoint) -> None:
-        """From where something was placed, without a pause: straight up, then over the deck."""
+        """Retract the arm after placing something, without a pause: straight up, then over the deck."""
         ...
 
     def put_back(self, held: Held, checkpoint: Checkpoint) -> None:
-        """Lay what is held on the floor where it was taken, for whoever takes it next, and fold the arm."""
+        """Put the held object back on the floor where it was taken, and fold the arm."""
         ...
