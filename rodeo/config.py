@@ -28,7 +28,7 @@ from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, Settings
 
 from rodeo import endpoint
 from rodeo.errors import ConfigError
-from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, Pose2, RobotConfig
+from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, PlaceConfig, Pose2, RobotConfig
 from rodeo.site_problems import Place, close, dotted, explained
 from rodeo.topics import BODY
 
@@ -345,6 +345,7 @@ class Site(BaseSettings):
     lab: LabConfig
     bins: list[BinConfig] = []
     docks: list[DockConfig] = []
+    places: list[PlaceConfig] = []
     robots: list[RobotConfig]
     items: list[ItemConfig] = []
     participants: list[ParticipantConfig] = []
@@ -447,8 +448,12 @@ class Site(BaseSettings):
         """The dock called `name`. Raises ConfigError."""
         return _called(name, "dock", self.docks)
 
+    def place(self, name: str) -> PlaceConfig:
+        """The place called `name`. Raises ConfigError."""
+        return _called(name, "place", self.places)
 
-Part = TypeVar("Part", RobotConfig, BinConfig, DockConfig)
+
+Part = TypeVar("Part", RobotConfig, BinConfig, DockConfig, PlaceConfig)
 
 
 def _called(name: str, what: str, parts: Sequence[Part]) -> Part:
@@ -568,13 +573,15 @@ def _outside(site: Site) -> Iterator[tuple[Place, str]]:
 
 
 def placed(site: Site) -> Iterator[tuple[Place, str, Pose2]]:
-    """Everything that stands or lies in the room: where the file says so, its name, its pose."""
+    """Everything that stands, lies or has a name in the room: where the file says so, its name, its pose."""
     for number, furniture in enumerate(site.lab.furniture):
         yield ("lab", "furniture", number), furniture.name, furniture.pose
     for number, bin_ in enumerate(site.bins):
         yield ("bins", number), bin_.name, bin_.pose
     for number, dock in enumerate(site.docks):
         yield ("docks", number), dock.name, dock.pose
+    for number, place in enumerate(site.places):
+        yield ("places", number), place.name, place.pose
     for number, robot in enumerate(site.robots):
         if robot.body == "sim":
             yield ("robots", number), robot.name, robot.pose

@@ -36,6 +36,7 @@ FORMATS = {
     "robot": "the name of a robot of the site",
     "bin": "the name of a bin of the site",
     "dock": "the name of a dock of the site",
+    "place": "the name of a place of the site",
     "map-x": "m east of the map's origin, chosen on the map",
     "map-y": "m north of it",
     "percent": "a share, 0 to 1, that people read in percent",
@@ -275,6 +276,18 @@ def _declared(config: KindConfig) -> Kind:
 def choose(what: str, known: Sequence[str]) -> str:
     """What to do about a choice that the site does not have."""
     return f"choose one of this site: {', '.join(known)}" if known else f"this site has no {what}"
+
+
+def with_place(site: Site, params: Mapping[str, Any]) -> dict[str, Any]:
+    """A `Kind.complete`: `x_m` and `y_m` are those of the site's place that `place` names, if any."""
+    pose = next((one.pose for one in site.places if one.name == params.get("place")), None)
+    return dict(params) if pose is None else {**params, "x_m": pose.x_m, "y_m": pose.y_m}
+
+
+def place_problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
+    """A `Kind.problems`: a `place` that the site does not have."""
+    known = [one.name for one in site.places]
+    return {} if params.get("place") in (None, *known) else {"place": choose("place", known)}
 
 
 def is_number(value: object) -> bool:

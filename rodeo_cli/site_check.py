@@ -225,6 +225,10 @@ def _unreachable(site: Site) -> Iterator[tuple[Place, str]]:
             (("docks", number, "pose"), f"the dock {one.name}", [dock_parking(one)])
             for number, one in enumerate(site.docks)
         ),
+        *(
+            (("places", number, "pose"), f"the place {one.name}", [one.pose])
+            for number, one in enumerate(site.places)
+        ),
     ]
     for number, item in enumerate(site.items):
         around = [

@@ -155,6 +155,13 @@ class BinConfig(Section):
         return self
 
 
+class PlaceConfig(Section):
+    """A pose with a name, for tasks to speak of."""
+
+    name: str = Field(pattern=_DEVICE_NAME)
+    pose: Pose2
+
+
 class DockConfig(Section):
     """A charging station; its contacts face along its x axis towards the parked robot.
 

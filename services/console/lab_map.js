@@ -89,6 +89,7 @@ export default {
       }
       for (const dock of this.lab.docks) this.drawDock(svg, dock);
       for (const bin of this.lab.bins) this.drawBin(svg, bin);
+      for (const place of this.lab.places) this.drawPlace(svg, place);
       // Robots under items, which they carry, and every name on top.
       [this.paths, this.bodies, this.things, this.names] = [0, 1, 2, 3].map(() => node("g", {}, svg));
       this.marker = node("g", { class: "marker", visibility: "hidden" }, svg);
@@ -103,6 +104,12 @@ export default {
       node("path", { d: "M0.02-0.13L-0.07 0.03H0L-0.02 0.13L0.07-0.03H0Z", class: "bolt",
         transform: `translate(${dock.x - 0.08 * Math.cos(dock.yaw)} ${-dock.y + 0.08 * Math.sin(dock.yaw)})` }, group);
       node("title", {}, group, `${dock.name}: charging dock`);
+    },
+
+    drawPlace(svg, place) {
+      const group = node("g", { class: "place" }, svg);
+      node("circle", { cx: place.x, cy: -place.y, r: 0.07 }, group);
+      node("text", { x: place.x, y: -place.y + 0.24 }, group, place.name);
     },
 
     drawBin(svg, bin) {

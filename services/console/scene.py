@@ -73,6 +73,7 @@ def lab(site: Site) -> Json:
             {"name": one.name, "x": one.pose.x_m, "y": one.pose.y_m, "yaw": one.pose.yaw_rad}
             for one in site.docks
         ],
+        "places": [{"name": one.name, "x": one.pose.x_m, "y": one.pose.y_m} for one in site.places],
         "items": {item.id: item.item_class.value for item in site.items},
     }
 

@@ -107,6 +107,25 @@ def test_an_unknown_robot_bin_or_dock_is_an_error_that_names_those_there_are(wha
     assert caught.value.details == {what: "nobody", f"{what}s": [known]}
 
 
+@pytest.mark.parametrize(
+    ("places", "field", "text"),
+    [
+        ([("door", 1.0), ("door", 2.0)], "places.1.name", "two things in the lab are called"),
+        ([("dock1", 1.0)], "places.0.name", "two things in the lab are called"),
+        ([("door", 71.0)], "places.0.pose", "door is outside the room"),
+    ],
+)
+def test_a_place_has_a_name_of_its_own_and_is_in_the_room(
+    tmp_path: Path, places: list[tuple[str, float]], field: str, text: str
+) -> None:
+    site = tmp_path / "site.toml"
+    tables = [f'[[places]]\nname = "{name}"\npose = {{ x_m = {x_m}, y_m = 1.0 }}' for name, x_m in places]
+    site.write_text("\n".join([f'extends = "{LAB}"', *tables]))
+    with pytest.raises(ConfigError) as refused:
+        Site.load(site)
+    assert text in refused.value.details["fields"][field]
+
+
 def test_a_site_without_bins_and_docks_is_one(tmp_path: Path) -> None:
     site = tmp_path / "site.toml"
     site.write_text(f'extends = "{LAB}"\nbins = []\ndocks = []\nkinds = []\n')

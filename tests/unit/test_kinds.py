@@ -12,7 +12,8 @@ import pytest
 from rodeo import kinds
 from rodeo.config import Site
 from rodeo.errors import ConfigError, InvalidRequest
-from rodeo.kinds import Kind, KindError, kinds_of
+from rodeo.kinds import Kind, KindError, kinds_of, place_problems, with_place
+from rodeo.lab.config import PlaceConfig, Pose2
 from tests.support.site import LAB
 
 WATERING = """[[kinds]]
@@ -135,3 +136,12 @@ def test_what_follows_from_the_rest_is_filled_in_and_nothing_said_is_changed(
 ) -> None:
     whole = kinds.load(name).complete(Site.load(LAB), said)
     assert whole.items() >= said.items() and set(whole) - set(said) == added
+
+
+def test_a_task_names_a_place_and_says_on_chain_where_that_is() -> None:
+    door = PlaceConfig(name="door", pose=Pose2(x_m=2.0, y_m=1.5))
+    site = Site.load(LAB).model_copy(update={"places": [door]})
+    assert with_place(site, {"place": "door", "x_m": 9.0}) == {"place": "door", "x_m": 2.0, "y_m": 1.5}
+    assert with_place(site, {"x_m": 9.0}) == {"x_m": 9.0}
+    assert place_problems(site, {"place": "door"}) == {} == place_problems(site, {})
+    assert place_problems(site, {"place": "dor"}) == {"place": "choose one of this site: door"}

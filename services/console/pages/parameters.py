@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from nicegui import ui
@@ -11,6 +11,7 @@ from nicegui import ui
 from rodeo.bus import decode_json
 from rodeo.config import Site
 from rodeo.kinds import Kind
+from rodeo.lab.config import BinConfig, DockConfig, PlaceConfig
 from services.console.formatting import parameter
 
 Json = dict[str, Any]
@@ -82,8 +83,11 @@ def _field(site: Site, name: str, schema: Json, changed: Callable[[], None]) -> 
     if form == "robot":
         robots = [one.name for one in site.robots]
         return ui.select(robots, value=next(iter(robots), None), label=label, on_change=changed)
-    if form in ("bin", "dock"):
-        names = [one.name for one in (site.bins if form == "bin" else site.docks)]
+    named: dict[str, Sequence[BinConfig | DockConfig | PlaceConfig]] = {
+        "bin": site.bins, "dock": site.docks, "place": site.places
+    }  # fmt: skip
+    if form in named:
+        names = [one.name for one in named[form]]
         return ui.select(names, label=label, clearable=True, on_change=changed)
     if "enum" in schema:
         return ui.select(schema["enum"], value=proposed, label=label, on_change=changed)
