@@ -748,7 +748,7 @@ def test_what_cannot_be_done_is_given_back_at_once_with_the_reason_and_the_next_
     assert service["state"] == "paused"
     task = Task.model_validate(dao.task(task_id))
     said = fetch_statement(Store(dao.site), task.proof_uri or "", task.proof_sha256 or "").note
-    assert said.startswith("Given back undone: panther1 cannot do dusting: robots do")
+    assert said.startswith("Returned unfinished: panther1 cannot do dusting: robots do")
     assert any("panther1 cannot do dusting" in one for one in dao.running.status("bridge").warnings)
 
     with pytest.raises(RemoteError) as refused:
