@@ -270,14 +270,14 @@ def _listed(late_s: Array) -> Finding:
             limit=UNLISTED_S,
             unit="s",
             source=_SOURCE,
-            detail="longest time from a message to the first statement that lists it",
+            detail="time from a message to the first statement that lists it, at worst",
         )
     return Finding(
         passed=bool(soon.mean() >= LISTED_SHARE),
         measured=float(soon.mean()),
         limit=LISTED_SHARE,
         source=_SOURCE,
-        detail=f"share of the working time listed within {LISTED_S:g} s; the worst took {worst:.1f} s",
+        detail=f"share of the working time listed within {LISTED_S:g} s; at worst {worst:.1f} s",
     )
 
 

@@ -255,7 +255,7 @@ def _ocmf(shop: ChargingWorkshop, part: str, text: Callable[..., str]) -> Submis
         return shop.charged(shop.take)
 
 
-@HARNESS.forgery("ocmf", "says otherwise", role="seller")
+@HARNESS.forgery("ocmf", "does not match the record", role="seller")
 def more_in_other_software(shop: ChargingWorkshop) -> Submission:
     """The OCMF text says much more than what the buyer signed for, correctly signed."""
     honest = ocmf.data
@@ -269,21 +269,21 @@ def signed_by_another_meter(shop: ChargingWorkshop) -> Submission:
     return _ocmf(shop, "sign", lambda text, _key: honest(text, bytes(STRANGER.key)))
 
 
-@HARNESS.forgery("ocmf", "says otherwise", role="seller")
+@HARNESS.forgery("ocmf", "does not match the record", role="seller")
 def another_page_in_other_software(shop: ChargingWorkshop) -> Submission:
     """The OCMF text has the number of the page before, so that other software misses none."""
     honest = ocmf.data
     return _ocmf(shop, "data", lambda one: honest(one.model_copy(update={"seq": max(one.seq - 1, 1)})))
 
 
-@HARNESS.forgery("ocmf", "says otherwise", role="seller")
+@HARNESS.forgery("ocmf", "does not match the record", role="seller")
 def another_robot_in_other_software(shop: ChargingWorkshop) -> Submission:
     """The OCMF text bills somebody else."""
     honest = ocmf.data
     return _ocmf(shop, "data", lambda one: honest(one.model_copy(update={"robot": "panther9"})))
 
 
-@HARNESS.forgery("ocmf", "says otherwise", role="seller")
+@HARNESS.forgery("ocmf", "does not match the record", role="seller")
 def no_text_for_other_software(shop: ChargingWorkshop) -> Submission:
     """Records without an OCMF text."""
     return shop.charged(shop.take, sides=_sides(_only(MeterRecord, lambda fields: fields | {"ocmf": ""})))
@@ -292,28 +292,28 @@ def no_text_for_other_software(shop: ChargingWorkshop) -> Submission:
 # -- another version of the recording ----------------------------------------------------------------------
 
 
-@HARNESS.forgery("fresh", "does not have", role="seller")
+@HARNESS.forgery("fresh", "is not in the file", role="seller")
 def a_forked_charge(shop: ChargingWorkshop) -> Submission:
     """From the middle on the robot heard heads of another version of the recording."""
     half_s = middle_s(shop.take)
     return shop.charged(shop.take, forks=lambda time_s: time_s > half_s)
 
 
-@HARNESS.forgery("fresh", "does not have", role="seller")
+@HARNESS.forgery("fresh", "is not in the file", role="seller")
 def a_charge_that_was_cut_off_and_went_on_elsewhere(shop: ChargingWorkshop) -> Submission:
     """Cut off in the middle; what the robot heard afterwards went into another file."""
     half_s = middle_s(shop.take)
     return shop.charged(cut(shop.take, 0.5), forks=lambda time_s: time_s > half_s)
 
 
-@HARNESS.forgery("fresh", "does not have", role="seller")
+@HARNESS.forgery("fresh", "is not in the file", role="seller")
 def a_cut_noted_to_excuse_a_fork(shop: ChargingWorkshop) -> Submission:
     """A cut is noted at the beginning, and the other version is of much later."""
     late_s = middle_s(shop.take, 0.7)
     return shop.charged(cut(shop.take, 0.1), forks=lambda time_s: time_s > late_s)
 
 
-@HARNESS.forgery("fresh", "does not have", role="seller")
+@HARNESS.forgery("fresh", "is not in the file", role="seller")
 def cuts_noted_all_the_time_of_a_charge(shop: ChargingWorkshop) -> Submission:
     """Before every receipt a cut is noted, which excuses each head that the file lacks."""
     take, begin_s = cut(shop.take, *np.linspace(0.1, 0.9, 200)), middle_s(shop.take, 0.1)

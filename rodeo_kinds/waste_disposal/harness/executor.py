@@ -398,14 +398,14 @@ def heads_that_nobody_heard(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take, witnesses=Witnesses(hears=lambda time_s: not begin_s < time_s < end_s))
 
 
-@HARNESS.forgery("order", "does not have", role="executor")
+@HARNESS.forgery("order", "is not in the file", role="executor")
 def a_forked_recording(shop: CleaningWorkshop) -> Submission:
     """A recorder that told the witnesses heads of another version of the same recording."""
     half_s = middle_s(shop.take)
     return shop.submitted(shop.take, witnesses=Witnesses(forks=lambda time_s: time_s > half_s))
 
 
-@HARNESS.forgery("order", "does not have", role="executor")
+@HARNESS.forgery("order", "is not in the file", role="executor")
 def a_cut_noted_before_a_fork(shop: CleaningWorkshop) -> Submission:
     """The same, and a cut is noted long before, which excuses nothing."""
     half_s = middle_s(shop.take)
@@ -413,7 +413,7 @@ def a_cut_noted_before_a_fork(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(cut(shop.take, 0.1), witnesses=forked)
 
 
-@HARNESS.forgery("order", "does not have", role="executor")
+@HARNESS.forgery("order", "is not in the file", role="executor")
 def cuts_noted_all_the_time(shop: CleaningWorkshop) -> Submission:
     """Two versions are recorded at once: every other head is of the other, and a cut is noted each second."""
     forked = Witnesses(forks=lambda time_s: int(time_s) % 2 == 0)
@@ -513,7 +513,7 @@ def _motion_between(begin_s: float, end_s: float, edit: Edit) -> Edit:
     return edited
 
 
-@HARNESS.forgery("seen_throughout", "over which nothing of", role="executor")
+@HARNESS.forgery("seen_throughout", "longest time without a signed pose of", role="executor")
 def invented_motion(shop: CleaningWorkshop) -> Submission:
     """What motion capture signed of the carry, altered: the item's way in place of the base's."""
 
@@ -572,7 +572,7 @@ def nothing_ever_moves(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(resting(resting(shop.take, ITEM_POSE, 0), ROBOT_POSE, 0))
 
 
-@HARNESS.forgery("seen_throughout", "over which nothing of item3", role="executor")
+@HARNESS.forgery("seen_throughout", "longest time without a signed pose of item3", role="executor")
 def a_tossed_item(shop: CleaningWorkshop) -> Submission:
     """A person takes the item behind a curtain while the robot mimes: for three seconds nobody saw it."""
     begin_s = middle_s(shop.take, 0.45)
@@ -779,7 +779,7 @@ def commands_that_change_by_nothing(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take.edited(GRIPPER_STATE, open_still))
 
 
-@HARNESS.forgery("gripper_commanded", "no numbers", role="executor")
+@HARNESS.forgery("gripper_commanded", "are not finite", role="executor")
 def commands_that_are_no_numbers(shop: CleaningWorkshop) -> Submission:
     """Fingers whose controller wants nothing that compares."""
     nowhere = np.full(2, np.nan)
@@ -797,7 +797,7 @@ def commands_to_and_fro(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(shop.take.edited(GRIPPER_STATE, to_and_fro))
 
 
-@HARNESS.forgery("arm_commanded", "no numbers", role="executor")
+@HARNESS.forgery("arm_commanded", "are not finite", role="executor")
 def arm_commands_that_are_no_numbers(shop: CleaningWorkshop) -> Submission:
     """The same of the arm."""
     nowhere = np.full(6, np.nan)

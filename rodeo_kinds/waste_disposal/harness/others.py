@@ -62,13 +62,13 @@ def a_pin_that_is_off(shop: CleaningWorkshop) -> Submission:
     return _place(shop, x_m=float(PLACE["x_m"]) + 0.3)
 
 
-@HARNESS.forgery("cleaning_topics", "that of the task's creator", role="creator")
+@HARNESS.forgery("cleaning_topics", "the task's creator is at fault", role="creator")
 def a_place_that_is_no_number(shop: CleaningWorkshop) -> Submission:
     """A place that no distance compares with."""
     return _place(shop, x_m=nan)
 
 
-@HARNESS.forgery("cleaning_topics", "that of the task's creator", role="creator")
+@HARNESS.forgery("cleaning_topics", "the task's creator is at fault", role="creator")
 def a_place_in_words(shop: CleaningWorkshop) -> Submission:
     """A place that is a text."""
     return _place(shop, x_m="over there")
@@ -80,7 +80,7 @@ def an_item_that_is_not_there(shop: CleaningWorkshop) -> Submission:
     return _place(shop, item_id="item99")
 
 
-@HARNESS.forgery("cleaning_topics", "that of the task's creator", role="creator")
+@HARNESS.forgery("cleaning_topics", "the task's creator is at fault", role="creator")
 def no_item_at_all(shop: CleaningWorkshop) -> Submission:
     """A task that names no item, so that any would do."""
     return _place(shop, item_id=None)
