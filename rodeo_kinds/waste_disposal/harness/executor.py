@@ -173,7 +173,7 @@ def millions_of_topics(shop: CleaningWorkshop) -> Submission:
     return Submission(shop.chain_record(), path)
 
 
-@HARNESS.forgery("readable_and_sealed", "absurd", role="executor")
+@HARNESS.forgery("readable_and_sealed", "out of range", role="executor")
 def absurd_timestamps(shop: CleaningWorkshop) -> Submission:
     """Messages from the year 2262."""
     path = shop.rewritten(

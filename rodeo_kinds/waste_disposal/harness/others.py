@@ -130,13 +130,13 @@ def a_friends_letter(shop: CleaningWorkshop) -> Submission:
     return _letter(shop, _PHOTO)
 
 
-@HARNESS.forgery("stated", "no picture", role="creator")
+@HARNESS.forgery("stated", "not an image", role="creator")
 def a_photo_that_is_no_picture(shop: CleaningWorkshop) -> Submission:
     """The same with bytes that only begin like a photo."""
     return _letter(shop, b"\xff\xd8\xff\xe0 no photo")
 
 
-@HARNESS.forgery("stated", "no picture", role="creator")
+@HARNESS.forgery("stated", "not an image", role="creator")
 def half_a_photo(shop: CleaningWorkshop) -> Submission:
     """The same with a photo that ends before its picture does."""
     return _letter(shop, _PHOTO[: len(_PHOTO) // 2])
