@@ -216,7 +216,7 @@ def test_taking_a_role_takes_it_from_a_page_that_is_open_too(desk: Office) -> No
     desk.accounts.change_user(operator, [], None)
     page.get_by_role("button", name="Review and post").click()
     page.get_by_role("button", name="Pay 100 IEC into escrow").click()
-    expect(page.get_by_text("This You need the role operator")).to_be_visible()
+    expect(page.get_by_text("This needs the role operator")).to_be_visible()
     page.close()
 
 
