@@ -180,7 +180,7 @@ def _reached(uri: str) -> Iterator[None]:
         raise ProofNotFound("the store has no such file", uri=uri) from error
     except Exception as error:  # botocore, aiohttp and others have no root in common
         cause = f"{type(error).__name__}: {error}"[:500]
-        raise StoreUnavailable("the store's answer is not valid", uri=uri, cause=cause) from error
+        raise StoreUnavailable("the store failed", uri=uri, cause=cause) from error
 
 
 def _digest(stream: IO[bytes], max_bytes: int, copy: IO[bytes] | None = None) -> str:

@@ -247,7 +247,7 @@ def test_a_new_key_that_comes_too_late_leaves_it_to_people(cleaning: Take, judge
 
     report = judge(cleaning, chain, witnesses=Witnesses(edit=late))
     assert report.outcome == "undecided"
-    assert "superseded meanwhile" in report.reason
+    assert "superseded during the recording" in report.reason
 
 
 def test_a_key_without_a_successor_leaves_it_to_people(cleaning: Take, judge: Judge) -> None:

@@ -165,7 +165,7 @@ def test_a_store_that_is_away_delays_it_and_loses_nothing(
     roots = poster(bin, bridge)
 
     def away(*_arguments: Any) -> None:
-        raise StoreUnavailable("the store's answer is not valid")
+        raise StoreUnavailable("the store failed")
 
     with monkeypatch.context() as patch, pytest.raises(StoreUnavailable):
         patch.setattr(Store, "put_bytes", away)
