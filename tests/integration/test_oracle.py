@@ -274,7 +274,9 @@ def test_the_rules_of_a_kind_change_while_a_task_is_open_and_it_is_paid_by_its_o
     verdict = executor.verdict(other, attempt)
     assert verdict["verdict"] == "undecided"
     assert verdict["reason"].startswith("rules: no oracle that has the rules of this task has judged it")
-    dao.verdict(other, "accepted", "looks clean", judge="organization", amount_iec="100")
+    # Without a report of its own: what an accepted proof is paid for must be readable.
+    report = {"report_sha256": verdict["report_hash"], "report_uri": verdict["report_uri"]}
+    dao.verdict(other, "accepted", "looks clean", judge="organization", amount_iec="100", **report)
     dao.running.wait_for_status(
         "oracle", lambda status: not any(next_rules in one for one in status.warnings)
     )

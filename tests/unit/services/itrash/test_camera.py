@@ -12,7 +12,7 @@ import pytest
 from pydantic import ValidationError
 
 from rodeo import topics
-from rodeo.config import CameraConfig
+from rodeo.lab.config import CameraConfig
 from rodeo.ros2 import Node
 from rodeo.ros2.errors import ServiceUnavailable
 from rodeo.ros2.types import new

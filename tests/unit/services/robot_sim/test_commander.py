@@ -85,7 +85,7 @@ def test_a_second_minds_goals_are_refused_until_the_first_has_gone(
             second.grip()
     first.grip()
     (said,) = warnings
-    assert "already commanded by /mind" in said and "/other_mind" in said
+    assert "already takes commands from /mind" in said and "/other_mind" in said
     gone.clear()
     first.end()
     assert gone.wait(WAIT_S)
