@@ -29,6 +29,7 @@ from pydantic_settings import BaseSettings, PydanticBaseSettingsSource, Settings
 from rodeo import endpoint
 from rodeo.errors import ConfigError
 from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, PlaceConfig, Pose2, RobotConfig
+from rodeo.lab.rooms import RoomConfig, walls
 from rodeo.site_problems import Place, close, dotted, explained
 from rodeo.topics import BODY
 
@@ -345,6 +346,8 @@ class Site(BaseSettings):
     lab: LabConfig
     bins: list[BinConfig] = []
     docks: list[DockConfig] = []
+    rooms: list[RoomConfig] = []
+    """Walls with doors inside the lab; they are furniture of it once the site is loaded."""
     places: list[PlaceConfig] = []
     robots: list[RobotConfig]
     items: list[ItemConfig] = []
@@ -398,6 +401,14 @@ class Site(BaseSettings):
     def _has_an_endpoint(self) -> Self:
         if self.bus.router == endpoint.LOCAL:
             self.bus = self.bus.model_copy(update={"router": endpoint.local_socket(self.data_dir)})
+        return self
+
+    @model_validator(mode="after")
+    def _has_walls(self) -> Self:
+        there = {one.name for one in self.lab.furniture}
+        built = [one for one in walls(self.rooms, self.lab) if one.name not in there]
+        if built:
+            self.lab = self.lab.model_copy(update={"furniture": (*self.lab.furniture, *built)})
         return self
 
     @field_validator("kinds")
@@ -532,6 +543,9 @@ def read_tables(path: Path, seen: tuple[Path, ...] = ()) -> dict[str, Any]:
     for robot in tables.get("robots", []):
         if isinstance(robot, dict) and isinstance(kinematics := robot.get("kinematics"), str):
             robot["kinematics"] = str((path.parent / kinematics).resolve())
+    for room in tables.get("rooms", []):
+        if isinstance(room, dict) and isinstance(shown := room.get("map"), str):
+            room["map"] = str((path.parent / shown).resolve())
     for one in tables.get("bins", []):
         match one:
             case {"camera": {"source": "folder", "address": str(folder)} as camera}:
@@ -551,12 +565,14 @@ def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
 # -- what no site can be ------------------------------------------------------------------------------
 
 _OWN_WALLETS = ("organization", "oracle")
+_SLACK_M = 1e-6
 
 
 def faults(site: Site) -> dict[Place, str]:
     """Where -> what is wrong there; empty for a site that can be."""
     found: dict[Place, str] = {}
-    for place, text in (*_outside(site), *_names(site), *_wallets(site), *_hours(site), *_ports(site)):
+    rules = (_outside, _rooms, _names, _wallets, _hours, _ports)
+    for place, text in (one for rule in rules for one in rule(site)):
         found.setdefault(place, text)
     return found
 
@@ -570,6 +586,21 @@ def _outside(site: Site) -> Iterator[tuple[Place, str]]:
                 f"{name} is outside the room: x_m is {pose.x_m:g} of 0 to {length_m:g}, y_m is {pose.y_m:g} "
                 f"of 0 to {width_m:g} (lab.size_m)",
             )
+
+
+def _rooms(site: Site) -> Iterator[tuple[Place, str]]:
+    length_m, width_m = site.lab.size_m
+    for number, room in enumerate(site.rooms):
+        if room.corner_m is None or room.size_m is None:
+            continue
+        (west, south), (x_m, y_m) = room.corner_m, room.size_m
+        if west < 0 or south < 0 or west + x_m > length_m + _SLACK_M or south + y_m > width_m + _SLACK_M:
+            yield (
+                ("rooms", number),
+                f"{room.name} reaches out of the lab, which is {length_m:g} m by {width_m:g} m (lab.size_m)",
+            )
+    named = [(("rooms", number, "name"), room.name) for number, room in enumerate(site.rooms)]
+    yield from _twice(named, "two rooms are called {}")
 
 
 def placed(site: Site) -> Iterator[tuple[Place, str, Pose2]]:

@@ -169,11 +169,13 @@ def _boxes(site: Site) -> Iterator[_Box]:
 
 def _overlaps(site: Site) -> Iterator[tuple[Place, str]]:
     boxes = list(_boxes(site))
+    # Walls meet, and the lab's own.
+    walls = {one.name for one in site.lab.furniture if one.kind == "wall"}
     for one, other in combinations(boxes, 2):
-        if one.depth_m(other) > _TOUCH_M:
+        if not {one.name, other.name} <= walls and one.depth_m(other) > _TOUCH_M:
             yield (*other.place, "pose"), f"{other.name} overlaps {one.name}"
     length_m, width_m = site.lab.size_m
-    for box in boxes:
+    for box in (one for one in boxes if one.name not in walls):
         x_m, y_m = zip(*box.corners, strict=True)
         if max(-min(x_m), -min(y_m), max(x_m) - length_m, max(y_m) - width_m) > _TOUCH_M:
             yield (*box.place, "pose"), f"{box.name} reaches into a wall"

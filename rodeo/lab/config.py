@@ -70,7 +70,7 @@ class FurnitureConfig(Section):
     """An obstacle on the floor; `pose` is the centre of its footprint, `size_m` its extent."""
 
     name: str
-    kind: Literal["desk", "shelf", "crate"]
+    kind: Literal["desk", "shelf", "crate", "wall"]
     pose: Pose2
     size_m: tuple[Positive, Positive, Positive]
 

@@ -297,7 +297,7 @@ def _add_furniture(spec: mujoco.MjSpec, furniture: FurnitureConfig) -> None:
                 body, (x * 0.6, 0.2, 0.16), (0, place * y, 0.40 * z + 0.09), rgb=_COLOURS[colour], solid=False
             )
     else:
-        _box(body, (x, y, z), (0, 0, z / 2), rgb=_WOOD)
+        _box(body, (x, y, z), (0, 0, z / 2), rgb=_WALL if furniture.kind == "wall" else _WOOD)
 
 
 def _add_dock(spec: mujoco.MjSpec, dock: DockConfig) -> None:

@@ -84,6 +84,7 @@ export default {
         const [w, h] = one.size_m;
         const box = node("rect", { x: -w / 2, y: -h / 2, width: w, height: h, rx: 0.04 }, group);
         box.style.transform = placed(one);
+        if (one.kind === "wall") continue;
         const upright = w < 0.12 * one.name.length ? `rotate(-90 ${one.x} ${-one.y})` : "";
         node("text", { x: one.x, y: -one.y, transform: upright }, group, one.name);
       }

@@ -158,6 +158,26 @@ def test_what_no_site_can_be_is_named_with_its_line_and_refused(
     assert refused.value.details["fields"][place] == why
 
 
+def test_walls_may_meet_each_other_and_the_labs_own_and_nothing_else(said: Said) -> None:
+    rooms = """[lab]
+furniture = []
+[[rooms]]
+name = "west"
+corner_m = [0.0, 0.0]
+size_m = [3.5, 5.0]
+doors = [{ wall = "east", at_m = 3.4 }]
+[[rooms]]
+name = "east"
+corner_m = [3.5, 0.0]
+size_m = [3.5, 2.0]
+doors = [{ wall = "north", at_m = 0.9 }]
+"""
+    assert said(rooms) == []
+    (found,) = said(rooms.replace("furniture = []", 'furniture = [{ name = "box", kind = "crate", '
+        "pose = { x_m = 3.5, y_m = 1.0 }, size_m = [0.3, 0.3, 0.3] }]"))  # fmt: skip
+    assert "overlaps box" in found
+
+
 @pytest.mark.parametrize(("lacking", "kind"), [("bins", 0), ("docks", 1)])
 def test_a_kind_of_work_needs_what_it_is_done_at(said: Said, lacking: str, kind: int) -> None:
     (finding,) = said(f"{lacking} = []\n")
