@@ -405,8 +405,8 @@ class Site(BaseSettings):
 
     @model_validator(mode="after")
     def _has_walls(self) -> Self:
-        there = {one.name for one in self.lab.furniture}
-        built = [one for one in walls(self.rooms, self.lab) if one.name not in there]
+        # A site that was loaded and is validated again has them already.
+        built = [one for one in walls(self.rooms, self.lab) if one not in self.lab.furniture]
         if built:
             self.lab = self.lab.model_copy(update={"furniture": (*self.lab.furniture, *built)})
         return self

@@ -22,6 +22,7 @@ from pydantic import BaseModel, ValidationError
 
 from rodeo.config import KindConfig, Site
 from rodeo.errors import InvalidRequest, RodeoError, wrong_fields
+from rodeo.lab.config import Pose2
 from rodeo.messages import Task
 from rodeo.topics import ROBOT_STATE, Topic
 
@@ -279,15 +280,24 @@ def choose(what: str, known: Sequence[str]) -> str:
 
 
 def with_place(site: Site, params: Mapping[str, Any]) -> dict[str, Any]:
-    """A `Kind.complete`: `x_m` and `y_m` are those of the site's place that `place` names, if any."""
-    pose = next((one.pose for one in site.places if one.name == params.get("place")), None)
-    return dict(params) if pose is None else {**params, "x_m": pose.x_m, "y_m": pose.y_m}
+    """A `Kind.complete`: adds `x_m` and `y_m` of the site's place that `place` names, if any."""
+    pose = _place(site, params)
+    return dict(params) if pose is None else {"x_m": pose.x_m, "y_m": pose.y_m, **params}
 
 
 def place_problems(site: Site, params: Mapping[str, Any]) -> dict[str, str]:
-    """A `Kind.problems`: a `place` that the site does not have."""
+    """A `Kind.problems`: a `place` that the site does not have, or that is elsewhere than `x_m` and `y_m`."""
     known = [one.name for one in site.places]
-    return {} if params.get("place") in (None, *known) else {"place": choose("place", known)}
+    if params.get("place") not in (None, *known):
+        return {"place": choose("place", known)}
+    pose = _place(site, params)
+    if pose is None or (params.get("x_m", pose.x_m), params.get("y_m", pose.y_m)) == (pose.x_m, pose.y_m):
+        return {}
+    return {"place": f"{params['place']} is at x {pose.x_m:g} y {pose.y_m:g}: leave out x_m and y_m"}
+
+
+def _place(site: Site, params: Mapping[str, Any]) -> Pose2 | None:
+    return next((one.pose for one in site.places if one.name == params.get("place")), None)
 
 
 def is_number(value: object) -> bool:

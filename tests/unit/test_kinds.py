@@ -141,7 +141,10 @@ def test_what_follows_from_the_rest_is_filled_in_and_nothing_said_is_changed(
 def test_a_task_names_a_place_and_says_on_chain_where_that_is() -> None:
     door = PlaceConfig(name="door", pose=Pose2(x_m=2.0, y_m=1.5))
     site = Site.load(LAB).model_copy(update={"places": [door]})
-    assert with_place(site, {"place": "door", "x_m": 9.0}) == {"place": "door", "x_m": 2.0, "y_m": 1.5}
+    there = with_place(site, {"place": "door"})
+    assert there == {"place": "door", "x_m": 2.0, "y_m": 1.5}
     assert with_place(site, {"x_m": 9.0}) == {"x_m": 9.0}
-    assert place_problems(site, {"place": "door"}) == {} == place_problems(site, {})
+    assert place_problems(site, there) == {} == place_problems(site, {"x_m": 9.0})
+    elsewhere = with_place(site, {"place": "door", "x_m": 9.0})
+    assert place_problems(site, elsewhere) == {"place": "door is at x 2 y 1.5: leave out x_m and y_m"}
     assert place_problems(site, {"place": "dor"}) == {"place": "choose one of this site: door"}

@@ -93,6 +93,18 @@ def test_the_world_has_the_wall_and_the_way_goes_through_the_door(tmp_path: Path
         plan(Map.of(closed), start, goal)
 
 
+def test_nothing_else_has_a_walls_name_and_a_site_that_is_read_again_is_the_same(tmp_path: Path) -> None:
+    site = with_rooms(tmp_path, ROOMS)
+    assert Site.model_validate_json(site.model_dump_json(by_alias=True)).lab == site.lab
+    crate = (
+        '[{ name = "west_wall1", kind = "crate", pose = { x_m = 1.0, y_m = 1.0 }, size_m = [0.3, 0.3, 0.3] }]'
+    )
+    path = tmp_path / "site.toml"
+    path.write_text(path.read_text().replace("furniture = []", f"furniture = {crate}"))
+    with pytest.raises(ConfigError, match="west_wall1"):
+        Site.load(path)
+
+
 def test_a_room_outside_the_lab_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError) as refused:
         with_rooms(tmp_path, ROOMS.replace("3.4, 5.0", "3.4, 5.5"))
