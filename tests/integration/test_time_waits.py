@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from rodeo import topics
+from rodeo.chain import ChainClient, Deployment, events
 from rodeo.evidence import Store, open_proof
 from tests.integration.test_agent import Organization
 from tests.support.load import busy_machine
@@ -26,6 +27,7 @@ clock.holders = ["robot_agent", "itrash", "charger", "bridge", "oracle", "chain"
 agent.explore_when_idle = false
 agent.charge_below = 0.1
 """
+CHAIN_ID = 31_337
 WINDOW_S, LATE_S = 7200, 2
 """Of site time: a window in which nobody does anything, and by how much it may end late."""
 STOPPED_S = 20.0
@@ -70,6 +72,18 @@ def charge(running: RunningSite, organization: Organization, task_id: int) -> No
     assert (task["kind"], task["verdict"], ended["left_out"]) == ("battery_charging", "accepted", {})
 
 
+def balances_iec(running: RunningSite, block: int) -> dict[str, int]:
+    """What each participant had at the end of `block`: the chain does not stand still while it is asked."""
+    client = ChainClient(running.site.chain.url, Deployment.load(running.site.data_dir, CHAIN_ID))
+    balances: Counter[str] = Counter()
+    for log in client.logs(0, block):
+        if isinstance(log.event, events.Transfer):
+            balances[log.event.to] += log.event.value
+            balances[log.event.sender] -= log.event.value
+    participants = running.bus.query(f"rodeo/{running.site.org}/state/participants")["participants"]
+    return {one["name"]: balances[one["address"]] // 10**18 for one in participants}
+
+
 def run(folder: Path, chain_backend: str, stopped: str | None) -> dict[str, Any]:
     """What one cleaning came to."""
     running = RunningSite(write_site(folder, chain_backend, SITE))
@@ -82,11 +96,10 @@ def run(folder: Path, chain_backend: str, stopped: str | None) -> dict[str, Any]
         if stopped is not None:
             organization.wait_for_activity("carrying item1")
             stop_for_a_while(running, stopped)
-        organization.wait_for_event("TaskSettled", task_id)
+        settled = organization.wait_for_event("TaskSettled", task_id)
         task = organization.task(task_id)
-        participants = running.bus.query(f"rodeo/{running.site.org}/state/participants")["participants"]
         came_to = {name: task[name] for name in ("state", "attempt", "verdict", "paid_iec")}
-        came_to["balances_iec"] = {one["name"]: one["balance_iec"] for one in participants}
+        came_to["balances_iec"] = balances_iec(running, settled.block)
         came_to["events"] = Counter(event.name for event in organization.events if event.task_id == task_id)
         if stopped is None:
             expire(running, organization)
