@@ -9,13 +9,18 @@ from typing import Annotated, Any
 
 import typer
 
+from rodeo import queries
 from rodeo.config import Site
 from rodeo.durations import span
+from rodeo.endpoint import is_local
+from rodeo.errors import BusError, RemoteError
+from rodeo.instance import lock_holder
 from rodeo.kinds import Kind, KindError, installed, kinds_of, load
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
     SiteOption,
+    connected,
     print_facts,
     print_json,
     print_listing,
@@ -72,10 +77,18 @@ def _used(path: Path) -> dict[str, Kind] | None:
 
 @kinds.command()
 @reports_errors
-def show(name: Name, as_json: JsonOption = False) -> None:
-    """Show a kind's parameters, windows, price, recorded topics and checks, in order."""
+def show(name: Name, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """Show a kind's parameters, windows, price, rules, recorded topics and checks, in order.
+
+    While the site runs, show also which rules are current on its chain.
+    """
     kind = load(name)
     document = _document(kind)
+    installed_rules, current = document["rules_hash"], _current_rules(site, name)
+    document |= {
+        "current_rules": current,
+        "installed_is_current": None if current is None else installed_rules in current,
+    }
     if as_json:
         print_json(document)
         return
@@ -91,7 +104,8 @@ def show(name: Name, as_json: JsonOption = False) -> None:
             ("if no auditor answers", f"the {kind.at_silence} wins"),
             ("price", f"{iec(kind.price_iec)} for a {kind.unit}"),
             ("provides", kind.provides),
-            ("rules", str(document["rules_hash"] or "")),
+            ("rules", str(installed_rules or "")),
+            ("current on chain", _current_in_words(current, installed_rules)),
             ("done by", kind.behaviour or ("people, or a separate process")),
         ),
     )
@@ -125,6 +139,33 @@ def show(name: Name, as_json: JsonOption = False) -> None:
         [Row((str(c["stage"]), c["name"], c["asks"], c["source"])) for c in document["checks"]],
         [2, 3],
     )
+
+
+def _current_rules(path: Path, name: str) -> list[str] | None:
+    """Hashes of the rules under which tasks of this kind may be posted at the site now, the newest last; None
+    while nobody can be asked."""
+    if not path.exists():
+        return None
+    site = Site.load(path)
+    if is_local(site.bus.router) and lock_holder(site.data_dir / "router") is None:
+        return None
+    try:
+        with connected(path) as (loaded, bus):
+            kinds = queries.ask(bus, loaded.org, queries.ORGANIZATION).kinds
+    except (BusError, RemoteError):
+        return None
+    return next((one.rules_sha256 for one in kinds if one.kind == name), [])
+
+
+def _current_in_words(current: list[str] | None, installed_rules: str | None) -> str:
+    if current is None:
+        return "unknown: no site answers"
+    if not current:
+        return "none: no task of this kind can be posted" if installed_rules else "none"
+    told = " or ".join(reversed(current))
+    if installed_rules in current:
+        return f"{told}; the installed rules are current"
+    return f"{told}; the installed rules are not among them"
 
 
 def _document(kind: Kind) -> dict[str, Any]:

@@ -71,6 +71,14 @@ def create(
     params: Annotated[str | None, typer.Option(help="The task's parameters as a JSON object.")] = None,
     description: Annotated[str, typer.Option(help="Description for people.")] = "",
     max_attempts: Annotated[int | None, typer.Option(help="Attempts before the reward is refunded.")] = None,
+    rules_sha256: Annotated[
+        str | None,
+        typer.Option(
+            "--rules",
+            help="Hash of the rules by which it is judged, among the kind's current ones "
+            "(`rodeo kind show`). By default the newest.",
+        ),
+    ] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Queue it even if every service costs more.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -88,6 +96,8 @@ def create(
         }
         if max_attempts is not None:
             request["max_attempts"] = max_attempts
+        if rules_sha256 is not None:
+            request["rules_sha256"] = rules_sha256
         if doubt := _doubt(loaded, bus, kind, request["params"]):
             errors.print(f"[bold yellow]warning[/]: {escape(doubt)}", highlight=False, soft_wrap=True)
         reply = bus.query(

@@ -74,6 +74,7 @@ from services.bridge.errors import (
     KindWithoutRules,
     NotThisWallets,
     RewardBelowPrice,
+    RulesNotCurrent,
     UnknownCommand,
     UnknownKind,
     UnknownService,
@@ -278,8 +279,7 @@ class Wallet:
             execution_window=command.execution_window_s or window_s,
             verdict_window=command.verdict_window_s or self.economy.verdict_window_s,
             max_attempts=command.max_attempts or self.economy.max_attempts,
-            # Named, so that no rules judge it that become current before this is mined.
-            rules=_bytes32(command.rules_sha256 or next(reversed(self.index.rules(command.kind)), NO_RULES)),
+            rules=_bytes32(self._rules_of(command)),
             params=text,
         )
         # The Organization approved the TaskManager in its constructor.
@@ -454,6 +454,23 @@ class Wallet:
             raise UnknownKind(
                 "the organization does not accept this kind", kind=kind, known=self.index.kinds()
             )
+
+    def _rules_of(self, command: RegisterTask) -> str:
+        """Hash of the rules of a new task: named, so that none judge it that become current before it is
+        mined."""
+        current, wanted = self.index.rules(command.kind), command.rules_sha256
+        if wanted is None:
+            return next(reversed(current), NO_RULES)
+        if wanted not in current:  # as far as the index knows, which may be a block behind
+            current = ["0x" + one.hex() for one in self.client.current_rules(command.kind)]
+        if wanted not in current:
+            raise RulesNotCurrent(
+                "tasks of this kind are not posted under these rules",
+                kind=command.kind,
+                rules=wanted,
+                current=current,
+            )
+        return wanted
 
     def _require_able(self, kind: str) -> None:
         if reason := self.names.cannot_do(self.participant, kind):

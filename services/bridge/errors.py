@@ -63,6 +63,10 @@ class KindWithoutRules(RequestError):
     """An oracle judges by rules that everybody can name."""
 
 
+class RulesNotCurrent(RequestError):
+    """No task of this kind is posted under these rules; `details["current"]` are those that may be named."""
+
+
 class UnknownService(RequestError):
     """No such service was ever registered."""
 

@@ -86,6 +86,7 @@ FIELD_ADVICE = {
     "label": "enter its purpose in 1 to 64 characters",
     "note": "describe your work in at most 4,000 characters",
     "reason": "give a reason of at most 500 characters",
+    "rules_sha256": "enter a hash: 0x and 64 hex digits, small letters",
     "max_attempts": "enter a whole number from 1 to 255",
     "audit_window_s": "enter seconds, from a minute to 30 days",
     "execution_window_s": "give the executor at least a minute",

@@ -109,6 +109,8 @@ class Summary:
     verdicts: list[Task] = field(default_factory=list)
     wallets: list[queries.Wallet] = field(default_factory=list)
     services: list[queries.Offer] = field(default_factory=list)
+    rules: dict[str, list[str]] = field(default_factory=dict)
+    """Kind -> hashes of the rules under which its tasks may be posted, the newest last."""
     supply_iec: Decimal = Decimal(0)
 
 
@@ -277,6 +279,7 @@ class Live:
             wallets=wallets.wallets,
             supply_iec=wallets.supply_iec,
             services=self._queries.ask(queries.SERVICES).services,
+            rules={one.kind: one.rules_sha256 for one in self._queries.ask(queries.ORGANIZATION).kinds},
         )
 
     # -- map -------------------------------------------------------------------------------------------

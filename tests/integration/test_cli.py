@@ -329,6 +329,35 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     assert "unknown_service" in organization("reinstate", "12345", status=1)
 
 
+def test_a_task_names_one_of_its_kinds_current_rules(up: Path) -> None:
+    def shown() -> tuple[list[str], bool]:
+        found = json.loads(rodeo(up, "kind", "show", "waste_disposal", "--json").stdout)
+        return found["current_rules"], found["installed_is_current"]
+
+    def change(*arguments: str) -> None:
+        rodeo(up, "organization", arguments[0], "waste_disposal", *arguments[1:])
+
+    post = ("task", "create", "waste_disposal", "--item-id", "item1", "--reward", "1", "--wait")
+    (installed,), is_current = shown()
+    assert is_current
+    other, never = ("0x" + digit * 64 for digit in "59")
+    change("kind", "--review", "oracle", "--rules", other)
+    assert shown() == ([installed, other], True)
+    for named, kept in ((("--rules", installed), installed), ((), other)):
+        task_id = str(json.loads(rodeo(up, *post, *named, "--json").stdout)["task_id"])
+        assert json.loads(rodeo(up, "task", "show", task_id, "--json").stdout)["rules_sha256"] == kept
+        rodeo(up, "task", "cancel", task_id)
+    refused = rodeo(up, *post, "--rules", never, status=1).stderr
+    assert all(one in refused for one in ("rules_not_current", never, installed, other))
+    assert "--rules" in rodeo(up, *post, "--rules", "5", status=1).stderr
+    change("retire-rules", installed)
+    assert shown() == ([other], False)
+    assert "not among them" in rodeo(up, "kind", "show", "waste_disposal").stdout
+    change("kind", "--review", "oracle", "--rules", installed)
+    change("retire-rules", other)
+    assert shown() == ([installed], True)
+
+
 def test_services_and_wallets_are_listed(up: Path) -> None:
     services = rodeo(up, "service", "list").stdout
     assert "panther1" in services and "100 IEC" in services

@@ -214,11 +214,15 @@ class PostForm:
                     self.attempts.value = site.economy.max_attempts
                     if runs_fast(site):
                         self.window.props('hint="of site time, which runs faster than the wall clock"')
+                    # Shown where there is a choice.
+                    self.rules = ui.select({_ANY: "the newest"}, value=_ANY, label="Judged by the rules")
                     self.description = ui.input("Note for people")
                     self.wait = ui.checkbox(
                         "Queue it if every service costs more", on_change=self._changed
                     ).classes("whole")
-                for field in (self.kind, self.reward, self.window, self.attempts, self.description):
+                for field in (
+                    self.kind, self.reward, self.window, self.attempts, self.rules, self.description
+                ):  # fmt: skip
                     field.props("outlined dense")
                 self.description.props("maxlength=2000")
                 self._hints = Section(_draw_hints).live()
@@ -264,7 +268,16 @@ class PostForm:
             self.window.value = chosen.execution_window_s / 60
             if chosen.price_iec:
                 self.reward.value = str(chosen.price_iec)
+        self._offer_rules()
         self._item_chosen()
+
+    def _offer_rules(self) -> None:
+        """Let one of the kind's current rules be chosen, where there are several."""
+        current = self._console.live.summary.rules.get(self.kind.value, [])
+        offered = {_ANY: "the newest", **{one: f"{one[:18]}…" for one in reversed(current)}}
+        if offered != self.rules.options:
+            self.rules.set_options(offered, value=self.rules.value if self.rules.value in offered else _ANY)
+        self.rules.visible = len(current) > 1
 
     def _item_chosen(self) -> None:
         """Propose where the item is seen now, or where the site file put it."""
@@ -300,6 +313,7 @@ class PostForm:
         known = {name: kind(name) for name in sorted({*kinds, *self.kind.options})}
         if known != self.kind.options:
             self.kind.set_options(known)
+        self._offer_rules()
         self._changed()
 
     def _changed(self) -> None:
@@ -336,6 +350,8 @@ class PostForm:
             request["execution_window_s"] = round(self.window.value * 60)
         if self.attempts.value:
             request["max_attempts"] = int(self.attempts.value)
+        if self.rules.value:
+            request["rules_sha256"] = self.rules.value
         return validate(RegisterTask, request)
 
     def _problems(self) -> list[str]:
@@ -377,6 +393,8 @@ class PostForm:
         lines = [("Kind", kind(request.kind)), ("Reward", reward), *self._shown().told()]
         if request.execution_window_s is not None:
             lines.append(("Time to do it", f"{span(request.execution_window_s)} of site time"))
+        if request.rules_sha256 is not None:
+            lines.append(("Rules", request.rules_sha256))
         balance = self._balance()
         if balance is not None:
             lines.append(("Organization after", iec(balance - request.reward_iec)))

@@ -68,6 +68,8 @@ def test_show_has_the_parameters_and_the_checks_in_order() -> None:
     assert {"{ns}/odom", "{ns}/joint_states"} <= {one["topic"] for one in shown["recorded"]}
     text = said("show", "waste_disposal")
     assert "Waste disposal" in text and "task_binding" in text
+    assert (shown["current_rules"], shown["installed_is_current"]) == (None, None)
+    assert "unknown: no site answers" in text
 
 
 def test_a_kind_that_is_not_installed_is_refused() -> None:
