@@ -7,7 +7,7 @@ CHAIN ?= eth-tester
 # Test files that run at the same time.
 JOBS ?= 2
 
-.PHONY: help setup postgresql demo test test-long bench lint contracts clean
+.PHONY: help setup postgresql demo test test-long experiment bench lint contracts clean
 
 help:  ## show the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -51,6 +51,9 @@ test: $(VENV)/stamp node_modules/.stamp postgresql  ## everything that checks th
 
 test-long: $(VENV)/stamp node_modules/.stamp postgresql  ## the rest: the forgeries, and whole sites that are killed, kept busy, or do without
 	@$(PYTEST) -m long
+
+experiment: $(VENV)/stamp  ## the published experiment, about ten minutes; out/experiment/paper/report.html
+	@$(BIN)/rodeo experiment paper
 
 bench: $(VENV)/stamp node_modules/.stamp  ## measure; ONLY=area limits it (contracts, evidence, oracle, forgeries, kinds, honest, margins, robot, itrash, bridge, autonomy, pace, soak, faults, console)
 	@$(BIN)/python -m bench $(ONLY)

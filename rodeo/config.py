@@ -293,6 +293,40 @@ class DemoConfig(_Table):
     """Parameters of the task. The kind fills in the missing ones."""
 
 
+class GasPrices(_Table):
+    """What a chain would charge for the gas that was used, by a named price."""
+
+    name: str = Field(max_length=40)
+    gas_gwei: Decimal = Field(ge=0)
+    """Price of a unit of gas, base fee and tip. A rollup's charge for its data is not in it."""
+
+
+class ExperimentConfig(_Table):
+    """The days that `rodeo experiment` runs on this site. Every number here is printed in its report."""
+
+    kind: KindName
+    """The organization has this done for each item that somebody leaves on the floor."""
+    emptying: KindName
+    """A person does this when the bin has taken `empty_after` items. Auditors judge it."""
+    person: str
+    """The participant who empties the bin."""
+    emptying_iec: Decimal = Field(default=Decimal(20), ge=0)
+    empty_after: int = Field(default=6, ge=1)
+    emptying_min: float = Field(default=10.0, gt=0)
+    """Minutes of site time from the assignment until the person is done, and again until it is judged."""
+    days: int = Field(default=3, ge=1, le=14)
+    arrivals: int = Field(default=51, ge=0)
+    """Items in all days. They arrive at random between the first and the last of `arrival_hours`."""
+    arrival_hours: tuple[float, float] = (8.5, 17.5)
+    """Hours of the local day (the first robot's time zone)."""
+    deposit_iec: Decimal = Field(default=Decimal(5000), ge=0)
+    """The administrator adds this to the treasury before the first arrival."""
+    gas_prices: list[GasPrices] = []
+    eth_eur: Decimal = Field(default=Decimal(3700), ge=0)
+    slow_limits: dict[str, float] = {}
+    """Motion limits of the robots with `--pace paper`."""
+
+
 class ConsoleConfig(_Table):
     """The web page and its interface for programs."""
 
@@ -315,6 +349,8 @@ class AgentConfig(_Table):
     """State of charge under which an idle robot buys a charge."""
     charge_target: float = Field(default=0.95, gt=0, le=1)
     explore_when_idle: bool = True
+    explore_min_per_h: float = Field(default=60.0, ge=0, le=60)
+    """Minutes of each hour that an idle robot may explore. A simulated clock cannot skip this time."""
     daily_spending_cap_iec: Decimal = Field(default=Decimal(1000), ge=0)
     """IEC that a robot may spend on tasks of its own within 24 hours of site time."""
     maintenance: list[MaintenanceConfig] = []
@@ -354,6 +390,7 @@ class Site(BaseSettings):
     participants: list[ParticipantConfig] = []
     people: PeopleConfig = PeopleConfig()
     demo: DemoConfig | None = None
+    experiment: ExperimentConfig | None = None
     kinds: list[KindConfig] = []
     """The kinds of work that the organization knows. The code of those that are installed is imported beside
     the keys, so only what is named here is."""

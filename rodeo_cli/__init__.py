@@ -2,7 +2,19 @@
 
 import typer
 
-from rodeo_cli import accounts, classify, demo, kinds, organization, people, robot, site, sites, tasks
+from rodeo_cli import (
+    accounts,
+    classify,
+    demo,
+    experiment,
+    kinds,
+    organization,
+    people,
+    robot,
+    site,
+    sites,
+    tasks,
+)
 
 app = typer.Typer(
     name="rodeo",
@@ -25,3 +37,4 @@ app.add_typer(robot.robots, name="robot")
 app.add_typer(accounts.accounts, name="console")
 app.add_typer(sites.sites, name="site")
 app.add_typer(kinds.kinds, name="kind")
+app.add_typer(experiment.experiments, name="experiment")

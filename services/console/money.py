@@ -1,20 +1,15 @@
-"""What happened to an account's money, in words, and what electricity cost meanwhile."""
+"""What happened to an account's money, in words."""
 
 from __future__ import annotations
 
 import csv
 import io
 from collections.abc import Iterable
-from decimal import Decimal
 from typing import Any
 
-from rodeo.config import TariffConfig
 from services.console.formatting import moment
 
 Json = dict[str, Any]
-
-_HOUR_S = 3600
-_DAY_S = 24 * _HOUR_S
 
 _REASONS = {
     "escrow": "Reward of task {task} into escrow",
@@ -38,25 +33,6 @@ _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 def reason(transfer: Json) -> str:
     """Why the money moved."""
     return _REASONS.get(transfer["reason"], str(transfer["reason"])).format(task=transfer["task_id"])
-
-
-def price_at(tariffs: Iterable[TariffConfig], time_s: float) -> Decimal:
-    """EUR/kWh at this site time."""
-    ordered = sorted(tariffs, key=lambda tariff: tariff.from_hour)
-    hour = int(time_s % _DAY_S // _HOUR_S)
-    begun = [tariff for tariff in ordered if tariff.from_hour <= hour]
-    return (begun or ordered)[-1].eur_kwh
-
-
-def prices(tariffs: list[TariffConfig], first_s: float, last_s: float) -> list[tuple[float, float]]:
-    """(site time, EUR/kWh) at both ends and at each change in between; at most 200 days of changes."""
-    times = {first_s, last_s}
-    start_s = first_s - first_s % _DAY_S
-    for day in range(min(200, int((last_s - start_s) // _DAY_S) + 1)):
-        times |= {start_s + day * _DAY_S + tariff.from_hour * _HOUR_S for tariff in tariffs}
-    return [
-        (time_s, float(price_at(tariffs, time_s))) for time_s in sorted(times) if first_s <= time_s <= last_s
-    ]
 
 
 def transfers_csv(transfers: Iterable[Json]) -> str:

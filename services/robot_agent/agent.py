@@ -55,6 +55,7 @@ from rodeo.stamps import set_stamp
 from rodeo.tls import bus_is_closed
 from rodeo.witness import Inputs
 from rodeo.witness.witness import Witness
+from services.robot_agent.budget import HourlyBudget
 from services.robot_agent.charging import Charging
 from services.robot_agent.decision import Intent, Situation, decide, require_time_for_verdict, takes_work
 from services.robot_agent.journal import Journal, Phase, recording_of
@@ -163,6 +164,7 @@ class Agent:
             self._behaviours,
         )
         self._chance = generator(site, process.name, "explore")
+        self._exploring = HourlyBudget(60 * site.agent.explore_min_per_h)
         self._schedule = robot.schedule
         self._off_since: Situation | None = None
         """How things were when the robot was switched off; None while it is on."""
@@ -358,6 +360,7 @@ class Agent:
             paused=standing.paused or bool(self._process.disk_problem),
             charge_ordered=standing.charge,
             off_duty=self._off_duty,
+            explored_enough=self._exploring.is_used_up(self._clock.now_s()),
         )
 
     def _able(self, soc: float, here: Pose2) -> Iterator[str]:
@@ -492,11 +495,15 @@ class Agent:
             log.info("staying: %s", error)
 
     def _wait_for_news(self) -> None:
-        """Until something happens on chain, or it is time to look at the battery."""
+        """Until something happens on chain, or it is time to look at the battery or to explore again."""
+        now_s = self._clock.now_s()
+        until_s = now_s + _IDLE_S
+        if self._site.agent.explore_when_idle and self._exploring.is_used_up(now_s):
+            until_s = min(until_s, self._exploring.renewed_s(now_s))
         self._clock.wait_for(
             self._wake.is_set,
             self._stop,
-            until_s=self._clock.now_s() + _IDLE_S,
+            until_s=until_s,
             wall_s=_IDLE_WALL_S,
             resting=True,
         )
@@ -505,6 +512,7 @@ class Agent:
         self._upkeep.ask_for_care()
         self._report("exploring")
         goal = next(self._floor.explore(self._memory.lying(), self._chance))
+        began_s = self._clock.now_s()
         try:
             self._manipulator.fold(self._undistracted)
             self._body.navigate(goal, self._undistracted)
@@ -512,6 +520,8 @@ class Agent:
             return
         except MotionFailed as error:
             log.info("cannot explore there: %s", error)
+        finally:
+            self._exploring.use(began_s, self._clock.now_s() - began_s)
 
     def _undistracted(self) -> None:
         self._checkpoint()

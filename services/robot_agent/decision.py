@@ -39,6 +39,8 @@ class Situation:
     charge_ordered: bool = False
     off_duty: bool = False
     """The robot's working hours are over."""
+    explored_enough: bool = False
+    """It has explored for as long as it may in this hour."""
 
 
 def require_time_for_verdict(task: Task, site: Site) -> None:
@@ -76,4 +78,5 @@ def decide(now: Situation, agent: AgentConfig) -> Intent:
         return Intent.OFF
     if charge_state == "open":
         return Intent.AWAIT_CHARGE
-    return Intent.EXPLORE if agent.explore_when_idle and not (low or now.paused) else Intent.REST
+    explores = agent.explore_when_idle and not (low or now.paused or now.explored_enough)
+    return Intent.EXPLORE if explores else Intent.REST

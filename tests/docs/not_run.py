@@ -11,6 +11,8 @@ _CHAIN = "needs an Ethereum node of one's own: tests/integration/test_another_ch
 
 NOT_RUN: dict[str, str] = {
     "make demo": f"{_MINUTES}: tests/integration/test_demo.py runs what it runs",
+    "make experiment": f"{_MINUTES}: tests/integration/test_experiment.py runs a short one",
+    "rodeo experiment paper": f"{_MINUTES}: tests/integration/test_experiment.py runs a short one",
     "make setup": "installs packages",
     "make lint": _SUITE,
     "make test": _SUITE,

@@ -23,7 +23,7 @@ TOP = {path.name for path in ROOT.iterdir() if path.is_dir() and not path.is_sym
 ROOT_FILE = re.compile(r"Makefile|LICENSE|[\w.-]+\.(md|toml|json|txt|cff)")
 NAME = re.compile(r"_?[A-Za-z]\w*")
 ARROW = re.compile(r"\s+(.+?) (-->|-\.->)\|(.+)\| (.+)")
-KIND_FREE = ("rodeo", "services", "deploy", "rodeo_cli")
+KIND_FREE = ("rodeo", "services", "deploy", "rodeo_cli", "rodeo_experiments")
 """Rooms in which no file names a kind of work."""
 ABOVE = ("rodeo_kinds", "services", "deploy", "rodeo_cli")
 BESIDE = {"people", "cli", "store"}

@@ -9,9 +9,10 @@ from typing import Any
 from nicegui import ui
 
 from rodeo.errors import RodeoError
+from rodeo.tariff import prices
 from services.console.actions import ORGANIZATION
 from services.console.formatting import count, exact, iec, moment, party, short
-from services.console.money import prices, reason
+from services.console.money import reason
 from services.console.pages.frame import (
     Console,
     act,

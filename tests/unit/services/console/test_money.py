@@ -6,7 +6,8 @@ import csv
 from decimal import Decimal
 
 from rodeo.config import TariffConfig
-from services.console.money import price_at, prices, transfers_csv
+from rodeo.tariff import price_at, prices
+from services.console.money import transfers_csv
 
 DAY_S = 86_400
 TARIFFS = [

@@ -40,6 +40,10 @@ def test_what_the_robot_does_next(
     assert decide(situation, AGENT) == intent
 
 
+def test_a_robot_that_explored_enough_rests() -> None:
+    assert decide(Situation(0.9, None, None, explored_enough=True), AGENT) == Intent.REST
+
+
 def test_an_assignment_that_the_battery_does_not_last_for_waits_for_a_charge() -> None:
     assert decide(Situation(0.12, JOB, None, battery_suffices=False), AGENT) == Intent.BUY_CHARGE
 

@@ -1,0 +1,172 @@
+"""Commands that run and measure whole days of a site."""
+
+from __future__ import annotations
+
+import json
+import time
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+import deploy
+from rodeo.config import Site
+from rodeo_cli.common import console, reports_errors, say
+from rodeo_cli.site import stop_on_signals
+
+if TYPE_CHECKING:
+    from rodeo_experiments.site import Variation
+
+PAPER = Path(deploy.__file__).parent / "sites" / "paper.toml"
+_SAY_EVERY_S = 10.0
+
+experiments = typer.Typer(help="Run and measure whole days of a site.", no_args_is_help=True)
+
+
+@experiments.command()
+@reports_errors
+def paper(
+    out: Annotated[Path, typer.Option(help="Folder for site, record and report.")] = Path(
+        "out/experiment/paper"
+    ),
+    site: Annotated[
+        Path, typer.Option("--site", help="Site file.", show_default="deploy/sites/paper.toml")
+    ] = PAPER,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of every random choice.")] = None,
+    days: Annotated[int | None, typer.Option(min=1, max=14, help="Site days.")] = None,
+    robots: Annotated[int | None, typer.Option(min=1, max=8, help="Number of robots.")] = None,
+    arrivals: Annotated[
+        str,
+        typer.Option(help="poisson:RATE per hour, or a CSV file with a column `hours`.", metavar="SOURCE"),
+    ] = "",
+    tariff: Annotated[
+        Path | None,
+        typer.Option(exists=True, dir_okay=False, help="CSV file with columns `from_hour` (UTC), `eur_kwh`."),
+    ] = None,
+    chain: Annotated[Literal["eth-tester", "anvil"] | None, typer.Option(help="The local chain.")] = None,
+    pace: Annotated[
+        Literal["site", "paper"], typer.Option(help="Speed limits of the site file, or slower ones.")
+    ] = "site",
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue an interrupted run; if it is complete, report again.")
+    ] = False,
+    seeds: Annotated[int, typer.Option(min=1, max=100, help="Run so many seeds one after the other.")] = 1,
+) -> None:
+    """Run the days of the published experiment, and report them beside its numbers.
+
+    Exit status 0 only if every arrival was posted, every task is over and the supply of IEC was conserved.
+    """
+    from rodeo_experiments.errors import ExperimentFailed
+    from rodeo_experiments.site import Variation
+
+    if find_spec("matplotlib") is None:
+        raise ExperimentFailed('the figures need matplotlib: pip install "rodeo-dao[experiment]"')
+    stop_on_signals()
+    vary = Variation(seed=seed, days=days, robots=robots, tariff=tariff, chain=chain, slow=pace == "paper")
+    try:
+        problems = (
+            _run(site, out, vary, arrivals, resume)
+            if seeds == 1
+            else _run_seeds(site, out, vary, arrivals, resume, seeds)
+        )
+    except KeyboardInterrupt:
+        console.print("stopped; --resume continues")
+        raise typer.Exit(130) from None
+    for problem in problems:
+        console.print(f"[bold red]not as expected[/]: {escape(problem)}")
+    say(f"The report is {out / 'report.html'}.")
+    if problems:
+        raise typer.Exit(1)
+
+
+def _run(
+    base: Path,
+    out: Path,
+    vary: Variation,
+    source: str,
+    resume: bool,
+    others: tuple[dict[str, Any], ...] = (),
+) -> list[str]:
+    """One run and its report; what is wrong with it."""
+    # Physics and chain take seconds to import, and the other commands need none of it.
+    from rodeo_experiments.arrivals import plan
+    from rodeo_experiments.conduct import Conduct
+    from rodeo_experiments.record import Run
+    from rodeo_experiments.report import write_report
+    from rodeo_experiments.results import Figures
+    from rodeo_experiments.site import write_site
+
+    path, record = out / "site.toml", out / "run.json"
+    if not (resume and path.exists()):
+        write_site(base, out, vary)
+    site = Site.load(path)
+    assert site.experiment is not None
+    times = plan(site, site.experiment, source)
+    if not record.exists():
+        say(f"{len(times)} arrivals in {site.experiment.days} site days, seed {site.clock.seed}. Logs: {out}")
+        with _Shown() as shown:
+            Conduct(path, times, out, shown.say).run().save(record)
+    run = Run.load(record)
+    found = Figures(run)
+    problems = found.problems(len(times))
+    write_report(run, site, out, problems, others)
+    results = found.results()
+    say(
+        f"{results['cleaning_settled']} cleanings and {results['charging_settled']} charges are paid; "
+        f"{run.wall_s:.0f} s of wall time."
+    )
+    return problems
+
+
+def _run_seeds(base: Path, out: Path, vary: Variation, source: str, resume: bool, count: int) -> list[str]:
+    """A run for each seed in a folder of its own; the last report shows all of them."""
+    from dataclasses import replace
+
+    from rodeo_experiments.record import Run
+    from rodeo_experiments.report import write_report
+    from rodeo_experiments.results import Figures
+
+    first = vary.seed if vary.seed is not None else Site.load(base).clock.seed or 0
+    problems, folders = [], [out / f"seed-{first + number}" for number in range(count)]
+    for number, folder in enumerate(folders):
+        found = _run(base, folder, replace(vary, seed=first + number), source, resume)
+        problems += [f"seed {first + number}: {one}" for one in found]
+    runs = [Run.load(folder / "run.json") for folder in folders]
+    results = [Figures(run).results() for run in runs]
+    write_report(runs[0], Site.load(folders[0] / "site.toml"), out, problems, results)
+    (out / "seeds.json").write_text(json.dumps(results, indent=2) + "\n")
+    return problems
+
+
+class _Shown:
+    """What happens, as a bar on a terminal and as a line now and then elsewhere."""
+
+    def __init__(self) -> None:
+        self._bar = Progress(
+            BarColumn(20),
+            TextColumn("{task.description}"),
+            TimeElapsedColumn(),
+            console=console,
+            transient=True,
+            disable=not console.is_terminal,
+        )
+        self._task = self._bar.add_task("starting", total=1.0)
+        self._begun_s = time.monotonic()
+        self._said_s = -_SAY_EVERY_S
+
+    def __enter__(self) -> _Shown:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        self._bar.stop()
+
+    def say(self, text: str, share: float) -> None:
+        self._bar.update(self._task, completed=share, description=escape(text))
+        now_s = time.monotonic() - self._begun_s
+        if not console.is_terminal and now_s - self._said_s >= _SAY_EVERY_S:
+            self._said_s = now_s
+            say(f"{now_s:6.0f} s  {text}")

@@ -1,0 +1,256 @@
+"""The published experiment in numbers: what the paper reports, what follows from its own counts, and ours.
+
+The paper is "RODEO: RObotic DEcentralized Organization" by M. Groshev and E. Castello Ferrer. Only its
+numbers are here, and in our words where two of them do not fit.
+"""
+
+from __future__ import annotations
+
+import math
+import statistics
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rodeo_experiments.results import Figures, median
+
+CLEANINGS, CHARGES, DAYS = 51, 8, 3
+REWARD_IEC, CHARGE_IEC = 100, 200
+START_IEC, END_IEC = 2000, 4100
+CLEANING_MIN, CLEANING_RANGE_MIN = 3.2, (2.4, 3.7)
+CLEANING_ORACLE_MIN, CLEANING_ORACLE_RANGE_MIN = 1.1, (0.9, 1.2)
+CLEANING_TOTAL_MIN = 4.1
+CHARGING_MIN = (53.6, 73.0, 65.5)
+CHARGING_ORACLE_MIN = (0.8, 1.0, 0.3)
+CHARGING_TOTAL_MIN = 65.8
+FUNDED = (1, 3, 7)
+HOURS_PER_CHARGE = 8
+REPLAY_SPEED = 3
+
+
+@dataclass(frozen=True)
+class Row:
+    quantity: str
+    paper: str
+    recomputed: str
+    """From the paper's own counts."""
+    ours: str
+
+
+def contradictions() -> list[str]:
+    """Where the paper's numbers do not fit each other, each recomputed here."""
+    gain = CLEANINGS * REWARD_IEC - CHARGES * CHARGE_IEC
+    told = END_IEC - START_IEC
+    fits_cleanings = (told + CHARGES * CHARGE_IEC) / REWARD_IEC
+    fits_charges = (CLEANINGS * REWARD_IEC - told) / CHARGE_IEC
+    organization = START_IEC - gain
+    sums = [a + b for a, b in zip(CHARGING_MIN, CHARGING_ORACLE_MIN, strict=True)]
+    of_medians = statistics.median(CHARGING_MIN) + statistics.median(CHARGING_ORACLE_MIN)
+    busy_h = CHARGES * (HOURS_PER_CHARGE + statistics.median(CHARGING_MIN) / 60)
+    return [
+        f"{CLEANINGS} × {REWARD_IEC} − {CHARGES} × {CHARGE_IEC} = {gain:+,} IEC. The paper reports "
+        f"{told:+,} IEC. "
+        f"That needs {fits_cleanings:.0f} paid cleanings, or {fits_charges:.0f} charges.",
+        f"The organization began with {START_IEC:,} IEC, too. After all payments it would have "
+        f"{organization:+,} IEC, which no token allows: it could never have paid for {CLEANINGS} cleanings.",
+        f"Funded charges of {', '.join(map(str, FUNDED))} ({sum(FUNDED)} in all) fit no reading. Daily "
+        "gains sum "
+        f"to {told:,} IEC at most as reported, which buys {told // CHARGE_IEC} charges. Balances at the "
+        "end of a "
+        f"day are never below {START_IEC:,} IEC, which buys {START_IEC // CHARGE_IEC} on the first day "
+        "already.",
+        f"{CHARGES} charges of {HOURS_PER_CHARGE} h, and the charging itself, fill {busy_h:.0f} h of "
+        f"{24 * DAYS} h. The balance is flat in the nights, so nobody charged then.",
+        "The caption of the figure with completion times calls the light bars proof creation. The text "
+        "calls them "
+        "the oracle's decision.",
+        "In one place a rejection returns the reward to the creator. In another the task is queued again.",
+        f"The median of the charges' sums is {statistics.median(sums):.1f} min, as reported. The sum of "
+        "both medians "
+        f"is {of_medians:.1f} min. For cleanings the reported total is {CLEANING_TOTAL_MIN} min, and the "
+        "sum of the "
+        f"reported medians {CLEANING_MIN + CLEANING_ORACLE_MIN:.1f} min.",
+    ]
+
+
+def table(figures: Figures) -> list[Row]:
+    """The three columns."""
+    run, robot = figures.run, figures.run.robots[0]
+    gain = CLEANINGS * REWARD_IEC - CHARGES * CHARGE_IEC
+    cleaning = figures.execution_min(figures.cleanings)
+    charging = figures.execution_min(figures.charges)
+    total = [
+        ((task.settled or 0.0) - (task.assigned or 0.0)) / 60 for task in figures.settled(figures.cleanings)
+    ]
+    balance_start, balance_end = figures.balance(robot, run.started_s), figures.balance(robot)
+    by_gain, by_balance = figures.funded(figures.gains(robot)), figures.funded(figures.day_ends(robot))
+    hours = figures.hours_per_charge
+    results = figures.results()
+    charging_per_day = [
+        median(
+            figures.execution_min([task for task in figures.charges if _day(figures, task.settled) == day])
+        )
+        for day in range(run.days)
+    ]
+    gas = {step: median(one.gas_used or 0 for one in found) for step, found in figures.steps.items()}
+    return [
+        Row("Cleanings paid", f"{CLEANINGS}", f"{CLEANINGS}", f"{len(figures.settled(figures.cleanings))}"),
+        Row("Charges paid", f"{CHARGES}", f"{CHARGES}", f"{len(figures.settled(figures.charges))}"),
+        Row("Both", "59", f"{CLEANINGS + CHARGES}", f"{len(figures.settled(figures.own_tasks))}"),
+        Row("Cleanings by day", "5 on the first", f"{CLEANINGS} in all", _list(results["cleanings_per_day"])),
+        Row("Charges by day", "1 on the first", f"{CHARGES} in all", _list(results["charges_per_day"])),
+        Row("Bin emptied by a person", "not told", "–", str(results["emptying_settled"])),
+        Row(
+            "Rejected, expired", "none told", "–", f"{results['tasks_rejected']}, {results['tasks_expired']}"
+        ),
+        Row("Reward of a cleaning (IEC)", f"{REWARD_IEC}", f"{REWARD_IEC}", _price(figures.cleanings)),
+        Row("Price of a charge (IEC)", f"{CHARGE_IEC}", f"{CHARGE_IEC}", _price(figures.charges)),
+        Row(
+            "Robot's balance at the start (IEC)", f"{START_IEC:,}", f"{START_IEC:,}", f"{balance_start:,.0f}"
+        ),
+        Row(
+            "Robot's balance at the end (IEC)",
+            f"{END_IEC:,}",
+            f"{START_IEC + gain:,}",
+            f"{balance_end:,.0f}",
+        ),
+        Row(
+            "Robot's gain (IEC)",
+            f"{END_IEC - START_IEC:+,}",
+            f"{gain:+,}",
+            f"{balance_end - balance_start:+,.0f}",
+        ),
+        Row(
+            "Organization's balance (IEC)",
+            f"{START_IEC:,} at the start",
+            f"{START_IEC - gain:+,} at the end",
+            f"{results['organization_start_iec']:,.0f} to {results['organization_end_iec']:,.0f}",
+        ),
+        Row(
+            "Cleaning, assignment to proof (min)",
+            _with_range(CLEANING_MIN, CLEANING_RANGE_MIN),
+            "–",
+            f"{_spread(cleaning)} of site time",
+        ),
+        Row(
+            "Cleaning, oracle (min)",
+            _with_range(CLEANING_ORACLE_MIN, CLEANING_ORACLE_RANGE_MIN),
+            f"replayed at {REPLAY_SPEED} × real time: {CLEANING_MIN / REPLAY_SPEED:.1f}",
+            _oracle(figures, figures.cleanings),
+        ),
+        Row(
+            "Cleaning, both (min)",
+            f"{CLEANING_TOTAL_MIN} (3.6 to 4.8)",
+            f"{CLEANING_MIN + CLEANING_ORACLE_MIN:.1f}",
+            f"{_spread(total)} of site time",
+        ),
+        Row(
+            "Charging by day (min)",
+            ", ".join(f"{one:.1f}" for one in CHARGING_MIN),
+            "–",
+            ", ".join(_number(one) for one in charging_per_day),
+        ),
+        Row(
+            "Charging, median (min)",
+            f"{statistics.median(CHARGING_MIN)}",
+            f"{statistics.median(CHARGING_MIN)}",
+            _spread(charging),
+        ),
+        Row(
+            "Charging, oracle (min)",
+            ", ".join(f"{one:.1f}" for one in CHARGING_ORACLE_MIN),
+            f"median {statistics.median(CHARGING_ORACLE_MIN):.1f}",
+            _oracle(figures, figures.charges),
+        ),
+        Row(
+            "Hours between two charges",
+            "shown in the figure only",
+            f"{24 * DAYS / CHARGES:.1f} on average",
+            _spread(figures.intervals_h),
+        ),
+        Row("Hours per charge", f"{HOURS_PER_CHARGE}, assumed", "–", f"{_number(hours)}, measured"),
+        Row(
+            "Funded charges by day, of the day's gain",
+            ", ".join(map(str, FUNDED)),
+            f"{gain // CHARGE_IEC} in all",
+            _list(by_gain),
+        ),
+        Row(
+            "Funded charges by day, of the balance",
+            ", ".join(map(str, FUNDED)),
+            f"{(START_IEC + gain) // CHARGE_IEC} on the last",
+            _list(by_balance),
+        ),
+        Row(
+            "Funded hours by day, of the day's gain",
+            ", ".join(str(HOURS_PER_CHARGE * one) for one in FUNDED),
+            f"{gain // CHARGE_IEC * HOURS_PER_CHARGE} in all",
+            ", ".join(_number(one * hours) for one in by_gain),
+        ),
+        Row("Change of the balance at night (IEC)", "0", "–", _nights(figures)),
+        Row("Energy bought (kWh)", "not told", "–", f"{figures.energy_kwh:.2f}"),
+        Row("Electricity per charge (EUR)", "not told", "–", _eur(results["eur_per_charge"])),
+        Row("Electricity per cleaning (EUR)", "not told", "–", _eur(results["eur_per_cleaning"])),
+        Row(
+            "Gas per step",
+            "not told",
+            "published code: 590k to 7.9M",
+            "; ".join(f"{step} {used / 1000:.0f}k" for step, used in sorted(gas.items()) if step != "others"),
+        ),
+        Row(
+            "Transaction, event (s of wall time)",
+            "not told",
+            "published code polls every 1 to 2 s",
+            f"{_number(results['transaction_s_median'], 2)}, {_number(results['event_s_median'], 2)}",
+        ),
+    ]
+
+
+def _day(figures: Figures, time_s: float | None) -> int | None:
+    return None if time_s is None else figures.run.day_of(time_s)
+
+
+def _nights(figures: Figures) -> str:
+    """What the robot's balance changed by outside of the hours from 8 to 18, in all nights."""
+    run, robot = figures.run, figures.run.robots[0]
+    changes = []
+    for day in range(run.days - 1):
+        evening_s = run.begin_s + 86_400 * day + 19 * 3600
+        changes.append(figures.balance(robot, evening_s + 13 * 3600) - figures.balance(robot, evening_s))
+    return ", ".join(f"{one:.0f}" for one in changes) or "no whole night"
+
+
+def _with_range(middle: float, ends: tuple[float, float]) -> str:
+    return f"{middle} ({ends[0]} to {ends[1]})"
+
+
+def _spread(values: Sequence[float]) -> str:
+    if not values:
+        return "none"
+    return f"{median(values):.2f} ({min(values):.2f} to {max(values):.2f})"
+
+
+def _oracle(figures: Figures, tasks: Sequence[object]) -> str:
+    wall_s = figures.oracle_s(tasks)  # type: ignore[arg-type]
+    site_s = figures.oracle_site_s(tasks)  # type: ignore[arg-type]
+    if not wall_s:
+        return "none"
+    wall, site = median(wall_s), median(site_s)
+    return f"{wall / 60:.2f} of wall time ({wall:.1f} s), {site / 60:.2f} of site time"
+
+
+def _price(tasks: Sequence[object]) -> str:
+    return ", ".join(sorted({f"{task.reward_iec:.0f}" for task in tasks})) or "none"  # type: ignore[attr-defined]
+
+
+def _list(values: object) -> str:
+    return ", ".join(map(str, values)) if isinstance(values, list) else str(values)
+
+
+def _number(value: object, digits: int = 1) -> str:
+    if not isinstance(value, int | float) or math.isnan(value):
+        return "–"
+    return f"{value:.{digits}f}"
+
+
+def _eur(value: object) -> str:
+    return _number(value, 3)

@@ -1,0 +1,363 @@
+"""`report.md`, a self-contained `report.html`, and the tables as CSV."""
+
+from __future__ import annotations
+
+import csv
+import html
+import json
+import re
+import statistics
+from collections.abc import Iterable, Sequence
+from datetime import datetime
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+from rodeo.config import ExperimentConfig, Site
+from rodeo.schedule import zone
+from rodeo_experiments import paper
+from rodeo_experiments.record import Run
+from rodeo_experiments.results import Figures, Value, step_of
+
+_LIMITS = (
+    "The robot, its arm, the bin, the dock and the lab are simulated in MuJoCo. Contacts, motors and "
+    "sensors are "
+    "models with noise. A real lab has people in it, and other light, floors and radio.",
+    "Somebody leaves an item on free floor at a random place and time. The organization is told at once "
+    "where it is.",
+    "The simulated clock waits for bridge, oracle and chain. On the site's clock a verdict therefore takes "
+    "no time, "
+    "and the wall time of a verdict depends on this machine.",
+    "Exploring while idle is limited to a few seconds an hour, because that time cannot be skipped. A "
+    "robot that "
+    "explores all day uses more energy and charges more often.",
+    "The battery's capacity and resistance are the manufacturer's. Its base load is a parameter of the "
+    "site file.",
+    "Gas is measured on an embedded chain. The prices of gas and ETH are parameters. What a rollup charges "
+    "for its "
+    "data is not counted.",
+)
+_DIFFERENCES = (
+    "The paper's robot needs longer for a cleaning. Ours may drive and move its arm faster, finds an item "
+    "with one "
+    "look because motion capture and a named place tell where to look, and its room is smaller. `--pace "
+    "paper` uses "
+    "the slower limits in the site file.",
+)
+
+
+def write_tables(figures: Figures, experiment: ExperimentConfig, folder: Path) -> None:
+    """tasks.csv, transfers.csv, battery.csv, charges.csv, transactions.csv."""
+    run = figures.run
+    zone_ = zone(run.timezone)
+
+    def local(time_s: float | None) -> str:
+        return "" if time_s is None else f"{datetime.fromtimestamp(time_s, zone_):%Y-%m-%dT%H:%M:%S%z}"
+
+    arrivals = {one.task_id: one for one in run.arrivals}
+    _csv(
+        folder / "tasks.csv",
+        "id kind state verdict attempts creator executor reward_iec paid_iec arrived registered assigned "
+        "proof_submitted settled execution_min reason",
+        (
+            [
+                task.id,
+                task.kind,
+                task.state,
+                task.verdict or "",
+                task.attempt,
+                task.creator_name or task.creator,
+                task.executor_name or task.executor or "",
+                task.reward_iec,
+                task.paid_iec,
+                local(arrivals[task.id].time_s) if task.id in arrivals else "",
+                *map(local, (task.registered, task.assigned, task.proof_submitted, task.settled)),
+                "" if task.proof_submitted is None or task.assigned is None
+                else f"{(task.proof_submitted - task.assigned) / 60:.3f}",
+                task.reason or "",
+            ]
+            for task in run.tasks
+        ),
+    )  # fmt: skip
+    _csv(
+        folder / "transfers.csv",
+        "time from to amount_iec reason task tx_hash",
+        (
+            [
+                local(one.time_s),
+                one.sender_name or one.sender,
+                one.to_name or one.to,
+                one.amount_iec,
+                one.reason,
+                "" if one.task_id is None else one.task_id,
+                one.tx_hash,
+            ]
+            for one in run.transfers
+        ),
+    )
+    _csv(
+        folder / "battery.csv",
+        "time robot soc power_w",
+        ([local(one.time_s), one.robot, one.soc, one.power_w] for one in run.battery),
+    )
+    _csv(
+        folder / "charges.csv",
+        "dock begin end minutes energy_wh eur",
+        (
+            [
+                one.dock,
+                local(one.begin_s),
+                local(one.end_s),
+                f"{(one.end_s - one.begin_s) / 60:.2f}",
+                f"{one.energy_wh:.2f}",
+                f"{one.cost_eur:.5f}",
+            ]
+            for one in figures.flows
+        ),
+    )
+    prices = experiment.gas_prices
+    named = [re.sub(r"\W+", "_", one.name.lower()) for one in prices]
+    _csv(
+        folder / "transactions.csv",
+        " ".join(
+            [
+                "time",
+                "step",
+                "sender",
+                "gas",
+                *(f"{name}_eth {name}_eur" for name in named),
+                "tasks",
+                "tx_hash",
+            ]
+        ),
+        (
+            [
+                local(one.time_s),
+                step_of(one),
+                one.sender_name or one.sender or "",
+                one.gas_used or "",
+                *(
+                    text
+                    for price in prices
+                    for text in _fee(one.gas_used or 0, price.gas_gwei, experiment.eth_eur)
+                ),
+                " ".join(map(str, one.task_ids)),
+                one.tx_hash,
+            ]
+            for one in run.transactions
+        ),
+    )
+
+
+def _fee(gas: int, gwei: Decimal, eth_eur: Decimal) -> tuple[str, str]:
+    eth = gas * gwei / Decimal(10) ** 9
+    return f"{eth:.9f}", f"{eth * eth_eur:.6f}"
+
+
+def _csv(path: Path, columns: str, rows: Iterable[Sequence[Any]]) -> None:
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns.split())
+        writer.writerows(rows)
+
+
+# -- the report ------------------------------------------------------------------------------------------
+
+
+def markdown(
+    figures: Figures,
+    site: Site,
+    captions: dict[str, str],
+    problems: Sequence[str],
+    seeds: Sequence[dict[str, Value]] = (),
+) -> str:
+    """The report. `seeds` are the results of several runs, for the intervals."""
+    run, experiment = figures.run, site.experiment
+    assert experiment is not None
+    lines = [
+        "# Three days of one robot, again" if run.days == 3 and len(run.robots) == 1 else "# Days of a site"
+    ]
+    lines += ["", _summary(figures), ""]
+    if problems:
+        lines += ["**This run is not complete:** " + "; ".join(problems) + ".", ""]
+    lines += ["## Three columns", ""]
+    lines += _table(
+        ("quantity", "paper", "recomputed from the paper's counts", "this run"),
+        [(row.quantity, row.paper, row.recomputed, row.ours) for row in paper.table(figures)],
+    )
+    lines += ["", "## Where the paper's numbers contradict each other", ""]
+    lines += [f"- {one}" for one in paper.contradictions()]
+    lines += ["", "## What differs between its robot and ours", "", *_DIFFERENCES, ""]
+    if explained := [*figures.explained, *run.notes]:
+        lines += ["## Tasks that were not paid", "", *(f"- {one}" for one in explained), ""]
+    if seeds:
+        lines += ["## Several seeds", "", *_seeds(seeds), ""]
+    lines += ["## Figures", ""]
+    for name, caption in captions.items():
+        lines += [f"![{name}](figures/{name}.svg)", "", caption, ""]
+    lines += ["## What the steps cost", "", *_fees(figures, experiment), ""]
+    lines += ["## Method", "", *_method(figures), ""]
+    lines += ["## Parameters", "", *_table(("parameter", "value"), sorted(run.parameters.items())), ""]
+    lines += ["## Machine and versions", "", *_table(("what", "which"), sorted(run.machine.items())), ""]
+    lines += ["## Limits of the simulation", "", *(f"- {one}" for one in _LIMITS), ""]
+    lines += [
+        "## All results",
+        "",
+        *_table(("name", "value"), [(k, json.dumps(v)) for k, v in figures.results().items()]),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _summary(figures: Figures) -> str:
+    run, results = figures.run, figures.results()
+    robots = "One robot" if len(run.robots) == 1 else f"{len(run.robots)} robots"
+    kept = "No IEC appeared or disappeared." if figures.is_conserved else "The supply of IEC changed."
+    return (
+        f"{robots} did {results['cleaning_settled']} of {len(run.arrivals)} cleanings in {run.days} site "
+        "days and "
+        f"bought {results['charging_settled']} charges. The run took {run.wall_s:.0f} s of wall time with "
+        "seed "
+        f"{run.seed}. {kept}"
+    )
+
+
+def _method(figures: Figures) -> list[str]:
+    run = figures.run
+    return [
+        "The real processes run: router, chain with the contracts, bridge, robot's mind, bin, dock, oracle "
+        "and the "
+        "simulated body with its physics. Nobody sets a battery level, a verdict or a balance. Each "
+        "cleaning is "
+        "recorded, sealed, replayed by the oracle and paid on chain. Each charge follows from the battery.",
+        "",
+        "A person empties the bin, is paid for it, and an auditor judges that. The simulated clock runs "
+        "as fast as "
+        "the machine computes, waits for who works, and jumps over what is empty. It stood still for "
+        "somebody for "
+        f"{100 * run.waited_s / run.wall_s:.0f} % of the wall time.",
+        "",
+        "Execution time is from assignment to proof on the site's clock. Names that end in `_min` are site "
+        "time. "
+        "Names with `oracle_s` are wall time from the proof's event to the verdict's event as heard on the "
+        "bus.",
+    ]
+
+
+def _fees(figures: Figures, experiment: ExperimentConfig) -> list[str]:
+    rows = []
+    for step, found in sorted(figures.steps.items()):
+        gas = int(statistics.median(one.gas_used or 0 for one in found))
+        fees = [
+            f"{eth} ETH = {eur} EUR"
+            for price in experiment.gas_prices
+            for eth, eur in [_fee(gas, price.gas_gwei, experiment.eth_eur)]
+        ]
+        rows.append((step, str(len(found)), f"{gas:,}", *fees))
+    heads = [f"{one.name}, {one.gas_gwei:g} gwei" for one in experiment.gas_prices]
+    return [
+        f"One ETH is {experiment.eth_eur} EUR here.",
+        "",
+        *_table(("step", "transactions", "median gas", *heads), rows),
+    ]
+
+
+def _seeds(runs: Sequence[dict[str, Value]]) -> list[str]:
+    """Mean, standard deviation and range of each number over the runs."""
+    rows = []
+    for name in runs[0]:
+        values = [one[name] for one in runs if isinstance(one.get(name), int | float)]
+        numbers = [
+            float(value) for value in values if isinstance(value, int | float) and not isinstance(value, bool)
+        ]
+        if len(numbers) == len(runs) and name != "seed":
+            spread = statistics.stdev(numbers) if len(numbers) > 1 else 0.0
+            rows.append(
+                (
+                    name,
+                    f"{statistics.mean(numbers):.3f}",
+                    f"{spread:.3f}",
+                    f"{min(numbers):.3f} to {max(numbers):.3f}",
+                )
+            )
+    kept = all(one.get("supply_conserved") is True for one in runs)
+    return [
+        f"{len(runs)} runs, seeds {', '.join(str(one['seed']) for one in runs)}. "
+        f"The supply was conserved in {'each' if kept else 'not each'} of them.",
+        "",
+        *_table(("name", "mean", "standard deviation", "range"), rows),
+    ]
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    cells = [[cell.replace("|", "\\|") for cell in row] for row in rows]
+    return [
+        "| " + " | ".join(heads) + " |",
+        "|" + "---|" * len(heads),
+        *("| " + " | ".join(row) + " |" for row in cells),
+    ]
+
+
+# -- as HTML ---------------------------------------------------------------------------------------------
+
+_CSS = Path(__file__).with_name("report.css")
+_IMAGE = re.compile(r"!\[(\w+)\]\((.+)\)")
+_STRONG, _CODE = re.compile(r"\*\*(.+?)\*\*"), re.compile(r"`(.+?)`")
+
+
+def as_html(text: str, folder: Path) -> str:
+    """The report with its figures in it. Understands the Markdown that `markdown` writes, and no more."""
+    blocks, title = [], "Report"
+    paragraphs = [block for block in re.split(r"\n{2,}", text.strip()) if block.strip()]
+    for number, block in enumerate(paragraphs):
+        lines = block.splitlines()
+        first = lines[0]
+        if first.startswith("# "):
+            title = first[2:]
+            blocks.append(f"<h1>{_inline(title)}</h1>")
+        elif first.startswith("## "):
+            blocks.append(f"<h2>{_inline(first[3:])}</h2>")
+        elif first.startswith("| "):
+            blocks.append(_html_table(lines))
+        elif first.startswith("- "):
+            blocks.append("<ul>" + "".join(f"<li>{_inline(line[2:])}</li>" for line in lines) + "</ul>")
+        elif image := _IMAGE.fullmatch(first):
+            caption = paragraphs[number + 1] if number + 1 < len(paragraphs) else ""
+            svg = (folder / image[2]).read_text()
+            # One document has one of each id: matplotlib names its own alike in every file.
+            svg = re.sub(r'(id="|href="#|url\(#)', rf"\g<1>{image[1]}-", svg[svg.index("<svg") :])
+            blocks.append(f"<figure>{svg}<figcaption>{_inline(caption)}</figcaption></figure>")
+        elif number == 0 or not _IMAGE.fullmatch(paragraphs[number - 1]):
+            blocks.append(f"<p>{_inline(block)}</p>")
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{html.escape(title)}</title>'
+        f"<style>{_CSS.read_text()}</style></head>\n<body>\n" + "\n".join(blocks) + "\n</body></html>\n"
+    )
+
+
+def _html_table(lines: Sequence[str]) -> str:
+    rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
+    head, *body = [rows[0], *rows[2:]]
+    cells = "".join(f"<th>{_inline(cell)}</th>" for cell in head)
+    filled = "".join("<tr>" + "".join(f"<td>{_inline(cell)}</td>" for cell in row) + "</tr>" for row in body)
+    return f"<table><thead><tr>{cells}</tr></thead><tbody>{filled}</tbody></table>"
+
+
+def _inline(text: str) -> str:
+    escaped = html.escape(text.replace("\\|", "|"), quote=False)
+    return _CODE.sub(r"<code>\1</code>", _STRONG.sub(r"<strong>\1</strong>", escaped))
+
+
+def write_report(
+    run: Run, site: Site, folder: Path, problems: Sequence[str], seeds: Sequence[dict[str, Value]] = ()
+) -> None:
+    """Everything that `rodeo experiment paper` leaves in its folder, from the run's record."""
+    from rodeo_experiments.figures import draw  # needs the extra `experiment`
+
+    assert site.experiment is not None
+    figures = Figures(run)
+    write_tables(figures, site.experiment, folder)
+    captions = draw(figures, site.economy.electricity, folder / "figures")
+    (folder / "results.json").write_text(json.dumps(figures.results(), indent=2) + "\n")
+    text = markdown(figures, site, captions, problems, seeds)
+    (folder / "report.md").write_text(text)
+    (folder / "report.html").write_text(as_html(text, folder))

@@ -1,0 +1,108 @@
+"""The site of one run: the site file's own, on free ports in a folder of its own, with what a run varies."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import socket
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rodeo.chance import generator
+from rodeo.config import Site, read_tables
+from rodeo.robot.navigation import Floor
+from rodeo.site_problems import toml
+from rodeo_experiments.errors import ExperimentFailed
+from rodeo_experiments.lab import free_place
+
+
+@dataclass(frozen=True)
+class Variation:
+    """What a run may have otherwise than its site file. None leaves it as it is."""
+
+    seed: int | None = None
+    days: int | None = None
+    robots: int | None = None
+    tariff: Path | None = None
+    chain: str | None = None
+    slow: bool = False
+    """Robots keep to `experiment.slow_limits`."""
+
+
+def write_site(base: Path, folder: Path, vary: Variation) -> Path:
+    """The site file of a new run in `folder`, which is emptied. Raises ConfigError, ExperimentFailed."""
+    site = Site.load(base)
+    if site.experiment is None or site.clock.start is None:
+        raise ExperimentFailed("the site file needs an [experiment] table and clock.start", path=str(base))
+    tables = read_tables(base)
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    experiment = tables["experiment"] | ({} if vary.days is None else {"days": vary.days})
+    changes: dict[str, Any] = {
+        "chain.url": f"http://127.0.0.1:{free_port()}",
+        "console.port": 0,
+        "bins": [one | {"http_port": 0} for one in tables.get("bins", [])],
+        "robots": _robots(site, tables["robots"], vary),
+        "experiment": experiment,
+    }
+    if vary.seed is not None:
+        changes["clock.seed"] = vary.seed
+    if vary.chain is not None:
+        changes["chain.backend"] = vary.chain
+    if vary.tariff is not None:
+        changes["economy.electricity"] = read_tariff(vary.tariff)
+    path = folder / "site.toml"
+    path.write_text(
+        "\n".join(
+            [
+                "# Written by `rodeo experiment`.",
+                f"extends = {json.dumps(str(base.resolve()))}",
+                f"data_dir = {json.dumps(str((folder / 'data').resolve()))}",
+                *(f"{name} = {toml(value)}" for name, value in changes.items()),
+                "",
+            ]
+        )
+    )
+    return path
+
+
+def _robots(site: Site, tables: list[dict[str, Any]], vary: Variation) -> list[dict[str, Any]]:
+    """The site's robots, and more of the first one's make on free floor."""
+    assert site.experiment is not None
+    count = len(tables) if vary.robots is None else vary.robots
+    chance = generator(site, "arrivals", "robots", repeatable=True)
+    robots = tables[:count]
+    places = [(one["pose"]["x_m"], one["pose"]["y_m"]) for one in robots]
+    while len(robots) < count:
+        x_m, y_m = free_place(site, Floor(site), chance, places)
+        places.append((x_m, y_m))
+        name = f"{site.robots[0].name.rstrip('0123456789')}{len(robots) + 1}"
+        robots.append(robots[0] | {"name": name, "pose": {"x_m": x_m, "y_m": y_m, "yaw_rad": 0.0}})
+    if vary.slow:
+        robots = [one | {"limits": one.get("limits", {}) | site.experiment.slow_limits} for one in robots]
+    return robots
+
+
+def read_tariff(path: Path) -> list[dict[str, Any]]:
+    """A CSV file with the columns `from_hour` (UTC) and `eur_kwh`. Raises ExperimentFailed."""
+    try:
+        with path.open(newline="") as file:
+            return [
+                {"from_hour": int(row["from_hour"]), "eur_kwh": float(row["eur_kwh"])}
+                for row in csv.DictReader(file)
+            ]
+    except (OSError, KeyError, TypeError, ValueError) as error:
+        raise ExperimentFailed(
+            "cannot read the tariff: a CSV file with columns `from_hour` and `eur_kwh` is needed",
+            path=str(path),
+            reason=str(error),
+        ) from error
+
+
+def free_port() -> int:
+    """A port that nobody listens on now."""
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return int(listener.getsockname()[1])

@@ -1,0 +1,47 @@
+"""The site of one run differs from its site file by what was asked for."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+
+from rodeo.config import Site
+from rodeo_cli.experiment import PAPER
+from rodeo_experiments.errors import ExperimentFailed
+from rodeo_experiments.site import Variation, write_site
+from tests.support.site import LAB
+
+
+def test_a_run_has_its_own_data_and_ports_and_otherwise_the_sites_values(tmp_path: Path) -> None:
+    base, site = Site.load(PAPER), Site.load(write_site(PAPER, tmp_path / "run", Variation()))
+    assert site.data_dir.is_relative_to(tmp_path)
+    assert site.chain.url != base.chain.url
+    same = ("clock", "agent", "experiment", "robots", "items", "economy", "kinds")
+    assert {name: getattr(site, name) for name in same} == {name: getattr(base, name) for name in same}
+
+
+def test_seed_days_robots_tariff_and_chain_are_varied(tmp_path: Path) -> None:
+    tariff = tmp_path / "tariff.csv"
+    tariff.write_text("from_hour,eur_kwh\n0,0.1\n12,0.4\n")
+    vary = Variation(seed=9, days=1, robots=2, tariff=tariff, chain="anvil")
+    site = Site.load(write_site(PAPER, tmp_path / "run", vary))
+    assert site.experiment is not None
+    assert (site.clock.seed, site.experiment.days, site.chain.backend) == (9, 1, "anvil")
+    assert [one.from_hour for one in site.economy.electricity] == [0, 12]
+    first, second = site.robots
+    assert (first.name, second.name) == ("panther1", "panther2")
+    assert second.working_hours == first.working_hours
+    assert math.dist((first.pose.x_m, first.pose.y_m), (second.pose.x_m, second.pose.y_m)) > 0.8
+
+
+def test_the_papers_pace_is_slower(tmp_path: Path) -> None:
+    usual, slow = Site.load(PAPER), Site.load(write_site(PAPER, tmp_path / "run", Variation(slow=True)))
+    assert slow.robots[0].limits.cruise_m_s < usual.robots[0].limits.cruise_m_s
+    assert slow.robots[0].limits.joint_rad_s < usual.robots[0].limits.joint_rad_s
+
+
+def test_a_site_without_an_experiment_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ExperimentFailed):
+        write_site(LAB, tmp_path / "run", Variation())
