@@ -72,7 +72,7 @@ def _days(figures: Figures) -> list[str]:
 
 
 def _local(figures: Figures, time_s: float) -> Any:
-    """Without a zone: matplotlib draws what a clock on the wall shows. It takes dates, which its types refuse."""
+    """Without a zone: matplotlib draws what a clock on the wall shows. Its types refuse dates."""
     return datetime.fromtimestamp(time_s, zone(figures.run.timezone)).replace(tzinfo=None)
 
 
