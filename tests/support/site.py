@@ -131,9 +131,14 @@ class RunningSite:
 
         subscriber = self.bus.subscribe_json(topics.STATUS.pattern(org=self.site.org), on_status)
         try:
-            assert done.wait(READY_S), f"not ready: {sorted(waiting)}\n" + "\n".join(map(self.log, waiting))
+            assert done.wait(READY_S), self._whole_story(waiting)
         finally:
             subscriber.undeclare()
+
+    def _whole_story(self, waiting: set[str]) -> str:
+        """Who is not ready, and the ends of their logs and the simulator's, which may wait for one itself."""
+        told = [f"{name}:\n{self.log(name)}" for name in sorted(waiting | {"robot_sim"})]
+        return "\n".join([f"not ready: {sorted(waiting)}", *told])
 
     def status(self, name: str) -> Status:
         """What process `name` answers now, as soon as it answers."""
