@@ -34,17 +34,18 @@ def shown(title: str, form: str, example: object = None) -> Any:
 
 
 class ChargingParams(BaseModel):
-    """What an order of energy says beyond its reward."""
+    """Parameters of an order of energy."""
 
     model_config = ConfigDict(extra="allow")
 
     robot: Annotated[Name, shown("Robot", "robot")]
     dock: Annotated[Name | None, shown("Dock", "dock")] = None
-    """Left out, the site's first."""
+    """Default: the site's first dock."""
     soc_from: Annotated[Share, shown("Charge now (%)", "percent", 0.5)]
     soc_target: Annotated[Share, shown("Charge to (%)", "percent", 0.95)]
     energy_wh: Annotated[Number, Field(gt=0, le=LARGEST_ORDER_WH), shown("Energy (Wh)", "follows")]
-    """Ordered, at the dock's terminals: the price is for so much, or for what reaches `soc_target`."""
+    """Ordered energy, at the dock's terminals. The price covers this energy, or less if it reaches
+    `soc_target`."""
 
     def begins_at(self, soc: float) -> bool:
         """Whether a robot that arrives with this state of charge is as the task says."""
@@ -57,8 +58,8 @@ class ChargingParams(BaseModel):
 
 
 def dock_of(site: Site, named: object) -> DockConfig:
-    """Where a charge takes place: at the dock that its task names, or at the site's first where it names
-    none. Raises ConfigError where the site has no such dock."""
+    """The dock of a charge: the one that its task names, by default the site's first. Raises ConfigError
+    if the site has no such dock."""
     return site.dock(site.docks[0].name if named is None and site.docks else str(named))
 
 

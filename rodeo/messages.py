@@ -22,25 +22,25 @@ Iec = Annotated[Decimal, Field(ge=0, max_digits=36, decimal_places=18)]
 """An amount of IEC; 18 decimals as on chain."""
 
 Amount = Annotated[Decimal, PlainSerializer(lambda iec: f"{iec:f}", return_type=str, when_used="json")]
-"""IEC that the bridge tells; in JSON a decimal string without exponent."""
+"""IEC in an answer of the bridge; in JSON a decimal string without exponent."""
 
 Kind = Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
 """A kind of task or service: fits a bytes32 as ASCII."""
 
 Id = Annotated[int, Field(ge=0, lt=2**63)]
-"""Number of a task, service or event, as large as an index can hold."""
+"""Number of a task, service or event; the index stores 63 bits."""
 
 Attempt = Annotated[int, Field(ge=1, lt=2**8)]
-"""As wide as on chain, where its limit is."""
+"""As wide as on chain; the contract sets its limit."""
 
 Window = Annotated[int, Field(gt=0, lt=2**32)]
-"""Seconds; as wide as on chain, where the shortest and the longest are."""
+"""Seconds; as wide as on chain; the contract sets minimum and maximum."""
 
 Policy = Literal["first_come", "lowest_price", "highest_reputation"]
 """How the organization chooses a service for a task."""
 
 ServiceState = Literal["active", "paused", "retired", "suspended"]
-"""The organization suspends; a provider chooses among the others."""
+"""Only the organization sets `suspended`; a provider sets the others."""
 
 RoleName = Literal["administrator", "operator", "treasurer", "oracle", "auditor", "member"]
 
@@ -63,7 +63,7 @@ Party = Annotated[str, StringConstraints(min_length=1, max_length=64)]
 
 
 class Device(BaseModel):
-    """A registered device key, as the chain's index tells it."""
+    """A registered device key, from the chain's index."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
@@ -71,9 +71,9 @@ class Device(BaseModel):
     role: str
     """robot, bin, meter or mocap"""
     name: str
-    """Which device of its role it is on its site."""
+    """Name of the device among the devices of its role on the site."""
     owner: str
-    """Address of the participant that it works for."""
+    """Address of the participant that owns the device."""
     registered: float | None = None
     """When it was registered, s of block time."""
     revoked: float | None = None
@@ -82,7 +82,7 @@ class Device(BaseModel):
 
 
 class Root(BaseModel):
-    """What fixes a key's statements of a day, as the chain's index tells it."""
+    """The root on chain of the statements that a key signed on one day, from the chain's index."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
@@ -94,15 +94,15 @@ class Root(BaseModel):
     """0x SHA-256 of the log (`rodeo.witness.days`)."""
     uri: str
     block: int
-    """In which it was posted."""
+    """The block in which it was posted."""
 
 
 class Command(Message):
-    """A request to the bridge; the same `request_id` twice gives the first answer again."""
+    """A request to the bridge. A repeated `request_id` returns the first answer again."""
 
     request_id: str | None = Field(default=None, min_length=1, max_length=128)
     dry_run: bool = False
-    """Check and simulate only; the reply says what it would cost."""
+    """Check and simulate only; the reply contains the cost."""
 
 
 class RegisterTask(Command):
@@ -114,10 +114,10 @@ class RegisterTask(Command):
     verdict_window_s: Window | None = None
     max_attempts: Attempt | None = None
     rules_sha256: Hex32 | None = None
-    """The rules by which it is to be judged, among the kind's current ones; by default the newest that the
-    bridge knows."""
+    """Hash of the rules by which the task is judged. It must be one of the kind's current ones. Default: the
+    newest that the bridge knows."""
     allow_wait: bool = False
-    """Queue the task even though every service on offer costs more than its reward."""
+    """Queue the task even if every offered service costs more than its reward."""
 
 
 class CancelTask(Command):
@@ -134,12 +134,12 @@ class SubmitProof(Command):
     proof_sha256: Hex32
     proof_uri: str = Field(min_length=1, max_length=2048)
     nonce: Hex32 | None = None
-    """Of the assignment that the proof is for; where the task has another by now, nothing is sent. A
-    reorganization may assign it again."""
+    """Nonce of the assignment that the proof is for. If the task has another nonce by now, for example
+    after a reorganization, the bridge sends nothing."""
 
 
 Outcome = Literal["accepted", "rejected", "undecided"]
-"""What a judge says of a proof. Undecided: neither side failed, and the organization's auditors decide."""
+"""A judge's verdict on a proof. Undecided: neither side failed, and the organization's auditors decide."""
 
 Winner = Literal["executor", "creator"]
 """Who wins when the auditors let their window pass."""
@@ -151,7 +151,8 @@ class PostVerdict(Command):
     proof_sha256: Hex32
     outcome: Outcome
     amount_iec: Iec | None = None
-    """What the executor is paid of the agreed price; the rest of the reward goes back to the creator."""
+    """The part of the agreed price that the executor is paid. The rest of the reward goes back to the
+    creator."""
     reason: str = Field(max_length=500)
     report_sha256: Hex32
     report_uri: str = Field(max_length=2048)
@@ -176,7 +177,7 @@ class UpdateService(Command):
 
 
 Payment = Annotated[Decimal, Field(gt=0, max_digits=36, decimal_places=18)]
-"""An amount of IEC that is not nothing."""
+"""A positive amount of IEC."""
 
 
 class Transfer(Command):
@@ -185,16 +186,16 @@ class Transfer(Command):
 
 
 class MatchTask(Command):
-    """Ask the policy again for an open task; anyone may."""
+    """Ask the policy again for an open task. Anyone may send this."""
 
     task_id: Id
 
 
-# -- the organization's own affairs: its contract refuses whoever lacks the role -------------------------
+# -- the organization's own affairs: its contract rejects senders without the role -----------------------
 
 
 DeviceName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,31}$")]
-"""Which device of a role it is on its site: fits a bytes32 as ASCII."""
+"""Name of a device among the devices of its role on the site: fits a bytes32 as ASCII."""
 
 Revocation = Literal["superseded", "compromised"]
 """Why a key was revoked: another took over, or somebody else may have signed with it."""
@@ -206,7 +207,7 @@ class RegisterDevice(Command):
     role: Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9_]{0,30}$")]
     owner: Party
     name: DeviceName
-    """Of the keys that are not revoked one at most has this role and name."""
+    """Unique among the keys of this role that are not revoked."""
 
 
 class RevokeDevice(Command):
@@ -215,24 +216,25 @@ class RevokeDevice(Command):
 
 
 class PostRoot(Command):
-    """Fix what a device signed on a day, once; its owner and operators may."""
+    """Fix on chain what a device signed on a day, once per day. Only its owner and operators may send
+    this."""
 
     device: Address
     day: Annotated[int, Field(ge=0, lt=2**32)]
-    """Counted from 1970-01-01 UTC of site time; today or before."""
+    """Days since 1970-01-01 UTC of site time; today or earlier."""
     root: Hex32
     uri: str = Field(max_length=2048)
-    """Where the device's log of that day can be fetched."""
+    """URI of the device's log of that day."""
 
 
 class Deposit(Command):
-    """From the wallet's own account into the organization's treasury."""
+    """Move IEC from the wallet's own account into the organization's treasury."""
 
     amount_iec: Payment
 
 
 class Withdraw(Command):
-    """Out of the organization's treasury."""
+    """Move IEC out of the organization's treasury."""
 
     to: Party
     amount_iec: Payment
@@ -243,7 +245,8 @@ Review = Literal["oracle", "auditor"]
 
 
 class AllowKind(Command):
-    """Allowing a kind says who judges it. Windows and `at_silence` that are left out stay as they are."""
+    """Allow or disallow a kind. Allowing it sets who judges it. Windows and `at_silence` that are left out
+    stay unchanged."""
 
     kind: Kind
     allowed: bool = True
@@ -251,11 +254,11 @@ class AllowKind(Command):
     min_window_s: Annotated[int, Field(ge=0, lt=2**32)] | None = None
     """The shortest execution window that a task of the kind may have."""
     audit_window_s: Window | None = None
-    """How long auditors may look at a proof that the oracle could not decide."""
+    """How long the auditors have to decide on a proof that the oracle left undecided."""
     at_silence: Winner | None = None
     rules_sha256: Hex32 | None = None
-    """The rules by which it is judged from now on, beside those that are current. An oracle needs some; where
-    they are left out, those that are the newest stay so."""
+    """Hash of rules to add to the kind's current ones, as the newest. A kind that oracles judge needs at
+    least one. If it is left out, the current rules stay unchanged."""
 
     @model_validator(mode="after")
     def _has_a_judge(self) -> Self:
@@ -269,7 +272,7 @@ class AllowKind(Command):
 
 
 class RetireRules(Command):
-    """No task is posted under these rules from now on. Those that were keep them."""
+    """Retire rules for new tasks. Tasks that were posted under these rules keep them."""
 
     kind: Kind
     rules_sha256: Hex32
@@ -280,13 +283,13 @@ class SetPolicy(Command):
 
 
 class SetTerms(Command):
-    """What services agree to that are registered from now on."""
+    """The terms of services that are registered from now on."""
 
     bond_iec: Iec = Decimal(0)
     penalty_iec: Iec = Decimal(0)
-    """What a failed attempt takes from the bond."""
+    """The amount that a failed attempt takes from the bond."""
     max_failures: Annotated[int, Field(ge=0, lt=2**8)] = 0
-    """Failures in a row that suspend a service; 0 for no limit."""
+    """Number of failures in a row that suspends a service; 0 for no limit."""
 
 
 class SetMembersOnly(Command):
@@ -320,7 +323,7 @@ class RevokeRole(Command):
 
 
 class Collect(Command):
-    """Fetch what the token once refused to pay to the wallet."""
+    """Collect payments to the wallet that the token refused before."""
 
 
 COMMANDS: dict[str, type[Command]] = {
@@ -351,14 +354,14 @@ COMMANDS: dict[str, type[Command]] = {
     "grant_role": GrantRole,
     "revoke_role": RevokeRole,
 }
-"""What a wallet can be asked to do, by the last part of the key. There are `prepare` and `broadcast`, too."""
+"""Commands of a wallet, by the last part of the key. `prepare` and `broadcast` exist, too."""
 
 
-# -- a wallet that lives elsewhere --------------------------------------------------------------------------
+# -- a wallet whose key is elsewhere ------------------------------------------------------------------------
 
 
 class Prepare(Message):
-    """Ask for the transaction of a command, to be signed elsewhere and handed to `broadcast`."""
+    """Ask for the transaction of a command, to sign it elsewhere and send it with `broadcast`."""
 
     command: Annotated[str, StringConstraints(pattern=r"^[a-z_]{1,64}$")]
     request: dict[str, Any] = {}
@@ -369,11 +372,11 @@ class Broadcast(Message):
     """The signed transaction."""
     request_id: str | None = Field(default=None, min_length=1, max_length=128)
     content_sha256: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")] | None = None
-    """As `prepare` said."""
+    """The value that `prepare` returned."""
 
 
 class Reply(BaseModel):
-    """What a command is answered with. A newer bridge may say more; that is ignored."""
+    """The answer to a command. Unknown fields, from a newer bridge, are ignored."""
 
     model_config = ConfigDict(extra="ignore", frozen=True)
 
@@ -384,16 +387,16 @@ class Mined(Reply):
     tx_hash: str
     block: int
     task_id: int | None = None
-    """Of a new task."""
+    """Number of a new task."""
     service_id: int | None = None
-    """Of a new service."""
+    """Number of a new service."""
 
 
 class Prepared(Reply):
-    """A command's first transaction: as it is to be signed, or as it was signed before."""
+    """A command's first transaction, to be signed or already signed."""
 
     transaction: dict[str, Any] | None = None
-    """As eth-account, ethers and hardware wallets sign it; None where there is `raw`."""
+    """In the form that eth-account, ethers and hardware wallets sign; None if there is `raw`."""
     raw: str | None = None
     content_sha256: str
     remaining: int
@@ -407,24 +410,25 @@ class Prepared(Reply):
 
 
 class ProofCopy(Message):
-    """A device's answer to whoever asks for its copy of a proof."""
+    """A device's answer to a query for its copy of a proof."""
 
     device: DeviceName
     sha256: Hex32
     size_bytes: Annotated[int, Field(ge=0)]
     uri: str = ""
-    """Where it is in the store now, when it was asked to put it there again."""
+    """URI in the store, if the query asked the device to upload it again."""
     offset: Annotated[int, Field(ge=0)] = 0
-    """Of the part that was asked for."""
+    """Offset of the returned part."""
     data: Base64Bytes = b""
-    """That part, in base64."""
+    """The returned part, in base64."""
 
 
 class DaoEvent(Message):
     """One contract event. `seq` counts from 1 without gaps in chain order.
 
-    An event that a reorganization took off the chain is followed by one named `EventUndone`, whose `args` are
-    its own with `undone_seq` and `undone_name`; the newest is undone first.
+    When a reorganization removes an event from the chain, the bridge publishes an event `EventUndone`. Its
+    `args` are those of the removed event, with `undone_seq` and `undone_name`. The newest event is undone
+    first.
     """
 
     seq: int
@@ -436,7 +440,7 @@ class DaoEvent(Message):
     task_id: int | None
     args: dict[str, Any]
     chain: str = ""
-    """Genesis hash of the chain: another one counts from 1 again."""
+    """Genesis hash of the chain. On another chain, `seq` starts at 1 again."""
 
 
 class Task(Message):
@@ -455,7 +459,7 @@ class Task(Message):
     price_iec: Amount | None
     paid_iec: Amount
     refunded_iec: Amount = Decimal(0)
-    """What the creator has back of the reward."""
+    """The part of the reward that was returned to the creator."""
     params: dict[str, Any]
     description: str
     registered: float
@@ -465,26 +469,27 @@ class Task(Message):
     execution_deadline: float | None
     verdict_deadline: float | None
     audit_deadline: float | None = None
-    """Until when the auditors may decide an undecided attempt."""
+    """Deadline for the auditors' decision on an undecided attempt."""
     at_silence: Winner | None = None
-    """Who wins if they do not."""
+    """Who wins if the auditors do not decide."""
     rules_sha256: str | None = None
-    """The rules by which it is judged: those that were current when it was posted (`rodeo.checks.rules`).
-    None where people judge and no rules were named."""
+    """Hash of the rules by which the task is judged, current when it was posted (`rodeo.checks.rules`).
+    None if people judge and no rules were named."""
     execution_window_s: int
     verdict_window_s: int
     nonce: str | None
     proof_sha256: str | None
     proof_uri: str | None
     verdict: Outcome | Literal["expired"] | None
-    """Undecided: the auditors decide; after their window it stays so, and the state tells who won."""
+    """Undecided: the auditors decide. If their window passes, the verdict stays undecided, and `state`
+    shows who won."""
     reason: str | None
     report_sha256: str | None
     report_uri: str | None
 
 
 class Origin(Message):
-    """What tells a site from others, whose organization may have the same name."""
+    """Identifies a site, because several sites may use the same name for their organization."""
 
     host: str
     data_dir: str
@@ -493,7 +498,7 @@ class Origin(Message):
 
 
 class Status(Message):
-    """A process's heartbeat. `time_s` is wall time: a process without a site clock still has a pulse."""
+    """A process's heartbeat. `time_s` is wall time, so a process without a site clock can publish it, too."""
 
     process: str
     pid: int
@@ -507,29 +512,30 @@ class Status(Message):
     time_s: float
     details: dict[str, Any] = {}
     metrics_url: str = ""
-    """Where its health and metrics are, over HTTP."""
+    """HTTP address of its health and metrics."""
     warnings: list[str] = []
-    """What an operator should know although the process works."""
+    """Warnings to the operator while the process works."""
     origin: Origin | None = None
     """The site that it works for."""
 
 
 class ClockMark(Message):
-    """What the simulator asks of those who hold its clock: have you taken all that was sent before this?"""
+    """The simulator asks the holders of its clock whether they have received everything that it sent
+    before."""
 
     number: int
 
 
 class ClockHold(Message):
-    """What a process says of itself that the simulator's clock waits for."""
+    """State of a process for which the simulator's clock waits."""
 
     heard: int
-    """Number of the last mark that it answers with this."""
+    """Number of the last mark that this message answers."""
     busy: bool
-    """It works on something that arrived: the clock stands still."""
+    """The process works on something that arrived, and the clock stands still."""
     until_ns: int | None
-    """Site time before which it has nothing to do unless something arrives; null for none."""
+    """Site time before which it has nothing to do unless something arrives; null if there is none."""
     works: int
     """How often it became busy."""
     resting: bool
-    """Nobody needs to see meanwhile how nothing moves: the clock may jump."""
+    """The process needs no messages while nothing moves, so the clock may jump."""

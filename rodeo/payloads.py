@@ -1,4 +1,4 @@
-"""What is in each payload of the DAO plane, from the models: `python -m rodeo.payloads > docs/keys.md`."""
+"""The payloads of the DAO plane, from the models: `python -m rodeo.payloads > docs/keys.md`."""
 
 from __future__ import annotations
 
@@ -303,33 +303,36 @@ def keys_page() -> str:
 def _payloads() -> str:
     """Markdown: the fields of every payload, and an example of each."""
     parts = [
-        "## What the payloads hold",
+        "## Payloads",
         "",
-        "UTF-8 JSON objects. Amounts are decimal strings of IEC, times are seconds of site time, unknown",
-        "fields are an error. A query that fails is answered on its error channel with",
+        "Payloads are UTF-8 JSON objects. Amounts are decimal strings of IEC, and times are seconds of site",
+        "time. Unknown fields are an error. A query that fails gets an error reply",
         '`{"code": ..., "message": ..., "details": {}}`.',
         "",
         "### Commands",
         "",
-        f"`{topics.COMMAND.key}`, answered once the transaction is mined, for example",
-        '`{"tx_hash": "0x...", "block": 118, "task_id": 7}`; the number of a new task or service is in it.',
-        "Every command may hold:",
+        f"The bridge answers `{topics.COMMAND.key}` when the transaction is mined, for",
+        'example with `{"tx_hash": "0x...", "block": 118, "task_id": 7}`. The answer contains the number of',
+        "a new task or service. Every command may contain:",
         "",
         *_table(Command),
         "",
     ]
     for name, command in COMMANDS.items():
         parts += _section(name, command, example_of(command, name), without=Command)
-    parts += ["`params` of a task, by its kind; those of other kinds are the participants' own affair:", ""]
+    parts += ["The next sections list the `params` of a task, for each kind that comes with RODEO:", ""]
     for name in kinds.installed():
         kind = kinds.load(name)
         if kind.params is not None:
             parts += _section(name, kind.params, dict(kind.example))
-    parts += ["A wallet whose key the bridge does not have signs by itself:", ""]
+    parts += ["If the bridge does not have a wallet's key, the owner signs elsewhere:", ""]
     parts += _section("prepare", Prepare, EXAMPLES[Prepare])
     parts += _section("broadcast", Broadcast, EXAMPLES[Broadcast])
-    parts += ["### Questions", ""]
-    parts += [f"`{topics.STATE.key}`, with parameters in the selector: `?name=value;name=value`.", ""]
+    parts += ["### Queries", ""]
+    parts += [
+        f"The key is `{topics.STATE.key}`, with parameters in the selector: `?name=value;name=value`.",
+        "",
+    ]
     for what, query in queries.QUERIES.items():
         parts += [f"#### {what}", "", f"{query.meaning[:1].upper()}{query.meaning[1:]}.", ""]
         if query.parameters is not queries.Nothing:
@@ -349,28 +352,28 @@ def _payloads() -> str:
 _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
     (
         "Tasks and events",
-        f"What `state/tasks` and `state/task/{{id}}` answer, and what `{topics.EVENT.key}` tells.",
+        f"`state/tasks` and `state/task/{{id}}` answer with Task. `{topics.EVENT.key}` publishes DaoEvent.",
         (Task, DaoEvent),
     ),
     (
         "What devices sign",
-        f"On `{topics.WITNESS_STATEMENT.key}` each statement is the `payload` of an Attestation. "
-        "`.../statements?after=SEQ;limit=N` answers with `device` and `statements`, a list of them. "
-        "Its fields are those of Header and those of its own type; the signature is over the payload's "
-        "canonical JSON (RFC 8785).",
+        f"On `{topics.WITNESS_STATEMENT.key}`, each statement is the `payload` of an Attestation. "
+        "`.../statements?after=SEQ;limit=N` answers with `device` and a list `statements`. A statement has "
+        "the fields of Header and those of its own type. The signature covers the payload's canonical JSON "
+        "(RFC 8785).",
         (Attestation, Header, Head, *STATEMENTS, Claimant),
     ),
     (
         "Seals",
-        f"On `{topics.SEAL.key}` the `payload` of an Attestation is a SealHead; the opening one has "
-        "the binding of its recording.",
+        f"On `{topics.SEAL.key}`, the `payload` of an Attestation is a SealHead. The opening seal "
+        "contains the binding of its recording.",
         (SealHead, Binding),
     ),
     (
         "The bin",
         f"`{topics.BIN_STATE.key}` answers with `bin`, `state`, `since_s`, `pending`, `presented`, "
-        "`loads_n`, `fill`, and with `classification` and `disposal`: its last attestations, null "
-        f"before the first. `{topics.BIN_PICTURE.key}?sha256=0x...` answers with `sha256` and "
+        "`loads_n` and `fill`. `classification` and `disposal` are its last attestations, null "
+        f"before the first one. `{topics.BIN_PICTURE.key}?sha256=0x...` answers with `sha256` and "
         "`data_base64`.",
         (),
     ),
@@ -378,20 +381,20 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
         "Orders to a robot",
         f"`{topics.ROBOT_ORDER.key}`: `pause`, `resume`, `charge`, `cancel` and `stop` take an empty "
         "payload. They and `state` answer with `paused`, `stopped`, `charge_ordered`, `robot`, `task_id`, "
-        "`attempt`, `activity`, `driven_km`, `working_w` and, where they are known, `progress`, `eta_s`, "
+        "`attempt`, `activity`, `driven_km`, `working_w` and, if they are known, `progress`, `eta_s`, "
         "`soc` and `docked`.",
         (),
     ),
     (
         "Heartbeats",
-        f"`{topics.STATUS.key}`: published each second, and answered to who asks.",
+        f"Each process publishes `{topics.STATUS.key}` every second, and also answers queries on this key.",
         (Status,),
     ),
     (
-        "Who holds the simulator's clock",
-        f"`{topics.CLOCK_MARK.key}`, `{topics.BODY_MARK.key}` and `{topics.CLOCK_HOLD.key}`, which is a "
-        "liveliness token, too. A process that never says how it is, a real device for instance, is not "
-        "waited for.",
+        "Holders of the simulator's clock",
+        f"The keys are `{topics.CLOCK_MARK.key}`, `{topics.BODY_MARK.key}` and `{topics.CLOCK_HOLD.key}`. "
+        "The last one is a liveliness token, too. The clock does not wait for a process that never publishes "
+        "its state, such as a real device.",
         (ClockMark, ClockHold),
     ),
 )

@@ -1,4 +1,4 @@
-"""Questions to the bridge about the organization, `rodeo/{org}/state/{what}`, and their answers."""
+"""Queries to the bridge about the organization, `rodeo/{org}/state/{what}`, and their answers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rodeo.errors import MalformedAnswer, wrong_fields
 from rodeo.messages import Amount, DaoEvent, Device, Id, Kind, Message, Party, Root, ServiceState, Task
 
 MAX_PAGE = 500
-"""Entries of one answer."""
+"""Maximum number of entries in one answer."""
 
 Limit = Annotated[int, Field(ge=1, le=MAX_PAGE)]
 Time = Annotated[float, Field(ge=0, le=2**48, allow_inf_nan=False)]
@@ -23,13 +23,13 @@ class TaskFilters(Message):
     """Parameters of `state/tasks`."""
 
     state: Annotated[str, StringConstraints(pattern=r"^[a-z]+(,[a-z]+)*$", max_length=100)] | None = None
-    """One or more states, with commas in between."""
+    """One or more states, separated by commas."""
     kind: Kind | None = None
     creator: Party | None = None
     executor: Party | None = None
     service_id: Id | None = None
     text: Annotated[str, StringConstraints(max_length=200)] | None = None
-    """In the description or the parameters, in any case."""
+    """Text to search in the description and the parameters, ignoring case."""
     order: Annotated[str, StringConstraints(pattern="^(newest|oldest)$")] = "newest"
     limit: Limit = 100
     offset: Id = 0
@@ -97,14 +97,14 @@ class Account(Message):
 
 
 class Nothing(Message):
-    """Questions without parameters."""
+    """No parameters."""
 
 
 # -- answers -------------------------------------------------------------------------------------------------
 
 
 class Answer(BaseModel):
-    """What a question is answered with. A newer bridge may say more; that is ignored."""
+    """The answer to a query. Unknown fields, from a newer bridge, are ignored."""
 
     model_config = ConfigDict(extra="ignore", frozen=True, populate_by_name=True)
 
@@ -112,7 +112,7 @@ class Answer(BaseModel):
 class Tasks(Answer):
     tasks: list[Task]
     total: int
-    """Of all that pass the filters, on this page or not."""
+    """Number of all tasks that pass the filters, on all pages."""
 
 
 class Offer(Answer):
@@ -122,12 +122,12 @@ class Offer(Answer):
     kind: str
     provider: str
     provider_name: str | None
-    """None for somebody whose key is not on this site; the same of every name below."""
+    """None if the account's key is not on this site. The same applies to every name below."""
     price_iec: Amount
     state: ServiceState
     description: str
     task_id: int | None
-    """The task that it does now."""
+    """Its current task."""
     completed: int
     rejected: int
     expired: int
@@ -135,9 +135,9 @@ class Offer(Answer):
     penalty_iec: Amount
     max_failures: int
     failures: int
-    """In a row."""
+    """Failures in a row."""
     place: int
-    """In the queue of idle services, lower first; 0 while it does not wait."""
+    """Place in the queue of idle services, lower first; 0 while it does not wait."""
     reputation: int
     """In 64ths."""
 
@@ -148,12 +148,12 @@ class Services(Answer):
 
 
 class Person(Answer):
-    """A participant, with what it did until now."""
+    """A participant, with its tasks until now."""
 
     name: str | None
     address: str
     role: str | None
-    """On this site."""
+    """Role on this site."""
     roles_on_chain: list[str]
     balance_iec: Amount
     created: dict[str, int]
@@ -171,7 +171,7 @@ class Wallet(Answer):
     address: str
     balance_iec: Amount
     owed_iec: Amount
-    """What the token refused and `collect` pays."""
+    """Payments that the token refused and that `collect` fetches."""
 
 
 class Wallets(Answer):
@@ -199,7 +199,7 @@ class Transfer(Answer):
     task_id: int | None
     reason: str
     change_iec: Amount | None = None
-    """Of the account that was asked for; with `balance_iec`, its balance afterwards."""
+    """Change of the queried account's balance; `balance_iec` is its balance afterwards."""
     balance_iec: Amount | None = None
 
 
@@ -209,7 +209,7 @@ class Transfers(Answer):
 
 
 class Transaction(Answer):
-    """What it cost is None while the node does not know its receipt."""
+    """Gas and fee are None while the node does not know the receipt."""
 
     tx_hash: str
     block: int
@@ -254,7 +254,7 @@ class Devices(Answer):
 
 class PostedRoot(Root):
     time_s: float
-    """Of the block in which it was posted."""
+    """Time of the block in which it was posted."""
     tx_hash: str
 
 
@@ -270,13 +270,13 @@ class KindRules(Answer):
     min_window_s: int
     audit_window_s: int
     silence: Literal["executor", "creator", "none"]
-    """Who wins if the auditors do not answer."""
+    """Who wins if the auditors do not decide."""
     rules_sha256: list[str] = []
     """The rules under which tasks may be posted now, the newest last."""
 
 
 class Terms(Answer):
-    """What services agree to that are registered from now on."""
+    """The terms of services that are registered from now on."""
 
     bond_iec: Amount
     penalty_iec: Amount
@@ -284,7 +284,7 @@ class Terms(Answer):
 
 
 class Holder(Answer):
-    """Of a role."""
+    """Account that holds a role."""
 
     address: str
     name: str | None
@@ -308,7 +308,7 @@ class Organization(Answer):
     terms: Terms
     members_only: bool
     roles: dict[str, list[Holder]]
-    """By the contract's name of the role."""
+    """Keys are the contract's names of the roles."""
     contracts: Contracts
 
 
@@ -317,15 +317,15 @@ class Chain(Answer):
     genesis_hash: str
     url: str
     head: int
-    """The newest block that is known."""
+    """Number of the newest known block."""
     time_s: float
-    """That block's."""
+    """Time of that block."""
     contracts: Contracts
     organization: str
     kinds: list[str]
-    """Those that the organization accepts."""
+    """Kinds that the organization allows."""
     last_seq: int
-    """Of the newest event."""
+    """Number of the newest event."""
     stores: list[str]
     """Prefixes of the URIs that a proof may have."""
 
@@ -334,7 +334,7 @@ class Events(Answer):
     events: list[DaoEvent]
     last_seq: int
     chain: str
-    """Genesis hash of the chain that they are of."""
+    """Genesis hash of the events' chain."""
 
 
 # -- the table -----------------------------------------------------------------------------------------------
@@ -353,31 +353,31 @@ class Query(Generic[A]):
 
 TASKS = Query("tasks", TaskFilters, Tasks, "tasks that pass the filters, each as a Task below")
 TASK = Query("task/{id}", Nothing, Task, "one Task, as below")
-SERVICES = Query("services", ServiceFilters, Services, "what participants offer")
+SERVICES = Query("services", ServiceFilters, Services, "services that participants offer")
 PARTICIPANTS = Query(
-    "participants", Nothing, Participants, "who there is, with balance, roles and numbers of tasks"
+    "participants", Nothing, Participants, "participants, with balance, roles and numbers of tasks"
 )
 WALLETS = Query("wallets", Nothing, Wallets, "balances of the site's participants")
 WALLET = Query("wallet", Account, Balance, "one account")
 TRANSFERS = Query("transfers", TransferFilters, Transfers, "payments, the newest first")
 TRANSACTIONS = Query("transactions", TransactionFilters, Transactions, "transactions with what they cost")
-HISTORY = Query("history", HistoryRange, History, "numbers per span of time, for charts")
+HISTORY = Query("history", HistoryRange, History, "numbers of tasks per time interval, for charts")
 DEVICES = Query("devices", Nothing, Devices, "keys that sign evidence")
-ROOTS = Query("roots", RootFilters, Roots, "what fixes on chain what a key signed on a day")
+ROOTS = Query("roots", RootFilters, Roots, "roots on chain of the statements that a key signed on one day")
 ORGANIZATION = Query(
-    "organization", Nothing, Organization, "the organization's rules and who holds which role"
+    "organization", Nothing, Organization, "the organization's rules, and the holders of its roles"
 )
-CHAIN = Query("chain", Nothing, Chain, "which chain it is, and how far it is known")
+CHAIN = Query("chain", Nothing, Chain, "the chain, and the newest block in the index")
 EVENTS = Query("events", EventRange, Events, "events after a number, each as a DaoEvent below")
 
 QUERIES: dict[str, Query[Any]] = {
     query.what: query for query in list(globals().values()) if isinstance(query, Query)
 }
-"""Every question that there is."""
+"""All queries."""
 
 
 class Bus(Protocol):
-    """The part of `rodeo.bus.Bus` that asks."""
+    """The part of `rodeo.bus.Bus` that sends queries."""
 
     def query(
         self, key: str, *, parameters: dict[str, Any] | None = None, timeout_s: float = 10.0
@@ -385,10 +385,10 @@ class Bus(Protocol):
 
 
 def ask(bus: Bus, org: str, query: Query[A], *, timeout_s: float = 10.0, **parameters: Any) -> A:
-    """The bridge's answer, which fits the question. `timeout_s` is wall time.
+    """The bridge's validated answer to a query. `timeout_s` is wall time.
 
-    Parameters that are None are left out; one that the question's name has becomes part of the key. Raises
-    BusError (MalformedAnswer where the answer does not fit), RemoteError.
+    Parameters that are None are left out. A parameter in the query's name becomes part of the key. Raises
+    BusError (MalformedAnswer if the answer does not validate), RemoteError.
     """
     names = {name: value for name, value in parameters.items() if f"{{{name}}}" in query.what}
     wanted = {name: value for name, value in parameters.items() if name not in names and value is not None}

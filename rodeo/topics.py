@@ -57,13 +57,15 @@ class Topic:
     def pattern(self, **names: str) -> str:
         """A key expression. A part that is left out matches any one name.
 
-        Those left out at the end of a query's key match its whole branch, as `state/**` does `state/task/7`.
+        Parts that are left out at the end of a query's key match the whole branch: `state/**` matches
+        `state/task/7`.
         """
         expression = self.key.format_map(_AnyOf(names))
         return re.sub(r"(/\*)+$", "/**", expression) if self.form is Form.QUERY else expression
 
     def parts(self, key: str) -> dict[str, str] | None:
-        """What `key` says for each part, None where it is not of this topic. The last may hold slashes."""
+        """The value of each part in `key`; None if the key is not of this topic. The last part may contain
+        slashes."""
         found = _matcher(self.key).fullmatch(key)
         return None if found is None else found.groupdict()
 
@@ -110,7 +112,7 @@ ARM_STATE = _topic(
     10,
     BODY,
     True,
-    "where the arm's controller wants the joints, and where they are",
+    "reference and measured positions of the arm's controller",
 )
 GRIPPER_STATE = _topic(
     "{ns}/gripper_controller/controller_state",
@@ -118,7 +120,7 @@ GRIPPER_STATE = _topic(
     10,
     BODY,
     True,
-    "the same of the fingers: the reference is the last command's",
+    "the same of the fingers' controller: the reference is the last command",
 )
 BATTERY_STATE = _topic(
     "{ns}/battery_state", "sensor_msgs/msg/BatteryState", 1, BODY, True, "the robot's battery"
@@ -129,7 +131,7 @@ POSE = _topic(
     50,
     BODY,
     True,
-    "where the robot localises itself in the map; only on sites without motion capture",
+    "the robot's own localisation in the map; only on sites without motion capture",
 )
 ITEM_POSE = _topic(
     "{ns}/item_pose",
@@ -137,7 +139,7 @@ ITEM_POSE = _topic(
     None,
     "robot_agent",
     True,
-    "where the robot sees the item that it is about to take, in the map",
+    "pose in the map at which the robot sees the item that it will grasp",
 )
 CMD_VEL = _topic(
     "{ns}/cmd_vel", "geometry_msgs/msg/Twist", None, "robot_agent", False, "base velocity command"
@@ -175,7 +177,7 @@ WRIST_IMAGE = replace(
         1,
         BODY,
         False,
-        "colour picture from the wrist, JPEG",
+        "colour image from the wrist, JPEG",
     ),
     lazy=True,
 )
@@ -205,7 +207,7 @@ PLAN = replace(
         None,
         BODY,
         False,
-        "the way the base takes, when it is planned",
+        "the planned path of the base",
     ),
     latched=True,
 )
@@ -213,20 +215,20 @@ EMERGENCY_STOP = _served(
     "{ns}/emergency_stop",
     "std_srvs/srv/SetBool",
     Form.SERVICE,
-    "true stops base and arm, aborts and refuses goals until it is called with false",
+    "true stops base and arm, and aborts and rejects goals until a call with false",
 )
 MOTOR_POWER = _served(
     "{ns}/motor_power",
     "std_srvs/srv/SetBool",
     Form.SERVICE,
-    "optional; false cuts the motors' power outside the robot's working hours: it draws its standby power "
-    "and refuses goals until it is called with true",
+    "optional; false cuts the motors' power outside the robot's working hours: the robot draws its standby "
+    "power and rejects goals until a call with true",
 )
 NAVIGATE_TO_POSE = _served(
     "{ns}/navigate_to_pose",
     "nav2_msgs/action/NavigateToPose",
     Form.ACTION,
-    "drive the base to a pose in the map frame, around what stands in the way",
+    "drive the base to a pose in the map frame, around obstacles",
 )
 FOLLOW_JOINT_TRAJECTORY = _served(
     "{ns}/arm_controller/follow_joint_trajectory",
@@ -247,7 +249,12 @@ MOCAP_POSE = _topic(
     "mocap/{body}/pose", "geometry_msgs/msg/PoseStamped", 50, "robot_sim", False, "motion capture in the map"
 )
 BIN_PRESENCE = _topic(
-    "{bin}/presence", "sensor_msgs/msg/Range", 10, "robot_sim", False, "distance to what is shown to the bin"
+    "{bin}/presence",
+    "sensor_msgs/msg/Range",
+    10,
+    "robot_sim",
+    False,
+    "distance to the item in front of the bin's camera",
 )
 BIN_LOAD = _topic(
     "{bin}/{compartment}/load",
@@ -255,7 +262,7 @@ BIN_LOAD = _topic(
     10,
     "robot_sim",
     True,
-    "weight in it",
+    "weight in the compartment",
 )
 BIN_IMAGE = _topic(
     "{bin}/camera/image/compressed",
@@ -283,7 +290,7 @@ SET_ENTITY_STATE = _served(
     "lab/set_entity_state",
     "simulation_interfaces/srv/SetEntityState",
     Form.SERVICE,
-    "simulated labs only: put an item, an obstacle or a robot that is not simulated somewhere",
+    "simulated labs only: set the pose of an item, an obstacle or a robot that is not simulated",
 )
 
 # -- DAO plane ------------------------------------------------------------------------------------------
@@ -293,98 +300,119 @@ COMMAND = _dao(
     "Command",
     Form.QUERY,
     "bridge",
-    "a signed transaction",
+    "the bridge signs a command with the participant's wallet and sends the transaction",
 )
-STATE = _dao("rodeo/{org}/state/{what}", "per query", Form.QUERY, "bridge", "the index of the chain")
-EVENT = _dao("rodeo/{org}/event/{event}", "DaoEvent", Form.TOPIC, "bridge", "a contract event in order")
+STATE = _dao(
+    "rodeo/{org}/state/{what}",
+    "per query",
+    Form.QUERY,
+    "bridge",
+    "answers from the bridge's index of the chain",
+)
+EVENT = _dao(
+    "rodeo/{org}/event/{event}", "DaoEvent", Form.TOPIC, "bridge", "each contract event, in chain order"
+)
 SEAL = _dao(
     "rodeo/{org}/seal/{device}",
     "Attestation",
     Form.TOPIC,
     "every process",
-    "each seal of a running recording, by the device that records",
+    "each seal of a running recording, published by the device that records",
 )
 WITNESS_STATEMENT = _dao(
     "rodeo/{org}/witness/{device}/statement",
     "Attestation",
     Form.TOPIC,
     "every process",
-    "what a device states, one link of its chain",
+    "a statement that a device signed, one link of its chain",
 )
 WITNESS_STATEMENTS = _dao(
     "rodeo/{org}/witness/{device}/statements",
     "per query",
     Form.QUERY,
     "every process",
-    "the same again, as they were signed: `?after=SEQ;limit=N`",
+    "earlier statements of the device, as it signed them: `?after=SEQ;limit=N`",
 )
 PROOF_COPY = _dao(
     "rodeo/{org}/proof/{device}",
     "ProofCopy",
     Form.QUERY,
     "every process",
-    "the device's own copy of a proof that it recorded: `?sha256=0x...;put=1` puts it into the store again, "
-    "`?sha256=0x...;offset=N` reads a part of it",
+    "the device's own copy of a proof that it recorded: `?sha256=0x...;put=1` uploads it to the store "
+    "again, `?sha256=0x...;offset=N` reads a part of it",
 )
 BIN_PICTURE = _dao(
     "rodeo/{org}/itrash/{bin}/picture",
     "per query",
     Form.QUERY,
     "itrash",
-    "a picture that it classified, as the camera encoded it: `?sha256=0x...`",
+    "a picture that the bin classified, as the camera encoded it: `?sha256=0x...`",
 )
-BIN_STATE = _dao("rodeo/{org}/itrash/{bin}/state", "BinState", Form.QUERY, "itrash", "its last attestations")
+BIN_STATE = _dao(
+    "rodeo/{org}/itrash/{bin}/state",
+    "BinState",
+    Form.QUERY,
+    "itrash",
+    "state of the bin, and its last attestations",
+)
 ROBOT_ORDER = _dao(
     "rodeo/{org}/robot/{robot}/{order}",
     "per query",
     Form.QUERY,
     "robot_agent",
-    "pause, resume, charge, cancel, stop; state",
+    "orders to the robot (pause, resume, charge, cancel, stop), and its state",
 )
 STATUS = _dao("rodeo/{org}/status/{process}", "Status", Form.TOPIC, "every process", "heartbeat", 1)
-ALIVE = _dao("rodeo/{org}/alive/{process}", "liveliness token", Form.TOPIC, "every process", "who is there")
+ALIVE = _dao(
+    "rodeo/{org}/alive/{process}",
+    "liveliness token",
+    Form.TOPIC,
+    "every process",
+    "present while the process runs",
+)
 SERVES = _dao(
     "rodeo/{org}/serves/{what}/{name}/{state}/{holder}",
     "liveliness token",
     Form.TOPIC,
     "every process",
-    "who claims or serves a wallet, the oracle, a robot, bin or dock, the clock, the console: one at a time",
+    "the process that claims or serves a wallet, the oracle, a robot, bin or dock, the clock or the console: "
+    "one at a time",
 )
 CLOCK_MARK = _dao(
     "rodeo/{org}/clock/mark",
     "ClockMark",
     Form.TOPIC,
     "robot_sim",
-    "the simulator asks those who hold its clock whether they have taken everything that was sent before",
+    "the simulator asks the holders of its clock whether they have received everything that it sent before",
 )
 BODY_MARK = _dao(
     "rodeo/{org}/clock/body/{robot}",
     "ClockMark",
     Form.TOPIC,
     BODY,
-    "a simulated body with a session of its own has sent all until now: the simulator sends its own mark "
-    "once it has heard this",
+    "a simulated body with its own session has sent everything up to now; the simulator then sends its "
+    "own mark",
 )
 CLOCK_HOLD = _dao(
     "rodeo/{org}/clock/hold/{process}/{session}",
     "ClockHold",
     Form.TOPIC,
     "every process",
-    "whether the process is busy, or has nothing to do before a time: the simulator's clock waits for it, as "
-    "long as there is a liveliness token of this name",
+    "the process is busy, or has nothing to do before a time; the simulator's clock waits for the process "
+    "while a liveliness token of this name exists",
 )
 
 # -- a recording's own channels, beside those of the robot's topics ------------------------------------------
 
 EVENT_CHANNEL = "rodeo/event"
-"""Contract events of the task, and what the recorder and the robot note: JSON."""
+"""Contract events of the task, and notes of the recorder and the robot: JSON."""
 ATTESTATION_CHANNEL = "rodeo/attestation"
 """Signed statements of other devices: JSON."""
 SEAL_CHANNEL = "rodeo/seal"
 """Seals: JSON."""
 
 ROBOT_STATE = (ODOM, JOINT_STATES, ARM_STATE, GRIPPER_STATE, BATTERY_STATE, POSE)
-"""What a robot tells of itself, for a proof of its work."""
+"""What a robot publishes about itself, for a proof of its work."""
 
 TOPICS: tuple[Topic, ...] = tuple(value for value in list(globals().values()) if isinstance(value, Topic))
 
@@ -394,7 +422,7 @@ def markdown() -> str:
     lines = [
         "# Keys on the bus",
         "",
-        "Made by `python -m rodeo.payloads` from `rodeo/topics.py` and the models; a test keeps it so.",
+        "Generated by `python -m rodeo.payloads` from `rodeo/topics.py` and the models.",
         "",
     ]
     for plane, text in _PLANES.items():
@@ -417,7 +445,7 @@ def markdown() -> str:
 
 
 def robot_interface() -> str:
-    """What a robot offers and takes, as a table: part of docs/bring-your-own-robot.md."""
+    """A robot's interface as a table: part of docs/bring-your-own-robot.md."""
     lines = ["| name | type | form | rate (Hz) | in a proof | what |", "|---|---|---|---|---|---|"]
     for topic in TOPICS:
         if topic is ITEM_POSE:

@@ -15,7 +15,7 @@ from rodeo.evidence.errors import BadAttestation
 
 
 class Attestation(BaseModel):
-    """What `signer` (0x address) states: `payload`, with a 65-byte `signature` (0x hex) over it."""
+    """A `payload` that `signer` (0x address) signed, with the 65-byte `signature` (0x hex)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

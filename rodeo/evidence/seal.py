@@ -45,7 +45,7 @@ Bytes32 = Annotated[str, Field(pattern=r"^0x[0-9a-fA-F]{64}$"), AfterValidator(s
 
 
 class Binding(BaseModel):
-    """The one assignment that a recording proves; `nonce` did not exist before it (0x, 32 bytes)."""
+    """The assignment that a recording proves. `nonce` (0x, 32 bytes) did not exist before this assignment."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -65,7 +65,7 @@ _PARTS_AT_ONCE = 300
 
 
 class SealHead(BaseModel):
-    """The payload of the opening seal and of every interim one, in the file and on the bus."""
+    """The payload of the opening seal and of every interim seal, in the file and on the bus."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -76,15 +76,15 @@ class SealHead(BaseModel):
     organization: Address
     device: str
     recording: str | None
-    """Hex SHA-256 of the opening seal; None in it."""
+    """Hex SHA-256 of the opening seal; None in the opening seal itself."""
     index: int = Field(ge=0)
     messages: int = Field(ge=0)
     hash: str
     previous: str | None
     time_ns: str
-    """Decimal: it is beyond 2**53, which JSON numbers cannot carry."""
+    """Decimal string, because it exceeds 2**53, the largest exact JSON number."""
     binding: Binding | None = None
-    """In the opening seal."""
+    """Only in the opening seal."""
 
 
 class RunningHash:

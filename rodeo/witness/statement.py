@@ -52,57 +52,57 @@ class Head(_Model):
     chain: Digest | None
     """Digest of a recording's opening seal; None for the chain of a witness."""
     index: int = Field(ge=0)
-    """Of the seal, or the statement's `seq`."""
+    """Index of the seal, or `seq` of the statement."""
     digest: Digest
-    """Of the seal message's bytes, or of the statement's payload."""
+    """Digest of the seal message's bytes, or of the statement's payload."""
 
 
 class Header(Scope):
-    """What every statement begins with."""
+    """Fields of every statement."""
 
     version: Literal[1] = 1
     device: Name
     seq: int = Field(ge=1, lt=2**53)
-    """Contiguous in the device's one chain."""
+    """Counts the statements of the device, without gaps."""
     previous: Digest | None
-    """`payload_digest` of the statement before; None in the first."""
+    """`payload_digest` of the previous statement; None in the first."""
     time_s: float
     """Site time of signing."""
     heads: tuple[Head, ...] = Field(default=(), max_length=MAX_HEADS)
-    """The newest of every other chain that was heard since the last statement; that of a witness also in the
-    following ones (`rodeo.witness.heads.TOLD`)."""
+    """The newest head of every other chain that the device heard since its last statement. The head of a
+    witness is repeated in the next statements (`rodeo.witness.heads.TOLD`)."""
     inputs: Literal["sensor", "closed_bus", "open_bus"]
-    """Where the device's readings came from. What came over an open bus anybody may have said."""
+    """Source of the device's readings. On an open bus anybody may have published them."""
 
 
 class Motion(Header):
-    """What motion capture saw of every body in (`start_us`, `end_us`].
+    """The poses of every body that motion capture saw in (`start_us`, `end_us`].
 
-    A body that is in neither of `tracks` and `resting` was not seen throughout. Every body that is seen has a
-    signed pose at least every `rodeo.witness.poses.REST_PERIOD_US`.
+    A body that is neither in `tracks` nor in `resting` was not seen in that time. Every body that is seen
+    has a signed pose at least every `rodeo.witness.poses.REST_PERIOD_US`.
     """
 
     type: Literal["mocap.motion"] = "mocap.motion"
     start_us: int = Field(ge=0)
-    """Site time; the end of the statement before, unless the device was off in between."""
+    """Site time; the end of the previous statement, unless the device was off in between."""
     end_us: int = Field(ge=0)
     tracks: dict[str, str]
     """Body -> its poses (`rodeo.witness.poses`)."""
     resting: dict[str, Annotated[int, Field(ge=1)]]
-    """Body -> `seq` of the statement in which it came to rest: ever since, it stayed within
-    `rodeo.witness.poses.REST_M` and `REST_RAD` of the last pose there."""
+    """Body -> `seq` of the statement in which it came to rest. Since then it stayed within
+    `rodeo.witness.poses.REST_M` and `REST_RAD` of the last pose in that statement."""
     unseen_us: dict[str, Annotated[int, Field(ge=1)]] = {}
-    """Resting body -> how long before `end_us` it was seen last, where that is longer than
+    """Resting body -> time from its last sighting to `end_us`, if it is longer than
     `rodeo.witness.motion.STEP_US`."""
     stalls_us: tuple[tuple[Annotated[int, Field(ge=0)], Annotated[int, Field(ge=0)]], ...] = Field(
         default=(), max_length=MAX_STALLS
     )
-    """From when to when (site time) a simulated lab stood still: its machine stalled, and its clock skipped
-    the time to stay with the wall's. Nothing moved meanwhile. A real lab has none."""
+    """Intervals (site time) in which a simulated lab stood still: its machine stalled, and its clock
+    skipped that time to follow wall time. Nothing moved meanwhile. A real lab has none."""
 
 
 class Claimant(_Model):
-    """The robot that presented itself to the bin before it showed something."""
+    """A robot that presented itself to the bin before it showed an item."""
 
     device: Name
     address: Address
@@ -113,34 +113,35 @@ class Claimant(_Model):
 
 
 class Classification(Header):
-    """What the bin was shown."""
+    """The item that the bin was shown."""
 
     type: Literal["bin.classification"] = "bin.classification"
     number: int = Field(ge=1)
-    """Counts the classifications of this bin; a drop names it."""
+    """Counts the classifications of this bin. A drop refers to it."""
     item_class: str = Field(alias="class", max_length=32)
     probabilities: dict[str, float]
     compartment: Name
     full: bool
-    """Whether that compartment takes no more: nothing may be dropped."""
+    """True if that compartment is full, so that nothing may be dropped."""
     image_sha256: Digest
-    """Of the picture as the camera encoded it."""
+    """Hash of the picture as the camera encoded it."""
     model_sha256: Digest
     thresholds_sha256: Digest
     claimants: tuple[Claimant, ...] = Field(max_length=MAX_CLAIMANTS)
-    """Who presented themselves before, the newest first; motion capture tells who of them stood there."""
+    """Robots that presented themselves before, the newest first. Motion capture shows which of them stood
+    at the bin."""
     shown_s: float
     """Site time of the picture."""
 
 
 class Drop(Header):
-    """What fell into the bin between `after_s` and `settled_s`."""
+    """An item fell into the bin between `after_s` and `settled_s`."""
 
     type: Literal["bin.drop"] = "bin.drop"
     number: int = Field(ge=1)
     """Counts the drops of this bin."""
     classification: int | None
-    """Number of the classification that it belongs to; None for what was never shown."""
+    """Number of the item's classification; None if the item was never shown."""
     compartment: Name
     expected_compartment: Name | None
     weight_n: float
@@ -148,7 +149,7 @@ class Drop(Header):
     settled_s: float
     correct: bool
     claimants: tuple[Claimant, ...] = Field(max_length=MAX_CLAIMANTS)
-    """Those of the classification."""
+    """The claimants of the classification."""
 
 
 class Removal(Header):
@@ -157,13 +158,13 @@ class Removal(Header):
     type: Literal["bin.removal"] = "bin.removal"
     compartment: Name
     weight_n: float
-    """That left, positive."""
+    """Weight that left the compartment, positive."""
     after_s: float
     settled_s: float
 
 
 class Presentation(Header):
-    """A robot tells the bin for which recording it shows something next."""
+    """A robot tells the bin for which recording it shows the next item."""
 
     type: Literal["robot.presentation"] = "robot.presentation"
     bin: Name
@@ -174,7 +175,7 @@ class Presentation(Header):
 
 
 class MeterRecord(Header):
-    """Where a dock's meter stands, after which readings. For a charge the seller's side."""
+    """The register of a dock's meter, and the readings that led to it: the seller's side of a charge."""
 
     type: Literal["meter.record"] = "meter.record"
     task_id: int = Field(ge=1)
@@ -182,47 +183,47 @@ class MeterRecord(Header):
     recording: Digest
     """Digest of the opening seal of the dock's recording."""
     robot: Name
-    """Whom it charges."""
+    """Name of the robot that is charged."""
     page: int = Field(ge=1)
-    """Contiguous in the recording."""
+    """Counts the records of the recording, without gaps."""
     reason: Literal["opening", "step", "pause", "close"]
     contactor: Literal["open", "closed"]
     begin_wh: float = Field(ge=0)
     """The register when the session opened."""
     register_wh: float = Field(ge=0)
-    """Never restarts."""
+    """The register now. It never restarts."""
     until_s: float
     """Site time of the newest reading."""
     since_ms: int = Field(ge=0)
     readings: str = Field(max_length=24_000)
-    """Since the record before, from `since_ms` on (`rodeo.metering`)."""
+    """Readings since the previous record, from `since_ms` on (`rodeo.metering`)."""
     soc: float | None = Field(ge=0, le=1)
-    """What the robot signed last."""
+    """State of charge that the robot signed last."""
     ocmf: str = Field(max_length=MAX_OCMF)
-    """The same for other software (`rodeo.witness.ocmf`)."""
+    """The same data as OCMF text, for other software (`rodeo.witness.ocmf`)."""
 
 
 class Receipt(Header):
-    """A robot signs for what a dock's meter recorded: the buyer's side of a charge."""
+    """A robot countersigns a record of a dock's meter: the buyer's side of a charge."""
 
     type: Literal["robot.receipt"] = "robot.receipt"
     task_id: int = Field(ge=1)
     attempt: int = Field(ge=1)
     recording: Digest
-    """As the record says."""
+    """The recording that the record names."""
     meter: Name
     meter_address: Address
     record: Digest
-    """Of the `MeterRecord` that it countersigns."""
+    """Digest of the `MeterRecord` that it countersigns."""
     begin_wh: float = Field(ge=0)
     register_wh: float = Field(ge=0)
     soc: float = Field(ge=0, le=1)
-    """By its own gauge."""
+    """State of charge by the robot's own gauge."""
     reason: Literal["opening", "step", "close"]
 
     def repeats(self, record: MeterRecord, meter_address: str) -> bool:
-        """Whether it says the same as the record that it names, which is of the meter with this address: only
-        then it counts for the seller."""
+        """Whether it repeats the record that it names, of the meter with this address. Only then it is
+        valid for the seller."""
         return (*_of(self), self.meter, self.meter_address.lower(), self.begin_wh, self.register_wh) == (
             *_of(record),
             record.device,
@@ -254,7 +255,7 @@ def parse(payload: dict[str, Any]) -> Statement:
 
 
 def payload_digest(payload: dict[str, Any]) -> str:
-    """0x SHA-256 of the payload's canonical JSON: what the next statement names as `previous`.
+    """0x SHA-256 of the payload's canonical JSON: the `previous` of the next statement.
 
     Raises BadAttestation when the payload has no canonical form.
     """

@@ -22,8 +22,7 @@ _UNDER_WAY = ("open", "assigned", "submitted", "undecided")
 
 
 class CleaningParams(BaseModel):
-    """What a waste_disposal task says beyond its reward: which item, where it lies, m in frame `map`, and
-    into which bin."""
+    """Parameters of a task: the item, its place (m in frame `map`), and the bin."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -31,7 +30,7 @@ class CleaningParams(BaseModel):
     x_m: Annotated[Coordinate, shown("East, x (m)", "map-x")]
     y_m: Annotated[Coordinate, shown("North, y (m)", "map-y")]
     bin: Annotated[Name | None, shown("Bin", "bin")] = None
-    """Left out, the robot chooses."""
+    """If it is left out, the robot chooses."""
 
 
 def doubt(params: Mapping[str, Any], tasks: Sequence[Task]) -> str:

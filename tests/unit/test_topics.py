@@ -195,4 +195,4 @@ def test_the_page_knows_the_commands_that_the_bridge_knows_and_what_each_takes()
 
 
 def test_what_a_field_means_is_read_from_the_model() -> None:
-    assert "Queue the task even though every service on offer costs more" in keys_page()
+    assert "Queue the task even if every offered service costs more" in keys_page()
