@@ -204,7 +204,14 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
     services, tasks = addresses["ServiceManager"], addresses["TaskManager"]
     arguments: dict[str, tuple[Any, ...]] = {
         "IECoin": _first_holders(site, organization, deployer.address),
-        "Organization": (coin, services, tasks, addresses[Policy.FIRST_COME], deployer.address),
+        "Organization": (
+            coin,
+            services,
+            tasks,
+            addresses[Policy.FIRST_COME],
+            deployer.address,
+            site.governance.delay_s,
+        ),
         "ServiceManager": (organization, tasks),
         "TaskManager": (organization, services),
     }
@@ -265,6 +272,15 @@ def _missing_rules(
     for role, account in roles:
         if account is not None and not client.has_role(role, account):
             yield administrator, calls.grant_role(role, account)
+    guardian = site.governance.guardian
+    told = None if guardian is None else _told(site, guardian)
+    if told is not None and not client.has_role(Role.GUARDIAN, told):
+        yield administrator, calls.grant_role(Role.GUARDIAN, told)
+    for spenders, limit in site.governance.budgets.items():
+        limited = Role[spenders.upper()]
+        # Never set: what the administrator changed later stays.
+        if client.budget(limited).since == 0:
+            yield administrator, calls.set_budget(limited, to_wei(limit.iec), limit.period_s)
     for kind, declared in kinds_of(site).items():
         rules, review = client.kind(kind), Review[declared.review.upper()]
         if review is Review.ORACLE and rules.silence is Silence.NONE:

@@ -147,6 +147,30 @@ class EconomyConfig(_Table):
     """Before the first hour in this list, the price of the last one applies."""
 
 
+class BudgetConfig(_Table):
+    """What all holders of a role together may take out of the treasury."""
+
+    iec: Decimal = Field(ge=0, max_digits=28, decimal_places=18)
+    """In one period."""
+    period_s: int = Field(default=24 * 3600, gt=0, lt=2**24)
+
+
+class GovernanceConfig(_Table):
+    """Who decides about the organization, and how fast."""
+
+    delay_s: int = Field(default=2 * 24 * 3600, ge=0, le=30 * 24 * 3600)
+    """Time between the announcement of another administrator and the handover, s: everybody can see it
+    coming. 0 hands over at once."""
+    guardian: str | None = "organization"
+    """The participant whose key may pause new tasks for up to three days, and nothing else. None: nobody."""
+    budgets: dict[Literal["operator", "treasurer"], BudgetConfig] = {
+        "operator": BudgetConfig(iec=Decimal(1000)),
+        "treasurer": BudgetConfig(iec=Decimal(200)),
+    }
+    """Rewards and bonds that operators pay, and what treasurers withdraw. A role that is not listed has no
+    limit."""
+
+
 class WalletLimits(_Table):
     """What a wallet may spend. None is no limit; a day is 24 h of block time."""
 
@@ -371,6 +395,7 @@ class Site(BaseSettings):
     clock: ClockConfig = ClockConfig()
     chain: ChainConfig = ChainConfig()
     economy: EconomyConfig = EconomyConfig()
+    governance: GovernanceConfig = GovernanceConfig()
     disk: DiskConfig = DiskConfig()
     store: StoreConfig = StoreConfig()
     oracle: OracleConfig = OracleConfig()
@@ -680,6 +705,8 @@ def _wallets(site: Site) -> Iterator[tuple[Place, str]]:
         (("bridge", "wallets", number), name) for number, name in enumerate(site.bridge.wallets or ())
     ]
     told += [(("bridge", "limits", name), name) for name in site.bridge.limits]
+    if site.governance.guardian is not None:
+        told.append((("governance", "guardian"), site.governance.guardian))
     for place, name in told:
         if name not in known:
             yield place, f"nobody on this site is called {name}{close(name, known)}"

@@ -42,7 +42,7 @@ Policy = Literal["first_come", "lowest_price", "highest_reputation"]
 ServiceState = Literal["active", "paused", "retired", "suspended"]
 """Only the organization sets `suspended`; a provider sets the others."""
 
-RoleName = Literal["administrator", "operator", "treasurer", "oracle", "auditor", "member"]
+RoleName = Literal["administrator", "operator", "treasurer", "oracle", "auditor", "member", "guardian"]
 
 TaskState = Literal["open", "assigned", "submitted", "undecided", "settled", "cancelled", "failed"]
 LIVE_STATES: tuple[TaskState, ...] = ("open", "assigned", "submitted", "undecided")
@@ -296,6 +296,26 @@ class SetMembersOnly(Command):
     enabled: bool
 
 
+class SetBudget(Command):
+    """What all holders of a role together may take out of the treasury. The first period begins now."""
+
+    role: Literal["operator", "treasurer"]
+    amount_iec: Iec = Decimal(0)
+    """In one period: rewards and bonds for operators, withdrawals for treasurers."""
+    period_s: Annotated[int, Field(ge=0, lt=2**24)] = 0
+    """0: no limit."""
+
+
+class PauseTasks(Command):
+    """Take no new tasks for a while. Everything that runs goes on. Guardians only."""
+
+    duration_s: Window
+
+
+class ResumeTasks(Command):
+    """End a pause now."""
+
+
 class Admit(Command):
     account: Party
 
@@ -347,6 +367,9 @@ COMMANDS: dict[str, type[Command]] = {
     "set_policy": SetPolicy,
     "set_terms": SetTerms,
     "set_members_only": SetMembersOnly,
+    "set_budget": SetBudget,
+    "pause_tasks": PauseTasks,
+    "resume_tasks": ResumeTasks,
     "admit": Admit,
     "dismiss": Dismiss,
     "suspend_service": SuspendService,

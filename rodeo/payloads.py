@@ -253,6 +253,8 @@ _VALUES: dict[str, Any] = {
     "penalty_iec": "20",
     "max_failures": 2,
     "enabled": True,
+    "period_s": 86_400,
+    "duration_s": 3600,
     "account": "alice",
     "request_id": "post-item1",
 }
@@ -261,10 +263,12 @@ _SHOWN: dict[str, tuple[str, ...]] = {
     "post_verdict": ("amount_iec",),
     "update_service": ("price_iec",),
     "allow_kind": ("review", "rules_sha256"),
+    "set_budget": ("amount_iec", "period_s"),
     "set_terms": ("bond_iec", "penalty_iec", "max_failures"),
 }
 """Optional fields that the example of a command has, too."""
 _OWN: dict[str, dict[str, Any]] = {
+    "set_budget": {"role": "treasurer"},
     "revoke_device": {"reason": "superseded"},
     "grant_role": {"role": "auditor"},
     "revoke_role": {"role": "auditor"},

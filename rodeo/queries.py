@@ -300,6 +300,15 @@ class Contracts(Answer):
     service_manager: str = Field(alias="ServiceManager")
 
 
+class Budget(Answer):
+    """What the holders of a role may take out of the treasury in a period."""
+
+    amount_iec: Amount
+    period_s: int
+    since_s: int
+    """Block time at which the first period began."""
+
+
 class Organization(Answer):
     address: str
     treasury_iec: Amount
@@ -307,6 +316,10 @@ class Organization(Answer):
     kinds: list[KindRules]
     terms: Terms
     members_only: bool
+    budgets: dict[str, Budget] = {}
+    """By the contract's name of the role. A role without one has no limit."""
+    paused_until_s: int = 0
+    """Block time before which no new tasks are taken; in the past where they are."""
     roles: dict[str, list[Holder]]
     """Keys are the contract's names of the roles."""
     contracts: Contracts

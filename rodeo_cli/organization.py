@@ -9,6 +9,7 @@ from typing import Annotated, Any, get_args
 import typer
 
 from rodeo import queries, topics
+from rodeo.config import Site
 from rodeo.durations import span
 from rodeo.errors import InvalidRequest
 from rodeo.kinds import KindError, installed, load
@@ -59,6 +60,11 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
             ),
         ),
         ("open to", "members" if state.members_only else "everybody"),
+        ("new tasks", _pause_in_words(state, loaded)),
+        *(
+            (f"budget of {_ROLES[role]}", f"{iec(one.amount_iec)} in {span(one.period_s)}")
+            for role, one in sorted(state.budgets.items())
+        ),
         *((kind.kind, _kind_in_words(kind)) for kind in state.kinds),
         *(
             (_ROLES.get(role, role), ", ".join(one.name or one.address for one in holders) or "nobody")
@@ -75,8 +81,14 @@ _ROLES = {
     "ORACLE_ROLE": "oracles",
     "AUDITOR_ROLE": "auditors",
     "MEMBER_ROLE": "members",
+    "GUARDIAN_ROLE": "guardians",
 }
 """Holders of a role that the contract knows by this name."""
+
+
+def _pause_in_words(state: queries.Organization, site: Site) -> str:
+    """Empty where new tasks were never paused: nothing to tell."""
+    return f"none before {moment(state.paused_until_s, site)}" if state.paused_until_s else ""
 
 
 def _kind_in_words(kind: queries.KindRules) -> str:
@@ -272,6 +284,40 @@ def members_only(
     """Let only members, or everybody, offer services and post tasks."""
     who = "Only members may" if enabled else "Everybody may"
     _send(site, participant, "set_members_only", f"{who} offer services and post tasks now.", enabled=enabled)
+
+
+@organization.command("budget")
+@reports_errors
+def budget(
+    role: Annotated[str, typer.Argument(help="operator: rewards and bonds; treasurer: withdrawals.")],
+    amount: Annotated[str, typer.Argument(help="In IEC, for each period.")] = "0",
+    period_s: Annotated[int, typer.Option("--period", help="In seconds. 0 ends the limit.")] = 24 * 3600,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Limit what all holders of a role together take out of the treasury."""
+    limit = f"at most {amount} IEC in {span(period_s)}" if period_s else "as much as there is"
+    done = f"The role {role} may take {limit} out of the treasury."
+    _send(site, participant, "set_budget", done, role=role, amount_iec=amount, period_s=period_s)
+
+
+@organization.command("pause")
+@reports_errors
+def pause(
+    duration_s: Annotated[int, typer.Argument(metavar="SECONDS", help="At most three days.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Take no new tasks for a while, as a guardian. Everything that runs goes on."""
+    done = f"No new tasks are taken for {span(duration_s)}."
+    _send(site, participant, "pause_tasks", done, duration_s=duration_s)
+
+
+@organization.command("resume")
+@reports_errors
+def resume(site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization") -> None:
+    """Take new tasks again before a pause ends."""
+    _send(site, participant, "resume_tasks", "New tasks are taken.")
 
 
 @organization.command("admit")

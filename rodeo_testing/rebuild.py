@@ -49,6 +49,9 @@ class Rebuilt:
     terms: Terms = field(default_factory=lambda: Terms(0, 0, 0))
     members_only: bool = False
     policy: str = ZERO_ADDRESS
+    budgets: dict[str, tuple[int, int]] = field(default_factory=dict)
+    """Role -> (amount, period)."""
+    paused_until: int = 0
     balances: dict[str, int] = field(default_factory=dict)
     owed: dict[str, int] = field(default_factory=dict)
 
@@ -185,6 +188,12 @@ class Rebuilt:
                 self.terms = Terms(event.bond, event.penalty, event.max_failures)
             case events.MembersOnlyChanged():
                 self.members_only = event.members_only
+            case events.BudgetChanged():
+                self.budgets[event.role] = event.amount, event.period
+            case events.TasksPaused():
+                self.paused_until = event.until
+            case events.TasksResumed():
+                self.paused_until = min(self.paused_until, time_s)
             case events.PolicyChanged():
                 self.policy = event.policy
             case events.Transfer():

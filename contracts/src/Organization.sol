@@ -9,7 +9,7 @@ import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol
 import {DeviceRegistry} from "./DeviceRegistry.sol";
 import {IDeviceRegistry, Revocation} from "./interfaces/IDeviceRegistry.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
-import {IOrganization, Kind, Review, Terms} from "./interfaces/IOrganization.sol";
+import {Budget, IOrganization, Kind, Review, Terms} from "./interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "./interfaces/IServiceManager.sol";
 import {ITaskManager, Silence, TaskRequest} from "./interfaces/ITaskManager.sol";
 
@@ -21,6 +21,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     bytes32 public constant ORACLE_ROLE = keccak256("ORACLE_ROLE");
     bytes32 public constant AUDITOR_ROLE = keccak256("AUDITOR_ROLE");
     bytes32 public constant MEMBER_ROLE = keccak256("MEMBER_ROLE");
+    bytes32 public constant GUARDIAN_ROLE = keccak256("GUARDIAN_ROLE");
 
     /// @notice The longest window that a task may have: a longer minimum would refuse every task.
     uint32 public constant MAX_MIN_WINDOW = 30 days;
@@ -29,6 +30,8 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     uint32 public constant MAX_AUDIT_WINDOW = 30 days;
     /// @notice Of one kind at a time. Who posts a task pays for looking through them.
     uint256 public constant MAX_RULES = 8;
+    /// @notice Long enough to find out what is wrong, too short to starve anybody. Two pauses are as far apart.
+    uint32 public constant MAX_PAUSE = 3 days;
 
     /// @inheritdoc IOrganization
     IERC20 public immutable token;
@@ -40,19 +43,24 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     IMatchingPolicy public policy;
     /// @inheritdoc IOrganization
     bool public membersOnly;
+    /// @inheritdoc IOrganization
+    uint40 public pausedUntil;
     Terms private _terms;
     mapping(bytes32 kind => Kind) private _kinds;
     /// @dev The newest last.
     mapping(bytes32 kind => bytes32[]) private _rules;
+    mapping(bytes32 role => Budget) private _budgets;
 
+    /// @param handoverDelay s; that long everybody can see coming who administers the organization next
     /// @param services_ may be deployed later, at this address; the same for `tasks_`, which checks it
     constructor(
         IERC20 token_,
         IServiceManager services_,
         ITaskManager tasks_,
         IMatchingPolicy policy_,
-        address administrator
-    ) AccessControlDefaultAdminRules(0, administrator) {
+        address administrator,
+        uint48 handoverDelay
+    ) AccessControlDefaultAdminRules(handoverDelay, administrator) {
         token = token_;
         services = services_;
         tasks = tasks_;
@@ -155,6 +163,29 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         _setPolicy(policy_);
     }
 
+    /// @inheritdoc IOrganization
+    function setBudget(bytes32 role, uint96 amount, uint24 period) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        if (role != OPERATOR_ROLE && role != TREASURER_ROLE) revert RoleWithoutBudget(role);
+        _budgets[role] = Budget(amount, period, uint40(block.timestamp), 0);
+        emit BudgetChanged(role, amount, period);
+    }
+
+    /// @inheritdoc IOrganization
+    function pauseTasks(uint32 duration) external onlyRole(GUARDIAN_ROLE) {
+        if (duration == 0 || duration > MAX_PAUSE) revert InvalidPause(duration, MAX_PAUSE);
+        uint256 earliest = uint256(pausedUntil) + MAX_PAUSE;
+        if (block.timestamp < earliest) revert PausedRecently(earliest);
+        pausedUntil = uint40(block.timestamp + duration);
+        emit TasksPaused(msg.sender, pausedUntil);
+    }
+
+    /// @inheritdoc IOrganization
+    function resumeTasks() external {
+        if (!hasRole(GUARDIAN_ROLE, msg.sender)) _checkRole(DEFAULT_ADMIN_ROLE);
+        if (block.timestamp < pausedUntil) pausedUntil = uint40(block.timestamp);
+        emit TasksResumed(msg.sender);
+    }
+
     /// @inheritdoc IDeviceRegistry
     function registerDevice(address device_, bytes32 role, address owner_, bytes32 name)
         external
@@ -179,6 +210,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
 
     /// @inheritdoc IOrganization
     function registerTask(TaskRequest calldata request) external onlyRole(OPERATOR_ROLE) returns (uint256) {
+        _spend(OPERATOR_ROLE, request.reward);
         return tasks.registerTask(request);
     }
 
@@ -201,6 +233,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         onlyRole(OPERATOR_ROLE)
         returns (uint256)
     {
+        _spend(OPERATOR_ROLE, _terms.bond);
         return services.registerService(kind, price, description);
     }
 
@@ -220,6 +253,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
 
     /// @inheritdoc IOrganization
     function withdraw(address to, uint256 amount) external onlyRole(TREASURER_ROLE) {
+        _spend(TREASURER_ROLE, amount);
         emit Withdrawn(to, amount);
         token.safeTransfer(to, amount);
     }
@@ -227,6 +261,11 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     /// @inheritdoc IOrganization
     function terms() external view returns (Terms memory) {
         return _terms;
+    }
+
+    /// @inheritdoc IOrganization
+    function budgetOf(bytes32 role) external view returns (Budget memory) {
+        return _budgets[role];
     }
 
     /// @inheritdoc IOrganization
@@ -267,6 +306,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         view
         returns (IMatchingPolicy, bytes32)
     {
+        if (block.timestamp < pausedUntil) revert TasksArePaused(pausedUntil);
         uint32 minWindow = _admit(kind, creator).minWindow;
         if (executionWindow < minWindow) revert WindowTooShort(kind, executionWindow, minWindow);
         return (policy, _rulesFor(kind, wantedRules));
@@ -285,6 +325,18 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         if (membersOnly && participant != address(this) && !isMember(participant)) {
             revert NotMember(participant);
         }
+    }
+
+    /// @dev Take `amount` from the budget of `role` before it leaves the treasury.
+    function _spend(bytes32 role, uint256 amount) private {
+        Budget storage budget = _budgets[role];
+        if (budget.period == 0) return;
+        if (block.timestamp >= uint256(budget.since) + budget.period) {
+            (budget.since, budget.spent) = (uint40(block.timestamp), 0);
+        }
+        uint256 left = budget.amount - budget.spent;
+        if (amount > left) revert OverBudget(role, amount, left, uint256(budget.since) + budget.period);
+        budget.spent += uint96(amount);
     }
 
     /// @dev What a task of `kind` is judged by whose creator wants `wanted`.

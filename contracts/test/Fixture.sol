@@ -65,7 +65,7 @@ abstract contract Fixture is Test {
         organization = Organization(vm.computeCreateAddress(address(this), nonce));
         services = ServiceManager(vm.computeCreateAddress(address(this), nonce + 1));
         tasks = TaskManager(vm.computeCreateAddress(address(this), nonce + 2));
-        new Organization(token, services, tasks, policy, admin);
+        new Organization(token, services, tasks, policy, admin, 0);
         new ServiceManager(organization, tasks);
         new TaskManager(organization, services);
 

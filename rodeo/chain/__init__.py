@@ -14,6 +14,7 @@ It works with any Ethereum JSON-RPC node and keeps no state: it neither queues n
 """
 
 from rodeo.chain.abi import (
+    Budget,
     Cause,
     Device,
     KindRules,
@@ -47,6 +48,7 @@ from rodeo.chain.logs import Log
 from rodeo.chain.types import Event, Policy, Role, from_wei, to_wei
 
 __all__ = [
+    "Budget",
     "Call",
     "Calls",
     "Cause",

@@ -64,6 +64,14 @@ class Verdict(ContractEnum):
 
 
 @dataclass(frozen=True)
+class Budget(Struct):
+    amount: int
+    period: int
+    since: int
+    spent: int
+
+
+@dataclass(frozen=True)
 class Device(Struct):
     role: str
     name: str
@@ -189,6 +197,9 @@ class OrganizationCalls(ContractCalls):
     def grant_role(self, role: Role, account: str) -> Call:
         return self._call("Organization", "grantRole", role, account)
 
+    def pause_tasks(self, duration: int) -> Call:
+        return self._call("Organization", "pauseTasks", duration)
+
     def post_root(self, device: str, day: int, root: bytes, uri: str) -> Call:
         return self._call("Organization", "postRoot", device, day, root, uri)
 
@@ -207,6 +218,9 @@ class OrganizationCalls(ContractCalls):
     def renounce_role(self, role: Role, account: str) -> Call:
         return self._call("Organization", "renounceRole", role, account)
 
+    def resume_tasks(self) -> Call:
+        return self._call("Organization", "resumeTasks")
+
     def retire_rules(self, kind: str, rules: bytes) -> Call:
         return self._call("Organization", "retireRules", kind, rules)
 
@@ -221,6 +235,9 @@ class OrganizationCalls(ContractCalls):
 
     def set_audit(self, kind: str, audit_window: int, silence: Silence) -> Call:
         return self._call("Organization", "setAudit", kind, audit_window, silence)
+
+    def set_budget(self, role: str, amount: int, period: int) -> Call:
+        return self._call("Organization", "setBudget", role, amount, period)
 
     def set_members_only(self, members_only: bool) -> Call:
         return self._call("Organization", "setMembersOnly", members_only)

@@ -12,7 +12,7 @@ from web3.contract import Contract
 from web3.types import TxReceipt
 
 from rodeo.chain import artifacts, transactions
-from rodeo.chain.abi import Device, KindRules, Service, Task, Terms
+from rodeo.chain.abi import Budget, Device, KindRules, Service, Task, Terms
 from rodeo.chain.calls import Calls, OrganizationCalls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
@@ -128,6 +128,14 @@ class ChainClient:
     def members_only(self) -> bool:
         return self._view("Organization", "membersOnly")
 
+    def budget(self, role: Role) -> Budget:
+        """What the holders of OPERATOR or TREASURER may spend; a period of 0 is no limit."""
+        return self._view("Organization", "budgetOf", role.id)
+
+    def paused_until(self) -> int:
+        """Block time before which no new tasks are taken; 0 if there was no pause."""
+        return self._view("Organization", "pausedUntil")
+
     def is_member(self, account: str) -> bool:
         return self._view("Organization", "isMember", to_checksum_address(account))
 
@@ -136,6 +144,10 @@ class ChainClient:
 
     def has_role(self, role: Role, account: str) -> bool:
         return self._view("Organization", "hasRole", role.id, to_checksum_address(account))
+
+    def handover_delay_s(self) -> int:
+        """Between the announcement of another administrator and the handover, s."""
+        return self._view("Organization", "defaultAdminDelay")
 
     def policy(self) -> ChecksumAddress:
         return self._view("Organization", "policy")

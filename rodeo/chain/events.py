@@ -34,6 +34,13 @@ class AuditChanged(Event):
 
 
 @dataclass(frozen=True)
+class BudgetChanged(Event):
+    role: str
+    amount: int
+    period: int
+
+
+@dataclass(frozen=True)
 class Deposited(Event):
     sender: str
     amount: int
@@ -100,6 +107,17 @@ class RoleRevoked(Event):
 class RulesRetired(Event):
     kind: str
     rules: bytes
+
+
+@dataclass(frozen=True)
+class TasksPaused(Event):
+    guardian: str
+    until: int
+
+
+@dataclass(frozen=True)
+class TasksResumed(Event):
+    account: str
 
 
 @dataclass(frozen=True)

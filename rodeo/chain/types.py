@@ -49,6 +49,7 @@ class Role(StrEnum):
     ORACLE = "ORACLE_ROLE"
     AUDITOR = "AUDITOR_ROLE"
     MEMBER = "MEMBER_ROLE"
+    GUARDIAN = "GUARDIAN_ROLE"
 
     @property
     def id(self) -> bytes:

@@ -45,6 +45,7 @@ from rodeo.messages import (
     ExpireTask,
     GrantRole,
     MatchTask,
+    PauseTasks,
     PostRoot,
     PostVerdict,
     Prepare,
@@ -52,9 +53,11 @@ from rodeo.messages import (
     RegisterService,
     RegisterTask,
     ReinstateService,
+    ResumeTasks,
     RetireRules,
     RevokeDevice,
     RevokeRole,
+    SetBudget,
     SetMembersOnly,
     SetPolicy,
     SetTerms,
@@ -420,6 +423,17 @@ class Wallet:
     def _set_members_only(self, command: SetMembersOnly) -> list[Call]:
         return [self.client.organization_calls.set_members_only(command.enabled)]
 
+    def _set_budget(self, command: SetBudget) -> list[Call]:
+        role = Role[command.role.upper()]
+        amount = to_wei(command.amount_iec)
+        return [self.client.organization_calls.set_budget(role, amount, command.period_s)]
+
+    def _pause_tasks(self, command: PauseTasks) -> list[Call]:
+        return [self.client.organization_calls.pause_tasks(command.duration_s)]
+
+    def _resume_tasks(self, _command: ResumeTasks) -> list[Call]:
+        return [self.client.organization_calls.resume_tasks()]
+
     def _admit(self, command: Admit) -> list[Call]:
         return [self.client.organization_calls.admit(self.names.address(command.account))]
 
@@ -553,6 +567,9 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "set_policy": (SetPolicy, Wallet._set_policy),
     "set_terms": (SetTerms, Wallet._set_terms),
     "set_members_only": (SetMembersOnly, Wallet._set_members_only),
+    "set_budget": (SetBudget, Wallet._set_budget),
+    "pause_tasks": (PauseTasks, Wallet._pause_tasks),
+    "resume_tasks": (ResumeTasks, Wallet._resume_tasks),
     "admit": (Admit, Wallet._admit),
     "dismiss": (Dismiss, Wallet._dismiss),
     "suspend_service": (SuspendService, Wallet._suspend_service),

@@ -228,6 +228,13 @@ class Projection:
                 rows.put(schema.settings, name="terms", value=terms)
             case events.MembersOnlyChanged():
                 rows.put(schema.settings, name="members_only", value=event.members_only)
+            case events.BudgetChanged():
+                budget = {"amount_iec": iec(event.amount), "period_s": event.period, "since_s": time_s}
+                rows.put(schema.settings, name=f"budget {event.role}", value=budget)
+            case events.TasksPaused():
+                rows.put(schema.settings, name="paused_until_s", value=event.until)
+            case events.TasksResumed():
+                rows.put(schema.settings, name="paused_until_s", value=0)
             case events.PolicyChanged():
                 rows.put(schema.settings, name="policy", value=event.policy)
             case events.RoleGranted():

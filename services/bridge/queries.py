@@ -292,6 +292,12 @@ class Queries:
             "kinds": [{key: row[key] for key in _OF_KIND} for row in self._index.all_kinds()],
             "terms": self._index.setting("terms") or {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
             "members_only": bool(self._index.setting("members_only")),
+            "budgets": {
+                role: budget
+                for role in (Role.OPERATOR, Role.TREASURER)
+                if (budget := self._index.setting(f"budget {role}")) is not None and budget["period_s"]
+            },
+            "paused_until_s": self._index.setting("paused_until_s") or 0,
             "roles": {
                 role: [{"address": holder, "name": self._names.key_name(holder)} for holder in holders]
                 for role, holders in self._index.roles().items()

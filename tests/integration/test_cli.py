@@ -281,7 +281,18 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     organization("members-only")
     organization("admit", "panther1")
     organization("grant", "auditor", "panther1")
+    organization("budget", "operator", "1000")
+    organization("budget", "treasurer", "5", "--period", "8640000")
     organization("withdraw", "5", "--to", "panther1")
+    refusal = organization("withdraw", "1", "--to", "panther1", status=1)
+    assert "over_budget" in refusal
+    create = ("task", "create", "waste_disposal", "--item-id", "item1", "--reward", "1", "--wait")
+    organization("pause", "259200")
+    assert "tasks_are_paused" in rodeo(up, *create, status=1).stderr
+    assert "none before" in organization("show")
+    organization("resume")
+    assert "paused_recently" in organization("pause", "3600", status=1)
+    rodeo(up, "task", "cancel", str(json.loads(rodeo(up, *create, "--json").stdout)["task_id"]))
     device = "0x" + "Ab" * 20
     about = ("--role", "bin", "--owner", "organization", "--name", "itrash2")
     organization("register-device", device.lower(), *about)
@@ -291,15 +302,21 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     rules = {"kind": "sweeping", "allowed": True, "review": "auditor", "min_window_s": 120}
     rules |= {"audit_window_s": 0, "silence": "none", "rules_sha256": []}
     assert rules in now["kinds"]
+    assert {role: (one["amount_iec"], one["period_s"]) for role, one in now["budgets"].items()} == {
+        "OPERATOR_ROLE": ("1000", 86_400),
+        "TREASURER_ROLE": ("5", 8_640_000),
+    }
     assert "panther1" in {one["name"] for one in now["roles"]["AUDITOR_ROLE"]}
     assert "panther1" in {one["name"] for one in now["roles"]["MEMBER_ROLE"]}
     assert Decimal(now["treasury_iec"]) == Decimal(before["treasury_iec"]) - 5
     shown = organization("show")
-    assert "bond 50 IEC" in shown and "open to" in shown and "members" in shown
+    assert "5 IEC in 100 d" in shown and "bond 50 IEC" in shown and "open to" in shown and "members" in shown
     assert "meter" in organization("devices")
     # Back to what the other tests find.
     organization("revoke-device", device.lower(), "--reason", "superseded")
     organization("revoke", "auditor", "panther1")
+    organization("budget", "operator", "--period", "0")
+    organization("budget", "treasurer", "--period", "0")
     organization("dismiss", "panther1")
     organization("members-only", "--off")
     organization("terms")
@@ -320,7 +337,8 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     assert "root" in organization("roots")
     after = state()
     assert rules | {"allowed": False} in after["kinds"]
-    assert all(after[name] == before[name] for name in ("policy", "members_only", "terms", "roles"))
+    same = ("policy", "members_only", "terms", "roles", "budgets")
+    assert all(after[name] == before[name] for name in same)
     assert "kind_without_checks" in organization("kind", "sweeping", "--review", "oracle", status=1)
     assert "invalid_request" in organization("kind", "sweeping", status=1)
     assert "invalid_request" in organization("policy", "chance", status=1)

@@ -25,6 +25,20 @@ struct Terms {
     uint8 maxFailures;
 }
 
+/// @notice What a role may take out of the treasury. Posting a task costs its reward and offering a service its bond,
+/// whatever comes back of them later.
+/// @param amount in one period, in the token's smallest unit
+/// @param period s; 0: no limit
+/// @param since when the running period began. The next one begins with the first payment after its end, so that in
+/// any time of that length at most twice the amount leaves.
+/// @param spent in the running period
+struct Budget {
+    uint96 amount;
+    uint24 period;
+    uint40 since;
+    uint96 spent;
+}
+
 /// @param minWindow the shortest execution window that a task of this kind may have, s
 /// @param auditWindow how long auditors may look at what an oracle could not decide, s
 /// @param silence who wins when they do not answer
@@ -50,6 +64,11 @@ interface IOrganization is IDeviceRegistry {
     event TermsChanged(uint256 bond, uint256 penalty, uint8 maxFailures);
     event MembersOnlyChanged(bool membersOnly);
     event PolicyChanged(IMatchingPolicy indexed policy);
+    /// @param role operators or treasurers
+    /// @param period s; 0: no limit
+    event BudgetChanged(bytes32 indexed role, uint256 amount, uint256 period);
+    event TasksPaused(address indexed guardian, uint256 until);
+    event TasksResumed(address indexed account);
     event Deposited(address indexed from, uint256 amount);
     event Withdrawn(address indexed to, uint256 amount);
 
@@ -72,6 +91,15 @@ interface IOrganization is IDeviceRegistry {
     error MinWindowTooLong(uint32 minWindow, uint32 max);
     error InvalidTerms(uint256 bond, uint256 penalty, uint8 maxFailures);
     error InvalidPolicy(address policy);
+    /// @notice Only operators and treasurers take anything out of the treasury.
+    error RoleWithoutBudget(bytes32 role);
+    /// @notice The role may take `left` until the period ends at `until`.
+    error OverBudget(bytes32 role, uint256 amount, uint256 left, uint256 until);
+    /// @notice A guardian has paused new tasks.
+    error TasksArePaused(uint256 until);
+    error InvalidPause(uint32 duration, uint32 max);
+    /// @notice A guardian may pause again at `earliest`.
+    error PausedRecently(uint256 earliest);
 
     // -- administrator ------------------------------------------------------------------------------------
 
@@ -120,6 +148,22 @@ interface IOrganization is IDeviceRegistry {
     /// @notice Replace the matching policy. Queues and live tasks stay as they are.
     function setPolicy(IMatchingPolicy policy_) external;
 
+    /// @notice Limit what all holders of `role` together take out of the treasury. The first period begins now.
+    /// @param role OPERATOR_ROLE or TREASURER_ROLE
+    /// @param amount in one period, in the token's smallest unit
+    /// @param period s; 0: no limit
+    function setBudget(bytes32 role, uint96 amount, uint24 period) external;
+
+    // -- guardian -----------------------------------------------------------------------------------------
+
+    /// @notice Take no new tasks for `duration` seconds, MAX_PAUSE at most. Everything else goes on: running windows,
+    /// proofs, verdicts, expiry, refunds and withdrawals, and tasks that wait still find services. After a pause no
+    /// guardian can pause for MAX_PAUSE, so that new tasks are taken at least half of the time.
+    function pauseTasks(uint32 duration) external;
+
+    /// @notice End the pause now: a guardian, or the administrator.
+    function resumeTasks() external;
+
     // -- operator -----------------------------------------------------------------------------------------
 
     /// @notice ITaskManager.registerTask in the organization's name.
@@ -157,6 +201,12 @@ interface IOrganization is IDeviceRegistry {
     function terms() external view returns (Terms memory);
     function membersOnly() external view returns (bool);
 
+    /// @notice No new tasks are taken before this time; in the past where there is no pause, 0 if there was none.
+    function pausedUntil() external view returns (uint40);
+
+    /// @notice The budget of `role`: OPERATOR_ROLE or TREASURER_ROLE.
+    function budgetOf(bytes32 role) external view returns (Budget memory);
+
     /// @notice The rules for work of `kind`.
     function kindOf(bytes32 kind) external view returns (Kind memory);
 
@@ -173,8 +223,8 @@ interface IOrganization is IDeviceRegistry {
     /// @notice Whether `account` may decide what an oracle left undecided.
     function mayAudit(address account) external view returns (bool);
 
-    /// @notice Reverts with UnknownKind, NotMember, WindowTooShort or RulesNotCurrent unless `creator` may post such
-    /// a task.
+    /// @notice Reverts with TasksArePaused, UnknownKind, NotMember, WindowTooShort or RulesNotCurrent unless `creator`
+    /// may post such a task.
     /// @param kind what is to be done, ASCII
     /// @param creator who posts it
     /// @param executionWindow seconds from assignment to proof

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import threading
+from decimal import Decimal
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from rodeo import wallets
 from rodeo.chain import ChainError, Deployment, DeploymentMismatch, NotDeployed, Role, artifacts, to_wei
 from rodeo.chain.client import connect
 from rodeo.chain.events import Transfer
+from rodeo.config import GovernanceConfig
 from rodeo.kinds import kinds_of
 from tests.support.organization import CHAIN_ID, Organization, running_chain
 
@@ -42,6 +44,34 @@ def test_the_organization_is_set_up_as_the_site_says(organization: Organization)
     meter = client.device(wallets.address(site, "dock1-device"))
     assert (meter.role, meter.owner) == ("meter", client.organization)
     assert meter.registrar == organization.operator.address and meter.revoked_at == 0
+
+
+def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_default(
+    tmp_path: Path,
+) -> None:
+    with running_chain("eth-tester", tmp_path) as lab:
+        site = lab.model_copy(update={"governance": GovernanceConfig(guardian="panther1")})
+        organization = Organization(site)
+        organization.deploy()
+        client = organization.client
+        assert client.handover_delay_s() == 2 * 24 * 3600
+        day_s = 24 * 3600
+        for role, iec in ((Role.OPERATOR, 1000), (Role.TREASURER, 200)):
+            budget = client.budget(role)
+            assert (budget.amount, budget.period) == (to_wei(Decimal(iec)), day_s)
+        assert client.has_role(Role.GUARDIAN, organization.robot.address)
+        # What the administrator changes stays, however often the site is prepared.
+        calls = client.organization_calls
+        organization.send(organization.operator, calls.set_budget(Role.OPERATOR, 0, 0))
+        organization.deploy()
+        assert client.budget(Role.OPERATOR).period == 0
+
+
+def test_the_demos_site_says_that_it_has_neither_delay_nor_budgets(organization: Organization) -> None:
+    governance = organization.site.governance
+    assert governance.model_fields_set >= {"delay_s", "budgets"}
+    assert organization.client.handover_delay_s() == governance.delay_s == 0
+    assert governance.budgets == {} and organization.client.budget(Role.TREASURER).since == 0
 
 
 def test_deploying_again_sends_nothing(organization: Organization) -> None:

@@ -60,6 +60,11 @@ class Life:
             calls.admit(organization.robot.address),
             calls.admit(organization.operator.address),
             calls.set_members_only(True),
+            calls.set_budget(Role.OPERATOR, to_wei(Decimal(100_000)), 7200),
+            calls.set_budget(Role.TREASURER, 7, 60),
+            calls.grant_role(Role.GUARDIAN, organization.operator.address),
+            calls.pause_tasks(600),
+            calls.resume_tasks(),
             calls.register_device(DEVICE, "mocap", organization.robot.address, "mocap2"),
             *(calls.allow_kind(KIND, Review.ORACLE, rules) for rules in (PROOF, REPORT, PROOF)),
             calls.retire_rules(KIND, REPORT),
@@ -242,6 +247,9 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     assert client.terms() == state.terms
     assert client.members_only() == state.members_only
     assert client.policy() == state.policy
+    budgets = {role: client.budget(role) for role in (Role.OPERATOR, Role.TREASURER)}
+    assert {role: (one.amount, one.period) for role, one in budgets.items()} == state.budgets
+    assert client.paused_until() == state.paused_until >= GENESIS_S
     accounts = {account for _, account in state.roles} | set(state.balances) - {ZERO_ADDRESS}
     held = {(role.value, account) for role in Role for account in accounts if client.has_role(role, account)}
     assert held == state.roles

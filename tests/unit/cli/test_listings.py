@@ -40,6 +40,7 @@ ACTS = {
     *(f"rodeo organization {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
         "reinstate", "deposit", "withdraw", "register-device", "revoke-device", "retire-rules",
+        "budget", "pause", "resume",
     )),
 }  # fmt: skip
 """Commands that change something and list nothing."""
