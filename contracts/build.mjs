@@ -11,6 +11,7 @@ const CONTRACTS = [
   "Organization",
   "ServiceManager",
   "TaskManager",
+  "OracleCommittee",
   "FirstComeFirstServed",
   "LowestPrice",
   "HighestReputation",

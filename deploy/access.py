@@ -130,7 +130,8 @@ def _wallets_of(site: Site, process: str) -> list[str]:
     """Participants for whom the process works."""
     if process in _PEOPLE:
         return ["*"]
-    wallets = {"charger": ["organization"], "oracle": ["oracle"], "robot_agent": _own(site, process, "robot")}
+    wallets = {"charger": ["organization"], "robot_agent": _own(site, process, "robot")}
+    wallets["oracle"] = _own(site, process, "oracle")
     return wallets.get(_job(process), [])
 
 
@@ -140,7 +141,7 @@ def _job(process: str) -> str:
 
 
 def _own(site: Site, process: str, what: str) -> list[str]:
-    """The robots, bins or docks (`what`) that the process is the one of."""
+    """The oracles, robots, bins or docks (`what`) that the process is the one of."""
     return [thing.name for thing in served_by(site, process) if thing.what == what]
 
 
@@ -180,9 +181,12 @@ def _keys(site: Site, topic: Topic, speaker: str, **names: str) -> Iterator[str]
     """Of its own bin or dock; of all for a process that is none's."""
     bins = _own(site, speaker, "bin") or [one.name for one in site.bins]
     docks = _own(site, speaker, "dock") or [dock.name for dock in site.docks]
-    for bin_name, dock in itertools.product(
-        bins if "{bin}" in topic.key else ["*"], docks if "{dock}" in topic.key else ["*"]
+    judges = _own(site, speaker, "oracle") or ["*"]
+    for bin_name, dock, judge in itertools.product(
+        bins if "{bin}" in topic.key else ["*"],
+        docks if "{dock}" in topic.key else ["*"],
+        judges if "{judge}" in topic.key else ["*"],
     ):
-        key = topic.pattern(org=site.org, bin=bin_name, dock=dock, **names)
+        key = topic.pattern(org=site.org, bin=bin_name, dock=dock, judge=judge, **names)
         # One responder serves a query's whole branch: state/task/7 as well as state/tasks.
         yield f"{site.bus.domain_id}/{key}/**" if topic.plane is Plane.ROBOT else key

@@ -45,7 +45,7 @@ from rodeo.chain import (
 )
 from rodeo.chain.client import connect, require_chain
 from rodeo.chain.errors import translated
-from rodeo.config import Site
+from rodeo.config import ORACLE, Site, panel, votes_needed
 from rodeo.errors import RodeoError, WalletError
 from rodeo.kinds import Kind, kinds_of
 from rodeo.process import main
@@ -214,6 +214,7 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
         ),
         "ServiceManager": (organization, tasks),
         "TaskManager": (organization, services),
+        "OracleCommittee": (organization,),
     }
     receipts = [_create(w3, deployer, name, arguments.get(name, ()), say) for name in artifacts.CONTRACTS]
     deployment = Deployment(
@@ -266,9 +267,12 @@ def _missing_rules(
     roles = [
         (Role.OPERATOR, administrator.address),
         (Role.TREASURER, administrator.address),
-        (Role.ORACLE, _told(site, "oracle")),
+        # Nobody who alone judges may beside those who have to agree.
+        (Role.ORACLE, client.committee if site.oracles else _told(site, ORACLE)),
         (Role.AUDITOR, administrator.address),
     ]
+    if former := _former_oracle(site, client):
+        yield administrator, calls.revoke_role(Role.ORACLE, former)
     for role, account in roles:
         if account is not None and not client.has_role(role, account):
             yield administrator, calls.grant_role(role, account)
@@ -293,6 +297,8 @@ def _missing_rules(
         elif not rules.allowed or rules.review is review:
             for call in _missing_hash(client, declared):
                 yield administrator, call
+            for call in _missing_judges(site, client, kind):
+                yield administrator, call
     for keystore, (device_role, name) in wallets.device_names(site).items():
         device = _told(site, keystore)
         if device is not None and not _is_registered(client, device):
@@ -303,6 +309,32 @@ def _missing_rules(
         if wallet is not None and client.allowance(wallet, client.task_manager) < _UNLIMITED // 2:
             spender = wallets.load(site, robot.name)
             yield spender, client.calls.approve(client.task_manager, _UNLIMITED)
+
+
+def _former_oracle(site: Site, client: ChainClient) -> str | None:
+    """Who judges on chain, but by the site file no longer does."""
+    former: str | None = client.committee
+    if site.oracles:
+        former = _told(site, ORACLE) if wallets.keystore_path(site, ORACLE).exists() else None
+    return former if former is not None and client.has_role(Role.ORACLE, former) else None
+
+
+def _missing_judges(site: Site, client: ChainClient, kind: str) -> Iterator[Call]:
+    """What has the site's oracles vote on proofs of `kind`; nothing where there is one oracle."""
+    seats = 0
+    for judge in site.oracles:
+        key = _told(site, f"{judge.name}-device")
+        if key is None:
+            return
+        if client.judge(key) is None:
+            yield client.calls.seat(key, _owner(site, client, "oracle", judge.name))
+        seated = client.judge(key)
+        assert seated is not None
+        seats |= 1 << seated.seat
+    wanted = votes_needed(site, kind), panel(site), site.oracle.rotation_s, seats
+    quorum = client.quorum(kind)
+    if site.oracles and wanted != (quorum.votes, quorum.panel, quorum.rotation, quorum.judges):
+        yield client.calls.set_quorum(kind, *wanted)
 
 
 def _missing_hash(client: ChainClient, kind: Kind) -> Iterator[Call]:
@@ -331,7 +363,11 @@ def _is_registered(client: ChainClient, device: str) -> bool:
 
 
 def _owner(site: Site, client: ChainClient, device_role: str, name: str) -> str:
-    """A robot's device works for the robot, everything else for the organization."""
+    """A robot's device works for the robot, an oracle's for whom the site file says or for nobody else, and
+    everything else for the organization."""
+    if device_role == "oracle":
+        owner = next(one.owner for one in site.oracles if one.name == name) or name
+        return wallets.wallets_elsewhere(site).get(owner) or wallets.address(site, owner)
     return wallets.address(site, name) if device_role == "robot" else client.organization
 
 

@@ -35,6 +35,9 @@ from rodeo.topics import BODY
 
 MiB = 1 << 20
 
+ORACLE = "oracle"
+"""Wallet and process of a site's only oracle."""
+
 _PREFIX = "RODEO__"
 """Prefix of environment variables."""
 
@@ -264,9 +267,22 @@ class OracleConfig(_Table):
     handover_s: float = Field(default=3600.0, gt=0)
     """Wall time for an executor to send a submitted proof that the store does not have, counted from the
     oracle's request and ending when the verdict is due. After it the oracle rejects the proof."""
+    panel: int | None = Field(default=None, ge=1)
+    """How many of several `[[oracles]]` may vote on a proof at once; all by default. The others stand in."""
+    rotation_s: int = Field(default=0, ge=0, lt=2**32)
+    """Seconds of the chain's time after a proof after which one more of the others may vote. 0 for never."""
     verdict_within_s: float = Field(default=240.0, gt=0)
     """Wall time until the verdict on a submission in the worst case: two verifications up to the CPU time
     limit, and the same again for an earlier submission that it waits for."""
+
+
+class JudgeConfig(_Table):
+    """One of several oracles: a process of its own with a key of its own, which signs votes."""
+
+    name: str = Field(pattern=r"^[a-z][a-z0-9-]{0,30}$")
+    owner: str | None = None
+    """Robot or participant for whom it works. It never judges that one's tasks. By default it works for
+    nobody."""
 
 
 class MaintenanceConfig(_Table):
@@ -298,6 +314,9 @@ class KindConfig(_Table):
     price_iec: Decimal | None = Field(default=None, ge=0)
     execution_window_s: int | None = Field(default=None, gt=0)
     at_silence: Literal["executor", "creator"] | None = None
+    votes: int | None = Field(default=None, ge=1)
+    """How many of several `[[oracles]]` have to agree on a proof of this kind; by default more than half of
+    the panel."""
 
     @model_validator(mode="after")
     def _says_who_judges(self) -> KindConfig:
@@ -399,6 +418,8 @@ class Site(BaseSettings):
     disk: DiskConfig = DiskConfig()
     store: StoreConfig = StoreConfig()
     oracle: OracleConfig = OracleConfig()
+    oracles: list[JudgeConfig] = []
+    """Several oracles that vote. By default there is one, whose verdict is enough."""
     agent: AgentConfig = AgentConfig()
     bridge: BridgeConfig = BridgeConfig()
     metrics: MetricsConfig = MetricsConfig()
@@ -552,6 +573,27 @@ def dock_process(site: Site, name: str) -> str:
     return _process("charger", site.docks, name)
 
 
+def oracle_names(site: Site) -> list[str]:
+    """The wallets of those who judge recordings."""
+    return [one.name for one in site.oracles] or [ORACLE]
+
+
+def oracle_process(site: Site, name: str) -> str:
+    """Name of the process that is the oracle called `name`."""
+    return f"{ORACLE}.{name}" if site.oracles else ORACLE
+
+
+def panel(site: Site) -> int:
+    """How many oracles may vote at once."""
+    return site.oracle.panel or len(site.oracles)
+
+
+def votes_needed(site: Site, kind: str) -> int:
+    """How many oracles have to agree on a proof of `kind`."""
+    said = next((one.votes for one in site.kinds if one.name == kind), None)
+    return said or panel(site) // 2 + 1
+
+
 def _process(job: str, parts: Sequence[Part], name: str) -> str:
     """Plain `job` where there is only one."""
     return job if len(parts) == 1 else f"{job}.{name}"
@@ -626,14 +668,14 @@ def _merge(base: dict[str, Any], over: dict[str, Any]) -> dict[str, Any]:
 
 # -- what no site can be ------------------------------------------------------------------------------
 
-_OWN_WALLETS = ("organization", "oracle")
+_OWN_WALLETS = ("organization", ORACLE)
 _SLACK_M = 1e-6
 
 
 def faults(site: Site) -> dict[Place, str]:
     """Where -> what is wrong there; empty for a site that can be."""
     found: dict[Place, str] = {}
-    rules = (_outside, _rooms, _names, _wallets, _hours, _ports)
+    rules = (_outside, _rooms, _names, _wallets, _oracles, _hours, _ports)
     for place, text in (one for rule in rules for one in rule(site)):
         found.setdefault(place, text)
     return found
@@ -687,6 +729,7 @@ def _names(site: Site) -> Iterator[tuple[Place, str]]:
     yield from _twice(in_lab, "two things in the lab are called {}")
     signing: list[tuple[Place, str]] = [((), name) for name in _OWN_WALLETS]
     signing += [(("robots", number, "wallet"), robot.wallet) for number, robot in enumerate(site.robots)]
+    signing += [(("oracles", number, "name"), one.name) for number, one in enumerate(site.oracles)]
     signing += [(("participants", number, "name"), one.name) for number, one in enumerate(site.participants)]
     yield from _twice(signing, "two participants have the keystore {}")
 
@@ -700,7 +743,8 @@ def _twice(named: Iterable[tuple[Place, str]], text: str) -> Iterator[tuple[Plac
 
 
 def _wallets(site: Site) -> Iterator[tuple[Place, str]]:
-    known = ["organization", "oracle", *(r.name for r in site.robots), *(p.name for p in site.participants)]
+    others = [*(r.name for r in site.robots), *(p.name for p in site.participants)]
+    known = ["organization", *oracle_names(site), *others]
     told: list[tuple[Place, str]] = [
         (("bridge", "wallets", number), name) for number, name in enumerate(site.bridge.wallets or ())
     ]
@@ -710,6 +754,26 @@ def _wallets(site: Site) -> Iterator[tuple[Place, str]]:
     for place, name in told:
         if name not in known:
             yield place, f"nobody on this site is called {name}{close(name, known)}"
+
+
+def _oracles(site: Site) -> Iterator[tuple[Place, str]]:
+    parties = [*(r.name for r in site.robots), *(p.name for p in site.participants)]
+    for number, one in enumerate(site.oracles):
+        if one.owner is not None and one.owner not in parties:
+            place = ("oracles", number, "owner")
+            yield place, f"nobody on this site is called {one.owner}{close(one.owner, parties)}"
+    listed = len(site.oracles)
+    if listed == 1:
+        yield ("oracles",), "one oracle needs no [[oracles]]: leave the table out, or name at least two"
+    if not 1 <= panel(site) <= listed and (site.oracles or site.oracle.panel is not None):
+        yield ("oracle", "panel"), f"the panel has {panel(site)} places, and [[oracles]] lists {listed}"
+    for number, kind in enumerate(site.kinds):
+        if kind.votes is not None and not panel(site) < 2 * kind.votes <= 2 * panel(site):
+            yield (
+                ("kinds", number, "votes"),
+                f"{kind.votes} votes are not more than half of a panel of {panel(site)} oracles, or are more "
+                "than all of them",
+            )
 
 
 def _hours(site: Site) -> Iterator[tuple[Place, str]]:

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict
 
 from rodeo import queries, topics
 from rodeo.bus import Bus
-from rodeo.config import Site
+from rodeo.config import Site, oracle_names
 from rodeo.evidence import Binding
 from rodeo.kinds import Kind, kinds_of
 from rodeo.messages import (
@@ -44,7 +44,7 @@ def cannot_do(site: Site, participant: str, kind: str) -> str:
     if participant in [robot.name for robot in site.robots]:
         robots_do = [name for name, one in kinds.items() if one.behaviour]
         able, does = kind in robots_do, f"robots do {', '.join(robots_do) or 'nothing'} only"
-    elif participant == "oracle":
+    elif participant in oracle_names(site):
         able, does = False, "the oracle only judges work"
     elif participant == ORGANIZATION:
         energy = kinds.providing("energy")

@@ -164,6 +164,41 @@ class PostVerdict(Command):
         return self
 
 
+class Vote(Message):
+    """What one of several oracles says of a proof. It signs this (EIP-712) for one committee."""
+
+    task_id: Id
+    attempt: Attempt
+    proof_sha256: Hex32
+    report_sha256: Hex32
+    rules_sha256: Hex32
+    outcome: Outcome
+    amount_iec: Iec = Decimal(0)
+    """What the executor is paid of the agreed price; 0 unless accepted."""
+    reason: str = Field(max_length=500)
+
+
+Signature = Annotated[str, StringConstraints(pattern=r"^0x[0-9a-f]{128}$")]
+"""64 bytes: r, and s with its parity (EIP-2098)."""
+
+
+class SignedVote(Message):
+    """On the bus: whoever has enough of them, of different oracles for the same, may post the verdict."""
+
+    vote: Vote
+    report_uri: str = Field(max_length=2048)
+    """Where this oracle stored its report."""
+    signature: Signature
+
+
+class PostVotes(Command):
+    """Post the verdict on which enough oracles agree; anyone may who holds their votes."""
+
+    vote: Vote
+    report_uri: str = Field(max_length=2048)
+    signatures: list[Signature] = Field(min_length=1, max_length=64)
+
+
 class RegisterService(Command):
     kind: Kind
     price_iec: Iec
@@ -351,6 +386,7 @@ COMMANDS: dict[str, type[Command]] = {
     "cancel_task": CancelTask,
     "submit_proof": SubmitProof,
     "post_verdict": PostVerdict,
+    "post_votes": PostVotes,
     "expire_task": ExpireTask,
     "match_task": MatchTask,
     "register_service": RegisterService,

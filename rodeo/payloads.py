@@ -23,8 +23,10 @@ from rodeo.messages import (
     Command,
     DaoEvent,
     Prepare,
+    SignedVote,
     Status,
     Task,
+    Vote,
 )
 from rodeo.topics import markdown
 from rodeo.witness.statement import (
@@ -91,6 +93,16 @@ _BIN = {"device": "itrash", "claimants": [_CLAIMANT]}
 _FELL = {"compartment": "yellow", "weight_n": 0.294, "after_s": 1795320120.4, "settled_s": 1795320121.1}
 _CHARGE = {"task_id": 8, "attempt": 1, "recording": _DIGEST, "begin_wh": 12345.0, "register_wh": 12347.5}
 
+_VOTE = {
+    "task_id": 7,
+    "attempt": 1,
+    "proof_sha256": _DIGEST,
+    "report_sha256": _BEFORE,
+    "rules_sha256": _DIGEST,
+    "outcome": "accepted",
+    "amount_iec": "100",
+    "reason": "accepted",
+}
 EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
     Attestation: {"payload": {"type": "bin.removal"}, "signer": _ADDRESS, "signature": "0x" + "5b" * 65},
     Head: _HEAD,
@@ -200,6 +212,12 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "args": {"task_id": 7, "service_id": 2, "attempt": 1},
         "chain": _BEFORE,
     },
+    Vote: _VOTE,
+    SignedVote: {
+        "vote": _VOTE,
+        "report_uri": "https://store.example/" + "4c" * 32 + ".json",
+        "signature": "0x" + "5b" * 64,
+    },
     Status: {
         "process": "itrash",
         "pid": 4711,
@@ -236,6 +254,8 @@ _VALUES: dict[str, Any] = {
     "reason": "accepted",
     "report_sha256": _BEFORE,
     "report_uri": "https://store.example/" + "4c" * 32 + ".json",
+    "vote": _VOTE,
+    "signatures": ["0x" + "5b" * 64, "0x" + "6c" * 64],
     "price_iec": "40",
     "service_id": 2,
     "to": "panther1",
@@ -372,6 +392,12 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
         f"On `{topics.SEAL.key}`, the `payload` of an Attestation is a SealHead. The opening seal "
         "contains the binding of its recording.",
         (SealHead, Binding),
+    ),
+    (
+        "What several oracles sign",
+        f"On `{topics.VOTE.key}`, where a site has several oracles. The signature is EIP-712's, over Vote "
+        "for the contract OracleCommittee, in 64 bytes (EIP-2098). `post_votes` takes enough of them.",
+        (SignedVote, Vote),
     ),
     (
         "The bin",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from rodeo.config import Site, agent_process, bin_process, dock_process
+from rodeo.config import Site, agent_process, bin_process, dock_process, oracle_names, oracle_process
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,12 @@ PROCESSES: tuple[ProcessEntry, ...] = (
 
 
 def processes_of(site: Site) -> list[ProcessEntry]:
-    """The processes that `site` needs: no chain where it is elsewhere, one for each bin, dock and robot."""
+    """The processes that `site` needs: no chain where it is elsewhere, and one for each oracle, bin, dock
+    and robot."""
     own: dict[str, list[ProcessEntry]] = {
+        "oracle": _each(
+            "oracle", "oracle", {name: oracle_process(site, name) for name in oracle_names(site)}
+        ),
         "itrash": _each("itrash", "bin", {one.name: bin_process(site, one.name) for one in site.bins}),
         "charger": _each("charger", "dock", {one.name: dock_process(site, one.name) for one in site.docks}),
         "robot_agent": _each(

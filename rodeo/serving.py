@@ -21,7 +21,7 @@ from typing import NamedTuple
 import zenoh
 
 from rodeo import topics
-from rodeo.config import Site, agent_process, bin_process, dock_process
+from rodeo.config import Site, agent_process, bin_process, dock_process, oracle_names, oracle_process
 from rodeo.errors import Interrupted, ServedElsewhere
 
 log = logging.getLogger(__name__)
@@ -62,10 +62,10 @@ def served_by(site: Site, process: str) -> list[Thing]:
             names = [*wallets.wallet_names(site), *wallets.wallets_elsewhere(site)]
         return [Thing("wallet", name) for name in names]
     things = {
-        "oracle": Thing("oracle", "oracle"),
         "console": Thing("console", "console"),
         "robot_sim": Thing("clock", f"domain{site.bus.domain_id}"),
     }
+    things |= {oracle_process(site, name): Thing("oracle", name) for name in oracle_names(site)}
     things |= {bin_process(site, one.name): Thing("bin", one.name) for one in site.bins}
     things |= {dock_process(site, one.name): Thing("dock", one.name) for one in site.docks}
     things |= {agent_process(site, robot.name): Thing("robot", robot.name) for robot in site.robots}

@@ -1,8 +1,9 @@
 """The table of every key on the bus. Code, documentation, access rules and the recorder are made from it.
 
 `{ns}` is a robot's namespace, `{body}` a body that the motion capture tracks, `{bin}`, `{compartment}` and
-`{dock}` name furniture, `{org}` the organization, `{participant}`, `{command}`, `{event}`, `{process}` what
-they say. Robot-plane names become Zenoh keys by `rodeo.ros2`; DAO-plane names are Zenoh keys as they are.
+`{dock}` name furniture, `{org}` the organization, `{judge}` one of several oracles, and `{participant}`,
+`{command}`, `{event}`, `{process}` what they say. Robot-plane names become Zenoh keys by `rodeo.ros2`;
+DAO-plane names are Zenoh keys as they are.
 """
 
 from __future__ import annotations
@@ -311,6 +312,13 @@ STATE = _dao(
 )
 EVENT = _dao(
     "rodeo/{org}/event/{event}", "DaoEvent", Form.TOPIC, "bridge", "each contract event, in chain order"
+)
+VOTE = _dao(
+    "rodeo/{org}/vote/{judge}",
+    "SignedVote",
+    Form.TOPIC,
+    "oracle",
+    "what one of several oracles says of a proof, signed; again until there is a verdict",
 )
 SEAL = _dao(
     "rodeo/{org}/seal/{device}",

@@ -22,7 +22,7 @@ from eth_account import Account
 from eth_account.signers.local import LocalAccount
 from eth_utils import to_checksum_address
 
-from rodeo.config import Site
+from rodeo.config import Site, oracle_names
 from rodeo.errors import KeystoreMissing, WalletError
 from rodeo.files import replace_file
 
@@ -41,9 +41,9 @@ MOCAP_NAME = "mocap"
 
 
 def wallet_names(site: Site) -> list[str]:
-    """Participants whose wallet the site has: the organization's operator, the robots, the oracle, others."""
+    """Participants whose wallet the site has: the organization's operator, robots, oracles, others."""
     others = [participant.name for participant in site.participants if participant.address is None]
-    return ["organization", *(robot.name for robot in site.robots), "oracle", *others]
+    return ["organization", *(robot.name for robot in site.robots), *oracle_names(site), *others]
 
 
 def wallets_elsewhere(site: Site) -> dict[str, str]:
@@ -69,6 +69,8 @@ def device_names(site: Site) -> dict[str, SiteDevice]:
         *(SiteDevice("bin", one.name) for one in site.bins),
         *(SiteDevice("meter", dock.name) for dock in site.docks),
         SiteDevice("mocap", MOCAP_NAME),
+        # With these they vote. What sends transactions, and pays for them, is the wallet of the same name.
+        *(SiteDevice("oracle", one.name) for one in site.oracles),
     ]
     return {f"{device.name}-device": device for device in devices}
 

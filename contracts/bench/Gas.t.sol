@@ -5,7 +5,9 @@ import {Strings} from "@openzeppelin/contracts/utils/Strings.sol";
 import {IECoin} from "../src/IECoin.sol";
 import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
+import {Vote} from "../src/interfaces/IOracleCommittee.sol";
 import {TaskRequest, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Committee} from "../test/Committee.sol";
 import {Fixture} from "../test/Fixture.sol";
 
 /// @notice An oracle that accepts every first attempt.
@@ -122,5 +124,29 @@ contract GasBench is Fixture {
 
     function _figure(string memory name, uint256 gas) private {
         vm.snapshotValue("contracts", name, gas);
+    }
+}
+
+/// @notice What a verdict costs that a committee gives: three votes of five judges.
+contract QuorumGasBench is Committee {
+    function test_quorum() public {
+        for (uint256 i = 0; i < 3; ++i) {
+            offer(robot1, 80 ether); // the line is never empty
+        }
+        for (uint256 taskId = 1; taskId <= 3; ++taskId) {
+            post(alice, 100 ether);
+            submit(taskId);
+            Vote memory vote = accepting(taskId);
+            vote.reason = "all checks passed";
+            bytes memory votes = signatures(vote, VOTES);
+            vm.prank(stranger);
+            committee.postVotes(
+                vote,
+                "file:///srv/rodeo/store/aaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaaa.json",
+                votes
+            );
+        }
+        // The third, when everybody's balance and service have their words.
+        vm.snapshotValue("contracts", "gas_verdict_quorum_3_of_5", vm.lastCallGas().gasTotalUsed);
     }
 }

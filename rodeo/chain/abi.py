@@ -83,12 +83,27 @@ class Device(Struct):
 
 
 @dataclass(frozen=True)
+class Judge(Struct):
+    owner: str
+    seat: int
+
+
+@dataclass(frozen=True)
 class KindRules(Struct):
     allowed: bool
     review: Review
     min_window: int
     audit_window: int
     silence: Silence
+
+
+@dataclass(frozen=True)
+class Quorum(Struct):
+    votes: int
+    panel: int
+    rotation: int
+    count: int
+    judges: int
 
 
 @dataclass(frozen=True)
@@ -143,6 +158,18 @@ class Terms(Struct):
     max_failures: int
 
 
+@dataclass(frozen=True)
+class Vote(Struct):
+    task_id: int
+    attempt: int
+    proof_hash: bytes
+    report_hash: bytes
+    rules_hash: bytes
+    verdict: Verdict
+    amount: int
+    reason: str
+
+
 class IECoinCalls(ContractCalls):
     def approve(self, spender: str, value: int) -> Call:
         return self._call("IECoin", "approve", spender, value)
@@ -161,6 +188,20 @@ class IECoinCalls(ContractCalls):
 
     def transfer_from(self, sender: str, to: str, value: int) -> Call:
         return self._call("IECoin", "transferFrom", sender, to, value)
+
+
+class OracleCommitteeCalls(ContractCalls):
+    def change_key(self, old_key: str, key: str) -> Call:
+        return self._call("OracleCommittee", "changeKey", old_key, key)
+
+    def post_votes(self, vote: Vote, report_uri: str, signatures: bytes) -> Call:
+        return self._call("OracleCommittee", "postVotes", vote, report_uri, signatures)
+
+    def seat(self, key: str, owner: str) -> Call:
+        return self._call("OracleCommittee", "seat", key, owner)
+
+    def set_quorum(self, kind: str, votes: int, panel: int, rotation: int, judges: int) -> Call:
+        return self._call("OracleCommittee", "setQuorum", kind, votes, panel, rotation, judges)
 
 
 class OrganizationCalls(ContractCalls):

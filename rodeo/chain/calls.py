@@ -21,8 +21,9 @@ class ParticipantCalls(Protocol):
     def transfer(self, to: str, value: int) -> Call: ...
 
 
-class Calls(abi.TaskManagerCalls, abi.ServiceManagerCalls, abi.IECoinCalls):
-    """Calls of a participant in its own name, of an oracle, and those that anyone may make.
+class Calls(abi.TaskManagerCalls, abi.ServiceManagerCalls, abi.IECoinCalls, abi.OracleCommitteeCalls):
+    """Calls of a participant in its own name, of an oracle, those that anyone may make, and those of the
+    administrator to the committee of oracles.
 
     The sender of `register_task` must have approved the TaskManager for the reward, and that of
     `register_service` for the bond, where the organization asks for one.

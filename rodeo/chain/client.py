@@ -12,7 +12,7 @@ from web3.contract import Contract
 from web3.types import TxReceipt
 
 from rodeo.chain import artifacts, transactions
-from rodeo.chain.abi import Budget, Device, KindRules, Service, Task, Terms
+from rodeo.chain.abi import Budget, Device, Judge, KindRules, Quorum, Service, Task, Terms
 from rodeo.chain.calls import Calls, OrganizationCalls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
@@ -20,6 +20,8 @@ from rodeo.chain.errors import WrongChain, translated
 from rodeo.chain.logs import Log, decode_log, event_topics
 from rodeo.chain.types import Role, kind_to_bytes32, value
 from rodeo.config import ChainConfig
+
+NOBODY = "0x" + "00" * 20
 
 
 def connect(url: str, timeout_s: float = 10.0) -> Web3:
@@ -69,6 +71,11 @@ class ChainClient:
     def task_manager(self) -> ChecksumAddress:
         """Holds the escrow; spender that creators approve."""
         return self.deployment.address("TaskManager")
+
+    @property
+    def committee(self) -> ChecksumAddress:
+        """Judges in place of an oracle where several have to agree."""
+        return self.deployment.address("OracleCommittee")
 
     # -- views ---------------------------------------------------------------------------------------------
 
@@ -148,6 +155,15 @@ class ChainClient:
     def handover_delay_s(self) -> int:
         """Between the announcement of another administrator and the handover, s."""
         return self._view("Organization", "defaultAdminDelay")
+
+    def judge(self, key: str) -> Judge | None:
+        """The judge of the committee who signs with `key`."""
+        found: Judge = self._view("OracleCommittee", "judge", to_checksum_address(key))
+        return None if found.owner == NOBODY else found
+
+    def quorum(self, kind: str) -> Quorum:
+        """Which judges vote on proofs of `kind`; 0 votes where none do."""
+        return self._view("OracleCommittee", "quorumOf", kind_to_bytes32(kind))
 
     def policy(self) -> ChecksumAddress:
         return self._view("Organization", "policy")

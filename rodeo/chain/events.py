@@ -287,3 +287,34 @@ class VerdictPosted(Event):
     report_hash: bytes
     report_uri: str
     reason: str
+
+
+@dataclass(frozen=True)
+class JudgeKeyChanged(Event):
+    seat: int
+    old_key: str
+    key: str
+
+
+@dataclass(frozen=True)
+class JudgeSeated(Event):
+    seat: int
+    key: str
+    owner: str
+
+
+@dataclass(frozen=True)
+class QuorumChanged(Event):
+    kind: str
+    votes: int
+    panel: int
+    rotation: int
+    judges: int
+
+
+@dataclass(frozen=True)
+class VotesCounted(Event):
+    task_id: int
+    attempt: int
+    rules: bytes
+    judges: int

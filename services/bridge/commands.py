@@ -27,6 +27,7 @@ from rodeo.chain import (
     TaskRequest,
     Terms,
     Verdict,
+    Vote,
     to_wei,
 )
 from rodeo.config import EconomyConfig
@@ -48,6 +49,7 @@ from rodeo.messages import (
     PauseTasks,
     PostRoot,
     PostVerdict,
+    PostVotes,
     Prepare,
     RegisterDevice,
     RegisterService,
@@ -325,6 +327,21 @@ class Wallet:
             )
         ]
 
+    def _post_votes(self, command: PostVotes) -> list[Call]:
+        said = command.vote
+        vote = Vote(
+            task_id=said.task_id,
+            attempt=said.attempt,
+            proof_hash=_bytes32(said.proof_sha256),
+            report_hash=_bytes32(said.report_sha256),
+            rules_hash=_bytes32(said.rules_sha256),
+            verdict=Verdict[said.outcome.upper()],
+            amount=to_wei(said.amount_iec),
+            reason=said.reason,
+        )
+        signatures = b"".join(_bytes32(one) for one in command.signatures)
+        return [self.client.calls.post_votes(vote, command.report_uri, signatures)]
+
     def _expire_task(self, command: ExpireTask) -> list[Call]:
         return [self.client.calls.expire_task(command.task_id)]
 
@@ -552,6 +569,7 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "cancel_task": (CancelTask, Wallet._cancel_task),
     "submit_proof": (SubmitProof, Wallet._submit_proof),
     "post_verdict": (PostVerdict, Wallet._post_verdict),
+    "post_votes": (PostVotes, Wallet._post_votes),
     "expire_task": (ExpireTask, Wallet._expire_task),
     "register_service": (RegisterService, Wallet._register_service),
     "update_service": (UpdateService, Wallet._update_service),

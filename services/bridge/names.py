@@ -6,7 +6,7 @@ from eth_utils import is_address, to_checksum_address
 
 from rodeo import wallets
 from rodeo.chain import Deployment, Policy
-from rodeo.config import Site
+from rodeo.config import Site, oracle_names
 from rodeo.dao import cannot_do
 from services.bridge.errors import UnknownParticipant
 
@@ -45,8 +45,10 @@ class Names:
 
     def role(self, name: str) -> str:
         """What the participant is on this site."""
-        if name in (ORGANIZATION, "oracle"):
+        if name == ORGANIZATION:
             return name
+        if name in oracle_names(self._site):
+            return "oracle"
         return "robot" if name in [robot.name for robot in self._site.robots] else "participant"
 
     def cannot_do(self, name: str, kind: str) -> str:

@@ -1,8 +1,12 @@
+"""`python -m services.oracle --site FILE [--oracle NAME]`"""
+
 import sys
 
-from rodeo.process import main
+from rodeo.config import oracle_names, oracle_process
+from rodeo.process import main_of_one
 from services.oracle.process import run
 
 if __name__ == "__main__":
     # Spawned verifications import this module again and must not start another oracle.
-    sys.exit(main("oracle", run, "Verifies proofs of work and posts verdicts."))
+    description = "Verifies proofs of work and posts verdicts."
+    sys.exit(main_of_one("oracle", "oracle", oracle_names, oracle_process, run, description))

@@ -47,6 +47,9 @@ _SEEKERS = 4
 _MARGIN_SHARE = 0.25
 """Of a verdict window: at most so much of it is kept for the verdict on what turned up late."""
 
+FAULT = "the oracle"
+"""Of an undecided verdict: this oracle failed, neither the parties nor the store."""
+
 Owner = Literal["executor", "store", "oracle"]
 
 
@@ -70,7 +73,6 @@ class _Sought:
     looked_s: float | None = None
     asked_s: float = 0.0
     """Wall time for which the executor has been asked."""
-    asked: int = 0
     busy: bool = field(default=False, repr=False)
 
 
@@ -231,7 +233,6 @@ class MissingProofs:
             if one.looked_s is not None and self._bus.connected and one.owner == "executor":
                 one.asked_s += now_s - one.looked_s
             one.looked_s = now_s
-            one.asked += 1
             if ask_to_put(self._bus, self._site.org, wanted) and (path := self._fetch(one, wanted)):
                 return path
             folder = self._folder_of(one.task)
@@ -276,11 +277,11 @@ class MissingProofs:
         """The report once patience is over."""
         task, over = one.task, self._verdict_is_due(one.task)
         if one.owner == "executor" and (over or one.asked_s >= self._site.oracle.handover_s):
-            detail = f"{one.why[:200]}; the executor did not send it when asked {one.asked} times"
+            detail = f"{one.why[:200]}; the executor did not send it when asked"
             fault = None
         elif over and one.owner != "executor":
             detail = f"the oracle could not read it before the verdict was due: {one.why[:200]}"
-            fault = "the store" if one.owner == "store" else "the oracle"
+            fault = "the store" if one.owner == "store" else FAULT
         else:
             return None
         check = Check(name="fetched", passed=False, source=task.proof_uri or "", detail=detail, fault=fault)

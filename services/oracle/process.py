@@ -6,6 +6,8 @@ for a verdict is asked from the index when its turn comes, so nothing needs to b
 
 Several proofs are verified side by side, but of two that claim the same act the one that was submitted
 earlier is decided first.
+
+Where a site has several oracles, each of them votes (`services.oracle.votes`) in place of posting a verdict.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ from typing import Any, TypeVar
 from rodeo.bus import DaoEvents
 from rodeo.checks.acts import ConsumedActs, Submission, Wait, acts_unspent
 from rodeo.checks.report import Check, Report
-from rodeo.config import Site
+from rodeo.config import Site, oracle_process
 from rodeo.dao import Participant
 from rodeo.errors import BusError, DiskFull, RemoteError, RodeoError
 from rodeo.evidence import EvidenceError, Store
@@ -35,14 +37,15 @@ from rodeo.evidence.errors import ProofNotFound, ProofUriNotAllowed, StoreUnavai
 from rodeo.files import replace_file, writing
 from rodeo.kinds import Kinds, kinds_of
 from rodeo.logs import about_task
-from rodeo.messages import DaoEvent, PostVerdict, Task
+from rodeo.messages import DaoEvent, PostVerdict, Task, Vote
 from rodeo.process import Process
 from rodeo.serving import served_by
 from services.oracle import worker
-from services.oracle.away import MissingProofs, ProofAway, due_s, is_due, owner_of
+from services.oracle.away import FAULT, MissingProofs, ProofAway, due_s, is_due, owner_of
 from services.oracle.chain_view import read_chain_record
 from services.oracle.rules import Judging
 from services.oracle.scrub import Scrub
+from services.oracle.votes import Votes
 
 log = logging.getLogger(__name__)
 
@@ -65,20 +68,20 @@ class IndexBehind(RodeoError):
     """The bridge's answer is older than an event that it told before."""
 
 
-def run(site: Site, stop: threading.Event) -> None:
-    """Serve until `stop` is set."""
-    with Process("oracle", site, stop) as process:
-        process.serve_alone(served_by(site, "oracle"))
-        Oracle(process).serve()
+def run(site: Site, name: str, stop: threading.Event) -> None:
+    """The process of the oracle called `name`, until `stop`."""
+    with Process(oracle_process(site, name), site, stop) as process:
+        process.serve_alone(served_by(site, process.name))
+        Oracle(process, name).serve()
 
 
 class Oracle:
-    def __init__(self, process: Process) -> None:
+    def __init__(self, process: Process, name: str) -> None:
         self._process = process
         self._site = process.site
         self._stop = process.stop
         self._store = Store(process.site)
-        self._wallet = Participant(process.bus, process.site.org, "oracle")
+        self._wallet = Participant(process.bus, process.site.org, name)
         self._kinds = kinds_of(process.site)
         self._clock = process.clock
         self._submissions: queue.SimpleQueue[tuple[int, int]] = queue.SimpleQueue()
@@ -92,6 +95,8 @@ class Oracle:
         self._decided = 0
         self._for_auditors: set[tuple[int, int]] = set()
         """Submissions that were left to auditors since the start."""
+        self._abstained: set[tuple[int, int]] = set()
+        """Submissions that this oracle leaves to the others, since the start."""
         self._chain = ""
         """Genesis hash of the chain that they are on."""
         self._missing = MissingProofs(
@@ -116,6 +121,19 @@ class Oracle:
             partial(process.concern, "store"),
         )
         self._lock = threading.Lock()
+        self._votes: Votes | None = None
+        """None where this oracle's verdict is enough."""
+        if process.site.oracles:
+            self._votes = Votes(
+                process.site,
+                name,
+                process.wait_account(f"{name}-device"),
+                process.bus,
+                self._wallet,
+                self._clock,
+                self._waits,
+                lambda: self._set_activity(None, None),
+            )
 
     def serve(self) -> None:
         # The first verdict must not wait for what all of them share.
@@ -131,6 +149,10 @@ class Oracle:
                 target=self._missing.run, args=(self._stop, self._update_status), name="missing", daemon=True
             ),
         ]
+        if self._votes is not None:
+            threads.append(
+                threading.Thread(target=self._votes.run, args=(self._stop,), name="votes", daemon=True)
+            )
         for thread in threads:
             thread.start()
         self._process.ready()
@@ -146,6 +168,9 @@ class Oracle:
             with self._lock:
                 self._chain = event.chain
                 self._for_auditors.clear()
+                self._abstained.clear()
+            if self._votes is not None:
+                self._votes.forget_all()
         self._acts.on_event(event)
         self._judging.on_event(event)
         if event.name == "ProofSubmitted" and event.task_id is not None:
@@ -179,6 +204,8 @@ class Oracle:
         while not self._stop.wait(SWEEP_S):
             with self._lock:
                 known = self._in_work | self._for_auditors | self._missing.keys() | self._judging.keys()
+            if self._votes is not None:
+                known |= self._votes.keys() | self._abstained
             for submission in self._acts.waiting():
                 if submission.key not in known:
                     log.warning(
@@ -254,7 +281,8 @@ class Oracle:
             return
         uri, sha256 = stored
         self._acts.read(sha256, report.acts)
-        self._until_answered(lambda: self._post(task, report, sha256, uri))
+        say = self._post if self._votes is None else partial(self._vote, self._votes)
+        self._until_answered(lambda: say(task, report, sha256, uri))
         self._missing.forget(key)
         self._decided += 1
 
@@ -361,6 +389,26 @@ class Oracle:
             return False
         return True
 
+    def _vote(self, votes: Votes, task: Task, report: Report, report_sha256: str, report_uri: str) -> bool:
+        """Vote for the verdict; False when this oracle abstains, because what failed is itself."""
+        if report.fault == FAULT:
+            log.warning("task %d attempt %d: abstaining: %s", task.id, task.attempt, report.reason)
+            with self._lock:
+                self._abstained.add((task.id, task.attempt))
+            return False
+        vote = Vote(
+            task_id=task.id,
+            attempt=task.attempt,
+            proof_sha256=task.proof_sha256 or "",
+            report_sha256=report_sha256,
+            rules_sha256=report.rules_sha256 or "",
+            outcome=report.outcome,
+            amount_iec=_amount_iec(task, report) or Decimal(0),
+            reason=report.reason,
+        )
+        votes.cast(task, vote, report_uri)
+        return True
+
     # -- acts ------------------------------------------------------------------------------------------
 
     def _unspent(self, task_id: int, attempt: int, claimed: list[str]) -> Check | None:
@@ -465,9 +513,18 @@ class Oracle:
                 self._running.pop(key, None)
             for_auditors = len(self._for_auditors)
             running = list(self._running.values())
-        text = ", ".join([*running, *self._missing.summary(), *self._judging.summary()]) or "idle"
+        votes = self._votes
+        said = [*running, *self._missing.summary(), *self._judging.summary()]
+        if votes is not None:
+            said += votes.summary()
+        details = {} if votes is None else {"votes": votes.held()}
         self._process.activity(
-            text, decided=self._decided, for_auditors=for_auditors, rules=self._judging.open_tasks()
+            ", ".join(said) or "idle",
+            None,
+            decided=self._decided,
+            for_auditors=for_auditors,
+            rules=self._judging.open_tasks(),
+            **details,
         )
 
 

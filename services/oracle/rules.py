@@ -17,7 +17,7 @@ from rodeo.checks.report import Check, Report
 from rodeo.clock import Clock
 from rodeo.config import Site
 from rodeo.messages import DaoEvent, Task
-from services.oracle.away import due_s, is_due
+from services.oracle.away import FAULT, due_s, is_due
 
 log = logging.getLogger(__name__)
 
@@ -194,7 +194,7 @@ class Judging:
             limit=task.rules_sha256,
             source="the rules that were current when the task was posted",
             detail="no oracle that has the rules of this task has judged it",
-            fault="the oracle",
+            fault=FAULT,
         )
         return Report.of(
             [check],

@@ -44,6 +44,7 @@ from rodeo.evidence.errors import (
 from rodeo.files import is_full, replace_file, writing
 from rodeo.kinds import KindError, kinds_of
 from rodeo.process import die_with
+from services.oracle.away import FAULT
 
 log = logging.getLogger(__name__)
 
@@ -116,7 +117,7 @@ def verify_apart(
         passed=False,
         source="the oracle's own process",
         detail=f"{ended}, {ATTEMPTS} times",
-        fault="the oracle",
+        fault=FAULT,
     )
     return Report.of(
         [check],

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from rodeo.config import Site
+from rodeo.config import Site, oracle_names, oracle_process, votes_needed
 from rodeo.errors import ConfigError
 from tests.support.site import LAB
 
@@ -165,3 +165,44 @@ def test_a_simulated_site_begins_when_its_file_says(tmp_path: Path) -> None:
     path.write_text(path.read_text() + "clock.speed = 1\nclock.idle_speed = 1\n")
     with pytest.raises(ConfigError, match="start"):
         Site.load(path)
+
+
+def three(tables: str) -> str:
+    return tables + "".join(f'[[oracles]]\nname = "{name}"\n' for name in ("anna", "bert", "carl"))
+
+
+@pytest.mark.parametrize(
+    ("tables", "field"),
+    [
+        ('[[oracles]]\nname = "anna"\n', "oracles"),
+        ('[[oracles]]\nname = "anna"\n[[oracles]]\nname = "anna"\n', "oracles.1.name"),
+        (three('[[oracles]]\nname = "dora"\nowner = "nobody"\n'), "oracles.0.owner"),
+        (three("oracle.panel = 4\n"), "oracle.panel"),
+        (three('[[kinds]]\nname = "waste_disposal"\nvotes = 1\n'), "kinds.0.votes"),
+        (three('[[kinds]]\nname = "waste_disposal"\nvotes = 4\n'), "kinds.0.votes"),
+        ('[[kinds]]\nname = "waste_disposal"\nvotes = 1\n', "kinds.0.votes"),
+    ],
+)
+def test_oracles_that_could_not_agree_are_an_error(tmp_path: Path, tables: str, field: str) -> None:
+    path = tmp_path / "site.toml"
+    demo = 'demo = { kind = "waste_disposal" }\n' if "[[kinds]]" in tables else ""
+    path.write_text(f'extends = "{LAB}"\n{demo}{tables}')
+    with pytest.raises(ConfigError) as caught:
+        Site.load(path)
+    assert field in caught.value.details["fields"]
+
+
+def test_of_several_oracles_more_than_half_of_the_panel_agree_unless_the_kind_says_more(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "site.toml"
+    kinds = '[[kinds]]\nname = "waste_disposal"\nvotes = 3\n[[kinds]]\nname = "battery_charging"\n'
+    path.write_text(f'extends = "{LAB}"\n{three(kinds)}')
+    site = Site.load(path)
+    assert (votes_needed(site, "waste_disposal"), votes_needed(site, "battery_charging")) == (3, 2)
+    assert [oracle_process(site, name) for name in oracle_names(site)] == [
+        "oracle.anna",
+        "oracle.bert",
+        "oracle.carl",
+    ]
+    assert oracle_names(Site.load(LAB)) == ["oracle"]

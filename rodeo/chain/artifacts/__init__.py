@@ -16,6 +16,7 @@ CONTRACTS = (
     "Organization",
     "ServiceManager",
     "TaskManager",
+    "OracleCommittee",
 )
 
 

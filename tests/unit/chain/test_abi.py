@@ -23,6 +23,7 @@ from rodeo.chain import (
     TaskRequest,
     Terms,
     Verdict,
+    Vote,
     artifacts,
 )
 from rodeo.chain.generate import BETWEEN_CONTRACTS, IGNORED_EVENTS, generated
@@ -55,6 +56,8 @@ SAMPLES: dict[str, Any] = {
     "r": bytes(32),
     "s": bytes(32),
     "policy": Policy.LOWEST_PRICE,
+    "vote": Vote(1, 1, bytes(32), bytes(32), bytes(32), Verdict.ACCEPTED, 1, "accepted"),
+    "signatures": bytes(192),
 }
 
 

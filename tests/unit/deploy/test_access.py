@@ -1,11 +1,13 @@
 """The router's rules cover the table of keys."""
 
+import itertools
+
 import pytest
 import zenoh
 
 from deploy.access import access_control, everybody
 from rodeo import topics
-from rodeo.config import Site, agent_process, body_identity
+from rodeo.config import JudgeConfig, Site, agent_process, body_identity, oracle_process
 from rodeo.lab.config import Pose2, RobotConfig
 from rodeo.topics import SEAL, TOPICS, WITNESS_STATEMENT, WITNESS_STATEMENTS, Form, Plane, Topic
 from tests.support.site import LAB
@@ -174,3 +176,15 @@ def test_only_robot_sim_tells_the_time(rules: dict[str, dict[str, list[str]]]) -
         if any(clock.intersects(zenoh.KeyExpr(key)) for key in rules[f"{name} writes"]["key_exprs"])
     }
     assert speakers == {"robot_sim"}
+
+
+def test_each_of_several_oracles_votes_and_spends_for_itself_only() -> None:
+    names = ("anna", "bert", "carl")
+    site = Site.load(LAB).model_copy(update={"oracles": [JudgeConfig(name=name) for name in names]})
+    for name, other in itertools.product(names, names):
+        own = name == other
+        process = oracle_process(site, name)
+        assert process in everybody(site)
+        assert may(site, process, "writes", topics.VOTE.name(org="lab", judge=other)) is own
+        command = topics.COMMAND.name(org="lab", participant=other, command="post_votes")
+        assert may(site, process, "asks", command) is own

@@ -150,7 +150,7 @@ def oracle(
     threads: list[threading.Thread] = []
 
     def start() -> Oracle:
-        made = Oracle(service)  # type: ignore[arg-type]
+        made = Oracle(service, "oracle")  # type: ignore[arg-type]
         made._judging.begin({"waste_disposal": RULES})
         made._wallet = bridge  # type: ignore[assignment]
         bridge.tell = made._on_event

@@ -1,0 +1,239 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
+import {ECDSA} from "@openzeppelin/contracts/utils/cryptography/ECDSA.sol";
+import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
+import {Device} from "./interfaces/IDeviceRegistry.sol";
+import {IOracleCommittee, Judge, Quorum, Vote} from "./interfaces/IOracleCommittee.sol";
+import {IOrganization} from "./interfaces/IOrganization.sol";
+import {IServiceManager} from "./interfaces/IServiceManager.sol";
+import {ITaskManager, Task, TaskState, Verdict} from "./interfaces/ITaskManager.sol";
+
+contract OracleCommittee is IOracleCommittee, EIP712 {
+    /// @dev Of a task, whose judges none of them may be: creator and executor, and who owns them in the registry.
+    struct Parties {
+        address creator;
+        address creatorsOwner;
+        address executor;
+        address executorsOwner;
+    }
+
+    /// @notice As many as Quorum.judges has bits.
+    uint256 public constant MAX_JUDGES = 64;
+
+    /// @notice Each day another judge is the first in line.
+    uint256 public constant TURN = 1 days;
+
+    /// @dev r, and s with its parity: EIP-2098.
+    uint256 private constant SIGNATURE_BYTES = 64;
+    bytes32 private constant ADMINISTRATOR = 0;
+    bytes32 private constant VOTE_TYPEHASH = keccak256(
+        "Vote(uint256 taskId,uint8 attempt,bytes32 proofHash,bytes32 reportHash,bytes32 rulesHash,"
+        "uint8 verdict,uint256 amount,string reason)"
+    );
+
+    /// @inheritdoc IOracleCommittee
+    IOrganization public immutable organization;
+    /// @inheritdoc IOracleCommittee
+    ITaskManager public immutable tasks;
+    IServiceManager private immutable _services;
+
+    address[] private _keys;
+    mapping(address key => Judge) private _judges;
+    mapping(bytes32 kind => Quorum) private _quorums;
+
+    modifier onlyAdministrator() {
+        if (!_isAdministrator(msg.sender)) revert NotAdministrator(msg.sender);
+        _;
+    }
+
+    constructor(IOrganization organization_) EIP712("RODEO OracleCommittee", "1") {
+        organization = organization_;
+        tasks = organization_.tasks();
+        _services = organization_.services();
+    }
+
+    /// @inheritdoc IOracleCommittee
+    function seat(address key, address owner) external onlyAdministrator returns (uint8 seatNumber) {
+        if (key == address(0) || owner == address(0)) revert InvalidJudge(key, owner);
+        if (_judges[key].owner != address(0)) revert AlreadySeated(key);
+        if (_keys.length == MAX_JUDGES) revert TooManyJudges(MAX_JUDGES);
+        seatNumber = uint8(_keys.length);
+        _keys.push(key);
+        _judges[key] = Judge(owner, seatNumber);
+        emit JudgeSeated(seatNumber, key, owner);
+    }
+
+    /// @inheritdoc IOracleCommittee
+    function setQuorum(bytes32 kind, uint8 votes, uint8 panel, uint32 rotation, uint64 judges)
+        external
+        onlyAdministrator
+    {
+        uint8 count = _count(judges);
+        bool seated = _keys.length == MAX_JUDGES || judges >> _keys.length == 0;
+        // More than half, so that two verdicts on one proof need a judge who votes for both.
+        if (uint256(votes) * 2 <= panel || votes > panel || panel > count || !seated) {
+            revert InvalidQuorum(kind, votes, panel, count);
+        }
+        _quorums[kind] = Quorum(votes, panel, rotation, count, judges);
+        emit QuorumChanged(kind, votes, panel, rotation, judges);
+    }
+
+    /// @inheritdoc IOracleCommittee
+    function changeKey(address oldKey, address key) external {
+        if (msg.sender != oldKey && !_isAdministrator(msg.sender)) revert NotAdministrator(msg.sender);
+        Judge memory sitting = _judges[oldKey];
+        if (sitting.owner == address(0) || key == address(0)) revert InvalidJudge(oldKey, sitting.owner);
+        if (_judges[key].owner != address(0)) revert AlreadySeated(key);
+        delete _judges[oldKey];
+        _judges[key] = sitting;
+        _keys[sitting.seat] = key;
+        emit JudgeKeyChanged(sitting.seat, oldKey, key);
+    }
+
+    /// @inheritdoc IOracleCommittee
+    function postVotes(Vote calldata vote, string calldata reportUri, bytes calldata signatures) external {
+        Task memory t = tasks.task(vote.taskId);
+        if (t.state != TaskState.Submitted) {
+            revert ITaskManager.WrongState(vote.taskId, t.state, TaskState.Submitted);
+        }
+        uint64 voters = _voters(vote, t, signatures);
+        emit VotesCounted(vote.taskId, vote.attempt, vote.rulesHash, voters);
+        _post(vote, reportUri);
+    }
+
+    /// @inheritdoc IOracleCommittee
+    function judge(address key) external view returns (Judge memory) {
+        return _judges[key];
+    }
+
+    /// @inheritdoc IOracleCommittee
+    function keyOf(uint8 seatNumber) external view returns (address) {
+        return seatNumber < _keys.length ? _keys[seatNumber] : address(0);
+    }
+
+    /// @inheritdoc IOracleCommittee
+    function quorumOf(bytes32 kind) external view returns (Quorum memory) {
+        return _quorums[kind];
+    }
+
+    /// @inheritdoc IOracleCommittee
+    function digestOf(Vote calldata vote) public view returns (bytes32) {
+        return _hashTypedDataV4(
+            keccak256(
+                abi.encode(
+                    VOTE_TYPEHASH,
+                    vote.taskId,
+                    vote.attempt,
+                    vote.proofHash,
+                    vote.reportHash,
+                    vote.rulesHash,
+                    vote.verdict,
+                    vote.amount,
+                    keccak256(bytes(vote.reason))
+                )
+            )
+        );
+    }
+
+    function _post(Vote calldata vote, string calldata reportUri) private {
+        tasks.postVerdict(
+            vote.taskId,
+            vote.attempt,
+            vote.proofHash,
+            vote.verdict,
+            vote.amount,
+            vote.reportHash,
+            reportUri,
+            vote.reason
+        );
+    }
+
+    /// @dev One bit for each seat that signed the vote, all of which may judge the task, and enough of them.
+    function _voters(Vote calldata vote, Task memory t, bytes calldata signatures)
+        private
+        view
+        returns (uint64 voters)
+    {
+        Quorum memory quorum = _quorums[t.kind];
+        if (quorum.votes == 0) revert KindWithoutQuorum(t.kind);
+        if (signatures.length % SIGNATURE_BYTES != 0) revert InvalidSignatures(signatures.length);
+        uint256 votes = signatures.length / SIGNATURE_BYTES;
+        if (votes < quorum.votes) revert TooFewVotes(vote.taskId, votes, quorum.votes);
+        Parties memory parties = _parties(t);
+        bytes32 digest = digestOf(vote);
+        for (uint256 i = 0; i < signatures.length; i += SIGNATURE_BYTES) {
+            // Refuses the second signature that anybody can compute from a first. See EIP-2.
+            (address key,,) = ECDSA.tryRecover(
+                digest, bytes32(signatures[i:i + 32]), bytes32(signatures[i + 32:i + SIGNATURE_BYTES])
+            );
+            uint64 bit = _requireJudge(vote, t, quorum, parties, key);
+            if (voters & bit != 0) revert VotedTwice(vote.taskId, key);
+            voters |= bit;
+        }
+    }
+
+    /// @dev The bit of the judge with `key`, who may vote on the task now.
+    function _requireJudge(
+        Vote calldata vote,
+        Task memory t,
+        Quorum memory quorum,
+        Parties memory parties,
+        address key
+    ) private view returns (uint64 bit) {
+        Judge memory sitting = _judges[key];
+        bit = uint64(1 << sitting.seat);
+        if (sitting.owner == address(0) || quorum.judges & bit == 0) revert NotAJudge(key, t.kind);
+        if (_isParty(parties, key) || _isParty(parties, sitting.owner)) {
+            revert ITaskManager.JudgeIsParty(vote.taskId, key);
+        }
+        if (vote.verdict == Verdict.Undecided && organization.mayAudit(key)) {
+            revert JudgeIsAuditor(vote.taskId, key);
+        }
+        if (quorum.panel < quorum.count) _requireInPanel(vote.taskId, t, quorum, bit, key);
+    }
+
+    /// @dev The line begins with another judge each day, and the panel grows while judges are absent.
+    function _requireInPanel(uint256 taskId, Task memory t, Quorum memory quorum, uint64 bit, address key)
+        private
+        view
+    {
+        uint256 submitted = t.deadline - t.verdictWindow;
+        uint256 panel = quorum.panel;
+        if (quorum.rotation != 0) panel += (block.timestamp - submitted) / quorum.rotation;
+        uint256 first = (submitted / TURN) % quorum.count;
+        uint256 place = (_count(quorum.judges & (bit - 1)) + quorum.count - first) % quorum.count;
+        if (place >= panel) revert NotInPanel(taskId, key, place, panel);
+    }
+
+    function _parties(Task memory t) private view returns (Parties memory) {
+        address executor = _services.providerOf(t.serviceId);
+        return Parties(t.creator, _ownerOf(t.creator), executor, _ownerOf(executor));
+    }
+
+    /// @dev Who owns `party` in the organization's registry; 0 where nobody registered it.
+    function _ownerOf(address party) private view returns (address) {
+        try organization.device(party) returns (Device memory device) {
+            return device.owner;
+        } catch {
+            return address(0);
+        }
+    }
+
+    function _isParty(Parties memory parties, address account) private pure returns (bool) {
+        return account == parties.creator || account == parties.creatorsOwner || account == parties.executor
+            || account == parties.executorsOwner;
+    }
+
+    function _isAdministrator(address account) private view returns (bool) {
+        return IAccessControl(address(organization)).hasRole(ADMINISTRATOR, account);
+    }
+
+    /// @dev How many bits are set.
+    function _count(uint64 bits) private pure returns (uint8 count) {
+        for (; bits != 0; bits &= bits - 1) {
+            ++count;
+        }
+    }
+}

@@ -1,0 +1,425 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {OracleCommittee} from "../src/OracleCommittee.sol";
+import {IOracleCommittee, Judge, Quorum, Vote} from "../src/interfaces/IOracleCommittee.sol";
+import {ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Committee} from "./Committee.sol";
+
+contract OracleCommitteeTest is Committee {
+    string private constant REPORT_URI = "https://store/report.json";
+    /// @dev Of secp256k1: s and N - s both verify.
+    uint256 private constant N = 0xFFFFFFFFFFFFFFFFFFFFFFFFFFFFFFFEBAAEDCE6AF48A03BBFD25E8CD0364141;
+
+    // -- votes that count -----------------------------------------------------------------------------------
+
+    function test_anybodyWhoHoldsEnoughVotesPostsTheVerdict() public {
+        uint256 taskId = submitted();
+        Vote memory vote = accepting(taskId);
+        uint256 before = coin.balanceOf(robot1);
+        vm.expectEmit(address(committee));
+        emit IOracleCommittee.VotesCounted(taskId, 1, RULES, 7);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.VerdictPosted(
+            taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, REPORT_URI, "accepted"
+        );
+        vm.prank(stranger);
+        committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
+        assertState(taskId, TaskState.Settled);
+        assertEq(coin.balanceOf(robot1), before + 80 ether);
+    }
+
+    function test_votesCountInAnyOrderAndMayBeMoreThanNeeded() public {
+        uint256 taskId = submitted();
+        Vote memory vote = accepting(taskId);
+        bytes memory all = sign(judgeKeys[4], vote);
+        for (uint256 i = 0; i < 4; ++i) {
+            all = abi.encodePacked(all, sign(judgeKeys[3 - i], vote));
+        }
+        vm.expectEmit(address(committee));
+        emit IOracleCommittee.VotesCounted(taskId, 1, RULES, ALL);
+        committee.postVotes(vote, REPORT_URI, all);
+    }
+
+    function test_theyMayRejectAndLeaveUndecided() public {
+        uint256 taskId = submitted();
+        Vote memory vote = accepting(taskId);
+        (vote.verdict, vote.amount) = (Verdict.Undecided, 0);
+        committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
+        assertState(taskId, TaskState.Undecided);
+        uint256 another = post(alice, 100 ether);
+        submit(another);
+        vote = accepting(another);
+        (vote.verdict, vote.amount) = (Verdict.Rejected, 0);
+        committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
+        assertState(another, TaskState.Assigned); // the next attempt
+    }
+
+    function test_noSingleKeyJudgesAnyMore() public {
+        uint256 taskId = submitted();
+        vm.prank(judges[0]);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotJudge.selector, judges[0], CLEANING));
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "", "");
+    }
+
+    // -- votes that do not ------------------------------------------------------------------------------------
+
+    function test_tooFewVotesAreNoVerdict() public {
+        Vote memory vote = accepting(submitted());
+        _refused(
+            vote,
+            signatures(vote, 2),
+            abi.encodeWithSelector(IOracleCommittee.TooFewVotes.selector, vote.taskId, 2, 3)
+        );
+    }
+
+    function test_aJudgeVotesOnce() public {
+        Vote memory vote = accepting(submitted());
+        _refused(
+            vote,
+            abi.encodePacked(signatures(vote, 2), sign(judgeKeys[0], vote)),
+            abi.encodeWithSelector(IOracleCommittee.VotedTwice.selector, vote.taskId, judges[0])
+        );
+    }
+
+    function test_aStrangersVoteDoesNotCount() public {
+        Vote memory vote = accepting(submitted());
+        (address other, uint256 key) = makeAddrAndKey("another");
+        _refused(vote, abi.encodePacked(signatures(vote, 2), sign(key, vote)), _notAJudge(other));
+    }
+
+    function test_aJudgeOfAnotherKindDoesNotJudgeThisOne() public {
+        setQuorum(2, 3, 0, 0x0e); // without judge 0
+        Vote memory vote = accepting(submitted());
+        _refused(vote, signatures(vote, 2), _notAJudge(judges[0]));
+    }
+
+    function test_aKindWithoutQuorumIsNotJudged() public {
+        vm.prank(robot1);
+        services.registerService(CHARGING, 1 ether, "");
+        vm.prank(alice);
+        uint256 taskId =
+            tasks.registerTask(TaskRequest(CHARGING, 2 ether, WINDOW, WINDOW, ATTEMPTS, 0, "{}"));
+        submit(taskId);
+        Vote memory vote = accepting(taskId);
+        _refused(
+            vote,
+            signatures(vote, 3),
+            abi.encodeWithSelector(IOracleCommittee.KindWithoutQuorum.selector, CHARGING)
+        );
+    }
+
+    function test_everythingThatTheyVotedOnIsSigned() public {
+        Vote memory signed = accepting(submitted());
+        bytes memory votes = signatures(signed, 3);
+        for (uint256 part = 0; part < 7; ++part) {
+            Vote memory vote = accepting(signed.taskId);
+            if (part == 0) vote.attempt = 2;
+            if (part == 1) vote.proofHash = "other";
+            if (part == 2) vote.reportHash = "other";
+            if (part == 3) vote.rulesHash = "other";
+            if (part == 4) (vote.verdict, vote.amount) = (Verdict.Rejected, 0);
+            if (part == 5) vote.amount = 1;
+            if (part == 6) vote.reason = "other";
+            vm.expectPartialRevert(IOracleCommittee.NotAJudge.selector);
+            committee.postVotes(vote, REPORT_URI, votes);
+        }
+    }
+
+    function test_aVoteOnOneTaskIsNoneOnAnother() public {
+        Vote memory vote = accepting(submitted());
+        bytes memory votes = signatures(vote, 3);
+        vote.taskId = submitted();
+        vm.expectPartialRevert(IOracleCommittee.NotAJudge.selector);
+        committee.postVotes(vote, REPORT_URI, votes);
+    }
+
+    function test_aVoteOnAnEarlierAttemptIsNoneOnTheNext() public {
+        Vote memory vote = accepting(submitted());
+        bytes memory votes = signatures(vote, 3);
+        Vote memory rejecting = accepting(vote.taskId);
+        (rejecting.verdict, rejecting.amount) = (Verdict.Rejected, 0);
+        committee.postVotes(rejecting, REPORT_URI, signatures(rejecting, 3));
+        submit(vote.taskId);
+        _refused(vote, votes, abi.encodeWithSelector(ITaskManager.WrongAttempt.selector, vote.taskId, 2, 1));
+    }
+
+    function test_aVerdictIsPostedOnce() public {
+        Vote memory vote = accepting(submitted());
+        bytes memory votes = signatures(vote, 3);
+        committee.postVotes(vote, REPORT_URI, votes);
+        _refused(
+            vote,
+            votes,
+            abi.encodeWithSelector(
+                ITaskManager.WrongState.selector, vote.taskId, TaskState.Settled, TaskState.Submitted
+            )
+        );
+    }
+
+    function test_aVoteForAnotherChainDoesNotCount() public {
+        Vote memory vote = accepting(submitted());
+        uint256 here = block.chainid;
+        vm.chainId(here + 1);
+        bytes memory votes = signatures(vote, 3);
+        vm.chainId(here);
+        vm.expectPartialRevert(IOracleCommittee.NotAJudge.selector);
+        committee.postVotes(vote, REPORT_URI, votes);
+    }
+
+    function test_aVoteForAnotherCommitteeDoesNotCount() public {
+        Vote memory vote = accepting(submitted());
+        OracleCommittee ours = committee;
+        committee = new OracleCommittee(organization);
+        bytes memory votes = signatures(vote, 3);
+        committee = ours;
+        vm.expectPartialRevert(IOracleCommittee.NotAJudge.selector);
+        committee.postVotes(vote, REPORT_URI, votes);
+    }
+
+    function test_theSecondSignatureThatOneCanComputeFromAFirstDoesNotCount() public {
+        Vote memory vote = accepting(submitted());
+        (uint8 v, bytes32 r, bytes32 s) = vm.sign(judgeKeys[0], committee.digestOf(vote));
+        uint256 high = N - uint256(s);
+        assertEq(ecrecover(committee.digestOf(vote), v == 27 ? 28 : 27, r, bytes32(high)), judges[0]);
+        // The form has no room for a high s: without its first bit it is of another key, or of none.
+        bytes memory two = signatures(vote, 2);
+        for (uint256 parity = 0; parity < 2; ++parity) {
+            bytes32 vs = bytes32((parity << 255) | (high & (type(uint256).max >> 1)));
+            vm.expectPartialRevert(IOracleCommittee.NotAJudge.selector);
+            committee.postVotes(vote, REPORT_URI, abi.encodePacked(two, r, vs));
+        }
+    }
+
+    function test_signaturesAreWhole() public {
+        Vote memory vote = accepting(submitted());
+        bytes memory votes = abi.encodePacked(signatures(vote, 3), uint8(0));
+        _refused(
+            vote,
+            votes,
+            abi.encodeWithSelector(IOracleCommittee.InvalidSignatures.selector, votes.length)
+        );
+    }
+
+    // -- parties ------------------------------------------------------------------------------------------
+
+    function test_aPartyDoesNotJudge() public {
+        (, uint256 key) = makeAddrAndKey("alice");
+        vm.prank(admin);
+        committee.seat(alice, alice);
+        setQuorum(3, 5, 0, 0x3f);
+        Vote memory vote = accepting(submitted());
+        _refused(vote, abi.encodePacked(sign(key, vote), signatures(vote, 2)), _isParty(vote, alice));
+    }
+
+    function test_theJudgeOfAPartyDoesNotJudge() public {
+        _refusedWithOwner(robot1);
+        _refusedWithOwner(alice);
+    }
+
+    function test_aJudgeWhoseOwnerOwnsAPartyDoesNotJudge() public {
+        address company = makeAddr("company");
+        vm.startPrank(admin);
+        organization.registerDevice(robot1, "wallet", company, "robot1");
+        organization.registerDevice(alice, "wallet", company, "alice");
+        vm.stopPrank();
+        _refusedWithOwner(company);
+    }
+
+    function test_theJudgeOfAnybodyElseDoes() public {
+        vm.prank(admin);
+        organization.registerDevice(robot1, "wallet", makeAddr("company"), "robot1");
+        Vote memory vote = accepting(submitted());
+        committee.postVotes(vote, REPORT_URI, _withJudgeOf(bob, vote));
+        assertState(vote.taskId, TaskState.Settled);
+    }
+
+    function test_anAuditorDoesNotLeaveToItselfWhatItSaysIsUndecided() public {
+        bytes32 role = organization.AUDITOR_ROLE();
+        vm.prank(admin);
+        organization.grantRole(role, judges[0]);
+        Vote memory vote = accepting(submitted());
+        (vote.verdict, vote.amount) = (Verdict.Undecided, 0);
+        _refused(
+            vote,
+            signatures(vote, 3),
+            abi.encodeWithSelector(IOracleCommittee.JudgeIsAuditor.selector, vote.taskId, judges[0])
+        );
+        vote = accepting(vote.taskId);
+        committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
+        assertState(vote.taskId, TaskState.Settled);
+    }
+
+    // -- rotation -------------------------------------------------------------------------------------------
+
+    function test_absentJudgesAreReplacedByTheNextInLine() public {
+        setQuorum(2, 2, 10 minutes, ALL);
+        vm.warp(5 days * 1000); // the line begins with judge 0
+        Vote memory vote = accepting(submitted());
+        bytes memory votes = abi.encodePacked(sign(judgeKeys[0], vote), sign(judgeKeys[2], vote));
+        skip(10 minutes - 1);
+        _refused(vote, votes, _notInPanel(vote, judges[2], 2, 2));
+        skip(1);
+        committee.postVotes(vote, REPORT_URI, votes); // judge 1 was absent
+    }
+
+    function test_withoutRotationThePanelStays() public {
+        setQuorum(2, 2, 0, ALL);
+        vm.warp(5 days * 1000);
+        Vote memory vote = accepting(submitted());
+        bytes memory votes = abi.encodePacked(sign(judgeKeys[0], vote), sign(judgeKeys[2], vote));
+        skip(WINDOW);
+        _refused(vote, votes, _notInPanel(vote, judges[2], 2, 2));
+    }
+
+    function test_eachDayAnotherJudgeIsTheFirstInLine() public {
+        setQuorum(2, 2, 0, 0x1e); // the four from judge 1 on
+        vm.warp(4 days * 1000 + 3 days); // it begins with the last of them
+        Vote memory vote = accepting(submitted());
+        bytes memory votes = abi.encodePacked(sign(judgeKeys[1], vote), sign(judgeKeys[2], vote));
+        _refused(vote, votes, _notInPanel(vote, judges[2], 2, 2));
+        committee.postVotes(
+            vote, REPORT_URI, abi.encodePacked(sign(judgeKeys[4], vote), sign(judgeKeys[1], vote))
+        );
+    }
+
+    // -- keys and seats -----------------------------------------------------------------------------------------
+
+    function test_aJudgesKeyChangesInOneCallForEveryKind() public {
+        vm.prank(admin);
+        committee.setQuorum(CHARGING, VOTES, JUDGES, 0, ALL);
+        Vote memory vote = accepting(submitted());
+        bytes memory old = signatures(vote, 3);
+        (address fresh, uint256 key) = makeAddrAndKey("fresh");
+        vm.expectEmit(address(committee));
+        emit IOracleCommittee.JudgeKeyChanged(0, judges[0], fresh);
+        vm.prank(judges[0]);
+        committee.changeKey(judges[0], fresh);
+        assertEq(committee.keyOf(0), fresh);
+        assertEq(committee.judge(fresh).owner, judges[0]); // who owned it goes on to
+        assertEq(committee.judge(judges[0]).owner, address(0));
+        _refused(vote, old, _notAJudge(judges[0]));
+        judgeKeys[0] = key;
+        committee.postVotes(vote, REPORT_URI, signatures(vote, 3));
+    }
+
+    function test_theAdministratorTakesAStolenKeyBack() public {
+        address thief = makeAddr("thief");
+        address fresh = makeAddr("fresh");
+        vm.prank(judges[0]);
+        committee.changeKey(judges[0], thief);
+        vm.prank(admin);
+        committee.changeKey(thief, fresh);
+        assertEq(committee.keyOf(0), fresh);
+    }
+
+    function test_nobodyElseChangesAKey() public {
+        vm.prank(judges[1]);
+        vm.expectRevert(abi.encodeWithSelector(IOracleCommittee.NotAdministrator.selector, judges[1]));
+        committee.changeKey(judges[0], stranger);
+    }
+
+    function test_aSeatHasOneKeyAndAKeyOneSeat() public {
+        vm.startPrank(admin);
+        vm.expectRevert(abi.encodeWithSelector(IOracleCommittee.AlreadySeated.selector, judges[1]));
+        committee.changeKey(judges[0], judges[1]);
+        vm.expectRevert(abi.encodeWithSelector(IOracleCommittee.AlreadySeated.selector, judges[1]));
+        committee.seat(judges[1], bob);
+        vm.expectRevert(
+            abi.encodeWithSelector(IOracleCommittee.InvalidJudge.selector, stranger, address(0))
+        );
+        committee.changeKey(stranger, bob);
+        vm.expectRevert(
+            abi.encodeWithSelector(IOracleCommittee.InvalidJudge.selector, judges[0], judges[0])
+        );
+        committee.changeKey(judges[0], address(0));
+        vm.expectRevert(abi.encodeWithSelector(IOracleCommittee.InvalidJudge.selector, address(0), bob));
+        committee.seat(address(0), bob);
+        vm.expectRevert(abi.encodeWithSelector(IOracleCommittee.InvalidJudge.selector, bob, address(0)));
+        committee.seat(bob, address(0));
+        assertEq(committee.keyOf(JUDGES), address(0));
+    }
+
+    function test_onlyTheAdministratorSeatsAndSetsAQuorum() public {
+        bytes memory refused = abi.encodeWithSelector(IOracleCommittee.NotAdministrator.selector, stranger);
+        vm.startPrank(stranger);
+        vm.expectRevert(refused);
+        committee.seat(bob, bob);
+        vm.expectRevert(refused);
+        committee.setQuorum(CLEANING, 1, 1, 0, 1);
+    }
+
+    function test_aQuorumIsMoreThanHalfOfAPanelThatThereIs() public {
+        vm.startPrank(admin);
+        (uint8[5] memory votes, uint8[5] memory panel, uint64[5] memory who, uint8[5] memory count) = (
+            [uint8(0), 2, 4, 3, 2],
+            [uint8(1), 4, 3, 5, 3],
+            [uint64(31), 31, 31, 15, 0x61], // the last names seat 5 and 6, where nobody sits
+            [uint8(5), 5, 5, 4, 3]
+        );
+        for (uint256 i = 0; i < 5; ++i) {
+            vm.expectRevert(
+                abi.encodeWithSelector(
+                    IOracleCommittee.InvalidQuorum.selector, CLEANING, votes[i], panel[i], count[i]
+                )
+            );
+            committee.setQuorum(CLEANING, votes[i], panel[i], 0, who[i]);
+        }
+        committee.setQuorum(CLEANING, 2, 3, 60, 0x15);
+        Quorum memory quorum = committee.quorumOf(CLEANING);
+        assertEq(abi.encode(quorum), abi.encode(Quorum(2, 3, 60, 3, 0x15)));
+    }
+
+    function test_aCommitteeHasSixtyFourSeats() public {
+        vm.startPrank(admin);
+        for (uint160 i = JUDGES; i < 64; ++i) {
+            committee.seat(address(i + 1000), bob);
+        }
+        committee.setQuorum(CLEANING, 33, 64, 0, type(uint64).max);
+        Judge memory last = committee.judge(address(1063));
+        assertEq(last.seat, 63);
+        vm.expectRevert(abi.encodeWithSelector(IOracleCommittee.TooManyJudges.selector, 64));
+        committee.seat(bob, bob);
+    }
+
+    // -- help -------------------------------------------------------------------------------------------------
+
+    function _refused(Vote memory vote, bytes memory votes, bytes memory expected) private {
+        vm.expectRevert(expected);
+        committee.postVotes(vote, REPORT_URI, votes);
+    }
+
+    /// @dev Judge 0 to 2, and one more that works for `owner`.
+    function _withJudgeOf(address owner, Vote memory vote) private returns (bytes memory) {
+        (address key, uint256 secret) = makeAddrAndKey(string.concat("judge of ", vm.toString(owner)));
+        vm.prank(admin);
+        uint8 number = committee.seat(key, owner);
+        setQuorum(4, number + 1, 0, uint64((1 << (number + 1)) - 1));
+        return abi.encodePacked(signatures(vote, 3), sign(secret, vote));
+    }
+
+    function _refusedWithOwner(address owner) private {
+        Vote memory vote = accepting(submitted());
+        bytes memory votes = _withJudgeOf(owner, vote);
+        address key = makeAddr(string.concat("judge of ", vm.toString(owner)));
+        _refused(vote, votes, _isParty(vote, key));
+    }
+
+    function _notAJudge(address key) private pure returns (bytes memory) {
+        return abi.encodeWithSelector(IOracleCommittee.NotAJudge.selector, key, CLEANING);
+    }
+
+    function _isParty(Vote memory vote, address key) private pure returns (bytes memory) {
+        return abi.encodeWithSelector(ITaskManager.JudgeIsParty.selector, vote.taskId, key);
+    }
+
+    function _notInPanel(Vote memory vote, address key, uint256 place, uint256 panel)
+        private
+        pure
+        returns (bytes memory)
+    {
+        return abi.encodeWithSelector(
+            IOracleCommittee.NotInPanel.selector, vote.taskId, key, place, panel
+        );
+    }
+}

@@ -1,0 +1,284 @@
+"""Several oracles: each signs what it found, publishes it, and posts the verdict once enough say the same.
+
+A vote is published again and again until there is a verdict, so that who was away hears it. Every oracle
+keeps at most one vote of each other oracle on each submission that waits, so nobody can fill its memory. The
+oracle whose own vote is the last that was needed posts the verdict at once. The others wait in their order,
+and post it themselves if nobody did.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from eth_account.signers.local import LocalAccount
+
+from rodeo import queries, topics, votes
+from rodeo.bus import Bus, validate
+from rodeo.clock import Clock
+from rodeo.config import Site, votes_needed
+from rodeo.dao import Participant
+from rodeo.errors import BusError, RemoteError
+from rodeo.messages import PostVotes, SignedVote, Task, Vote
+
+log = logging.getLogger(__name__)
+
+REPEAT_S = 5.0
+"""Wall time between two publications of one's own votes."""
+TURN_S = 2.0
+"""Wall time for which each oracle waits for the one before it to post what both can post."""
+_FIRST_S = 0.25
+"""The same for the first in order: the one who completed the votes posts already."""
+_LOOK_S = 1.0
+_REFUSED = frozenset({"judge_is_party", "not_a_judge", "not_in_panel", "judge_is_auditor"})
+"""The contract does not count the vote of the judge that the error names, or not yet."""
+
+Key = tuple[int, int]
+
+
+@dataclass
+class _Held:
+    """The votes on one submission, by the oracle's name."""
+
+    kind: str
+    votes: dict[str, SignedVote] = field(default_factory=dict)
+    due_s: float | None = None
+    """Wall (monotonic) time at which this oracle posts the verdict; None while the votes are too few."""
+
+
+class Votes:
+    """Signs, publishes and collects votes, and posts verdicts. Thread-safe.
+
+    Args:
+        name: of this oracle; `account` is its key.
+        waits: whether a submission still waits for its verdict.
+        tell: called when the votes that are held have changed.
+    """
+
+    def __init__(
+        self,
+        site: Site,
+        name: str,
+        account: LocalAccount,
+        bus: Bus,
+        wallet: Participant,
+        clock: Clock,
+        waits: Callable[[int, int], bool],
+        tell: Callable[[], None],
+    ) -> None:
+        self._site, self._name, self._account = site, name, account
+        self._bus, self._wallet, self._clock = bus, wallet, clock
+        self._waits, self._tell = waits, tell
+        self._judges = [one.name for one in site.oracles]
+        self._held: dict[Key, _Held] = {}
+        self._early: dict[tuple[str, Key], SignedVote] = {}
+        """Votes on submissions on which this oracle has not voted yet."""
+        self._repeated_s = 0.0
+        self._lock = threading.Lock()
+
+    def run(self, stop: threading.Event) -> None:
+        """Until `stop`."""
+        everybodys = topics.VOTE.pattern(org=self._site.org)
+        subscription = self._bus.subscribe_json(everybodys, self._on_vote)
+        with self._clock.acting():
+            while not stop.is_set():
+                self._forget()
+                self._repeat()
+                for key in self._due():
+                    self._post(key)
+                self._clock.wait_for(lambda: bool(self._due()), stop, wall_s=self._pause_s(), resting=True)
+        subscription.undeclare()
+
+    def cast(self, task: Task, vote: Vote, report_uri: str) -> None:
+        """Sign and publish this oracle's vote. Raises BusError, RemoteError."""
+        chain_id, committee = self._committee()
+        signature = votes.sign(vote, self._account, chain_id, committee)
+        signed = SignedVote(vote=vote, report_uri=report_uri, signature=signature)
+        key = task.id, task.attempt
+        with self._lock:
+            held = self._held[key] = _Held(task.kind, {self._name: signed})
+            for name in self._judges:
+                if (early := self._early.pop((name, key), None)) is not None:
+                    held.votes[name] = early
+            if self._agreed(held):
+                held.due_s = time.monotonic()  # this vote was the last that was needed
+        self._publish(signed)
+        self._tell()
+        self._clock.notify()
+
+    def keys(self) -> set[Key]:
+        """Submissions on which this oracle has voted."""
+        with self._lock:
+            return set(self._held)
+
+    def forget_all(self) -> None:
+        """The chain is another one."""
+        with self._lock:
+            self._held.clear()
+            self._early.clear()
+
+    def held(self) -> list[dict[str, Any]]:
+        """Which votes are held on what waits."""
+        with self._lock:
+            return [
+                {
+                    "task_id": task_id,
+                    "attempt": attempt,
+                    "needed": votes_needed(self._site, held.kind),
+                    "votes": {name: one.vote.outcome for name, one in sorted(held.votes.items())},
+                }
+                for (task_id, attempt), held in sorted(self._held.items())
+            ]
+
+    def summary(self) -> list[str]:
+        """A sentence for each submission that waits for the votes of others."""
+        return [
+            f"task {one['task_id']} attempt {one['attempt']} has {len(one['votes'])} votes, and "
+            f"{one['needed']} equal ones are needed"
+            for one in self.held()
+        ]
+
+    # -- votes of others ---------------------------------------------------------------------------------
+
+    def _on_vote(self, key: str, data: dict[str, Any]) -> None:
+        name = (topics.VOTE.parts(key) or {}).get("judge", "")
+        signed = validate(SignedVote, data)
+        submission = signed.vote.task_id, signed.vote.attempt
+        if name not in self._judges or name == self._name or not self._waits(*submission):
+            return
+        with self._lock:
+            held = self._held.get(submission)
+            known = self._early.get((name, submission)) if held is None else held.votes.get(name)
+        if known == signed or not self._is_signed(name, signed):
+            return
+        with self._lock:
+            held = self._held.get(submission)
+            if held is None:
+                self._early[name, submission] = signed
+                return
+            held.votes[name] = signed
+            agreed = self._agreed(held)
+            if agreed and held.due_s is None:
+                turn = sorted(agreed).index(self._name) if self._name in agreed else len(agreed)
+                held.due_s = time.monotonic() + _FIRST_S + TURN_S * turn
+        self._tell()
+        self._clock.notify()
+
+    def _is_signed(self, name: str, signed: SignedVote) -> bool:
+        """Whether the oracle called `name` signed it."""
+        chain_id, committee = self._committee()
+        by = votes.signer(signed.vote, signed.signature, chain_id, committee)
+        if by is not None and by == self._keys().get(name):
+            return True
+        log.warning(
+            "ignored a vote on task %d in the name of %s: %s signed it", signed.vote.task_id, name, by
+        )
+        return False
+
+    def _committee(self) -> tuple[int, str]:
+        """Chain ID and address of the contract that counts the votes. Raises BusError, RemoteError."""
+        chain = self._wallet.state("chain")
+        return int(chain["chain_id"]), str(chain["contracts"]["OracleCommittee"])
+
+    def _keys(self) -> Mapping[str, str]:
+        """Oracle -> address of its key."""
+        devices = self._wallet.ask(queries.DEVICES).devices
+        return {one.name: one.address for one in devices if one.role == "oracle" and one.revoked is None}
+
+    # -- the verdict ---------------------------------------------------------------------------------------
+
+    def _agreed(self, held: _Held, without: frozenset[str] = frozenset()) -> dict[str, SignedVote]:
+        """Enough votes for the same, as few as are needed; none where there are not as many."""
+        needed = votes_needed(self._site, held.kind)
+        for said in held.votes.values():
+            same = {
+                name: one for name, one in held.votes.items() if one.vote == said.vote and name not in without
+            }
+            if len(same) >= needed:
+                return dict(sorted(same.items())[:needed])
+        return {}
+
+    def _due(self) -> list[Key]:
+        now_s = time.monotonic()
+        with self._lock:
+            return [key for key, one in self._held.items() if one.due_s is not None and one.due_s <= now_s]
+
+    def _pause_s(self) -> float:
+        """Wall time until something may be due."""
+        now_s = time.monotonic()
+        with self._lock:
+            due = (one.due_s - now_s for one in self._held.values() if one.due_s is not None)
+            return min([_LOOK_S, *(max(0.0, in_s) for in_s in due)])
+
+    def _post(self, key: Key) -> None:
+        """Post the verdict; what the contract does not count is left out."""
+        without: frozenset[str] = frozenset()
+        while self._waits(*key):
+            with self._lock:
+                held = self._held.get(key)
+                agreed = {} if held is None else self._agreed(held, without)
+                if held is not None:
+                    held.due_s = time.monotonic() + TURN_S if agreed else None
+            if not agreed:
+                return
+            first = next(iter(agreed.values()))
+            report_uri = agreed.get(self._name, first).report_uri
+            request = PostVotes(
+                vote=first.vote,
+                report_uri=report_uri,
+                signatures=[one.signature for one in agreed.values()],
+            )
+            try:
+                self._wallet.command("post_votes", request)
+                log.info("task %d attempt %d: posted the verdict of %s", *key, ", ".join(agreed))
+                return
+            except RemoteError as error:
+                refused = self._refused(error)
+                if error.code not in _REFUSED or refused not in agreed:
+                    log.info("task %d attempt %d: the votes were not posted: %s", *key, error)
+                    return
+                log.warning("task %d attempt %d: the vote of %s does not count: %s", *key, refused, error)
+                without |= {refused}
+            except BusError as error:
+                log.warning("task %d attempt %d: the votes cannot be posted: %s", *key, error)
+                return
+
+    def _refused(self, error: RemoteError) -> str:
+        """The oracle whose key the contract's error names."""
+        named = {str(value) for value in error.details.values()}
+        try:
+            return next((name for name, key in self._keys().items() if key in named), "")
+        except (BusError, RemoteError):
+            return ""
+
+    # -- one's own votes -----------------------------------------------------------------------------------
+
+    def _repeat(self) -> None:
+        if time.monotonic() < self._repeated_s + REPEAT_S:
+            return
+        self._repeated_s = time.monotonic()
+        with self._lock:
+            own = [held.votes[self._name] for held in self._held.values()]
+        for signed in own:
+            self._publish(signed)
+
+    def _publish(self, signed: SignedVote) -> None:
+        self._bus.put_json(topics.VOTE.name(org=self._site.org, judge=self._name), signed)
+
+    def _forget(self) -> None:
+        """What has its verdict."""
+        with self._lock:
+            known = [*self._held, *(key for _, key in self._early)]
+        decided = {key for key in known if not self._waits(*key)}
+        with self._lock:
+            for key in decided:
+                self._held.pop(key, None)
+            for name, key in list(self._early):
+                if key in decided:
+                    del self._early[name, key]
+        if decided:
+            self._tell()

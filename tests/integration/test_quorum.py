@@ -1,0 +1,95 @@
+"""Several oracles that have to agree: three votes of five, over the bus, with real processes."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from rodeo import topics, votes, wallets
+from rodeo.errors import RemoteError
+from rodeo.messages import SignedVote, Task, Vote
+from tests.support.dao import Dao
+from tests.support.executor import Executor, Film, stored
+from tests.support.site import RunningSite, write_site
+
+ORACLES = ("anna", "bert", "carl", "dora", "erin")
+AT_WORK = ("oracle.anna", "oracle.bert", "oracle.carl")
+"""Dora's machine is off, and erin lies."""
+SITE = "".join(f'\n[[oracles]]\nname = "{name}"\n' for name in ORACLES)
+
+
+@pytest.fixture(scope="module")
+def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
+    running = RunningSite(write_site(tmp_path_factory.mktemp("quorum"), chain_backend, SITE))
+    organization = Dao(running)
+    try:
+        organization.start()
+        running.start(*AT_WORK)
+        organization.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
+        yield organization
+    finally:
+        organization.stop()
+        running.stop()
+
+
+def lie(dao: Dao, task: Task, signed_by: str, name: str) -> None:
+    """Publish, in the name of the oracle `name`, that the proof is no good."""
+    chain = dao.state("chain")
+    vote = Vote(
+        task_id=task.id,
+        attempt=task.attempt,
+        proof_sha256=task.proof_sha256 or "",
+        report_sha256="0x" + "11" * 32,
+        rules_sha256=task.rules_sha256 or "",
+        outcome="rejected",
+        reason="I was paid for saying this",
+    )
+    key = wallets.load(dao.site, f"{signed_by}-device")
+    signature = votes.sign(vote, key, chain["chain_id"], chain["contracts"]["OracleCommittee"])
+    signed = SignedVote(vote=vote, report_uri="", signature=signature)
+    dao.running.bus.put_json(topics.VOTE.name(org=dao.site.org, judge=name), signed)
+
+
+def test_three_of_five_pay_honest_work_while_one_lies_and_one_is_off(dao: Dao, tmp_path: Path) -> None:
+    executor = Executor(dao, Film(dao), tmp_path)
+    task_id = executor.assigned()
+    dao.running.kill("oracle.carl")
+    attempt = executor.submit(task_id, *stored(executor, task_id))
+    task = executor.wallet.task(task_id)
+    lie(dao, task, "erin", "erin")
+    lie(dao, task, "erin", "carl")  # a false name, too
+
+    def told(name: str) -> dict[str, str]:
+        status = dao.running.wait_for_status(
+            name,
+            lambda one: any(
+                {"anna", "bert"} <= held["votes"].keys() for held in one.details.get("votes", [])
+            ),
+        )
+        (held,) = status.details["votes"]
+        assert (held["task_id"], held["attempt"], held["needed"]) == (task_id, attempt, 3)
+        votes_held: dict[str, str] = held["votes"]
+        return votes_held
+
+    for name in ("oracle.anna", "oracle.bert"):
+        held = told(name)
+        assert held["anna"] == held["bert"] == "accepted"
+        assert "carl" not in held
+        assert held.get("erin", "rejected") == "rejected"
+    assert "VerdictPosted" not in dao.names_of(task_id)
+
+    with pytest.raises(RemoteError) as refused:  # alone, none of them is a judge
+        dao.verdict(task_id, "accepted", judge="anna", amount_iec="100")
+    assert refused.value.code == "not_judge"
+
+    dao.running.start("oracle.carl")  # it completes the votes
+    verdict = executor.verdict(task_id, attempt)
+    assert (verdict["verdict"], verdict["reason"]) == ("accepted", "accepted")
+    dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "the payment")
+    (counted,) = [one for one in dao.events if one.name == "VotesCounted" and one.task_id == task_id]
+    assert counted.args["judges"] == 0b00111
+    assert counted.args["rules"] == task.rules_sha256
+    assert "in the name of carl" in dao.running.log("oracle.anna")
+    dao.running.wait_for_status("oracle.anna", lambda one: not one.details.get("votes"))

@@ -1,0 +1,87 @@
+"""panther1 as an executor that submits what a test wants: its recordings come from film."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from rodeo import wallets
+from rodeo.dao import Participant
+from rodeo.evidence import Store
+from rodeo_kinds.waste_disposal.harness.film import film_cleaning
+from rodeo_testing.recordings import Take, Witnesses, later, seal
+from tests.support.dao import Dao
+
+PLACE = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2}
+"""Of item1 in the lab's site file."""
+
+
+class Film:
+    """One film, shown to the organization as if shot anew for each assignment: time does not go back."""
+
+    def __init__(self, dao: Dao) -> None:
+        self._take = film_cleaning(dao.site, "item1")
+        self._later_s = 0
+
+    def take(self) -> Take:
+        self._later_s += 120
+        return later(self._take, self._later_s)
+
+
+class Executor:
+    """panther1, with whatever proof a test wants it to submit."""
+
+    take: Take
+
+    def __init__(self, dao: Dao, film: Film, folder: Path) -> None:
+        self.dao = dao
+        self.film = film
+        self.folder = folder
+        self.wallet = Participant(dao.running.bus, dao.site.org, "panther1")
+        self.device = wallets.load(dao.site, "panther1-device")
+        self.witnesses = Witnesses(
+            mocap=wallets.load(dao.site, "mocap-device"),
+            bin=wallets.load(dao.site, "itrash-device"),
+            robot=self.device,
+        )
+        self.store = Store(dao.site)
+
+    def assigned(self, **task: Any) -> int:
+        """A task that this robot has to do, posted just before the film begins."""
+        self.take = self.film.take()
+        self.dao.set_clock(self.take.start_s - 5)
+        return self.dao.post(params=PLACE, **task)
+
+    def record(self, task_id: int) -> Path:
+        task = self.wallet.task(task_id)
+        path = self.folder / f"{task_id}-{task.attempt}.mcap"
+        seal(self.take, path, self.wallet.binding(task, "panther1"), self.device, self.witnesses)
+        self.dao.set_clock(self.take.end_s + 5)
+        return path
+
+    def submit(self, task_id: int, sha256: str, uri: str) -> int:
+        """Submit for the running attempt, which is returned."""
+        attempt = self.wallet.task(task_id).attempt
+        self.wallet.submit_proof(task_id, attempt, sha256, uri)
+        return attempt
+
+    def verdict(self, task_id: int, attempt: int) -> dict[str, Any]:
+        """Arguments of the VerdictPosted of this attempt."""
+
+        def posted() -> list[dict[str, Any]]:
+            return [
+                event.args
+                for event in list(self.dao.events)
+                if event.name == "VerdictPosted"
+                and event.task_id == task_id
+                and event.args["attempt"] == attempt
+            ]
+
+        self.dao.wait_for(lambda: bool(posted()), f"a verdict on task {task_id} attempt {attempt}")
+        return posted()[0]
+
+
+def stored(executor: Executor, task_id: int) -> tuple[str, str]:
+    """Hash and URI of an honest proof."""
+    uri = executor.store.put(executor.record(task_id))
+    return "0x" + uri.rpartition("/")[2].removesuffix(".mcap"), uri

@@ -1,0 +1,59 @@
+"""Signatures on votes."""
+
+from decimal import Decimal
+
+import pytest
+from eth_account import Account
+
+from rodeo import votes
+from rodeo.messages import Vote
+
+JUDGE = Account.from_key("0x" + "11" * 32)
+COMMITTEE = "0x" + "00" * 19 + "07"
+VOTE = Vote(
+    task_id=7,
+    attempt=1,
+    proof_sha256="0x" + "3d" * 32,
+    report_sha256="0x" + "4c" * 32,
+    rules_sha256="0x" + "5b" * 32,
+    outcome="accepted",
+    amount_iec=Decimal(80),
+    reason="accepted",
+)
+
+
+def test_a_vote_is_the_judges_who_signed_it() -> None:
+    signature = votes.sign(VOTE, JUDGE, 31_337, COMMITTEE)
+    assert len(signature) == 2 + 2 * 64
+    assert votes.signer(VOTE, signature, 31_337, COMMITTEE) == JUDGE.address
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"task_id": 8},
+        {"attempt": 2},
+        {"proof_sha256": "0x" + "00" * 32},
+        {"report_sha256": "0x" + "00" * 32},
+        {"rules_sha256": "0x" + "00" * 32},
+        {"outcome": "rejected"},
+        {"amount_iec": Decimal(79)},
+        {"reason": "paid for"},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_of_a_changed_vote_it_is_not(change: dict[str, object]) -> None:
+    signature = votes.sign(VOTE, JUDGE, 31_337, COMMITTEE)
+    changed = VOTE.model_copy(update=change)
+    assert votes.signer(changed, signature, 31_337, COMMITTEE) != JUDGE.address
+
+
+def test_for_another_chain_or_committee_it_is_not() -> None:
+    signature = votes.sign(VOTE, JUDGE, 31_337, COMMITTEE)
+    assert votes.signer(VOTE, signature, 1, COMMITTEE) != JUDGE.address
+    assert votes.signer(VOTE, signature, 31_337, "0x" + "00" * 20) != JUDGE.address
+
+
+def test_bytes_that_are_no_signature_are_nobodys() -> None:
+    assert votes.signer(VOTE, "0x" + "00" * 64, 31_337, COMMITTEE) is None
+    assert votes.signer(VOTE, "0x" + "ff" * 64, 31_337, COMMITTEE) is None
