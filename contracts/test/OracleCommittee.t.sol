@@ -98,8 +98,7 @@ contract OracleCommitteeTest is Committee {
         vm.prank(robot1);
         services.registerService(CHARGING, 1 ether, "");
         vm.prank(alice);
-        uint256 taskId =
-            tasks.registerTask(TaskRequest(CHARGING, 2 ether, WINDOW, WINDOW, ATTEMPTS, 0, "{}"));
+        uint256 taskId = tasks.registerTask(TaskRequest(CHARGING, 2 ether, WINDOW, WINDOW, ATTEMPTS, 0, "{}"));
         submit(taskId);
         Vote memory vote = accepting(taskId);
         _refused(
@@ -195,9 +194,7 @@ contract OracleCommitteeTest is Committee {
         Vote memory vote = accepting(submitted());
         bytes memory votes = abi.encodePacked(signatures(vote, 3), uint8(0));
         _refused(
-            vote,
-            votes,
-            abi.encodeWithSelector(IOracleCommittee.InvalidSignatures.selector, votes.length)
+            vote, votes, abi.encodeWithSelector(IOracleCommittee.InvalidSignatures.selector, votes.length)
         );
     }
 
@@ -325,13 +322,9 @@ contract OracleCommitteeTest is Committee {
         committee.changeKey(judges[0], judges[1]);
         vm.expectRevert(abi.encodeWithSelector(IOracleCommittee.AlreadySeated.selector, judges[1]));
         committee.seat(judges[1], bob);
-        vm.expectRevert(
-            abi.encodeWithSelector(IOracleCommittee.InvalidJudge.selector, stranger, address(0))
-        );
+        vm.expectRevert(abi.encodeWithSelector(IOracleCommittee.InvalidJudge.selector, stranger, address(0)));
         committee.changeKey(stranger, bob);
-        vm.expectRevert(
-            abi.encodeWithSelector(IOracleCommittee.InvalidJudge.selector, judges[0], judges[0])
-        );
+        vm.expectRevert(abi.encodeWithSelector(IOracleCommittee.InvalidJudge.selector, judges[0], judges[0]));
         committee.changeKey(judges[0], address(0));
         vm.expectRevert(abi.encodeWithSelector(IOracleCommittee.InvalidJudge.selector, address(0), bob));
         committee.seat(address(0), bob);
@@ -418,8 +411,6 @@ contract OracleCommitteeTest is Committee {
         pure
         returns (bytes memory)
     {
-        return abi.encodeWithSelector(
-            IOracleCommittee.NotInPanel.selector, vote.taskId, key, place, panel
-        );
+        return abi.encodeWithSelector(IOracleCommittee.NotInPanel.selector, vote.taskId, key, place, panel);
     }
 }
