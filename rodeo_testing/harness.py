@@ -18,11 +18,11 @@ ROLES: dict[Role, str] = {
     "executor": "records, seals and submits with its own robot's key, and may move things in the lab",
     "seller": "records, seals and submits with the key of its dock's meter",
     "buyer": "orders a charge, and signs its receipts with the robot's key",
-    "creator": "posts the task: which, where, when, at which price, how often",
-    "bystander": "is a member with a key of its own, and says on the bus and submits what it likes",
+    "creator": "posts the task, and chooses its content, time, price and number of attempts",
+    "bystander": "is a member with its own key, and publishes on the bus and submits anything",
     "judge": "has the key of the oracle or of an auditor, and signs as somebody else",
-    "holder of two keys": "has its own device's key and that of motion capture, bin, meter or robot, and is"
-    " careless",
+    "holder of two keys": "has the key of its own device and that of motion capture, bin, meter or robot, but"
+    " makes mistakes",
 }
 assert tuple(ROLES) == get_args(Role)
 

@@ -71,10 +71,11 @@ def _outcome(one: Forgery[Any]) -> str:
 
 _COLUMNS = "| forgery | what it is | outcome |\n|---|---|---|"
 _HEAD = """\
-# What was forged, and what refused it
+# Forgeries, and the checks that refuse them
 
-{kinds} forgeries, made from honest recordings by `rodeo_kinds/*/harness`, by the role that makes them, and
-{spoiled} ways to spoil an honest proof. Each forgery is refused by the check named, with these words in the
-reason; a proof that somebody tries to spoil is paid in full all the same. "For the motion capture, too" is a
-lab whose motion capture helps the forger. `make bench ONLY=forgeries` counts.
+This page lists {kinds} forgeries, made from honest recordings by `rodeo_kinds/*/harness`, and
+{spoiled} ways to spoil an honest proof. They are sorted by the role that makes them. The last column names
+the check that refuses the forgery, with a part of the verdict's reason. "Paid in full" means that the
+attempt to spoil the proof failed. In a forgery with "for the motion capture, too", the lab's motion capture
+helps the forger. `make bench ONLY=forgeries` counts.
 """

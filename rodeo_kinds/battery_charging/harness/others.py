@@ -41,7 +41,7 @@ def one_charge_ordered_twice(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("acts_unspent", "was paid for in task", role="seller")
 def a_charge_that_begins_in_the_last(shop: ChargingWorkshop) -> Submission:
-    """The register's interval overlaps by 1 Wh what was paid for before."""
+    """The register's interval overlaps a paid interval by 1 Wh."""
     submission = shop.charged(shop.take)
     (claimed,) = acts_of(submission, shop)
     what, _, interval = claimed.rpartition("/")
@@ -51,19 +51,19 @@ def a_charge_that_begins_in_the_last(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("same_names", role="creator")
 def energy_of_no_amount(shop: ChargingWorkshop) -> Submission:
-    """A charge of which any share is the whole."""
+    """The order is for 0 Wh, so any delivery is complete."""
     return shop.charged(shop.take, params={"energy_wh": 0.0})
 
 
 @HARNESS.forgery("same_names", role="creator")
 def energy_below_nothing(shop: ChargingWorkshop) -> Submission:
-    """A charge of which any share is negative."""
+    """The order is for a negative energy."""
     return shop.charged(shop.take, params={"energy_wh": -100.0})
 
 
 @HARNESS.forgery("same_names", role="creator")
 def a_target_that_is_no_number(shop: ChargingWorkshop) -> Submission:
-    """A target that every robot reaches, or none."""
+    """The target is NaN."""
     return shop.charged(shop.take, params={"soc_target": nan})
 
 
@@ -80,37 +80,37 @@ def _gauge(shop: ChargingWorkshop, edit: Callable[[Sample], Sample | None]) -> S
 
 @HARNESS.spoiling(role="buyer")
 def a_gauge_that_stands_still(shop: ChargingWorkshop) -> Submission:
-    """The robot's battery says that nothing came."""
+    """The robot's battery reports that it received nothing."""
     return _gauge(shop, lambda sample: with_fields(sample, percentage=0.5))
 
 
 @HARNESS.spoiling(role="buyer")
 def a_gauge_that_falls(shop: ChargingWorkshop) -> Submission:
-    """The robot's battery says that it lost energy."""
+    """The robot's battery reports a loss of energy."""
     return _gauge(shop, lambda sample: with_fields(sample, percentage=1.0 - sample.message.percentage))
 
 
 @HARNESS.spoiling(role="buyer")
 def a_gauge_that_is_no_number(shop: ChargingWorkshop) -> Submission:
-    """The robot's battery says nothing that compares."""
+    """The robot's battery reports NaN."""
     return _gauge(shop, lambda sample: with_fields(sample, percentage=nan, voltage=nan, current=nan))
 
 
 @HARNESS.spoiling(role="buyer")
 def a_gauge_that_is_silent(shop: ChargingWorkshop) -> Submission:
-    """The robot's battery says nothing at all."""
+    """The robot's battery publishes nothing."""
     return _gauge(shop, lambda _: None)
 
 
 @HARNESS.spoiling(role="buyer")
 def a_close_that_is_never_signed(shop: ChargingWorkshop) -> Submission:
-    """The robot has what it ordered, and leaves."""
+    """The robot leaves with the ordered energy, and does not sign the close."""
     return shop.charged(shop.take, sides=_receipts(lambda one: None if one["reason"] == "close" else one))
 
 
 @HARNESS.spoiling(role="buyer")
 def the_last_step_is_not_signed(shop: ChargingWorkshop) -> Submission:
-    """The robot does not sign for the last step, nor the close."""
+    """The robot signs neither the last step nor the close."""
     end_wh = shop.take.of("meter/record")[-1].message["register_wh"]
     held_back = lambda one: None if one["register_wh"] > end_wh - 2.5 else one  # noqa: E731
     return shop.charged(shop.take, sides=_receipts(held_back))
@@ -118,7 +118,7 @@ def the_last_step_is_not_signed(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.spoiling(role="buyer")
 def a_state_of_charge_that_falls(shop: ChargingWorkshop) -> Submission:
-    """Receipts that say that the robot gets emptier and emptier."""
+    """The receipts state a falling state of charge."""
     return shop.charged(
         shop.take,
         sides=_receipts(lambda one: one if one["reason"] == "opening" else one | {"soc": 0.0}),
@@ -127,7 +127,7 @@ def a_state_of_charge_that_falls(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("both_signed", "two different statements", role="buyer")
 def a_receipt_of_two_minds(shop: ChargingWorkshop) -> Submission:
-    """The robot signs one number twice, so that what it signed can be denied."""
+    """The robot signs one number twice, to be able to deny its receipts."""
     extra: list[Attestation] = []
 
     def keep(signed: Attestation) -> Attestation:
@@ -141,13 +141,13 @@ def a_receipt_of_two_minds(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("both_signed", "the robot signed no receipt for this recording", role="buyer")
 def receipts_for_another_task(shop: ChargingWorkshop) -> Submission:
-    """Receipts under the right register, for another task."""
+    """The receipts have the right register, but name another task."""
     return shop.charged(shop.take, sides=_receipts(lambda one: one | {"task_id": 99}))
 
 
 @HARNESS.forgery("both_signed", "the robot signed no receipt for this recording", role="buyer")
 def receipts_for_more(shop: ChargingWorkshop) -> Submission:
-    """The robot signs for more than the meter recorded, so that the two never agree."""
+    """The robot signs a higher register than the meter's, so that the two never agree."""
     return shop.charged(
         shop.take, sides=_receipts(lambda one: one | {"register_wh": one["register_wh"] + 1.0})
     )
@@ -155,7 +155,7 @@ def receipts_for_more(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("soc_from", role="buyer")
 def fuller_than_ordered(shop: ChargingWorkshop) -> Submission:
-    """The robot's opening receipt says that it is nearly full, which the task does not."""
+    """The robot's opening receipt states that it is nearly full, against the task."""
     return shop.charged(
         shop.take,
         sides=_receipts(lambda one: one | {"soc": 0.97} if one["reason"] == "opening" else one),
@@ -164,20 +164,20 @@ def fuller_than_ordered(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("task_binding", role="bystander")
 def a_copied_charge(shop: ChargingWorkshop) -> Submission:
-    """The same with the proof of a charge."""
+    """A thief does the same with the proof of a charge."""
     return shop.charged(shop.take, id=8, executor=STRANGER.address, executor_name="mallory")
 
 
 @HARNESS.spoiling(role="bystander")
 def receipts_by_a_stranger(shop: ChargingWorkshop) -> Submission:
-    """A receipt for nothing, under the robot's name, and not its key."""
+    """A receipt under the robot's name, signed with another key."""
     forged = attest({"type": "robot.receipt", "device": "panther1", "seq": 5}, STRANGER)
     return shop.charged(said(shop.take, stated(shop.take, forged)))
 
 
 @HARNESS.forgery("both_signed", "nothing signed by the task's meter", role="judge")
 def a_judge_as_the_meter(shop: ChargingWorkshop) -> Submission:
-    """The oracle's key signs what the meter would."""
+    """The oracle's key signs the meter's records."""
     return shop.charged(shop.take, sides=replace(Sides(), meter=JUDGE))
 
 
@@ -189,7 +189,7 @@ def a_judge_as_the_robot(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("power", role="holder of two keys")
 def a_charge_in_a_minute(shop: ChargingWorkshop) -> Submission:
-    """Meter and robot in one hand: both sign 90 Wh that took a minute."""
+    """One owner has meter and robot: both sign 90 Wh that took a minute."""
     start_s = shop.take.start_s
 
     def fast(_model: type[Header], fields: Fields) -> Fields:
@@ -201,7 +201,7 @@ def a_charge_in_a_minute(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("fresh", "no receipt of the robot lists this recording", role="holder of two keys")
 def receipts_made_beforehand(shop: ChargingWorkshop) -> Submission:
-    """Meter and robot in one hand: the receipts list the heads of another recording."""
+    """One owner has meter and robot: the receipts list the heads of another recording."""
     witnesses = Witnesses(recording=_ANOTHER)
     path = shop.sealed(shop.take, CHARGE_BINDING, METER, witnesses)
     return Submission(charging_chain_record(shop.take), path)

@@ -35,7 +35,7 @@ def _only(model: type[Header], edit: Callable[[Fields], Fields | None]) -> Edit:
 
 @HARNESS.forgery("signer", role="seller")
 def charge_sealed_by_the_robot(shop: ChargingWorkshop) -> Submission:
-    """The buyer's device in place of the seller's."""
+    """The buyer's device seals instead of the seller's."""
     return shop.charged(shop.take, device=ROBOT)
 
 
@@ -47,32 +47,32 @@ def energy_that_never_flowed(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("both_signed", "nothing signed by the task's meter", role="seller")
 def invented_meter(shop: ChargingWorkshop) -> Submission:
-    """Records under a key that is no meter's."""
+    """The key that signs the records is not a meter's."""
     return shop.charged(shop.take, sides=replace(_HONEST, meter=STRANGER))
 
 
 @HARNESS.forgery("both_signed", "nothing signed by the task's robot", role="seller")
 def invented_robot(shop: ChargingWorkshop) -> Submission:
-    """Receipts under a key that is no robot's."""
+    """The key that signs the receipts is not a robot's."""
     return shop.charged(shop.take, sides=replace(_HONEST, robot=STRANGER))
 
 
 @HARNESS.forgery("both_signed", "nothing signed by the task's robot", role="seller")
 def receipts_of_another_robot(shop: ChargingWorkshop) -> Submission:
-    """Another robot of the organization signs for what it did not get."""
+    """Another robot of the organization signs for energy that it did not receive."""
     other = replace(_HONEST, robot_name="panther2")
     return shop.charged(shop.take, sides=other, devices=registered("robot", name="panther2"))
 
 
 @HARNESS.forgery("both_signed", "nothing signed by the task's robot", role="seller")
 def receipts_in_the_robots_name(shop: ChargingWorkshop) -> Submission:
-    """Another robot of the organization signs under the name of the task's."""
+    """Another robot of the organization signs under the name of the task's robot."""
     return shop.charged(shop.take, sides=_HONEST, devices=registered("robot", name="panther2"))
 
 
 @HARNESS.forgery("both_signed", "nothing signed by the task's robot", role="holder of two keys")
 def a_robot_of_the_sellers(shop: ChargingWorkshop) -> Submission:
-    """The seller owns meter and robot: its own word twice."""
+    """The seller owns both meter and robot."""
     return shop.charged(shop.take, devices=registered("robot", owner=ORGANIZATION))
 
 
@@ -85,13 +85,13 @@ def receipts_under_a_revoked_key(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("same_names", "who takes part", role="seller")
 def a_meter_of_another_name(shop: ChargingWorkshop) -> Submission:
-    """Another meter of the seller's, which stands elsewhere."""
+    """Another meter of the seller, at another place."""
     return shop.charged(shop.take, devices=registered("meter", name="dock9"))
 
 
 @HARNESS.forgery("both_signed", "nothing signed by the task's meter", role="seller")
 def records_of_another_dock(shop: ChargingWorkshop) -> Submission:
-    """The task's meter speaks for another dock."""
+    """The task's meter signs for another dock."""
     return shop.charged(shop.take, sides=replace(_HONEST, meter_name="dock9"))
 
 
@@ -109,39 +109,39 @@ def a_robot_that_is_not_there(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("both_signed", "the meter signed nothing for this recording", role="seller")
 def last_months_charge(shop: ChargingWorkshop) -> Submission:
-    """What meter and robot signed a month ago, sealed for today's task."""
+    """Statements of meter and robot from a month ago, sealed for today's task."""
     return shop.charged(shop.take, sides=replace(_HONEST, recording=_LAST_MONTH, hears=False))
 
 
 @HARNESS.forgery("both_signed", "the robot signed no receipt for this recording", role="seller")
 def last_months_receipts(shop: ChargingWorkshop) -> Submission:
-    """Today's records, and receipts for those of a month ago."""
+    """Today's records, with receipts for the records of a month ago."""
     old = _only(Receipt, lambda fields: fields | {"recording": _LAST_MONTH, "record": _LAST_MONTH})
     return shop.charged(shop.take, sides=_sides(old, hears=False))
 
 
 @HARNESS.forgery("fresh", "no receipt of the robot lists this recording", role="seller")
 def receipts_that_nobody_could_expect(shop: ChargingWorkshop) -> Submission:
-    """The robot signed, but never heard that this recording began."""
+    """The robot signed, but its receipts list no head of this recording."""
     return shop.charged(shop.take, sides=replace(_HONEST, hears=False))
 
 
 @HARNESS.forgery("both_signed", "the meter signed nothing for this recording", role="seller")
 def energy_of_another_task(shop: ChargingWorkshop) -> Submission:
-    """What was delivered, and paid, before."""
+    """The energy was delivered and paid in another task."""
     return shop.charged(shop.take, sides=_sides(_only(MeterRecord, lambda fields: fields | {"task_id": 99})))
 
 
 @HARNESS.forgery("both_signed", "the meter signed nothing for this recording", role="seller")
 def energy_for_another_robot(shop: ChargingWorkshop) -> Submission:
-    """The meter says that somebody else was charged."""
+    """The meter's records name another robot."""
     other = _only(MeterRecord, lambda fields: fields | {"robot": "panther2"})
     return shop.charged(shop.take, sides=_sides(other))
 
 
 @HARNESS.forgery("both_signed", "the robot signed no receipt for this recording", role="buyer")
 def receipts_for_less(shop: ChargingWorkshop) -> Submission:
-    """The meter's records say a tenth more than what the robot signed for."""
+    """The meter's records are a tenth higher than the robot's receipts."""
 
     def less(fields: Fields) -> Fields:
         begin_wh = fields["begin_wh"]
@@ -152,14 +152,14 @@ def receipts_for_less(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("both_signed", "the robot signed no receipt for this recording", role="buyer")
 def receipts_to_another_meter(shop: ChargingWorkshop) -> Submission:
-    """The robot signed for what the meter of another dock showed."""
+    """The robot signed for the register of another dock's meter."""
     other = _only(Receipt, lambda fields: fields | {"meter_address": STRANGER.address})
     return shop.charged(shop.take, sides=_sides(other))
 
 
 @HARNESS.forgery("delivered", "no energy was delivered", role="seller")
 def two_seconds(shop: ChargingWorkshop) -> Submission:
-    """0.2 Wh at the full price: the robot signed that it stood there, and for nothing after it."""
+    """The full price for 0.2 Wh: the robot signed the opening, and no energy after it."""
     only_opening = _only(Receipt, lambda fields: fields if fields["reason"] == "opening" else None)
     return shop.charged(shop.take, sides=_sides(only_opening))
 
@@ -186,7 +186,7 @@ def a_page_twice(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("in_sequence", "the meter's register", role="seller")
 def a_register_that_falls(shop: ChargingWorkshop) -> Submission:
-    """The meter counted back in the middle of the session."""
+    """The register falls in the middle of the session."""
 
     def fall(fields: Fields) -> Fields:
         return fields | {"register_wh": fields["register_wh"] - (8.0 if fields["page"] == 20 else 0.0)}
@@ -216,13 +216,13 @@ def more_than_the_dock_can_give(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("soc_from", "at the beginning", role="creator")
 def a_robot_that_was_full(shop: ChargingWorkshop) -> Submission:
-    """The task says that the robot is nearly empty; it arrived nearly full."""
+    """The task states that the robot is nearly empty, but it arrives nearly full."""
     return shop.charged(shop.take, params={"soc_from": 0.5})
 
 
 @HARNESS.forgery("both_signed", "two different statements", role="seller")
 def one_number_twice(shop: ChargingWorkshop) -> Submission:
-    """The meter signs two registers under one number: nobody knows which of them it meant."""
+    """The meter signs two registers under one number."""
     extra: list[Attestation] = []
 
     def keep(signed: Attestation) -> Attestation:
@@ -236,13 +236,13 @@ def one_number_twice(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("both_signed", "open bus", role="bystander")
 def readings_by_message(shop: ChargingWorkshop) -> Submission:
-    """Terminals and battery on an open bus, fed with invented numbers: meter and robot sign correctly."""
+    """Invented readings of terminals and battery on an open bus: meter and robot sign them correctly."""
     return shop.charged(shop.take, sides=replace(_HONEST, inputs="open_bus"))
 
 
 @HARNESS.forgery("tariff", role="creator")
 def overpriced_energy(shop: ChargingWorkshop) -> Submission:
-    """A session that costs more than the dock's tariff says."""
+    """The session costs more than the dock's tariff."""
     return shop.charged(shop.take, price_iec=providing_energy(shop.site).price_iec + 1)
 
 
@@ -257,21 +257,21 @@ def _ocmf(shop: ChargingWorkshop, part: str, text: Callable[..., str]) -> Submis
 
 @HARNESS.forgery("ocmf", "does not match the record", role="seller")
 def more_in_other_software(shop: ChargingWorkshop) -> Submission:
-    """The OCMF text says much more than what the buyer signed for, correctly signed."""
+    """The OCMF text states much more energy than the buyer signed for, with a correct signature."""
     honest = ocmf.data
     return _ocmf(shop, "data", lambda one: honest(one.model_copy(update={"register_wh": 99_999.0})))
 
 
 @HARNESS.forgery("ocmf", "not signed by its device", role="seller")
 def signed_by_another_meter(shop: ChargingWorkshop) -> Submission:
-    """The OCMF text is right, and signed with another key."""
+    """The OCMF text is right, but signed with another key."""
     honest = ocmf.sign
     return _ocmf(shop, "sign", lambda text, _key: honest(text, bytes(STRANGER.key)))
 
 
 @HARNESS.forgery("ocmf", "does not match the record", role="seller")
 def another_page_in_other_software(shop: ChargingWorkshop) -> Submission:
-    """The OCMF text has the number of the page before, so that other software misses none."""
+    """The OCMF text has the number of the previous page, to hide a gap from other software."""
     honest = ocmf.data
     return _ocmf(shop, "data", lambda one: honest(one.model_copy(update={"seq": max(one.seq - 1, 1)})))
 
@@ -294,27 +294,27 @@ def no_text_for_other_software(shop: ChargingWorkshop) -> Submission:
 
 @HARNESS.forgery("fresh", "is not in the file", role="seller")
 def a_forked_charge(shop: ChargingWorkshop) -> Submission:
-    """From the middle on the robot heard heads of another version of the recording."""
+    """From the middle on the robot received heads of another version of the recording."""
     half_s = middle_s(shop.take)
     return shop.charged(shop.take, forks=lambda time_s: time_s > half_s)
 
 
 @HARNESS.forgery("fresh", "is not in the file", role="seller")
 def a_charge_that_was_cut_off_and_went_on_elsewhere(shop: ChargingWorkshop) -> Submission:
-    """Cut off in the middle; what the robot heard afterwards went into another file."""
+    """The recording is cut off in the middle. The robot lists later heads of another file."""
     half_s = middle_s(shop.take)
     return shop.charged(cut(shop.take, 0.5), forks=lambda time_s: time_s > half_s)
 
 
 @HARNESS.forgery("fresh", "is not in the file", role="seller")
 def a_cut_noted_to_excuse_a_fork(shop: ChargingWorkshop) -> Submission:
-    """A cut is noted at the beginning, and the other version is of much later."""
+    """A cut is noted at the beginning, and the fork is much later."""
     late_s = middle_s(shop.take, 0.7)
     return shop.charged(cut(shop.take, 0.1), forks=lambda time_s: time_s > late_s)
 
 
 @HARNESS.forgery("fresh", "is not in the file", role="seller")
 def cuts_noted_all_the_time_of_a_charge(shop: ChargingWorkshop) -> Submission:
-    """Before every receipt a cut is noted, which excuses each head that the file lacks."""
+    """A cut is noted before every receipt, to excuse each head that the file lacks."""
     take, begin_s = cut(shop.take, *np.linspace(0.1, 0.9, 200)), middle_s(shop.take, 0.1)
     return shop.charged(take, forks=lambda time_s: time_s > begin_s)

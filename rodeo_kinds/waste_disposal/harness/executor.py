@@ -105,7 +105,7 @@ def another_hash(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("fetched", "proof_too_large", role="executor")
 def gigabyte_file(shop: CleaningWorkshop) -> Submission:
-    """A file of four gigabytes, with holes."""
+    """A sparse file of four gigabytes."""
     target = shop.site.data_dir / "store" / f"{'ab' * 32}.mcap"
     target.parent.mkdir(parents=True, exist_ok=True)
     with target.open("wb") as file:
@@ -161,7 +161,7 @@ def decompression_bomb(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("readable_and_sealed", "proof_too_large", role="executor")
 def millions_of_topics(shop: CleaningWorkshop) -> Submission:
-    """Twenty thousand channels; more would only make the file longer that is not read to its end."""
+    """Twenty thousand channels. The oracle stops reading before the end."""
     path = shop.folder / "topics.mcap"
     with path.open("wb") as file:
         writer = Writer(file)
@@ -286,7 +286,7 @@ def other_chain(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("nonce", role="executor")
 def guessed_nonce(shop: CleaningWorkshop) -> Submission:
-    """Recorded and sealed before the assignment, whose nonce nobody knew."""
+    """Recorded and sealed before the assignment, with a guessed nonce."""
     return shop.submitted(shop.take, binding=BINDING.model_copy(update={"nonce": "0x" + "01" * 32}))
 
 
@@ -333,7 +333,7 @@ def sealed_afterwards(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("sealed", "a bag", role="executor")
 def a_bag_for_pay(shop: CleaningWorkshop) -> Submission:
-    """The same messages in a bag that nobody sealed."""
+    """The same messages in an unsealed bag."""
     bag = write_bag(shop.take, shop.new_path(), StoragePlugin.MCAP)
     return Submission(shop.chain_record(), bag / f"{bag.name}.mcap")
 
@@ -362,13 +362,13 @@ def _of_then(shop: CleaningWorkshop, ago_s: float, **task: Any) -> Submission:
 
 @HARNESS.forgery("witnessed", "nothing signed by this witness", role="executor")
 def last_weeks_run(shop: CleaningWorkshop) -> Submission:
-    """Last week's run, sealed for today's task, its stamps and log times moved."""
+    """Last week's run, sealed for today's task, with shifted stamps and log times."""
     return _of_then(shop, 7 * 86400.0)
 
 
 @HARNESS.forgery("witnessed", "nothing signed by this witness", role="executor")
 def yesterdays_run(shop: CleaningWorkshop) -> Submission:
-    """The same of yesterday."""
+    """The same with yesterday's run."""
     return _of_then(shop, 86400.0)
 
 
@@ -380,34 +380,34 @@ def the_run_of_an_hour_ago(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("order", "lists this recording", role="executor")
 def another_recording_of_the_same_run(shop: CleaningWorkshop) -> Submission:
-    """Two recorders ran, and motion capture heard of the other."""
+    """Two recorders ran, and motion capture listed the heads of the other one."""
     return shop.submitted(shop.take, witnesses=Witnesses(recording=_ANOTHER))
 
 
 @HARNESS.forgery("order", "before it sees the item move", role="executor")
 def a_recording_that_begins_after_the_act(shop: CleaningWorkshop) -> Submission:
-    """Heads that motion capture heard only when the item was in the air."""
+    """Motion capture heard the first head only when the item was in the air."""
     half_s = middle_s(shop.take)
     return shop.submitted(shop.take, witnesses=Witnesses(hears=lambda time_s: time_s > half_s))
 
 
 @HARNESS.forgery("order", "at worst", role="executor")
 def heads_that_nobody_heard(shop: CleaningWorkshop) -> Submission:
-    """From the grasp on the recorder told nobody how far it was: what it says is written afterwards."""
+    """From the grasp on the recorder published no head, so its file could be written afterwards."""
     begin_s, end_s = middle_s(shop.take, 0.4), middle_s(shop.take, 0.7)
     return shop.submitted(shop.take, witnesses=Witnesses(hears=lambda time_s: not begin_s < time_s < end_s))
 
 
 @HARNESS.forgery("order", "is not in the file", role="executor")
 def a_forked_recording(shop: CleaningWorkshop) -> Submission:
-    """A recorder that told the witnesses heads of another version of the same recording."""
+    """The recorder published heads of another version of the same recording."""
     half_s = middle_s(shop.take)
     return shop.submitted(shop.take, witnesses=Witnesses(forks=lambda time_s: time_s > half_s))
 
 
 @HARNESS.forgery("order", "is not in the file", role="executor")
 def a_cut_noted_before_a_fork(shop: CleaningWorkshop) -> Submission:
-    """The same, and a cut is noted long before, which excuses nothing."""
+    """The same, with a cut noted long before, which does not excuse the fork."""
     half_s = middle_s(shop.take)
     forked = Witnesses(forks=lambda time_s: time_s > half_s)
     return shop.submitted(cut(shop.take, 0.1), witnesses=forked)
@@ -415,7 +415,8 @@ def a_cut_noted_before_a_fork(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("order", "is not in the file", role="executor")
 def cuts_noted_all_the_time(shop: CleaningWorkshop) -> Submission:
-    """Two versions are recorded at once: every other head is of the other, and a cut is noted each second."""
+    """Two versions are recorded at once: every second head belongs to the other, and a cut is noted each
+    second."""
     forked = Witnesses(forks=lambda time_s: int(time_s) % 2 == 0)
     return shop.submitted(cut(shop.take, *np.arange(0.05, 0.95, 0.02)), witnesses=forked)
 
@@ -457,13 +458,13 @@ def recorded_from_a_slow_replay(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("cleaning_missed", role="executor")
 def messages_left_out(shop: CleaningWorkshop) -> Submission:
-    """Every fifth message of the odometry left out."""
+    """Every fifth odometry message is left out."""
     return shop.submitted(shop.take.edited(ODOM, lambda s: None if s.sequence % 5 == 3 else s))
 
 
 @HARNESS.forgery("cleaning_gaps", role="executor")
 def a_stretch_left_out(shop: CleaningWorkshop) -> Submission:
-    """Where the robot did what it should not; the numbers show no gap."""
+    """A part in which the robot misbehaved is left out, and the sequence numbers show no gap."""
     begin_s, end_s = middle_s(shop.take, 0.5), middle_s(shop.take, 0.65)
     take = edited_between(shop.take, JOINT_STATES, begin_s, end_s, lambda _: None)
     return shop.submitted(numbered(take, JOINT_STATES))
@@ -471,7 +472,7 @@ def a_stretch_left_out(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("cleaning_topics", "/panther1/odom", role="executor")
 def a_topic_left_out(shop: CleaningWorkshop) -> Submission:
-    """No odometry at all."""
+    """The recording contains no odometry."""
     return shop.submitted(shop.take.without(ODOM))
 
 
@@ -488,7 +489,7 @@ def reordered_and_sealed(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("tallied", role="executor")
 def false_counts(shop: CleaningWorkshop) -> Submission:
-    """A closing count of messages that are not there."""
+    """The closing event counts messages that are not in the file."""
     from rodeo.evidence.recorder import Tally
 
     counts = Tally.counts
@@ -515,7 +516,7 @@ def _motion_between(begin_s: float, end_s: float, edit: Edit) -> Edit:
 
 @HARNESS.forgery("seen_throughout", "longest time without a signed pose of", role="executor")
 def invented_motion(shop: CleaningWorkshop) -> Submission:
-    """What motion capture signed of the carry, altered: the item's way in place of the base's."""
+    """Motion capture's statements of the carry are altered: the item's way replaces the base's."""
 
     def alter(attestation: Attestation) -> Attestation:
         tracks = dict(attestation.payload["tracks"])
@@ -540,13 +541,13 @@ def motion_capture_of_the_executor(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("witnessed", "registered no motion capture of this site", role="executor")
 def motion_capture_of_another_room(shop: CleaningWorkshop) -> Submission:
-    """Signed by a motion capture that is registered under another name."""
+    """The signing motion capture is registered under another name."""
     return shop.submitted(shop.take, devices=registered("mocap", name="mocap2"))
 
 
 @HARNESS.forgery("witnessed", "nothing signed by this witness", role="executor")
 def statements_for_another_organization(shop: CleaningWorkshop) -> Submission:
-    """The same devices' words to another organization on the same chain."""
+    """Statements of the same devices for another organization on the same chain."""
     scope = Scope(chain_id=BINDING.chain_id, task_manager=BINDING.task_manager, organization="0x" + "77" * 20)
     return shop.submitted(shop.take, witnesses=Witnesses(scope=scope))
 
@@ -560,7 +561,7 @@ def statements_left_out(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("carried", "never leaves the floor", role="executor")
 def the_item_never_leaves_the_floor(shop: CleaningWorkshop) -> Submission:
-    """Motion capture saw the item lie there throughout; its statements of the carry are left out."""
+    """Motion capture saw the item lie there all the time; its statements of the carry are left out."""
     take = resting(shop.take, ITEM_POSE, 0)
     begin_s = middle_s(take, 0.3)
     return shop.restated(take, _motion_between(begin_s, begin_s + 15.0, lambda _: None))
@@ -574,7 +575,8 @@ def nothing_ever_moves(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("seen_throughout", "longest time without a signed pose of item3", role="executor")
 def a_tossed_item(shop: CleaningWorkshop) -> Submission:
-    """A person takes the item behind a curtain while the robot mimes: for three seconds nobody saw it."""
+    """A person carries the item behind a curtain while the robot mimes. For three seconds nobody sees the
+    item."""
     begin_s = middle_s(shop.take, 0.45)
     return shop.submitted(edited_between(shop.take, ITEM_POSE, begin_s, begin_s + 3.2, lambda _: None))
 
@@ -588,13 +590,13 @@ def seconds_left_out(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("item_outside_bin", role="executor")
 def already_in_the_bin(shop: CleaningWorkshop) -> Submission:
-    """Work that somebody had done before."""
+    """The item was in the bin before the work began."""
     return shop.submitted(resting(shop.take, ITEM_POSE, -1))
 
 
 @HARNESS.forgery("item_in_gripper", role="executor")
 def carried_by_somebody_else(shop: CleaningWorkshop) -> Submission:
-    """A robot that carries something, and the task's item on another way to the bin."""
+    """The robot carries something else, and the task's item takes another way to the bin."""
     begin_s, end_s = middle_s(shop.take, 0.5), middle_s(shop.take, 0.6)
     return shop.submitted(edited_between(shop.take, ITEM_POSE, begin_s, end_s, lambda s: displaced(s, x=0.2)))
 
@@ -611,25 +613,25 @@ def _swaying(take: Take, topic: str, begin: float, end: float, sway_m: float) ->
 
 @HARNESS.forgery("item_in_gripper", role="executor")
 def a_person_carries_the_item(shop: CleaningWorkshop) -> Submission:
-    """It sways by 4.5 cm against the robot that goes along; the arm is computed afterwards."""
+    """A person beside the robot carries the item, which sways by 4.5 cm. The arm is computed afterwards."""
     return shop.submitted(_swaying(shop.take, ITEM_POSE, 0.35, 0.55, 0.045))
 
 
 @HARNESS.forgery("gripper_agrees", role="executor")
 def an_arm_computed_afterwards(shop: CleaningWorkshop) -> Submission:
-    """Joints that follow the item, which a person carried, while motion capture saw the gripper elsewhere."""
+    """The joints follow an item that a person carried, but motion capture saw the gripper elsewhere."""
     return shop.submitted(_swaying(shop.take, GRIPPER_POSE, 0.3, 0.6, 0.087))
 
 
 @HARNESS.forgery("gripper_agrees", "signed no motion of it", role="executor")
 def a_gripper_that_nobody_saw(shop: CleaningWorkshop) -> Submission:
-    """Its markers were taken off."""
+    """Somebody took the gripper's markers off."""
     return shop.submitted(shop.take.without(GRIPPER_POSE))
 
 
 @HARNESS.forgery("carried", "never leaves the floor", role="executor")
 def motion_without_an_item(shop: CleaningWorkshop) -> Submission:
-    """All motions of a cleaning, beside an item that stays where it is."""
+    """The robot makes all motions of a cleaning, but the item does not move."""
     return shop.submitted(resting(shop.take, ITEM_POSE, 0))
 
 
@@ -695,14 +697,14 @@ def arm_through_the_furniture(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("carried", role="executor")
 def joints_that_are_no_numbers(shop: CleaningWorkshop) -> Submission:
-    """Positions that no comparison holds for."""
+    """The positions are NaN, for which every comparison is false."""
     nowhere = np.full(12, np.nan)
     return shop.submitted(shop.take.edited(JOINT_STATES, lambda s: with_joints(s, position=nowhere)))
 
 
 @HARNESS.forgery("joint_range", role="executor")
 def joints_beyond_their_range(shop: CleaningWorkshop) -> Submission:
-    """A shoulder that bends where it cannot."""
+    """The shoulder is outside its range."""
 
     def bend(sample: Sample) -> Sample:
         position = sample.message.position.copy()
@@ -717,7 +719,7 @@ JOINT_SHOULDER = WAIST + 1
 
 @HARNESS.forgery("joint_speed", role="executor")
 def joints_faster_than_the_arm(shop: CleaningWorkshop) -> Submission:
-    """The waist elsewhere from one moment to the next."""
+    """The waist jumps from one message to the next."""
     half_s, end_s = middle_s(shop.take), shop.take.end_s + 1
     return shop.submitted(
         edited_between(shop.take, JOINT_STATES, half_s, end_s, lambda s: waist_turned(s, 1.5))
@@ -738,7 +740,7 @@ _STRONG[FINGERS] = 10.0
 
 @HARNESS.forgery("gripper_agrees", role="executor")
 def edited_trajectory(shop: CleaningWorkshop) -> Submission:
-    """An arm that moved elsewhere, its recording turned towards the item by a few degrees too few."""
+    """The arm moved elsewhere, and its recording is turned towards the item, but a few degrees too little."""
     take = shop.take.edited(ARM_STATE, lambda s: commanded(s, s.message.reference.positions + _TURNED))
     return shop.submitted(take.edited(JOINT_STATES, lambda s: waist_turned(s, 0.12)))
 
@@ -748,7 +750,7 @@ _TURNED = np.array([0.12, 0, 0, 0, 0, 0])
 
 @HARNESS.forgery("arm_commanded", "median", role="executor")
 def motion_that_nobody_commanded(shop: CleaningWorkshop) -> Submission:
-    """The same in the joints alone: the commands were for elsewhere."""
+    """The same in the joints alone: the commands led elsewhere."""
     return shop.submitted(
         shop.take.edited(ARM_STATE, lambda s: commanded(s, s.message.reference.positions + _TURNED))
     )
@@ -756,21 +758,21 @@ def motion_that_nobody_commanded(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("arm_commanded", role="executor")
 def commands_of_another_motion(shop: CleaningWorkshop) -> Submission:
-    """An arm that is told to stay where it is, while it is said to work."""
+    """The commands tell the arm to stay, but the joints show a cleaning."""
     first = shop.take.of(ARM_STATE)[0].message.reference.positions
     return shop.submitted(shop.take.edited(ARM_STATE, lambda s: commanded(s, first)))
 
 
 @HARNESS.forgery("gripper_commanded", role="executor")
 def a_grip_that_nobody_commanded(shop: CleaningWorkshop) -> Submission:
-    """Fingers that close while they are told to stay open."""
+    """The fingers close, but the commands tell them to stay open."""
     first = shop.take.of(GRIPPER_STATE)[0].message.reference.positions
     return shop.submitted(shop.take.edited(GRIPPER_STATE, lambda s: commanded(s, first)))
 
 
 @HARNESS.forgery("gripper_commanded", role="executor")
 def commands_that_change_by_nothing(shop: CleaningWorkshop) -> Submission:
-    """Fingers that close while they are told to stay open, by a reference that changes 1e-9 m per message."""
+    """The fingers close against an open command whose reference changes by 1e-9 m per message."""
     first = shop.take.of(GRIPPER_STATE)[0].message.reference.positions
 
     def open_still(sample: Sample) -> Sample:
@@ -781,14 +783,14 @@ def commands_that_change_by_nothing(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("gripper_commanded", "are not finite", role="executor")
 def commands_that_are_no_numbers(shop: CleaningWorkshop) -> Submission:
-    """Fingers whose controller wants nothing that compares."""
+    """The reference of the fingers is NaN."""
     nowhere = np.full(2, np.nan)
     return shop.submitted(shop.take.edited(GRIPPER_STATE, lambda s: commanded(s, nowhere)))
 
 
 @HARNESS.forgery("gripper_commanded", "wider than they were", role="executor")
 def commands_to_and_fro(shop: CleaningWorkshop) -> Submission:
-    """Fingers that are told to open and to close with every other message: each explains something."""
+    """The commands alternate between open and closed, so that every position fits one of them."""
     first = shop.take.of(GRIPPER_STATE)[0].message.reference.positions
 
     def to_and_fro(sample: Sample) -> Sample:
@@ -799,14 +801,14 @@ def commands_to_and_fro(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("arm_commanded", "are not finite", role="executor")
 def arm_commands_that_are_no_numbers(shop: CleaningWorkshop) -> Submission:
-    """The same of the arm."""
+    """The reference of the arm is NaN."""
     nowhere = np.full(6, np.nan)
     return shop.submitted(shop.take.edited(ARM_STATE, lambda s: commanded(s, nowhere)))
 
 
 @HARNESS.forgery("cleaning_topics", "gripper_controller", role="executor")
 def commands_left_out(shop: CleaningWorkshop) -> Submission:
-    """Measured positions alone."""
+    """The recording contains measured positions only."""
     return shop.submitted(shop.take.without(GRIPPER_STATE))
 
 
@@ -818,7 +820,7 @@ def gripper_never_closed(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("compartment", "outside the bin", role="executor")
 def dropped_on_the_way(shop: CleaningWorkshop) -> Submission:
-    """The fingers open half-way; a person took the item the rest of the way."""
+    """The fingers open half-way, and a person carries the item the rest of the way."""
     begin_s, end_s = middle_s(shop.take, 0.62), shop.take.end_s + 1
     take = edited_between(shop.take, GRIPPER_STATE, begin_s, end_s, lambda s: commanded(s, WIDE))
     return shop.submitted(edited_between(take, JOINT_STATES, begin_s, end_s, opened))
@@ -835,19 +837,19 @@ def an_item_from_elsewhere(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("item_place", "perception", role="executor")
 def seen_elsewhere(shop: CleaningWorkshop) -> Submission:
-    """An item that the robot saw further from the task's place than the task allows."""
+    """The robot saw the item farther from the task's place than the task allows."""
     return shop.blind(without_mocap(shop.take, ITEM, off_m=(0.4, 0.0)))
 
 
 @HARNESS.forgery("grasp", role="executor")
 def seen_beside_the_gripper(shop: CleaningWorkshop) -> Submission:
-    """A motion that was made up without an item, and an item said to be seen nearby."""
+    """An invented motion without an item, and an invented sighting nearby."""
     return shop.blind(without_mocap(shop.take, ITEM, off_m=(0.08, 0.08)))
 
 
 @HARNESS.forgery("replayed", "did not record where it saw the item", role="executor")
 def never_seen(shop: CleaningWorkshop) -> Submission:
-    """Arm and gripper moved as if there were an item, which nobody saw before."""
+    """Arm and gripper move as if there were an item, but nobody saw an item before."""
     take = without_mocap(shop.take, ITEM)
     end_ns = take.samples[-1].time_ns
     late = [timed(s, end_ns) if s.topic == SEEN else s for s in take.samples]
@@ -872,7 +874,7 @@ def nothing_between_the_fingers(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("compartment", role="executor")
 def wrong_compartment(shop: CleaningWorkshop) -> Submission:
-    """Done, but into the nearest compartment."""
+    """The robot drops the item into the nearest compartment instead of the right one."""
     return shop.submitted(film_cleaning(shop.site, ITEM, via=(), compartment="green"))
 
 
@@ -896,7 +898,7 @@ def wrong_class(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("compartment", "no classification signed by the bin", role="executor")
 def altered_classification(shop: CleaningWorkshop) -> Submission:
-    """The bin's own signature under other words."""
+    """The bin's own signature under altered content."""
 
     def alter(attestation: Attestation) -> Attestation:
         if attestation.payload["type"] != "bin.classification":
@@ -908,7 +910,7 @@ def altered_classification(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("classified", role="executor")
 def classification_of_another_item(shop: CleaningWorkshop) -> Submission:
-    """What the bin said of the item before, signed by the bin."""
+    """The bin's signed classification of the previous item."""
     return shop.submitted(told(shop.take, "bin/classification", shown_s=shop.take.start_s))
 
 
@@ -920,20 +922,20 @@ def spoofed_drop(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("dropped", role="executor")
 def drop_of_another_item(shop: CleaningWorkshop) -> Submission:
-    """The bin's word on another classification."""
+    """The bin's drop refers to another classification."""
     return shop.submitted(told(shop.take, "bin/drop", classification=2))
 
 
 @HARNESS.forgery("dropped", role="executor")
 def drop_of_an_hour_ago(shop: CleaningWorkshop) -> Submission:
-    """The bin's word from before the release."""
+    """The bin signed the drop before the release."""
     start_s = shop.take.start_s
     return shop.submitted(told(shop.take, "bin/drop", after_s=start_s, settled_s=start_s + 5))
 
 
 @HARNESS.forgery("dropped", "no drop signed by the bin", role="executor")
 def a_statement_from_the_future(shop: CleaningWorkshop) -> Submission:
-    """A statement that was recorded before the bin made it: put in when the recording was sealed anew."""
+    """The recording contains the statement before the bin signed it: it was inserted before a new seal."""
     end_s = shop.take.end_s
     return shop.submitted(told(shop.take, "bin/drop", time_s=end_s + 300))
 
@@ -965,7 +967,7 @@ def _homewards(sample: Sample, begin_s: float) -> Sample:
 
 @HARNESS.forgery("stays_in_bin", role="executor")
 def a_pebble_falls(shop: CleaningWorkshop) -> Submission:
-    """The item goes home in a sleeve while a pebble falls; every pose of it is signed."""
+    """A person hides the item in a sleeve while a pebble falls. All poses of the item are signed."""
     rim_m = shop.site.bins[0].rim_height_m
     begin_s = max(s.time_ns for s in shop.take.of(ITEM_POSE) if s.message.pose.position.z > rim_m) * 1e-9
     return shop.submitted(shop.take.edited(ITEM_POSE, lambda s: _homewards(s, begin_s)))
@@ -973,26 +975,26 @@ def a_pebble_falls(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("stays_in_bin", role="executor")
 def taken_out_again(shop: CleaningWorkshop) -> Submission:
-    """Two seconds after the bin felt it, somebody takes it home; every pose is signed."""
+    """Two seconds after the drop, somebody takes the item home. All its poses are signed."""
     begin_s = _drop(shop)["settled_s"] + 2.0
     return shop.submitted(shop.take.edited(ITEM_POSE, lambda s: _homewards(s, begin_s)))
 
 
 @HARNESS.forgery("stays_in_bin", "taken out", role="executor")
 def taken_out_where_nobody_sees_it(shop: CleaningWorkshop) -> Submission:
-    """The same behind the bin's walls: the bin feels it."""
+    """The same behind the bin's walls, but the bin measures the loss of weight."""
     return shop.submitted(_taken_out(shop))
 
 
 @HARNESS.forgery("nothing_left_out", "itrash", role="executor")
 def a_removal_left_out(shop: CleaningWorkshop) -> Submission:
-    """The same, and the bin's word of it is not in the recording; motion capture heard it."""
+    """The same, and the recording lacks the bin's statement about it. Motion capture heard that statement."""
     return shop.restated(_taken_out(shop), lambda one: None if one.payload["type"] == "bin.removal" else one)
 
 
 @HARNESS.forgery("nothing_left_out", "motion capture", role="executor")
 def a_removal_left_out_with_who_heard_of_it(shop: CleaningWorkshop) -> Submission:
-    """The same, and what motion capture signed when it heard of the removal is left out, too."""
+    """The same, and the recording also lacks motion capture's statements that list the removal."""
     told: list[str] = []
 
     def edit(one: Attestation) -> Attestation | None:
@@ -1006,7 +1008,7 @@ def a_removal_left_out_with_who_heard_of_it(shop: CleaningWorkshop) -> Submissio
 
 @HARNESS.forgery("stays_in_bin", "left it", role="executor")
 def picked_up_beside_the_bin(shop: CleaningWorkshop) -> Submission:
-    """It falls beside the bin, where a person picks it up and throws it in before the bin feels it."""
+    """The item falls beside the bin. A person picks it up and throws it in before the bin weighs it."""
     begin_s = _last_above_the_bin_s(shop)
 
     def beside(sample: Sample) -> Sample:
@@ -1017,8 +1019,8 @@ def picked_up_beside_the_bin(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("stays_in_bin", "left out", role="executor")
 def taken_home_and_covered_later(shop: CleaningWorkshop) -> Submission:
-    """The item goes home while a pebble falls, lies there, and is covered before it is signed again; the one
-    statement that saw it go is left out."""
+    """A person takes the item away while a pebble falls, and covers it before its next signed pose. The one
+    statement that shows it is left out."""
     begin_s = _last_above_the_bin_s(shop) + 0.05
     take = _covered_from(_taken_home(shop, begin_s, 0.8), begin_s + 8.5)
     return shop.restated(take, _motion_between(begin_s, begin_s + 2.0, lambda _: None))
@@ -1026,7 +1028,7 @@ def taken_home_and_covered_later(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("nothing_left_out", "motion capture", role="executor")
 def taken_home_while_it_falls(shop: CleaningWorkshop) -> Submission:
-    """The same, covered at once; what is left out begins with the statement of the release itself."""
+    """The same, covered at once. The statements are missing from that of the release on."""
     begin_s = _last_above_the_bin_s(shop) - 0.75
     take = _covered_from(_taken_home(shop, begin_s, 1.5), begin_s + 1.5)
     return shop.restated(take, _motion_between(begin_s - 0.2, begin_s + 2.8, lambda _: None))
@@ -1068,7 +1070,7 @@ def _taken_out(shop: CleaningWorkshop) -> Take:
 
 @HARNESS.forgery("stays_in_bin", "to the end of the recording", role="executor")
 def a_recording_that_ends_at_once(shop: CleaningWorkshop) -> Submission:
-    """Nobody knows what happened after the drop."""
+    """The recording ends right after the drop."""
     end_s = _drop(shop)["settled_s"] + 3.0
     return shop.submitted(Take([s for s in shop.take.samples if s.time_ns * 1e-9 < end_s]))
 
@@ -1082,13 +1084,13 @@ def statements_that_end_at_once(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("pictured", "not in the recording", role="executor")
 def no_picture(shop: CleaningWorkshop) -> Submission:
-    """What the bin looked at is left out."""
+    """The recording lacks the picture that the bin classified."""
     return shop.submitted(shop.take.without(PICTURE))
 
 
 @HARNESS.forgery("pictured", "no picture", role="executor")
 def another_picture(shop: CleaningWorkshop) -> Submission:
-    """A nicer picture than the one that the bin signed."""
+    """A clearer picture than the one that the bin signed."""
     nicer = np.frombuffer((RENDERINGS / "paper_2.jpg").read_bytes(), np.uint8)
     return shop.submitted(shop.take.edited(PICTURE, lambda s: with_fields(s, data=nicer)))
 
@@ -1102,13 +1104,13 @@ def the_hash_of_an_empty_picture(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("weight", "0.01 N", role="executor")
 def a_feather(shop: CleaningWorkshop) -> Submission:
-    """The bin felt a hundredth of a newton."""
+    """The bin measured a hundredth of a newton."""
     return shop.submitted(told(shop.take, "bin/drop", weight_n=0.01))
 
 
 @HARNESS.forgery("weight", "50.0 N", role="executor")
 def a_brick(shop: CleaningWorkshop) -> Submission:
-    """The bin felt five kilograms."""
+    """The bin measured five kilograms."""
     return shop.submitted(told(shop.take, "bin/drop", weight_n=50.0))
 
 
@@ -1128,7 +1130,7 @@ def a_member_without_a_body(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("executor_on_site", role="executor")
 def a_device_of_another_robot(shop: CleaningWorkshop) -> Submission:
-    """The executor's robot is one, what sealed the recording is another."""
+    """Another robot than the executor's sealed the recording."""
     return shop.submitted(shop.take, devices=registered("robot", name="panther2"))
 
 
@@ -1142,7 +1144,7 @@ def somebody_elses_drop(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("presented", "for task 9", role="executor")
 def shown_for_another_task(shop: CleaningWorkshop) -> Submission:
-    """The same robot showed the item, for another task and recording of its own."""
+    """The same robot showed the item for another of its tasks and recordings."""
     other = Claimant(
         device="panther1", address=ROBOT.address, recording="0x" + "5a" * 32, task_id=9, attempt=1
     )
@@ -1152,5 +1154,5 @@ def shown_for_another_task(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("presented", "nobody", role="executor")
 def never_presented(shop: CleaningWorkshop) -> Submission:
-    """A drop that the bin ascribes to nobody."""
+    """The bin's drop names no robot."""
     return shop.submitted(shop.take.without("robot/presentation"))

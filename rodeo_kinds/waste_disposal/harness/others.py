@@ -52,25 +52,25 @@ def _place(shop: CleaningWorkshop, **place: Any) -> Submission:
 
 @HARNESS.forgery("item_place", role="creator")
 def a_pin_beside_the_item(shop: CleaningWorkshop) -> Submission:
-    """Pinned 0.4 m from where the item lies: farther than the robot takes and the oracle allows."""
+    """The task's place is 0.4 m from the item: farther than the robot accepts and the oracle allows."""
     return _place(shop, x_m=float(PLACE["x_m"]) + 0.4)
 
 
 @HARNESS.spoiling(role="creator")
 def a_pin_that_is_off(shop: CleaningWorkshop) -> Submission:
-    """Pinned 0.3 m from where the item lies, so that the robot takes it and is not paid."""
+    """The task's place is 0.3 m from the item, so that the robot takes it and might not be paid."""
     return _place(shop, x_m=float(PLACE["x_m"]) + 0.3)
 
 
 @HARNESS.forgery("cleaning_topics", "the task's creator is at fault", role="creator")
 def a_place_that_is_no_number(shop: CleaningWorkshop) -> Submission:
-    """A place that no distance compares with."""
+    """The coordinates of the place are NaN."""
     return _place(shop, x_m=nan)
 
 
 @HARNESS.forgery("cleaning_topics", "the task's creator is at fault", role="creator")
 def a_place_in_words(shop: CleaningWorkshop) -> Submission:
-    """A place that is a text."""
+    """The coordinates of the place are text."""
     return _place(shop, x_m="over there")
 
 
@@ -82,25 +82,25 @@ def an_item_that_is_not_there(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("cleaning_topics", "the task's creator is at fault", role="creator")
 def no_item_at_all(shop: CleaningWorkshop) -> Submission:
-    """A task that names no item, so that any would do."""
+    """A task without an item, so that any item would do."""
     return _place(shop, item_id=None)
 
 
 @HARNESS.forgery("acts_unspent", "was paid for in task", role="creator")
 def one_item_posted_twice(shop: CleaningWorkshop) -> Submission:
-    """Two tasks for one item, carried once: the same time of the same item is claimed again."""
+    """Two tasks for one item that was carried once: the second claims the same carry again."""
     return claimed_before(shop.submitted(shop.take), shop, "mocap/")
 
 
 @HARNESS.forgery("acts_unspent", "was paid for in task", role="creator")
 def one_drop_for_two_items(shop: CleaningWorkshop) -> Submission:
-    """Two tasks, and one drop that the bin felt."""
+    """Two tasks claim one drop."""
     return claimed_before(shop.submitted(shop.take), shop, "bin/")
 
 
 @HARNESS.forgery("executors_own_seal", role="creator")
 def a_kind_of_its_own(shop: CleaningWorkshop) -> Submission:
-    """A robot's run as a kind of work that the oracle does not know, so that none of its checks is asked."""
+    """A robot's run under a kind of work that the oracle does not know, so that no check of its own runs."""
     chain_record = shop.chain_record()
     task = chain_record.task.model_copy(update={"kind": "floor_polishing"})
     return Submission(chain_record.model_copy(update={"task": task}), shop.honest_file())
@@ -126,32 +126,32 @@ def _letter(shop: CleaningWorkshop, photo: bytes) -> Submission:
 
 @HARNESS.forgery("judged_by_people", role="creator")
 def a_friends_letter(shop: CleaningWorkshop) -> Submission:
-    """A kind of work that was merely allowed, done by a friend who hands in a photo of anything."""
+    """A kind of work without checks, done by a friend who submits a photo of anything."""
     return _letter(shop, _PHOTO)
 
 
 @HARNESS.forgery("stated", "not an image", role="creator")
 def a_photo_that_is_no_picture(shop: CleaningWorkshop) -> Submission:
-    """The same with bytes that only begin like a photo."""
+    """The same with a file that only begins like a photo."""
     return _letter(shop, b"\xff\xd8\xff\xe0 no photo")
 
 
 @HARNESS.forgery("stated", "not an image", role="creator")
 def half_a_photo(shop: CleaningWorkshop) -> Submission:
-    """The same with a photo that ends before its picture does."""
+    """The same with a truncated photo."""
     return _letter(shop, _PHOTO[: len(_PHOTO) // 2])
 
 
 @HARNESS.forgery("task_binding", role="bystander")
 def a_copied_proof(shop: CleaningWorkshop) -> Submission:
-    """A thief names the hash of somebody else's proof for a task of its own, and is first to do so."""
+    """A thief submits the hash of somebody else's proof for its own task, before the owner does."""
     chain_record = shop.chain_record(id=8, executor=STRANGER.address, executor_name="mallory")
     return Submission(chain_record, shop.honest_file())
 
 
 @HARNESS.forgery("executor_on_site", role="bystander")
 def a_robot_that_is_elsewhere(shop: CleaningWorkshop) -> Submission:
-    """A member whose own registered robot is no robot of this site seals what it heard on the bus."""
+    """A member seals what it heard on the bus. Its own registered robot is not a robot of this site."""
     robot = Device(address=FRIEND.address, role="robot", owner=STRANGER.address, name="panther2")
     chain_record = shop.chain_record(executor=STRANGER.address, executor_name="panther2")
     binding = BINDING.model_copy(update={"executor": STRANGER.address, "device": "panther2"})
@@ -172,13 +172,13 @@ def a_drop_by_a_stranger(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("bin_witnessed", "open bus", role="bystander")
 def a_drop_by_message(shop: CleaningWorkshop) -> Submission:
-    """Presence, load and picture were messages on an open bus: the bin signed correctly what was invented."""
+    """Invented presence, load and picture on an open bus: the bin signs them correctly."""
     return shop.submitted(shop.take, witnesses=Witnesses(bin_inputs="open_bus"))
 
 
 @HARNESS.forgery("witnessed", "open bus", role="bystander")
 def motion_by_message(shop: CleaningWorkshop) -> Submission:
-    """The same of the poses that motion capture signs."""
+    """The same with the poses that motion capture signs."""
     return shop.submitted(shop.take, witnesses=Witnesses(mocap_inputs="open_bus"))
 
 
@@ -196,7 +196,8 @@ def _signed(shop: CleaningWorkshop) -> list[Attestation]:
 
 @HARNESS.spoiling(role="bystander")
 def words_in_the_bins_name(shop: CleaningWorkshop) -> Submission:
-    """What the bin signed with other weights, under its name and with its signature, which does not fit."""
+    """The bin's statement with other weights, under its name and with its old signature, which does not
+    match."""
     drop = next(one for one in _signed(shop) if one.payload["type"] == "bin.drop")
     words = (
         drop.model_copy(update={"payload": drop.payload | {"weight_n": 0.01 * number}})
@@ -207,7 +208,7 @@ def words_in_the_bins_name(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.spoiling(role="bystander")
 def statements_repeated(shop: CleaningWorkshop) -> Submission:
-    """What the witnesses signed up to the drop is said again, later."""
+    """The witnesses' statements up to the drop are published again later."""
     until_s = middle_s(shop.take, 0.9)
     late = (stated(shop.take, one, 0.95) for one in _signed(shop) if one.payload["time_s"] < until_s)
     return shop.submitted(said(shop.take, *late))
@@ -215,7 +216,7 @@ def statements_repeated(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.spoiling(role="bystander")
 def words_that_are_no_statement(shop: CleaningWorkshop) -> Submission:
-    """JSON that is no statement, and one that is no attestation."""
+    """JSON that is not a statement, and JSON that is not an attestation."""
     stranger = attest({"type": "bin.drop", "no": "drop"}, STRANGER)
     nothing = Sample(STATED, "", {"no": "statement"}, round(middle_s(shop.take) * 1e9))
     return shop.submitted(said(shop.take, nothing, stated(shop.take, stranger)))
@@ -223,7 +224,7 @@ def words_that_are_no_statement(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.spoiling(role="bystander")
 def another_publishers_joints(shop: CleaningWorkshop) -> Submission:
-    """Joint states said twice, and odometry of another frame with a stamp of long ago."""
+    """Duplicate joint states, and odometry of another frame with an old stamp."""
     joints, odom = shop.take.of(JOINT_STATES)[700], shop.take.of(ODOM)[700]
     old = stamp(replace(odom.message, header=replace(odom.message.header, frame_id="map")), 1)
     return shop.submitted(said(shop.take, joints, replace(odom, message=old)))
@@ -231,13 +232,13 @@ def another_publishers_joints(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("witnessed", "nothing signed by this witness", role="judge")
 def a_judge_as_motion_capture(shop: CleaningWorkshop) -> Submission:
-    """The oracle's key signs what motion capture would."""
+    """The oracle's key signs motion capture's statements."""
     return shop.submitted(shop.take, witnesses=Witnesses(mocap=JUDGE))
 
 
 @HARNESS.forgery("witnessed", "nothing signed by this witness", role="judge")
 def a_judge_that_is_registered(shop: CleaningWorkshop) -> Submission:
-    """The same under a device that is registered under motion capture's name, in the oracle's role."""
+    """The same with a device that is registered under motion capture's name, but in the oracle's role."""
     oracle = Device(address=JUDGE.address, role="oracle", owner=ORGANIZATION, name="mocap")
     path = shop.sealed(shop.take, witnesses=Witnesses(mocap=JUDGE))
     return Submission(with_more_devices(shop.chain_record(), oracle), path)
@@ -245,58 +246,58 @@ def a_judge_that_is_registered(shop: CleaningWorkshop) -> Submission:
 
 @HARNESS.forgery("bin_witnessed", "nothing signed by this witness", role="judge")
 def a_judge_as_the_bin(shop: CleaningWorkshop) -> Submission:
-    """An auditor's key signs what the bin would."""
+    """An auditor's key signs the bin's statements."""
     return shop.submitted(shop.take, witnesses=Witnesses(bin=JUDGE))
 
 
 @HARNESS.forgery("presented", role="judge")
 def a_judge_that_presents_itself(shop: CleaningWorkshop) -> Submission:
-    """An auditor's key tells the bin who shows the item."""
+    """An auditor's key signs the robot's presentation to the bin."""
     return shop.submitted(shop.take, witnesses=Witnesses(robot=JUDGE))
 
 
 @HARNESS.forgery("signer", "not registered", role="judge")
 def a_judge_that_seals(shop: CleaningWorkshop) -> Submission:
-    """The oracle's key seals what it will judge."""
+    """The oracle's key seals the recording that it will judge."""
     return shop.submitted(shop.take, device=JUDGE)
 
 
 @HARNESS.forgery("dropped", "no drop signed by the bin", role="judge")
 def a_verdict_in_the_recording(shop: CleaningWorkshop) -> Submission:
-    """No drop, but an accepting verdict of this task among the recorded events."""
+    """The recording has no drop, but an accepting verdict of this task among its events."""
     verdict = noted(shop.take, event="VerdictPosted", task_id=BINDING.task_id, verdict="accepted")
     return shop.submitted(said(shop.take.without("bin/drop"), verdict))
 
 
 @HARNESS.spoiling(role="judge")
 def a_rejection_in_the_recording(shop: CleaningWorkshop) -> Submission:
-    """A rejecting verdict of this task, which nobody posted, among the recorded events."""
+    """The recording contains a rejecting verdict of this task that nobody posted."""
     verdict = noted(shop.take, event="VerdictPosted", task_id=BINDING.task_id, verdict="rejected")
     return shop.submitted(said(shop.take, verdict))
 
 
 @HARNESS.forgery("witnessed", "two different statements", role="holder of two keys")
 def motion_of_two_minds(shop: CleaningWorkshop) -> Submission:
-    """Robot and motion capture in one hand: one number is signed twice, with and without the item."""
+    """One owner has robot and motion capture: one number is signed twice, with and without the item."""
     return shop.restated(shop.take, signed_twice("mocap.motion", 20, MOCAP, tracks={}))
 
 
 @HARNESS.forgery("bin_witnessed", "two different statements", role="holder of two keys")
 def a_drop_of_two_minds(shop: CleaningWorkshop) -> Submission:
-    """Robot and bin in one hand: one number is signed twice, for two robots."""
+    """One owner has robot and bin: one number is signed twice, for two robots."""
     return shop.restated(shop.take, signed_twice("bin.drop", 1, BIN, claimants=[]))
 
 
 @HARNESS.forgery("compartment", role="holder of two keys")
 def a_drop_elsewhere_than_seen(shop: CleaningWorkshop) -> Submission:
-    """Robot and bin in one hand: the bin says green, motion capture saw it fall into blue."""
+    """One owner has robot and bin: the bin signs green, but motion capture saw the item fall into blue."""
     take = told(shop.take, "bin/classification", item_class="glass", compartment="green")
     return shop.submitted(told(take, "bin/drop", compartment="green", expected_compartment="green"))
 
 
 @HARNESS.forgery("odometry", role="holder of two keys")
 def a_base_that_slides(shop: CleaningWorkshop) -> Submission:
-    """Robot and motion capture in one hand: all bodies slide by a metre, for which no wheel turned."""
+    """One owner has robot and motion capture: all bodies slide by a metre, but no wheel turned."""
     begin_s, end_s = middle_s(shop.take, 0.4), middle_s(shop.take, 0.44)
 
     def slide(sample: Sample) -> Sample:
