@@ -5,7 +5,7 @@ import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
 import {Device, IDeviceRegistry, Revocation} from "./interfaces/IDeviceRegistry.sol";
 import {Texts} from "./libraries/Texts.sol";
 
-/// @dev Who may register is up to the contract that inherits this.
+/// @dev The inheriting contract decides who may register.
 abstract contract DeviceRegistry is IDeviceRegistry {
     using SafeCast for uint256;
 

@@ -3,14 +3,14 @@ pragma solidity ^0.8.28;
 
 import {IServiceManager} from "./IServiceManager.sol";
 
-/// @title Which idle service gets a task.
-/// @notice A policy only chooses: it holds no queue and no token, so an organization replaces it in one
-/// transaction without moving a task. Tasks themselves are always served in order of registration.
+/// @title Chooses the idle service that gets a task.
+/// @notice A policy only chooses. It holds no queue and no token, so an organization can replace it in one
+/// transaction without moving a task. Tasks are always served in order of registration.
 interface IMatchingPolicy {
-    /// @notice The idle service that shall do a task of `kind` which pays `reward`.
-    /// @param services where the idle services wait
+    /// @notice The idle service that gets a task of `kind` that pays `reward`.
+    /// @param services the contract that holds the queue of idle services
     /// @param reward the most the service may cost, in the token's smallest unit
-    /// @return serviceId 0 when no idle service of that kind costs at most `reward`
+    /// @return serviceId 0 if no idle service of that kind costs at most `reward`
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
         external
         view

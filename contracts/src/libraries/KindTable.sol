@@ -9,7 +9,7 @@ library KindTable {
         mapping(uint16 id => bytes32) kinds;
     }
 
-    /// @notice The number of `kind`, given to it when it is seen first. Kinds are few: the organization allows them.
+    /// @notice The number of `kind`, assigned at its first use. Kinds are few, because the organization allows them.
     function idOf(Table storage table, bytes32 kind) internal returns (uint16 id) {
         id = table.ids[kind];
         if (id == 0) {

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-/// @title How long texts may be. They are only in events, which everybody keeps and reads for ever.
+/// @title Maximum lengths of texts. Texts are only in events, which every node stores and every index reads.
 library Texts {
     error TextTooLong(uint256 length, uint256 max);
 

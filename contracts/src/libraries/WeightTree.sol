@@ -2,13 +2,13 @@
 pragma solidity ^0.8.28;
 
 /// @title An ordered map from keys to weights that finds the best key of a range.
-/// @notice Keys are 1 .. 2^63 - 1. A weight has two parts, `weigh(major, minor)`, which are compared each on its
-/// own. Every operation takes O(log n) of the elements that are in the tree *now*, whatever came and went before.
+/// @notice Keys are 1 .. 2^63 - 1. A weight has two parts, `weigh(major, minor)`, which are compared
+/// separately. Every operation takes O(log n) of the elements that are in the tree *now*, whatever its history.
 /// @dev A crit-bit tree (Bernstein, https://cr.yp.to/critbit.html) in which every node knows the greatest major
 /// and the greatest minor part below each child. A reference is a number: leaf `2 * key + 1`, inner node the
-/// middle of the range it spans (common prefix, a one, zeros), so that the lowest set bit tells a node's span and
-/// comparing two references tells left from right. An inner node is one storage word; leaves live in their
-/// parent's word. Depth is at most 63, and log2(n) for keys that are counted up.
+/// middle of the range it spans (common prefix, a one, zeros), so that the lowest set bit gives a node's span and
+/// a comparison of two references gives left and right. An inner node is one storage word; leaves are stored in
+/// their parent's word. Depth is at most 63, and log2(n) for keys that are counted up.
 library WeightTree {
     error KeyMissing(uint64 key);
 
@@ -23,7 +23,7 @@ library WeightTree {
     struct Tree {
         uint64 root;
         uint64 rootWeight;
-        /// @dev Not used here: room for the owner to number what it inserts, in a word that is written anyway.
+        /// @dev Not used here: the owner may number its elements in this word, which is written anyway.
         uint64 serial;
         mapping(uint64 ref => Node) nodes;
     }
@@ -58,17 +58,17 @@ library WeightTree {
         return ref >> 1;
     }
 
-    /// @notice Of the keys up to `maxKey` the one with the greatest major part; the lowest of equals, 0 for none.
+    /// @notice The key up to `maxKey` with the greatest major part; the lowest of equals, 0 if there is none.
     function greatestMajor(Tree storage tree, uint64 maxKey) internal view returns (uint64) {
         return _greatest(tree, maxKey, ~MAX_MINOR);
     }
 
-    /// @notice Of the keys up to `maxKey` the one with the greatest minor part; the lowest of equals, 0 for none.
+    /// @notice The key up to `maxKey` with the greatest minor part; the lowest of equals, 0 if there is none.
     function greatestMinor(Tree storage tree, uint64 maxKey) internal view returns (uint64) {
         return _greatest(tree, maxKey, MAX_MINOR);
     }
 
-    /// @notice Add an element, or change the weight of the one that is there.
+    /// @notice Add an element, or change the weight of an existing one.
     function put(Tree storage tree, uint64 key, uint64 weight) internal {
         uint64 leaf = (key << 1) | 1;
         uint64 root = tree.root;
@@ -76,13 +76,13 @@ library WeightTree {
             root == 0 ? (leaf, weight) : _put(tree, root, tree.rootWeight, leaf, weight);
     }
 
-    /// @notice Take an element out. Reverts with KeyMissing.
+    /// @notice Remove an element. Reverts with KeyMissing.
     function remove(Tree storage tree, uint64 key) internal {
         if (tree.root == 0) revert KeyMissing(key);
         (tree.root, tree.rootWeight) = _remove(tree, tree.root, (key << 1) | 1);
     }
 
-    /// @dev Down the border of the range, collecting the subtrees that lie in it whole; then down the best one.
+    /// @dev Walk down the border of the range and collect the subtrees inside it; then walk down the best one.
     function _greatest(Tree storage tree, uint64 maxKey, uint64 part) private view returns (uint64) {
         (uint64 ref, uint64 weight) = (tree.root, tree.rootWeight);
         if (ref == 0) return 0;
@@ -110,7 +110,7 @@ library WeightTree {
         return best >> 1;
     }
 
-    /// @dev Insert or change below `ref`. Returns what stands in its place now, and the greatest weight there.
+    /// @dev Insert or change below `ref`. Returns the new reference in its place, and the greatest weight there.
     function _put(Tree storage tree, uint64 ref, uint64 refWeight, uint64 leaf, uint64 weight)
         private
         returns (uint64, uint64)
@@ -139,7 +139,7 @@ library WeightTree {
         return (ref, _max(node.leftWeight, node.rightWeight));
     }
 
-    /// @dev Remove below `ref`. Returns what stands in its place now (0 for nothing), and the greatest weight there.
+    /// @dev Remove below `ref`. Returns the new reference in its place (0 for none), and the greatest weight there.
     function _remove(Tree storage tree, uint64 ref, uint64 leaf) private returns (uint64, uint64) {
         if (ref == leaf) return (0, 0);
         if (_isLeaf(ref) || !_spans(ref, leaf)) revert KeyMissing(leaf >> 1);
@@ -172,12 +172,12 @@ library WeightTree {
         return ref & 1 == 1;
     }
 
-    /// @dev The greatest leaf that can be below `ref`; a leaf itself.
+    /// @dev The greatest leaf that can be below `ref`; for a leaf, the leaf itself.
     function _last(uint64 ref) private pure returns (uint64) {
         return ref | (ref - 1);
     }
 
-    /// @dev Whether `leaf` is in the range of `ref`: they differ nowhere above the lowest set bit of `ref`.
+    /// @dev Whether `leaf` is in the range of `ref`: they are equal above the lowest set bit of `ref`.
     function _spans(uint64 ref, uint64 leaf) private pure returns (bool) {
         unchecked {
             uint64 lowestBit = ref & (~ref + 1);
@@ -185,7 +185,7 @@ library WeightTree {
         }
     }
 
-    /// @dev The inner node whose left and right ranges hold `a` and `b`: their common prefix, a one, zeros.
+    /// @dev The inner node whose left and right ranges contain `a` and `b`: their common prefix, a one, zeros.
     function _join(uint64 a, uint64 b) private pure returns (uint64) {
         uint64 low = a ^ b;
         low |= low >> 1;

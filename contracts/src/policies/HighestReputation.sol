@@ -4,7 +4,7 @@ pragma solidity ^0.8.28;
 import {IMatchingPolicy} from "../interfaces/IMatchingPolicy.sol";
 import {IServiceManager} from "../interfaces/IServiceManager.sol";
 
-/// @title The service of the best reputation; of those the cheapest, then the one that has waited longest.
+/// @title The service with the best reputation. Among equals the cheapest, then the one that has waited longest.
 contract HighestReputation is IMatchingPolicy {
     /// @inheritdoc IMatchingPolicy
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)

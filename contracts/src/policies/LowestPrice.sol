@@ -4,7 +4,7 @@ pragma solidity ^0.8.28;
 import {IMatchingPolicy} from "../interfaces/IMatchingPolicy.sol";
 import {IServiceManager} from "../interfaces/IServiceManager.sol";
 
-/// @title The cheapest service; of those the one of the best reputation, then the one that has waited longest.
+/// @title The cheapest service. Among equals the best reputation, then the one that has waited longest.
 contract LowestPrice is IMatchingPolicy {
     /// @inheritdoc IMatchingPolicy
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
