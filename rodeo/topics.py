@@ -368,7 +368,7 @@ ROBOT_ORDER = _dao(
     "per query",
     Form.QUERY,
     "robot_agent",
-    "orders to the robot (pause, resume, charge, cancel, stop), and its state",
+    "orders to the robot (pause, resume, charge, cancel, stop), its state, and why it decided what (explain)",
 )
 STATUS = _dao("rodeo/{org}/status/{process}", "Status", Form.TOPIC, "every process", "heartbeat", 1)
 ALIVE = _dao(

@@ -10,6 +10,7 @@ from rodeo_cli import (
     kinds,
     organization,
     people,
+    report,
     robot,
     site,
     sites,
@@ -23,7 +24,16 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-for command in (site.up, site.down, site.status, demo.demo, tasks.wallet, tasks.verify, classify.classify):
+for command in (
+    site.up,
+    site.down,
+    site.status,
+    demo.demo,
+    tasks.wallet,
+    report.report,
+    tasks.verify,
+    classify.classify,
+):
     app.command()(command)
 tasks.tasks.command()(people.accept)
 tasks.tasks.command()(people.submit)

@@ -8,18 +8,21 @@ from typing import Annotated, Any
 
 import typer
 
-from rodeo import topics
+from rodeo import queries, topics
 from rodeo.durations import span
+from rodeo.robot.decisions import KEPT, Decided, Explain, Explained
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
     SiteOption,
     connected,
     print_facts,
+    print_listing,
     reports_errors,
     say,
 )
-from rodeo_cli.formatting import plain
+from rodeo_cli.formatting import moment, plain
+from rodeo_cli.layout import Row
 
 robots = typer.Typer(help="Give orders to robots and show their state.", no_args_is_help=True)
 
@@ -107,3 +110,43 @@ def _text(form: str, value: Any) -> str:
     if value is None:
         return ""
     return plain(value) if form == "{}" else form.format(value)
+
+
+@robots.command("explain")
+@reports_errors
+def explain(
+    name: NameArgument,
+    task: Annotated[int | None, typer.Option(help="Only decisions with this task.")] = None,
+    limit: Annotated[int, typer.Option(min=1, max=KEPT, help="Show the newest decisions.")] = 20,
+    site: SiteOption = DEFAULT_SITE,
+    as_json: JsonOption = False,
+) -> None:
+    """Show what the robot decided, in which situation and why. A decision holds until the next one."""
+    with connected(site) as (loaded, bus):
+        robot = loaded.robot(name).name
+        key = topics.ROBOT_ORDER.name(org=loaded.org, robot=robot, order="explain")
+        wanted = Explain(task_id=task, limit=limit).model_dump(exclude_none=True)
+        found = queries.fitting(Explained, bus.query(key, parameters=wanted, timeout_s=10), key).decisions
+    rows = (Row((moment(one.time_s, loaded), one.intent, one.reason, _situation(one))) for one in found)
+    print_listing(found, as_json, ("time", "decision", "why", "situation"), rows, folds=(2, 3))
+
+
+def _situation(one: Decided) -> str:
+    """What was so when it decided, leaving out what usually is."""
+    said = [f"battery {one.soc:.0%}"]
+    if one.task_id is not None:
+        said.append(f"task {one.task_id}{', begun' if one.begun else ''}")
+    if one.charge_id is not None:
+        said.append(f"charging task {one.charge_id} is {one.charge_state}")
+    said += [
+        text
+        for so, text in (
+            (not one.battery_suffices, "the battery lasts for no work"),
+            (one.paused, "paused"),
+            (one.charge_ordered, "a charge is ordered"),
+            (one.off_duty, "off duty"),
+            (one.explored_enough, "explored enough"),
+        )
+        if so
+    ]
+    return "; ".join(said)

@@ -286,7 +286,7 @@ def gas_per_step(figures: Figures, _tariffs: list[TariffConfig], figure: Figure)
             middle = median(used) / 1000
             axes.scatter([middle], [row], marker="|", s=160, color=WORK, zorder=3)
             axes.annotate(
-                f"{middle:.0f}k ({len(used)} transactions)",
+                f"{middle:.0f}k ({len(used)} sent)",
                 (max(used) / 1000, row),
                 (8, 0),
                 textcoords="offset points",
@@ -321,16 +321,16 @@ def sequence(figures: Figures, _tariffs: list[TariffConfig], figure: Figure) -> 
     posted = next((one for one in figures.run.sent if one.task_id == task.id), None)
     begin_wall_s = posted.sent_s if posted is not None else wall.get("TaskRegistered", 0.0)
 
-    def told(event: str, site_s: float | None) -> str:
+    def told(event: str, site_s: float | None) -> tuple[str, str]:
         site = (site_s or task.registered) - task.registered
-        return f"{site:6.0f} s site   {wall.get(event, begin_wall_s) - begin_wall_s:6.2f} s wall"
+        return f"{site:.0f} s", f"{wall.get(event, begin_wall_s) - begin_wall_s:.1f} s"
 
-    steps: list[tuple[int, int, str, str]] = [
-        (0, 1, f"post task {task.id}: {task.reward_iec:.0f} IEC into escrow", "  0 s site     0.00 s wall"),
+    steps: list[tuple[int, int, str, tuple[str, str]]] = [
+        (0, 1, f"post task {task.id}: {task.reward_iec:.0f} IEC in escrow", ("0 s", "0.0 s")),
         (1, 2, "assign it", told("TaskAssigned", task.assigned)),
-        (2, 2, "drive, look, grasp, show, drop; record and sign", ""),
-        (2, 1, "hand in the hash of the proof", told("ProofSubmitted", task.proof_submitted)),
-        (1, 3, "fetch and replay the proof", ""),
+        (2, 2, "drive, look, grasp, show, drop; record and sign", ("", "")),
+        (2, 1, "hand in the proof's hash", told("ProofSubmitted", task.proof_submitted)),
+        (1, 3, "fetch and replay the proof", ("", "")),
         (3, 1, f"verdict: {task.verdict}", told("VerdictPosted", task.settled)),
         (1, 2, f"pay {task.paid_iec:.0f} IEC", told("TaskSettled", task.settled)),
     ]
@@ -340,17 +340,20 @@ def sequence(figures: Figures, _tariffs: list[TariffConfig], figure: Figure) -> 
     for place, actor in enumerate(_ACTORS):
         axes.text(place, -0.55, actor, ha="center", weight="bold")
         axes.plot([place, place], [-0.35, len(steps)], color="#cbd5e0", lw=1, zorder=1)
-    for row, (origin, target, text, times) in enumerate(steps):
+    for x, text in ((3.75, "site time"), (4.3, "wall time")):
+        axes.text(x, -0.55, text, ha="right", color=GREY)
+    for row, (origin, target, label, times) in enumerate(steps):
         y = row + 0.35
         if origin == target:
             axes.plot([origin] * 2, [y - 0.25, y + 0.25], color=WORK, lw=6, solid_capstyle="butt", zorder=2)
-            axes.text(origin + 0.1, y, text, va="center", fontsize=8)
+            axes.text(origin + 0.1, y, label, va="center", fontsize=8)
             continue
         axes.annotate(
             "", (target, y), (origin, y), arrowprops={"arrowstyle": "-|>", "color": WORK, "lw": 1.2}
         )
-        axes.text((origin + target) / 2, y - 0.1, text, ha="center", va="bottom", fontsize=8)
-        axes.text(3.35, y, times, va="center", fontsize=8, color=GREY)
+        axes.text((origin + target) / 2, y - 0.1, label, ha="center", va="bottom", fontsize=7.5)
+        for x, text in zip((3.75, 4.3), times, strict=True):
+            axes.text(x, y, text, va="center", ha="right", fontsize=8, color=GREY)
 
 
 def _ends(values: list[float] | tuple[float, ...]) -> tuple[float, float]:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rodeo.config import ExperimentConfig, Site
+from rodeo.earnings import earnings
 from rodeo.schedule import zone
 from rodeo_experiments import paper
 from rodeo_experiments.record import Run
@@ -195,6 +196,7 @@ def markdown(
     lines += ["## Figures", ""]
     for name, caption in captions.items():
         lines += [f"![{name}](figures/{name}.svg)", "", caption, ""]
+    lines += ["## What everybody earned and spent, by week", "", *_earnings(run, site), ""]
     lines += ["## What the steps cost", "", *_fees(figures, experiment), ""]
     lines += ["## Method", "", *_method(figures), ""]
     lines += ["## Parameters", "", *_table(("parameter", "value"), sorted(run.parameters.items())), ""]
@@ -259,6 +261,29 @@ def _fees(figures: Figures, experiment: ExperimentConfig) -> list[str]:
         "",
         *_table(("step", "transactions", "median gas", *heads), rows),
     ]
+
+
+def _earnings(run: Run, site: Site) -> list[str]:
+    lines = earnings(run.tasks, run.transactions, site.economy.electricity, first_s=run.started_s)
+    heads = ("week", "participant", "kind", "done", "earned", "bought", "spent", "kWh", "EUR", "gas")
+    return _table(
+        heads,
+        [
+            (
+                one.week,
+                one.participant,
+                one.kind,
+                str(one.done),
+                f"{one.earned_iec:f}",
+                str(one.bought),
+                f"{one.spent_iec:f}",
+                f"{one.energy_kwh:.3f}",
+                f"{one.electricity_eur:.3f}",
+                f"{one.gas:,}",
+            )
+            for one in lines
+        ],
+    )
 
 
 def _seeds(runs: Sequence[dict[str, Value]]) -> list[str]:

@@ -30,6 +30,7 @@ from rodeo.process import Process
 from rodeo.robot.arm import Arm
 from rodeo.robot.behaviour import Behaviour, Estimate, Irrevocable, Robot
 from rodeo.robot.bin import SmartBin
+from rodeo.robot.decisions import Decided, Decisions
 from rodeo.robot.errors import (
     AgentError,
     Blocked,
@@ -57,7 +58,7 @@ from rodeo.witness import Inputs
 from rodeo.witness.witness import Witness
 from services.robot_agent.budget import HourlyBudget
 from services.robot_agent.charging import Charging
-from services.robot_agent.decision import Intent, Situation, decide, require_time_for_verdict, takes_work
+from services.robot_agent.decision import Intent, Situation, reasoned, require_time_for_verdict, takes_work
 from services.robot_agent.journal import Journal, Phase, recording_of
 from services.robot_agent.orders import Order, Orders
 from services.robot_agent.participant import RobotParticipant
@@ -179,8 +180,15 @@ class Agent:
         self._recorded_task: int | None = None
         self._events: deque[DaoEvent] = deque(maxlen=_EVENTS_KEPT)
         self._events_lock = threading.Lock()
+        self._decisions = Decisions(process.data_dir / "decisions.jsonl")
         self._orders = Orders(
-            bus, site.org, robot.name, process.data_dir / "orders.json", self._on_order, self._state
+            bus,
+            site.org,
+            robot.name,
+            process.data_dir / "orders.json",
+            self._on_order,
+            self._state,
+            self._decisions.about,
         )
         find = partial(recording_of, process.data_dir / "tasks")
         self._copies = Copies(bus, site.org, robot.name, self._store, find)
@@ -300,7 +308,8 @@ class Agent:
 
     def _step(self) -> None:
         situation = self._look()
-        intent = decide(situation, self._site.agent)
+        intent, reason = reasoned(situation, self._site.agent)
+        self._keep(situation, intent, reason)
         if intent is not Intent.OFF:
             self._body.switch_on()
             if self._off_since is not None:
@@ -329,6 +338,30 @@ class Agent:
             Intent.OFF: self._be_off,
         }
         act[intent](situation)
+
+    def _keep(self, now: Situation, intent: Intent, reason: str) -> None:
+        """For whoever asks why."""
+        charge = now.charge
+        decided = Decided(
+            time_s=round(self._clock.now_s(), 3),
+            intent=intent,
+            reason=reason,
+            soc=round(now.soc, 4),
+            task_id=now.assignment and now.assignment.id,
+            charge_id=charge and charge.id,
+            charge_state=charge and charge.state,
+            battery_suffices=now.battery_suffices,
+            able=sorted(now.able),
+            begun=now.begun,
+            paused=now.paused,
+            charge_ordered=now.charge_ordered,
+            off_duty=now.off_duty,
+            explored_enough=now.explored_enough,
+        )
+        try:
+            self._decisions.add(decided)
+        except OSError as error:
+            log.debug("cannot keep the decision: %s", error)
 
     def _look(self) -> Situation:
         """How things are. Of a robot that is off the body is not asked."""

@@ -61,22 +61,41 @@ def takes_work(now: Situation) -> bool:
 
 
 def decide(now: Situation, agent: AgentConfig) -> Intent:
-    """Outside its working hours a robot ends what it was given before: an assignment, a charge that began."""
+    """What the robot does next."""
+    return reasoned(now, agent)[0]
+
+
+def reasoned(now: Situation, agent: AgentConfig) -> tuple[Intent, str]:
+    """What the robot does next, and why.
+
+    Outside its working hours a robot ends what it was given before: an assignment, a charge that began.
+    """
     waits = now.assignment is not None and (now.begun or not now.paused)
     can_work = waits and now.battery_suffices
     charge_state = now.charge.state if now.charge is not None else None
     full = now.soc >= agent.charge_target
     if charge_state == "assigned" and not (full and can_work):
-        return Intent.DOCK
+        return Intent.DOCK, "a dock has taken the charging task"
     if can_work and not (now.charge_ordered and not now.begun):
-        return Intent.WORK
+        return Intent.WORK, "a task is assigned and the battery lasts for it"
     low = now.soc < agent.charge_below or waits
     wanted = now.charge_ordered or (low and (waits or not (now.paused or now.off_duty)))
     if wanted and charge_state is None:
-        return Intent.BUY_CHARGE
+        if now.charge_ordered:
+            return Intent.BUY_CHARGE, "an operator ordered a charge"
+        if waits:
+            return Intent.BUY_CHARGE, "a task is assigned and the battery does not last for it"
+        return Intent.BUY_CHARGE, f"the battery is below {agent.charge_below:.0%}"
     if now.off_duty:
-        return Intent.OFF
+        return Intent.OFF, "its working hours are over"
     if charge_state == "open":
-        return Intent.AWAIT_CHARGE
-    explores = agent.explore_when_idle and not (low or now.paused or now.explored_enough)
-    return Intent.EXPLORE if explores else Intent.REST
+        return Intent.AWAIT_CHARGE, "no dock has taken the charging task yet"
+    if now.paused:
+        return Intent.REST, "an operator paused it, or there is no room on its disk"
+    if low:
+        return Intent.REST, "the battery is low and its charge is not settled yet"
+    if not agent.explore_when_idle:
+        return Intent.REST, "no task is assigned, and it does not explore"
+    if now.explored_enough:
+        return Intent.REST, f"it has explored {agent.explore_min_per_h:g} min in this hour"
+    return Intent.EXPLORE, "no task is assigned"

@@ -19,9 +19,10 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
 from rodeo import topics
-from rodeo.bus import Bus, Request
+from rodeo.bus import Bus, Request, validate
 from rodeo.errors import DiskFull, RequestError, unreadable
 from rodeo.files import replace_file
+from rodeo.robot.decisions import Decided, Explain, Explained
 from rodeo.robot.errors import JournalBroken
 
 log = logging.getLogger(__name__)
@@ -65,6 +66,7 @@ class Orders:
         path: where they are kept. Raises JournalBroken when it holds something else.
         on_change: called after each order, in a thread of the bus.
         state: what `.../state` answers besides the standing orders.
+        decided: the newest decisions about a task or all, at most so many: what `.../explain` answers.
     """
 
     def __init__(
@@ -75,10 +77,12 @@ class Orders:
         path: Path,
         on_change: Callable[[Order], None],
         state: Callable[[], dict[str, Any]],
+        decided: Callable[[int | None, int], list[Decided]] = lambda _task_id, _limit: [],
     ) -> None:
         self._path = path
         self._on_change = on_change
         self._state = state
+        self._decided = decided
         self._lock = threading.Lock()
         self._standing = _load(path)
         self._nonce: str | None = None
@@ -89,6 +93,7 @@ class Orders:
         self._queryables = [
             *(bus.serve(key(order), self._taker(order)) for order in Order),
             bus.serve(key("state"), lambda _request: self._answer()),
+            bus.serve(key("explain"), self._explain),
         ]
 
     @property
@@ -112,6 +117,11 @@ class Orders:
     def close(self) -> None:
         for queryable in self._queryables:
             queryable.undeclare()
+
+    def _explain(self, request: Request) -> dict[str, Any]:
+        wanted = validate(Explain, request.parameters)
+        decided = self._decided(wanted.task_id, wanted.limit)
+        return Explained(decisions=decided).model_dump(mode="json")
 
     def _taker(self, order: Order) -> Callable[[Request], dict[str, Any]]:
         return lambda _request: self._take(order)

@@ -242,6 +242,11 @@ def test_a_task_is_posted_shown_listed_and_cancelled(up: Path) -> None:
     assert "waste_disposal" in rodeo(up, "task", "list", "--state", "open").stdout
     rodeo(up, "task", "cancel", task_id)
     assert "cancelled" in rodeo(up, "task", "list").stdout
+    only = ("--participant", "organization", "--kind", "waste_disposal")
+    (line,) = json.loads(rodeo(up, "report", "--json", *only).stdout)
+    assert (line["done"], line["bought"]) == (0, 0)
+    assert line["transactions"] >= 2 and line["gas"] > 100_000
+    assert rodeo(up, "report", "--csv", "--to", "2001-01-01").stdout.startswith("week,participant,kind,done")
 
 
 @pytest.mark.parametrize(
@@ -380,5 +385,6 @@ def test_services_and_wallets_are_listed(up: Path) -> None:
     services = rodeo(up, "service", "list").stdout
     assert "panther1" in services and "100 IEC" in services
     assert json.loads(rodeo(up, "wallet", "oracle", "--json").stdout)["balance_iec"] == "0"
+    assert "no task is assigned" in rodeo(up, "robot", "explain", "panther1", "--limit", "1000").stdout
     done = rodeo(up, "wallet", "bob", status=1)
     assert "bob" in done.stderr and "panther1" in done.stderr

@@ -22,6 +22,7 @@ from rodeo.schedule import Schedule
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.recordings import Sample, Take
 from services.robot_agent.agent import Agent
+from services.robot_agent.budget import HourlyBudget
 from services.robot_agent.journal import Phase
 from services.robot_agent.orders import Standing
 
@@ -72,6 +73,7 @@ class Night:
         agent._stop, agent._wake = threading.Event(), threading.Event()
         agent._schedule, agent._off_since = Schedule(["08:00-18:00"]), None
         agent._orders = SimpleNamespace(standing=self.standing)
+        agent._exploring, agent._keep = HourlyBudget(3600.0), lambda *_: None
         agent._site = SimpleNamespace(agent=AgentConfig(explore_when_idle=False), robots=[None])
         agent._energy = SimpleNamespace(name="energy")
         agent._robot = SimpleNamespace(name="panther1", pose=Pose2(x_m=0, y_m=0))

@@ -19,11 +19,13 @@ from rodeo.messages import Task
 from rodeo.queries import Offer
 from rodeo.robot.behaviour import Behaviour, Estimate, Record, Report, Robot
 from rodeo.robot.body import Checkpoint
+from rodeo.robot.decisions import Decisions
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor, travel_cost_m
 from rodeo.robot.ros_body import Battery
 from services.robot_agent import agent as agent_module
 from services.robot_agent.agent import Agent
+from services.robot_agent.budget import HourlyBudget
 from services.robot_agent.journal import Journal, Phase
 from services.robot_agent.orders import Standing
 from services.robot_agent.participant import RobotParticipant
@@ -169,6 +171,7 @@ def mind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     agent._site, agent._robot, agent._schedule = SITE, SITE.robots[0], SITE.robots[0].schedule
     agent._events, agent._events_lock, agent._recording = deque(), threading.Lock(), None
     agent._off_since = agent._attempt = agent._device = None
+    agent._exploring, agent._decisions = HourlyBudget(3600.0), Decisions(tmp_path / "decisions.jsonl")
     agent._body, agent._memory, agent._manipulator, agent._floor = body, memory, hands, Floor(SITE)
     agent._dao, agent._upkeep = Dao(), Fit()
     agent._dao_events = SimpleNamespace(seq=0)
@@ -245,3 +248,11 @@ def test_it_offers_each_kind_of_which_it_can_do_any_task(mind: Any) -> None:
     mind._buy_charge = lambda _situation: None
     mind._step()
     assert mind._dao.offers["guarding"] == "active", "what it was given is done first"
+
+
+def test_what_it_decided_and_why_is_kept(mind: Any) -> None:
+    mind._dao.assigned = [guarding(7)]
+    mind._step()
+    (first, *_) = mind._decisions.about(7, 10)
+    assert (first.intent, first.task_id) == ("work", 7)
+    assert first.reason == "a task is assigned and the battery lasts for it"
