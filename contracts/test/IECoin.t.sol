@@ -40,13 +40,4 @@ contract IECoinTest is Fixture {
         assertEq(coin.allowance(owner, address(tasks)), 5 ether);
         assertEq(coin.nonces(owner), 1);
     }
-
-    function test_delegatedVotesFollowTheBalance() public {
-        vm.prank(alice);
-        coin.delegate(alice);
-        assertEq(coin.getVotes(alice), 2000 ether);
-        vm.prank(alice);
-        coin.transfer(bob, 500 ether);
-        assertEq(coin.getVotes(alice), 1500 ether);
-    }
 }

@@ -174,12 +174,6 @@ class IECoinCalls(ContractCalls):
     def approve(self, spender: str, value: int) -> Call:
         return self._call("IECoin", "approve", spender, value)
 
-    def delegate(self, delegatee: str) -> Call:
-        return self._call("IECoin", "delegate", delegatee)
-
-    def delegate_by_sig(self, delegatee: str, nonce: int, expiry: int, v: int, r: bytes, s: bytes) -> Call:
-        return self._call("IECoin", "delegateBySig", delegatee, nonce, expiry, v, r, s)
-
     def permit(self, owner: str, spender: str, value: int, deadline: int, v: int, r: bytes, s: bytes) -> Call:
         return self._call("IECoin", "permit", owner, spender, value, deadline, v, r, s)
 

@@ -1,0 +1,118 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
+import {IERC5805} from "@openzeppelin/contracts/interfaces/IERC5805.sol";
+import {IOrganization} from "../interfaces/IOrganization.sol";
+
+/// @title Members split an amount of the treasury by quadratic votes: n votes for a recipient cost n² credits.
+/// @notice Every identity has CREDITS in each round, so at most √CREDITS votes for one recipient. Who has k identities
+/// has k times as much, where k times the credits of one identity would give √k times as much: what bounds it is that
+/// the organization admits each of them. The contract needs TREASURER_ROLE, and keeps to that role's budget.
+contract BudgetVotes {
+    struct Round {
+        uint96 amount;
+        uint40 start;
+        uint40 end;
+        uint256 total;
+        address[] recipients;
+        uint256[] votes;
+    }
+
+    /// @notice Of one identity in one round.
+    uint256 public constant CREDITS = 100;
+    /// @notice Of one round. Who votes pays for looking through them.
+    uint256 public constant MAX_RECIPIENTS = 16;
+
+    IOrganization public immutable organization;
+    /// @notice MemberVotes: who has an identity.
+    IERC5805 public immutable members;
+    Round[] private _rounds;
+    mapping(uint256 roundId => mapping(address account => uint256[])) private _ballots;
+    mapping(uint256 roundId => mapping(uint256 index => bool)) private _paid;
+
+    event RoundOpened(uint256 indexed roundId, uint256 amount, uint256 end, address[] recipients);
+    event BudgetVoteCast(uint256 indexed roundId, address indexed account, uint256[] votes);
+    event BudgetPaid(uint256 indexed roundId, address indexed recipient, uint256 amount);
+
+    error NotAdministrator(address account);
+    error InvalidRound(uint256 recipients, uint256 max, uint256 duration);
+    error UnknownRound(uint256 roundId);
+    error NotAMember(address account);
+    error RoundEnded(uint256 roundId, uint256 end);
+    error RoundNotEnded(uint256 roundId, uint256 end);
+    error InvalidBallot(uint256 votes, uint256 recipients);
+    error TooFewCredits(address account, uint256 needed, uint256 credits);
+    error PaidAlready(uint256 roundId, uint256 index);
+
+    constructor(IOrganization organization_, IERC5805 members_) {
+        (organization, members) = (organization_, members_);
+    }
+
+    /// @notice Let the members split `amount` among `recipients`. Administrator only.
+    /// @param amount in the token's smallest unit
+    /// @param duration for which votes are taken, s
+    function open(address[] calldata recipients, uint96 amount, uint32 duration)
+        external
+        returns (uint256 roundId)
+    {
+        if (!IAccessControl(address(organization)).hasRole(0x00, msg.sender)) {
+            revert NotAdministrator(msg.sender);
+        }
+        uint256 count = recipients.length;
+        if (count == 0 || count > MAX_RECIPIENTS || duration == 0) {
+            revert InvalidRound(count, MAX_RECIPIENTS, duration);
+        }
+        roundId = _rounds.length;
+        Round storage round = _rounds.push();
+        (round.amount, round.recipients, round.votes) = (amount, recipients, new uint256[](count));
+        (round.start, round.end) = (uint40(block.timestamp), uint40(block.timestamp + duration));
+        emit RoundOpened(roundId, amount, round.end, recipients);
+    }
+
+    /// @notice Vote, or vote differently. Members of the time before the round was opened.
+    /// @param votes for each recipient; their squares add up to at most CREDITS
+    function vote(uint256 roundId, uint256[] calldata votes) external {
+        Round storage round = _get(roundId);
+        if (block.timestamp >= round.end) revert RoundEnded(roundId, round.end);
+        if (votes.length != round.votes.length) revert InvalidBallot(votes.length, round.votes.length);
+        if (members.getPastVotes(msg.sender, round.start - 1) == 0) revert NotAMember(msg.sender);
+        uint256[] memory before = _ballots[roundId][msg.sender];
+        uint256 spent = 0;
+        uint256 total = round.total;
+        for (uint256 i = 0; i < votes.length; ++i) {
+            // Before squaring, which could overflow.
+            if (votes[i] > CREDITS) revert TooFewCredits(msg.sender, votes[i], CREDITS);
+            spent += votes[i] * votes[i];
+            uint256 old = before.length == 0 ? 0 : before[i];
+            round.votes[i] = round.votes[i] + votes[i] - old;
+            total = total + votes[i] - old;
+        }
+        if (spent > CREDITS) revert TooFewCredits(msg.sender, spent, CREDITS);
+        round.total = total;
+        _ballots[roundId][msg.sender] = votes;
+        emit BudgetVoteCast(roundId, msg.sender, votes);
+    }
+
+    /// @notice Pay one recipient its share, once, after the end. By anybody; what the division leaves stays in the
+    /// treasury, and everything where nobody voted.
+    function pay(uint256 roundId, uint256 index) external {
+        Round storage round = _get(roundId);
+        if (block.timestamp < round.end) revert RoundNotEnded(roundId, round.end);
+        if (_paid[roundId][index]) revert PaidAlready(roundId, index);
+        _paid[roundId][index] = true;
+        address recipient = round.recipients[index];
+        uint256 share = round.total == 0 ? 0 : round.amount * round.votes[index] / round.total;
+        emit BudgetPaid(roundId, recipient, share);
+        organization.withdraw(recipient, share);
+    }
+
+    function roundOf(uint256 roundId) external view returns (Round memory) {
+        return _get(roundId);
+    }
+
+    function _get(uint256 roundId) private view returns (Round storage) {
+        if (roundId >= _rounds.length) revert UnknownRound(roundId);
+        return _rounds[roundId];
+    }
+}

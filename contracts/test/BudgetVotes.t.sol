@@ -1,0 +1,176 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {IGovernor} from "@openzeppelin/contracts/governance/IGovernor.sol";
+import {BudgetVotes} from "../src/governance/BudgetVotes.sol";
+import {MemberVotes} from "../src/governance/MemberVotes.sol";
+import {OrganizationGovernor} from "../src/governance/OrganizationGovernor.sol";
+import {OrganizationTimelock} from "../src/governance/OrganizationTimelock.sol";
+import {WrappedVotes} from "../src/governance/WrappedVotes.sol";
+import {Fixture} from "./Fixture.sol";
+
+/// @notice Members split money by quadratic votes; owners vote by what they have wrapped.
+contract BudgetVotesTest is Fixture {
+    MemberVotes private members;
+    BudgetVotes private rounds;
+    address[] private recipients = [makeAddr("repairs"), makeAddr("energy")];
+
+    function setUp() public override {
+        super.setUp();
+        members = new MemberVotes(organization);
+        rounds = new BudgetVotes(organization, members);
+        bytes32 role = organization.TREASURER_ROLE();
+        vm.prank(admin);
+        organization.grantRole(role, address(rounds));
+        _admit(alice);
+        _admit(bob);
+        vm.warp(block.timestamp + 1);
+    }
+
+    function _admit(address account) private {
+        vm.prank(admin);
+        organization.admit(account);
+        members.sync(account);
+    }
+
+    function _open(uint96 amount) private returns (uint256 roundId) {
+        vm.prank(admin);
+        roundId = rounds.open(recipients, amount, 1 days);
+    }
+
+    function _vote(address who, uint256 roundId, uint256 first, uint256 second) private {
+        uint256[] memory votes = new uint256[](2);
+        (votes[0], votes[1]) = (first, second);
+        vm.prank(who);
+        rounds.vote(roundId, votes);
+    }
+
+    function test_theAmountIsSplitAsTheVotesAre() public {
+        uint256 roundId = _open(100 ether);
+        _vote(alice, roundId, 10, 0);
+        // Changed before the end: only the last ballot counts.
+        _vote(bob, roundId, 10, 0);
+        _vote(bob, roundId, 6, 4);
+        vm.warp(block.timestamp + 1 days);
+        rounds.pay(roundId, 0);
+        rounds.pay(roundId, 1);
+        assertEq(coin.balanceOf(recipients[0]), 80 ether);
+        assertEq(coin.balanceOf(recipients[1]), 20 ether);
+        assertEq(coin.balanceOf(address(organization)), 1900 ether);
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.PaidAlready.selector, roundId, 0));
+        rounds.pay(roundId, 0);
+    }
+
+    /// @notice The Sybil bound: one identity moves at most √CREDITS votes, k admitted ones k times as many, and accounts
+    /// that nobody admitted, or too late, none.
+    function test_votesGrowWithIdentitiesAndNotWithMoney() public {
+        uint256 credits = rounds.CREDITS();
+        uint256 roundId = _open(100 ether);
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.TooFewCredits.selector, alice, 121, credits));
+        _vote(alice, roundId, 11, 0);
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.TooFewCredits.selector, alice, 101, credits));
+        _vote(alice, roundId, 10, 1);
+        vm.expectRevert(
+            abi.encodeWithSelector(BudgetVotes.TooFewCredits.selector, alice, type(uint256).max, credits)
+        );
+        _vote(alice, roundId, type(uint256).max, 0);
+        _admit(robot1);
+        vm.warp(block.timestamp + 1);
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.NotAMember.selector, robot1));
+        _vote(robot1, roundId, 1, 0);
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.NotAMember.selector, stranger));
+        _vote(stranger, roundId, 1, 0);
+
+        address[5] memory sybils;
+        for (uint160 i = 0; i < 5; ++i) {
+            sybils[i] = address((i + 1) << 96);
+            _admit(sybils[i]);
+        }
+        vm.warp(block.timestamp + 1);
+        roundId = _open(100 ether);
+        for (uint256 i = 0; i < 5; ++i) {
+            _vote(sybils[i], roundId, 0, 10);
+        }
+        assertEq(rounds.roundOf(roundId).votes[1], 5 * 10);
+    }
+
+    function test_votesAreTakenUntilTheEndAndPaidAfterIt() public {
+        uint256 roundId = _open(100 ether);
+        uint256 end = block.timestamp + 1 days;
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.RoundNotEnded.selector, roundId, end));
+        rounds.pay(roundId, 0);
+        vm.warp(end);
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.RoundEnded.selector, roundId, end));
+        _vote(alice, roundId, 1, 1);
+        // Nobody voted: nothing is paid.
+        rounds.pay(roundId, 0);
+        assertEq(coin.balanceOf(recipients[0]), 0);
+    }
+
+    function test_roundsThatCannotBeAreRefused() public {
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.NotAdministrator.selector, alice));
+        vm.prank(alice);
+        rounds.open(recipients, 1, 1);
+        vm.startPrank(admin);
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.InvalidRound.selector, 0, 16, 1));
+        rounds.open(new address[](0), 1, 1);
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.InvalidRound.selector, 17, 16, 1));
+        rounds.open(new address[](17), 1, 1);
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.InvalidRound.selector, 2, 16, 0));
+        rounds.open(recipients, 1, 0);
+        vm.stopPrank();
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.UnknownRound.selector, 0));
+        rounds.pay(0, 0);
+        uint256 roundId = _open(1);
+        vm.expectRevert(abi.encodeWithSelector(BudgetVotes.InvalidBallot.selector, 1, 2));
+        vm.prank(alice);
+        rounds.vote(roundId, new uint256[](1));
+    }
+
+    function test_ownersVoteByWhatTheyHaveWrappedAndNotByWhatIsInEscrow() public {
+        WrappedVotes votes = new WrappedVotes(coin);
+        uint64 nonce = vm.getNonce(address(this));
+        OrganizationTimelock timelock =
+            new OrganizationTimelock(2 days, vm.computeCreateAddress(address(this), nonce + 1));
+        OrganizationGovernor governor = new OrganizationGovernor(votes, timelock, 3 days, 1 ether, 25);
+        vm.startPrank(alice);
+        coin.approve(address(votes), type(uint256).max);
+        votes.depositFor(alice, 600 ether);
+        vm.stopPrank();
+        vm.startPrank(bob);
+        coin.approve(address(votes), type(uint256).max);
+        votes.depositFor(bob, 500 ether);
+        vm.stopPrank();
+        // The rest of what alice owns works in escrow.
+        post(alice, 1400 ether);
+        vm.warp(block.timestamp + 1);
+        assertEq(votes.getPastVotes(alice, block.timestamp - 1), 600 ether);
+        assertEq(votes.getPastVotes(address(tasks), block.timestamp - 1), 0);
+        assertEq(votes.decimals(), coin.decimals());
+
+        address[] memory targets = new address[](1);
+        bytes[] memory calldatas = new bytes[](1);
+        (targets[0], calldatas[0]) =
+        (address(organization), abi.encodeCall(organization.setMembersOnly, (true)));
+        vm.prank(alice);
+        uint256 proposalId = governor.propose(targets, new uint256[](1), calldatas, "");
+        vm.warp(block.timestamp + 1);
+        // What is wrapped after the proposal, or taken back, changes nothing in it.
+        vm.prank(robot1);
+        coin.transfer(bob, 1000 ether);
+        vm.prank(bob);
+        votes.depositFor(bob, 1000 ether);
+        vm.prank(alice);
+        votes.withdrawTo(alice, 600 ether);
+        assertEq(coin.balanceOf(alice), 600 ether);
+        vm.prank(bob);
+        governor.castVote(proposalId, 0);
+        vm.prank(alice);
+        governor.castVote(proposalId, 1);
+        (uint256 against, uint256 inFavour,) = governor.proposalVotes(proposalId);
+        assertEq(against, 500 ether);
+        assertEq(inFavour, 600 ether);
+        vm.warp(governor.proposalDeadline(proposalId) + 1);
+        assertEq(uint8(governor.state(proposalId)), uint8(IGovernor.ProposalState.Succeeded));
+    }
+}

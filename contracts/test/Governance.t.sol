@@ -1,0 +1,242 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
+import {IGovernor} from "@openzeppelin/contracts/governance/IGovernor.sol";
+import {TimelockController} from "@openzeppelin/contracts/governance/TimelockController.sol";
+import {MemberVotes} from "../src/governance/MemberVotes.sol";
+import {OrganizationGovernor} from "../src/governance/OrganizationGovernor.sol";
+import {OrganizationTimelock} from "../src/governance/OrganizationTimelock.sol";
+import {Terms} from "../src/interfaces/IOrganization.sol";
+import {ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {Fixture} from "./Fixture.sol";
+
+/// @notice An organization whose members decide by votes, with a timelock as its administrator.
+contract GovernanceTest is Fixture {
+    uint256 private constant DELAY = 2 days;
+    uint32 private constant VOTING_PERIOD = 3 days;
+    uint8 private constant AGAINST = 0;
+    uint8 private constant FOR = 1;
+
+    MemberVotes private votes;
+    OrganizationTimelock private timelock;
+    OrganizationGovernor private governor;
+    uint256 private serviceId;
+
+    // What the tests propose.
+    address[] private targets = new address[](1);
+    uint256[] private values = new uint256[](1);
+    bytes[] private calldatas = new bytes[](1);
+    string private description = "a higher price";
+
+    function setUp() public override {
+        super.setUp();
+        votes = new MemberVotes(organization);
+        uint64 nonce = vm.getNonce(address(this));
+        timelock = new OrganizationTimelock(DELAY, vm.computeCreateAddress(address(this), nonce + 1));
+        governor = new OrganizationGovernor(votes, timelock, VOTING_PERIOD, 1, 25);
+        vm.startPrank(admin);
+        serviceId = organization.registerService(CLEANING, 80 ether, "");
+        organization.admit(alice);
+        organization.admit(bob);
+        organization.admit(robot1);
+        // So that proposals set the prices of the organization's services.
+        organization.grantRole(organization.OPERATOR_ROLE(), address(timelock));
+        organization.beginDefaultAdminTransfer(address(timelock));
+        vm.stopPrank();
+        address[3] memory members = [alice, bob, robot1];
+        for (uint256 i = 0; i < members.length; ++i) {
+            votes.sync(members[i]);
+        }
+        vm.warp(block.timestamp + 1);
+        timelock.acceptAdministration(organization);
+        (targets[0], calldatas[0]) =
+        (
+            address(organization),
+            abi.encodeCall(organization.updateService, (serviceId, 90 ether, ServiceState.Active))
+        );
+        vm.warp(block.timestamp + 1);
+    }
+
+    function _propose(address who) private returns (uint256 proposalId) {
+        vm.prank(who);
+        proposalId = governor.propose(targets, values, calldatas, description);
+        vm.warp(block.timestamp + 1);
+    }
+
+    function _vote(address who, uint256 proposalId, uint8 support) private {
+        vm.prank(who);
+        governor.castVote(proposalId, support);
+    }
+
+    function _endVote(uint256 proposalId) private {
+        vm.warp(governor.proposalDeadline(proposalId) + 1);
+    }
+
+    function _queue() private {
+        governor.queue(targets, values, calldatas, keccak256(bytes(description)));
+    }
+
+    function _execute() private {
+        governor.execute(targets, values, calldatas, keccak256(bytes(description)));
+    }
+
+    function _assertState(uint256 proposalId, IGovernor.ProposalState expected) private view {
+        assertEq(uint8(governor.state(proposalId)), uint8(expected));
+    }
+
+    /// @dev Alice proposes it, everybody agrees, and the delay passes.
+    function _decide(bytes memory call) private {
+        calldatas[0] = call;
+        uint256 proposalId = _propose(alice);
+        _vote(alice, proposalId, FOR);
+        _vote(bob, proposalId, FOR);
+        _endVote(proposalId);
+        _queue();
+        vm.warp(block.timestamp + DELAY);
+        _execute();
+    }
+
+    function test_aVoteChangesAPriceAfterTheDelay() public {
+        uint256 proposalId = _propose(alice);
+        _vote(alice, proposalId, FOR);
+        _vote(bob, proposalId, FOR);
+        _vote(robot1, proposalId, AGAINST);
+        _endVote(proposalId);
+        _queue();
+        uint256 ready = block.timestamp + DELAY;
+        vm.warp(ready - 1);
+        vm.expectPartialRevert(TimelockController.TimelockUnexpectedOperationState.selector);
+        _execute();
+        assertEq(services.service(serviceId).price, 80 ether);
+        vm.warp(ready);
+        vm.prank(stranger);
+        _execute();
+        assertEq(services.service(serviceId).price, 90 ether);
+    }
+
+    function test_proposalsSetTermsBudgetsJudgesAndMembers() public {
+        _decide(abi.encodeCall(organization.setTerms, (Terms(10 ether, 5 ether, 3))));
+        assertEq(organization.terms().bond, 10 ether);
+        bytes32 treasurers = organization.TREASURER_ROLE();
+        _decide(abi.encodeCall(organization.setBudget, (treasurers, 100 ether, 1 days)));
+        assertEq(organization.budgetOf(treasurers).amount, 100 ether);
+        bytes32 oracles = organization.ORACLE_ROLE();
+        _decide(abi.encodeCall(organization.grantRole, (oracles, robot3)));
+        assertTrue(organization.hasRole(oracles, robot3));
+        _decide(abi.encodeCall(organization.admit, (robot2)));
+        assertTrue(organization.isMember(robot2));
+    }
+
+    function test_nobodyDecidesPastTheTimelock() public {
+        bytes32 role = organization.DEFAULT_ADMIN_ROLE();
+        address[3] memory others = [admin, alice, address(governor)];
+        for (uint256 i = 0; i < others.length; ++i) {
+            vm.expectRevert(
+                abi.encodeWithSelector(
+                    IAccessControl.AccessControlUnauthorizedAccount.selector, others[i], role
+                )
+            );
+            vm.prank(others[i]);
+            organization.setMembersOnly(true);
+        }
+        bytes32 proposer = timelock.PROPOSER_ROLE();
+        vm.expectRevert(
+            abi.encodeWithSelector(IAccessControl.AccessControlUnauthorizedAccount.selector, admin, proposer)
+        );
+        vm.prank(admin);
+        timelock.schedule(address(organization), 0, calldatas[0], 0, 0, DELAY);
+    }
+
+    function test_aMinorityDecidesNothing() public {
+        uint256 proposalId = _propose(alice);
+        _vote(alice, proposalId, FOR);
+        _vote(bob, proposalId, AGAINST);
+        _vote(robot1, proposalId, AGAINST);
+        _endVote(proposalId);
+        _assertState(proposalId, IGovernor.ProposalState.Defeated);
+        vm.expectPartialRevert(IGovernor.GovernorUnexpectedProposalState.selector);
+        _queue();
+    }
+
+    function test_withoutAQuorumNothingIsDecided() public {
+        uint256 proposalId = _propose(alice);
+        _endVote(proposalId);
+        _assertState(proposalId, IGovernor.ProposalState.Defeated);
+    }
+
+    function test_whoIsNoMemberNeitherProposesNorCounts() public {
+        vm.expectRevert(
+            abi.encodeWithSelector(IGovernor.GovernorInsufficientProposerVotes.selector, stranger, 0, 1)
+        );
+        _propose(stranger);
+        uint256 proposalId = _propose(alice);
+        _vote(stranger, proposalId, FOR);
+        (, uint256 inFavour,) = governor.proposalVotes(proposalId);
+        assertEq(inFavour, 0);
+    }
+
+    /// @notice The Sybil bound: k accounts that the members admit have k votes, and none in what was proposed before;
+    /// accounts that nobody admitted have none, however much they own and however many they are.
+    function test_anIdentityHasOneVoteAndOnlyOnceItIsAdmitted() public {
+        for (uint160 i = 1; i <= 20; ++i) {
+            address sybil = address(i << 96);
+            vm.prank(alice);
+            coin.transfer(sybil, 1 ether);
+            votes.sync(sybil);
+            assertEq(votes.getVotes(sybil), 0);
+        }
+        calldatas[0] = abi.encodeCall(organization.admit, (robot2));
+        uint256 first = _propose(alice);
+        _vote(alice, first, FOR);
+        _vote(bob, first, FOR);
+        _endVote(first);
+        _queue();
+        description = "proposed before the admission";
+        uint256 before = _propose(alice);
+        vm.warp(block.timestamp + DELAY);
+        description = "a higher price";
+        _execute();
+        votes.sync(robot2);
+        votes.sync(robot2);
+        vm.warp(block.timestamp + 1);
+        assertEq(votes.getVotes(robot2), 1);
+        assertEq(votes.getPastTotalSupply(block.timestamp - 1), 4);
+        _vote(robot2, before, FOR);
+        (, uint256 inFavour,) = governor.proposalVotes(before);
+        assertEq(inFavour, 0);
+        description = "proposed after it";
+        uint256 afterwards = _propose(robot2);
+        _vote(robot2, afterwards, FOR);
+        (, inFavour,) = governor.proposalVotes(afterwards);
+        assertEq(inFavour, 1);
+    }
+
+    function test_votesAreNotDelegated() public {
+        vm.startPrank(alice);
+        vm.expectRevert(abi.encodeWithSelector(MemberVotes.NotDelegable.selector, alice));
+        votes.delegate(bob);
+        vm.expectRevert(abi.encodeWithSelector(MemberVotes.NotDelegable.selector, alice));
+        votes.delegateBySig(bob, 0, type(uint256).max, 0, 0, 0);
+    }
+
+    function test_whoIsDismissedDoesNotVoteAnyMore() public {
+        _decide(abi.encodeCall(organization.dismiss, (bob)));
+        description = "without bob";
+        uint256 proposalId = _propose(alice);
+        // Also before anybody has told the votes.
+        _vote(bob, proposalId, FOR);
+        (, uint256 inFavour,) = governor.proposalVotes(proposalId);
+        assertEq(inFavour, 0);
+        votes.sync(bob);
+        vm.warp(block.timestamp + 1);
+        assertEq(votes.getPastTotalSupply(block.timestamp - 1), 2);
+        assertEq(votes.getVotes(bob), 0);
+    }
+
+    function test_theTimelockAcceptsOnlyWhatItIsOffered() public {
+        found(coin);
+        vm.expectPartialRevert(bytes4(keccak256("AccessControlInvalidDefaultAdmin(address)")));
+        timelock.acceptAdministration(organization);
+    }
+}
