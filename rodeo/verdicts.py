@@ -8,6 +8,9 @@ from rodeo.kinds import Kinds
 from rodeo.queries import Transaction
 
 POSTED = "VerdictPosted"
+VOTED = "VotesCounted"
+COMMITTEE = "committee"
+"""The judge where several oracles agreed: whoever sent their votes judged nothing."""
 
 
 def is_peoples_verdict(
@@ -25,13 +28,14 @@ def is_peoples_verdict(
 
 
 def judge_of(transactions: Iterable[Transaction], tx_hash: str | None = None) -> str | None:
-    """Whose key posted the newest verdict, or the one in `tx_hash`: name or address; None if unknown.
+    """Whose key posted the newest verdict, or the one in `tx_hash`: name or address, or COMMITTEE; None if
+    unknown.
 
     `transactions` are a task's as the index tells them, the newest first.
     """
     for one in transactions:
         if POSTED in one.events and tx_hash in (None, one.tx_hash):
-            return one.sender_name or one.sender
+            return COMMITTEE if VOTED in one.events else one.sender_name or one.sender
     return None
 
 

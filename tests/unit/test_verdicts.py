@@ -52,3 +52,8 @@ def test_the_judge_is_whose_key_posted_the_newest_verdict() -> None:
         posted("0x1", "oracle", "VerdictPosted"),
     ]
     assert (judge_of(told), judge_of(told, "0x1"), judge_of(told[:1])) == ("0x12", "oracle", None)
+    voted = [posted("0x4", "anna", "VotesCounted", "VerdictPosted", "TaskSettled"), *told]
+    assert judge_of(voted) == "committee"  # whoever sent the votes judged nothing
+    assert verdict_words("accepted", "accepted", judge_of(voted), by_people=False) == (
+        "accepted by the oracle committee: all its checks passed"
+    )
