@@ -86,10 +86,14 @@ class Votes:
         subscription = self._bus.subscribe_json(everybodys, self._on_vote)
         with self._clock.acting():
             while not stop.is_set():
-                self._forget()
-                self._repeat()
-                for key in self._due():
-                    self._post(key)
+                try:
+                    self._forget()
+                    self._repeat()
+                    for key in self._due():
+                        self._post(key)
+                except Exception:
+                    # The next votes must be posted whatever happened to these.
+                    log.exception("votes were not published or posted")
                 self._clock.wait_for(lambda: bool(self._due()), stop, wall_s=self._pause_s(), resting=True)
         subscription.undeclare()
 

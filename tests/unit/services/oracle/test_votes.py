@@ -1,0 +1,156 @@
+"""What an oracle makes of the votes of others, without a bus."""
+
+from __future__ import annotations
+
+import threading
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from eth_account import Account
+
+from rodeo import topics, votes
+from rodeo.clock import WallClock
+from rodeo.config import JudgeConfig, Site
+from rodeo.errors import RemoteError
+from rodeo.messages import PostVotes, SignedVote, Vote
+from services.oracle.votes import Votes
+from tests.support.site import LAB
+from tests.support.tasks import task
+
+NAMES = ("anna", "bert", "carl", "dora", "erin")
+KEYS = {name: Account.from_key("0x" + f"{number:02x}" * 32) for number, name in enumerate(NAMES, start=1)}
+CHAIN = {"chain_id": 31_337, "contracts": {"OracleCommittee": "0x" + "00" * 19 + "07"}}
+
+
+def vote(**changes: Any) -> Vote:
+    given = {
+        "task_id": 1,
+        "attempt": 1,
+        **{f"{what}_sha256": "0x" + "3d" * 32 for what in ("proof", "report", "rules")},
+        "outcome": "accepted",
+        "amount_iec": "80",
+        "reason": "accepted",
+    }
+    return Vote.model_validate(given | changes)
+
+
+def signed(name: str, said: Vote | None = None) -> SignedVote:
+    said = said or vote()
+    signature = votes.sign(said, KEYS[name], CHAIN["chain_id"], CHAIN["contracts"]["OracleCommittee"])  # type: ignore[arg-type, index]
+    return SignedVote(vote=said, report_uri=f"{name}.json", signature=signature)
+
+
+class Anna:
+    """One of five oracles, of whom three have to agree, with bus and bridge in the test's hands."""
+
+    def __init__(self) -> None:
+        self.posted: list[PostVotes] = []
+        self.refused: dict[str, str] = {}
+        """Oracle whose vote the contract does not count -> the contract's error."""
+        self.published: list[SignedVote] = []
+        self.waits = True
+        devices = [
+            SimpleNamespace(role="oracle", name=name, address=key.address, revoked=None)
+            for name, key in KEYS.items()
+        ]
+        wallet = SimpleNamespace(
+            state=lambda _what: CHAIN,
+            ask=lambda _query: SimpleNamespace(devices=devices),
+            command=self._command,
+        )
+        site = Site.load(LAB).model_copy(update={"oracles": [JudgeConfig(name=name) for name in NAMES]})
+        bus = SimpleNamespace(
+            put_json=lambda _key, one: self.published.append(one),
+            subscribe_json=lambda _key, on_vote: SimpleNamespace(undeclare=lambda: None),
+        )
+        self.votes = Votes(
+            site,
+            "anna",
+            KEYS["anna"],
+            bus,  # type: ignore[arg-type]
+            wallet,  # type: ignore[arg-type]
+            WallClock(),
+            lambda _task, _attempt: self.waits,
+            lambda: None,
+        )
+        self.done = threading.Event()
+
+    def hear(self, name: str, one: SignedVote) -> None:
+        key = topics.VOTE.name(org="lab", judge=name)
+        self.votes._on_vote(key, one.model_dump(mode="json"))
+
+    def vote(self) -> None:
+        self.votes.cast(task("submitted"), vote(), "anna.json")
+
+    def held(self) -> dict[str, str]:
+        return {name: said for one in self.votes.held() for name, said in one["votes"].items()}
+
+    def run(self, until: int) -> None:
+        """Let it work until it has posted so many times."""
+        self._until = until
+        worker = threading.Thread(target=self.votes.run, args=(self.done,), daemon=True)
+        worker.start()
+        assert self.done.wait(20), self.posted
+        worker.join(20)
+
+    def _command(self, name: str, request: PostVotes) -> None:
+        assert name == "post_votes"
+        self.posted.append(request)
+        if len(self.posted) >= self._until:
+            self.done.set()
+        for judge, code in self.refused.items():
+            if signed(judge).signature in request.signatures:
+                raise RemoteError(code, "refused", {"judge": KEYS[judge].address})
+        self.waits = False
+
+
+@pytest.fixture
+def anna() -> Anna:
+    return Anna()
+
+
+def test_votes_that_came_before_its_own_count_and_it_posts_what_it_completes(anna: Anna) -> None:
+    anna.hear("bert", signed("bert"))
+    anna.hear("carl", signed("carl"))
+    assert anna.held() == {}
+    anna.vote()
+    assert anna.published == [signed("anna")]
+    anna.run(until=1)
+    (request,) = anna.posted
+    assert request.signatures == [signed(name).signature for name in ("anna", "bert", "carl")]
+    assert request.report_uri == "anna.json"
+
+
+def test_a_vote_that_another_key_signed_is_nobodys(anna: Anna) -> None:
+    anna.vote()
+    anna.hear("bert", signed("erin"))
+    anna.hear("nobody", signed("erin"))
+    assert anna.held() == {"anna": "accepted"}
+
+
+def test_votes_for_something_else_do_not_make_a_verdict(anna: Anna) -> None:
+    anna.vote()
+    anna.hear("bert", signed("bert"))
+    anna.hear("carl", signed("carl", vote(report_sha256="0x" + "11" * 32)))
+    anna.hear("erin", signed("erin", vote(outcome="rejected", amount_iec="0")))
+    assert anna.held() == {"anna": "accepted", "bert": "accepted", "carl": "accepted", "erin": "rejected"}
+    assert anna.votes._due() == [] and anna.votes._pause_s() == 1.0
+
+
+def test_what_the_contract_does_not_count_is_left_out(anna: Anna) -> None:
+    anna.refused["bert"] = "judge_is_party"
+    for name in ("bert", "carl", "dora"):
+        anna.hear(name, signed(name))
+    anna.vote()
+    anna.run(until=2)
+    assert [len(one.signatures) for one in anna.posted] == [3, 3]
+    assert anna.posted[1].signatures == [signed(name).signature for name in ("anna", "carl", "dora")]
+
+
+def test_nothing_is_kept_of_what_has_its_verdict(anna: Anna) -> None:
+    anna.vote()
+    anna.waits = False
+    anna.hear("bert", signed("bert"))
+    anna.votes._forget()
+    assert anna.votes.keys() == set() and anna.held() == {}
