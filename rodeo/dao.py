@@ -63,6 +63,14 @@ def cannot_do(site: Site, participant: str, kind: str) -> str:
     return "" if able else f"{participant} cannot do {kind}: {does}"
 
 
+def most_offers(site: Site, participant: str, kind: str) -> int:
+    """How many services of a kind a participant may offer at a time. Each does one task at a time: a robot
+    and a person need one, the organization one for each dock of the site."""
+    energy = kinds_of(site).providing("energy")
+    sells = participant == ORGANIZATION and energy is not None and kind == energy.name
+    return max(1, len(site.docks)) if sells else 1
+
+
 class Assignment(BaseModel):
     """One attempt at a task, as no other chain, contracts or assignment has it.
 
@@ -110,12 +118,12 @@ class Participant:
         return sorted(mine, key=lambda task: (task.assigned or 0.0, task.id))
 
     def own_service(self, kind: str) -> Offer | None:
-        """The service of this kind that this participant offers, unless it is retired."""
-        for service in self.ask(queries.SERVICES).services:
-            mine = service.provider_name == self.name and service.kind == kind
-            if mine and service.state != "retired":
-                return service
-        return None
+        """The service of this kind that this participant offers, the oldest of several; no retired one."""
+        return next(iter(self._own_services(kind)), None)
+
+    def _own_services(self, kind: str) -> list[Offer]:
+        services = self.ask(queries.SERVICES, provider=self.name, kind=kind).services
+        return [service for service in services if service.state != "retired"]
 
     def binding(self, task: Task, device: str) -> Binding:
         """What ties a recording by `device` to this assignment."""
@@ -161,17 +169,18 @@ class Participant:
 
     # -- commands --------------------------------------------------------------------------------------
 
-    def offer_service(self, kind: str, price_iec: Decimal, description: str) -> Offer | None:
-        """Register the service, or bring price and state of the one that there is in line.
+    def offer_service(self, kind: str, price_iec: Decimal, description: str, number: int = 0) -> Offer | None:
+        """Register the service, or bring price and state of the one that there is in line. `number` counts
+        from 0 where this participant offers several (`most_offers`): begin with 0.
 
         Returns the service as it was before, None when there was none. Doing it twice changes nothing.
         """
-        service = self.own_service(kind)
+        service = next(iter(self._own_services(kind)[number:]), None)
         if service is None:
             self.command(
                 "register_service",
                 RegisterService(
-                    request_id=f"service-{self.name}-{kind}",
+                    request_id=f"service-{self.name}-{kind}" + (f"-{number}" if number else ""),
                     kind=kind,
                     price_iec=price_iec,
                     description=description,

@@ -348,7 +348,7 @@ class Wallet:
     def _register_service(self, command: RegisterService) -> list[Call]:
         self._require_kind(command.kind)
         self._require_able(command.kind)
-        self._require_first_offer(command)
+        self._require_room_for(command)
         price = to_wei(command.price_iec)
         bond = self._bond()
         self._require_funds(self.address, bond)
@@ -507,7 +507,7 @@ class Wallet:
         if reason := self.names.cannot_do(self.participant, kind):
             raise CannotDo(reason, participant=self.participant, kind=kind)
 
-    def _require_first_offer(self, command: RegisterService) -> None:
+    def _require_room_for(self, command: RegisterService) -> None:
         kind = command.kind
         request_id, sent = self._offering.get(kind, (None, None))
         if sent is not None and not sent.done():
@@ -516,10 +516,13 @@ class Wallet:
             raise AlreadyOffered(
                 f"{self.participant} is offering {kind} already; its transaction is not mined yet", kind=kind
             )
-        for service in self.index.offers(self.address, kind):
+        offers, most = self.index.offers(self.address, kind), self.names.most_offers(self.participant, kind)
+        if len(offers) >= most:
+            service = offers[-1]
             raise AlreadyOffered(
                 f"{self.participant} offers {kind} already, as service {service['id']}, which is "
                 f"{service['state']}: change that one's price or state, or withdraw it first",
+                most_offers=most,
                 kind=kind,
                 service_id=service["id"],
                 state=service["state"],

@@ -7,7 +7,7 @@ from eth_utils import is_address, to_checksum_address
 from rodeo import wallets
 from rodeo.chain import Deployment, Policy
 from rodeo.config import Site, oracle_names
-from rodeo.dao import cannot_do
+from rodeo.dao import cannot_do, most_offers
 from services.bridge.errors import UnknownParticipant
 
 ORGANIZATION = "organization"
@@ -54,6 +54,10 @@ class Names:
     def cannot_do(self, name: str, kind: str) -> str:
         """Why the participant cannot do work of this kind; empty where it can."""
         return cannot_do(self._site, name, kind)
+
+    def most_offers(self, name: str, kind: str) -> int:
+        """How many services of this kind the participant may offer at a time."""
+        return most_offers(self._site, name, kind)
 
     def address(self, who: str) -> str:
         """The address of a participant, or `who` itself where it is one. Raises UnknownParticipant."""

@@ -1,4 +1,4 @@
-"""A site with two bins and two docks: work is done, proven and paid at the second of each."""
+"""Two bins, two docks, two robots: work is done at the second bin, and both docks charge at the same time."""
 
 from __future__ import annotations
 
@@ -24,6 +24,11 @@ agent.explore_when_idle = false
 name = "panther1"
 pose = {{ x_m = 1.4, y_m = 1.3 }}
 battery = {{ soc = 0.8 }}
+
+[[robots]]
+name = "panther2"
+pose = {{ x_m = 3.6, y_m = 4.1 }}
+battery = {{ soc = 0.8 }}
 """
 
 
@@ -34,30 +39,42 @@ def organization(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -
     running.deploy_contracts()
     names = [process.name for process in processes_of(running.site)]
     running.start(*(name for name in names if name not in ("router", "chain", "console")))
-    organization = Organization(running)
+    organization = Organization(running, wait_s=300.0)
     yield organization
     organization.close()
     running.stop()
 
 
-@pytest.mark.timeout(500)
-def test_a_task_names_the_second_bin_and_a_charge_the_second_dock(organization: Organization) -> None:
+@pytest.mark.timeout(900)
+def test_a_task_names_the_second_bin_and_two_docks_charge_at_once(organization: Organization) -> None:
     running = organization.running
     params = {"item_id": "item1", "x_m": 4.6, "y_m": 1.2, "bin": "bin_east"}
     cleaning = organization.post("item1", params=params)
     organization.wait_for_event("TaskSettled", cleaning)
     task = organization.task(cleaning)
-    logs = running.log("robot_agent") + running.log("itrash.bin_east")
+    worker = task["executor_name"]
+    logs = running.log(f"robot_agent.{worker}") + running.log("itrash.bin_east")
     assert (task["attempt"], task["verdict"]) == (1, "accepted"), f"{task}\n{logs}"
     proof = open_proof(Store(running.site).fetch(task["proof_uri"], task["proof_sha256"]))
     said = [parse(one.payload) for one in proof.attestations()]
     assert {one.device for one in said if isinstance(one, Drop)} == {"bin_east"}
 
-    # From the bin in the east the dock there is the nearer one.
-    running.bus.query(f"rodeo/{running.site.org}/robot/panther1/charge")
-    organization.wait_for_event("TaskSettled", cleaning + 1)
-    charge = organization.task(cleaning + 1)
-    assert (charge["kind"], charge["params"]["dock"]) == ("battery_charging", "dock_east")
-    assert charge["verdict"] == "accepted", f"{charge}\n{running.log('charger.dock_east')}"
-    proof = open_proof(Store(running.site).fetch(charge["proof_uri"], charge["proof_sha256"]))
-    assert proof.binding is not None and proof.binding.device == "dock_east"
+    # The second robot orders where nobody charges yet.
+    robots, docks = [one.name for one in running.site.robots], []
+    charges = list(range(cleaning + 1, cleaning + 1 + len(robots)))
+    for charge_id, robot in zip(charges, robots, strict=True):
+        running.bus.query(f"rodeo/{running.site.org}/robot/{robot}/charge")
+        organization.wait_for_event("TaskAssigned", charge_id)
+    for charge_id, robot in zip(charges, robots, strict=True):
+        organization.wait_for_event("TaskSettled", charge_id)
+        charge = organization.task(charge_id)
+        assert (charge["kind"], charge["params"]["robot"]) == ("battery_charging", robot)
+        docks.append(charge["params"]["dock"])
+        assert charge["verdict"] == "accepted", f"{charge}\n{running.log(f'charger.{docks[-1]}')}"
+        proof = open_proof(Store(running.site).fetch(charge["proof_uri"], charge["proof_sha256"]))
+        assert proof.binding is not None and proof.binding.device == docks[-1]
+    assert sorted(docks) == ["dock_east", "dock_west"]
+    told = [(event.name, event.task_id) for event in organization.events]
+    assert max(told.index(("TaskAssigned", one)) for one in charges) < min(
+        told.index(("ProofSubmitted", one)) for one in charges
+    )

@@ -11,7 +11,9 @@ from eth_account import Account
 
 from rodeo.charging import ChargingParams
 from rodeo.config import ClockConfig, Site
+from rodeo.dao import ORGANIZATION, most_offers
 from rodeo.evidence import Binding, Recorder
+from rodeo.kinds import providing_energy
 from rodeo.messages import Task
 from rodeo.topics import EVENT_CHANNEL
 from rodeo_kinds.battery_charging.harness.film import charging_chain_record
@@ -96,6 +98,17 @@ def test_of_several_docks_one_does_a_charge(named: dict[str, Any], chargers: lis
     moment = Take([Sample("", "", None, START_S * 10**9)])
     ordered = charging_chain_record(moment, named).task
     assert [dock.name for dock in site.docks if is_for(ordered, dock.name, site)] == chargers
+
+
+def test_an_organization_offers_energy_once_for_each_dock_and_everybody_else_a_kind_once() -> None:
+    site = Site.load(LAB.with_name("plural.toml"))
+    energy = providing_energy(site).name
+    for participant, kind, most in (
+        (ORGANIZATION, energy, 2),
+        (ORGANIZATION, "dusting", 1),
+        ("panther1", energy, 1),
+    ):
+        assert most_offers(site, participant, kind) == most
 
 
 def test_no_file_is_no_job_and_a_broken_one_an_error(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from rodeo.queries import A, Query
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing import answers
 from rodeo_testing.recordings import Take
-from services.oracle import process, worker
+from services.oracle import process, rules, worker
 from services.oracle.process import Oracle
 
 WAIT_S = 20.0
@@ -73,7 +73,7 @@ class Bridge:
         self.behind = 0
         """Questions that are still answered as before the submission."""
         self.broken = False
-        self.tell: Callable[[DaoEvent], None] = lambda _event: None
+        self.hearers: list[Callable[[DaoEvent], None]] = []
         self.verdicts: list[Any] = []
         self.posted = threading.Event()
 
@@ -100,7 +100,8 @@ class Bridge:
             "report_hash": "0x00",
             "report_uri": "",
         }
-        self.tell(event(self.current, 9, "VerdictPosted", **said))
+        for tell in self.hearers:
+            tell(event(self.current, 9, "VerdictPosted", **said))
         self.posted.set()
 
 
@@ -122,9 +123,10 @@ def bridge(cleaning: Take) -> Bridge:
 @pytest.fixture
 def oracle(
     site: Site, tmp_path: Path, bridge: Bridge, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[Callable[[], Oracle]]:
+) -> Iterator[Callable[..., Oracle]]:
     monkeypatch.setattr(process, "RETRY_S", 0.01)
     monkeypatch.setattr(process, "SWEEP_S", 0.05)
+    monkeypatch.setattr(rules, "_LOOK_S", 0.01)
     refused = Report(
         kind="waste_disposal",
         task_id=1,
@@ -138,23 +140,23 @@ def oracle(
     monkeypatch.setattr(worker, "verify_apart", lambda *_, **__: refused)
     stop = threading.Event()
     own = site.model_copy(update={"data_dir": tmp_path})
-    service = SimpleNamespace(
-        site=own,
-        stop=stop,
-        bus=None,
-        clock=HeldClock(),
-        data_dir=tmp_path,
-        activity=lambda *_, **__: None,
-        concern=lambda *_: None,
-    )
     threads: list[threading.Thread] = []
 
-    def start() -> Oracle:
+    def start(rules_sha256: str = RULES) -> Oracle:
+        service = SimpleNamespace(
+            site=own,
+            stop=stop,
+            bus=None,
+            clock=HeldClock(),
+            data_dir=tmp_path / rules_sha256,
+            activity=lambda *_, **__: None,
+            concern=lambda *_: None,
+        )
         made = Oracle(service, "oracle")  # type: ignore[arg-type]
-        made._judging.begin({"waste_disposal": RULES})
+        made._judging.begin({"waste_disposal": rules_sha256})
         made._wallet = bridge  # type: ignore[assignment]
-        bridge.tell = made._on_event
-        for target in (made._take_turns, made._sweep):
+        bridge.hearers.append(made._on_event)
+        for target in (made._take_turns, made._sweep, lambda: made._judging.run(stop)):
             threads.append(threading.Thread(target=target, daemon=True))
             threads[-1].start()
         return made
@@ -266,6 +268,21 @@ def test_a_report_by_other_rules_than_the_tasks_is_no_verdict(
     (verdict,) = bridge.verdicts
     assert (verdict.outcome, verdict.amount_iec) == ("undecided", None)
     assert verdict.reason.startswith("rules: no oracle that has the rules of this task has judged it")
+
+
+def test_of_two_oracles_with_different_rules_the_one_that_has_the_tasks_judges_it(
+    oracle: Callable[..., Oracle], bridge: Bridge
+) -> None:
+    bridge.current = bridge.current.model_copy(update={"verdict_deadline": time.time() + 3600})
+    updated, judge = oracle("0x" + "88" * 32), oracle(RULES)
+    submit(updated, bridge.current)
+    wait_until(lambda: updated._judging.keys() == {(bridge.current.id, bridge.current.attempt)})
+    assert "which this oracle lacks" in updated._judging.lacking() and not bridge.verdicts
+    submit(judge, bridge.current)
+    assert bridge.posted.wait(WAIT_S)
+    wait_until(lambda: not updated._judging.keys() and not judge._in_work)
+    assert [(one.outcome, one.reason) for one in bridge.verdicts] == [("rejected", "fetched")]
+    assert (judge._decided, updated._decided) == (1, 0)
 
 
 def wait_until(condition: Callable[[], bool]) -> None:

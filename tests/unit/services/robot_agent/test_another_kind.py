@@ -90,7 +90,7 @@ class Dao(RobotParticipant):
         state: Any = SimpleNamespace(id=kind, state=self.offers[kind]) if kind in self.offers else None
         return state
 
-    def offer_service(self, kind: str, price_iec: Decimal, description: str) -> Offer | None:
+    def offer_service(self, kind: str, price_iec: Decimal, description: str, number: int = 0) -> Offer | None:
         self.offers[kind] = "active"
         return None
 
