@@ -16,7 +16,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -89,12 +89,14 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
         deployment = _deploy(site, w3, administrator, say)
     client = ChainClient(site.chain.url, deployment)
     sent: Counter[str] = Counter()
-    for account, call in _missing_rules(site, client, administrator):
+    for account, call in _missing_rules(site, client, administrator, deployment.rules):
         client.send(account, call)
         sent[account.address] += 1
         say(f"{call.name} sent by {names[account.address]}")
     # Only now, so that whoever finds the record finds an organization that works.
-    deployment = deployment.model_copy(update={"sent": _sent(site, w3, deployment, sent)})
+    deployment = deployment.model_copy(
+        update={"sent": _sent(site, w3, deployment, sent), "rules": _known_rules(site, client, deployment)}
+    )
     path = deployment.save(site.data_dir)
     Deployment.path(_unfinished(site), deployment.chain_id).unlink(missing_ok=True)
     say(f"contracts on chain {deployment.chain_id} since block {deployment.block}: {path}")
@@ -260,9 +262,10 @@ def _first_holders(site: Site, organization: str, administrator: str) -> tuple[l
 
 
 def _missing_rules(
-    site: Site, client: ChainClient, administrator: LocalAccount
+    site: Site, client: ChainClient, administrator: LocalAccount, known: Sequence[str]
 ) -> Iterator[tuple[LocalAccount, Call]]:
-    """What has to be sent, and by whom, until the organization is set up as the site file says."""
+    """What has to be sent, and by whom, until the organization is set up as the site file says. `known` are
+    hashes that were current before."""
     calls = client.organization_calls
     roles = [
         (Role.OPERATOR, administrator.address),
@@ -295,7 +298,7 @@ def _missing_rules(
             if not rules.allowed or rules.review is not review:
                 yield administrator, calls.allow_kind(kind, review, bytes(32))
         elif not rules.allowed or rules.review is review:
-            for call in _missing_hash(client, declared):
+            for call in _missing_hash(client, declared, known if rules.allowed else ()):
                 yield administrator, call
             for call in _missing_judges(site, client, kind):
                 yield administrator, call
@@ -337,19 +340,38 @@ def _missing_judges(site: Site, client: ChainClient, kind: str) -> Iterator[Call
         yield client.calls.set_quorum(kind, *wanted)
 
 
-def _missing_hash(client: ChainClient, kind: Kind) -> Iterator[Call]:
+def _missing_hash(client: ChainClient, kind: Kind, known: Sequence[str]) -> Iterator[Call]:
     """What lets tasks of `kind` be posted under the rules that are installed, which the site's oracle has.
-    Those that were current stay so, as far as there is room: their tasks are judged by them."""
+    Those that were current stay so, as far as there is room: their tasks are judged by them. Installed rules
+    among the `known` ones that are not current were retired by somebody, and stay so."""
     # Imported here: what the checks use takes its time.
     from rodeo.checks.rules import rules_hash
 
-    calls, current = client.organization_calls, client.current_rules(kind.name)
-    installed = bytes.fromhex((rules_hash(kind) or "").removeprefix("0x"))
-    if installed in current:
+    calls, current, installed = client.organization_calls, client.current_rules(kind.name), rules_hash(kind)
+    digest = bytes.fromhex((installed or "").removeprefix("0x"))
+    if digest in current:
+        return
+    if installed in known:
+        log.warning(
+            "the installed rules %s of %s were retired and stay so: install the rules that are current, or "
+            "make these current again with `rodeo organization kind %s --review oracle`",
+            installed,
+            kind.name,
+            kind.name,
+        )
         return
     if len(current) == client.max_rules():
         yield calls.retire_rules(kind.name, current[0])
-    yield calls.allow_kind(kind.name, Review.ORACLE, installed)
+    yield calls.allow_kind(kind.name, Review.ORACLE, digest)
+
+
+def _known_rules(site: Site, client: ChainClient, deployment: Deployment) -> tuple[str, ...]:
+    """Those that were known, and the installed ones that are current now."""
+    from rodeo.checks.rules import rules_hash
+
+    current = {"0x" + one.hex() for kind in kinds_of(site) for one in client.current_rules(kind)}
+    installed = {rules_hash(kind) for kind in kinds_of(site).values()}
+    return tuple(sorted({*deployment.rules, *(current & installed)}))
 
 
 def _is_registered(client: ChainClient, device: str) -> bool:

@@ -30,6 +30,9 @@ class Deployment(BaseModel):
     sent: dict[str, int] = {}
     """Checksummed address of each wallet of the site -> transactions that it sent by itself or by the
     deployment step, and not by the bridge. The bridge's journal holds the rest."""
+    rules: tuple[str, ...] = ()
+    """Hashes of rules of installed kinds that the deployment step has found or made current. One that is not
+    current any more was retired, and stays so."""
 
     @field_validator("contracts")
     @classmethod
@@ -40,7 +43,7 @@ class Deployment(BaseModel):
 
     def is_same(self, other: Deployment) -> bool:
         """Whether it is of the same contracts on the same chain."""
-        return self.model_copy(update={"sent": other.sent}) == other
+        return self.model_copy(update={"sent": other.sent, "rules": other.rules}) == other
 
     def address(self, contract: str) -> ChecksumAddress:
         return to_checksum_address(self.contracts[contract])

@@ -12,7 +12,17 @@ import pytest
 from deploy import contracts
 from deploy.contracts import WithoutGasMoney
 from rodeo import wallets
-from rodeo.chain import ChainError, Deployment, DeploymentMismatch, NotDeployed, Role, artifacts, to_wei
+from rodeo.chain import (
+    Call,
+    ChainError,
+    Deployment,
+    DeploymentMismatch,
+    NotDeployed,
+    Review,
+    Role,
+    artifacts,
+    to_wei,
+)
 from rodeo.chain.client import connect
 from rodeo.chain.events import Transfer
 from rodeo.config import GovernanceConfig
@@ -80,8 +90,30 @@ def test_deploying_again_sends_nothing(organization: Organization) -> None:
     assert organization.client.w3.eth.block_number == before
 
 
+def test_installed_rules_that_were_retired_stay_so(
+    organization: Organization, caplog: pytest.LogCaptureFixture
+) -> None:
+    client, (kind, *_) = organization.client, kinds_of(organization.site)
+    (installed,) = client.current_rules(kind)
+    calls, other = client.organization_calls, bytes.fromhex("5e" * 32)
+
+    def send(call: Call) -> None:
+        client.send(organization.operator, call)
+
+    send(calls.allow_kind(kind, Review.ORACLE, other))
+    send(calls.retire_rules(kind, installed))
+    organization.deploy()
+    assert client.current_rules(kind) == [other]
+    assert installed.hex() in caplog.text and f"rodeo organization kind {kind} --review oracle" in caplog.text
+    # A kind that is not allowed at all is allowed again, as the site file says, and needs rules.
+    send(calls.disallow_kind(kind))
+    organization.deploy()
+    assert client.current_rules(kind) == [installed]
+
+
 def test_an_interrupted_deployment_goes_on_with_the_same_contracts(organization: Organization) -> None:
-    site, deployment = organization.site, organization.client.deployment
+    site = organization.site
+    deployment = Deployment.load(site.data_dir, CHAIN_ID)
     unfinished = Deployment.path(site.data_dir / "deployments" / "unfinished", CHAIN_ID)
     unfinished.parent.mkdir(parents=True, exist_ok=True)
     Deployment.path(site.data_dir, CHAIN_ID).replace(unfinished)
