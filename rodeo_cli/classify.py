@@ -21,15 +21,23 @@ class Unreadable(RodeoError):
 
 
 @reports_errors
-def classify(files: Photos, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
-    """Say what waste each photo shows, and which compartment of the site's first bin takes it."""
+def classify(
+    files: Photos,
+    site: SiteOption = DEFAULT_SITE,
+    bin_name: Annotated[
+        str | None, typer.Option("--bin", help="Which bin of the site; the first by default.", metavar="NAME")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Say what waste each photo shows, and which compartment of a bin of the site takes it."""
     # OpenCV takes its time to import; the other commands should not wait for it.
     import numpy as np
 
     from rodeo.vision.classifier import Classifier
     from services.itrash.behaviour import compartment_of
 
-    config = next(iter(Site.load(site).bins), None)
+    loaded = Site.load(site)
+    config = next(iter(loaded.bins), None) if bin_name is None else loaded.bin(bin_name)
     classifier = Classifier()
     classifier.logits(np.zeros((8, 8, 3), np.uint8))  # the first picture takes longer, whichever it is
     answers, failed = [], False

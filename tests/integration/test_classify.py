@@ -31,6 +31,27 @@ def test_each_photo_gets_one_line_with_its_class_compartment_and_time() -> None:
     assert first.endswith(" ms")
 
 
+def test_of_several_bins_one_can_be_named(tmp_path: Path) -> None:
+    path = tmp_path / "site.toml"
+    bins = LAB.with_name("plural.toml").read_text()
+    sorts = 'compartments = { left = ["paper", "cardboard", "plastic", "metal"], right = ["glass", "trash"] }'
+    path.write_text(
+        f"extends = {json.dumps(str(LAB))}\n"
+        + bins[bins.index("[lab]") :].replace('name = "bin_east"', f'name = "bin_east"\n{sorts}')
+    )
+
+    def told(*arguments: str) -> tuple[int, str]:
+        photo = str(RENDERINGS / "metal_1.jpg")
+        result = CliRunner().invoke(app, ["classify", "--site", str(path), photo, *arguments])
+        return result.exit_code, result.output
+
+    for arguments, compartment in ((), "yellow"), (("--bin", "bin_east"), "left"):
+        code, out = told(*arguments)
+        assert (code, f"metal -> {compartment}" in out) == (0, True), out
+    code, out = told("--bin", "none")
+    assert (code, "config_error" in out, "bin_east" in out) == (1, True, True), out
+
+
 def test_no_site_is_needed_unless_one_is_named(tmp_path: Path) -> None:
     photo = str((RENDERINGS / "glass_1.jpg").absolute())
     environment = {name: value for name, value in os.environ.items() if name != "RODEO_SITE"}
