@@ -165,7 +165,7 @@ class PostVerdict(Command):
 
 
 class Vote(Message):
-    """What one of several oracles says of a proof. It signs this (EIP-712) for one committee."""
+    """Verdict of one of several oracles. The oracle signs it (EIP-712) for one committee."""
 
     task_id: Id
     attempt: Attempt
@@ -174,7 +174,7 @@ class Vote(Message):
     rules_sha256: Hex32
     outcome: Outcome
     amount_iec: Iec = Decimal(0)
-    """What the executor is paid of the agreed price; 0 unless accepted."""
+    """The part of the agreed price that the executor is paid; 0 unless accepted."""
     reason: str = Field(max_length=500)
 
 
@@ -183,16 +183,16 @@ Signature = Annotated[str, StringConstraints(pattern=r"^0x[0-9a-f]{128}$")]
 
 
 class SignedVote(Message):
-    """On the bus: whoever has enough of them, of different oracles for the same, may post the verdict."""
+    """A vote on the bus. Anybody who holds enough equal votes of different oracles may post the verdict."""
 
     vote: Vote
     report_uri: str = Field(max_length=2048)
-    """Where this oracle stored its report."""
+    """Location of this oracle's report."""
     signature: Signature
 
 
 class PostVotes(Command):
-    """Post the verdict on which enough oracles agree; anyone may who holds their votes."""
+    """Post the verdict on which enough oracles agree. Anyone who holds their votes may send this."""
 
     vote: Vote
     report_uri: str = Field(max_length=2048)
@@ -332,17 +332,17 @@ class SetMembersOnly(Command):
 
 
 class SetBudget(Command):
-    """What all holders of a role together may take out of the treasury. The first period begins now."""
+    """Limit what all holders of a role together take out of the treasury. The first period begins now."""
 
     role: Literal["operator", "treasurer"]
     amount_iec: Iec = Decimal(0)
-    """In one period: rewards and bonds for operators, withdrawals for treasurers."""
+    """Amount per period: rewards and bonds for operators, withdrawals for treasurers."""
     period_s: Annotated[int, Field(ge=0, lt=2**24)] = 0
     """0: no limit."""
 
 
 class PauseTasks(Command):
-    """Take no new tasks for a while. Everything that runs goes on. Guardians only."""
+    """Accept no new tasks for a while. Running tasks continue. Only guardians may send this."""
 
     duration_s: Window
 
