@@ -280,7 +280,8 @@ def _missing_rules(
         if account is not None and not client.has_role(role, account):
             yield administrator, calls.grant_role(role, account)
     guardian = site.governance.guardian
-    told = None if guardian is None else _told(site, guardian)
+    elsewhere = wallets.wallets_elsewhere(site)
+    told = None if guardian is None else elsewhere.get(guardian) or _told(site, guardian)
     if told is not None and not client.has_role(Role.GUARDIAN, told):
         yield administrator, calls.grant_role(Role.GUARDIAN, told)
     for spenders, limit in site.governance.budgets.items():
