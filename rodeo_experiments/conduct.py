@@ -29,8 +29,9 @@ from rodeo.bus import Bus, DaoEvents
 from rodeo.chance import generator
 from rodeo.config import ExperimentConfig, Site
 from rodeo.dao import Participant
+from rodeo.files import replace_file
 from rodeo.kinds import kinds_of, providing_energy
-from rodeo.messages import Deposit, RegisterTask
+from rodeo.messages import DaoEvent, Deposit, RegisterTask
 from rodeo.person.statement import Executor, judge
 from rodeo.ros2 import Node
 from rodeo.sim_clock import SimClock
@@ -59,6 +60,8 @@ _GAUGE_S = 300.0
 _GAP_S = 30.0
 """Power of a dock that stops for so long is another flow."""
 _OVER = ("settled", "cancelled", "failed")
+_NEXT = {"assigned": "TaskAssigned", "submitted": "ProofSubmitted"}
+"""State of a person's task -> the event after which somebody has to act."""
 
 
 class Progress(BaseModel):
@@ -72,6 +75,16 @@ class Progress(BaseModel):
     planned: tuple[str, float, float] | None = None
     """The arrival that is being posted: item and place."""
     emptyings: int = 0
+    started_s: float = 0.0
+    wall_s: float = 0.0
+    """How long the run has taken until now."""
+    last_seq: int = 0
+    """Of the events that are in `events`."""
+    events: list[Heard] = []
+    sent: list[Sent] = []
+    battery: list[Reading] = []
+    flows: list[Flow] = []
+    notes: list[str] = []
 
 
 @dataclass
@@ -132,21 +145,22 @@ class Conduct:
         self._arrivals = arrivals
         self._path = folder / "progress.json"
         self._say = say
-        self._begun_wall_s = time.monotonic()
         self._kind = kinds_of(site)[self._experiment.kind]
         self._energy = providing_energy(site)
         self._progress = Progress(items=dict.fromkeys((item.id for item in site.items), "away"))
         if self._path.exists():
             self._progress = Progress.model_validate_json(self._path.read_text())
-        self._events: list[Heard] = []
-        self._sent: list[Sent] = []
-        self._notes: list[str] = []
+        self._begun_wall_s = time.monotonic() - self._progress.wall_s
+        self._events = self._progress.events
+        self._sent = self._progress.sent
+        self._notes = self._progress.notes
         self._news: list[tuple[str, int]] = []
         """Events (name, task) that were not looked at yet."""
         self._kinds: dict[int, str] = {}
+        self._followed_seq = 0
         self._due: list[tuple[float, int, Callable[[], None]]] = []
         self._order = itertools.count()
-        self._meters = Meters(site)
+        self._meters = Meters(site, self._progress.battery, self._progress.flows)
         self._heard_s = time.monotonic()
 
     # -- from begin to end -----------------------------------------------------------------------------
@@ -186,18 +200,18 @@ class Conduct:
                 topics.DOCK_OUTPUT.type,
                 partial(self._meters.on_output, dock.name),
             )
-        with DaoEvents(self._bus, site.org, self._on_event, clock=self._clock):
-            if not self._progress.prepared:
-                self._prepare()
-            self._follow_up()
-            started_s = self._clock.now_s()
+        if not self._progress.prepared:
+            self._prepare()
+        self._follow_up()
+        after = self._progress.last_seq
+        with DaoEvents(self._bus, site.org, self._on_event, after_seq=after, clock=self._clock):
             for number, time_s in enumerate(self._arrivals):
                 if number >= self._progress.next_arrival:
                     self._at(time_s, partial(self._arrive, number))
             end_s = day_begins_s(site, self._experiment.days)
             self._until(end_s, lambda: False)
             self._until(end_s + _LATE_S, self._all_over)
-            return self._collect(started_s)
+            return self._collect()
 
     def _wait_ready(self, launcher: Launcher) -> None:
         if not self._clock.wait_ready(threading.Event(), _READY_S):
@@ -239,17 +253,18 @@ class Conduct:
         Participant(self._bus, self._site.org, experiment.person).offer_service(
             experiment.emptying, experiment.emptying_iec, "Emptying the bin"
         )
-        self._progress.prepared = True
+        self._progress.prepared, self._progress.started_s = True, self._clock.now_s()
         self._save()
 
     def _follow_up(self) -> None:
         """What became of earlier tasks while nobody looked, in a run that goes on."""
+        self._followed_seq = self._ask(queries.CHAIN).last_seq
         for task in self._all_tasks():
             self._kinds[task.id] = task.kind
             if task.state in _OVER:
                 self._ended(task.id)
-            elif task.kind == self._experiment.emptying:
-                self._news.append(("TaskAssigned" if task.state == "assigned" else "ProofSubmitted", task.id))
+            elif task.kind == self._experiment.emptying and task.state in _NEXT:
+                self._news.append((_NEXT[task.state], task.id))
 
     # -- time ------------------------------------------------------------------------------------------
 
@@ -292,7 +307,7 @@ class Conduct:
 
     # -- what happens ----------------------------------------------------------------------------------
 
-    def _on_event(self, event: Any) -> None:
+    def _on_event(self, event: DaoEvent) -> None:
         self._events.append(
             Heard(
                 name=event.name,
@@ -303,9 +318,14 @@ class Conduct:
                 wall_s=round(time.monotonic() - self._begun_wall_s, 4),
             )
         )
-        if event.task_id is not None:
+        self._progress.last_seq = event.seq
+        if event.task_id is not None and not self._is_told(event):
             self._news.append((event.name, event.task_id))
             self._clock.notify()
+
+    def _is_told(self, event: DaoEvent) -> bool:
+        """Whether `_follow_up` has looked at what came of it."""
+        return event.seq <= self._followed_seq
 
     def _arrive(self, number: int) -> None:
         """Somebody leaves an item on the floor, and the organization posts a task for it."""
@@ -417,7 +437,10 @@ class Conduct:
         return mined.task_id
 
     def _save(self) -> None:
-        self._path.write_text(self._progress.model_dump_json(indent=1) + "\n")
+        self._progress.wall_s = round(time.monotonic() - self._begun_wall_s, 1)
+        with self._meters.lock:
+            text = self._progress.model_dump_json()
+        replace_file(self._path, text + "\n")
 
     def _all_over(self) -> bool:
         return not self._news and all(task.state in _OVER for task in self._all_tasks())
@@ -434,7 +457,7 @@ class Conduct:
     def _ask(self, query: queries.Query[Any], **parameters: Any) -> Any:
         return queries.ask(self._bus, self._site.org, query, timeout_s=60.0, **parameters)
 
-    def _collect(self, started_s: float) -> Run:
+    def _collect(self) -> Run:
         site, experiment = self._site, self._experiment
         status = self._bus.query(topics.STATUS.name(org=site.org, process="robot_sim"), timeout_s=30.0)
         transfers = paged(
@@ -464,7 +487,7 @@ class Conduct:
             waited_s=float(status["details"]["waited_s"]),
             supply_start_iec=str(minted),
             supply_end_iec=str(self._ask(queries.WALLETS).supply_iec),
-            started_s=started_s,
+            started_s=self._progress.started_s,
             tasks=self._all_tasks(),
             transfers=sorted(transfers, key=lambda one: one.seq),
             transactions=sorted(transactions, key=lambda one: one.block),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +15,7 @@ import pytest
 
 from tests.support.load import busy_machine
 
-DAY_S = 240.0
+DAY_S = 700.0
 """Wall time, on a machine that has much else to do."""
 COUNTED = [
     "tasks_total",
@@ -34,20 +35,30 @@ COUNTED = [
 """What the speed of the machine must not change."""
 
 
-def one_day(folder: Path) -> dict[str, Any]:
-    """An item in the morning, and the charge that a day costs."""
-    folder.mkdir()
+def started(folder: Path, *options: str) -> subprocess.Popen[str]:
+    """A day with an item in the morning, a person who empties the bin after it, and a charge."""
+    folder.mkdir(exist_ok=True)
     arrivals = folder / "arrivals.csv"
     arrivals.write_text("hours\n8.6\n")
     command = ["experiment", "paper", "--days", "1", "--seed", "7", "--arrivals", str(arrivals)]
-    ran = subprocess.run(
-        [sys.executable, "-m", "rodeo_cli", *command, "--out", str(folder / "out")],
-        env={**os.environ, "RODEO__AGENT__EXPLORE_MIN_PER_H": "0"},
-        capture_output=True,
+    return subprocess.Popen(
+        [sys.executable, "-m", "rodeo_cli", *command, "--out", str(folder / "out"), *options],
+        env={
+            **os.environ,
+            "RODEO__AGENT__EXPLORE_MIN_PER_H": "0",
+            "RODEO__EXPERIMENT__EMPTY_AFTER": "1",
+        },
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
-        timeout=DAY_S * 3,
     )
-    assert ran.returncode == 0, ran.stdout + ran.stderr
+
+
+def one_day(folder: Path, *options: str) -> dict[str, Any]:
+    """The results of such a day."""
+    with started(folder, *options) as run:
+        said, _ = run.communicate(timeout=DAY_S)
+    assert run.returncode == 0, said
     results: dict[str, Any] = json.loads((folder / "out" / "results.json").read_text())
     return results
 
@@ -59,7 +70,8 @@ def test_a_day_ends_with_everything_paid_and_reported(tmp_path: Path) -> None:
     assert (results["cleaning_settled"], results["charging_settled"]) == (1, 1)
     assert (results["tasks_total"], results["tasks_settled"], results["arrivals"]) == (2, 2, 1)
     assert (results["balance_start_iec"], results["balance_end_iec"]) == (2000, 1900)
-    assert (results["organization_start_iec"], results["organization_end_iec"]) == (7000, 7100)
+    assert results["emptying_settled"] == 1
+    assert (results["organization_start_iec"], results["organization_end_iec"]) == (7000, 7080)
     assert results["supply_conserved"] is True
     assert 0.2 < results["energy_kwh_total"] < 0.6
     assert results["site_realtime_factor"] > 1
@@ -77,3 +89,25 @@ def test_the_same_seed_gives_the_same_counts_and_balances_on_a_busy_machine(tmp_
     with busy_machine():
         busy = one_day(tmp_path / "busy")
     assert {name: busy[name] for name in COUNTED} == {name: quiet[name] for name in COUNTED}
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1800)
+def test_an_interrupted_run_goes_on_to_the_same_end(tmp_path: Path) -> None:
+    progress = tmp_path / "day" / "out" / "progress.json"
+    with started(tmp_path / "day") as run:
+        assert run.stdout is not None
+        while '"next_arrival":1' not in (progress.read_text() if progress.exists() else ""):
+            assert run.stdout.readline(), "it ended by itself"
+        run.send_signal(signal.SIGTERM)
+        run.communicate(timeout=DAY_S)
+    assert run.returncode == 130
+    assert not (tmp_path / "day" / "out" / "run.json").exists()
+    results = one_day(tmp_path / "day", "--resume")
+    assert (results["cleaning_settled"], results["charging_settled"], results["emptying_settled"]) == (
+        1,
+        1,
+        1,
+    )
+    assert (results["balance_end_iec"], results["organization_end_iec"]) == (1900, 7080)
+    assert results["supply_conserved"] is True
