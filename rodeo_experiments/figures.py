@@ -202,7 +202,7 @@ def funded_hours(figures: Figures, _tariffs: list[TariffConfig], figure: Figure)
             axes.bar_label(bars, fmt="%.0f", padding=2, fontsize=8)
         axes.set_xticks(range(len(days)), days)
         axes.set_ylabel("hours")
-        axes.margins(y=0.15)
+        axes.margins(y=0.5)
         axes.legend(loc="upper left")
 
 
@@ -247,7 +247,7 @@ def tasks_per_day(figures: Figures, _tariffs: list[TariffConfig], figure: Figure
         axes.set_xticks(range(len(days)), days)
         axes.yaxis.set_major_locator(MaxNLocator(integer=True))
         axes.set_ylabel("tasks")
-        axes.margins(y=0.2)
+        axes.margins(y=0.3)
         axes.legend(loc="upper left", ncols=3)
 
 
@@ -265,6 +265,7 @@ def charging_intervals(figures: Figures, _tariffs: list[TariffConfig], figure: F
             textcoords="offset points",
             color=GREY,
             fontsize=8,
+            bbox={"boxstyle": "square,pad=0.1", "facecolor": "white", "edgecolor": "none"},
         )
         axes.set_xticks(
             range(1, len(intervals) + 1), [f"{one} to {one + 1}" for one in range(1, len(intervals) + 1)]
