@@ -142,7 +142,7 @@ Outcome = Literal["accepted", "rejected", "undecided"]
 """A judge's verdict on a proof. Undecided: neither side failed, and the organization's auditors decide."""
 
 Winner = Literal["executor", "creator"]
-"""Who wins when the auditors let their window pass."""
+"""Who wins when the judges, or after them the auditors, let their window pass."""
 
 
 class PostVerdict(Command):
@@ -202,6 +202,8 @@ class PostVotes(Command):
 class RegisterService(Command):
     kind: Kind
     price_iec: Iec
+    max_bond_iec: Iec | None = None
+    """The highest bond to agree to; by default what the organization asks for as far as the bridge knows."""
     description: str = Field(default="", max_length=2000)
 
 
@@ -288,6 +290,10 @@ class AllowKind(Command):
     review: Review | None = None
     min_window_s: Annotated[int, Field(ge=0, lt=2**32)] | None = None
     """The shortest execution window that a task of the kind may have."""
+    min_verdict_window_s: Window | None = None
+    """The shortest verdict window that a task of the kind may have."""
+    max_verdict_window_s: Window | None = None
+    """The longest."""
     audit_window_s: Window | None = None
     """How long the auditors have to decide on a proof that the oracle left undecided."""
     at_silence: Winner | None = None
@@ -303,6 +309,8 @@ class AllowKind(Command):
             raise ValueError("rules_sha256 goes with a kind that is allowed")
         if (self.audit_window_s is None) != (self.at_silence is None):
             raise ValueError("audit_window_s and at_silence go together: set both or neither")
+        if (self.min_verdict_window_s is None) != (self.max_verdict_window_s is None):
+            raise ValueError("min_verdict_window_s and max_verdict_window_s go together: set both or neither")
         return self
 
 
@@ -367,6 +375,14 @@ class ReinstateService(Command):
     service_id: Id
 
 
+class RescueTokens(Command):
+    """Send on what somebody sent to the contracts by mistake."""
+
+    token: Address
+    """The ERC-20 contract that it is of. Of IECoin nothing that escrow, bonds or the treasury account for."""
+    to: Party
+
+
 class GrantRole(Command):
     role: RoleName
     account: Party
@@ -410,6 +426,7 @@ COMMANDS: dict[str, type[Command]] = {
     "dismiss": Dismiss,
     "suspend_service": SuspendService,
     "reinstate_service": ReinstateService,
+    "rescue_tokens": RescueTokens,
     "grant_role": GrantRole,
     "revoke_role": RevokeRole,
 }

@@ -276,6 +276,7 @@ _VALUES: dict[str, Any] = {
     "period_s": 86_400,
     "duration_s": 3600,
     "account": "alice",
+    "token": "0x5FbDB2315678afecb367f032d93F642f64180aa3",
     "request_id": "post-item1",
 }
 _SHOWN: dict[str, tuple[str, ...]] = {

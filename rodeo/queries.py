@@ -268,9 +268,12 @@ class KindRules(Answer):
     allowed: bool
     review: Literal["oracle", "auditor", "none"]
     min_window_s: int
+    min_verdict_window_s: int = 0
+    max_verdict_window_s: int = 0
+    """The bounds of a task's verdict window; 0 for the contracts' own."""
     audit_window_s: int
     silence: Literal["executor", "creator", "none"]
-    """Who wins if the auditors do not decide."""
+    """Who wins if the judges, or after them the auditors, do not decide."""
     rules_sha256: list[str] = []
     """The rules under which tasks may be posted now, the newest last."""
 

@@ -93,6 +93,10 @@ def explain(error: RodeoError, options: dict[str, str]) -> str:
     return f"{sentence} ({values})" if values else sentence
 
 
+_TOGETHER = ("review", "audit_window_s", "at_silence", "min_verdict_window_s", "max_verdict_window_s")
+"""Fields that rules about several fields name."""
+
+
 def _wrong(field: str, text: str, options: dict[str, str]) -> str:
     """What to say instead of what one field of a request says."""
     field = field.removeprefix("params.")
@@ -102,11 +106,7 @@ def _wrong(field: str, text: str, options: dict[str, str]) -> str:
     if option is None:
         # A rule about several fields names them in its sentence.
         for name, spelled in options.items():
-            text = (
-                re.sub(rf"\b{re.escape(name)}\b", spelled, text)
-                if name in ("review", "audit_window_s", "at_silence")
-                else text
-            )
+            text = re.sub(rf"\b{re.escape(name)}\b", spelled, text) if name in _TOGETHER else text
         if root == "(whole)":
             return text
         if "params" not in options:

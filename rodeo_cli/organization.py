@@ -97,6 +97,8 @@ def _kind_in_words(kind: queries.KindRules) -> str:
     told = f"judged by {'an auditor' if kind.review == 'auditor' else 'the oracle'}"
     if kind.min_window_s:
         told += f"; at least {span(kind.min_window_s)} to work"
+    if kind.max_verdict_window_s:
+        told += f"; {span(kind.min_verdict_window_s)} to {span(kind.max_verdict_window_s)} to judge"
     if kind.review == "oracle" and kind.audit_window_s:
         told += f"; if it cannot decide, auditors have {span(kind.audit_window_s)}"
         told += f", then the {kind.silence} wins"
@@ -128,12 +130,18 @@ def kind(
     min_window_s: Annotated[
         int | None, typer.Option("--min-window", help="Shortest execution window, in seconds.")
     ] = None,
+    min_verdict_window_s: Annotated[
+        int | None, typer.Option("--min-verdict-window", help="Shortest verdict window, in seconds.")
+    ] = None,
+    max_verdict_window_s: Annotated[
+        int | None, typer.Option("--max-verdict-window", help="Longest verdict window, in seconds.")
+    ] = None,
     audit_window_s: Annotated[
         int | None,
         typer.Option("--audit-window", help="Time for auditors if the oracle cannot decide, in seconds."),
     ] = None,
     at_silence: Annotated[
-        str | None, typer.Option(help="Who wins if no auditor answers in time: executor or creator.")
+        str | None, typer.Option(help="Who wins if no judge answers in time: executor or creator.")
     ] = None,
     rules_sha256: Annotated[
         str | None,
@@ -160,6 +168,8 @@ def kind(
         "allowed": allowed,
         "review": review,
         "min_window_s": min_window_s,
+        "min_verdict_window_s": min_verdict_window_s,
+        "max_verdict_window_s": max_verdict_window_s,
         "audit_window_s": audit_window_s,
         "at_silence": at_silence,
         "rules_sha256": rules_sha256 or (_installed_rules(name) if review == "oracle" else None),
@@ -411,6 +421,18 @@ def deposit(
     """Pay into the treasury from the account that signs."""
     told = f"{participant} paid {amount} IEC into the treasury."
     _send(site, participant, "deposit", told, amount_iec=amount)
+
+
+@organization.command("rescue")
+@reports_errors
+def rescue(
+    token: Annotated[str, typer.Argument(help="Address of the ERC-20 contract that the tokens are of.")],
+    to: Annotated[str, typer.Option(help="A participant's name or an address.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Send on tokens that somebody sent to the contracts by mistake. Escrow and treasury stay as they are."""
+    _send(site, participant, "rescue_tokens", f"Tokens of {token} were sent on to {to}.", token=token, to=to)
 
 
 @organization.command("withdraw")

@@ -44,6 +44,8 @@ class Rebuilt:
     """Kind -> the hashes that are current, the newest last."""
     rules_of_tasks: dict[int, bytes] = field(default_factory=dict)
     """What only the event tells."""
+    judged: set[tuple[int, int]] = field(default_factory=set)
+    """(task, attempt) that a verdict was given on."""
     roles: set[tuple[str, str]] = field(default_factory=set)
     """(role, account)"""
     terms: Terms = field(default_factory=lambda: Terms(0, 0, 0))
@@ -95,8 +97,11 @@ class Rebuilt:
             case events.AuditRequested():
                 self._release(event.task_id, Cause.VERDICT_EXPIRED)
                 self._task(event.task_id, state=TaskState.UNDECIDED, deadline=event.deadline)
+            case events.VerdictPosted():
+                self.judged.add((event.task_id, event.attempt))
             case events.TaskSettled():
-                self._release(event.task_id, None)
+                attempt = (event.task_id, self.tasks[event.task_id].attempt)
+                self._release(event.task_id, None if attempt in self.judged else Cause.VERDICT_EXPIRED)
                 self._task(event.task_id, state=TaskState.SETTLED, deadline=0, proof_hash=NO_PROOF)
             case events.TaskRequeued():
                 self._release(event.task_id, event.cause)
@@ -141,6 +146,8 @@ class Rebuilt:
                 self._service(event.service_id, price=event.price, state=event.state)
             case events.ServiceSuspended():
                 self._service(event.service_id, state=ServiceState.SUSPENDED)
+            case events.ServiceFellAsleep():
+                self._service(event.service_id, state=ServiceState.PAUSED)
             case events.ServiceReinstated():
                 self._service(event.service_id, state=ServiceState.PAUSED, failures=0)
             case events.BondPenalized():
@@ -180,6 +187,9 @@ class Rebuilt:
                 self.roots[event.device, event.day] = event.root
             case events.MinWindowChanged():
                 self._kind(event.kind, min_window=event.min_window)
+            case events.VerdictWindowsChanged():
+                bounds = {"min_verdict_window": event.min, "max_verdict_window": event.max}
+                self._kind(event.kind, **bounds)
             case events.RoleGranted():
                 self.roles.add((event.role, event.account))
             case events.RoleRevoked():
@@ -234,7 +244,7 @@ class Rebuilt:
         self._service(service_id, **changes)
 
     def _kind(self, kind: str, **changes: object) -> None:
-        rules = self.kinds.get(kind, KindRules(False, Review.NONE, 0, 0, Silence.NONE))
+        rules = self.kinds.get(kind, KindRules(False, Review.NONE, 0, 0, Silence.NONE, 0, 0))
         self.kinds[kind] = replace(rules, **changes)  # type: ignore[arg-type]
 
     def _forget_rules(self, kind: str, rules: bytes) -> None:

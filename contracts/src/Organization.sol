@@ -25,6 +25,12 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
 
     /// @notice The longest window that a task may have: a longer minimum would refuse every task.
     uint32 public constant MAX_MIN_WINDOW = 30 days;
+    /// @notice Bounds of the verdict windows of a kind for which nobody has set others.
+    uint32 public constant DEFAULT_MIN_VERDICT_WINDOW = 15 minutes;
+    uint32 public constant DEFAULT_MAX_VERDICT_WINDOW = 7 days;
+    /// @notice What setVerdictWindows may set.
+    uint32 public constant MIN_VERDICT_WINDOW = 1 minutes;
+    uint32 public constant MAX_VERDICT_WINDOW = 30 days;
     /// @notice A shorter window would let nobody answer, a longer one keep the reward from both sides.
     uint32 public constant MIN_AUDIT_WINDOW = 1 minutes;
     uint32 public constant MAX_AUDIT_WINDOW = 30 days;
@@ -121,6 +127,27 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         if (minWindow > MAX_MIN_WINDOW) revert MinWindowTooLong(minWindow, MAX_MIN_WINDOW);
         _kinds[kind].minWindow = minWindow;
         emit MinWindowChanged(kind, minWindow);
+    }
+
+    /// @inheritdoc IOrganization
+    function setVerdictWindows(bytes32 kind, uint32 min, uint32 max) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        if (min < MIN_VERDICT_WINDOW || max > MAX_VERDICT_WINDOW || min > max) {
+            revert InvalidVerdictWindows(min, max, MIN_VERDICT_WINDOW, MAX_VERDICT_WINDOW);
+        }
+        Kind storage rules = _kinds[kind];
+        (rules.minVerdictWindow, rules.maxVerdictWindow) = (min, max);
+        emit VerdictWindowsChanged(kind, min, max);
+    }
+
+    /// @inheritdoc IOrganization
+    function rescueTokens(IERC20 token_, address to) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        uint256 amount = tasks.rescue(token_, to);
+        if (token_ != token) {
+            uint256 own = token_.balanceOf(address(this));
+            amount += own;
+            if (own != 0) token_.safeTransfer(to, own);
+        }
+        emit TokensRescued(token_, to, amount);
     }
 
     /// @inheritdoc IOrganization
@@ -228,13 +255,13 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function registerService(bytes32 kind, uint256 price, string calldata description)
+    function registerService(bytes32 kind, uint256 price, uint256 maxBond, string calldata description)
         external
         onlyRole(OPERATOR_ROLE)
         returns (uint256)
     {
         _spend(OPERATOR_ROLE, _terms.bond);
-        return services.registerService(kind, price, description);
+        return services.registerService(kind, price, maxBond, description);
     }
 
     /// @inheritdoc IOrganization
@@ -301,15 +328,22 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function admitTask(bytes32 kind, address creator, uint32 executionWindow, bytes32 wantedRules)
-        external
-        view
-        returns (IMatchingPolicy, bytes32)
-    {
+    function admitTask(
+        bytes32 kind,
+        address creator,
+        uint32 executionWindow,
+        uint32 verdictWindow,
+        bytes32 wantedRules
+    ) external view returns (IMatchingPolicy, bytes32, Silence) {
         if (block.timestamp < pausedUntil) revert TasksArePaused(pausedUntil);
-        uint32 minWindow = _admit(kind, creator).minWindow;
-        if (executionWindow < minWindow) revert WindowTooShort(kind, executionWindow, minWindow);
-        return (policy, _rulesFor(kind, wantedRules));
+        Kind memory rules = _admit(kind, creator);
+        if (executionWindow < rules.minWindow) revert WindowTooShort(kind, executionWindow, rules.minWindow);
+        (uint32 min, uint32 max) = (rules.minVerdictWindow, rules.maxVerdictWindow);
+        if (max == 0) (min, max) = (DEFAULT_MIN_VERDICT_WINDOW, DEFAULT_MAX_VERDICT_WINDOW);
+        if (verdictWindow < min || verdictWindow > max) {
+            revert InvalidVerdictWindow(kind, verdictWindow, min, max);
+        }
+        return (policy, _rulesFor(kind, wantedRules), rules.silence);
     }
 
     /// @inheritdoc IOrganization

@@ -39,6 +39,12 @@ contract ServiceManager is IServiceManager {
         uint8 failures;
     }
 
+    /// @dev What counts for all services of a provider together.
+    struct Provider {
+        uint32 live;
+        uint8 missed;
+    }
+
     /// @dev Idle services of one kind, price and reputation, in order of their places: a linked list, because
     /// services leave it in the middle and DoubleEndedQueue lets go at its ends alone.
     struct Line {
@@ -54,6 +60,13 @@ contract ServiceManager is IServiceManager {
         mapping(uint64 key => Line) line;
     }
 
+    /// @notice Services that a provider may have at a time: so many tasks it holds at most. The organization answers
+    /// for its own.
+    uint256 public constant MAX_SERVICES = 8;
+    /// @notice Attempts in a row without a proof after which a provider's services fall asleep, each as it misses one:
+    /// who is not there does not take every attempt of every task.
+    uint256 public constant MAX_MISSED = 3;
+
     IOrganization public immutable organization;
     ITaskManager public immutable tasks;
 
@@ -62,6 +75,7 @@ contract ServiceManager is IServiceManager {
     mapping(uint256 serviceId => Record) private _services;
     mapping(uint256 serviceId => Agreement) private _agreements;
     mapping(uint16 kindId => Idle) private _idle;
+    mapping(address provider => Provider) private _providers;
 
     modifier onlyTaskManager() {
         if (msg.sender != address(tasks)) revert NotTaskManager(msg.sender);
@@ -79,13 +93,18 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function registerService(bytes32 kind, uint256 price, string calldata description)
+    function registerService(bytes32 kind, uint256 price, uint256 maxBond, string calldata description)
         external
         returns (uint256 serviceId)
     {
         Terms memory terms = organization.admitService(kind, msg.sender);
+        if (terms.bond > maxBond) revert BondTooHigh(terms.bond, maxBond);
         _requirePrice(price);
         Texts.requireText(description);
+        if (_providers[msg.sender].live >= MAX_SERVICES && msg.sender != address(organization)) {
+            revert TooManyServices(msg.sender, MAX_SERVICES);
+        }
+        ++_providers[msg.sender].live;
         serviceId = ++_serviceCount;
         assert(serviceId <= type(uint32).max);
         Record storage s = _services[serviceId];
@@ -116,11 +135,12 @@ contract ServiceManager is IServiceManager {
         _leaveLine(serviceId, s);
         s.price = uint96(price);
         s.state = state;
+        _providers[msg.sender].missed = 0;
         emit ServiceUpdated(serviceId, price, state);
         if (_isAvailable(s)) {
             tasks.placeService(serviceId, _kinds.kinds[s.kindId], price);
         } else if (state == ServiceState.Retired && s.taskId == 0) {
-            uint96 bond = _takeBond(serviceId, s);
+            uint96 bond = _leave(serviceId, s);
             if (bond != 0) tasks.returnBond(msg.sender, bond);
         }
     }
@@ -166,8 +186,9 @@ contract ServiceManager is IServiceManager {
         else if (outcome == Outcome.Rejected) s.rejected = _increment(s.rejected);
         else if (outcome == Outcome.Expired) s.expired = _increment(s.expired);
         if (s.hasTerms) r.penalty = _applyTerms(serviceId, s, outcome);
+        _count(serviceId, s, outcome == Outcome.Expired);
         s.taskId = 0;
-        if (s.state == ServiceState.Retired) r.bond = _takeBond(serviceId, s);
+        if (s.state == ServiceState.Retired) r.bond = _leave(serviceId, s);
         (r.provider, r.available, r.price) = (s.provider, _isAvailable(s), s.price);
     }
 
@@ -285,8 +306,23 @@ contract ServiceManager is IServiceManager {
         }
     }
 
-    /// @dev The bond of a service that is over, for its provider.
-    function _takeBond(uint256 serviceId, Record storage s) private returns (uint96 bond) {
+    /// @dev Attempts without a proof, whichever of the provider's services made them.
+    function _count(uint256 serviceId, Record storage s, bool missed) private {
+        Provider storage p = _providers[s.provider];
+        if (!missed) {
+            if (p.missed != 0) p.missed = 0;
+        } else if (s.provider != address(organization)) {
+            if (p.missed < MAX_MISSED) ++p.missed;
+            if (p.missed == MAX_MISSED && s.state == ServiceState.Active) {
+                s.state = ServiceState.Paused;
+                emit ServiceFellAsleep(serviceId);
+            }
+        }
+    }
+
+    /// @dev The service is over: its bond is for its provider.
+    function _leave(uint256 serviceId, Record storage s) private returns (uint96 bond) {
+        --_providers[s.provider].live;
         if (!s.hasTerms) return 0;
         bond = _agreements[serviceId].bond;
         if (bond == 0) return 0;

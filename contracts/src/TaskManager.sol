@@ -29,19 +29,27 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     using SafeERC20 for IERC20;
     using WeightTree for WeightTree.Tree;
 
-    /// @dev A Task in two words; the windows fit in 24 bits because MAX_WINDOW does.
+    /// @dev A Task in two words; the windows fit in 24 bits because MAX_WINDOW does, and the deadline until 2106.
     struct Record {
         address creator;
         uint96 reward;
         uint96 price;
         uint32 serviceId;
-        uint40 deadline;
+        uint32 deadline;
         uint24 executionWindow;
         uint24 verdictWindow;
         uint16 kindId;
         uint8 attempt;
         uint8 maxAttempts;
         TaskState state;
+        /// @dev Who wins a proof that nobody judges, as the kind had it when the task was posted.
+        Silence silence;
+    }
+
+    /// @dev In one word, because a registration writes both.
+    struct Totals {
+        uint64 tasks;
+        uint192 held;
     }
 
     /// @dev An attempt that waits for the auditors. Its service is free, so the proof is kept here.
@@ -59,6 +67,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev What a policy may spend; the caller's transaction outlives one that needs more.
     uint256 private constant POLICY_GAS = 500_000;
 
+    /// @notice What a payment may spend: whoever is called back by a token with hooks holds up neither party.
+    uint256 public constant PAYMENT_GAS = 200_000;
+
     /// @dev Makes the word of a service's proofs when the service is made, so that no task pays for it.
     bytes32 private constant NO_PROOF = bytes32(uint256(1));
 
@@ -66,7 +77,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     IOrganization public immutable organization;
     IServiceManager public immutable services;
 
-    uint256 private _taskCount;
+    Totals private _totals;
     KindTable.Table private _kinds;
     mapping(uint256 taskId => Record) private _tasks;
     /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place. Its
@@ -142,7 +153,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         _proofs[t.serviceId] = proofHash;
         t.state = TaskState.Submitted;
         uint256 deadline = block.timestamp + t.verdictWindow;
-        t.deadline = deadline.toUint40();
+        t.deadline = deadline.toUint32();
         emit ProofSubmitted(taskId, attempt, executor, proofHash, uri, deadline);
     }
 
@@ -173,11 +184,13 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bool undecided = t.state == TaskState.Undecided;
         if (!submitted && !undecided) _requireState(taskId, t, TaskState.Assigned);
         if (block.timestamp <= t.deadline) revert DeadlineNotPassed(taskId, t.deadline, block.timestamp);
+        bytes32 kind = _kinds.kinds[t.kindId];
         if (undecided) {
             _endAudit(taskId, t);
+        } else if (submitted && t.silence == Silence.Executor) {
+            _settle(taskId, t, kind, t.price, Outcome.Unjudged);
         } else {
-            Cause cause = submitted ? Cause.VerdictExpired : Cause.ExecutionExpired;
-            _failAttempt(taskId, t, _kinds.kinds[t.kindId], cause);
+            _failAttempt(taskId, t, kind, submitted ? Cause.VerdictExpired : Cause.ExecutionExpired);
         }
     }
 
@@ -194,6 +207,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint256 amount = owed[account];
         if (amount == 0) revert NothingOwed(account);
         owed[account] = 0;
+        _totals.held -= uint192(amount);
         emit PaymentCollected(account, amount);
         token.safeTransfer(account, amount);
     }
@@ -219,6 +233,14 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
+    function rescue(IERC20 token_, address to) external nonReentrant returns (uint256 amount) {
+        if (msg.sender != address(organization)) revert NotOrganization(msg.sender);
+        amount = token_.balanceOf(address(this));
+        if (token_ == token) amount -= _totals.held;
+        if (amount != 0) token_.safeTransfer(to, amount);
+    }
+
+    /// @inheritdoc ITaskManager
     function task(uint256 taskId) external view returns (Task memory) {
         Record storage t = _get(taskId);
         return Task({
@@ -239,7 +261,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @inheritdoc ITaskManager
     function taskCount() external view returns (uint256) {
-        return _taskCount;
+        return _totals.tasks;
+    }
+
+    /// @inheritdoc ITaskManager
+    function held() external view returns (uint256) {
+        return _totals.held;
     }
 
     /// @inheritdoc ITaskManager
@@ -248,23 +275,24 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     function _register(TaskRequest calldata request) private returns (uint256 taskId) {
-        (IMatchingPolicy policy, bytes32 rules) =
-            organization.admitTask(request.kind, msg.sender, request.executionWindow, request.rules);
+        (IMatchingPolicy policy, bytes32 rules, Silence silence) = organization.admitTask(
+            request.kind, msg.sender, request.executionWindow, request.verdictWindow, request.rules
+        );
         _requireWindow(request.executionWindow);
-        _requireWindow(request.verdictWindow);
         if (request.maxAttempts == 0 || request.maxAttempts > MAX_ATTEMPTS) {
             revert InvalidAttempts(request.maxAttempts, MAX_ATTEMPTS);
         }
         Texts.requireParams(request.params);
-        taskId = ++_taskCount;
+        taskId = ++_totals.tasks;
         Record storage t = _tasks[taskId];
         t.creator = msg.sender;
         t.reward = request.reward.toUint96();
         t.kindId = _kinds.idOf(request.kind);
         t.executionWindow = uint24(request.executionWindow);
-        t.verdictWindow = uint24(request.verdictWindow);
+        t.verdictWindow = uint256(request.verdictWindow).toUint24();
         t.maxAttempts = request.maxAttempts;
         t.state = TaskState.Open;
+        t.silence = silence;
         emit TaskRegistered(
             taskId,
             msg.sender,
@@ -333,11 +361,19 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         t.attempt = attempt;
         t.price = uint96(price);
         t.serviceId = uint32(serviceId);
-        t.deadline = deadline.toUint40();
+        t.deadline = deadline.toUint32();
         t.state = TaskState.Assigned;
+        // Time and sender, too: there are chains whose `prevrandao` is constant and whose block hashes say little.
         bytes32 nonce = keccak256(
             abi.encode(
-                block.chainid, address(this), taskId, attempt, block.prevrandao, blockhash(block.number - 1)
+                block.chainid,
+                address(this),
+                taskId,
+                attempt,
+                block.prevrandao,
+                blockhash(block.number - 1),
+                block.timestamp,
+                msg.sender
             )
         );
         emit TaskAssigned(taskId, attempt, executor, serviceId, price, nonce, deadline);
@@ -354,7 +390,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             if (verdict == Verdict.Accepted) _payAudited(taskId, t, amount);
             else if (_endAttempt(taskId, t, kind, Cause.Rejected)) _pay(t.creator, t.reward);
         } else if (verdict == Verdict.Accepted) {
-            _settle(taskId, t, kind, amount);
+            _settle(taskId, t, kind, amount, Outcome.Completed);
         } else if (verdict == Verdict.Rejected) {
             _failAttempt(taskId, t, kind, Cause.Rejected);
         } else {
@@ -362,12 +398,14 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         }
     }
 
-    function _settle(uint256 taskId, Record storage t, bytes32 kind, uint256 amount) private {
+    function _settle(uint256 taskId, Record storage t, bytes32 kind, uint256 amount, Outcome outcome)
+        private
+    {
         uint256 refund = t.reward - amount;
         t.state = TaskState.Settled;
         t.deadline = 0;
         uint256 serviceId = t.serviceId;
-        Release memory r = services.release(serviceId, Outcome.Completed);
+        Release memory r = services.release(serviceId, outcome);
         emit TaskSettled(taskId, r.provider, amount, refund);
         if (r.available) _place(serviceId, t.kindId, kind, r.price);
         _pay(r.provider, amount + r.bond);
@@ -381,7 +419,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         _disputes[taskId] = Dispute(msg.sender, rules.silence, proofHash);
         uint256 deadline = block.timestamp + rules.auditWindow;
         t.state = TaskState.Undecided;
-        t.deadline = deadline.toUint40();
+        t.deadline = deadline.toUint32();
         emit AuditRequested(taskId, t.attempt, deadline, rules.silence);
         uint256 serviceId = t.serviceId;
         Release memory r = services.release(serviceId, Outcome.Unjudged);
@@ -448,13 +486,31 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         token.safeTransferFrom(from, address(this), amount);
         uint256 received = token.balanceOf(address(this)) - before;
         if (received != amount) revert WrongAmountReceived(amount, received);
+        _totals.held += amount.toUint192();
     }
 
     /// @dev A token that refuses `to` holds up neither the task nor the service: the amount waits for `collect`.
     function _pay(address to, uint256 amount) private {
-        if (amount == 0 || token.trySafeTransfer(to, amount)) return;
+        if (amount == 0) return;
+        if (_transfer(to, amount)) {
+            _totals.held -= uint192(amount);
+            return;
+        }
         owed[to] += amount;
         emit PaymentDeferred(to, amount);
+    }
+
+    /// @dev SafeERC20.trySafeTransfer with bounded gas and answer.
+    function _transfer(address to, uint256 amount) private returns (bool success) {
+        IERC20 paid = token;
+        bytes memory request = abi.encodeCall(IERC20.transfer, (to, amount));
+        assembly ("memory-safe") {
+            success := call(PAYMENT_GAS, paid, 0, add(request, 32), mload(request), 0, 32)
+            // Nothing, or true.
+            if returndatasize() {
+                success := and(success, and(gt(returndatasize(), 31), eq(mload(0), 1)))
+            }
+        }
     }
 
     function _get(uint256 taskId) private view returns (Record storage t) {

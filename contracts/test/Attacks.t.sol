@@ -2,8 +2,10 @@
 pragma solidity ^0.8.28;
 
 import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
+import {Vm} from "forge-std/Vm.sol";
+import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {ITaskManager, Silence, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice What was done to the reference contracts of this field, each by its name, and what happens here.
@@ -143,7 +145,7 @@ contract AttackTest is Fixture {
 
     function test_attack_theIncomeOfTheOrganizationCannotBeWithdrawn() public {
         vm.prank(admin);
-        organization.registerService(CLEANING, 80 ether, "");
+        organization.registerService(CLEANING, 80 ether, NO_LIMIT, "");
         uint256 taskId = post(alice, 100 ether);
         vm.prank(admin);
         organization.submitProof(taskId, 1, PROOF, URI);
@@ -187,6 +189,8 @@ contract AttackTest is Fixture {
     }
 
     function test_attack_theOracleNeverAnswers() public {
+        vm.prank(admin);
+        organization.setAudit(CLEANING, AUDIT_WINDOW, Silence.Creator);
         uint256 serviceId = offer(robot1, 80 ether);
         uint256 taskId = post(alice, 100 ether);
         for (uint8 i = 1; i <= ATTEMPTS; ++i) {
@@ -235,9 +239,174 @@ contract AttackTest is Fixture {
         assertEq(coin.balanceOf(address(organization)), 2100 ether);
     }
 
+    function test_attack_aVerdictWindowTooShortForAnyJudgeGetsWorkForNothing() public {
+        offer(robot1, 80 ether);
+        TaskRequest memory r = request(100 ether);
+        (uint32 min, uint32 max) = (15 minutes, 7 days);
+        uint32[2] memory windows = [min - 1, max + 1];
+        for (uint256 i = 0; i < 2; ++i) {
+            r.verdictWindow = windows[i];
+            vm.expectRevert(
+                abi.encodeWithSelector(
+                    IOrganization.InvalidVerdictWindow.selector, CLEANING, windows[i], min, max
+                )
+            );
+            vm.prank(alice);
+            tasks.registerTask(r);
+        }
+        // And where nobody judges in the shortest window, the kind says who wins: here the executor.
+        r.verdictWindow = min;
+        vm.prank(alice);
+        uint256 taskId = tasks.registerTask(r);
+        submit(taskId);
+        vm.prank(admin);
+        organization.setAudit(CLEANING, AUDIT_WINDOW, Silence.Creator);
+        vm.warp(block.timestamp + min + 1);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.TaskSettled(taskId, robot1, 80 ether, 20 ether);
+        vm.prank(alice);
+        tasks.expireTask(taskId);
+        assertState(taskId, TaskState.Settled);
+        assertEq(coin.balanceOf(robot1), 2080 ether);
+        assertEq(coin.balanceOf(alice), 1920 ether);
+        assertEq(services.service(1).completed, 0, "nobody judged it");
+    }
+
+    function test_attack_theAdministratorRaisesTheBondInFrontOfARegistration() public {
+        setTerms(50 ether, 20 ether, 0);
+        vm.expectRevert(abi.encodeWithSelector(IServiceManager.BondTooHigh.selector, 50 ether, 49 ether));
+        vm.prank(robot1);
+        services.registerService(CLEANING, 80 ether, 49 ether, "");
+        vm.prank(robot1);
+        services.registerService(CLEANING, 80 ether, 50 ether, "");
+        assertEq(coin.balanceOf(robot1), 1950 ether);
+    }
+
+    function test_attack_theNonceIsKnownWherePrevrandaoAndBlockHashAreConstant() public {
+        offer(robot1, 80 ether);
+        vm.prevrandao(uint256(1));
+        bytes32[3] memory nonces;
+        for (uint256 i = 0; i < 3; ++i) {
+            uint256 snapshot = vm.snapshotState();
+            vm.warp(block.timestamp + i % 2);
+            vm.recordLogs();
+            post(i < 2 ? alice : bob, 100 ether);
+            Vm.Log[] memory logs = vm.getRecordedLogs();
+            for (uint256 j = 0; j < logs.length; ++j) {
+                if (logs[j].topics[0] != ITaskManager.TaskAssigned.selector) continue;
+                (,, nonces[i],) = abi.decode(logs[j].data, (uint8, uint256, bytes32, uint256));
+            }
+            vm.revertToState(snapshot);
+        }
+        assertTrue(nonces[0] != nonces[1], "at another time");
+        assertTrue(nonces[0] != nonces[2], "by another sender");
+    }
+
+    function test_attack_aThiefSubmitsTheHashOfAnothersProofFirst() public {
+        offer(stranger, 80 ether);
+        offer(robot1, 80 ether);
+        uint256 stolen = post(alice, 100 ether);
+        uint256 honest = post(bob, 100 ether);
+        vm.prank(stranger);
+        tasks.submitProof(stolen, 1, PROOF, URI);
+        // It takes nothing away: the proof names its own task, by which the oracle refuses it for another.
+        vm.prank(robot1);
+        tasks.submitProof(honest, 1, PROOF, URI);
+        judge(stolen, false);
+        judge(honest, true);
+        assertEq(coin.balanceOf(stranger), 0);
+        assertEq(coin.balanceOf(robot1), 2080 ether);
+        assertEq(services.service(2).rejected, 0);
+    }
+
+    function test_attack_oneProviderHoardsWithManyServices() public {
+        uint256 max = services.MAX_SERVICES();
+        for (uint256 i = 0; i < max; ++i) {
+            offer(stranger, 0);
+        }
+        bytes memory refusal = abi.encodeWithSelector(IServiceManager.TooManyServices.selector, stranger, max);
+        vm.expectRevert(refusal);
+        offer(stranger, 0);
+        // One that retires at work still holds its task.
+        uint256 taskId = post(alice, 100 ether);
+        update(1, 0, ServiceState.Retired);
+        vm.expectRevert(refusal);
+        offer(stranger, 0);
+        submit(taskId);
+        judge(taskId, true);
+        offer(stranger, 0);
+        for (uint256 i = 0; i <= max; ++i) {
+            vm.prank(admin);
+            organization.registerService(CLEANING, 1 ether, 0, "");
+        }
+    }
+
+    function test_attack_freeServicesInFrontOfAnHonestOneTakeEveryAttempt() public {
+        uint256 max = services.MAX_SERVICES();
+        for (uint256 i = 0; i < max; ++i) {
+            offer(stranger, 0);
+        }
+        offer(robot1, 80 ether);
+        uint256 taken = 0;
+        for (uint256 i = 0; i < 10; ++i) {
+            uint256 taskId = post(alice, 100 ether);
+            while (state(taskId) == TaskState.Assigned) {
+                if (services.providerOf(tasks.task(taskId).serviceId) == robot1) {
+                    attempt(taskId, true);
+                    continue;
+                }
+                ++taken;
+                vm.warp(block.timestamp + WINDOW + 1);
+                tasks.expireTask(taskId);
+            }
+        }
+        // Two are forgiven, and each service sleeps when it misses one more.
+        assertEq(taken, max + 2);
+        assertGe(services.service(max + 1).completed, 6);
+    }
+
+    function test_attack_aSwitchedOffRobotTakesEveryAttempt() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        for (uint256 i = 1; i < ATTEMPTS; ++i) {
+            vm.warp(block.timestamp + WINDOW + 1);
+            tasks.expireTask(taskId);
+            assertAssigned(taskId, serviceId);
+        }
+        vm.warp(block.timestamp + WINDOW + 1);
+        vm.expectEmit(address(services));
+        emit IServiceManager.ServiceFellAsleep(serviceId);
+        tasks.expireTask(taskId);
+        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Paused));
+        taskId = post(alice, 100 ether);
+        assertState(taskId, TaskState.Open);
+        update(serviceId, 80 ether, ServiceState.Active);
+        assertAssigned(taskId, serviceId);
+        // Awake, it has as many again; and whoever hands in a proof is there.
+        vm.warp(block.timestamp + WINDOW + 1);
+        tasks.expireTask(taskId);
+        attempt(taskId, false);
+        vm.warp(block.timestamp + WINDOW + 1);
+        tasks.expireTask(taskId);
+        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Active));
+    }
+
+    function test_attack_theOrganizationsDocksFallAsleep() public {
+        vm.prank(admin);
+        uint256 serviceId = organization.registerService(CLEANING, 80 ether, 0, "");
+        for (uint256 i = 0; i < 2; ++i) {
+            uint256 taskId = post(alice, 100 ether);
+            while (state(taskId) == TaskState.Assigned) {
+                vm.warp(block.timestamp + WINDOW + 1);
+                tasks.expireTask(taskId);
+            }
+        }
+        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Active));
+    }
+
     function test_attack_manyIdleServicesMakeMatchingDear() public {
         for (uint256 i = 1; i <= 300; ++i) {
-            offer(stranger, i * 1 ether);
+            offer(address(uint160(1000 + i)), i * 1 ether);
         }
         uint256 before = gasleft();
         post(alice, 150 ether);

@@ -23,6 +23,8 @@ abstract contract Fixture is Test {
     uint32 internal constant WINDOW = 1 hours;
     uint32 internal constant AUDIT_WINDOW = 2 hours;
     uint8 internal constant ATTEMPTS = 3;
+    /// @dev The bond that a provider agrees to who takes any.
+    uint256 internal constant NO_LIMIT = type(uint256).max;
 
     address internal immutable admin = makeAddr("admin");
     address internal immutable oracle = makeAddr("oracle");
@@ -108,7 +110,7 @@ abstract contract Fixture is Test {
 
     function offer(address provider, uint256 price) internal returns (uint256 serviceId) {
         vm.prank(provider);
-        return services.registerService(CLEANING, price, "");
+        return services.registerService(CLEANING, price, NO_LIMIT, "");
     }
 
     function submit(uint256 taskId) internal {

@@ -66,7 +66,7 @@ contract OrganizationTest is Fixture {
 
     function test_itEarnsWithItsServices() public {
         vm.startPrank(admin);
-        uint256 serviceId = organization.registerService(CLEANING, 80 ether, "");
+        uint256 serviceId = organization.registerService(CLEANING, 80 ether, NO_LIMIT, "");
         organization.updateService(serviceId, 90 ether, ServiceState.Active);
         vm.stopPrank();
         uint256 taskId = post(alice, 100 ether);
@@ -84,7 +84,7 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         organization.cancelTask(1);
         vm.expectRevert(refusal);
-        organization.registerService(CLEANING, 1 ether, "");
+        organization.registerService(CLEANING, 1 ether, NO_LIMIT, "");
         vm.expectRevert(refusal);
         organization.updateService(1, 1 ether, ServiceState.Paused);
         vm.expectRevert(refusal);
@@ -134,6 +134,10 @@ contract OrganizationTest is Fixture {
         organization.setAudit(CLEANING, 60, Silence.Creator);
         vm.expectRevert(refusal);
         organization.setMinWindow(CLEANING, 60);
+        vm.expectRevert(refusal);
+        organization.setVerdictWindows(CLEANING, 1 hours, 2 hours);
+        vm.expectRevert(refusal);
+        organization.rescueTokens(coin, stranger);
         vm.expectRevert(refusal);
         organization.setTerms(Terms(0, 0, 1));
         vm.expectRevert(refusal);
@@ -230,7 +234,7 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         tasks.registerTask(request(1 ether));
         vm.expectRevert(refusal);
-        services.registerService(CLEANING, 1 ether, "");
+        services.registerService(CLEANING, 1 ether, NO_LIMIT, "");
         vm.stopPrank();
 
         vm.prank(admin);
@@ -251,7 +255,7 @@ contract OrganizationTest is Fixture {
         vm.startPrank(admin);
         organization.setMembersOnly(true);
         organization.registerTask(request(1 ether));
-        organization.registerService(CHARGING, 1 ether, "");
+        organization.registerService(CHARGING, 1 ether, NO_LIMIT, "");
         assertEq(tasks.taskCount() + services.serviceCount(), 2);
     }
 
@@ -334,6 +338,36 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(abi.encodeWithSelector(IOrganization.MinWindowTooLong.selector, 30 days + 1, 30 days));
         vm.prank(admin);
         organization.setMinWindow(CLEANING, 30 days + 1);
+    }
+
+    function test_aKindHasAShortestAndALongestVerdictWindow() public {
+        vm.expectEmit(address(organization));
+        emit IOrganization.VerdictWindowsChanged(CLEANING, WINDOW + 1, WINDOW + 2);
+        vm.startPrank(admin);
+        organization.setVerdictWindows(CLEANING, WINDOW + 1, WINDOW + 2);
+        vm.stopPrank();
+        assertEq(organization.kindOf(CLEANING).minVerdictWindow, WINDOW + 1);
+        assertEq(organization.kindOf(CLEANING).maxVerdictWindow, WINDOW + 2);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IOrganization.InvalidVerdictWindow.selector, CLEANING, WINDOW, WINDOW + 1, WINDOW + 2
+            )
+        );
+        post(alice, 1 ether);
+        vm.startPrank(admin);
+        uint32[2][3] memory wrong =
+            [[uint32(59), 1 days], [uint32(1 days), 30 days + 1], [uint32(2 days), 1 days]];
+        for (uint256 i = 0; i < wrong.length; ++i) {
+            vm.expectRevert(
+                abi.encodeWithSelector(
+                    IOrganization.InvalidVerdictWindows.selector, wrong[i][0], wrong[i][1], 1 minutes, 30 days
+                )
+            );
+            organization.setVerdictWindows(CLEANING, wrong[i][0], wrong[i][1]);
+        }
+        organization.setVerdictWindows(CLEANING, 1 minutes, 30 days);
+        vm.stopPrank();
+        post(alice, 1 ether);
     }
 
     // -- devices ------------------------------------------------------------------------------------------

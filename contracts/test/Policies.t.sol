@@ -81,7 +81,7 @@ contract PolicyTest is Fixture {
         attempt(1, false);
         uint256 fresh = offer(robot2, 50 ether);
         vm.prank(robot3);
-        uint256 good = services.registerService(CLEANING, 90 ether, "");
+        uint256 good = services.registerService(CLEANING, 90 ether, NO_LIMIT, "");
         update(bad, 10 ether, ServiceState.Paused);
         update(fresh, 50 ether, ServiceState.Paused);
         attempt(post(alice, 100 ether), true);
@@ -140,7 +140,7 @@ contract PolicyTest is Fixture {
             uint256 serviceId = count == 0 ? 0 : 1 + (seed >> 16) % count;
             uint256 choice = seed % 4;
             if (choice == 0 || count < 3) {
-                offer(robot1, _price(seed));
+                offer(address(uint160(1000 + services.serviceCount())), _price(seed));
             } else if (choice == 1 && services.service(serviceId).taskId == 0) {
                 update(serviceId, _price(seed), ServiceState(1 + (seed >> 32) % 2));
             } else {

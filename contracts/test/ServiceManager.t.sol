@@ -11,7 +11,7 @@ contract ServiceManagerTest is Fixture {
         vm.expectEmit(address(services));
         emit IServiceManager.ServiceRegistered(1, robot1, CLEANING, 80 ether, "collects trash");
         vm.prank(robot1);
-        uint256 serviceId = services.registerService(CLEANING, 80 ether, "collects trash");
+        uint256 serviceId = services.registerService(CLEANING, 80 ether, NO_LIMIT, "collects trash");
         Service memory s = services.service(serviceId);
         assertEq(s.provider, robot1);
         assertEq(s.price, 80 ether);
@@ -21,17 +21,17 @@ contract ServiceManagerTest is Fixture {
 
     function test_anUnknownKindIsRefused() public {
         vm.expectRevert(abi.encodeWithSelector(IOrganization.UnknownKind.selector, bytes32("painting")));
-        services.registerService("painting", 1 ether, "");
+        services.registerService("painting", 1 ether, NO_LIMIT, "");
     }
 
     function test_aPriceIsAWholeNumberOfUnitsAndBounded() public {
         uint256 max = ((1 << 57) - 2) * 1 gwei;
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.InvalidPrice.selector, 1, 1 gwei, max));
-        services.registerService(CLEANING, 1, "");
+        services.registerService(CLEANING, 1, NO_LIMIT, "");
         vm.expectRevert(
             abi.encodeWithSelector(IServiceManager.InvalidPrice.selector, max + 1 gwei, 1 gwei, max)
         );
-        services.registerService(CLEANING, max + 1 gwei, "");
+        services.registerService(CLEANING, max + 1 gwei, NO_LIMIT, "");
         offer(robot1, max);
     }
 

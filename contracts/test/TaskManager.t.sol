@@ -6,7 +6,15 @@ import {MessageHashUtils} from "@openzeppelin/contracts/utils/cryptography/Messa
 import {TaskManager} from "../src/TaskManager.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {Cause, ITaskManager, Task, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {
+    Cause,
+    ITaskManager,
+    Silence,
+    Task,
+    TaskRequest,
+    TaskState,
+    Verdict
+} from "../src/interfaces/ITaskManager.sol";
 import {Texts} from "../src/libraries/Texts.sol";
 import {Fixture} from "./Fixture.sol";
 
@@ -111,7 +119,7 @@ contract TaskManagerTest is Fixture {
         tasks.registerTask(r);
 
         r = request(1 ether);
-        r.verdictWindow = max + 1;
+        r.executionWindow = max + 1;
         vm.expectRevert(abi.encodeWithSelector(ITaskManager.InvalidWindow.selector, max + 1, min, max));
         vm.prank(alice);
         tasks.registerTask(r);
@@ -350,6 +358,8 @@ contract TaskManagerTest is Fixture {
     }
 
     function test_anyoneExpiresAnOverdueVerdictAndTheExecutorIsNotBlamed() public {
+        vm.prank(admin);
+        organization.setAudit(CLEANING, AUDIT_WINDOW, Silence.Creator);
         uint256 serviceId = offer(robot1, 80 ether);
         uint256 taskId = post(alice, 100 ether);
         submit(taskId);
@@ -456,7 +466,7 @@ contract TaskManagerTest is Fixture {
 
     function test_kindsDoNotMix() public {
         vm.prank(robot1);
-        services.registerService(CHARGING, 10 ether, "");
+        services.registerService(CHARGING, 10 ether, NO_LIMIT, "");
         assertState(post(alice, 100 ether), TaskState.Open);
     }
 
@@ -556,7 +566,7 @@ contract TaskManagerTest is Fixture {
         bytes memory refusal = abi.encodeWithSelector(Texts.TextTooLong.selector, 8193, 8192);
         vm.expectRevert(refusal);
         vm.prank(robot1);
-        services.registerService(CLEANING, 1 ether, long);
+        services.registerService(CLEANING, 1 ether, NO_LIMIT, long);
 
         offer(robot1, 1 ether);
         TaskRequest memory r = request(1 ether);

@@ -4,7 +4,7 @@ pragma solidity ^0.8.28;
 import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
 import {IOrganization, Terms} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {ITaskManager, Silence, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Bonds, penalties and suspension.
@@ -68,6 +68,8 @@ contract TermsTest is Fixture {
 
     function test_aVerdictThatNeverComesCostsTheExecutorNothing() public {
         setTerms(50 ether, 20 ether, 1);
+        vm.prank(admin);
+        organization.setAudit(CLEANING, 1 hours, Silence.Creator);
         uint256 serviceId = offer(robot1, 80 ether);
         uint256 taskId = post(alice, 100 ether);
         submit(taskId);

@@ -4,6 +4,7 @@ pragma solidity ^0.8.28;
 import {ERC20} from "@openzeppelin/contracts/token/ERC20/ERC20.sol";
 import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol";
 import {ReentrancyGuardTransient} from "@openzeppelin/contracts/utils/ReentrancyGuardTransient.sol";
+import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Fixture} from "./Fixture.sol";
@@ -15,7 +16,8 @@ contract WeirdToken is ERC20("Weird", "WRD") {
         ReturnsFalse,
         Reverts,
         TakesAFee,
-        MovesNothing
+        MovesNothing,
+        BurnsGas
     }
 
     error Refused();
@@ -58,6 +60,7 @@ contract WeirdToken is ERC20("Weird", "WRD") {
         if (_way != Way.Well && (_victim == address(0) || _victim == from || _victim == to)) {
             if (_way == Way.ReturnsFalse) return false;
             if (_way == Way.Reverts) revert Refused();
+            while (_way == Way.BurnsGas) {}
             if (_way == Way.MovesNothing) return true;
             // A hundredth is lost on the way.
             _burn(from, amount / 100);
@@ -197,6 +200,70 @@ contract TokenTest is Fixture {
         assertEq(tasks.owed(alice), 100 ether);
     }
 
+    function test_aRecipientThatBurnsAllGasHoldsUpNoVerdict() public {
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        _refuse(WeirdToken.Way.BurnsGas, robot1);
+        vm.prank(oracle);
+        tasks.postVerdict{gas: 1_000_000}(
+            taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "report", "because"
+        );
+        assertState(taskId, TaskState.Settled);
+        assertEq(tasks.owed(robot1), 80 ether);
+        assertEq(_token.balanceOf(alice), 920 ether, "the surplus came back");
+    }
+
+    // -- by mistake ---------------------------------------------------------------------------------------
+
+    function test_whatWasSentByMistakeIsRescuedAndNothingElse() public {
+        setTerms(50 ether, 20 ether, 0);
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        _refuse(WeirdToken.Way.Reverts, robot1);
+        judge(taskId, true);
+        _refuse(WeirdToken.Way.Well, address(0));
+        post(alice, 100 ether);
+        // A bond, what robot1 is owed, and the reward of a live task.
+        assertEq(tasks.held(), 230 ether);
+        vm.prank(bob);
+        _token.transfer(address(tasks), 7 ether);
+        vm.expectEmit(address(organization));
+        emit IOrganization.TokensRescued(_token, bob, 7 ether);
+        vm.startPrank(admin);
+        organization.rescueTokens(_token, bob);
+        organization.rescueTokens(_token, bob);
+        vm.stopPrank();
+        assertEq(_token.balanceOf(bob), 1000 ether);
+        assertEq(_token.balanceOf(address(tasks)), 230 ether);
+        tasks.collect(robot1);
+        assertEq(tasks.held(), 150 ether);
+        assertEq(_token.balanceOf(address(tasks)), 150 ether);
+    }
+
+    function test_otherTokensAreRescuedFromBothContracts() public {
+        vm.startPrank(bob);
+        coin.transfer(address(tasks), 3 ether);
+        coin.transfer(address(organization), 4 ether);
+        vm.stopPrank();
+        uint256 before = coin.balanceOf(bob);
+        vm.prank(admin);
+        organization.rescueTokens(coin, bob);
+        assertEq(coin.balanceOf(bob), before + 7 ether);
+        // What the treasury has is the treasurer's.
+        _token.mint(address(organization), 5 ether);
+        vm.prank(admin);
+        organization.rescueTokens(_token, bob);
+        assertEq(_token.balanceOf(address(organization)), 5 ether);
+    }
+
+    function test_onlyTheOrganizationRescues() public {
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotOrganization.selector, admin));
+        vm.prank(admin);
+        tasks.rescue(_token, admin);
+    }
+
     // -- in the middle ------------------------------------------------------------------------------------
 
     function test_aTokenThatReentersGetsNowhere() public {
@@ -258,7 +325,7 @@ contract TokenTest is Fixture {
         _token.mint(address(_token), 100 ether);
         vm.startPrank(address(_token));
         _token.approve(address(tasks), type(uint256).max);
-        uint256 serviceId = services.registerService(CLEANING, 80 ether, "");
+        uint256 serviceId = services.registerService(CLEANING, 80 ether, NO_LIMIT, "");
         vm.stopPrank();
         uint256 taskId = post(alice, 100 ether);
         uint256 waiting = post(bob, 100 ether);

@@ -95,6 +95,8 @@ class KindRules(Struct):
     min_window: int
     audit_window: int
     silence: Silence
+    min_verdict_window: int
+    max_verdict_window: int
 
 
 @dataclass(frozen=True)
@@ -241,8 +243,8 @@ class OrganizationCalls(ContractCalls):
     def register_device(self, device: str, role: str, owner: str, name: str) -> Call:
         return self._call("Organization", "registerDevice", device, role, owner, name)
 
-    def register_service(self, kind: str, price: int, description: str) -> Call:
-        return self._call("Organization", "registerService", kind, price, description)
+    def register_service(self, kind: str, price: int, max_bond: int, description: str) -> Call:
+        return self._call("Organization", "registerService", kind, price, max_bond, description)
 
     def register_task(self, request: TaskRequest) -> Call:
         return self._call("Organization", "registerTask", request)
@@ -252,6 +254,9 @@ class OrganizationCalls(ContractCalls):
 
     def renounce_role(self, role: Role, account: str) -> Call:
         return self._call("Organization", "renounceRole", role, account)
+
+    def rescue_tokens(self, token: str, to: str) -> Call:
+        return self._call("Organization", "rescueTokens", token, to)
 
     def resume_tasks(self) -> Call:
         return self._call("Organization", "resumeTasks")
@@ -286,6 +291,9 @@ class OrganizationCalls(ContractCalls):
     def set_terms(self, terms: Terms) -> Call:
         return self._call("Organization", "setTerms", terms)
 
+    def set_verdict_windows(self, kind: str, min: int, max: int) -> Call:
+        return self._call("Organization", "setVerdictWindows", kind, min, max)
+
     def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
         return self._call("Organization", "submitProof", task_id, attempt, proof_hash, uri)
 
@@ -300,8 +308,8 @@ class OrganizationCalls(ContractCalls):
 
 
 class ServiceManagerCalls(ContractCalls):
-    def register_service(self, kind: str, price: int, description: str) -> Call:
-        return self._call("ServiceManager", "registerService", kind, price, description)
+    def register_service(self, kind: str, price: int, max_bond: int, description: str) -> Call:
+        return self._call("ServiceManager", "registerService", kind, price, max_bond, description)
 
     def update_service(self, service_id: int, price: int, state: ServiceState) -> Call:
         return self._call("ServiceManager", "updateService", service_id, price, state)
@@ -351,6 +359,9 @@ class TaskManagerCalls(ContractCalls):
         self, request: TaskRequest, deadline: int, v: int, r: bytes, s: bytes
     ) -> Call:
         return self._call("TaskManager", "registerTaskWithPermit", request, deadline, v, r, s)
+
+    def rescue(self, token: str, to: str) -> Call:
+        return self._call("TaskManager", "rescue", token, to)
 
     def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
         return self._call("TaskManager", "submitProof", task_id, attempt, proof_hash, uri)

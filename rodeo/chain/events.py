@@ -128,6 +128,20 @@ class TermsChanged(Event):
 
 
 @dataclass(frozen=True)
+class TokensRescued(Event):
+    token: str
+    to: str
+    amount: int
+
+
+@dataclass(frozen=True)
+class VerdictWindowsChanged(Event):
+    kind: str
+    min: int
+    max: int
+
+
+@dataclass(frozen=True)
 class Withdrawn(Event):
     to: str
     amount: int
@@ -153,6 +167,11 @@ class BondReturned(Event):
     service_id: int
     provider: str
     amount: int
+
+
+@dataclass(frozen=True)
+class ServiceFellAsleep(Event):
+    service_id: int
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,7 @@ from rodeo.messages import (
     RegisterService,
     RegisterTask,
     ReinstateService,
+    RescueTokens,
     ResumeTasks,
     RetireRules,
     RevokeDevice,
@@ -351,10 +352,11 @@ class Wallet:
         self._require_room_for(command)
         price = to_wei(command.price_iec)
         bond = self._bond()
+        max_bond = bond if command.max_bond_iec is None else to_wei(command.max_bond_iec)
         self._require_funds(self.address, bond)
         # The Organization approved the TaskManager in its constructor.
         approval = [] if self.participant == ORGANIZATION else self._approval(self.client.task_manager, bond)
-        return [*approval, self.calls.register_service(command.kind, price, command.description)]
+        return [*approval, self.calls.register_service(command.kind, price, max_bond, command.description)]
 
     def _update_service(self, command: UpdateService) -> list[Call]:
         service = self.index.service(command.service_id)
@@ -414,6 +416,9 @@ class Wallet:
             found.append(calls.set_audit(command.kind, command.audit_window_s, silence))
         if command.min_window_s is not None:
             found.append(calls.set_min_window(command.kind, command.min_window_s))
+        if command.min_verdict_window_s is not None and command.max_verdict_window_s is not None:
+            bounds = command.min_verdict_window_s, command.max_verdict_window_s
+            found.append(calls.set_verdict_windows(command.kind, *bounds))
         if command.review is None:
             return [*found, calls.disallow_kind(command.kind)]
         # Last, so that nobody posts such a task before its rules hold.
@@ -462,6 +467,10 @@ class Wallet:
 
     def _reinstate_service(self, command: ReinstateService) -> list[Call]:
         return [self.client.organization_calls.reinstate_service(command.service_id)]
+
+    def _rescue_tokens(self, command: RescueTokens) -> list[Call]:
+        to = self.names.address(command.to)
+        return [self.client.organization_calls.rescue_tokens(to_checksum_address(command.token), to)]
 
     def _grant_role(self, command: GrantRole) -> list[Call]:
         role = Role[command.role.upper()]
@@ -595,6 +604,7 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "dismiss": (Dismiss, Wallet._dismiss),
     "suspend_service": (SuspendService, Wallet._suspend_service),
     "reinstate_service": (ReinstateService, Wallet._reinstate_service),
+    "rescue_tokens": (RescueTokens, Wallet._rescue_tokens),
     "grant_role": (GrantRole, Wallet._grant_role),
     "revoke_role": (RevokeRole, Wallet._revoke_role),
     "collect": (Collect, Wallet._collect),

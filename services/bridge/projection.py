@@ -114,9 +114,12 @@ class Projection:
                     at_silence=event.silence.name.lower(),
                 )
             case events.TaskSettled():
-                self._release_service(event.task_id, "completed")
+                # Without a verdict where nobody judged in time and the executor wins then: no completion.
+                judged = rows.get(schema.tasks, event.task_id)["verdict"] is not None
+                self._release_service(event.task_id, "completed" if judged else None)
                 self._change_task(
                     event.task_id,
+                    **{} if judged else _VERDICT_OF_EXPIRY[Cause.VERDICT_EXPIRED],
                     state="settled",
                     settled=time_s,
                     ended=time_s,
@@ -176,6 +179,8 @@ class Projection:
                 rows.change(schema.services, event.service_id, bond=0)
             case events.ServiceSuspended():
                 rows.change(schema.services, event.service_id, state="suspended", place=0)
+            case events.ServiceFellAsleep():
+                rows.change(schema.services, event.service_id, state="paused", place=0)
             case events.ServiceReinstated():
                 rows.change(schema.services, event.service_id, state="paused", failures=0)
             case events.ServiceUpdated():
@@ -219,6 +224,9 @@ class Projection:
                 self._change_kind(event.kind, audit_window_s=event.audit_window, silence=silence)
             case events.MinWindowChanged():
                 self._change_kind(event.kind, min_window_s=event.min_window)
+            case events.VerdictWindowsChanged():
+                bounds = {"min_verdict_window_s": event.min, "max_verdict_window_s": event.max}
+                self._change_kind(event.kind, **bounds)
             case events.TermsChanged():
                 terms = {
                     "bond_iec": iec(event.bond),
@@ -266,6 +274,8 @@ class Projection:
             "allowed": False,
             "review": "none",
             "min_window_s": 0,
+            "min_verdict_window_s": 0,
+            "max_verdict_window_s": 0,
             "audit_window_s": 0,
             "silence": "none",
             "rules_sha256": [],

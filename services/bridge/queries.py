@@ -349,7 +349,17 @@ class Queries:
         }
 
 
-_OF_KIND = ("kind", "allowed", "review", "min_window_s", "audit_window_s", "silence", "rules_sha256")
+_OF_KIND = (
+    "kind",
+    "allowed",
+    "review",
+    "min_window_s",
+    "min_verdict_window_s",
+    "max_verdict_window_s",
+    "audit_window_s",
+    "silence",
+    "rules_sha256",
+)
 
 _OF_TRANSFER = ("seq", "block", "time_s", "tx_hash", "sender", "to", "task_id", "reason")
 

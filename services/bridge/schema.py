@@ -201,8 +201,10 @@ kinds = Table(
     Column("allowed", Boolean, nullable=False),
     Column("review", String(16), nullable=False, doc="who judges it: oracle, auditor, or none yet"),
     Column("min_window_s", BigInteger, nullable=False),
+    Column("min_verdict_window_s", BigInteger, nullable=False, doc="0 for the contracts' default"),
+    Column("max_verdict_window_s", BigInteger, nullable=False, doc="0 for the contracts' default"),
     Column("audit_window_s", BigInteger, nullable=False),
-    Column("silence", String(16), nullable=False, doc="who wins if the auditors do not answer, or none"),
+    Column("silence", String(16), nullable=False, doc="who wins if nobody judges, or none"),
     Column("rules_sha256", JSON, nullable=False, doc="those that are current, the newest last"),
     Column("places", BigInteger, nullable=False, doc="given to idle services until now"),
 )

@@ -89,6 +89,8 @@ FIELD_ADVICE = {
     "rules_sha256": "enter a hash: 0x and 64 hex digits, small letters",
     "max_attempts": "enter a whole number from 1 to 255",
     "audit_window_s": "enter seconds, from a minute to 30 days",
+    "min_verdict_window_s": "enter seconds, from a minute to 30 days",
+    "max_verdict_window_s": "enter seconds, from a minute to 30 days",
     "execution_window_s": "give the executor at least a minute",
 }
 """What to enter, by the field's name: the framework's own words are for programs."""

@@ -123,7 +123,7 @@ def test_each_wrong_field_is_named(dao: Dao, command: str, request_: dict[str, A
     [
         ("register_task", TASK | {"max_attempts": 11}, "invalid_attempts"),
         ("register_task", TASK | {"execution_window_s": 59}, "invalid_window"),
-        ("register_task", TASK | {"verdict_window_s": 30 * 86_400 + 1}, "invalid_window"),
+        ("register_task", TASK | {"verdict_window_s": 7 * 86_400 + 1}, "invalid_verdict_window"),
         ("register_service", SERVICE, "already_offered"),
         ("register_service", SERVICE | {"kind": "battery_charging"}, "cannot_do"),
         ("update_service", {"service_id": 1, "price_iec": "0.0000000015"}, "invalid_price"),

@@ -203,11 +203,12 @@ def test_overdue_tasks_are_expired_by_the_bridge(dao: Dao) -> None:
     dao.wait_for(lambda: dao.names_of(task_id).count("TaskAssigned") == 2, "the second assignment")
     dao.prove(task_id)
     dao.set_clock(dao.task(task_id)["verdict_deadline"] + 2)
-    dao.wait_for(lambda: "TaskFailed" in dao.names_of(task_id), "the second expiry")
+    dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "the second expiry")
     task = dao.task(task_id)
-    assert (task["state"], task["verdict"]) == ("failed", "expired")
+    assert (task["state"], task["verdict"]) == ("settled", "expired")
     assert task["reason"] == "no verdict within the verdict window"
-    assert dao.balances() == before
+    # Of this kind the executor wins where nobody judges.
+    assert dao.balances()["panther1"] == before["panther1"] + 100
     assert_index_equals_contracts(dao)
 
 
@@ -427,6 +428,7 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
     assert "watering" not in dao.state("chain")["kinds"]
     dao.command("organization", "allow_kind", kind="watering", review="auditor", min_window_s=60)
     watering = {"kind": "watering", "allowed": True, "review": "auditor", "min_window_s": 60}
+    watering |= {"min_verdict_window_s": 0, "max_verdict_window_s": 0}
     watering |= {"audit_window_s": 0, "silence": "none", "rules_sha256": []}
     assert watering in dao.state("organization")["kinds"]
     dao.command("organization", "allow_kind", kind="watering", allowed=False)
@@ -467,11 +469,18 @@ def test_each_kind_of_the_site_says_who_judges_it_and_who_wins_at_the_auditors_s
         review="oracle",
         audit_window_s=3600,
         at_silence="creator",
+        min_verdict_window_s=1800,
+        max_verdict_window_s=7200,
     )
+    with pytest.raises(RemoteError) as refused:
+        dao.post("1", allow_wait=True, verdict_window_s=1799)
+    assert refused.value.code == "invalid_verdict_window"
     (changed,) = [one for one in dao.state("organization")["kinds"] if one["kind"] == CLEANING]
     assert (changed["audit_window_s"], changed["silence"]) == (3600, "creator")
+    assert (changed["min_verdict_window_s"], changed["max_verdict_window_s"]) == (1800, 7200)
     assert changed["rules_sha256"] == rules[CLEANING]["rules_sha256"] != []  # what was left out stays
     back = {"audit_window_s": rules[CLEANING]["audit_window_s"], "at_silence": rules[CLEANING]["silence"]}
+    back |= {"min_verdict_window_s": 900, "max_verdict_window_s": 7 * 24 * 3600}
     dao.command("organization", "allow_kind", kind=CLEANING, review="oracle", **back)
 
 
@@ -737,7 +746,7 @@ def test_what_cannot_be_done_is_given_back_at_once_with_the_reason_and_the_next_
     dao.command("organization", "allow_kind", kind="dusting", review="auditor")
     w3, robot = Web3(Web3.HTTPProvider(dao.site.chain.url)), wallets.load(dao.site, "panther1")
     dao.set_clock(w3.eth.get_block("pending")["timestamp"] + 1)
-    offer = dao.client().calls.register_service("dusting", 10**18, "a robot that dusts")
+    offer = dao.client().calls.register_service("dusting", 10**18, 0, "a robot that dusts")
     fees = {"gas": 1_000_000, "maxFeePerGas": 10**10, "maxPriorityFeePerGas": 10**9, "value": 0}
     about = {"chainId": w3.eth.chain_id, "nonce": w3.eth.get_transaction_count(robot.address)}
     signed = robot.sign_transaction({"to": offer.to, "data": offer.data, "type": 2, **fees, **about})

@@ -305,6 +305,7 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     assert (now["policy"], now["members_only"]) == ("lowest_price", True)
     assert now["terms"] == {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2}
     rules = {"kind": "sweeping", "allowed": True, "review": "auditor", "min_window_s": 120}
+    rules |= {"min_verdict_window_s": 0, "max_verdict_window_s": 0}
     rules |= {"audit_window_s": 0, "silence": "none", "rules_sha256": []}
     assert rules in now["kinds"]
     assert {role: (one["amount_iec"], one["period_s"]) for role, one in now["budgets"].items()} == {

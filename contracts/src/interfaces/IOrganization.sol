@@ -41,13 +41,18 @@ struct Budget {
 
 /// @param minWindow the shortest execution window that a task of this kind may have, s
 /// @param auditWindow how long auditors may look at what an oracle could not decide, s
-/// @param silence who wins when they do not answer
+/// @param silence who wins a proof when the judges, or after them the auditors, do not answer; None where nobody has
+/// said, and the attempt is void then
+/// @param minVerdictWindow the shortest verdict window that a task of this kind may have, s; 0 for the default
+/// @param maxVerdictWindow the longest, s; 0 for the default
 struct Kind {
     bool allowed;
     Review review;
     uint32 minWindow;
     uint32 auditWindow;
     Silence silence;
+    uint32 minVerdictWindow;
+    uint32 maxVerdictWindow;
 }
 
 /// @title The organization: who may do what, which work it accepts, how tasks meet services, and its treasury.
@@ -60,6 +65,7 @@ interface IOrganization is IDeviceRegistry {
     event RulesRetired(bytes32 indexed kind, bytes32 rules);
     event KindDisallowed(bytes32 indexed kind);
     event MinWindowChanged(bytes32 indexed kind, uint32 minWindow);
+    event VerdictWindowsChanged(bytes32 indexed kind, uint32 min, uint32 max);
     event AuditChanged(bytes32 indexed kind, uint32 auditWindow, Silence silence);
     event TermsChanged(uint256 bond, uint256 penalty, uint8 maxFailures);
     event MembersOnlyChanged(bool membersOnly);
@@ -71,6 +77,7 @@ interface IOrganization is IDeviceRegistry {
     event TasksResumed(address indexed account);
     event Deposited(address indexed from, uint256 amount);
     event Withdrawn(address indexed to, uint256 amount);
+    event TokensRescued(IERC20 indexed token, address indexed to, uint256 amount);
 
     error UnknownKind(bytes32 kind);
     /// @notice Allowing a kind requires saying who judges it.
@@ -89,6 +96,10 @@ interface IOrganization is IDeviceRegistry {
     error NotMember(address account);
     error WindowTooShort(bytes32 kind, uint32 window, uint32 min);
     error MinWindowTooLong(uint32 minWindow, uint32 max);
+    /// @notice In a shorter one no honest judge can answer; a longer one freezes service and bond.
+    error InvalidVerdictWindow(bytes32 kind, uint32 window, uint32 min, uint32 max);
+    /// @notice What bounds the verdict windows of a kind has bounds itself, and the lower one comes first.
+    error InvalidVerdictWindows(uint32 min, uint32 max, uint32 lowest, uint32 highest);
     error InvalidTerms(uint256 bond, uint256 penalty, uint8 maxFailures);
     error InvalidPolicy(address policy);
     /// @notice Only operators and treasurers take anything out of the treasury.
@@ -126,6 +137,18 @@ interface IOrganization is IDeviceRegistry {
     /// @notice Refuse tasks of `kind` that leave less time for the work, from now on. Where failures cost a bond,
     /// nobody can make others fail with a window in which the work cannot be done.
     function setMinWindow(bytes32 kind, uint32 minWindow) external;
+
+    /// @notice Refuse tasks of `kind` whose verdict window is shorter than `min` or longer than `max`, from now on.
+    /// @param kind what is to be done, ASCII
+    /// @param min in which an honest judge answers, s
+    /// @param max for which a service may be kept busy by a proof that nobody judges, s
+    function setVerdictWindows(bytes32 kind, uint32 min, uint32 max) external;
+
+    /// @notice Send on what reached the task manager or this contract by mistake, and nothing else: of the token of the
+    /// organization what neither escrow, bonds nor anybody's `owed` accounts for, of any other token all.
+    /// @param token_ the contract that it is of
+    /// @param to who gets it
+    function rescueTokens(IERC20 token_, address to) external;
 
     /// @notice What services agree to that are registered from now on. Those that are there keep their terms.
     function setTerms(Terms calldata terms_) external;
@@ -176,7 +199,7 @@ interface IOrganization is IDeviceRegistry {
     function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
 
     /// @notice IServiceManager.registerService in the organization's name.
-    function registerService(bytes32 kind, uint256 price, string calldata description)
+    function registerService(bytes32 kind, uint256 price, uint256 maxBond, string calldata description)
         external
         returns (uint256 serviceId);
 
@@ -223,18 +246,23 @@ interface IOrganization is IDeviceRegistry {
     /// @notice Whether `account` may decide what an oracle left undecided.
     function mayAudit(address account) external view returns (bool);
 
-    /// @notice Reverts with TasksArePaused, UnknownKind, NotMember, WindowTooShort or RulesNotCurrent unless `creator`
-    /// may post such a task.
+    /// @notice Reverts with TasksArePaused, UnknownKind, NotMember, WindowTooShort, InvalidVerdictWindow or
+    /// RulesNotCurrent unless `creator` may post such a task.
     /// @param kind what is to be done, ASCII
     /// @param creator who posts it
     /// @param executionWindow seconds from assignment to proof
+    /// @param verdictWindow seconds from proof to verdict
     /// @param wantedRules the rules that the creator names; 0 for the newest
     /// @return matching what matches it
     /// @return rules by which it is judged; 0 where people judge and no rules were named
-    function admitTask(bytes32 kind, address creator, uint32 executionWindow, bytes32 wantedRules)
-        external
-        view
-        returns (IMatchingPolicy matching, bytes32 rules);
+    /// @return silence who wins a proof that nobody judges
+    function admitTask(
+        bytes32 kind,
+        address creator,
+        uint32 executionWindow,
+        uint32 verdictWindow,
+        bytes32 wantedRules
+    ) external view returns (IMatchingPolicy matching, bytes32 rules, Silence silence);
 
     /// @notice Reverts with UnknownKind or NotMember unless `provider` may offer such a service.
     /// @return what it agrees to

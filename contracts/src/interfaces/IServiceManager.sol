@@ -79,6 +79,9 @@ interface IServiceManager {
     event BondPenalized(uint256 indexed serviceId, uint256 indexed taskId, uint256 amount);
     event BondReturned(uint256 indexed serviceId, address indexed provider, uint256 amount);
     event ServiceSuspended(uint256 indexed serviceId);
+    /// @notice Its provider has let too many attempts in a row pass without a proof: it is paused, and gets no tasks
+    /// until its provider wakes it (updateService).
+    event ServiceFellAsleep(uint256 indexed serviceId);
     /// @notice The service is paused now, and its failures are forgiven.
     event ServiceReinstated(uint256 indexed serviceId);
 
@@ -92,21 +95,29 @@ interface IServiceManager {
     error BondExhausted(uint256 serviceId, uint256 bond, uint256 penalty);
     /// @notice A provider can set Active, Paused and Retired.
     error InvalidServiceState(ServiceState state);
+    /// @notice The organization asks for a higher bond than the provider agreed to.
+    error BondTooHigh(uint256 bond, uint256 maxBond);
     /// @notice A price is a multiple of `unit`, so that it can be compared in 57 bits, and at most `max`.
     error InvalidPrice(uint256 price, uint256 unit, uint256 max);
     error ServiceNotIdle(uint256 serviceId);
+    /// @notice Retire one first. One that retired at work counts until its task ends.
+    error TooManyServices(address provider, uint256 max);
     error NotTaskManager(address caller);
     error NotOrganization(address caller);
 
     /// @notice Offer work of `kind` for `price` a task. The oldest open task that it can do is assigned at once.
+    /// Nobody but the organization has more than a few at a time, and with them as many tasks.
     /// If the organization's terms ask for a bond, it is taken from the caller, who approved the task manager.
+    /// @param kind what is done, ASCII
+    /// @param price what one task costs, in the token's smallest unit
+    /// @param maxBond the highest bond that the caller agrees to, so that terms that change meanwhile surprise nobody
     /// @param description free text; only in the event
-    function registerService(bytes32 kind, uint256 price, string calldata description)
+    function registerService(bytes32 kind, uint256 price, uint256 maxBond, string calldata description)
         external
         returns (uint256 serviceId);
 
     /// @notice Change what the service costs and whether it takes tasks, from the next task on. A service that
-    /// was waiting queues again at the back. Retired: what is left of the bond goes back, at once when the service
+    /// was waiting queues again at the back, and one that fell asleep is awake where it is Active again. Retired: what is left of the bond goes back, at once when the service
     /// is idle, else when its task ends.
     function updateService(uint256 serviceId, uint256 price, ServiceState state) external;
 

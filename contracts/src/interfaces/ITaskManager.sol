@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
+
 enum TaskState {
     None,
     Open,
@@ -28,7 +30,7 @@ enum Cause {
     AuditExpired
 }
 
-/// @notice Who wins when the auditors let their window pass.
+/// @notice Who wins when the judges, or the auditors, let their window pass. None: neither, and the attempt is void.
 enum Silence {
     None,
     Executor,
@@ -81,8 +83,8 @@ struct Task {
 ///      │ └───────────────┴── expired, rejected ┘  └─undecided─> Undecided ──rejected──> Open or Failed
 ///      └──> Cancelled      (Failed at the last)                (silent auditors: Settled or Failed)
 /// The whole reward is held from registration to one of the three terminal states, in which the executor has
-/// what the verdict gave it and the creator the rest. The contract holds the bonds of services as well, and nothing
-/// else. An undecided attempt is over for its service: it costs it neither bond nor standing nor its next task.
+/// what the verdict gave it and the creator the rest. The contract holds the bonds of services as well; whatever else
+/// it is sent can be rescued. An undecided attempt is over for its service: it costs it neither bond nor standing nor its next task.
 interface ITaskManager {
     /// @param rules by which it is judged until it ends, whatever becomes current later; 0 where people judge and no
     /// rules were named. Only in the event: no contract decides by them.
@@ -136,7 +138,8 @@ interface ITaskManager {
     event TaskCancelled(uint256 indexed taskId, uint256 refund);
     /// @notice The organization's policy reverted or chose an unfit service; the task waits. See matchTask.
     event PolicyFailed(uint256 indexed taskId);
-    /// @notice The token refused the transfer; the amount is kept until `collect`, so that it holds up nobody else.
+    /// @notice The token refused the transfer, or wanted more gas than PAYMENT_GAS; the amount is kept until `collect`,
+    /// so that it holds up nobody else.
     event PaymentDeferred(address indexed account, uint256 amount);
     event PaymentCollected(address indexed account, uint256 amount);
 
@@ -157,6 +160,7 @@ interface ITaskManager {
     /// @notice Neither the creator nor the executor judges.
     error JudgeIsParty(uint256 taskId, address caller);
     error NotServiceManager(address caller);
+    error NotOrganization(address caller);
     error InvalidWindow(uint32 window, uint32 min, uint32 max);
     error InvalidAttempts(uint8 attempts, uint8 max);
     error NothingOwed(address account);
@@ -209,7 +213,8 @@ interface ITaskManager {
     ) external;
 
     /// @notice Anyone ends an attempt whose window has passed. The task queues again, or fails with a refund. Where
-    /// the auditors were silent it settles at the full price or fails, as AuditRequested said.
+    /// nobody judged a proof in time, and the kind let the executor win then when the task was posted, it settles at
+    /// the full price. Where the auditors were silent it settles at the full price or fails, as AuditRequested said.
     function expireTask(uint256 taskId) external;
 
     /// @notice Anyone asks the policy again for an open task; useful only after PolicyFailed.
@@ -233,6 +238,15 @@ interface ITaskManager {
     /// @notice A service became available: give it the oldest open task it can do, or let it wait. Only the
     /// service manager.
     function placeService(uint256 serviceId, bytes32 kind, uint256 price) external;
+
+    /// @notice How many of its token's smallest units this contract answers for: rewards of live tasks, bonds, `owed`.
+    function held() external view returns (uint256);
+
+    /// @notice Send on what reached this contract by mistake. Only the organization.
+    /// @param token_ the contract that it is of
+    /// @param to who gets it
+    /// @return amount how much there was; of the payment token what exceeds `held`
+    function rescue(IERC20 token_, address to) external returns (uint256 amount);
 
     /// @notice Take the bond of a service from its provider, who has approved this contract. Only the service
     /// manager.

@@ -37,6 +37,8 @@ contract EscrowInvariants is Fixture {
             vm.prank(admin);
             organization.grantRole(role, others[i]);
         }
+        vm.prank(admin);
+        organization.setVerdictWindows(CLEANING, 15 minutes, 7 days);
         targetContract(address(_handler));
     }
 
@@ -51,6 +53,7 @@ contract EscrowInvariants is Fixture {
             held += services.service(serviceId).bond;
         }
         assertEq(coin.balanceOf(address(tasks)), held);
+        assertEq(tasks.held(), held);
     }
 
     /// @notice Everyone owns what its own calls and the rules say.

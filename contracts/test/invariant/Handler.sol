@@ -9,7 +9,7 @@ import {Organization} from "../../src/Organization.sol";
 import {ServiceManager} from "../../src/ServiceManager.sol";
 import {TaskManager} from "../../src/TaskManager.sol";
 import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
-import {Review, Terms} from "../../src/interfaces/IOrganization.sol";
+import {Kind, Review, Terms} from "../../src/interfaces/IOrganization.sol";
 import {Outcome, Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {
     ITaskManager,
@@ -49,6 +49,7 @@ contract Handler is CommonBase, StdUtils {
     bytes32 private constant CHARGING = "battery_charging";
     /// @dev So many different rules are named; more than may be current.
     uint256 private constant RULES = 12;
+    uint256 private constant NO_LIMIT = type(uint256).max;
 
     IECoin private immutable _coin;
     Organization private immutable _organization;
@@ -67,8 +68,12 @@ contract Handler is CommonBase, StdUtils {
     /// @notice What the rules forbid and happened nevertheless; empty if nothing did.
     string public violation;
 
+    /// @notice Attempts in a row that a provider let pass without a proof.
+    mapping(address provider => uint256) public missed;
     mapping(uint256 taskId => uint8) private _attemptSeen;
     mapping(uint256 taskId => Disputed) private _disputes;
+    /// @dev Who wins a proof that nobody judges, as it was when the task was posted.
+    mapping(uint256 taskId => Silence) private _silence;
     mapping(bytes32 kind => Judged) private _judged;
 
     /// @dev After every call: whoever was assigned was next in line.
@@ -134,13 +139,29 @@ contract Handler is CommonBase, StdUtils {
             } catch {}
             return;
         }
+        request.verdictWindow = _verdictWindow(wish);
+        Kind memory k = _organization.kindOf(CLEANING);
+        bool right =
+            request.verdictWindow >= k.minVerdictWindow && request.verdictWindow <= k.maxVerdictWindow;
         vm.recordLogs();
         vm.prank(creator);
-        _tasks.registerTask(request);
+        try _tasks.registerTask(request) {
+            if (!right) violation = "a verdict window was too short or too long";
+        } catch {
+            if (right) violation = "a task could not be posted";
+            return;
+        }
         expected[creator] -= reward;
+        _silence[_tasks.taskCount()] = k.silence;
         if (_rulesPosted() != (wanted == 0 ? current[current.length - 1] : wanted)) {
             violation = "a task was posted under other rules";
         }
+    }
+
+    /// @dev One in eight is none in which anybody should agree to work.
+    function _verdictWindow(uint256 wish) private pure returns (uint32) {
+        if (wish % 8 == 5) return 1 minutes;
+        return wish % 8 == 6 ? 30 days : 1 hours;
     }
 
     /// @dev As the event of the task that was just posted tells.
@@ -172,10 +193,41 @@ contract Handler is CommonBase, StdUtils {
         address provider = _providers[bound(who, 0, _providers.length - 1)];
         Terms memory terms = _organization.terms();
         if (_services.serviceCount() >= 12 || expected[provider] < terms.bond) return;
+        if (terms.bond != 0) {
+            vm.prank(provider);
+            try _services.registerService(CLEANING, 0, terms.bond - 1, "") {
+                violation = "a bond was taken that nobody agreed to";
+            } catch {}
+        }
         vm.prank(provider);
-        uint256 serviceId = _services.registerService(CLEANING, _price(price), "");
-        expected[provider] -= terms.bond;
-        ghost[serviceId] = Ghost(terms.bond, terms.penalty, terms.maxFailures, 0, false);
+        try _services.registerService(CLEANING, _price(price), NO_LIMIT, "") returns (uint256 serviceId) {
+            expected[provider] -= terms.bond;
+            ghost[serviceId] = Ghost(terms.bond, terms.penalty, terms.maxFailures, 0, false);
+        } catch {
+            if (_live(provider) < _services.MAX_SERVICES()) violation = "a service could not be offered";
+        }
+    }
+
+    /// @dev A provider that offers as many services as it can; once in a run, else nobody else would get a task.
+    function hoard(uint256 who) external inOrder {
+        address provider = _providers[bound(who, 0, _providers.length - 1)];
+        Terms memory terms = _organization.terms();
+        if (_services.serviceCount() > 2 || terms.bond != 0) return;
+        for (uint256 i = 0; i <= _services.MAX_SERVICES(); ++i) {
+            vm.prank(provider);
+            try _services.registerService(CLEANING, 0, 0, "") returns (uint256 serviceId) {
+                ghost[serviceId] = Ghost(0, 0, terms.maxFailures, 0, false);
+            } catch {}
+        }
+        if (_live(provider) > _services.MAX_SERVICES()) violation = "a provider has too many services";
+    }
+
+    /// @dev Services of a provider that take tasks, will, or do one.
+    function _live(address provider) private view returns (uint256 count) {
+        for (uint256 serviceId = 1; serviceId <= _services.serviceCount(); ++serviceId) {
+            Service memory s = _services.service(serviceId);
+            if (s.provider == provider && (s.state != ServiceState.Retired || s.taskId != 0)) ++count;
+        }
     }
 
     function updateService(uint256 which, uint256 price, uint8 state) external inOrder {
@@ -187,6 +239,7 @@ contract Handler is CommonBase, StdUtils {
         ServiceState next = state % 10 == 0 ? ServiceState.Retired : ServiceState(1 + state % 2);
         vm.prank(s.provider);
         try _services.updateService(serviceId, _price(price), next) {
+            missed[s.provider] = 0;
             if (ghost[serviceId].suspended && next != ServiceState.Retired) violation = "left a suspension";
             if (next == ServiceState.Retired) {
                 ghost[serviceId].suspended = false;
@@ -199,7 +252,9 @@ contract Handler is CommonBase, StdUtils {
 
     function submitProof(uint256 which, bytes32 proofHash) external inOrder {
         uint256 taskId = _find(which, TaskState.Assigned);
-        if (taskId == 0 || proofHash == 0) return;
+        if (taskId == 0) return;
+        // A few only: the hash of another's proof stops nobody from submitting it.
+        proofHash = keccak256(abi.encode(uint256(proofHash) % 4));
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         vm.prank(_services.providerOf(t.serviceId));
@@ -228,8 +283,10 @@ contract Handler is CommonBase, StdUtils {
         if (accepted) {
             _expectPayment(t, amount);
             ghost[t.serviceId].failures = 0;
+            missed[_services.providerOf(t.serviceId)] = 0;
             _expectRelease(t.serviceId);
         } else {
+            missed[_services.providerOf(t.serviceId)] = 0;
             _expectFailure(t, true);
         }
     }
@@ -243,6 +300,7 @@ contract Handler is CommonBase, StdUtils {
         Silence silence = _organization.kindOf(CLEANING).silence;
         _judge(_oracle, taskId, t, Verdict.Undecided, 0);
         _disputes[taskId] = Disputed(_oracle, silence, t.proofHash);
+        missed[_services.providerOf(t.serviceId)] = 0;
         _expectRelease(t.serviceId);
     }
 
@@ -315,6 +373,19 @@ contract Handler is CommonBase, StdUtils {
         _expire(taskId, t, running);
     }
 
+    /// @dev A provider is switched off for a while: nothing that it was given gets a proof.
+    function stayAway(uint256 who) external inOrder {
+        address provider = _providers[bound(who, 0, _providers.length - 1)];
+        for (uint256 taskId = 1; taskId <= _tasks.taskCount(); ++taskId) {
+            Task memory t = _tasks.task(taskId);
+            while (t.state == TaskState.Assigned && _services.providerOf(t.serviceId) == provider) {
+                if (block.timestamp <= t.deadline) vm.warp(uint256(t.deadline) + 1);
+                _expire(taskId, t, TaskState.Assigned);
+                t = _tasks.task(taskId);
+            }
+        }
+    }
+
     /// @dev The auditors let their window pass, and the administrator would rather have another winner now.
     function staySilent(uint256 which, bool executor) external inOrder {
         uint256 taskId = _find(which, TaskState.Undecided);
@@ -326,10 +397,40 @@ contract Handler is CommonBase, StdUtils {
     }
 
     function _expire(uint256 taskId, Task memory t, TaskState running) private {
+        Service memory s = _services.service(t.serviceId);
         _tasks.expireTask(taskId);
-        if (running != TaskState.Undecided) _expectFailure(t, running == TaskState.Assigned);
-        else if (_disputes[taskId].silence == Silence.Executor) _expectPayment(t, t.price);
-        else expected[t.creator] += t.reward;
+        if (running == TaskState.Assigned) {
+            bool off = ++missed[s.provider] >= _services.MAX_MISSED();
+            ServiceState after_ = _services.service(t.serviceId).state;
+            bool active = after_ == ServiceState.Active;
+            if (s.state == ServiceState.Active && after_ != ServiceState.Suspended && off == active) {
+                violation = "who is not there is asleep, and nobody else";
+            }
+        } else if (running == TaskState.Submitted) {
+            missed[s.provider] = 0;
+        }
+        if (running == TaskState.Submitted && _silence[taskId] == Silence.Executor) {
+            _expectPayment(t, t.price);
+            _expectRelease(t.serviceId);
+        } else if (running != TaskState.Undecided) {
+            _expectFailure(t, running == TaskState.Assigned);
+        } else if (_disputes[taskId].silence == Silence.Executor) {
+            _expectPayment(t, t.price);
+        } else {
+            expected[t.creator] += t.reward;
+        }
+    }
+
+    /// @dev Somebody sends the escrow tokens by mistake, and the administrator sends them on: to the last unit, and
+    /// no more.
+    function rescue(uint256 who, uint256 amount) external {
+        address sender = _creators[bound(who, 0, _creators.length - 1)];
+        amount = bound(amount, 0, _min(expected[sender], 5 ether));
+        vm.prank(sender);
+        _coin.transfer(address(_tasks), amount);
+        vm.prank(_admin);
+        _organization.rescueTokens(_coin, sender);
+        if (_coin.balanceOf(sender) != expected[sender]) violation = "more or less was rescued";
     }
 
     function matchTask(uint256 which) external inOrder {
@@ -373,6 +474,9 @@ contract Handler is CommonBase, StdUtils {
         } catch {}
         try _services.suspend(1) {
             violation = "a stranger suspended a service";
+        } catch {}
+        try _tasks.rescue(_coin, who) {
+            violation = "a stranger rescued";
         } catch {}
         try _organization.withdraw(who, 1) {
             violation = "a stranger withdrew";

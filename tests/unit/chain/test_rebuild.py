@@ -56,6 +56,7 @@ class Life:
             calls.set_terms(Terms(to_wei(Decimal(20)), to_wei(Decimal(6)), 2)),
             calls.allow_kind("battery_charging", Review.AUDITOR, REPORT),
             calls.set_min_window(KIND, 60),
+            calls.set_verdict_windows(KIND, 600, 7200),
             calls.grant_role(Role.AUDITOR, organization.oracle.address),
             calls.admit(organization.robot.address),
             calls.admit(organization.operator.address),
@@ -89,7 +90,7 @@ class Life:
 
     def offer(self) -> None:
         price = to_wei(Decimal(self.random.choice([20, 50, 80])))
-        call = self.organization.client.calls.register_service(KIND, price, "cleans")
+        call = self.organization.client.calls.register_service(KIND, price, to_wei(Decimal(20)), "cleans")
         self.organization.send(self.organization.robot, call)
 
     def update(self) -> None:

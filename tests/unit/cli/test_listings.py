@@ -39,7 +39,7 @@ ACTS = {
     *(f"rodeo robot {order}" for order in robot.ORDERS),
     *(f"rodeo organization {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
-        "reinstate", "deposit", "withdraw", "register-device", "revoke-device", "retire-rules",
+        "reinstate", "rescue", "deposit", "withdraw", "register-device", "revoke-device", "retire-rules",
         "budget", "pause", "resume",
     )),
 }  # fmt: skip

@@ -264,6 +264,19 @@ def test_a_requeued_task_says_why_until_it_is_tried_again(chain: Chain) -> None:
     assert (task(chain)["verdict"], task(chain)["proof_sha256"], task(chain)["attempt"]) == (None, None, 2)
 
 
+def test_a_service_that_fell_asleep_is_paused_and_waits_nowhere(chain: Chain) -> None:
+    chain.block(registered(), offered(), assigned())
+    chain.block(events.TaskFailed(1, 120 * IEC, 1, Cause.EXECUTION_EXPIRED), events.ServiceFellAsleep(1))
+    service = chain.index.services({}, Page(10))[0][0]
+    assert (service["state"], service["place"], service["task_id"]) == ("paused", 0, None)
+
+
+def test_work_that_nobody_judged_is_paid_and_no_completion(chain: Chain) -> None:
+    chain.block(registered(), offered(), assigned(), events.TaskSettled(1, ROBOT, 80 * IEC, 40 * IEC))
+    assert (task(chain)["state"], task(chain)["verdict"]) == ("settled", "expired")
+    assert chain.index.services({}, Page(10))[0][0]["completed"] == 0
+
+
 @pytest.mark.parametrize(
     ("cause", "reason", "counted"),
     [
