@@ -90,6 +90,10 @@ class Life:
 
     def offer(self) -> None:
         price = to_wei(Decimal(self.random.choice([20, 50, 80])))
+        client = self.organization.client
+        services = [client.service(one + 1) for one in range(client.service_count())]
+        if sum(one.state is not ServiceState.RETIRED or one.task_id != 0 for one in services) == 8:
+            return  # as many as a provider may have
         call = self.organization.client.calls.register_service(KIND, price, to_wei(Decimal(20)), "cleans")
         self.organization.send(self.organization.robot, call)
 
