@@ -33,7 +33,12 @@ def chain(**changes: Any) -> dict[str, Any]:
 
 def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> dict[str, Any]:
     """`audited`: kinds that auditors judge, `measured`: those that the oracle does."""
-    windows = {"allowed": True, "min_window_s": 0, "min_verdict_window_s": 0, "max_verdict_window_s": 0}
+    windows: dict[str, Any] = {
+        "allowed": True,
+        "min_window_s": 0,
+        "min_verdict_window_s": 0,
+        "max_verdict_window_s": 0,
+    }
     windows |= {"audit_window_s": 0, "silence": "none", "rules_sha256": []}
     kinds = [(kind, "auditor") for kind in audited] + [(kind, "oracle") for kind in measured]
     return {

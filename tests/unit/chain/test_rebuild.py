@@ -30,7 +30,7 @@ from rodeo_testing.rebuild import ZERO_ADDRESS, rebuild
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
 
-STEPS = 40
+STEPS = 80
 DEVICE = "0x" + "00" * 19 + "01"
 
 
