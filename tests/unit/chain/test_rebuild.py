@@ -30,7 +30,7 @@ from rodeo_testing.rebuild import ZERO_ADDRESS, rebuild
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
 
-STEPS = 80
+STEPS = 60
 DEVICE = "0x" + "00" * 19 + "01"
 
 
@@ -91,9 +91,14 @@ class Life:
     def offer(self) -> None:
         price = to_wei(Decimal(self.random.choice([20, 50, 80])))
         client = self.organization.client
-        services = [client.service(one + 1) for one in range(client.service_count())]
-        if sum(one.state is not ServiceState.RETIRED or one.task_id != 0 for one in services) == 8:
-            return  # as many as a provider may have
+        services = {one + 1: client.service(one + 1) for one in range(client.service_count())}
+        idle = [one for one, known in services.items() if known.state is not ServiceState.RETIRED]
+        idle = [one for one in idle if services[one].task_id == 0]
+        if len(idle) > 3:  # a provider may not have many
+            retired = client.calls.update_service(idle[0], services[idle[0]].price, ServiceState.RETIRED)
+            self.organization.send(self.organization.robot, retired)
+        if sum(one.task_id != 0 for one in services.values()) > 3:
+            return
         call = self.organization.client.calls.register_service(KIND, price, to_wei(Decimal(20)), "cleans")
         self.organization.send(self.organization.robot, call)
 
