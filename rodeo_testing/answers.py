@@ -48,6 +48,8 @@ def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> d
         "kinds": [{"kind": kind, "review": review, **windows} for kind, review in kinds],
         "terms": {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
         "members_only": False,
+        "paused_until_s": 0,
+        "budgets": {},
         "roles": {},
         "contracts": CONTRACTS,
     }

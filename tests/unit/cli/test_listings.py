@@ -30,7 +30,7 @@ from services.console.roles import Role
 from tests.support.site import LAB, write_site
 
 ACTS = {
-    "rodeo up", "rodeo down", "rodeo demo",
+    "rodeo up", "rodeo down", "rodeo demo", "rodeo experiment paper",
     "rodeo site prepare", "rodeo kind new",
     "rodeo task accept", "rodeo task submit", "rodeo task judge", "rodeo task cancel",
     "rodeo service offer", "rodeo service price", "rodeo service pause", "rodeo service resume",
