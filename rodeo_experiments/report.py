@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import html
 import json
+import math
 import re
 import statistics
 from collections.abc import Iterable, Sequence
@@ -18,7 +19,7 @@ from rodeo.earnings import earnings
 from rodeo.schedule import zone
 from rodeo_experiments import paper
 from rodeo_experiments.record import Run
-from rodeo_experiments.results import Figures, Value, step_of
+from rodeo_experiments.results import Figures, Value, median, step_of
 
 _LIMITS = (
     "The robot, its arm, the bin, the dock and the lab are simulated in MuJoCo. Contacts, motors and "
@@ -37,13 +38,6 @@ _LIMITS = (
     "Gas is measured on an embedded chain. The prices of gas and ETH are parameters. What a rollup charges "
     "for its "
     "data is not counted.",
-)
-_DIFFERENCES = (
-    "The paper's robot needs longer for a cleaning. Ours may drive and move its arm faster, finds an item "
-    "with one "
-    "look because motion capture and a named place tell where to look, and its room is smaller. `--pace "
-    "paper` uses "
-    "the slower limits in the site file.",
 )
 
 
@@ -188,7 +182,7 @@ def markdown(
     )
     lines += ["", "## Where the paper's numbers contradict each other", ""]
     lines += [f"- {one}" for one in paper.contradictions()]
-    lines += ["", "## What differs between its robot and ours", "", *_DIFFERENCES, ""]
+    lines += ["", "## What differs between its robot and ours", "", _differences(figures, site), ""]
     if explained := [*figures.explained, *run.notes]:
         lines += ["## Tasks that were not paid", "", *(f"- {one}" for one in explained), ""]
     if seeds:
@@ -220,6 +214,19 @@ def _summary(figures: Figures) -> str:
         f"bought {results['charging_settled']} charges. The run took {run.wall_s:.0f} s of wall time with "
         "seed "
         f"{run.seed}. {kept}"
+    )
+
+
+def _differences(figures: Figures, site: Site) -> str:
+    limits, (length_m, width_m) = site.robots[0].limits, site.lab.size_m
+    minutes = median(figures.execution_min(figures.cleanings))
+    ours = "" if math.isnan(minutes) else f" and ours {60 * minutes:.0f} s"
+    return (
+        f"The paper's robot takes {60 * paper.CLEANING_MIN:.0f} s for a cleaning{ours}. Ours drives at up to "
+        f"{limits.cruise_m_s:g} m/s, turns its joints at up to {limits.joint_rad_s:g} rad/s, looks at the place "
+        f"that the task names with a depth camera, and works in a room of {length_m:g} m by {width_m:g} m. The "
+        "paper tells neither its speeds nor the size of its room. `--pace paper` uses the slower limits of the "
+        "site file."
     )
 
 
