@@ -223,9 +223,12 @@ def _differences(figures: Figures, site: Site) -> str:
     ours = "" if math.isnan(minutes) else f" and ours {60 * minutes:.0f} s"
     return (
         f"The paper's robot takes {60 * paper.CLEANING_MIN:.0f} s for a cleaning{ours}. Ours drives at up to "
-        f"{limits.cruise_m_s:g} m/s, turns its joints at up to {limits.joint_rad_s:g} rad/s, looks at the place "
-        f"that the task names with a depth camera, and works in a room of {length_m:g} m by {width_m:g} m. The "
-        "paper tells neither its speeds nor the size of its room. `--pace paper` uses the slower limits of the "
+        f"{limits.cruise_m_s:g} m/s, turns its joints at up to {limits.joint_rad_s:g} rad/s, looks at the "
+        "place "
+        f"that the task names with a depth camera, and works in a room of {length_m:g} m by {width_m:g} m. "
+        "The "
+        "paper tells neither its speeds nor the size of its room. `--pace paper` uses the slower limits of "
+        "the "
         "site file."
     )
 
