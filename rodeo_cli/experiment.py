@@ -59,11 +59,9 @@ def paper(
 
     Exit status 0 only if every arrival was posted, every task is over and the supply of IEC was conserved.
     """
-    from rodeo_experiments.errors import ExperimentFailed
     from rodeo_experiments.site import Variation
 
-    if find_spec("matplotlib") is None:
-        raise ExperimentFailed('the figures need matplotlib: pip install "rodeo-dao[experiment]"')
+    _need_matplotlib()
     stop_on_signals()
     vary = Variation(seed=seed, days=days, robots=robots, tariff=tariff, chain=chain, slow=pace == "paper")
     try:
@@ -80,6 +78,33 @@ def paper(
     say(f"The report is {out / 'report.html'}.")
     if problems:
         raise typer.Exit(1)
+
+
+@experiments.command()
+@reports_errors
+def ablation(
+    out: Annotated[Path, typer.Option(help="Folder for the report.")] = Path("out/experiment/ablation"),
+    sample: Annotated[int, typer.Option(min=1, help="Forgeries of each kind.")] = 60,
+    noises: Annotated[int, typer.Option(min=1, help="Noises under which each honest run is judged.")] = 3,
+    seed: Annotated[int, typer.Option(min=0, help="Seed of the sample.")] = 1,
+) -> None:
+    """Turn off each check: which forgeries pass then, which honest runs return, what time is saved."""
+    from rodeo_experiments.ablation import ablate, write
+
+    _need_matplotlib()
+    with _Shown() as shown:
+        found = ablate(sample, noises, seed, shown.say)
+    write(found, out)
+    say(f"{found.forgeries} forgeries and {found.honest} honest runs in {found.wall_s:.0f} s.")
+    say(f"The report is {out / 'report.html'}.")
+
+
+def _need_matplotlib() -> None:
+    """Before the work begins. Raises ExperimentFailed."""
+    from rodeo_experiments.errors import ExperimentFailed
+
+    if find_spec("matplotlib") is None:
+        raise ExperimentFailed('the figures need matplotlib: pip install "rodeo-dao[experiment]"')
 
 
 def _run(

@@ -25,7 +25,7 @@ WORK, ENERGY, LIGHT, GREY, RED = "#2b6cb0", "#2f855a", "#a9c8e8", "#718096", "#c
 LIGHT_ENERGY = "#a8d5ba"
 Bar = tuple[str, float, tuple[float, float], str]
 """Label, median, range, colour."""
-_STYLE: Any = {
+STYLE: Any = {
     "figure.constrained_layout.use": True,
     "font.size": 9,
     "font.family": "DejaVu Sans",
@@ -48,7 +48,7 @@ def draw(figures: Figures, tariffs: list[TariffConfig], folder: Path, form: str 
     folder.mkdir(parents=True, exist_ok=True)
     captions = {}
     for name, (function, caption, size) in _FIGURES.items():
-        with mpl.rc_context(_STYLE):
+        with mpl.rc_context(STYLE):
             figure = Figure(figsize=size)
             function(figures, tariffs, figure)
             figure.savefig(folder / f"{name}.{form}", metadata={"Date": None} if form == "svg" else None)

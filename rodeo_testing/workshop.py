@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 
 from rodeo import topics
 from rodeo.checks.acts import ConsumedActs, Wait, acts_unspent
-from rodeo.checks.case import ChainRecord
+from rodeo.checks.case import ChainRecord, Checks
 from rodeo.checks.report import Report
 from rodeo.checks.verify import verify_file, verify_submission
 from rodeo.config import KindConfig, Site
@@ -157,8 +157,10 @@ class Workshop(ABC):
         """`take` with the witnesses' signed statements as `edit` returns them."""
         return self.submitted(take, witnesses=Witnesses(edit=edit), **task)
 
-    def judged(self, submission: Submission) -> Report:
-        """What the oracle says, from the URI on."""
+    def judged(
+        self, submission: Submission, checks_of: Callable[[Checks], Checks] = lambda checks: checks
+    ) -> Report:
+        """What the oracle says, from the URI on; with `checks_of`, what it would say with other checks."""
         uri, sha256 = submission.uri, submission.sha256
         if submission.path is not None:
             with submission.path.open("rb") as file:
@@ -168,7 +170,8 @@ class Workshop(ABC):
         task = chain_record.task.model_copy(update={"proof_uri": uri, "proof_sha256": sha256})
         site = submission.site or self.site
         with TemporaryDirectory(dir=self.folder) as folder:
-            report = verify_submission(site, chain_record.model_copy(update={"task": task}), Path(folder))
+            record = chain_record.model_copy(update={"task": task})
+            report = verify_submission(site, record, Path(folder), checks_of=checks_of)
         if not (report.accepted and submission.spent):
             return report
         found = _paid_before(submission.spent, task).spent(task.id, task.attempt, report.acts)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from rodeo.checks import provenance
-from rodeo.checks.case import Case, CaseError, ChainRecord, CheckFunction, OthersFailed
+from rodeo.checks.case import Case, CaseError, ChainRecord, CheckFunction, Checks, OthersFailed
 from rodeo.checks.counts import COUNTS
 from rodeo.checks.report import Check, Finding, Report, skipped, undecided
 from rodeo.checks.rules import rules_hash
@@ -33,10 +35,16 @@ _UNFORESEEN = (KeyError, TypeError, ValueError, IndexError, ArithmeticError)
 
 
 def verify_file(
-    path: Path, site: Site, chain_record: ChainRecord | None = None, *, reads_bags: bool = True
+    path: Path,
+    site: Site,
+    chain_record: ChainRecord | None = None,
+    *,
+    reads_bags: bool = True,
+    checks_of: Callable[[Checks], Checks] = lambda checks: checks,
 ) -> Report:
     """Check the proof at `path`. Without `chain_record`, what only the chain knows is skipped. A bag,
-    which is never paid for, is only read if `reads_bags`.
+    which is never paid for, is only read if `reads_bags`. `checks_of` may change the kind's checks,
+    to find out what one of them is good for; an oracle never does.
 
     Never raises for what the file holds: a file that cannot be read is a report that says so.
     """
@@ -52,6 +60,7 @@ def verify_file(
     detail = f"{proof.messages} messages {by}"
     checks.append(Check(name="readable_and_sealed", passed=True, source="docs/evidence.md", detail=detail))
     case = case_of(proof, site, chain_record)
+    case = replace(case, checks=checks_of(case.checks))
     missed = ""
     for stage in case.checks.stages:
         if missed and (proof.sealed or provenance.sealed not in stage):  # nobody need be asked about a bag
@@ -107,7 +116,13 @@ def _claimed(case: Case) -> list[str]:
 
 
 def verify_submission(
-    site: Site, chain_record: ChainRecord, folder: Path, copy: Path | None = None, *, may_wait: bool = False
+    site: Site,
+    chain_record: ChainRecord,
+    folder: Path,
+    copy: Path | None = None,
+    *,
+    may_wait: bool = False,
+    checks_of: Callable[[Checks], Checks] = lambda checks: checks,
 ) -> Report:
     """Fetch the task's proof into `folder` and check it; `copy` is the proof, where it was had already.
 
@@ -125,7 +140,7 @@ def verify_submission(
             raise
         return _report([_failed("fetched", error)], site, chain_record)
     # Bags are read by libraries that know no limits: what exhausts them must not be for people to decide.
-    report = verify_file(path, site, chain_record, reads_bags=False)
+    report = verify_file(path, site, chain_record, reads_bags=False, checks_of=checks_of)
     fetched = Check(name="fetched", passed=True, measured=task.proof_sha256, source=task.proof_uri or "")
     return report.with_checks(fetched, first=True)
 

@@ -13,6 +13,7 @@ NOT_RUN: dict[str, str] = {
     "make demo": f"{_MINUTES}: tests/integration/test_demo.py runs what it runs",
     "make experiment": f"{_MINUTES}: tests/integration/test_experiment.py runs a short one",
     "rodeo experiment paper": f"{_MINUTES}: tests/integration/test_experiment.py runs a short one",
+    "rodeo experiment ablation": f"{_MINUTES}: tests/unit/rodeo_experiments tests it",
     "make setup": "installs packages",
     "make lint": _SUITE,
     "make test": _SUITE,
