@@ -163,10 +163,6 @@ class Participant:
         """The index's answer. Raises MalformedAnswer, too."""
         return queries.ask(self._bus, self._org, query, **parameters)
 
-    def state(self, what: str, **parameters: Any) -> dict[str, Any]:
-        """The same as JSON, for who asks by name."""
-        return self._bus.query(topics.STATE.name(org=self._org, what=what), parameters=parameters)
-
     # -- commands --------------------------------------------------------------------------------------
 
     def offer_service(self, kind: str, price_iec: Decimal, description: str, number: int = 0) -> Offer | None:

@@ -301,6 +301,7 @@ class Contracts(Answer):
     organization: str = Field(alias="Organization")
     task_manager: str = Field(alias="TaskManager")
     service_manager: str = Field(alias="ServiceManager")
+    oracle_committee: str = Field(alias="OracleCommittee")
 
 
 class Budget(Answer):

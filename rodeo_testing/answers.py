@@ -12,6 +12,7 @@ CONTRACTS = {
     "Organization": "0x" + "22" * 20,
     "TaskManager": "0x" + "11" * 20,
     "ServiceManager": "0x" + "05" * 20,
+    "OracleCommittee": "0x" + "06" * 20,
 }
 
 

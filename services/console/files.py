@@ -5,11 +5,12 @@
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, Depends
 from fastapi.responses import FileResponse, JSONResponse, Response
 
+from rodeo import queries
 from rodeo.errors import RodeoError
 from services.console.money import transfers_csv
 from services.console.pages.frame import Console
@@ -46,11 +47,11 @@ def router(console: Console) -> APIRouter:
     return routes
 
 
-def _transfers(console: Console, account: str) -> Iterator[dict[str, Any]]:
+def _transfers(console: Console, account: str) -> Iterator[queries.Transfer]:
     """All transfers of the account, newest first, asked page by page."""
     offset = 0
     while True:
-        page = console.queries.state("transfers", account=account, limit=_PAGE, offset=offset)["transfers"]
+        page = console.queries.ask(queries.TRANSFERS, account=account, limit=_PAGE, offset=offset).transfers
         yield from page
         offset += len(page)
         if len(page) < _PAGE:

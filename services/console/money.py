@@ -5,11 +5,10 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Iterable
-from typing import Any
+from decimal import Decimal
 
+from rodeo.queries import Transfer
 from services.console.formatting import moment
-
-Json = dict[str, Any]
 
 _REASONS = {
     "escrow": "Reward of task {task} into escrow",
@@ -30,12 +29,17 @@ _REASONS = {
 _FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r")
 
 
-def reason(transfer: Json) -> str:
+def reason(transfer: Transfer) -> str:
     """Why the money moved."""
-    return _REASONS.get(transfer["reason"], str(transfer["reason"])).format(task=transfer["task_id"])
+    return _REASONS.get(transfer.reason, transfer.reason).format(task=transfer.task_id)
 
 
-def transfers_csv(transfers: Iterable[Json]) -> str:
+def change(transfer: Transfer) -> Decimal:
+    """IEC of the account that was asked for."""
+    return transfer.change_iec or Decimal(0)
+
+
+def transfers_csv(transfers: Iterable[Transfer]) -> str:
     """One line per transfer of an account, newest first."""
     text = io.StringIO()
     writer = csv.writer(text)
@@ -43,14 +47,14 @@ def transfers_csv(transfers: Iterable[Json]) -> str:
     for one in transfers:
         writer.writerow(
             [
-                moment(one["time_s"]),
-                _cell(one["sender_name"] or one["sender"]),
-                _cell(one["to_name"] or one["to"]),
-                one["change_iec"],
-                one["balance_iec"],
+                moment(one.time_s),
+                _cell(one.sender_name or one.sender),
+                _cell(one.to_name or one.to),
+                f"{change(one):f}",
+                f"{one.balance_iec or 0:f}",
                 reason(one),
-                "" if one["task_id"] is None else one["task_id"],
-                one["tx_hash"],
+                "" if one.task_id is None else one.task_id,
+                one.tx_hash,
             ]
         )
     return text.getvalue()

@@ -24,8 +24,9 @@ from contextlib import ExitStack
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
+from rodeo import queries
 from rodeo.bus import DaoEvents
 from rodeo.checks.acts import ConsumedActs, Submission, Wait, acts_unspent
 from rodeo.checks.report import Check, Report
@@ -106,7 +107,7 @@ class Oracle:
             process.data_dir / "proofs",
             self._enqueue,
             self._waits,
-            lambda: list(self._wallet.state("chain").get("stores", [])),
+            lambda: self._wallet.ask(queries.CHAIN).stores,
         )
         self._judging = Judging(process.site, self._clock, self._enqueue, self._waits)
         self._told: list[str] = []
@@ -327,7 +328,7 @@ class Oracle:
             )
         if chain_record.task.state != "submitted" or chain_record.task.attempt != attempt:
             return None
-        if not is_ours(self._kinds, chain_record.task.kind, self._wallet.state("organization")["kinds"]):
+        if not is_ours(self._kinds, chain_record.task.kind, self._wallet.ask(queries.ORGANIZATION).kinds):
             log.info(
                 "task %d attempt %d of %s waits for an auditor",
                 task_id,
@@ -528,12 +529,10 @@ class Oracle:
         )
 
 
-def is_ours(kinds: Kinds, kind: str, rules: list[dict[str, Any]]) -> bool:
+def is_ours(kinds: Kinds, kind: str, rules: list[queries.KindRules]) -> bool:
     """Whether the organization's rules have the oracle judge this kind of work. Never where the oracle has no
     checks of its own: that somebody says so is no check."""
-    return not kinds.by_people(kind) and any(
-        rule["kind"] == kind and rule["review"] == "oracle" for rule in rules
-    )
+    return not kinds.by_people(kind) and any(rule.kind == kind and rule.review == "oracle" for rule in rules)
 
 
 def _amount_iec(task: Task, report: Report) -> Decimal | None:

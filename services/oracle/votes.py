@@ -185,8 +185,8 @@ class Votes:
 
     def _committee(self) -> tuple[int, str]:
         """Chain ID and address of the contract that counts the votes. Raises BusError, RemoteError."""
-        chain = self._wallet.state("chain")
-        return int(chain["chain_id"]), str(chain["contracts"]["OracleCommittee"])
+        chain = self._wallet.ask(queries.CHAIN)
+        return chain.chain_id, chain.contracts.oracle_committee
 
     def _keys(self) -> Mapping[str, str]:
         """Oracle -> address of its key."""

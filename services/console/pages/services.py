@@ -8,6 +8,7 @@ from typing import Any
 
 from nicegui import ui
 
+from rodeo import queries
 from rodeo.dao import cannot_do
 from rodeo.durations import span
 from rodeo.errors import RodeoError
@@ -85,12 +86,12 @@ class ServicesPage:
         self._refresh = follow_async(console, "events", self._load)
 
     async def _load(self) -> None:
-        state = self._console.queries.state
+        answer = self._console.queries.ask
         try:
-            services = (await ask(state, "services"))["services"]
-            participants = (await ask(state, "participants"))["participants"]
-            devices = (await ask(state, "devices"))["devices"]
-            self._organization = await ask(state, "organization")
+            services = (await ask(answer, queries.SERVICES)).services
+            participants = (await ask(answer, queries.PARTICIPANTS)).participants
+            devices = (await ask(answer, queries.DEVICES)).devices
+            self._organization = await ask(answer, queries.ORGANIZATION)
         except RodeoError as error:
             self._problem.show(stale(error))
             return
@@ -110,7 +111,7 @@ class ServicesPage:
 
     # -- services --------------------------------------------------------------------------------------
 
-    def _draw_services(self, services: list[Json]) -> None:
+    def _draw_services(self, services: list[queries.Offer]) -> None:
         if not services:
             empty("Nobody offers a service yet.")
             return
@@ -128,34 +129,34 @@ class ServicesPage:
             [
                 (
                     partial(_service_name, one),
-                    party(one["provider_name"], one["provider"]),
-                    partial(badge, one["state"]),
-                    iec(one["price_iec"]),
-                    share(one["reputation"] / 64) if "reputation" in one else "–",
-                    f"{one['completed']} / {one['rejected']} / {one['expired']}",
+                    party(one.provider_name, one.provider),
+                    partial(badge, one.state),
+                    iec(one.price_iec),
+                    share(one.reputation / 64),
+                    f"{one.completed} / {one.rejected} / {one.expired}",
                     partial(self._service_menu, one),
                 )
                 for one in services
             ],
         )
 
-    def _service_menu(self, service: Json) -> None:
-        person, provider = user(), service["provider_name"]
+    def _service_menu(self, service: queries.Offer) -> None:
+        person, provider = user(), service.provider_name
         own = provider is not None and speaks_for(person, provider)
-        if service["state"] == "retired" or not (own or person.has(Role.ADMINISTRATOR)):
+        if service.state == "retired" or not (own or person.has(Role.ADMINISTRATOR)):
             return
-        about = f"service {service['id']}"
+        about = f"service {service.id}"
         with ui.button(icon="more_vert").props(f'flat dense round aria-label="Change {about}"'), ui.menu():
             if own:
                 ui.menu_item("Change the price", partial(self._price, service))
-                if service["state"] == "active":
+                if service.state == "active":
                     ui.menu_item("Pause", partial(self._set_state, service, "paused"))
-                elif service["state"] == "paused":
+                elif service.state == "paused":
                     ui.menu_item("Resume", partial(self._set_state, service, "active"))
                 ui.menu_item("Retire for good", partial(self._set_state, service, "retired"))
             if person.has(Role.ADMINISTRATOR):
-                if service["state"] == "suspended":
-                    request = {"service_id": service["id"]}
+                if service.state == "suspended":
+                    request = {"service_id": service.id}
                     ui.menu_item(
                         "Reinstate", partial(self._act, "reinstate_service", request, f"{about} works again")
                     )
@@ -163,38 +164,38 @@ class ServicesPage:
                     ui.menu_item("Suspend", partial(self._suspend, service))
 
     @on_page
-    async def _price(self, service: Json) -> None:
+    async def _price(self, service: queries.Offer) -> None:
         await ask_form(
-            f"New price of service {service['id']}",
-            {"price_iec": Field("Price (IEC)", service["price_iec"])},
+            f"New price of service {service.id}",
+            {"price_iec": Field("Price (IEC)", f"{service.price_iec:f}")},
             "Set the price",
-            lambda answer: self._update(service, answer, f"Service {service['id']} has a new price"),
+            lambda answer: self._update(service, answer, f"Service {service.id} has a new price"),
         )
 
     @on_page
-    async def _set_state(self, service: Json, state: str) -> None:
+    async def _set_state(self, service: queries.Offer, state: str) -> None:
         if state == "retired":
             lines = [
-                ("Service", f"{service['id']} · {kind(service['kind'])}"),
+                ("Service", f"{service.id} · {kind(service.kind)}"),
                 ("After that", "it cannot come back"),
             ]
             if not await confirm("Retire this service?", lines, "Retire it", danger=True):
                 return
-        await self._update(service, {"state": state}, f"Service {service['id']} is {state}")
+        await self._update(service, {"state": state}, f"Service {service.id} is {state}")
 
-    async def _update(self, service: Json, change: Json, done: str) -> bool:
-        request = {"service_id": service["id"], "participant": service["provider_name"], **change}
+    async def _update(self, service: queries.Offer, change: Json, done: str) -> bool:
+        request = {"service_id": service.id, "participant": service.provider_name, **change}
         return await self._act("update_service", request, done)
 
     @on_page
-    async def _suspend(self, service: Json) -> None:
+    async def _suspend(self, service: queries.Offer) -> None:
         lines = [
-            ("Service", f"{service['id']} · {kind(service['kind'])}"),
+            ("Service", f"{service.id} · {kind(service.kind)}"),
             ("Until", "an administrator reinstates it"),
         ]
         if await confirm("Suspend this service?", lines, "Suspend it", danger=True):
             await self._act(
-                "suspend_service", {"service_id": service["id"]}, f"Service {service['id']} is suspended"
+                "suspend_service", {"service_id": service.id}, f"Service {service.id} is suspended"
             )
 
     async def _offer(self) -> None:
@@ -205,9 +206,9 @@ class ServicesPage:
             return
         site = self._console.site
         allowed = [
-            one["kind"]
-            for one in self._organization["kinds"]
-            if one["allowed"] and not cannot_do(site, participant, one["kind"])
+            one.kind
+            for one in self._organization.kinds
+            if one.allowed and not cannot_do(site, participant, one.kind)
         ]
         if not allowed:
             ui.notify(f"The organization accepts no kind of work that {participant} can do", type="warning")
@@ -227,7 +228,7 @@ class ServicesPage:
 
     # -- devices ---------------------------------------------------------------------------------------
 
-    def _draw_devices(self, devices: list[Json]) -> None:
+    def _draw_devices(self, devices: list[queries.OwnedDevice]) -> None:
         if not devices:
             empty("No key is registered to sign evidence yet.")
             return
@@ -243,22 +244,22 @@ class ServicesPage:
             ],
             [
                 (
-                    partial(hash_text, one["address"]),
-                    one["role"],
-                    one["name"],
-                    party(one["owner_name"], one["owner"]),
-                    moment(one["registered"]),
+                    partial(hash_text, one.address),
+                    one.role,
+                    one.name,
+                    party(one.owner_name, one.owner),
+                    moment(one.registered),
                     partial(self._device_end, one),
                 )
                 for one in devices
             ],
         )
 
-    def _device_end(self, device: Json) -> None:
-        if device["revoked"]:
-            badge(device["revoked_because"])
+    def _device_end(self, device: queries.OwnedDevice) -> None:
+        if device.revoked:
+            badge(device.revoked_because or "revoked")
         elif user().has(Role.ADMINISTRATOR):
-            name = f"Revoke the {device['role']} key of {device['name']} {short(device['address'])}"
+            name = f"Revoke the {device.role} key of {device.name} {short(device.address)}"
             ui.button("Revoke", on_click=partial(self._revoke, device)).props(
                 f'flat dense color=negative aria-label="{name}"'
             )
@@ -266,9 +267,9 @@ class ServicesPage:
             badge("active")
 
     @on_page
-    async def _revoke(self, device: Json) -> None:
+    async def _revoke(self, device: queries.OwnedDevice) -> None:
         await ask_form(
-            f"Revoke the key of {device['role']} {device['name']}",
+            f"Revoke the key of {device.role} {device.name}",
             {
                 "reason": Field(
                     "Why",
@@ -280,7 +281,7 @@ class ServicesPage:
             },
             "Revoke it for good",
             lambda answer: self._act(
-                "revoke_device", {"device": device["address"], **answer}, "The key is revoked"
+                "revoke_device", {"device": device.address, **answer}, "The key is revoked"
             ),
         )
 
@@ -299,27 +300,26 @@ class ServicesPage:
 
     # -- rules -----------------------------------------------------------------------------------------
 
-    def _draw_rules(self, organization: Json) -> None:
-        terms = organization["terms"]
-        failures = int(terms.get("max_failures") or 0)
+    def _draw_rules(self, organization: queries.Organization) -> None:
+        terms = organization.terms
+        failures = terms.max_failures
         with facts():
-            policy = str(organization["policy"])
-            fact("Chosen by", POLICIES.get(policy, policy))
-            fact("Open to", "members only" if organization["members_only"] else "everybody")
-            fact("Bond", iec(terms.get("bond_iec") or 0))
-            fact("Penalty for a failure", iec(terms.get("penalty_iec") or 0))
+            fact("Chosen by", POLICIES.get(organization.policy, organization.policy))
+            fact("Open to", "members only" if organization.members_only else "everybody")
+            fact("Bond", iec(terms.bond_iec))
+            fact("Penalty for a failure", iec(terms.penalty_iec))
             fact("Suspended after", f"{failures} failures in a row" if failures else "never")
         table(
             "Kinds of work",
             [("Kind of work", ""), ("Judged by", ""), ("Rules", "wide-only"), ("", "number")],
             [
                 (
-                    kind(one["kind"]),
+                    kind(one.kind),
                     _judges(one),
-                    partial(_rules_hashes, one["rules_sha256"]),
+                    partial(_rules_hashes, one.rules_sha256),
                     partial(self._kind_end, one),
                 )
-                for one in organization["kinds"]
+                for one in organization.kinds
             ],
         )
         if user().has(Role.ADMINISTRATOR):
@@ -329,38 +329,36 @@ class ServicesPage:
                 ui.button("Undecided work", on_click=self._change_audit).props("outline dense")
                 ui.button("Membership", on_click=self._membership).props("outline dense")
 
-    def _kind_end(self, one: Json) -> None:
+    def _kind_end(self, one: queries.KindRules) -> None:
         if not user().has(Role.ADMINISTRATOR):
             return
         click: Callable[[], Awaitable[Any]]
-        if one["allowed"]:
+        if one.allowed:
             word = "Forbid"
-            request = {"kind": one["kind"], "allowed": False}
-            click = partial(self._act, "allow_kind", request, f"{kind(one['kind'])} is forbidden")
+            request = {"kind": one.kind, "allowed": False}
+            click = partial(self._act, "allow_kind", request, f"{kind(one.kind)} is forbidden")
         else:
-            word, click = "Allow", partial(self._allow_kind, one["kind"])
-        ui.button(word, on_click=click).props(f'flat dense aria-label="{word} {kind(one["kind"])}"')
-        if one["allowed"]:
-            label = f"Change the rules of {kind(one['kind'])}"
+            word, click = "Allow", partial(self._allow_kind, one.kind)
+        ui.button(word, on_click=click).props(f'flat dense aria-label="{word} {kind(one.kind)}"')
+        if one.allowed:
+            label = f"Change the rules of {kind(one.kind)}"
             ui.button("Rules", on_click=partial(self._change_hashes, one)).props(
                 f'flat dense aria-label="{label}"'
             )
 
     @on_page
-    async def _change_hashes(self, one: Json) -> None:
+    async def _change_hashes(self, one: queries.KindRules) -> None:
         async def change(answer: dict[str, str]) -> bool:
-            request = {"kind": one["kind"], "rules_sha256": answer["rules_sha256"]}
+            request = {"kind": one.kind, "rules_sha256": answer["rules_sha256"]}
             if answer["action"] == "retire":
                 return await self._act("retire_rules", request, "No more tasks are posted under these rules")
-            request |= {"allowed": True, "review": one["review"]}
+            request |= {"review": one.review}
             return await self._act("allow_kind", request, "New tasks are judged by these rules")
 
         await ask_form(
-            f"Rules of {kind(one['kind'])}",
+            f"Rules of {kind(one.kind)}",
             {
-                "rules_sha256": Field(
-                    "Hash of the rules (0x…)", await ask(self._installed_rules, one["kind"])
-                ),
+                "rules_sha256": Field("Hash of the rules (0x…)", await ask(self._installed_rules, one.kind)),
                 "action": Field(
                     "What to do",
                     choices={
@@ -415,13 +413,11 @@ class ServicesPage:
 
     @on_page
     async def _change_audit(self) -> None:
-        judged = [
-            one for one in self._organization["kinds"] if not self._console.kinds.by_people(one["kind"])
-        ]
+        judged = [one for one in self._organization.kinds if not self._console.kinds.by_people(one.kind)]
         await ask_form(
             "When the oracle cannot decide",
             {
-                "kind": Field("Kind of work", choices={one["kind"]: kind(one["kind"]) for one in judged}),
+                "kind": Field("Kind of work", choices={one.kind: kind(one.kind) for one in judged}),
                 "audit_window_s": Field("Auditors may look at it for (s)", str(7 * 24 * 3600)),
                 "at_silence": Field(
                     "If they do not answer",
@@ -438,8 +434,8 @@ class ServicesPage:
 
     @on_page
     async def _change_rules(self) -> None:
-        policy, terms = self._organization["policy"], self._organization["terms"]
-        before = {name: str(terms.get(name) or 0) for name in ("bond_iec", "penalty_iec", "max_failures")}
+        policy, terms = self._organization.policy, self._organization.terms
+        before = {name: str(value) for name, value in terms.model_dump(mode="json").items()}
 
         async def change(answer: dict[str, str]) -> bool:
             wanted = answer.pop("policy")
@@ -493,13 +489,13 @@ def _role(name: str) -> str:
     return name.removesuffix("_ROLE").removeprefix("DEFAULT_").lower()
 
 
-def _service_name(service: Json) -> None:
-    Text("strong", f"{service['id']} · {kind(service['kind'])}")
-    if service["description"]:
-        Text("div", service["description"][:120], "soft wrap")
+def _service_name(service: queries.Offer) -> None:
+    Text("strong", f"{service.id} · {kind(service.kind)}")
+    if service.description:
+        Text("div", service.description[:120], "soft wrap")
 
 
-def _draw_participants(participants: list[Json]) -> None:
+def _draw_participants(participants: list[queries.Person]) -> None:
     table(
         "Participants",
         [
@@ -512,12 +508,12 @@ def _draw_participants(participants: list[Json]) -> None:
         ],
         [
             (
-                one["name"] or "stranger",
-                partial(hash_text, one["address"]),
-                ", ".join(map(_role, one["roles_on_chain"])) or one["role"] or "–",
-                iec(one["balance_iec"]),
-                f"{sum(one['created'].values()):,}",
-                f"{one['executed'].get('settled', 0):,}",
+                one.name or "stranger",
+                partial(hash_text, one.address),
+                ", ".join(map(_role, one.roles_on_chain)) or one.role or "–",
+                iec(one.balance_iec),
+                f"{sum(one.created.values()):,}",
+                f"{one.executed.get('settled', 0):,}",
             )
             for one in participants
         ],
@@ -530,10 +526,10 @@ def _rules_hashes(rules: list[str]) -> None:
         hash_text(one)
 
 
-def _judges(one: Json) -> str:
+def _judges(one: queries.KindRules) -> str:
     """Who judges work of this kind, and who wins where nobody can."""
-    if not one["allowed"]:
+    if not one.allowed:
         return "not allowed"
-    if one["review"] != "oracle":
-        return str(one["review"])
-    return f"oracle; undecided: auditors for {span(one['audit_window_s'])}, then the {one['silence']} wins"
+    if one.review != "oracle":
+        return one.review
+    return f"oracle; undecided: auditors for {span(one.audit_window_s)}, then the {one.silence} wins"

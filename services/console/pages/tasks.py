@@ -11,6 +11,7 @@ from urllib.parse import urlencode
 
 from nicegui import ui
 
+from rodeo import queries
 from rodeo.bus import validate
 from rodeo.durations import span
 from rodeo.errors import InvalidRequest, MalformedJson, QueryTimeout, RodeoError
@@ -103,7 +104,7 @@ def _list(console: Console, page: int, state: str, kind_: str, text: str) -> Non
     async def load() -> None:
         try:
             (found, total), chain = await asyncio.gather(
-                ask(_find, console, wanted), ask(console.queries.state, "chain")
+                ask(_find, console, wanted), ask(console.queries.ask, queries.CHAIN)
             )
             last = max(1, -(-total // PAGE_ROWS))
             if wanted["page"] > last:
@@ -113,7 +114,7 @@ def _list(console: Console, page: int, state: str, kind_: str, text: str) -> Non
             problem.show(stale(error))
             return
         problem.show("")
-        kind_select.set_options({_ANY: "Any kind", **{name: kind(name) for name in chain["kinds"]}})
+        kind_select.set_options({_ANY: "Any kind", **{name: kind(name) for name in chain.kinds}})
         rows.show(found, bool(wanted["state"] or wanted["kind"] or wanted["text"]))
         pager.show(total, wanted["page"])
 

@@ -8,11 +8,12 @@ from typing import Any
 
 from nicegui import ui
 
+from rodeo import queries
 from rodeo.errors import RodeoError
 from rodeo.tariff import prices
 from services.console.actions import ORGANIZATION
 from services.console.formatting import count, exact, iec, moment, party, short
-from services.console.money import reason
+from services.console.money import change, reason
 from services.console.pages.frame import (
     Console,
     act,
@@ -93,17 +94,17 @@ class TreasuryPage:
         self._refresh()
 
     async def _load(self) -> None:
-        state = self._console.queries.state
+        answer = self._console.queries.ask
         try:
-            charted = (await ask(state, "transfers", account=self._account, limit=CHARTED))["transfers"]
+            charted = (await ask(answer, queries.TRANSFERS, account=self._account, limit=CHARTED)).transfers
             page = await ask(
-                state,
-                "transfers",
+                answer,
+                queries.TRANSFERS,
                 account=self._account,
                 limit=PAGE_ROWS,
                 offset=(self._page - 1) * PAGE_ROWS,
             )
-            wallet = await ask(state, "wallet", account=self._account)
+            wallet = await ask(answer, queries.WALLET, account=self._account)
         except RodeoError as error:
             self._problem.show(stale(error))
             return
@@ -112,27 +113,27 @@ class TreasuryPage:
         if names != self._select.options:
             self._select.set_options(names)
         self._csv.props(f'href="/files/transfers.csv?account={self._account}"')
-        self._balance.set_text(iec(wallet["balance_iec"]))
-        self._escrow.set_text(iec(wallet["in_escrow_iec"]))
-        changes = [Decimal(one["change_iec"]) for one in charted]
+        self._balance.set_text(iec(wallet.balance_iec))
+        self._escrow.set_text(iec(wallet.in_escrow_iec))
+        changes = [change(one) for one in charted]
         self._earned.set_text(iec(sum((one for one in changes if one > 0), Decimal(0))))
         self._spent.set_text(iec(-sum((one for one in changes if one < 0), Decimal(0))))
         self._none.show("" if charted else "No money moved on this account yet.")
-        self._rows.show(page["transfers"], page["total"], self._page)
+        self._rows.show(page.transfers, page.total, self._page)
         self._draw_chart(charted)
 
-    def _draw_chart(self, transfers: list[Json]) -> None:
-        ordered = sorted(transfers, key=lambda one: one["seq"])
+    def _draw_chart(self, transfers: list[queries.Transfer]) -> None:
+        ordered = sorted(transfers, key=lambda one: one.seq)
         costs: list[tuple[float, float]] = []
         if ordered:
             tariffs = self._console.site.economy.electricity
-            first_s, last_s = ordered[0]["time_s"], max(ordered[-1]["time_s"], ordered[0]["time_s"] + 60)
+            first_s, last_s = ordered[0].time_s, max(ordered[-1].time_s, ordered[0].time_s + 60)
             costs = prices(tariffs, first_s, last_s)
         self._chart.options.clear()
         self._chart.options.update(_options(ordered, costs))
         self._chart.update()
 
-    def _draw_rows(self, transfers: list[Json], total: int, page: int) -> None:
+    def _draw_rows(self, transfers: list[queries.Transfer], total: int, page: int) -> None:
         if not transfers:
             empty("No transfers.")
             return
@@ -147,11 +148,11 @@ class TreasuryPage:
             ],
             [
                 (
-                    moment(one["time_s"]),
+                    moment(one.time_s),
                     partial(_why, one),
                     _other(one, self._account),
-                    f"{Decimal(one['change_iec']):+,.2f}".rstrip("0").rstrip("."),
-                    iec(one["balance_iec"]),
+                    f"{change(one):+,.2f}".rstrip("0").rstrip("."),
+                    iec(one.balance_iec),
                 )
                 for one in transfers
             ],
@@ -221,23 +222,23 @@ def _amount(text: str) -> Decimal | None:
     return None
 
 
-def _why(transfer: Json) -> None:
-    if transfer["task_id"] is None:
+def _why(transfer: queries.Transfer) -> None:
+    if transfer.task_id is None:
         Text("span", reason(transfer))
     else:
-        Link(reason(transfer), f"/tasks/{transfer['task_id']}")
+        Link(reason(transfer), f"/tasks/{transfer.task_id}")
 
 
-def _other(transfer: Json, account: str) -> str:
-    if transfer["reason"] in ("mint", "burn"):
+def _other(transfer: queries.Transfer, account: str) -> str:
+    if transfer.reason in ("mint", "burn"):
         return "–"
-    if transfer["reason"] == "deposit":
+    if transfer.reason == "deposit":
         return "the organization's key"
-    if transfer["reason"] in ("escrow", "payment", "surplus", "refund", "bond", "bond_returned"):
+    if transfer.reason in ("escrow", "payment", "surplus", "refund", "bond", "bond_returned"):
         return "escrow"
-    if transfer["sender_name"] == account:
-        return party(transfer["to_name"], transfer["to"])
-    return party(transfer["sender_name"], transfer["sender"])
+    if transfer.sender_name == account:
+        return party(transfer.to_name, transfer.to)
+    return party(transfer.sender_name, transfer.sender)
 
 
 def _draw_tariffs(console: Console) -> None:
@@ -251,18 +252,18 @@ def _draw_tariffs(console: Console) -> None:
     Text("p", "Tariffs are set under [economy] in the site file; hours are UTC.", "soft")
 
 
-def _options(transfers: list[Json], costs: list[tuple[float, float]]) -> Json:
+def _options(transfers: list[queries.Transfer], costs: list[tuple[float, float]]) -> Json:
     """ECharts: balance as a step line with a mark for each transfer, electricity price on the right."""
-    steps = [[round(one["time_s"] * 1000), float(one["balance_iec"])] for one in transfers]
+    steps = [[round(one.time_s * 1000), float(one.balance_iec or 0)] for one in transfers]
 
     def marks(received: bool) -> list[Json]:
         return [
             {
-                "value": [round(one["time_s"] * 1000), float(one["balance_iec"])],
-                "name": f"{reason(one)}: {Decimal(one['change_iec']):+,f} IEC",
+                "value": [round(one.time_s * 1000), float(one.balance_iec or 0)],
+                "name": f"{reason(one)}: {change(one):+,f} IEC",
             }
             for one in transfers
-            if (Decimal(one["change_iec"]) > 0) == received
+            if (change(one) > 0) == received
         ]
 
     line = {"lineStyle": {"width": 2}, "showSymbol": False, "step": "end", "type": "line"}

@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 from nicegui.events import UploadEventArguments
 
+from rodeo import queries
 from rodeo.errors import RodeoError
 from rodeo.kinds import Kinds
 from rodeo.messages import Task
@@ -91,19 +92,18 @@ class ExecutorDesk:
         self._refresh = follow_async(console, "events", self._load)
 
     async def _load(self) -> None:
-        queries = self._console.queries
-        mine = partial(queries.tasks, executor=self._participant)
+        mine = partial(self._console.queries.tasks, executor=self._participant)
         try:
             todo, total = await ask(mine, SHOWN, state="assigned", order="oldest")
             ended, _ = await ask(mine, SHOWN, state="submitted,undecided,settled,failed")
             _, waiting = await ask(mine, 1, state="submitted,undecided")
             _, paid = await ask(mine, 1, state="settled")
-            wallet = await ask(queries.state, "wallet", account=self._participant)
+            wallet = await ask(self._console.queries.ask, queries.WALLET, account=self._participant)
         except RodeoError as error:
             self._problem.show(stale(error))
             return
         self._problem.show("")
-        self._balance.set_text(iec(wallet["balance_iec"]))
+        self._balance.set_text(iec(wallet.balance_iec))
         for shown, number in ((self._todo, total), (self._waiting, waiting), (self._paid, paid)):
             shown.set_text(f"{number:,}")
         self._assigned.show(todo)
@@ -234,18 +234,16 @@ class AuditorDesk:
         self._refresh = follow_async(console, "events", self._load)
 
     async def _load(self) -> None:
-        queries = self._console.queries
+        tasks = self._console.queries.tasks
         try:
-            kinds = (await ask(queries.state, "organization"))["kinds"]
+            kinds = (await ask(self._console.queries.ask, queries.ORGANIZATION)).kinds
             waiting = [
                 task
                 for one in kinds
-                if one["review"] == "auditor"
-                for task in (
-                    await ask(queries.tasks, SHOWN, state="submitted", kind=one["kind"], order="oldest")
-                )[0]
+                if one.review == "auditor"
+                for task in (await ask(tasks, SHOWN, state="submitted", kind=one.kind, order="oldest"))[0]
             ]
-            waiting += (await ask(queries.tasks, SHOWN, state="undecided", order="oldest"))[0]
+            waiting += (await ask(tasks, SHOWN, state="undecided", order="oldest"))[0]
         except RodeoError as error:
             self._problem.show(stale(error))
             return

@@ -13,8 +13,10 @@ from rodeo.clock import WallClock
 from rodeo.config import Site
 from rodeo.evidence import Recorder
 from rodeo.kinds import kinds_of
+from rodeo.queries import KindRules, Organization
 from rodeo.topics import EVENT_CHANNEL
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
+from rodeo_testing import answers
 from rodeo_testing.assignments import BINDING
 from rodeo_testing.recordings import Sample, Take
 from services.oracle.process import is_ours
@@ -34,14 +36,19 @@ def check(report: Report, name: str) -> Check:
 KINDS = kinds_of(Site.load(LAB))
 
 
+def judged(review: str, *kinds: str) -> list[KindRules]:
+    who = {"audited": kinds} if review == "auditor" else {"measured": kinds}
+    return Organization.model_validate(answers.organization(**who)).kinds
+
+
 def test_a_kind_without_checks_of_its_own_is_never_the_oracles_whatever_the_rules_say() -> None:
-    rules = [{"kind": kind, "review": "oracle"} for kind in ("wheel_cleaning", "waste_disposal")]
+    rules = judged("oracle", "wheel_cleaning", "waste_disposal")
     assert is_ours(KINDS, "waste_disposal", rules)
     assert not is_ours(KINDS, "wheel_cleaning", rules)
 
 
 def test_a_kind_that_the_rules_leave_to_auditors_is_not_the_oracles() -> None:
-    assert not is_ours(KINDS, "waste_disposal", [{"kind": "waste_disposal", "review": "auditor"}])
+    assert not is_ours(KINDS, "waste_disposal", judged("auditor", "waste_disposal"))
     assert not is_ours(KINDS, "waste_disposal", [])
 
 

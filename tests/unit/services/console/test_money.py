@@ -6,6 +6,7 @@ import csv
 from decimal import Decimal
 
 from rodeo.config import TariffConfig
+from rodeo.queries import Transfer
 from rodeo.tariff import price_at, prices
 from services.console.money import transfers_csv
 
@@ -32,18 +33,21 @@ def test_a_chart_gets_the_price_at_both_ends_and_at_each_change_in_between() -> 
 
 
 def test_the_file_explains_each_transfer_and_no_name_in_it_is_a_formula() -> None:
-    transfer = {
-        "time_s": 0,
-        "sender": "0xabc",
-        "sender_name": "=HYPERLINK(1)",
-        "to": "0xdef",
-        "to_name": None,
-        "change_iec": "-5",
-        "balance_iec": "10",
-        "reason": "escrow",
-        "task_id": 3,
-        "tx_hash": "0x12",
-    }
+    transfer = Transfer(
+        seq=1,
+        block=1,
+        time_s=0,
+        tx_hash="0x12",
+        sender="0xabc",
+        sender_name="=HYPERLINK(1)",
+        to="0xdef",
+        to_name=None,
+        amount_iec=Decimal(5),
+        task_id=3,
+        reason="escrow",
+        change_iec=Decimal(-5),
+        balance_iec=Decimal(10),
+    )
     (line,) = csv.DictReader(transfers_csv([transfer]).splitlines())
     assert line["from"] == "'=HYPERLINK(1)" and line["to"] == "0xdef"
     assert (line["why"], line["change_iec"], line["task"]) == ("Reward of task 3 into escrow", "-5", "3")

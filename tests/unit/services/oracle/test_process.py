@@ -86,9 +86,6 @@ class Bridge:
     def ask(self, query: Query[A], **_filters: Any) -> A:
         return answers.answered(query, _ANSWERS)
 
-    def state(self, what: str, **_filters: Any) -> dict[str, Any]:
-        return _ANSWERS[what]
-
     def command(self, _name: str, request: Any) -> None:
         if self.broken:
             self.broken = False

@@ -9,18 +9,19 @@ from typing import Any
 import pytest
 from eth_account import Account
 
-from rodeo import topics, votes
+from rodeo import queries, topics, votes
 from rodeo.clock import WallClock
 from rodeo.config import JudgeConfig, Site
 from rodeo.errors import RemoteError
 from rodeo.messages import PostVotes, SignedVote, Vote
+from rodeo_testing import answers
 from services.oracle.votes import Votes
 from tests.support.site import LAB
 from tests.support.tasks import task
 
 NAMES = ("anna", "bert", "carl", "dora", "erin")
 KEYS = {name: Account.from_key("0x" + f"{number:02x}" * 32) for number, name in enumerate(NAMES, start=1)}
-CHAIN = {"chain_id": 31_337, "contracts": {"OracleCommittee": "0x" + "00" * 19 + "07"}}
+CHAIN = queries.Chain.model_validate(answers.chain())
 
 
 def vote(**changes: Any) -> Vote:
@@ -37,7 +38,7 @@ def vote(**changes: Any) -> Vote:
 
 def signed(name: str, said: Vote | None = None) -> SignedVote:
     said = said or vote()
-    signature = votes.sign(said, KEYS[name], CHAIN["chain_id"], CHAIN["contracts"]["OracleCommittee"])  # type: ignore[arg-type, index]
+    signature = votes.sign(said, KEYS[name], CHAIN.chain_id, CHAIN.contracts.oracle_committee)
     return SignedVote(vote=said, report_uri=f"{name}.json", signature=signature)
 
 
@@ -55,8 +56,7 @@ class Anna:
             for name, key in KEYS.items()
         ]
         wallet = SimpleNamespace(
-            state=lambda _what: CHAIN,
-            ask=lambda _query: SimpleNamespace(devices=devices),
+            ask=lambda query: CHAIN if query is queries.CHAIN else SimpleNamespace(devices=devices),
             command=self._command,
         )
         site = Site.load(LAB).model_copy(update={"oracles": [JudgeConfig(name=name) for name in NAMES]})
