@@ -7,6 +7,7 @@ import numpy as np
 
 from rodeo.chance import Moments, generator
 from rodeo.config import Site
+from rodeo.errors import ConfigError
 from rodeo.lab.battery import Battery, Supply
 from rodeo.lab.body import Body, Twist2
 from rodeo.lab.config import DockConfig, RobotConfig, gripper_body
@@ -16,6 +17,7 @@ from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import (
     CONTROL_PERIOD_S,
     LIDAR_SITE,
+    arm_model,
     begin,
     robot_model,
     world_spec,
@@ -49,6 +51,15 @@ class SimRobot:
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, config: RobotConfig, site: Site) -> None:
         self.config = config
         self.body = Body(model, data, config.name, config.limits)
+        told, simulated = arm_model(config.kinematics).joints, self.body.arm_model.joints
+        if told != simulated:
+            raise ConfigError(
+                "a simulated robot with another arm needs an MJCF: a URDF has no actuators to simulate",
+                robot=config.name,
+                kinematics=str(config.kinematics),
+                joints=list(told),
+                simulated=list(simulated),
+            )
         self.base = BaseDriver(self.body, config.limits)
         self.arm = ArmDriver(self.body)
         self.gripper = GripperDriver(self.body)

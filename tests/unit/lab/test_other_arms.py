@@ -23,6 +23,7 @@ from rodeo.robot.arm import Arm, pointing_down
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Camera, FilmedOperator, Take, seal
 from services.console.scene import arm_drawing
+from services.robot_sim.simulation import Simulation
 from tests.support.arms import JOINTS, with_arm
 
 
@@ -52,6 +53,18 @@ def test_a_urdf_says_the_same_of_its_arm(other: Site, count: int, tmp_path: Path
     ours, theirs = arm_model(other.robots[0].kinematics), arm_model(path)
     assert (theirs.joints, theirs.fingers, theirs.hand) == (JOINTS[count], ours.fingers, ours.hand)
     assert theirs.ranges_rad == pytest.approx(ours.ranges_rad, abs=1e-6)
+
+
+def test_a_simulated_robot_with_another_arm_in_a_urdf_is_refused(
+    other: Site, count: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "other.urdf"
+    path.write_text(to_urdf(robot_model(other.robots[0].kinematics), "other"))
+    robots = [other.robots[0].model_copy(update={"kinematics": path, "postures": PosturesConfig()})]
+    with pytest.raises(ConfigError) as refused:
+        Simulation(other.model_copy(update={"robots": robots}), 0)
+    assert refused.value.details["joints"] == list(JOINTS[count])
+    assert len(refused.value.details["simulated"]) == 6
 
 
 def test_inverse_kinematics_reaches_the_floor(other: Site) -> None:
