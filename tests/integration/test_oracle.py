@@ -195,7 +195,7 @@ def test_the_rules_of_a_kind_change_while_a_task_is_open_and_it_is_paid_by_its_o
     assert warned.ready
     assert "VerdictPosted" not in dao.names_of(other)
     dao.set_clock(dao.task(other)["verdict_deadline"] - 2)
-    executor.film.take()  # time does not go back
+    executor.film.wait(900)  # time does not go back
     verdict = executor.verdict(other, attempt)
     assert verdict["verdict"] == "undecided"
     assert verdict["reason"].startswith("rules: no oracle that has the rules of this task has judged it")

@@ -24,8 +24,12 @@ class Film:
         self._later_s = 0
 
     def take(self) -> Take:
-        self._later_s += 120
+        self.wait(120)
         return later(self._take, self._later_s)
+
+    def wait(self, seconds: int) -> None:
+        """Let this much of the site's time pass before the next."""
+        self._later_s += seconds
 
 
 class Executor:
