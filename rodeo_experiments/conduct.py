@@ -52,8 +52,10 @@ _QUIET_S = 600.0
 """Wall time in which nothing happens and the clock stands still, after which the experiment gives up."""
 _LOOK_WALL_S = 2.0
 _MEANWHILE_S = 0.5
-_EARLY_S = 60.0
-"""From here on before the first arrival the world is prepared."""
+_ROBOT_AT_WORK_S = 60.0
+"""Site time after which a person who met a robot at work comes back."""
+_WEIGHED_S = 10.0
+"""Site time for which a person stays beside the bin."""
 _LATE_S = 24 * 3600.0
 """Tasks that are not over so long after the last day are explained instead."""
 _GAUGE_S = 300.0
@@ -407,6 +409,10 @@ class Conduct:
         return any(task.state not in _OVER for task in tasks)
 
     def _empty_the_bin(self, task_id: int) -> None:
+        """When no robot is at work: a bin that is emptied while something falls into it feels one change."""
+        if self._organization.tasks(kind=self._kind.name, state="assigned"):
+            self._at(self._clock.now_s() + _ROBOT_AT_WORK_S, partial(self._empty_the_bin, task_id))
+            return
         person = self._experiment.person
         executor = Executor(
             self._site,
@@ -420,6 +426,8 @@ class Conduct:
             self._lab.take_away(item)
             self._progress.items[item] = "away"
         self._save()
+        # The bin weighs nothing while the clock jumps, and the next thing to fall must find it settled.
+        self._clock.wait_until(self._clock.now_s() + _WEIGHED_S)
         executor.submit(task_id, f"The bin is empty again: {len(taken)} items taken out.")
 
     def _judge(self, task_id: int) -> None:
