@@ -51,7 +51,7 @@ _READY_S = 240.0
 _QUIET_S = 600.0
 """Wall time in which nothing happens and the clock stands still, after which the experiment gives up."""
 _LOOK_WALL_S = 2.0
-_MEANWHILE_S = 0.5
+_MEANWHILE_S, _MEANWHILE_WALL_S = 0.5, 0.05
 _ROBOT_AT_WORK_S = 60.0
 """Site time after which a person who met a robot at work comes back."""
 _WEIGHED_S = 10.0
@@ -220,10 +220,12 @@ class Conduct:
             raise ExperimentFailed("the simulation's clock was not heard", problems=launcher.problems())
         waiting = {process.name for process in launcher.selected()}
         everybody = len(waiting)
+        heard = threading.Event()
 
         def on_status(_key: str, status: dict[str, Any]) -> None:
             if status["ready"]:
                 waiting.discard(status["process"])
+                heard.set()
 
         subscriber = self._bus.subscribe_json(topics.STATUS.pattern(org=self._site.org), on_status)
         deadline_s = time.monotonic() + _READY_S
@@ -239,7 +241,8 @@ class Conduct:
                     )
                 # A little at a time: who gets ready wants to hear sensors.
                 self._clock.wait_until(self._clock.now_s() + _MEANWHILE_S)
-                time.sleep(0.05)
+                heard.wait(_MEANWHILE_WALL_S)
+                heard.clear()
         finally:
             subscriber.undeclare()
 
