@@ -120,6 +120,10 @@ class Entities:
             joint.qvel[:3] = state.linear_m_s
             back = state.quat_wxyz * (1, -1, -1, -1)
             mujoco.mju_rotVecQuat(joint.qvel[3:], state.angular_rad_s, back)
+            # What it touched is loaded otherwise now. A body that has rested long enough falls asleep in the
+            # next step, which judges by the speeds before it: it would stay as it is, load and all.
+            asleep = data.tree_asleep
+            asleep[asleep < 0] = -(1 + mujoco.mjMINAWAKE)
         else:
             mocap = model.body(name).mocapid[0]
             data.mocap_pos[mocap], data.mocap_quat[mocap] = state.position_m, state.quat_wxyz

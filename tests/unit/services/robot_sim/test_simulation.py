@@ -2,6 +2,7 @@
 
 import math
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ from rodeo.config import Site
 from rodeo.lab.body import Twist2
 from rodeo.lab.config import BatteryConfig, RobotConfig
 from rodeo.lab.layout import BinLayout, dock_parking
+from rodeo.lab.world import scale_weight_n
 from services.robot_sim.arm import Grip
 from services.robot_sim.camera import RENDERINGS, StoredCamera
 from services.robot_sim.entities import EntityState
@@ -226,3 +228,24 @@ def test_each_dock_charges_who_stands_on_it_and_each_bin_sees_what_it_is_shown()
     again = Simulation(simulation.site, START_NS)
     again.restore(simulation.time_ns, simulation.row())
     assert all(supply.enabled for supply in again.supplies.values())
+
+
+def test_a_bucket_rises_when_what_lay_in_it_is_taken_out() -> None:
+    """Also when it was about to fall asleep, and only waited for what rolls about in it."""
+    simulation = Simulation(Site.load(LAB), START_NS)
+    model, data, item = simulation.model, simulation.data, simulation.site.items[0].id
+    name, compartment = simulation.site.bins[0].name, "blue"
+    x, y, rim_m = BinLayout(simulation.site.bins[0]).compartment(compartment)
+    upright = np.array([1.0, 0.0, 0.0, 0.0])
+    simulation.place(item, EntityState(np.array([x, y, rim_m + 0.05]), upright))
+    for _ in range(150):
+        simulation.step()
+    assert scale_weight_n(model, data, name, compartment) > 0.2
+    bucket, thing = (model.body_treeid[model.body(body).id] for body in (f"{name}/{compartment}", item))
+    data.qvel[model.joint(item).dofadr[0]] = 2e-3  # it rolls
+    simulation.step()
+    data.tree_asleep[[bucket, thing]] = -1, -(1 + mujoco.mjMINAWAKE)
+    simulation.place(item, EntityState(np.array([-2.0, 0.0, 0.05]), upright))
+    for _ in range(100):
+        simulation.step()
+    assert scale_weight_n(model, data, name, compartment) == pytest.approx(0.0, abs=0.02)
