@@ -126,7 +126,7 @@ def _index_from_nothing(tasks: int) -> float:
     iec = 10**18
     happened: list[list[events.Event]] = [
         [
-            events.ServiceRegistered(1, robot, "waste_disposal", iec, ""),
+            events.ServiceRegistered(1, robot, "waste_disposal", iec, True, ""),
             events.Transfer(ZERO_ADDRESS, someone, tasks * iec),
         ]
     ]

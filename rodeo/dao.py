@@ -15,6 +15,8 @@ from rodeo.config import Site, oracle_names
 from rodeo.evidence import Binding
 from rodeo.kinds import Kind, kinds_of
 from rodeo.messages import (
+    AbandonTask,
+    AcceptTask,
     Broadcast,
     Command,
     Message,
@@ -188,6 +190,19 @@ class Participant:
                 UpdateService(service_id=service.id, price_iec=price_iec, state="active"),
             )
         return service
+
+    def accept_task(self, task: Task) -> None:
+        """Agree to do an assigned task; nothing where this participant has agreed before."""
+        if not task.accepted:
+            request_id = f"accept-{task.id}-{task.attempt}-{task.nonce}"
+            request = AcceptTask(request_id=request_id, task_id=task.id, attempt=task.attempt)
+            self.command("accept_task", request)
+
+    def abandon_task(self, task: Task) -> None:
+        """Give an assigned task back."""
+        request_id = f"abandon-{task.id}-{task.attempt}-{task.nonce}"
+        request = AbandonTask(request_id=request_id, task_id=task.id, attempt=task.attempt)
+        self.command("abandon_task", request)
 
     def submit_proof(
         self, task_id: int, attempt: int, sha256: str, uri: str, nonce: str | None = None

@@ -124,6 +124,22 @@ class CancelTask(Command):
     task_id: Id
 
 
+class AcceptTask(Command):
+    """The executor agrees to do an assigned task: from then on a failure costs it the penalty of its terms. A
+    proof accepts, too."""
+
+    task_id: Id
+    attempt: Attempt
+
+
+class AbandonTask(Command):
+    """The executor gives an assigned task back, so that another attempt begins. It costs nothing in the first
+    quarter of the execution window, nor later if the executor has not accepted the task."""
+
+    task_id: Id
+    attempt: Attempt
+
+
 class ExpireTask(Command):
     task_id: Id
 
@@ -138,8 +154,9 @@ class SubmitProof(Command):
     after a reorganization, the bridge sends nothing."""
 
 
-Outcome = Literal["accepted", "rejected", "undecided"]
-"""A judge's verdict on a proof. Undecided: neither side failed, and the organization's auditors decide."""
+Outcome = Literal["accepted", "rejected", "undecided", "impossible"]
+"""A judge's verdict on a proof. Undecided: neither side failed, and the organization's auditors decide.
+Impossible: nobody could do the task. It ends, and its executor is paid a tenth of the price."""
 
 Winner = Literal["executor", "creator"]
 """Who wins when the judges, or after them the auditors, let their window pass."""
@@ -204,6 +221,9 @@ class RegisterService(Command):
     price_iec: Iec
     max_bond_iec: Iec | None = None
     """The highest bond to agree to; by default what the organization asks for as far as the bridge knows."""
+    auto_accept: bool | None = None
+    """Accept every task that the service is assigned. Otherwise each needs `accept_task`. By default only
+    services of kinds that the oracle can check accept every task."""
     description: str = Field(default="", max_length=2000)
 
 
@@ -400,6 +420,8 @@ class Collect(Command):
 COMMANDS: dict[str, type[Command]] = {
     "register_task": RegisterTask,
     "cancel_task": CancelTask,
+    "accept_task": AcceptTask,
+    "abandon_task": AbandonTask,
     "submit_proof": SubmitProof,
     "post_verdict": PostVerdict,
     "post_votes": PostVotes,
@@ -556,7 +578,9 @@ class Task(Message):
     nonce: str | None
     proof_sha256: str | None
     proof_uri: str | None
-    verdict: Outcome | Literal["expired"] | None
+    accepted: bool | None = None
+    """The executor of the running attempt has accepted it. None if nobody has been assigned."""
+    verdict: Outcome | Literal["expired", "abandoned"] | None
     """Undecided: the auditors decide. If their window passes, the verdict stays undecided, and `state`
     shows who won."""
     reason: str | None

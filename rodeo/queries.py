@@ -126,6 +126,8 @@ class Offer(Answer):
     price_iec: Amount
     state: ServiceState
     description: str
+    auto_accept: bool
+    """The provider accepts each task that the service is assigned."""
     task_id: int | None
     """Its current task."""
     completed: int

@@ -22,7 +22,7 @@ def is_peoples_verdict(
 ) -> bool:
     """Whether a verdict on work of this kind is an auditor's: on people's work, on kinds that the
     organization has auditors judge (`audited`), and on what the oracle had left undecided."""
-    if verdict not in ("accepted", "rejected"):
+    if verdict not in ("accepted", "rejected", "impossible"):
         return False
     return kinds.by_people(kind) or kind in audited or audit_deadline is not None
 
@@ -51,7 +51,7 @@ def verdict_words(verdict: str, reason: str | None, judge: str | None, by_people
     who = judge_words(judge, by_people)
     if not verdict:
         return reason or ""
-    if verdict == "expired":
+    if verdict in ("expired", "abandoned"):
         return reason or "nobody judged it in time"
     if by_people:
         return f"{verdict} by {who} (a person): “{reason or ''}”"

@@ -36,6 +36,7 @@ for command in (
 ):
     app.command()(command)
 tasks.tasks.command()(people.accept)
+tasks.tasks.command()(people.abandon)
 tasks.tasks.command()(people.submit)
 tasks.tasks.command()(people.review)
 tasks.tasks.command()(people.judge)

@@ -37,6 +37,7 @@ _SENTENCES = {
     "device_name_taken": "another key has this role and name",
     "device_already_registered": "this key is already registered",
     "device_already_revoked": "this key was revoked earlier",
+    "already_accepted": "this attempt is accepted already",
     "deadline_passed": "it is too late for this",
     "deadline_not_passed": "it is too early for this",
     "access_control_unauthorized_account": "the account lacks the required role",

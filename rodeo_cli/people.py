@@ -68,7 +68,10 @@ def offer(
 
 @reports_errors
 def accept(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption = None) -> None:
-    """Begin a task that is assigned to a person. This opens the sealed recording of the assignment."""
+    """Agree to a task that is assigned to a person, and begin it. This opens its sealed recording.
+
+    From then on it costs the person's bond a penalty not to submit it.
+    """
     with connected(site) as (loaded, bus):
         task = _executor(loaded, bus, participant).accept(task_id)
         left = time_left(loaded, bus, task.execution_deadline or 0.0)
@@ -76,6 +79,21 @@ def accept(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption 
     say(f"It pays {iec(task.price_iec)} when an auditor accepts it.")
     say(f"Time left to submit it: {left}.")
     say(f"Show this code in a photo: {photo_code(task.nonce or '')}")
+
+
+@reports_errors
+def abandon(task_id: int, site: SiteOption = DEFAULT_SITE, participant: AsOption = None) -> None:
+    """Give back a task that is assigned to the participant. The next attempt goes to whoever waits.
+
+    It costs nothing in the first quarter of the time for the work, nor later if the task was not accepted.
+    """
+    from rodeo.dao import Participant  # takes its time to import, as in _executor
+
+    with connected(site) as (loaded, bus):
+        name = _name(loaded, participant)
+        executor = Participant(bus, loaded.org, name)
+        executor.abandon_task(executor.task(task_id))
+    say(f"{name} has given back task {task_id}.")
 
 
 @reports_errors
@@ -128,8 +146,15 @@ def review(
 @reports_errors
 def judge(
     task_id: int,
-    accepted: Annotated[bool, typer.Option("--accept/--reject", help="The verdict.")],
     reason: Annotated[str, typer.Option(help="Why, in words.")],
+    accepted: Annotated[bool | None, typer.Option("--accept/--reject", help="The verdict.")] = None,
+    impossible: Annotated[
+        bool,
+        typer.Option(
+            "--impossible",
+            help="The verdict: nobody could do this task. It ends and pays a tenth of the price.",
+        ),
+    ] = False,
     amount: Annotated[
         str | None, typer.Option(help="Payment for accepted work, in IEC; the agreed price by default.")
     ] = None,
@@ -143,10 +168,12 @@ def judge(
     from rodeo.dao import Participant  # takes its time to import, as in _executor
     from rodeo.person import statement
 
+    if (accepted is not None) == impossible:
+        raise InvalidRequest("give one verdict: --accept, --reject or --impossible")
     with connected(site) as (loaded, bus):
         auditor = Participant(bus, loaded.org, participant)
-        statement.judge(loaded, auditor, task_id, accepted, reason, _amount(amount))
-    word = "accepted" if accepted else "rejected"
+        statement.judge(loaded, auditor, task_id, bool(accepted), reason, _amount(amount), impossible)
+    word = "impossible" if impossible else "accepted" if accepted else "rejected"
     say(f"Task {task_id} is {word} by the auditor {participant} (a person): “{reason}”")
 
 

@@ -146,7 +146,7 @@ def _task_row(task: Task) -> Row:
 
 def _why(task: Task) -> str:
     """Why the last attempt did not succeed, where it did not."""
-    if task.verdict in ("rejected", "undecided") and task.reason:
+    if task.verdict in ("rejected", "undecided", "impossible", "abandoned") and task.reason:
         return str(task.reason)
     if task.verdict == "expired":
         return str(task.reason or "the executor submitted no proof in time, or nobody judged it in time")

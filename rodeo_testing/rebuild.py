@@ -21,6 +21,7 @@ from rodeo.chain import (
     Task,
     TaskState,
     Terms,
+    Verdict,
     events,
 )
 
@@ -44,8 +45,8 @@ class Rebuilt:
     """Kind -> the hashes that are current, the newest last."""
     rules_of_tasks: dict[int, bytes] = field(default_factory=dict)
     """What only the event tells."""
-    judged: set[tuple[int, int]] = field(default_factory=set)
-    """(task, attempt) that a verdict was given on."""
+    completed: set[tuple[int, int]] = field(default_factory=set)
+    """(task, attempt) that a judge accepted."""
     roles: set[tuple[str, str]] = field(default_factory=set)
     """(role, account)"""
     terms: Terms = field(default_factory=lambda: Terms(0, 0, 0))
@@ -75,6 +76,7 @@ class Rebuilt:
                     attempt=0,
                     max_attempts=event.max_attempts,
                     state=TaskState.OPEN,
+                    accepted=False,
                     proof_hash=NO_PROOF,
                 )
             case events.TaskAssigned():
@@ -85,8 +87,11 @@ class Rebuilt:
                     service_id=event.service_id,
                     price=event.price,
                     deadline=event.deadline,
+                    accepted=self.services[event.service_id].auto_accept,
                 )
                 self._service(event.service_id, task_id=event.task_id)
+            case events.TaskAccepted():
+                self._task(event.task_id, accepted=True)
             case events.ProofSubmitted():
                 self._task(
                     event.task_id,
@@ -98,10 +103,11 @@ class Rebuilt:
                 self._release(event.task_id, Cause.VERDICT_EXPIRED)
                 self._task(event.task_id, state=TaskState.UNDECIDED, deadline=event.deadline)
             case events.VerdictPosted():
-                self.judged.add((event.task_id, event.attempt))
+                if event.verdict is Verdict.ACCEPTED:
+                    self.completed.add((event.task_id, event.attempt))
             case events.TaskSettled():
                 attempt = (event.task_id, self.tasks[event.task_id].attempt)
-                self._release(event.task_id, None if attempt in self.judged else Cause.VERDICT_EXPIRED)
+                self._release(event.task_id, None if attempt in self.completed else Cause.VERDICT_EXPIRED)
                 self._task(event.task_id, state=TaskState.SETTLED, deadline=0, proof_hash=NO_PROOF)
             case events.TaskRequeued():
                 self._release(event.task_id, event.cause)
@@ -134,6 +140,7 @@ class Rebuilt:
                     penalty=0,
                     max_failures=0,
                     failures=0,
+                    auto_accept=event.auto_accept,
                 )
                 self.waiting.append(event.service_id)
             case events.TermsAgreed():
@@ -237,7 +244,7 @@ class Rebuilt:
         changes: dict[str, int] = {"task_id": 0}
         if cause is None:
             changes |= {"completed": service.completed + 1, "failures": 0}
-        elif cause is not Cause.VERDICT_EXPIRED:
+        elif cause in (Cause.REJECTED, Cause.EXECUTION_EXPIRED, Cause.ABANDONED_LATE):
             counter = "rejected" if cause is Cause.REJECTED else "expired"
             changes |= {counter: getattr(service, counter) + 1}
             changes |= {"failures": service.failures + 1} if has_terms else {}

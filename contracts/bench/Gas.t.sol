@@ -28,7 +28,7 @@ contract Everyone {
 
     function offer(ServiceManager services, bytes32 kind, uint256 price, uint256 number) external {
         for (uint256 i = 0; i < number; ++i) {
-            services.registerService(kind, price, 0, "");
+            services.registerService(kind, price, 0, true, "");
         }
     }
 

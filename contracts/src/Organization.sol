@@ -247,6 +247,16 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
+    function acceptTask(uint256 taskId, uint8 attempt) external onlyRole(OPERATOR_ROLE) {
+        tasks.acceptTask(taskId, attempt);
+    }
+
+    /// @inheritdoc IOrganization
+    function abandonTask(uint256 taskId, uint8 attempt) external onlyRole(OPERATOR_ROLE) {
+        tasks.abandonTask(taskId, attempt);
+    }
+
+    /// @inheritdoc IOrganization
     function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri)
         external
         onlyRole(OPERATOR_ROLE)
@@ -255,13 +265,15 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
-    function registerService(bytes32 kind, uint256 price, uint256 maxBond, string calldata description)
-        external
-        onlyRole(OPERATOR_ROLE)
-        returns (uint256)
-    {
+    function registerService(
+        bytes32 kind,
+        uint256 price,
+        uint256 maxBond,
+        bool autoAccept,
+        string calldata description
+    ) external onlyRole(OPERATOR_ROLE) returns (uint256) {
         _spend(OPERATOR_ROLE, _terms.bond);
-        return services.registerService(kind, price, maxBond, description);
+        return services.registerService(kind, price, maxBond, autoAccept, description);
     }
 
     /// @inheritdoc IOrganization

@@ -19,9 +19,10 @@ contract ServiceManager is IServiceManager {
         address provider;
         uint96 price;
         uint40 taskId;
-        uint16 kindId;
+        uint8 kindId;
         ServiceState state;
         bool hasTerms;
+        bool autoAccept;
         uint24 completed;
         uint24 rejected;
         uint24 expired;
@@ -74,7 +75,7 @@ contract ServiceManager is IServiceManager {
     KindTable.Table private _kinds;
     mapping(uint256 serviceId => Record) private _services;
     mapping(uint256 serviceId => Agreement) private _agreements;
-    mapping(uint16 kindId => Idle) private _idle;
+    mapping(uint8 kindId => Idle) private _idle;
     mapping(address provider => Provider) private _providers;
 
     modifier onlyTaskManager() {
@@ -93,10 +94,13 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function registerService(bytes32 kind, uint256 price, uint256 maxBond, string calldata description)
-        external
-        returns (uint256 serviceId)
-    {
+    function registerService(
+        bytes32 kind,
+        uint256 price,
+        uint256 maxBond,
+        bool autoAccept,
+        string calldata description
+    ) external returns (uint256 serviceId) {
         Terms memory terms = organization.admitService(kind, msg.sender);
         if (terms.bond > maxBond) revert BondTooHigh(terms.bond, maxBond);
         _requirePrice(price);
@@ -112,7 +116,8 @@ contract ServiceManager is IServiceManager {
         s.price = uint96(price);
         s.kindId = _kinds.idOf(kind);
         s.state = ServiceState.Active;
-        emit ServiceRegistered(serviceId, msg.sender, kind, price, description);
+        s.autoAccept = autoAccept;
+        emit ServiceRegistered(serviceId, msg.sender, kind, price, autoAccept, description);
         if (terms.bond != 0 || terms.maxFailures != 0) {
             s.hasTerms = true;
             _agreements[serviceId] = Agreement(terms.bond, terms.penalty, terms.maxFailures, 0);
@@ -170,13 +175,15 @@ contract ServiceManager is IServiceManager {
     function acquire(uint256 serviceId, bytes32 kind, uint256 maxPrice, uint256 taskId)
         external
         onlyTaskManager
-        returns (address provider, uint256 price)
+        returns (address provider, uint256 price, bool accepted)
     {
         Record storage s = _services[serviceId];
-        if (!_isAvailable(s) || s.price > maxPrice || s.kindId != _kinds.ids[kind]) return (address(0), 0);
+        if (!_isAvailable(s) || s.price > maxPrice || s.kindId != _kinds.ids[kind]) {
+            return (address(0), 0, false);
+        }
         _leaveLine(serviceId, s);
         s.taskId = uint40(taskId);
-        return (s.provider, s.price);
+        return (s.provider, s.price, s.autoAccept);
     }
 
     /// @inheritdoc IServiceManager
@@ -186,7 +193,7 @@ contract ServiceManager is IServiceManager {
         else if (outcome == Outcome.Rejected) s.rejected = _increment(s.rejected);
         else if (outcome == Outcome.Expired) s.expired = _increment(s.expired);
         if (s.hasTerms) r.penalty = _applyTerms(serviceId, s, outcome);
-        _count(serviceId, s, outcome == Outcome.Expired);
+        _count(serviceId, s, outcome == Outcome.Expired || outcome == Outcome.Abandoned);
         s.taskId = 0;
         if (s.state == ServiceState.Retired) r.bond = _leave(serviceId, s);
         (r.provider, r.available, r.price) = (s.provider, _isAvailable(s), s.price);
@@ -230,7 +237,8 @@ contract ServiceManager is IServiceManager {
             bond: a.bond,
             penalty: a.penalty,
             maxFailures: a.maxFailures,
-            failures: a.failures
+            failures: a.failures,
+            autoAccept: s.autoAccept
         });
     }
 

@@ -38,10 +38,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint32 deadline;
         uint24 executionWindow;
         uint24 verdictWindow;
-        uint16 kindId;
+        uint8 kindId;
         uint8 attempt;
         uint8 maxAttempts;
         TaskState state;
+        /// @dev The executor agreed to the running attempt, so that its failure costs the executor something.
+        bool accepted;
         /// @dev Who wins a proof that nobody judges, as the kind had it when the task was posted.
         Silence silence;
     }
@@ -64,6 +66,11 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     uint32 public constant MAX_WINDOW = 30 days;
     uint8 public constant MAX_ATTEMPTS = 10;
 
+    /// @notice The part of the execution window in which an executor accepts or abandons: one in four.
+    uint256 public constant GRACE_SHARE = 4;
+    /// @notice The part of the price that an executor is paid for a task that is impossible: one in ten.
+    uint256 public constant IMPOSSIBLE_SHARE = 10;
+
     /// @dev What a policy may spend; the caller's transaction outlives one that needs more.
     uint256 private constant POLICY_GAS = 500_000;
 
@@ -82,7 +89,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     mapping(uint256 taskId => Record) private _tasks;
     /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place. Its
     /// weight is its reward.
-    mapping(uint16 kindId => WeightTree.Tree) private _open;
+    mapping(uint8 kindId => WeightTree.Tree) private _open;
     /// @dev The proof of what a service does now. A service does one task at a time, and its word is written over
     /// with the next: a quarter of the gas of a word per task.
     mapping(uint256 serviceId => bytes32) private _proofs;
@@ -140,14 +147,29 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
+    function acceptTask(uint256 taskId, uint8 attempt) external {
+        Record storage t = _get(taskId);
+        address executor = _requireExecutor(taskId, t, attempt);
+        if (t.accepted) revert AlreadyAccepted(taskId, attempt);
+        t.accepted = true;
+        emit TaskAccepted(taskId, attempt, executor);
+    }
+
+    /// @inheritdoc ITaskManager
+    function abandonTask(uint256 taskId, uint8 attempt) external nonReentrant {
+        Record storage t = _get(taskId);
+        _requireExecutor(taskId, t, attempt);
+        Cause cause = !t.accepted || block.timestamp <= _graceEnd(t) ? Cause.Abandoned : Cause.AbandonedLate;
+        _failAttempt(taskId, t, _kinds.kinds[t.kindId], cause);
+    }
+
+    /// @inheritdoc ITaskManager
     function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri)
         external
         nonReentrant
     {
         Record storage t = _get(taskId);
-        _requireAttempt(taskId, t, attempt, TaskState.Assigned);
-        address executor = services.providerOf(t.serviceId);
-        if (msg.sender != executor) revert NotExecutor(taskId, msg.sender, executor);
+        address executor = _requireExecutor(taskId, t, attempt);
         if (proofHash == 0) revert EmptyProof(taskId);
         Texts.requireText(uri);
         _proofs[t.serviceId] = proofHash;
@@ -183,14 +205,17 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bool submitted = t.state == TaskState.Submitted;
         bool undecided = t.state == TaskState.Undecided;
         if (!submitted && !undecided) _requireState(taskId, t, TaskState.Assigned);
-        if (block.timestamp <= t.deadline) revert DeadlineNotPassed(taskId, t.deadline, block.timestamp);
+        bool accepted = submitted || undecided || t.accepted;
+        uint256 end = accepted ? t.deadline : _graceEnd(t);
+        if (block.timestamp <= end) revert DeadlineNotPassed(taskId, end, block.timestamp);
         bytes32 kind = _kinds.kinds[t.kindId];
         if (undecided) {
             _endAudit(taskId, t);
         } else if (submitted && t.silence == Silence.Executor) {
             _settle(taskId, t, kind, t.price, Outcome.Unjudged);
         } else {
-            _failAttempt(taskId, t, kind, submitted ? Cause.VerdictExpired : Cause.ExecutionExpired);
+            Cause unproven = accepted ? Cause.ExecutionExpired : Cause.NotAccepted;
+            _failAttempt(taskId, t, kind, submitted ? Cause.VerdictExpired : unproven);
         }
     }
 
@@ -255,6 +280,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             attempt: t.attempt,
             maxAttempts: t.maxAttempts,
             state: t.state,
+            accepted: t.accepted,
             proofHash: _proof(taskId, t)
         });
     }
@@ -337,7 +363,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev Give an available service that is in no line the oldest task it can do, or let it wait.
-    function _place(uint256 serviceId, uint16 kindId, bytes32 kind, uint256 price) private {
+    function _place(uint256 serviceId, uint8 kindId, bytes32 kind, uint256 price) private {
         WeightTree.Tree storage open = _open[kindId];
         uint64 taskId = open.first(Units.weight(price));
         if (taskId == 0) {
@@ -354,7 +380,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         private
         returns (bool)
     {
-        (address executor, uint256 price) = services.acquire(serviceId, kind, t.reward, taskId);
+        (address executor, uint256 price, bool accepted) = services.acquire(serviceId, kind, t.reward, taskId);
         if (executor == address(0)) return false;
         uint8 attempt = t.attempt + 1;
         uint256 deadline = block.timestamp + t.executionWindow;
@@ -363,6 +389,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         t.serviceId = uint32(serviceId);
         t.deadline = deadline.toUint32();
         t.state = TaskState.Assigned;
+        t.accepted = accepted;
         // Time and sender, too: there are chains whose `prevrandao` is constant and whose block hashes say little.
         bytes32 nonce = keccak256(
             abi.encode(
@@ -388,9 +415,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (t.state == TaskState.Undecided) {
             // Its service was released when the attempt became undecided.
             if (verdict == Verdict.Accepted) _payAudited(taskId, t, amount);
+            else if (verdict == Verdict.Impossible) _payAudited(taskId, t, t.price / IMPOSSIBLE_SHARE);
             else if (_endAttempt(taskId, t, kind, Cause.Rejected)) _pay(t.creator, t.reward);
         } else if (verdict == Verdict.Accepted) {
             _settle(taskId, t, kind, amount, Outcome.Completed);
+        } else if (verdict == Verdict.Impossible) {
+            _settle(taskId, t, kind, t.price / IMPOSSIBLE_SHARE, Outcome.Unjudged);
         } else if (verdict == Verdict.Rejected) {
             _failAttempt(taskId, t, kind, Cause.Rejected);
         } else {
@@ -532,6 +562,23 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         if (block.timestamp > t.deadline) revert DeadlinePassed(taskId, t.deadline, block.timestamp);
     }
 
+    /// @dev The caller is the executor of the named attempt, which is under way.
+    function _requireExecutor(uint256 taskId, Record storage t, uint8 attempt)
+        private
+        view
+        returns (address executor)
+    {
+        _requireAttempt(taskId, t, attempt, TaskState.Assigned);
+        executor = services.providerOf(t.serviceId);
+        if (msg.sender != executor) revert NotExecutor(taskId, msg.sender, executor);
+    }
+
+    /// @dev Until then the executor of an assigned task may abandon it at no cost.
+    function _graceEnd(Record storage t) private view returns (uint256) {
+        uint256 window = t.executionWindow;
+        return t.deadline - window + window / GRACE_SHARE;
+    }
+
     /// @dev The caller may give this verdict on this proof of the running attempt now.
     function _requireJudge(
         uint256 taskId,
@@ -577,6 +624,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     function _outcome(Cause cause) private pure returns (Outcome) {
         if (cause == Cause.Rejected) return Outcome.Rejected;
-        return cause == Cause.ExecutionExpired ? Outcome.Expired : Outcome.Unjudged;
+        if (cause == Cause.VerdictExpired) return Outcome.Unjudged;
+        bool free = cause == Cause.NotAccepted || cause == Cause.Abandoned;
+        return free ? Outcome.Abandoned : Outcome.Expired;
     }
 }

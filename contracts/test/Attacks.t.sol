@@ -145,7 +145,7 @@ contract AttackTest is Fixture {
 
     function test_attack_theIncomeOfTheOrganizationCannotBeWithdrawn() public {
         vm.prank(admin);
-        organization.registerService(CLEANING, 80 ether, NO_LIMIT, "");
+        organization.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
         uint256 taskId = post(alice, 100 ether);
         vm.prank(admin);
         organization.submitProof(taskId, 1, PROOF, URI);
@@ -276,9 +276,9 @@ contract AttackTest is Fixture {
         setTerms(50 ether, 20 ether, 0);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.BondTooHigh.selector, 50 ether, 49 ether));
         vm.prank(robot1);
-        services.registerService(CLEANING, 80 ether, 49 ether, "");
+        services.registerService(CLEANING, 80 ether, 49 ether, true, "");
         vm.prank(robot1);
-        services.registerService(CLEANING, 80 ether, 50 ether, "");
+        services.registerService(CLEANING, 80 ether, 50 ether, true, "");
         assertEq(coin.balanceOf(robot1), 1950 ether);
     }
 
@@ -337,7 +337,7 @@ contract AttackTest is Fixture {
         offer(stranger, 0);
         for (uint256 i = 0; i <= max; ++i) {
             vm.prank(admin);
-            organization.registerService(CLEANING, 1 ether, 0, "");
+            organization.registerService(CLEANING, 1 ether, 0, true, "");
         }
     }
 
@@ -393,7 +393,7 @@ contract AttackTest is Fixture {
 
     function test_attack_theOrganizationsDocksFallAsleep() public {
         vm.prank(admin);
-        uint256 serviceId = organization.registerService(CLEANING, 80 ether, 0, "");
+        uint256 serviceId = organization.registerService(CLEANING, 80 ether, 0, true, "");
         for (uint256 i = 0; i < 2; ++i) {
             uint256 taskId = post(alice, 100 ether);
             while (state(taskId) == TaskState.Assigned) {

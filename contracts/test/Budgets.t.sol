@@ -55,11 +55,11 @@ contract BudgetsTest is Fixture {
         organization.setBudget(operatorRole, 100 ether, 1 days);
         uint256 until = block.timestamp + 1 days;
         uint256 taskId = organization.registerTask(request(50 ether));
-        organization.registerService(CHARGING, 1 ether, NO_LIMIT, "");
+        organization.registerService(CHARGING, 1 ether, NO_LIMIT, true, "");
         vm.expectRevert(_overBudget(operatorRole, 11 ether, 10 ether, until));
         organization.registerTask(request(11 ether));
         vm.expectRevert(_overBudget(operatorRole, 40 ether, 10 ether, until));
-        organization.registerService(CLEANING, 1 ether, NO_LIMIT, "");
+        organization.registerService(CLEANING, 1 ether, NO_LIMIT, true, "");
         // What comes back was locked all the same.
         organization.cancelTask(taskId);
         vm.expectRevert(_overBudget(operatorRole, 11 ether, 10 ether, until));

@@ -110,7 +110,7 @@ abstract contract Fixture is Test {
 
     function offer(address provider, uint256 price) internal returns (uint256 serviceId) {
         vm.prank(provider);
-        return services.registerService(CLEANING, price, NO_LIMIT, "");
+        return services.registerService(CLEANING, price, NO_LIMIT, true, "");
     }
 
     function submit(uint256 taskId) internal {

@@ -36,7 +36,7 @@ contract GovernanceTest is Fixture {
         timelock = new OrganizationTimelock(DELAY, vm.computeCreateAddress(address(this), nonce + 1));
         governor = new OrganizationGovernor(votes, timelock, VOTING_PERIOD, 1, 25);
         vm.startPrank(admin);
-        serviceId = organization.registerService(CLEANING, 80 ether, NO_LIMIT, "");
+        serviceId = organization.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
         organization.admit(alice);
         organization.admit(bob);
         organization.admit(robot1);

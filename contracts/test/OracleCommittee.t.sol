@@ -96,7 +96,7 @@ contract OracleCommitteeTest is Committee {
 
     function test_aKindWithoutQuorumIsNotJudged() public {
         vm.prank(robot1);
-        services.registerService(CHARGING, 1 ether, NO_LIMIT, "");
+        services.registerService(CHARGING, 1 ether, NO_LIMIT, true, "");
         vm.prank(alice);
         uint256 taskId = tasks.registerTask(TaskRequest(CHARGING, 2 ether, WINDOW, WINDOW, ATTEMPTS, 0, "{}"));
         submit(taskId);

@@ -66,7 +66,7 @@ contract OrganizationTest is Fixture {
 
     function test_itEarnsWithItsServices() public {
         vm.startPrank(admin);
-        uint256 serviceId = organization.registerService(CLEANING, 80 ether, NO_LIMIT, "");
+        uint256 serviceId = organization.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
         organization.updateService(serviceId, 90 ether, ServiceState.Active);
         vm.stopPrank();
         uint256 taskId = post(alice, 100 ether);
@@ -84,7 +84,7 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         organization.cancelTask(1);
         vm.expectRevert(refusal);
-        organization.registerService(CLEANING, 1 ether, NO_LIMIT, "");
+        organization.registerService(CLEANING, 1 ether, NO_LIMIT, true, "");
         vm.expectRevert(refusal);
         organization.updateService(1, 1 ether, ServiceState.Paused);
         vm.expectRevert(refusal);
@@ -234,7 +234,7 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         tasks.registerTask(request(1 ether));
         vm.expectRevert(refusal);
-        services.registerService(CLEANING, 1 ether, NO_LIMIT, "");
+        services.registerService(CLEANING, 1 ether, NO_LIMIT, true, "");
         vm.stopPrank();
 
         vm.prank(admin);
@@ -255,7 +255,7 @@ contract OrganizationTest is Fixture {
         vm.startPrank(admin);
         organization.setMembersOnly(true);
         organization.registerTask(request(1 ether));
-        organization.registerService(CHARGING, 1 ether, NO_LIMIT, "");
+        organization.registerService(CHARGING, 1 ether, NO_LIMIT, true, "");
         assertEq(tasks.taskCount() + services.serviceCount(), 2);
     }
 

@@ -81,7 +81,7 @@ contract PolicyTest is Fixture {
         attempt(1, false);
         uint256 fresh = offer(robot2, 50 ether);
         vm.prank(robot3);
-        uint256 good = services.registerService(CLEANING, 90 ether, NO_LIMIT, "");
+        uint256 good = services.registerService(CLEANING, 90 ether, NO_LIMIT, true, "");
         update(bad, 10 ether, ServiceState.Paused);
         update(fresh, 50 ether, ServiceState.Paused);
         attempt(post(alice, 100 ether), true);

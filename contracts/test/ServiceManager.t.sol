@@ -9,9 +9,9 @@ import {Fixture} from "./Fixture.sol";
 contract ServiceManagerTest is Fixture {
     function test_aServiceIsRegisteredForItsProvider() public {
         vm.expectEmit(address(services));
-        emit IServiceManager.ServiceRegistered(1, robot1, CLEANING, 80 ether, "collects trash");
+        emit IServiceManager.ServiceRegistered(1, robot1, CLEANING, 80 ether, true, "collects trash");
         vm.prank(robot1);
-        uint256 serviceId = services.registerService(CLEANING, 80 ether, NO_LIMIT, "collects trash");
+        uint256 serviceId = services.registerService(CLEANING, 80 ether, NO_LIMIT, true, "collects trash");
         Service memory s = services.service(serviceId);
         assertEq(s.provider, robot1);
         assertEq(s.price, 80 ether);
@@ -21,17 +21,17 @@ contract ServiceManagerTest is Fixture {
 
     function test_anUnknownKindIsRefused() public {
         vm.expectRevert(abi.encodeWithSelector(IOrganization.UnknownKind.selector, bytes32("painting")));
-        services.registerService("painting", 1 ether, NO_LIMIT, "");
+        services.registerService("painting", 1 ether, NO_LIMIT, true, "");
     }
 
     function test_aPriceIsAWholeNumberOfUnitsAndBounded() public {
         uint256 max = ((1 << 57) - 2) * 1 gwei;
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.InvalidPrice.selector, 1, 1 gwei, max));
-        services.registerService(CLEANING, 1, NO_LIMIT, "");
+        services.registerService(CLEANING, 1, NO_LIMIT, true, "");
         vm.expectRevert(
             abi.encodeWithSelector(IServiceManager.InvalidPrice.selector, max + 1 gwei, 1 gwei, max)
         );
-        services.registerService(CLEANING, max + 1 gwei, NO_LIMIT, "");
+        services.registerService(CLEANING, max + 1 gwei, NO_LIMIT, true, "");
         offer(robot1, max);
     }
 
@@ -126,7 +126,7 @@ contract ServiceManagerTest is Fixture {
         uint256 serviceId = offer(robot1, 80 ether);
         uint256 taskId = post(alice, 100 ether);
         vm.startPrank(address(tasks));
-        (address provider,) = services.acquire(serviceId, CLEANING, 100 ether, 2);
+        (address provider,,) = services.acquire(serviceId, CLEANING, 100 ether, 2);
         assertEq(provider, address(0), "refused");
         assertAssigned(taskId, serviceId);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceNotIdle.selector, serviceId));

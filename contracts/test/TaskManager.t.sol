@@ -466,7 +466,7 @@ contract TaskManagerTest is Fixture {
 
     function test_kindsDoNotMix() public {
         vm.prank(robot1);
-        services.registerService(CHARGING, 10 ether, NO_LIMIT, "");
+        services.registerService(CHARGING, 10 ether, NO_LIMIT, true, "");
         assertState(post(alice, 100 ether), TaskState.Open);
     }
 
@@ -566,7 +566,7 @@ contract TaskManagerTest is Fixture {
         bytes memory refusal = abi.encodeWithSelector(Texts.TextTooLong.selector, 8193, 8192);
         vm.expectRevert(refusal);
         vm.prank(robot1);
-        services.registerService(CLEANING, 1 ether, NO_LIMIT, long);
+        services.registerService(CLEANING, 1 ether, NO_LIMIT, true, long);
 
         offer(robot1, 1 ether);
         TaskRequest memory r = request(1 ether);

@@ -325,7 +325,7 @@ contract TokenTest is Fixture {
         _token.mint(address(_token), 100 ether);
         vm.startPrank(address(_token));
         _token.approve(address(tasks), type(uint256).max);
-        uint256 serviceId = services.registerService(CLEANING, 80 ether, NO_LIMIT, "");
+        uint256 serviceId = services.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
         vm.stopPrank();
         uint256 taskId = post(alice, 100 ether);
         uint256 waiting = post(bob, 100 ether);

@@ -17,6 +17,9 @@ class Cause(ContractEnum):
     EXECUTION_EXPIRED = 1
     VERDICT_EXPIRED = 2
     AUDIT_EXPIRED = 3
+    NOT_ACCEPTED = 4
+    ABANDONED = 5
+    ABANDONED_LATE = 6
 
 
 class Review(ContractEnum):
@@ -61,6 +64,7 @@ class Verdict(ContractEnum):
     REJECTED = 1
     ACCEPTED = 2
     UNDECIDED = 3
+    IMPOSSIBLE = 4
 
 
 @dataclass(frozen=True)
@@ -124,6 +128,7 @@ class Service(Struct):
     penalty: int
     max_failures: int
     failures: int
+    auto_accept: bool
 
 
 @dataclass(frozen=True)
@@ -139,6 +144,7 @@ class Task(Struct):
     attempt: int
     max_attempts: int
     state: TaskState
+    accepted: bool
     proof_hash: bytes
 
 
@@ -201,8 +207,14 @@ class OracleCommitteeCalls(ContractCalls):
 
 
 class OrganizationCalls(ContractCalls):
+    def abandon_task(self, task_id: int, attempt: int) -> Call:
+        return self._call("Organization", "abandonTask", task_id, attempt)
+
     def accept_default_admin_transfer(self) -> Call:
         return self._call("Organization", "acceptDefaultAdminTransfer")
+
+    def accept_task(self, task_id: int, attempt: int) -> Call:
+        return self._call("Organization", "acceptTask", task_id, attempt)
 
     def admit(self, account: str) -> Call:
         return self._call("Organization", "admit", account)
@@ -243,8 +255,10 @@ class OrganizationCalls(ContractCalls):
     def register_device(self, device: str, role: str, owner: str, name: str) -> Call:
         return self._call("Organization", "registerDevice", device, role, owner, name)
 
-    def register_service(self, kind: str, price: int, max_bond: int, description: str) -> Call:
-        return self._call("Organization", "registerService", kind, price, max_bond, description)
+    def register_service(
+        self, kind: str, price: int, max_bond: int, auto_accept: bool, description: str
+    ) -> Call:
+        return self._call("Organization", "registerService", kind, price, max_bond, auto_accept, description)
 
     def register_task(self, request: TaskRequest) -> Call:
         return self._call("Organization", "registerTask", request)
@@ -308,14 +322,24 @@ class OrganizationCalls(ContractCalls):
 
 
 class ServiceManagerCalls(ContractCalls):
-    def register_service(self, kind: str, price: int, max_bond: int, description: str) -> Call:
-        return self._call("ServiceManager", "registerService", kind, price, max_bond, description)
+    def register_service(
+        self, kind: str, price: int, max_bond: int, auto_accept: bool, description: str
+    ) -> Call:
+        return self._call(
+            "ServiceManager", "registerService", kind, price, max_bond, auto_accept, description
+        )
 
     def update_service(self, service_id: int, price: int, state: ServiceState) -> Call:
         return self._call("ServiceManager", "updateService", service_id, price, state)
 
 
 class TaskManagerCalls(ContractCalls):
+    def abandon_task(self, task_id: int, attempt: int) -> Call:
+        return self._call("TaskManager", "abandonTask", task_id, attempt)
+
+    def accept_task(self, task_id: int, attempt: int) -> Call:
+        return self._call("TaskManager", "acceptTask", task_id, attempt)
+
     def cancel_task(self, task_id: int) -> Call:
         return self._call("TaskManager", "cancelTask", task_id)
 

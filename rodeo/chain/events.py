@@ -180,6 +180,7 @@ class ServiceRegistered(Event):
     provider: str
     kind: str
     price: int
+    auto_accept: bool
     description: str
 
 
@@ -241,6 +242,13 @@ class ProofSubmitted(Event):
     proof_hash: bytes
     uri: str
     deadline: int
+
+
+@dataclass(frozen=True)
+class TaskAccepted(Event):
+    task_id: int
+    attempt: int
+    executor: str
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from rodeo.evidence.proof import Proof, open_proof
 from rodeo.evidence.recorder import Recorder
 from rodeo.evidence.store import Store
 from rodeo.kinds import kinds_of
-from rodeo.messages import PostVerdict, Task
+from rodeo.messages import Outcome, PostVerdict, Task
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.topics import EVENT_CHANNEL
@@ -95,11 +95,12 @@ class Executor:
         self._clock = clock
 
     def accept(self, task_id: int) -> Task:
-        """Open the recording of the assignment; doing it twice changes nothing.
+        """Agree to the task on chain, and open the assignment's recording; doing it twice changes nothing.
 
         Raises NotYourTask, and what `Participant` raises.
         """
         task = self._assigned(task_id)
+        self._dao.accept_task(task)
         path = self._path(task)
         if not path.exists():
             with Recorder(
@@ -173,12 +174,14 @@ def judge(
     accepted: bool,
     reason: str,
     amount_iec: Decimal | None = None,
+    impossible: bool = False,
 ) -> None:
     """An auditor's verdict on the proof that was submitted for a task, with a report of its own in the store.
 
-    Accepted work is paid `amount_iec`, by default the agreed price. A person's proof is only accepted if it
-    can be read and its photos are pictures: raises NoStatement, BadPhoto and EvidenceError. Raises BadAmount,
-    StoreUnavailable, and what `Participant` raises: the contract refuses who may not judge this kind.
+    Accepted work is paid `amount_iec`, by default the agreed price. `impossible`, instead of a rejection,
+    says that nobody could do the task. A person's proof is only accepted if it can be read and its photos are
+    pictures: raises NoStatement, BadPhoto and EvidenceError. Raises BadAmount, StoreUnavailable, and what
+    `Participant` raises: the contract refuses who may not judge this kind.
     """
     task = auditor.task(task_id)
     if amount_iec is not None and not (accepted and 0 < amount_iec <= (task.price_iec or 0)):
@@ -194,12 +197,13 @@ def judge(
         for photo in fetch_statement(Store(site), task.proof_uri or "", task.proof_sha256).photos:
             check_photo(photo)
     paid_iec = (amount_iec or task.price_iec) if accepted else None
+    outcome: Outcome = "accepted" if accepted else "impossible" if impossible else "rejected"
     report = {
         "kind": task.kind,
         "task_id": task.id,
         "attempt": task.attempt,
         "proof_sha256": task.proof_sha256,
-        "outcome": "accepted" if accepted else "rejected",
+        "outcome": outcome,
         "amount_iec": None if paid_iec is None else str(paid_iec),
         "reason": reason,
         "auditor": auditor.name,
@@ -211,7 +215,7 @@ def judge(
             task_id=task.id,
             attempt=task.attempt,
             proof_sha256=task.proof_sha256,
-            outcome="accepted" if accepted else "rejected",
+            outcome=outcome,
             amount_iec=paid_iec,
             reason=reason,
             report_sha256=digest,

@@ -35,6 +35,8 @@ from rodeo.errors import InvalidRequest
 from rodeo.evidence import Store
 from rodeo.kinds import EXECUTION_WINDOW_S, Kinds
 from rodeo.messages import (
+    AbandonTask,
+    AcceptTask,
     Admit,
     AllowKind,
     Broadcast,
@@ -297,6 +299,12 @@ class Wallet:
     def _cancel_task(self, command: CancelTask) -> list[Call]:
         return [self.calls.cancel_task(command.task_id)]
 
+    def _accept_task(self, command: AcceptTask) -> list[Call]:
+        return [self.calls.accept_task(command.task_id, command.attempt)]
+
+    def _abandon_task(self, command: AbandonTask) -> list[Call]:
+        return [self.calls.abandon_task(command.task_id, command.attempt)]
+
     def _match_task(self, command: MatchTask) -> list[Call]:
         return [self.client.calls.match_task(command.task_id)]
 
@@ -356,7 +364,11 @@ class Wallet:
         self._require_funds(self.address, bond)
         # The Organization approved the TaskManager in its constructor.
         approval = [] if self.participant == ORGANIZATION else self._approval(self.client.task_manager, bond)
-        return [*approval, self.calls.register_service(command.kind, price, max_bond, command.description)]
+        auto_accept = command.auto_accept
+        if auto_accept is None:  # what nobody can check before it is assigned is free text
+            auto_accept = not self.kinds.by_people(command.kind)
+        offer = self.calls.register_service(command.kind, price, max_bond, auto_accept, command.description)
+        return [*approval, offer]
 
     def _update_service(self, command: UpdateService) -> list[Call]:
         service = self.index.service(command.service_id)
@@ -579,6 +591,8 @@ Build = Callable[[Wallet, Any], list[Call]]
 _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "register_task": (RegisterTask, Wallet._register_task),
     "cancel_task": (CancelTask, Wallet._cancel_task),
+    "accept_task": (AcceptTask, Wallet._accept_task),
+    "abandon_task": (AbandonTask, Wallet._abandon_task),
     "submit_proof": (SubmitProof, Wallet._submit_proof),
     "post_verdict": (PostVerdict, Wallet._post_verdict),
     "post_votes": (PostVotes, Wallet._post_votes),

@@ -77,6 +77,7 @@ class Projection:
                     event.task_id,
                     **dict.fromkeys(_OF_ATTEMPT),
                     state="assigned",
+                    accepted=rows.get(schema.services, event.service_id)["auto_accept"],
                     attempt=event.attempt,
                     executor=event.executor,
                     service_id=event.service_id,
@@ -88,6 +89,8 @@ class Projection:
                 rows.change(schema.services, event.service_id, task_id=event.task_id, place=0)
                 if self._free == event.service_id:
                     self._free = None  # its next task, before it waited
+            case events.TaskAccepted():
+                self._change_task(event.task_id, accepted=True)
             case events.ProofSubmitted():
                 self._change_task(
                     event.task_id,
@@ -114,9 +117,11 @@ class Projection:
                     at_silence=event.silence.name.lower(),
                 )
             case events.TaskSettled():
-                # Without a verdict where nobody judged in time and the executor wins then: no completion.
-                judged = rows.get(schema.tasks, event.task_id)["verdict"] is not None
-                self._release_service(event.task_id, "completed" if judged else None)
+                # No completion without a verdict, where nobody judged in time and the executor wins then, and
+                # for a task that nobody could do.
+                verdict = rows.get(schema.tasks, event.task_id)["verdict"]
+                judged = verdict is not None
+                self._release_service(event.task_id, "completed" if verdict == "accepted" else None)
                 self._change_task(
                     event.task_id,
                     **{} if judged else _VERDICT_OF_EXPIRY[Cause.VERDICT_EXPIRED],
@@ -154,6 +159,7 @@ class Projection:
                     price=event.price,
                     state="active",
                     description=event.description,
+                    auto_accept=event.auto_accept,
                     completed=0,
                     rejected=0,
                     expired=0,
@@ -417,6 +423,7 @@ _OF_ASSIGNMENT = (
     "executor",
     "service_id",
     "price",
+    "accepted",
     "assigned",
     "execution_deadline",
     "verdict_deadline",
@@ -442,12 +449,22 @@ _COUNTER: dict[Cause, str | None] = {
     Cause.EXECUTION_EXPIRED: "expired",
     Cause.VERDICT_EXPIRED: None,
     Cause.AUDIT_EXPIRED: None,
+    Cause.NOT_ACCEPTED: None,
+    Cause.ABANDONED: None,
+    Cause.ABANDONED_LATE: "expired",
 }
-"""What a failed attempt adds to its service's record; a verdict that never came is not its fault."""
+"""What a failed attempt adds to its service's record; a verdict that never came is not its fault, nor
+is a task that it did not agree to."""
 
 _VERDICT_OF_EXPIRY = {
     Cause.EXECUTION_EXPIRED: {"verdict": "expired", "reason": "no proof within the execution window"},
     Cause.VERDICT_EXPIRED: {"verdict": "expired", "reason": "no verdict within the verdict window"},
+    Cause.NOT_ACCEPTED: {"verdict": "expired", "reason": "the executor did not accept the task in time"},
+    Cause.ABANDONED: {"verdict": "abandoned", "reason": "the executor gave the task back"},
+    Cause.ABANDONED_LATE: {
+        "verdict": "abandoned",
+        "reason": "the executor gave the task back after the grace period",
+    },
 }
 
 

@@ -11,6 +11,11 @@ _ENDS = ("TaskSettled", "TaskFailed", "TaskCancelled")
 _EXPIRED = {
     "execution_expired": "no proof within the execution window",
     "verdict_expired": "no verdict within the verdict window",
+    "not_accepted": "the executor did not accept the task in time",
+}
+_ABANDONED = {
+    "abandoned": "the executor gave the task back",
+    "abandoned_late": "the executor gave the task back after the grace period",
 }
 
 
@@ -27,7 +32,7 @@ class Attempt:
     proof_sha256: str | None = None
     proof_uri: str | None = None
     verdict: str | None = None
-    """accepted, rejected, undecided or expired"""
+    """accepted, rejected, undecided, impossible, expired or abandoned"""
     reason: str | None = None
     report_sha256: str | None = None
     report_uri: str | None = None
@@ -77,6 +82,8 @@ def attempts(events: Iterable[DaoEvent]) -> list[Attempt]:
             made[-1] = replace(made[-1], ended_s=event.time_s, paid_iec=args.get("paid_iec"))
             if (expiry := _EXPIRED.get(args.get("cause", ""))) is not None:
                 made[-1] = replace(made[-1], verdict="expired", reason=expiry)
+            if (given_back := _ABANDONED.get(args.get("cause", ""))) is not None:
+                made[-1] = replace(made[-1], verdict="abandoned", reason=given_back)
     return made
 
 

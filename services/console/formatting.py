@@ -27,6 +27,8 @@ STATE_COLOURS = {
     "accepted": "good",
     "rejected": "bad",
     "expired": "bad",
+    "abandoned": "warn",
+    "impossible": "warn",
     "superseded": "",
     "compromised": "bad",
     "at work": "info",

@@ -746,7 +746,7 @@ def test_what_cannot_be_done_is_given_back_at_once_with_the_reason_and_the_next_
     dao.command("organization", "allow_kind", kind="dusting", review="auditor")
     w3, robot = Web3(Web3.HTTPProvider(dao.site.chain.url)), wallets.load(dao.site, "panther1")
     dao.set_clock(w3.eth.get_block("pending")["timestamp"] + 1)
-    offer = dao.client().calls.register_service("dusting", 10**18, 0, "a robot that dusts")
+    offer = dao.client().calls.register_service("dusting", 10**18, 0, False, "a robot that dusts")
     fees = {"gas": 1_000_000, "maxFeePerGas": 10**10, "maxPriorityFeePerGas": 10**9, "value": 0}
     about = {"chainId": w3.eth.chain_id, "nonce": w3.eth.get_transaction_count(robot.address)}
     signed = robot.sign_transaction({"to": offer.to, "data": offer.data, "type": 2, **fees, **about})
@@ -769,6 +769,12 @@ def test_what_cannot_be_done_is_given_back_at_once_with_the_reason_and_the_next_
     dao.wait_for(lambda: dao.names_of(task_id).count("TaskAssigned") == 2, "the next assignment")
     task = Task.model_validate(dao.task(task_id))
     assert (task.state, task.executor_name, task.attempt) == ("assigned", "carla", 2)
+    assert task.accepted is False, "nobody can check such a task before it is assigned"
+    dao.command("carla", "accept_task", task_id=task_id, attempt=2)
+    dao.wait_for(lambda: dao.task(task_id)["accepted"], "carla's consent")
+    dao.command("carla", "abandon_task", task_id=task_id, attempt=2)
+    dao.wait_for(lambda: dao.names_of(task_id).count("TaskAssigned") == 3, "the last attempt")
+    assert [one["expired"] for one in dao.state("services", provider="carla")["services"]][-1] == 0
     dao.prove(task_id, "carla")
     dao.judge(task_id, accepted=True, judge="organization")
     for who, number in (("carla", carlas), ("panther1", service["id"])):

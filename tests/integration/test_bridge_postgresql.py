@@ -43,7 +43,7 @@ def history() -> list[list[Event]]:
             events.KindAllowed("waste", Review.ORACLE, b"\1" * 32),
         ],
         [
-            events.ServiceRegistered(1, ROBOT, "waste", 100 * iec, HOSTILE),
+            events.ServiceRegistered(1, ROBOT, "waste", 100 * iec, True, HOSTILE),
             events.TermsAgreed(1, 50 * iec, 20 * iec, 2),
         ],
         [

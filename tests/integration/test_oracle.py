@@ -39,7 +39,9 @@ def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
         organization.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
         # Past the bridge, which lets nobody offer the same twice: two tasks can be its at the same time.
         client, account = organization.client(), wallets.load(running.site, "panther1")
-        client.send(account, client.calls.register_service("waste_disposal", to_wei(Decimal(100)), 0, ""))
+        client.send(
+            account, client.calls.register_service("waste_disposal", to_wei(Decimal(100)), 0, True, "")
+        )
         organization.wait_for(
             lambda: [event.name for event in organization.events].count("ServiceRegistered") == 2,
             "the second service",

@@ -123,7 +123,11 @@ def test_a_photo_that_is_no_picture_is_not_handed_in(dao: Dao, tmp_path: Path) -
     fake.write_bytes(b"\xff\xd8\xff\xe0 a few letters")
     submit = ("task", "submit", str(task_id), "--as", "alice", "--note", "x", "--photo", str(fake))
     assert "bad_photo" in rodeo(dao, *submit, status=1)
-    assert dao.task(task_id)["state"] == "assigned"
+    assert (dao.task(task_id)["state"], dao.task(task_id)["accepted"]) == ("assigned", True)
+    assert f"alice has given back task {task_id}" in rodeo(
+        dao, "task", "abandon", str(task_id), "--as", "alice"
+    )
+    assert (dao.task(task_id)["attempt"], dao.task(task_id)["accepted"]) == (2, False)
 
 
 def test_the_oracle_posts_nothing_on_a_kind_that_it_has_no_checks_for(dao: Dao, tmp_path: Path) -> None:
@@ -138,3 +142,7 @@ def test_the_oracle_posts_nothing_on_a_kind_that_it_has_no_checks_for(dao: Dao, 
     assert status.details["decided"] == 0
     assert f"task {task_id} attempt 1 of polishing waits for an auditor" in dao.running.log("oracle")
     assert dao.task(task_id)["state"] == "submitted"
+    verdict = ("task", "judge", str(task_id), "--reason", "There is no such handle")
+    assert "give one verdict" in rodeo(dao, *verdict, status=1)
+    assert f"Task {task_id} is impossible" in rodeo(dao, *verdict, "--impossible")
+    assert (dao.task(task_id)["state"], dao.task(task_id)["paid_iec"]) == ("settled", "0.5")

@@ -195,13 +195,23 @@ interface IOrganization is IDeviceRegistry {
     /// @notice ITaskManager.cancelTask in the organization's name.
     function cancelTask(uint256 taskId) external;
 
+    /// @notice ITaskManager.acceptTask in the organization's name.
+    function acceptTask(uint256 taskId, uint8 attempt) external;
+
+    /// @notice ITaskManager.abandonTask in the organization's name.
+    function abandonTask(uint256 taskId, uint8 attempt) external;
+
     /// @notice ITaskManager.submitProof in the organization's name.
     function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
 
     /// @notice IServiceManager.registerService in the organization's name.
-    function registerService(bytes32 kind, uint256 price, uint256 maxBond, string calldata description)
-        external
-        returns (uint256 serviceId);
+    function registerService(
+        bytes32 kind,
+        uint256 price,
+        uint256 maxBond,
+        bool autoAccept,
+        string calldata description
+    ) external returns (uint256 serviceId);
 
     /// @notice IServiceManager.updateService in the organization's name.
     function updateService(uint256 serviceId, uint256 price, ServiceState state) external;

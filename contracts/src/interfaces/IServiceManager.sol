@@ -11,12 +11,14 @@ enum ServiceState {
     Suspended
 }
 
-/// @notice How an attempt ended for the service that made it. Unjudged: no verdict came in time, or an undecided one.
+/// @notice How an attempt ended for the service that made it. Unjudged: nobody judged it in time, or a judge found it
+/// undecided or impossible. Abandoned: without a proof, and the provider had not agreed to it or gave it back early.
 enum Outcome {
     Completed,
     Rejected,
     Expired,
-    Unjudged
+    Unjudged,
+    Abandoned
 }
 
 /// @param price what one task costs, in the token's smallest unit
@@ -30,6 +32,7 @@ enum Outcome {
 /// @param penalty what a failed attempt takes from the bond; agreed at registration
 /// @param maxFailures failures in a row that suspend it; 0 for no limit; agreed at registration
 /// @param failures failures in a row until now
+/// @param autoAccept the provider accepts each task that the service is assigned
 struct Service {
     address provider;
     uint96 price;
@@ -45,6 +48,7 @@ struct Service {
     uint96 penalty;
     uint8 maxFailures;
     uint8 failures;
+    bool autoAccept;
 }
 
 /// @param provider who is paid
@@ -70,6 +74,7 @@ interface IServiceManager {
         address indexed provider,
         bytes32 indexed kind,
         uint256 price,
+        bool autoAccept,
         string description
     );
     event ServiceUpdated(uint256 indexed serviceId, uint256 price, ServiceState state);
@@ -111,10 +116,17 @@ interface IServiceManager {
     /// @param kind what is done, ASCII
     /// @param price what one task costs, in the token's smallest unit
     /// @param maxBond the highest bond that the caller agrees to, so that terms that change meanwhile surprise nobody
+    /// @param autoAccept the caller accepts each task that the service is assigned. Otherwise it accepts each by
+    /// ITaskManager.acceptTask, as is advisable where the parameters of tasks are free text.
     /// @param description free text; only in the event
-    function registerService(bytes32 kind, uint256 price, uint256 maxBond, string calldata description)
-        external
-        returns (uint256 serviceId);
+    /// @return serviceId the number of the service, counted from 1
+    function registerService(
+        bytes32 kind,
+        uint256 price,
+        uint256 maxBond,
+        bool autoAccept,
+        string calldata description
+    ) external returns (uint256 serviceId);
 
     /// @notice Change what the service costs and whether it takes tasks, from the next task on. A service that
     /// was waiting queues again at the back, and one that fell asleep is awake where it is Active again. Retired: what is left of the bond goes back, at once when the service
@@ -150,9 +162,10 @@ interface IServiceManager {
     /// @notice Occupy an available service of `kind` that costs at most `maxPrice`. Only the task manager.
     /// @return provider who will be paid; 0 when the service is not such a one, and nothing happened
     /// @return price the price agreed for this task
+    /// @return accepted whether the service accepts each task
     function acquire(uint256 serviceId, bytes32 kind, uint256 maxPrice, uint256 taskId)
         external
-        returns (address provider, uint256 price);
+        returns (address provider, uint256 price, bool accepted);
 
     /// @notice The service's task ended. Only the task manager, which pays what it says, and places it next.
     function release(uint256 serviceId, Outcome outcome) external returns (Release memory);

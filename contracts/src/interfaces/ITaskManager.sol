@@ -15,19 +15,25 @@ enum TaskState {
 }
 
 /// @notice What a judge says of a proof. Undecided: neither side failed, and the organization's auditors decide.
+/// Impossible: nobody could do this task. It ends, and the executor is paid a part of the price for its trouble.
 enum Verdict {
     None,
     Rejected,
     Accepted,
-    Undecided
+    Undecided,
+    Impossible
 }
 
-/// @notice Why an attempt failed.
+/// @notice Why an attempt failed. NotAccepted: the executor did not accept it in the grace period. Abandoned: the
+/// executor gave it back at no cost. AbandonedLate: the executor had accepted it, and gave it back after the grace period.
 enum Cause {
     Rejected,
     ExecutionExpired,
     VerdictExpired,
-    AuditExpired
+    AuditExpired,
+    NotAccepted,
+    Abandoned,
+    AbandonedLate
 }
 
 /// @notice Who wins when the judges, or the auditors, let their window pass. None: neither, and the attempt is void.
@@ -59,6 +65,7 @@ struct TaskRequest {
 /// @param serviceId the service of the running (or last) attempt; 0 while open
 /// @param deadline end of the running window, block time in seconds; 0 when none runs
 /// @param attempt 1 for the first assignment
+/// @param accepted the executor of the running (or last) attempt agreed to it; see acceptTask
 /// @param proofHash SHA-256 of the proof that waits for its verdict; 0 unless Submitted or Undecided, earlier ones
 /// are in events
 struct Task {
@@ -73,6 +80,7 @@ struct Task {
     uint8 attempt;
     uint8 maxAttempts;
     TaskState state;
+    bool accepted;
     bytes32 proofHash;
 }
 
@@ -135,6 +143,8 @@ interface ITaskManager {
     event TaskRequeued(uint256 indexed taskId, uint8 attempt, Cause cause);
     /// @param attempt the last attempt, which failed
     event TaskFailed(uint256 indexed taskId, uint256 refund, uint8 attempt, Cause cause);
+    /// @notice The executor agreed to this attempt by a call. A service with `autoAccept` agrees when it is assigned.
+    event TaskAccepted(uint256 indexed taskId, uint8 attempt, address indexed executor);
     event TaskCancelled(uint256 indexed taskId, uint256 refund);
     /// @notice The organization's policy reverted or chose an unfit service; the task waits. See matchTask.
     event PolicyFailed(uint256 indexed taskId);
@@ -143,6 +153,8 @@ interface ITaskManager {
     event PaymentDeferred(address indexed account, uint256 amount);
     event PaymentCollected(address indexed account, uint256 amount);
 
+    /// @notice The executor, or its service for each task, has accepted this attempt before.
+    error AlreadyAccepted(uint256 taskId, uint8 attempt);
     error UnknownTask(uint256 taskId);
     error WrongState(uint256 taskId, TaskState current, TaskState expected);
     error WrongAttempt(uint256 taskId, uint8 current, uint8 given);
@@ -189,6 +201,19 @@ interface ITaskManager {
     /// @notice The creator takes an open task back, with the whole reward.
     function cancelTask(uint256 taskId) external;
 
+    /// @notice The executor agrees to do the assigned task. If it then delivers no proof in time, or a judge rejects its
+    /// proof, it pays the penalty of its terms. A proof accepts, too. Services with `autoAccept` need no call.
+    /// @param taskId an assigned task
+    /// @param attempt the running attempt
+    function acceptTask(uint256 taskId, uint8 attempt) external;
+
+    /// @notice The executor gives the assigned task back, and the attempt ends. This costs it nothing in the first
+    /// quarter of the execution window, nor later if it has not accepted the task. Otherwise it counts as an attempt
+    /// without a proof. In any case it counts toward MAX_MISSED, see IServiceManager.
+    /// @param taskId an assigned task
+    /// @param attempt the running attempt
+    function abandonTask(uint256 taskId, uint8 attempt) external;
+
     /// @notice The executor names its evidence for the running attempt: once, inside the execution window.
     /// @param proofHash SHA-256 of the recording
     /// @param uri where it can be fetched; only in the event
@@ -212,7 +237,8 @@ interface ITaskManager {
         string calldata reason
     ) external;
 
-    /// @notice Anyone ends an attempt whose window has passed. The task queues again, or fails with a refund. Where
+    /// @notice Anyone ends an attempt whose window has passed, or that its executor has not accepted in the first quarter
+    /// of the window. The task queues again, or fails with a refund. Where
     /// nobody judged a proof in time, and the kind let the executor win then when the task was posted, it settles at
     /// the full price. Where the auditors were silent it settles at the full price or fails, as AuditRequested said.
     function expireTask(uint256 taskId) external;

@@ -27,6 +27,7 @@ struct Ghost {
     uint256 maxFailures;
     uint256 failures;
     bool suspended;
+    bool autoAccept;
 }
 
 /// @notice An attempt that waits for the auditors.
@@ -70,6 +71,8 @@ contract Handler is CommonBase, StdUtils {
 
     /// @notice Attempts in a row that a provider let pass without a proof.
     mapping(address provider => uint256) public missed;
+    /// @dev Attempts that their executor accepted by a call.
+    mapping(uint256 taskId => mapping(uint8 attempt => bool)) private _accepted;
     mapping(uint256 taskId => uint8) private _attemptSeen;
     mapping(uint256 taskId => Disputed) private _disputes;
     /// @dev Who wins a proof that nobody judges, as it was when the task was posted.
@@ -189,20 +192,22 @@ contract Handler is CommonBase, StdUtils {
 
     // -- providers ----------------------------------------------------------------------------------------
 
-    function registerService(uint256 who, uint256 price) external inOrder {
+    function registerService(uint256 who, uint256 price, bool autoAccept) external inOrder {
         address provider = _providers[bound(who, 0, _providers.length - 1)];
         Terms memory terms = _organization.terms();
         if (_services.serviceCount() >= 12 || expected[provider] < terms.bond) return;
         if (terms.bond != 0) {
             vm.prank(provider);
-            try _services.registerService(CLEANING, 0, terms.bond - 1, "") {
+            try _services.registerService(CLEANING, 0, terms.bond - 1, true, "") {
                 violation = "a bond was taken that nobody agreed to";
             } catch {}
         }
         vm.prank(provider);
-        try _services.registerService(CLEANING, _price(price), NO_LIMIT, "") returns (uint256 serviceId) {
+        try _services.registerService(CLEANING, _price(price), NO_LIMIT, autoAccept, "") returns (
+            uint256 serviceId
+        ) {
             expected[provider] -= terms.bond;
-            ghost[serviceId] = Ghost(terms.bond, terms.penalty, terms.maxFailures, 0, false);
+            ghost[serviceId] = Ghost(terms.bond, terms.penalty, terms.maxFailures, 0, false, autoAccept);
         } catch {
             if (_live(provider) < _services.MAX_SERVICES()) violation = "a service could not be offered";
         }
@@ -215,8 +220,8 @@ contract Handler is CommonBase, StdUtils {
         if (_services.serviceCount() > 2 || terms.bond != 0) return;
         for (uint256 i = 0; i <= _services.MAX_SERVICES(); ++i) {
             vm.prank(provider);
-            try _services.registerService(CLEANING, 0, 0, "") returns (uint256 serviceId) {
-                ghost[serviceId] = Ghost(0, 0, terms.maxFailures, 0, false);
+            try _services.registerService(CLEANING, 0, 0, true, "") returns (uint256 serviceId) {
+                ghost[serviceId] = Ghost(0, 0, terms.maxFailures, 0, false, true);
             } catch {}
         }
         if (_live(provider) > _services.MAX_SERVICES()) violation = "a provider has too many services";
@@ -248,6 +253,45 @@ contract Handler is CommonBase, StdUtils {
         } catch {
             if (!ghost[serviceId].suspended || next == ServiceState.Retired) violation = "locked in";
         }
+    }
+
+    function acceptTask(uint256 which) external inOrder {
+        uint256 taskId = _find(which, TaskState.Assigned);
+        if (taskId == 0) return;
+        Task memory t = _tasks.task(taskId);
+        if (block.timestamp > t.deadline) return;
+        bool again = _hasAccepted(taskId, t);
+        vm.prank(_services.providerOf(t.serviceId));
+        try _tasks.acceptTask(taskId, t.attempt) {
+            if (again) violation = "a task was accepted twice";
+            _accepted[taskId][t.attempt] = true;
+        } catch {
+            if (!again) violation = "a task could not be accepted";
+        }
+    }
+
+    /// @dev At any time while it is assigned; it costs something only late, and who had accepted it.
+    function abandonTask(uint256 which, uint256 time) external inOrder {
+        uint256 taskId = _find(which, TaskState.Assigned);
+        if (taskId == 0) return;
+        Task memory t = _tasks.task(taskId);
+        if (block.timestamp > t.deadline) return;
+        vm.warp(bound(time, block.timestamp, t.deadline));
+        bool late = _hasAccepted(taskId, t) && block.timestamp > _graceEnd(t);
+        Service memory s = _services.service(t.serviceId);
+        vm.prank(s.provider);
+        _tasks.abandonTask(taskId, t.attempt);
+        _expectMissed(t, s);
+        _expectFailure(t, late);
+    }
+
+    function _hasAccepted(uint256 taskId, Task memory t) private view returns (bool) {
+        return ghost[t.serviceId].autoAccept || _accepted[taskId][t.attempt];
+    }
+
+    /// @dev A quarter of the execution window after the assignment.
+    function _graceEnd(Task memory t) private pure returns (uint256) {
+        return t.deadline - t.executionWindow * 3 / 4;
     }
 
     function submitProof(uint256 which, bytes32 proofHash) external inOrder {
@@ -304,6 +348,19 @@ contract Handler is CommonBase, StdUtils {
         _expectRelease(t.serviceId);
     }
 
+    /// @dev Nobody could do it: the executor is paid a tenth, and it costs nobody anything else.
+    function findImpossible(uint256 which, bool audited) external inOrder {
+        uint256 taskId = _find(which, audited ? TaskState.Undecided : TaskState.Submitted);
+        if (taskId == 0) return;
+        Task memory t = _tasks.task(taskId);
+        if (block.timestamp > t.deadline) return;
+        _judge(audited ? _auditor : _oracle, taskId, t, Verdict.Impossible, 0);
+        _expectPayment(t, t.price / 10);
+        if (audited) return;
+        missed[_services.providerOf(t.serviceId)] = 0;
+        _expectRelease(t.serviceId);
+    }
+
     /// @dev The auditor decides, after everybody else who might has tried.
     function audit(uint256 which, bool accepted, uint256 amount) external inOrder {
         uint256 taskId = _find(which, TaskState.Undecided);
@@ -334,6 +391,7 @@ contract Handler is CommonBase, StdUtils {
         _mustNot(judge, taskId, t, Verdict.Accepted, above, "more than the price was paid");
         if (t.price != 0) _mustNot(judge, taskId, t, Verdict.Accepted, 0, "accepted for nothing");
         _mustNot(judge, taskId, t, Verdict.Rejected, above, "a rejection paid");
+        _mustNot(judge, taskId, t, Verdict.Impossible, above, "an impossible task paid the price");
         _mustNot(judge, taskId, t, Verdict.None, 0, "a verdict said nothing");
     }
 
@@ -364,7 +422,8 @@ contract Handler is CommonBase, StdUtils {
         uint256 taskId = _find(which, running);
         if (taskId == 0) return;
         Task memory t = _tasks.task(taskId);
-        if (block.timestamp <= t.deadline) {
+        bool unaccepted = running == TaskState.Assigned && !_hasAccepted(taskId, t);
+        if (block.timestamp <= (unaccepted ? _graceEnd(t) : t.deadline)) {
             try _tasks.expireTask(taskId) {
                 violation = "expired before its time";
             } catch {}
@@ -400,12 +459,7 @@ contract Handler is CommonBase, StdUtils {
         Service memory s = _services.service(t.serviceId);
         _tasks.expireTask(taskId);
         if (running == TaskState.Assigned) {
-            bool off = ++missed[s.provider] >= _services.MAX_MISSED();
-            ServiceState after_ = _services.service(t.serviceId).state;
-            bool active = after_ == ServiceState.Active;
-            if (s.state == ServiceState.Active && after_ != ServiceState.Suspended && off == active) {
-                violation = "who is not there is asleep, and nobody else";
-            }
+            _expectMissed(t, s);
         } else if (running == TaskState.Submitted) {
             missed[s.provider] = 0;
         }
@@ -413,11 +467,21 @@ contract Handler is CommonBase, StdUtils {
             _expectPayment(t, t.price);
             _expectRelease(t.serviceId);
         } else if (running != TaskState.Undecided) {
-            _expectFailure(t, running == TaskState.Assigned);
+            _expectFailure(t, running == TaskState.Assigned && _hasAccepted(taskId, t));
         } else if (_disputes[taskId].silence == Silence.Executor) {
             _expectPayment(t, t.price);
         } else {
             expected[t.creator] += t.reward;
+        }
+    }
+
+    /// @dev After an attempt without a proof of the service that was `s` before.
+    function _expectMissed(Task memory t, Service memory s) private {
+        bool off = ++missed[s.provider] >= _services.MAX_MISSED();
+        ServiceState after_ = _services.service(t.serviceId).state;
+        bool active = after_ == ServiceState.Active;
+        if (s.state == ServiceState.Active && after_ != ServiceState.Suspended && off == active) {
+            violation = "who is not there is asleep, and nobody else";
         }
     }
 
@@ -450,6 +514,12 @@ contract Handler is CommonBase, StdUtils {
         vm.startPrank(who);
         try _tasks.cancelTask(taskId) {
             violation = "a stranger cancelled";
+        } catch {}
+        try _tasks.acceptTask(taskId, t.attempt) {
+            violation = "a stranger accepted";
+        } catch {}
+        try _tasks.abandonTask(taskId, t.attempt) {
+            violation = "a stranger abandoned";
         } catch {}
         try _tasks.submitProof(taskId, t.attempt, "meddled", "") {
             violation = "a stranger proved";

@@ -353,9 +353,14 @@ def _draw_progress(console: Console, task: Task, ended: float | None) -> None:
         (
             _verdict_step(console.kinds, task),
             None,
-            {"accepted": "done", "rejected": "bad", "expired": "bad", "undecided": "done"}.get(
-                task.verdict or "", "now" if task.state == "submitted" else ""
-            ),
+            {
+                "accepted": "done",
+                "rejected": "bad",
+                "expired": "bad",
+                "undecided": "done",
+                "impossible": "done",
+                "abandoned": "bad",
+            }.get(task.verdict or "", "now" if task.state == "submitted" else ""),
         ),
         *_audit_step(task),
         (

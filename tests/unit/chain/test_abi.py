@@ -134,4 +134,4 @@ def _sample(parameter: str, annotation: str) -> Any:
         return Revocation.SUPERSEDED
     if parameter in SAMPLES:
         return SAMPLES[parameter]
-    return {"int": 1, "str": ADDRESS}[annotation]
+    return {"int": 1, "str": ADDRESS, "bool": True}[annotation]

@@ -46,7 +46,7 @@ REWARD = to_wei(Decimal(100))
 def service_id(organization: Organization) -> Iterator[int]:
     """A service of the robot, retired at the end so that the next test's tasks find only their own."""
     (event,) = organization.events(
-        organization.robot, organization.client.calls.register_service(KIND, PRICE, 0, "collects")
+        organization.robot, organization.client.calls.register_service(KIND, PRICE, 0, True, "collects")
     )
     assert isinstance(event, ServiceRegistered)
     yield event.service_id

@@ -80,7 +80,7 @@ class Life:
 
     def step(self) -> None:
         often = [self.post, self.offer, self.prove, self.judge, self.audit]
-        seldom = [self.update, self.expire, self.cancel, self.govern]
+        seldom = [self.update, self.expire, self.cancel, self.govern, self.accept, self.abandon]
         self.random.choice([*often, *often, *seldom])()
 
     def post(self) -> None:
@@ -99,7 +99,9 @@ class Life:
             self.organization.send(self.organization.robot, retired)
         if sum(one.task_id != 0 for one in services.values()) > 3:
             return
-        call = self.organization.client.calls.register_service(KIND, price, to_wei(Decimal(20)), "cleans")
+        call = self.organization.client.calls.register_service(
+            KIND, price, to_wei(Decimal(20)), self.random.random() < 0.5, "cleans"
+        )
         self.organization.send(self.organization.robot, call)
 
     def update(self) -> None:
@@ -111,6 +113,32 @@ class Life:
                 call = client.calls.update_service(service_id, service.price, state)
                 self.organization.send(self.organization.robot, call)
                 return
+
+    def accept(self) -> None:
+        client = self.organization.client
+        for task_id in self._tasks(TaskState.ASSIGNED):
+            task = client.task(task_id)
+            if not task.accepted:
+                self.organization.send(
+                    self.organization.robot, client.calls.accept_task(task_id, task.attempt)
+                )
+                return
+
+    def abandon(self) -> None:
+        """Early or late, by half an hour."""
+        client = self.organization.client
+        for task_id in self._tasks(TaskState.ASSIGNED):
+            task = client.task(task_id)
+            self.clock.now_s = max(
+                self.clock.now_s, task.deadline - self.random.choice([1, task.execution_window])
+            )
+            if all(
+                client.task(i).deadline >= self.clock.now_s
+                for i in self._tasks(TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
+            ):
+                call = client.calls.abandon_task(task_id, task.attempt)
+                self.organization.send(self.organization.robot, call)
+            return
 
     def prove(self) -> None:
         client = self.organization.client
@@ -128,7 +156,7 @@ class Life:
 
     def audit(self) -> None:
         for task_id in self._tasks(TaskState.UNDECIDED):
-            verdict = self.random.choice([Verdict.REJECTED, Verdict.ACCEPTED])
+            verdict = self.random.choice([Verdict.REJECTED, Verdict.ACCEPTED, Verdict.IMPOSSIBLE])
             self._post_verdict(task_id, verdict, self.organization.operator)
             return
 

@@ -33,7 +33,7 @@ ACTS = {
     "rodeo up", "rodeo down", "rodeo demo", "rodeo experiment paper",
     "rodeo experiment ablation",
     "rodeo site prepare", "rodeo kind new",
-    "rodeo task accept", "rodeo task submit", "rodeo task judge", "rodeo task cancel",
+    "rodeo task accept", "rodeo task abandon", "rodeo task submit", "rodeo task judge", "rodeo task cancel",
     "rodeo service offer", "rodeo service price", "rodeo service pause", "rodeo service resume",
     "rodeo service withdraw",
     "rodeo console create-admin", "rodeo console create", "rodeo console passphrase", "rodeo console token",
@@ -52,7 +52,7 @@ TASK: dict[str, Any] = {
     "id": 12, "kind": "wheel_cleaning", "state": "failed", "attempt": 3, "max_attempts": 3,
     "creator": ALICE, "creator_name": "alice_of_the_northern_workshop" * 3, "executor": None,
     "executor_name": None, "reward_iec": "100", "paid_iec": "0", "refunded_iec": "100", "price_iec": None,
-    "verdict": "rejected", "reason": "the item does not rise in the gripper, " * 6,
+    "accepted": None, "verdict": "rejected", "reason": "the item does not rise in the gripper, " * 6,
     "description": DESCRIPTION,
     "params": {}, "execution_deadline": None, "verdict_deadline": None, "audit_deadline": None,
     "service_id": None, "registered": 1.0, "assigned": None, "proof_submitted": None, "settled": None,
@@ -62,7 +62,8 @@ TASK: dict[str, Any] = {
 }  # fmt: skip
 OFFER = {
     "id": 1, "kind": "waste_disposal", "provider": ALICE, "provider_name": "alice", "price_iec": "5",
-    "state": "active", "description": "", "task_id": None, "completed": 0, "rejected": 0, "expired": 0,
+    "state": "active", "description": "", "auto_accept": True, "task_id": None, "completed": 0, "rejected": 0,
+    "expired": 0,
     "bond_iec": "0", "penalty_iec": "0", "max_failures": 0, "failures": 0, "place": 1, "reputation": 32,
 }  # fmt: skip
 REPLIES: dict[str, dict[str, Any]] = {

@@ -69,9 +69,13 @@ class Dao:
         self.assigned = task("assigned").model_copy(update={"executor_name": executor})
         self.down = 0
         self.submitted: list[tuple[int, int, str, str]] = []
+        self.accepted: list[int] = []
 
     def task(self, task_id: int) -> Any:
         return self.assigned
+
+    def accept_task(self, task: Any) -> None:
+        self.accepted.append(task.id)
 
     def binding(self, _task: Any, _device: str) -> Binding:
         return BINDING
@@ -97,6 +101,7 @@ def executor(site: Site, dao: Dao) -> Executor:
 def test_what_was_handed_in_is_in_the_proof_that_the_hash_on_chain_names(site: Site) -> None:
     dao = Dao()
     executor(site, dao).accept(1)
+    assert dao.accepted == [1]
     sha256 = executor(site, dao).submit(1, "All clean.", [JPEG, PNG])
     ((task_id, attempt, on_chain, uri),) = dao.submitted
     assert (task_id, attempt, on_chain) == (1, 1, sha256)
@@ -242,7 +247,9 @@ def test_a_proof_whose_photo_is_no_picture_can_be_rejected_and_not_accepted(
         judge(site, auditor, 1, accepted=True, reason="clean")  # type: ignore[arg-type]
     assert auditor.posted == []
     judge(site, auditor, 1, accepted=False, reason="no photo")  # type: ignore[arg-type]
-    assert len(auditor.posted) == 1
+    judge(site, auditor, 1, False, "no such wheel", impossible=True)  # type: ignore[arg-type]
+    assert [request.outcome for _, request in auditor.posted] == ["rejected", "impossible"]
+    assert [request.amount_iec for _, request in auditor.posted] == [None, None]
 
 
 def test_a_proof_with_a_picture_is_accepted(site: Site, tmp_path: Path) -> None:

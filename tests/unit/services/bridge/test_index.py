@@ -55,8 +55,8 @@ def registered(task_id: int = 1, params: str = '{"params":{"item_id":"i"},"descr
     )
 
 
-def offered() -> Event:
-    return events.ServiceRegistered(1, ROBOT, "waste_disposal", 100 * IEC, "cleans")
+def offered(auto_accept: bool = True) -> Event:
+    return events.ServiceRegistered(1, ROBOT, "waste_disposal", 100 * IEC, auto_accept, "cleans")
 
 
 def assigned(attempt: int = 1, deadline: int = 4_600) -> Event:
@@ -296,6 +296,38 @@ def test_an_expired_attempt_counts_against_the_service_only_if_it_is_its_fault(
     assert chain.index.services({}, Page(10))[0][0]["expired"] == counted
 
 
+@pytest.mark.parametrize("cause", [Cause.NOT_ACCEPTED, Cause.ABANDONED, Cause.ABANDONED_LATE])
+def test_an_attempt_that_was_given_back_counts_against_the_service_only_if_it_was_accepted(
+    chain: Chain, cause: Cause
+) -> None:
+    chain.block(registered(), offered(auto_accept=False), assigned())
+    assert task(chain)["accepted"] is False
+    chain.block(events.TaskAccepted(1, 1, ROBOT))
+    assert task(chain)["accepted"] is True
+    chain.block(events.TaskRequeued(1, 1, cause))
+    row = task(chain)
+    assert (row["state"], row["accepted"]) == ("open", None)
+    assert row["verdict"] == ("expired" if cause is Cause.NOT_ACCEPTED else "abandoned")
+    assert record(chain)[3] == (cause is Cause.ABANDONED_LATE)
+
+
+def test_a_service_that_accepts_every_task_accepts_by_its_assignment(chain: Chain) -> None:
+    chain.block(registered(), offered(), assigned())
+    assert task(chain)["accepted"] is True
+
+
+def test_an_impossible_task_pays_its_executor_and_is_no_completion(chain: Chain) -> None:
+    chain.block(registered(), offered(), assigned(), proved())
+    verdict = events.VerdictPosted(
+        1, 1, b"\x0a" * 32, Verdict.IMPOSSIBLE, 0, b"\x0b" * 32, "", "no such item"
+    )
+    chain.block(verdict, events.TaskSettled(1, ROBOT, 10 * IEC, 110 * IEC))
+    row = task(chain)
+    assert (row["state"], row["verdict"], row["reason"]) == ("settled", "impossible", "no such item")
+    assert (row["paid"], row["refunded"]) == (10 * IEC, 110 * IEC)
+    assert record(chain) == (None, 0, 0, 0, 0)
+
+
 def undecided(chain: Chain) -> None:
     """Task 1, whose proof the oracle could not decide."""
     chain.block(registered(), offered(), assigned(), proved())
@@ -393,7 +425,7 @@ def test_balances_add_up_and_hold_256_bits(chain: Chain) -> None:
 
 
 def test_only_active_services_are_on_offer(chain: Chain) -> None:
-    chain.block(offered(), events.ServiceRegistered(2, CREATOR, "waste_disposal", 90 * IEC, ""))
+    chain.block(offered(), events.ServiceRegistered(2, CREATOR, "waste_disposal", 90 * IEC, True, ""))
     assert sorted(chain.index.active_prices("waste_disposal")) == [90 * IEC, 100 * IEC]
     chain.block(events.ServiceUpdated(2, 80 * IEC, ServiceState.PAUSED))
     assert chain.index.active_prices("waste_disposal") == [100 * IEC]
@@ -405,7 +437,7 @@ def places(chain: Chain) -> list[int]:
 
 
 def test_a_service_has_its_place_in_the_line_while_it_waits(chain: Chain) -> None:
-    other = events.ServiceRegistered(2, CREATOR, "waste_disposal", 90 * IEC, "")
+    other = events.ServiceRegistered(2, CREATOR, "waste_disposal", 90 * IEC, True, "")
     chain.block(offered(), other)
     assert places(chain) == [1, 2]
     chain.block(events.ServiceUpdated(1, 100 * IEC, ServiceState.ACTIVE))

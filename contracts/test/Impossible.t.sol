@@ -1,0 +1,186 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {Cause, ITaskManager, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Fixture} from "./Fixture.sol";
+
+/// @notice Tasks that nobody can do: what they cost, and whom.
+contract ImpossibleTest is Fixture {
+    function setUp() public override {
+        super.setUp();
+        for (uint256 i = 0; i < 2; ++i) {
+            address robot = i == 0 ? robot2 : robot3;
+            vm.prank(bob);
+            coin.transfer(robot, 100 ether);
+            vm.prank(robot);
+            coin.approve(address(tasks), type(uint256).max);
+        }
+        setTerms(50 ether, 25 ether, 2);
+    }
+
+    function test_anImpossibleTaskTakesNobodysBond() public {
+        uint256[3] memory offered =
+            [_offerByHand(robot1, 80 ether), _offerByHand(robot2, 80 ether), _offerByHand(robot3, 80 ether)];
+        for (uint256 i = 0; i < 2; ++i) {
+            uint256 taskId = post(alice, 100 ether);
+            for (uint256 n = 0; n < ATTEMPTS; ++n) {
+                vm.warp(tasks.task(taskId).deadline + 1);
+                tasks.expireTask(taskId);
+            }
+            assertState(taskId, TaskState.Failed);
+        }
+        for (uint256 i = 0; i < 3; ++i) {
+            Service memory s = services.service(offered[i]);
+            assertEq(s.bond, 50 ether, "the bond");
+            assertEq(s.failures, 0, "failures");
+            assertEq(s.expired, 0, "the record");
+            assertEq(uint8(s.state), uint8(ServiceState.Active));
+        }
+    }
+
+    function test_whoHasNotAcceptedGivesWayAfterAQuarterOfTheWindow() public {
+        _offerByHand(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        uint256 next = _offerByHand(robot2, 80 ether);
+        uint256 graceEnd = block.timestamp + WINDOW / 4;
+        vm.warp(graceEnd);
+        vm.expectRevert(
+            abi.encodeWithSelector(ITaskManager.DeadlineNotPassed.selector, taskId, graceEnd, graceEnd)
+        );
+        tasks.expireTask(taskId);
+        vm.warp(graceEnd + 1);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.TaskRequeued(taskId, 1, Cause.NotAccepted);
+        tasks.expireTask(taskId);
+        assertAssigned(taskId, next);
+        assertFalse(tasks.task(taskId).accepted);
+    }
+
+    function test_whoAcceptsAnswersForIt() public {
+        uint256 serviceId = _offerByHand(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.TaskAccepted(taskId, 1, robot1);
+        vm.startPrank(robot1);
+        tasks.acceptTask(taskId, 1);
+        assertTrue(tasks.task(taskId).accepted);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.AlreadyAccepted.selector, taskId, 1));
+        tasks.acceptTask(taskId, 1);
+        vm.stopPrank();
+        vm.warp(block.timestamp + WINDOW + 1);
+        tasks.expireTask(taskId);
+        assertEq(services.service(serviceId).bond, 25 ether);
+        assertEq(services.service(serviceId).expired, 1);
+    }
+
+    function test_theNextAttemptIsNotAcceptedBefore() public {
+        _offerByHand(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.prank(robot1);
+        tasks.acceptTask(taskId, 1);
+        _offerByHand(robot2, 80 ether);
+        vm.prank(robot1);
+        tasks.abandonTask(taskId, 1);
+        assertFalse(tasks.task(taskId).accepted);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotExecutor.selector, taskId, robot1, robot2));
+        vm.prank(robot1);
+        tasks.acceptTask(taskId, 2);
+    }
+
+    function test_aServiceThatAcceptsEachTaskAbandonsEarlyAtNoCost() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.warp(block.timestamp + WINDOW / 4);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.TaskRequeued(taskId, 1, Cause.Abandoned);
+        vm.prank(robot1);
+        tasks.abandonTask(taskId, 1);
+        assertEq(services.service(serviceId).bond, 50 ether);
+        assertEq(services.service(serviceId).failures, 0);
+        assertEq(services.service(serviceId).expired, 0);
+    }
+
+    function test_whoAbandonsLateAnswersForIt() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.warp(block.timestamp + WINDOW / 4 + 1);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.TaskRequeued(taskId, 1, Cause.AbandonedLate);
+        vm.prank(robot1);
+        tasks.abandonTask(taskId, 1);
+        assertEq(services.service(serviceId).bond, 25 ether);
+        assertEq(services.service(serviceId).expired, 1);
+    }
+
+    function test_onlyTheExecutorAbandonsAndOnlyWhatItDoes() public {
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotExecutor.selector, taskId, alice, robot1));
+        vm.prank(alice);
+        tasks.abandonTask(taskId, 1);
+        submit(taskId);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                ITaskManager.WrongState.selector, taskId, TaskState.Submitted, TaskState.Assigned
+            )
+        );
+        vm.prank(robot1);
+        tasks.abandonTask(taskId, 1);
+    }
+
+    function test_whoAbandonsAgainAndAgainFallsAsleep() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        for (uint8 n = 1; n <= ATTEMPTS; ++n) {
+            vm.prank(robot1);
+            tasks.abandonTask(taskId, n);
+        }
+        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Paused));
+        assertState(taskId, TaskState.Failed);
+    }
+
+    function test_anImpossibleTaskPaysItsExecutorATenthAndEnds() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        vm.expectEmit(address(tasks));
+        emit ITaskManager.TaskSettled(taskId, robot1, 8 ether, 92 ether);
+        judgeAs(oracle, taskId, Verdict.Impossible, 0);
+        assertState(taskId, TaskState.Settled);
+        assertEq(coin.balanceOf(robot1), 1958 ether, "2000, less the bond");
+        assertEq(coin.balanceOf(alice), 1992 ether);
+        Service memory s = services.service(serviceId);
+        assertEq(s.completed + s.rejected + s.expired, 0, "the record");
+        assertEq(s.bond, 50 ether);
+    }
+
+    function test_auditorsFindATaskImpossible() public {
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        submit(taskId);
+        judgeAs(oracle, taskId, Verdict.Undecided, 0);
+        judgeAs(auditor, taskId, Verdict.Impossible, 0);
+        assertState(taskId, TaskState.Settled);
+        assertEq(coin.balanceOf(robot1), 1958 ether);
+        assertEq(coin.balanceOf(alice), 1992 ether);
+    }
+
+    function test_theOrganizationAcceptsAndAbandonsByItsOperator() public {
+        vm.startPrank(admin);
+        organization.registerService(CLEANING, 80 ether, NO_LIMIT, false, "");
+        vm.stopPrank();
+        uint256 taskId = post(alice, 100 ether);
+        vm.startPrank(admin);
+        organization.acceptTask(taskId, 1);
+        assertTrue(tasks.task(taskId).accepted);
+        organization.abandonTask(taskId, 1);
+        vm.stopPrank();
+        assertEq(tasks.task(taskId).attempt, 2);
+    }
+
+    function _offerByHand(address provider, uint256 price) private returns (uint256 serviceId) {
+        vm.prank(provider);
+        return services.registerService(CLEANING, price, NO_LIMIT, false, "");
+    }
+}
