@@ -30,6 +30,7 @@ from rodeo import endpoint
 from rodeo.errors import ConfigError
 from rodeo.lab.config import BinConfig, DockConfig, ItemConfig, LabConfig, PlaceConfig, Pose2, RobotConfig
 from rodeo.lab.rooms import RoomConfig, walls
+from rodeo.rewards import Rise
 from rodeo.site_problems import Place, close, dotted, explained
 from rodeo.topics import BODY
 
@@ -296,6 +297,8 @@ class MaintenanceConfig(_Table):
     reward_iec: Decimal = Field(ge=0)
     description: str = Field(max_length=2000)
     execution_window_s: int = Field(default=24 * 3600, gt=0)
+    rise: Rise | None = None
+    """How the reward rises while nobody takes the task; by default not at all."""
 
 
 class KindConfig(_Table):

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict
 from rodeo import queries, topics
 from rodeo.bus import Bus
 from rodeo.config import Site, oracle_names
+from rodeo.errors import MalformedAnswer
 from rodeo.evidence import Binding
 from rodeo.kinds import Kind, kinds_of
 from rodeo.messages import (
@@ -23,6 +24,7 @@ from rodeo.messages import (
     Mined,
     Prepare,
     Prepared,
+    RaiseReward,
     RegisterService,
     SubmitProof,
     Task,
@@ -203,6 +205,14 @@ class Participant:
         request_id = f"abandon-{task.id}-{task.attempt}-{task.nonce}"
         request = AbandonTask(request_id=request_id, task_id=task.id, attempt=task.attempt)
         self.command("abandon_task", request)
+
+    def raise_reward(self, task_id: int, reward_iec: Decimal) -> int:
+        """Post an open task of one's own again for more; returns its new ID. Done again it gives the same."""
+        request = RaiseReward(request_id=f"raise-{task_id}", task_id=task_id, reward_iec=reward_iec)
+        mined = self.command("raise_reward", request)
+        if mined.task_id is None:
+            raise MalformedAnswer("the answer has no ID of the new task", tx_hash=mined.tx_hash)
+        return mined.task_id
 
     def submit_proof(
         self, task_id: int, attempt: int, sha256: str, uri: str, nonce: str | None = None

@@ -140,6 +140,15 @@ class AbandonTask(Command):
     attempt: Attempt
 
 
+class RaiseReward(Command):
+    """Post an open task of one's own again for a higher reward. The contracts cannot raise a reward, so the
+    task is cancelled, and the new one has another ID. A task that is already cancelled is only posted
+    again."""
+
+    task_id: Id
+    reward_iec: Iec
+
+
 class ExpireTask(Command):
     task_id: Id
 
@@ -422,6 +431,7 @@ COMMANDS: dict[str, type[Command]] = {
     "cancel_task": CancelTask,
     "accept_task": AcceptTask,
     "abandon_task": AbandonTask,
+    "raise_reward": RaiseReward,
     "submit_proof": SubmitProof,
     "post_verdict": PostVerdict,
     "post_votes": PostVotes,

@@ -6,6 +6,7 @@ import json
 import logging
 import re
 import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from functools import wraps
@@ -20,8 +21,9 @@ from rich.markup import escape
 import deploy
 from rodeo import queries, topics
 from rodeo.bus import Bus
+from rodeo.clock import Clock, WallClock
 from rodeo.config import Site
-from rodeo.errors import BusError, RemoteError, RodeoError
+from rodeo.errors import BusError, ClockUnavailable, RemoteError, RodeoError
 from rodeo.messages import Status
 from rodeo.origin import check_bus
 from rodeo.tls import OPERATOR, identity
@@ -62,7 +64,7 @@ SiteOption = Annotated[
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON for programs.")]
 
-_CONNECT_S = 3.0
+_CONNECT_S = _CLOCK_S = 3.0
 _ADDRESS = re.compile(r"^0x[0-9a-fA-F]{40}$")
 
 _HINTS = {
@@ -140,6 +142,18 @@ def time_left(site: Site, bus: Bus, deadline_s: float) -> str:
             key = topics.STATUS.name(org=site.org, process="robot_sim")
             details = queries.fitting(Status, bus.query(key), key).details
     return pace.time_left(pace.Pace.of(site, details), deadline_s)
+
+
+def site_clock(site: Site, bus: Bus) -> Clock:
+    """The site's time. Raises ClockUnavailable."""
+    from rodeo.sim_clock import SimClock  # takes its time to import
+
+    if site.clock.source == "wall":
+        return WallClock()
+    clock = SimClock(bus.session, site.bus.domain_id)
+    if not clock.wait_ready(threading.Event(), _CLOCK_S):
+        raise ClockUnavailable("nothing publishes the simulation's /clock; is robot_sim running?")
+    return clock
 
 
 def print_listing(

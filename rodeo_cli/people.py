@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,11 +10,9 @@ import typer
 
 from rodeo import topics
 from rodeo.bus import Bus
-from rodeo.clock import Clock, WallClock
 from rodeo.config import Site
-from rodeo.errors import ClockUnavailable, InvalidRequest
+from rodeo.errors import InvalidRequest
 from rodeo.person.photo_code import photo_code
-from rodeo.sim_clock import SimClock
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
@@ -24,6 +21,7 @@ from rodeo_cli.common import (
     print_json,
     reports_errors,
     say,
+    site_clock,
     time_left,
 )
 from rodeo_cli.formatting import iec
@@ -34,8 +32,6 @@ if TYPE_CHECKING:
 AsOption = Annotated[
     str | None, typer.Option("--as", help="The participant; by default the only one in the site file.")
 ]
-
-_CLOCK_S = 3.0
 
 
 @reports_errors
@@ -203,13 +199,4 @@ def _executor(site: Site, bus: Bus, participant: str | None) -> Executor:
 
     name = _name(site, participant)
     account = wallets.load(site, name)
-    return Executor(site, Participant(bus, site.org, name), account, _clock(site, bus))
-
-
-def _clock(site: Site, bus: Bus) -> Clock:
-    if site.clock.source == "wall":
-        return WallClock()
-    clock = SimClock(bus.session, site.bus.domain_id)
-    if not clock.wait_ready(threading.Event(), _CLOCK_S):
-        raise ClockUnavailable("nothing publishes the simulation's /clock; is robot_sim running?")
-    return clock
+    return Executor(site, Participant(bus, site.org, name), account, site_clock(site, bus))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import textwrap
+import threading
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -13,12 +14,13 @@ from rich.markup import escape
 from rich.text import Text
 
 from rodeo import queries, topics
-from rodeo.bus import Bus
+from rodeo.bus import Bus, DaoEvents, validate
 from rodeo.config import Site
 from rodeo.durations import span
 from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
-from rodeo.messages import Task
+from rodeo.messages import DaoEvent, Task
 from rodeo.person.photo_code import photo_code
+from rodeo.rewards import Rise
 from rodeo_cli import formatting
 from rodeo_cli.common import (
     DEFAULT_SITE,
@@ -32,6 +34,7 @@ from rodeo_cli.common import (
     print_listing,
     reports_errors,
     say,
+    site_clock,
     time_left,
 )
 from rodeo_cli.formatting import iec, plain
@@ -80,12 +83,23 @@ def create(
         ),
     ] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Queue it even if every service costs more.")] = False,
+    up_to: Annotated[
+        str | None,
+        typer.Option(
+            "--reward-up-to",
+            help="Stay, and raise the reward up to this (IEC) while nobody takes the task.",
+        ),
+    ] = None,
+    rise: Annotated[float, typer.Option(help="Part of the reward that each rise adds.")] = 0.1,
+    rise_every: Annotated[float, typer.Option(help="Seconds of site time between two rises.")] = 3600.0,
     as_json: JsonOption = False,
 ) -> None:
     """Post a task, for example: rodeo task create KIND --reward 100
 
-    Each parameter of the kind is an option of its own; `rodeo kind show KIND` lists them.
+    Each parameter of the kind is an option of its own; `rodeo kind show KIND` lists them. To raise the
+    reward, the task is posted again under another number.
     """
+    rises = None if up_to is None else validate(Rise, {"up_to_iec": up_to, "by": rise, "every_s": rise_every})
     with connected(site) as (loaded, bus):
         request: dict[str, Any] = {
             "kind": kind,
@@ -105,10 +119,38 @@ def create(
             request,
             timeout_s=30,
         )
+        if not as_json:
+            say(f"Task {reply['task_id']} is posted, and {iec(reward)} are in escrow for it.")
+        if rises is not None:
+            reply["task_id"] = _raised(loaded, bus, participant, int(reply["task_id"]), rises, as_json)
     if as_json:
         print_json(reply | ({"warning": doubt} if doubt else {}))
-    else:
-        say(f"Task {reply['task_id']} is posted, and {iec(reward)} are in escrow for it.")
+
+
+def _raised(site: Site, bus: Bus, participant: str, task_id: int, rises: Rise, quiet: bool) -> int:
+    """Raise the task's reward until somebody has taken it or it is the highest; the task's number then."""
+    from rodeo.dao import Participant  # takes its time to import
+
+    tell = (lambda _sentence: None) if quiet else say
+    creator, clock, heard = Participant(bus, site.org, participant), site_clock(site, bus), threading.Event()
+
+    def on_event(_event: DaoEvent) -> None:
+        heard.set()
+        clock.notify()
+
+    with DaoEvents(bus, site.org, on_event, clock=clock):
+        while (reward := rises.after((task := creator.task(task_id)).reward_iec)) is not None:
+            if task.state != "open":
+                tell(f"Task {task_id} waits no more.")
+                return task_id
+            until_s = task.registered + rises.every_s
+            if clock.wait_for(heard.is_set, until_s=until_s):
+                heard.clear()
+                continue
+            task_id = creator.raise_reward(task_id, reward)
+            tell(f"Nobody took it: task {task_id} is posted instead, for {iec(reward)}.")
+    tell(f"Task {task_id} has the highest reward now.")
+    return task_id
 
 
 @tasks.command("list")

@@ -19,6 +19,7 @@ from pydantic import (
     model_validator,
 )
 
+from rodeo.pricing import PricingConfig
 from rodeo.schedule import Schedule, parse_hours, require_apart, zone
 
 Positive = Annotated[float, Field(gt=0)]
@@ -315,6 +316,8 @@ class RobotConfig(Section):
     battery: BatteryConfig = BatteryConfig()
     limits: MotionLimits = MotionLimits()
     noise: NoiseConfig = NoiseConfig()
+    pricing: PricingConfig = PricingConfig()
+    """What it asks for its work (rodeo.pricing)."""
 
     @field_validator("working_hours")
     @classmethod

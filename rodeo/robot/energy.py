@@ -48,6 +48,10 @@ class Consumption(BaseModel):
     kind."""
     handling_of_s: dict[str, Annotated[float, Field(ge=0)]] = {}
     """Kind of work -> the same, as measured."""
+    energy_of_wh: dict[str, Annotated[float, Field(ge=0)]] = {}
+    """Kind of work -> energy of a task from its beginning to its end, as measured."""
+    way_of_m: dict[str, Annotated[float, Field(ge=0)]] = {}
+    """Kind of work -> way driven in a task, as measured."""
     driven_m: float = Field(default=0.0, ge=0)
     """Odometer."""
 
@@ -88,9 +92,13 @@ class Consumption(BaseModel):
         weight = min(1.0, duration_s / _SPEED_MEMORY_S)
         self.speed_m_s = (1 - weight) * self.speed_m_s + weight * way_m / duration_s
 
-    def learn_task(self, kind: str, duration_s: float, driving_s: float) -> None:
+    def learn_task(
+        self, kind: str, duration_s: float, driving_s: float, energy_wh: float, way_m: float
+    ) -> None:
         before_s = self.handling_of_s.get(kind, self.handling_s)
         self.handling_of_s[kind] = _mean(before_s, max(0.0, duration_s - driving_s))
+        self.energy_of_wh[kind] = _mean(self.energy_of_wh.get(kind, energy_wh), energy_wh)
+        self.way_of_m[kind] = _mean(self.way_of_m.get(kind, way_m), way_m)
 
     def learn_power(self, energy_wh: float, duration_s: float) -> None:
         if duration_s >= _SHORTEST_S and energy_wh > 0:

@@ -53,6 +53,7 @@ from rodeo.messages import (
     PostVerdict,
     PostVotes,
     Prepare,
+    RaiseReward,
     RegisterDevice,
     RegisterService,
     RegisterTask,
@@ -77,6 +78,7 @@ from services.bridge.errors import (
     AlreadyOffered,
     AssignmentChanged,
     CannotDo,
+    CannotRaise,
     InsufficientFunds,
     KindWithoutChecks,
     KindWithoutRules,
@@ -86,6 +88,7 @@ from services.bridge.errors import (
     UnknownCommand,
     UnknownKind,
     UnknownService,
+    UnknownTask,
 )
 from services.bridge.index import Index
 from services.bridge.journal import decoded
@@ -209,6 +212,9 @@ class Wallet:
         match command:
             case RegisterTask():
                 return to_wei(command.reward_iec)
+            case RaiseReward():
+                task = self.index.task(command.task_id)
+                return to_wei(command.reward_iec) - (0 if task is None else task["reward"])
             case Transfer() | Deposit() | Withdraw():
                 return to_wei(command.amount_iec)
             case RegisterService():
@@ -290,11 +296,7 @@ class Wallet:
             rules=_bytes32(self._rules_of(command)),
             params=text,
         )
-        # The Organization approved the TaskManager in its constructor.
-        approval = (
-            [] if self.participant == ORGANIZATION else self._approval(self.client.task_manager, reward)
-        )
-        return [*approval, self.calls.register_task(request)]
+        return [*self._escrow_approval(reward), self.calls.register_task(request)]
 
     def _cancel_task(self, command: CancelTask) -> list[Call]:
         return [self.calls.cancel_task(command.task_id)]
@@ -304,6 +306,41 @@ class Wallet:
 
     def _abandon_task(self, command: AbandonTask) -> list[Call]:
         return [self.calls.abandon_task(command.task_id, command.attempt)]
+
+    def _raise_reward(self, command: RaiseReward) -> list[Call]:
+        task = self.index.task(command.task_id)
+        if task is None:
+            raise UnknownTask("no such task", task_id=command.task_id)
+        reward = to_wei(command.reward_iec)
+        if task["creator"] != self.address or task["state"] not in ("open", "cancelled"):
+            raise CannotRaise(
+                "only the creator raises the reward of a task, and only while nobody has taken it",
+                task_id=command.task_id,
+                creator=task["creator"],
+                state=task["state"],
+            )
+        if reward <= task["reward"]:
+            raise CannotRaise(
+                "a reward can only be raised",
+                task_id=command.task_id,
+                reward_iec=iec(reward),
+                reward_now_iec=iec(task["reward"]),
+            )
+        is_open = task["state"] == "open"
+        # What is in escrow comes back first.
+        self._require_funds(self.address, reward - (task["reward"] if is_open else 0))
+        params = {"description": task["description"], "params": task["params"]}
+        request = TaskRequest(
+            kind=task["kind"],
+            reward=reward,
+            execution_window=task["execution_window_s"],
+            verdict_window=task["verdict_window_s"],
+            max_attempts=max(1, task["max_attempts"] - task["attempt"]),
+            rules=_bytes32(task["rules_sha256"] or NO_RULES),
+            params=json.dumps(params, separators=(",", ":")),
+        )
+        cancel = [self.calls.cancel_task(command.task_id)] if is_open else []
+        return [*cancel, *self._escrow_approval(reward), self.calls.register_task(request)]
 
     def _match_task(self, command: MatchTask) -> list[Call]:
         return [self.client.calls.match_task(command.task_id)]
@@ -362,13 +399,11 @@ class Wallet:
         bond = self._bond()
         max_bond = bond if command.max_bond_iec is None else to_wei(command.max_bond_iec)
         self._require_funds(self.address, bond)
-        # The Organization approved the TaskManager in its constructor.
-        approval = [] if self.participant == ORGANIZATION else self._approval(self.client.task_manager, bond)
         auto_accept = command.auto_accept
         if auto_accept is None:  # what nobody can check before it is assigned is free text
             auto_accept = not self.kinds.by_people(command.kind)
         offer = self.calls.register_service(command.kind, price, max_bond, auto_accept, command.description)
-        return [*approval, offer]
+        return [*self._escrow_approval(bond), offer]
 
     def _update_service(self, command: UpdateService) -> list[Call]:
         service = self.index.service(command.service_id)
@@ -574,6 +609,10 @@ class Wallet:
                 needed_iec=iec(needed),
             )
 
+    def _escrow_approval(self, needed: int) -> list[Call]:
+        """For what the TaskManager takes. The Organization approved it in its constructor."""
+        return [] if self.participant == ORGANIZATION else self._approval(self.client.task_manager, needed)
+
     def _approval(self, spender: str, needed: int) -> list[Call]:
         """What lets `spender` take tokens from this wallet for good; nothing where it may already."""
         if spender in self._approved:
@@ -593,6 +632,7 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "cancel_task": (CancelTask, Wallet._cancel_task),
     "accept_task": (AcceptTask, Wallet._accept_task),
     "abandon_task": (AbandonTask, Wallet._abandon_task),
+    "raise_reward": (RaiseReward, Wallet._raise_reward),
     "submit_proof": (SubmitProof, Wallet._submit_proof),
     "post_verdict": (PostVerdict, Wallet._post_verdict),
     "post_votes": (PostVotes, Wallet._post_votes),

@@ -99,6 +99,10 @@ class DailyLimitReached(RequestError):
     """The wallet has spent what its limits allow in a day."""
 
 
+class CannotRaise(RequestError):
+    """The reward of this task cannot be raised by this participant, now or to this amount."""
+
+
 class AssignmentChanged(RequestError):
     """The task is not assigned as it was when the work was done: another nonce binds another proof."""
 

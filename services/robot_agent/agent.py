@@ -62,6 +62,7 @@ from services.robot_agent.decision import Intent, Situation, reasoned, require_t
 from services.robot_agent.journal import Journal, Phase, recording_of
 from services.robot_agent.orders import Order, Orders
 from services.robot_agent.participant import RobotParticipant
+from services.robot_agent.prices import Prices
 from services.robot_agent.upkeep import Upkeep
 
 log = logging.getLogger(__name__)
@@ -152,6 +153,7 @@ class Agent:
             site, self._body, arm, camera, self._floor, self._memory, self._clock, self._stop
         )
         self._upkeep = Upkeep(site, robot, self._node, self._body, self._dao, self._clock, process.data_dir)
+        self._prices = Prices(site, robot, self._dao, self._upkeep, self._clock, process.data_dir)
         self._behaviours = self._make_behaviours()
         self._receipts = Receipts(site, robot, self._witness, bus, self._node, self._clock)
         self._charging = Charging(
@@ -459,13 +461,14 @@ class Agent:
         """
         for name in wanted:
             kind = self._kinds[name]
-            self._dao.offer_service(name, kind.price_iec, f"{kind.title} by {self._robot.name}")
+            self._dao.offer_service(name, self._prices.asked(kind), f"{kind.title} by {self._robot.name}")
         if len(wanted) < len(self._behaviours) and self._dao.next_assignment(self._behaviours) is None:
             self._close_services(self._behaviours.keys() - set(wanted))
 
     def _close_services(self, kinds: Collection[str]) -> None:
         """Pause the offers, also while the robot is at work: no further task comes after that."""
         for kind in kinds:
+            self._prices.withdrawn(kind)
             service = self._dao.own_service(kind)
             if service is not None and service.state == "active":
                 self._dao.set_service_state(service.id, "paused")

@@ -38,15 +38,18 @@ class RobotParticipant(Participant):
         recent = [task for task in self.tasks(creator=self.name) if task.registered >= since_s]
         return sum((t.reward_iec - t.refunded_iec for t in recent), Decimal(0))
 
-    def post(self, request: RegisterTask, now_s: float, cap_iec: Decimal) -> int:
-        """Post a task; returns its id. Raises CapReached when 24 hours would cost more than `cap_iec`."""
+    def require_within_cap(self, kind: str, more_iec: Decimal, now_s: float, cap_iec: Decimal) -> None:
+        """Raises CapReached when 24 hours would cost more than `cap_iec` with `more_iec` for this kind."""
         spent_iec = self.spent_iec(now_s - DAY_S)
-        if spent_iec + request.reward_iec > cap_iec:
+        if spent_iec + more_iec > cap_iec:
             raise CapReached(
-                f"the daily spending cap of {cap_iec} IEC does not allow a {request.kind} "
-                f"for {request.reward_iec} IEC",
+                f"the daily spending cap of {cap_iec} IEC does not allow a {kind} for {more_iec} IEC",
                 spent_iec=str(spent_iec),
             )
+
+    def post(self, request: RegisterTask, now_s: float, cap_iec: Decimal) -> int:
+        """Post a task; returns its id. Raises CapReached when 24 hours would cost more than `cap_iec`."""
+        self.require_within_cap(request.kind, request.reward_iec, now_s, cap_iec)
         posted = self.command("register_task", request)
         if posted.task_id is None:
             raise MalformedAnswer("the answer has no ID of the new task", tx_hash=posted.tx_hash)

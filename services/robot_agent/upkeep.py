@@ -6,6 +6,7 @@ import logging
 import math
 import threading
 import time
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -61,8 +62,11 @@ class Upkeep:
         self._readings = 0
         self._last: tuple[float, Point] | None = None
         self._driving_s = 0.0
+        self._way_m = 0.0
         self._working = False
         self._ask_again_s = -math.inf
+        self._raising: dict[str, tuple[int, Decimal]] = {}
+        """Kind of care -> task and its next reward, until the organization has confirmed it."""
         node.subscription(
             topics.BATTERY_STATE.name(ns=robot.namespace),
             topics.BATTERY_STATE.type,
@@ -96,12 +100,13 @@ class Upkeep:
         if way_m >= _MOVED_M and step_s > 0:
             self._consumption.driven_m += way_m
             self._driving_s += step_s
+            self._way_m += way_m
             self._consumption.learn_drive(way_m, step_s)
 
     def task_begins(self) -> None:
         with self._lock:
             self._meter = EnergyMeter()
-            self._driving_s = 0.0
+            self._driving_s = self._way_m = 0.0
             self._working = True
 
     def task_ends(self, kind: str, duration_s: float | None) -> None:
@@ -110,7 +115,9 @@ class Upkeep:
             self._working = False
             self._consumption.learn_power(self._meter.energy_wh, self._meter.duration_s)
             if duration_s is not None:
-                self._consumption.learn_task(kind, duration_s, self._driving_s)
+                self._consumption.learn_task(
+                    kind, duration_s, self._driving_s, self._meter.energy_wh, self._way_m
+                )
             self._consumption.save(self._path)
 
     # -- energy ----------------------------------------------------------------------------------------
@@ -122,6 +129,13 @@ class Upkeep:
             return Estimate(
                 self._consumption.task_wh(kind, way_m), self._consumption.task_s(kind, way_m), ends_at
             )
+
+    def measured(self, kind: str) -> tuple[float, float] | None:
+        """Energy (Wh) and way (km) of a task of this kind; None before the robot has done one."""
+        with self._lock:
+            energy_wh = self._consumption.energy_of_wh.get(kind)
+            way_m = self._consumption.way_of_m.get(kind, 0.0)
+        return None if energy_wh is None else (energy_wh, way_m / 1000)
 
     def battery_suffices(self, soc: float, needs: Estimate) -> bool:
         """Whether the battery lasts for such a task, and the way to the dock after it."""
@@ -154,9 +168,12 @@ class Upkeep:
                 self._ask_again_s = time.monotonic() + _REFUSED_WALL_S
 
     def _ask_for(self, care: MaintenanceConfig) -> None:
+        live = self._dao.own_live_task(care.kind)
+        if self._raise(care, live):
+            return
         due = int(self.state()["driven_km"] / care.every_km)
         asked = max((self._number(task) for task in self._own(care)), default=0)
-        if due <= asked or self._dao.own_live_task(care.kind) is not None:
+        if due <= asked or live is not None:
             return
         request = RegisterTask(
             request_id=f"care-{self._robot.name}-{care.kind}-{due}",
@@ -169,6 +186,33 @@ class Upkeep:
         )
         task_id = self._dao.post(request, self._clock.now_s(), self._site.agent.daily_spending_cap_iec)
         log.info("posted task %d: %s", task_id, care.description)
+
+    def _raise(self, care: MaintenanceConfig, live: Task | None) -> bool:
+        """Offer more for what nobody has taken for a while; whether there was something to raise.
+
+        A raise that failed halfway, so that the task is cancelled and not posted again, is tried again.
+        """
+        if live is not None and live.state != "open":
+            self._raising.pop(care.kind, None)
+        elif live is not None and care.rise is not None and care.kind not in self._raising:
+            now_s = self._clock.now_s()
+            higher_iec = care.rise.after(live.reward_iec)
+            if higher_iec is not None and now_s - live.registered >= care.rise.every_s:
+                more_iec, cap_iec = higher_iec - live.reward_iec, self._site.agent.daily_spending_cap_iec
+                self._dao.require_within_cap(care.kind, more_iec, now_s, cap_iec)
+                self._raising[care.kind] = live.id, higher_iec
+        if care.kind not in self._raising:
+            return False
+        task_id, reward_iec = self._raising[care.kind]
+        try:
+            task_now = self._dao.raise_reward(task_id, reward_iec)
+        except RemoteError as error:
+            if error.code == "cannot_raise":
+                del self._raising[care.kind]
+            raise
+        del self._raising[care.kind]
+        log.info("task %d is posted again as %d for %s IEC", task_id, task_now, reward_iec)
+        return True
 
     def _own(self, care: MaintenanceConfig) -> list[Task]:
         return self._dao.tasks(kind=care.kind, creator=self._dao.name)

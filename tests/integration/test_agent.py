@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
+from decimal import Decimal
 from hashlib import sha256
 from typing import Any
 
@@ -17,6 +19,7 @@ import pytest
 from rodeo import topics
 from rodeo.bus import DaoEvents
 from rodeo.clock import WallClock
+from rodeo.dao import Participant
 from rodeo.evidence import Store, open_proof
 from rodeo.lab.world import begin, build_world
 from rodeo.messages import DaoEvent, Status
@@ -28,9 +31,21 @@ from tests.support.site import WAIT_S as CALL_S
 from tests.support.site import RunningSite, write_site
 
 WAIT_S = 170.0
-SITE = """clock.speed = 20
+MIN_UPDATE_S = 120.0
+SITE = f"""clock.speed = 20
 clock.idle_speed = 400
 agent.explore_when_idle = true
+
+[[robots]]
+name = "panther1"
+pose = {{ x_m = 1.4, y_m = 1.3, yaw_rad = 0.0 }}
+
+[robots.pricing.kinds.waste_disposal]
+method = "cost_plus"
+margin = 0.5
+wear_iec_per_km = 500
+min_update_s = {MIN_UPDATE_S}
+min_change = 0.01
 """
 
 
@@ -198,6 +213,27 @@ def test_the_proof_holds_every_recorded_topic_the_events_and_the_bins_word(
 def site_pose(organization: Organization, item_id: str) -> tuple[float, float]:
     pose = next(item.pose for item in organization.running.site.items if item.id == item_id)
     return pose.x_m, pose.y_m
+
+
+def test_the_robots_price_follows_what_its_work_cost_and_changes_seldom(organization: Organization) -> None:
+    """After the tests above: it has measured what a cleaning takes."""
+    robot = Participant(organization.running.bus, organization.running.site.org, "panther1")
+
+    def price() -> Decimal:
+        service = robot.own_service("waste_disposal")
+        assert service is not None
+        return service.price_iec
+
+    deadline_s, pause = time.monotonic() + WAIT_S, threading.Event()
+    while price() == 100:
+        assert time.monotonic() < deadline_s, organization.running.log("robot_agent")
+        pause.wait(0.1)
+    # Some 5 Wh at about 0.6 IEC and 10 m at 500 IEC/km, and half of that.
+    assert 3 < price() < 60
+    updates = [event for event in list(organization.events) if event.name == "ServiceUpdated"]
+    prices = itertools.groupby(updates, key=lambda event: event.args["price_iec"])
+    changes = [next(same).time_s for _price, same in prices]
+    assert all(b - a >= MIN_UPDATE_S - 5 for a, b in itertools.pairwise(changes))
 
 
 def test_an_item_that_is_not_there_fails_honestly_and_the_robot_goes_on(organization: Organization) -> None:

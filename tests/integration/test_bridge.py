@@ -7,6 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -160,6 +161,33 @@ def test_a_robot_pays_the_organization_for_a_charge(dao: Dao) -> None:
     with pytest.raises(RemoteError) as refused:
         dao.command("organization", "update_service", service_id=service_id, state="active")
     assert refused.value.code == "service_is_retired"
+
+
+def test_a_task_that_waits_is_posted_again_for_a_higher_reward(dao: Dao) -> None:
+    busy = dao.post()
+    before = dao.balances()
+    waiting = dao.post(reward_iec="100", max_attempts=2)
+    creator = Participant(dao.running.bus, dao.running.site.org, "organization")
+    raised = creator.raise_reward(waiting, Decimal("110.5"))
+    assert creator.raise_reward(waiting, Decimal("110.5")) == raised, "asked again, it is not raised again"
+    assert dao.task(waiting)["state"] == "cancelled"
+    old, new = dao.task(waiting), dao.task(raised)
+    assert (new["state"], new["reward_iec"]) == ("open", "110.5")
+    same = ("kind", "params", "description", "max_attempts", "execution_window_s", "rules_sha256")
+    assert [new[name] for name in same] == [old[name] for name in same]
+    assert dao.balances()["organization"] == before["organization"] - 110.5
+    for task_id, reward_iec in ((raised, 110), (busy, 500), (10**6, 500)):
+        with pytest.raises(RemoteError) as refused:
+            creator.raise_reward(task_id, Decimal(reward_iec))
+        assert refused.value.code == ("unknown_task" if task_id == 10**6 else "cannot_raise")
+    # What was cancelled halfway through is posted again.
+    dao.command("organization", "cancel_task", task_id=raised)
+    again = creator.raise_reward(raised, Decimal(120))
+    assert dao.task(again)["reward_iec"] == "120"
+    dao.command("organization", "cancel_task", task_id=again)
+    assert dao.balances() == before
+    dao.prove(busy)
+    dao.judge(busy, accepted=True)
 
 
 def test_an_unassigned_task_can_be_cancelled_and_its_reward_comes_back(dao: Dao) -> None:

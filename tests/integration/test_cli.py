@@ -249,6 +249,16 @@ def test_a_task_is_posted_shown_listed_and_cancelled(up: Path) -> None:
     assert rodeo(up, "report", "--csv", "--to", "2001-01-01").stdout.startswith("week,participant,kind,done")
 
 
+def test_a_reward_rises_while_nobody_takes_the_task(up: Path) -> None:
+    create = ("task", "create", "waste_disposal", "--item-id", "item1", "--reward", "1", "--wait")
+    rises = ("--reward-up-to", "1.15", "--rise", "0.1", "--rise-every", "1")
+    said = rodeo(up, *create, *rises).stdout
+    assert "for 1.1 IEC" in said and "for 1.15 IEC" in said and "the highest reward" in said
+    (task,) = json.loads(rodeo(up, "task", "list", "--state", "open", "--json").stdout)["tasks"]
+    assert task["reward_iec"] == "1.15" and f"Task {task['id']} has" in said
+    rodeo(up, "task", "cancel", str(task["id"]))
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

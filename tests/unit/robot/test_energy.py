@@ -43,12 +43,16 @@ def test_what_was_measured_moves_the_estimate_and_survives_a_restart(tmp_path: P
     for _ in range(50):
         consumption.learn_power(energy_wh=10.0, duration_s=90.0)  # 400 W
         consumption.learn_drive(way_m=1.0, duration_s=10.0)
-        consumption.learn_task("sweeping", duration_s=300.0, driving_s=100.0)
+        consumption.learn_task("sweeping", 300.0, driving_s=100.0, energy_wh=30.0, way_m=12.0)
     consumption.save(path)
     restored = Consumption.load(path, BATTERY)
     assert restored == consumption
     assert restored.working_w == pytest.approx(400, rel=0.01)
     assert restored.handling_of_s == {"sweeping": pytest.approx(200, rel=0.01)}
+    assert (restored.energy_of_wh, restored.way_of_m) == (
+        {"sweeping": pytest.approx(30)},
+        {"sweeping": pytest.approx(12)},
+    )
     assert restored.task_wh("sweeping", 10.0) > 2 * guessed_wh > 2 * restored.drive_wh(10.0)
 
 

@@ -29,6 +29,7 @@ from services.robot_agent.budget import HourlyBudget
 from services.robot_agent.journal import Journal, Phase
 from services.robot_agent.orders import Standing
 from services.robot_agent.participant import RobotParticipant
+from services.robot_agent.prices import Prices
 from tests.support.site import LAB
 from tests.support.tasks import task
 from tests.unit.robot.fakes import KinematicBody, ManualClock, Notes, RayCamera, manipulator
@@ -174,6 +175,7 @@ def mind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     agent._exploring, agent._decisions = HourlyBudget(3600.0), Decisions(tmp_path / "decisions.jsonl")
     agent._body, agent._memory, agent._manipulator, agent._floor = body, memory, hands, Floor(SITE)
     agent._dao, agent._upkeep = Dao(), Fit()
+    agent._prices = Prices(SITE, SITE.robots[0], agent._dao, agent._upkeep, clock, tmp_path)
     agent._dao_events = SimpleNamespace(seq=0)
     agent._make_node = lambda _name: None
     agent._report = lambda *_: None
