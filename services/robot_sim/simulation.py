@@ -185,7 +185,7 @@ class Simulation:
         self.entities.settle(self.model, self.data)
         self.robots = {config.name: SimRobot(self.model, self.data, config, site) for config in bodies}
         items = [item.id for item in site.items]
-        self.steps = Steps(self.model, self.data, list(self.robots), items, lambda: self._reaching)
+        self.steps = Steps(self.model, self.data, list(self.robots), items, lambda: self._gripping)
         self.map = Map.of(site)
         self.supplies = {dock.name: Supply(dock) for dock in site.docks}
         self._bins = [BinLayout(bin_) for bin_ in site.bins]
@@ -259,8 +259,8 @@ class Simulation:
         return idle and float(np.abs(self.data.qvel).max()) < _REST_SPEED
 
     @property
-    def _reaching(self) -> bool:
-        return not all(robot.arm.idle and robot.gripper.idle for robot in self.robots.values())
+    def _gripping(self) -> bool:
+        return not all(robot.gripper.idle for robot in self.robots.values())
 
     @property
     def parked(self) -> bool:

@@ -1,10 +1,12 @@
 """How wide the steps of the physics are: narrow where something is or may soon be touched, wide elsewhere.
 
 A step costs the same at any width. A robot that drives, stands or charges far from anything loose comes out a
-few millimetres elsewhere by wide ones, which whoever steers takes back; a moving arm, a grip and what falls
-would come out otherwise. What is decided follows from the world's state alone.
+few millimetres elsewhere by wide ones, which whoever steers takes back. An arm in free air follows its servos to
+a tenth of a milliradian at any width. A grip that closes or opens and what falls would come out otherwise. What
+is decided follows from the world's state alone.
 """
 
+import math
 from collections.abc import Callable, Sequence
 
 import mujoco
@@ -13,7 +15,6 @@ import numpy as np
 from rodeo.lab.arm import GRASP_SITE, ArmModel
 from rodeo.lab.world import (
     CONTROL_PERIOD_S,
-    CONTROL_STEPS,
     GRIPPER_OPEN_M,
     TIMESTEP_S,
     WHEEL_JOINTS,
@@ -22,19 +23,25 @@ from rodeo.lab.world import (
 WIDE_S = 0.009
 """Two of them and one of TIMESTEP_S make a control period: what is measured at its end, which MuJoCo takes
 before a step, is as old as ever. The tyres' contacts, with a time constant of 50 ms, bear it."""
+HOLDING_S = 0.003
+"""Six of them and one of TIMESTEP_S, while something rests in a closed gripper. MuJoCo gives a contact a time
+constant of at least two steps: in wider ones the pads, which have 6 ms, would be softer, and give way anew in
+each period."""
 BASE_NEAR_M = 0.7
-"""Between a base's centre and an item, over the floor: the base's corners are 0.59 m from it."""
-HAND_NEAR_M = 0.3
-"""Between where the pads meet and an item, over the floor."""
+"""Between a moving base's centre and an item, over the floor: the base's corners are 0.59 m from it."""
+HAND_NEAR_M = 0.25
+"""Between where the pads meet and an item's centre."""
+HAND_REACHES_M = 1.5
+"""More than between a base's centre and its hand, over the floor."""
+HELD_M = 0.08
+"""The same of an item that a closed gripper holds."""
+STANDING_SPEED = 0.01
+"""m/s or rad/s: a base slower than this comes no nearer to anything within a period."""
 LOOSE_STILL = 1e-3
 """m/s or rad/s: what is loose rests below it."""
-ARM_STILL_RAD_S = 0.05
-"""Faster than this an arm moves, or something shakes it; driving sways a folded one by a third of that."""
 FINGER_STILL_M_S = 2e-3
 HOLDS_BELOW_M = GRIPPER_OPEN_M - 0.003
 """A finger further in may hold something."""
-
-_WIDE_STEPS = round((CONTROL_PERIOD_S - TIMESTEP_S) / WIDE_S)
 
 
 class Steps:
@@ -42,7 +49,7 @@ class Steps:
 
     Args:
         loose: bodies that can be touched and moved, each with a free joint.
-        reaching: whether an arm or a gripper is under way.
+        gripping: whether a gripper is under way.
     """
 
     def __init__(
@@ -51,57 +58,70 @@ class Steps:
         data: mujoco.MjData,
         robots: Sequence[str],
         loose: Sequence[str],
-        reaching: Callable[[], bool],
+        gripping: Callable[[], bool],
     ) -> None:
         self._model, self._data = model, data
-        self._reaching = reaching
+        self._gripping = gripping
+        self._position, self._velocity = data.qpos, data.qvel
+        self._bodies_m, self._sites_m = data.xpos, data.site_xpos
         self._still = np.full(model.nv, LOOSE_STILL)
-        """(nv,) the most that each speed may be in a world that is stepped widely."""
-        fingers = []
-        for robot in robots:
+        """(nv,) the most that each speed may be in a world that is not stepped narrowly."""
+        base_dofs = np.empty((len(robots), 6), int)
+        fingers = np.empty((len(robots), 2), int)
+        for k, robot in enumerate(robots):
             arm, base = ArmModel.of(model, f"{robot}/"), model.body(f"{robot}/base_link")
-            for dof in np.flatnonzero(model.dof_bodyid == base.id):
-                self._still[dof] = np.inf
-            for names, most in (
-                (WHEEL_JOINTS, np.inf),
-                (arm.joints, ARM_STILL_RAD_S),
-                (arm.fingers, FINGER_STILL_M_S),
-            ):
-                for name in names:
-                    self._still[model.joint(f"{robot}/{name}").dofadr[0]] = most
-            fingers += [model.joint(f"{robot}/{name}").qposadr[0] for name in arm.fingers]
-        self._fingers = np.array(fingers, int)
-        bases = [model.body(f"{robot}/base_link").id for robot in robots]
+            base_dofs[k] = base.dofadr[0] + np.arange(6)
+            self._still[base_dofs[k]] = np.inf
+            for name in (*WHEEL_JOINTS, *arm.joints, *arm.fingers):
+                most = FINGER_STILL_M_S if name in arm.fingers else np.inf
+                self._still[model.joint(f"{robot}/{name}").dofadr[0]] = most
+            fingers[k] = [model.joint(f"{robot}/{name}").qposadr[0] for name in arm.fingers]
+        self._base_dofs, self._fingers = base_dofs, fingers
+        self._bases = np.array([model.body(f"{robot}/base_link").id for robot in robots], int)
         self._hands = np.array([model.site(f"{robot}/{GRASP_SITE}").id for robot in robots], int)
-        self._bases = len(bases)
-        self._bodies = np.array([*bases, *(model.body(body).id for body in loose)], int)
-        self._near_m2 = np.repeat([BASE_NEAR_M * BASE_NEAR_M, HAND_NEAR_M * HAND_NEAR_M], len(bases))
+        self._items = np.array([model.body(body).id for body in loose], int)
+        self._item_dofs = model.body_dofadr[self._items][:, None] + np.arange(6)
 
     @property
-    def narrow(self) -> bool:
-        """Whether something is or may soon be touched that counts, or moves that is no base."""
-        data = self._data
-        return bool(
-            self._reaching()
-            or (np.abs(data.qvel) > self._still).any()
-            or (np.abs(data.qpos[self._fingers]) < HOLDS_BELOW_M).any()
-            or self._near()
-        )
+    def width_s(self) -> float:
+        """Of all steps of the next control period but its last."""
+        if self._gripping():
+            return TIMESTEP_S
+        # Places are from before the last step: by a few millimetres of a moving base.
+        aside_m = self._bodies_m[self._items, None, :2] - self._bodies_m[self._bases, :2]
+        aside_m *= aside_m
+        aside_m2 = aside_m[..., 0] + aside_m[..., 1]
+        speed, still, held = np.abs(self._velocity), self._still, []
+        for item, robot in np.argwhere(aside_m2 < HAND_REACHES_M * HAND_REACHES_M).tolist():
+            hand_m = math.dist(
+                self._bodies_m[self._items[item]].tolist(), self._sites_m[self._hands[robot]].tolist()
+            )
+            if hand_m < HELD_M and self._closed(robot):
+                held.append(item)
+            elif hand_m < HAND_NEAR_M or (
+                aside_m2[item, robot] < BASE_NEAR_M * BASE_NEAR_M
+                and speed[self._base_dofs[robot]].max() > STANDING_SPEED
+            ):
+                return TIMESTEP_S
+        if held:
+            still = still.copy()
+            still[self._item_dofs[held]] = np.inf
+        if (speed > still).any():
+            return TIMESTEP_S
+        return HOLDING_S if held else WIDE_S
 
-    def _near(self) -> bool:
-        # These are from before the last step: by a few millimetres of a moving base.
-        bodies_m = self._data.xpos[self._bodies, :2]
-        places_m = np.concatenate((bodies_m[: self._bases], self._data.site_xpos[self._hands, :2]))
-        way_m = bodies_m[self._bases :, None] - places_m
-        return bool(((way_m * way_m).sum(axis=2) < self._near_m2).any())
+    def _closed(self, robot: int) -> bool:
+        """Whether the robot's fingers may hold something."""
+        return min(map(abs, self._position[self._fingers[robot]].tolist())) < HOLDS_BELOW_M
 
     def advance(self) -> None:
         """One control period."""
-        model, data = self._model, self._data
-        if self.narrow:
-            mujoco.mj_step(model, data, nstep=CONTROL_STEPS)
+        model, data, width_s = self._model, self._data, self.width_s
+        count = round((CONTROL_PERIOD_S - TIMESTEP_S) / width_s)
+        if width_s == TIMESTEP_S:
+            mujoco.mj_step(model, data, nstep=count + 1)
             return
-        model.opt.timestep = WIDE_S
-        mujoco.mj_step(model, data, nstep=_WIDE_STEPS)
+        model.opt.timestep = width_s
+        mujoco.mj_step(model, data, nstep=count)
         model.opt.timestep = TIMESTEP_S
         mujoco.mj_step(model, data)

@@ -2,16 +2,18 @@
 
 import math
 
+import mujoco
 import numpy as np
 import pytest
 
 from rodeo.config import Site
+from rodeo.lab.arm import GRASP_SITE
 from rodeo.lab.body import Twist2
 from rodeo.lab.config import Pose2, PosturesConfig
 from rodeo.lab.world import CONTROL_PERIOD_S, TIMESTEP_S
 from services.robot_sim.arm import Grip, Motion, Waypoint
 from services.robot_sim.simulation import SimRobot, Simulation
-from services.robot_sim.steps import BASE_NEAR_M, Steps
+from services.robot_sim.steps import BASE_NEAR_M, HAND_NEAR_M, HOLDING_S, WIDE_S, Steps
 from tests.support.site import LAB
 
 START_NS = 1_800_000_000_000_000_000
@@ -46,13 +48,39 @@ def move_arm(simulation: Simulation) -> None:
     the_robot(simulation).arm.follow(motion)
 
 
+HELD = "item1"
+
+
+def hand_m(simulation: Simulation) -> np.ndarray:
+    """Where the pads meet."""
+    return simulation.data.site(f"panther1/{GRASP_SITE}").xpos.copy()
+
+
+def place_item(simulation: Simulation, position_m: np.ndarray) -> None:
+    """Put the item there, at rest."""
+    joint = simulation.data.joint(HELD)
+    joint.qpos[:3], joint.qvel[:] = position_m, 0.0
+    mujoco.mj_forward(simulation.model, simulation.data)
+
+
+def grip(simulation: Simulation) -> None:
+    """Have the hand close on the item, which floats until the fingers are there."""
+    closing = Grip(0.0, 5.0, lambda: False)
+    the_robot(simulation).gripper.follow(closing)
+    for period in range(100):
+        if period < 40:
+            place_item(simulation, hand_m(simulation))
+        simulation.step()
+    assert closing.stalled
+
+
 def test_a_base_that_stands_or_drives_alone_is_stepped_widely(simulation: Simulation) -> None:
-    assert not simulation.steps.narrow
+    assert simulation.steps.width_s == WIDE_S
     robot = the_robot(simulation)
     for period in range(200):
         robot.command(Twist2(0.3, 0.5), simulation.moved_s)
         simulation.step()
-        assert not simulation.steps.narrow, period
+        assert simulation.steps.width_s == WIDE_S, period
 
 
 def test_a_control_period_lasts_as_long_by_wide_steps(simulation: Simulation) -> None:
@@ -75,36 +103,82 @@ def test_a_base_near_an_item_is_stepped_narrowly_before_it_touches_it(simulation
             touched_m = math.dist(body.position_m[:2], item.xpos[:2])
             break
         far_m = math.dist(body.position_m[:2], item.xpos[:2])
-        assert simulation.steps.narrow or far_m > BASE_NEAR_M, far_m
+        assert simulation.steps.width_s == TIMESTEP_S or far_m > BASE_NEAR_M, far_m
     assert touched_m < 0.65
 
 
-def test_an_arm_that_moves_is_stepped_narrowly_from_its_first_period_until_it_rests(
-    simulation: Simulation,
+def test_an_arm_in_free_air_follows_by_wide_steps_as_by_narrow_ones(
+    simulation: Simulation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    move_arm(simulation)
-    robot = the_robot(simulation)
-    while not robot.arm.idle:
-        assert simulation.steps.narrow
-        simulation.step()
-    for _ in range(100):
-        simulation.step()
-    assert not simulation.steps.narrow
+    def ways_rad(one: Simulation, width_s: float) -> list[np.ndarray]:
+        move_arm(one)
+        ways = []
+        while not the_robot(one).arm.idle:
+            assert one.steps.width_s == width_s
+            one.step()
+            ways.append(the_robot(one).body.arm)
+        return ways
+
+    wide = ways_rad(simulation, WIDE_S)
+    narrow_one = Simulation(Site.load(LAB), START_NS)
+    monkeypatch.setattr(Steps, "width_s", TIMESTEP_S)
+    for _ in range(50):
+        narrow_one.step()
+    narrow = ways_rad(narrow_one, TIMESTEP_S)
+    assert np.abs(np.array(wide) - np.array(narrow)).max() < 2e-3
 
 
-def test_a_gripper_is_stepped_narrowly_from_the_command_to_close_until_it_is_open_again(
+@pytest.mark.parametrize(("away_m", "width_s"), [(0.9, TIMESTEP_S), (1.1, WIDE_S)])
+def test_a_hand_near_an_item_is_stepped_narrowly(
+    simulation: Simulation, away_m: float, width_s: float
+) -> None:
+    place_item(simulation, hand_m(simulation) - (0.0, 0.0, away_m * HAND_NEAR_M))
+    assert simulation.steps.width_s == width_s
+
+
+def test_what_rests_in_a_hand_is_carried_by_steps_in_which_its_grip_is_as_stiff(
+    simulation: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    grip(simulation)
+    narrow_one = Simulation(Site.load(LAB), START_NS)
+    narrow_one.restore(simulation.time_ns, simulation.row())
+    gaps = []
+    for one, width_s in ((simulation, HOLDING_S), (narrow_one, TIMESTEP_S)):
+        if one is narrow_one:
+            monkeypatch.setattr(Steps, "width_s", TIMESTEP_S)
+        robot = the_robot(one)
+        move_arm(one)
+        widths = []
+        for _ in range(150):
+            robot.command(Twist2(0.3, 0.4), one.moved_s)
+            widths.append(one.steps.width_s)
+            one.step()
+        # Now and then the way shakes the fingers.
+        assert widths.count(width_s) > 0.9 * len(widths)
+        assert math.dist(one.item_pose(HELD)[0], hand_m(one)) < 0.02
+        gaps.append(robot.body.gripper_m)
+    assert abs(gaps[0] - gaps[1]) < 2e-5
+
+
+def test_what_slips_out_of_a_hand_is_stepped_narrowly(simulation: Simulation) -> None:
+    grip(simulation)
+    place_item(simulation, hand_m(simulation) - (0.0, 0.0, 0.1))
+    simulation.step()
+    assert simulation.steps.width_s == TIMESTEP_S
+
+
+def test_a_gripper_is_stepped_narrowly_while_it_closes_and_opens(
     simulation: Simulation,
 ) -> None:
     robot = the_robot(simulation)
-    robot.gripper.follow(Grip(0.03, 5.0, lambda: False))
-    assert simulation.steps.narrow
-    for _ in range(100):
-        simulation.step()
-        assert simulation.steps.narrow
-    robot.gripper.follow(Grip(0.057, 5.0, lambda: False))
-    for _ in range(100):
-        simulation.step()
-    assert not simulation.steps.narrow
+    for position_m in (0.03, 0.057):
+        robot.gripper.follow(Grip(position_m, 5.0, lambda: False))
+        while not robot.gripper.idle:
+            assert simulation.steps.width_s == TIMESTEP_S
+            simulation.step()
+        for _ in range(50):
+            simulation.step()
+        assert simulation.steps.width_s == WIDE_S
 
 
 def test_what_falls_is_stepped_narrowly_until_it_rests(simulation: Simulation) -> None:
@@ -113,10 +187,10 @@ def test_what_falls_is_stepped_narrowly_until_it_rests(simulation: Simulation) -
     simulation.step()
     for _ in range(5):
         simulation.step()
-        assert simulation.steps.narrow
+        assert simulation.steps.width_s == TIMESTEP_S
     for _ in range(500):
         simulation.step()
-    assert not simulation.steps.narrow
+    assert simulation.steps.width_s == WIDE_S
 
 
 def test_wide_steps_drive_a_base_to_where_narrow_ones_do(
@@ -125,7 +199,7 @@ def test_wide_steps_drive_a_base_to_where_narrow_ones_do(
     drive(simulation)
     wide: Pose2 = the_robot(simulation).body.pose
     narrow_one = Simulation(Site.load(LAB), START_NS)
-    monkeypatch.setattr(Steps, "narrow", property(lambda _self: True))
+    monkeypatch.setattr(Steps, "width_s", TIMESTEP_S)
     for _ in range(50):
         narrow_one.step()
     drive(narrow_one)
@@ -142,7 +216,7 @@ def test_a_restored_world_steps_as_the_saved_one_goes_on(simulation: Simulation)
         for one in (simulation, second):
             the_robot(one).command(Twist2(0.3, 0.3), one.moved_s)
             one.step()
-        assert simulation.steps.narrow == second.steps.narrow
+        assert simulation.steps.width_s == second.steps.width_s
     robot, other = the_robot(simulation).body.pose, the_robot(second).body.pose
     assert (other.x_m, other.y_m, other.yaw_rad) == pytest.approx(
         (robot.x_m, robot.y_m, robot.yaw_rad), abs=1e-9
