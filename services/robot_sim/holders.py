@@ -93,8 +93,10 @@ class Holders:
         self._number = 0
         self._marked_ns = -1
         self._marked_s = -math.inf
+        self._asked = 0
+        """Number of the last mark that was not only sent again."""
         self._awaited: set[Session] = set()
-        """Who has not answered the last mark."""
+        """Who has not answered that mark."""
         self._asks = False
         """Whether something was sent since the last mark."""
         self._free_until_ns = 0
@@ -148,7 +150,9 @@ class Holders:
                 self._seen[session] = _Seen(hold, 0)
             else:
                 seen.hold = hold
-            if hold.heard == self._number:
+            # An answer may take longer than until the mark is sent again. What was heard of a simulator that ran
+            # before is no answer.
+            if self._asked <= hold.heard <= self._number:
                 self._awaited.discard(session)
             self._free_until_ns = 0
         self._wake()
@@ -217,9 +221,7 @@ class Holders:
         seen = self._seen.values()
         if self._awaited or any(one.hold.busy for one in seen):
             if time.monotonic() - self._marked_s > _REPEAT_S:
-                late = self._awaited
-                self._mark(now_ns, then)
-                self._awaited = late
+                self._send_mark(now_ns, then)
             return False
         due = any(one.hold.until_ns is not None and one.hold.until_ns <= now_ns for one in seen)
         worked = any(one.hold.works != one.worked_before for one in seen)
@@ -231,12 +233,17 @@ class Holders:
 
     def _mark(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> None:
         self._asks = False
-        self._number += 1
         self._marked_ns = now_ns
-        self._marked_s = time.monotonic()
         self._awaited = set(self._seen)
         for one in self._seen.values():
             one.worked_before = one.hold.works
+        self._send_mark(now_ns, then)
+        self._asked = self._number
+
+    def _send_mark(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> None:
+        """Also again: who has answered and what was sent or worked since the mark stay as they are."""
+        self._number += 1
+        self._marked_s = time.monotonic()
         payload = json.dumps({"number": self._number})
 
         def put() -> None:

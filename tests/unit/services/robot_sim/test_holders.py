@@ -318,6 +318,41 @@ def test_a_simulator_that_starts_again_waits_for_those_who_are_there(
     assert again.may_pass()
 
 
+def test_who_answers_later_than_it_is_asked_again_has_answered(
+    simulator: Simulator, mind: Mind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(holders_module, "_REPEAT_S", 0.05)
+    begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S))
+    assert simulator.may_pass()
+    heard = simulator.holders._on_hold
+    late = threading.Event()
+
+    def hear_late(sample: zenoh.Sample) -> None:
+        late.wait(0.2)
+        heard(sample)
+
+    simulator.holders._subscriber.undeclare()
+    key = topics.CLOCK_HOLD.name(org=Site.load(LAB).org, process="*", session="*")
+    subscriber = simulator.session.declare_subscriber(key, zenoh.handlers.Callback(hear_late, indirect=False))
+    simulator.holders.sent()
+    assert simulator.may_pass(2.0)
+    subscriber.undeclare()
+
+
+def test_everybody_is_asked_after_work_during_which_they_were_asked_again(
+    simulator: Simulator, mind: Mind, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(holders_module, "_REPEAT_S", 0.05)
+    done = threading.Event()
+    begin(mind, simulator, lambda: (done.wait(SOON_S), mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S)))
+    assert not simulator.may_pass(0.5)
+    monkeypatch.setattr(holders_module, "_REPEAT_S", SOON_S)
+    marks = simulator.holders._number
+    done.set()
+    assert simulator.may_pass()
+    assert simulator.holders._number == marks + 1
+
+
 def test_who_is_not_to_hold_the_clock_does_not(
     connect: Callable[[], zenoh.Session], site: Site, simulator: Simulator
 ) -> None:
