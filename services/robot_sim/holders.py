@@ -150,8 +150,8 @@ class Holders:
                 self._seen[session] = _Seen(hold, 0)
             else:
                 seen.hold = hold
-            # An answer may take longer than until the mark is sent again. What was heard of a simulator that ran
-            # before is no answer.
+            # An answer may take longer than until the mark is sent again. What was heard of a simulator that
+            # ran before is no answer.
             if self._asked <= hold.heard <= self._number:
                 self._awaited.discard(session)
             self._free_until_ns = 0

@@ -1,9 +1,9 @@
 """How wide the steps of the physics are: narrow where something is or may soon be touched, wide elsewhere.
 
 A step costs the same at any width. A robot that drives, stands or charges far from anything loose comes out a
-few millimetres elsewhere by wide ones, which whoever steers takes back. An arm in free air follows its servos to
-a tenth of a milliradian at any width. A grip that closes or opens and what falls would come out otherwise. What
-is decided follows from the world's state alone.
+few millimetres elsewhere by wide ones, which whoever steers takes back. An arm in free air follows its servos
+to a tenth of a milliradian at any width. A grip that closes or opens and what falls would come out otherwise.
+What is decided follows from the world's state alone.
 """
 
 import math
