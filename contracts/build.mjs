@@ -15,6 +15,9 @@ const CONTRACTS = [
   "FirstComeFirstServed",
   "LowestPrice",
   "HighestReputation",
+  "MemberVotes",
+  "OrganizationTimelock",
+  "OrganizationGovernor",
 ];
 
 const root = dirname(dirname(fileURLToPath(import.meta.url)));

@@ -12,6 +12,7 @@ On an external chain the wallets must hold gas already; on a local one the node'
 from __future__ import annotations
 
 import logging
+import os
 import sys
 import threading
 import time
@@ -59,12 +60,56 @@ _GAS_MONEY = Wei(10 * 10**18)
 _UNLIMITED = 2**256 - 1
 
 
+class OtherGovernance(RodeoError):
+    """Who decides is another on chain than in the site file, and neither is changed by this step."""
+
+
 class WithoutGasMoney(RodeoError):
     """Wallets that have to send transactions hold nothing to pay for them."""
 
 
 Say = Callable[[str], object]
 """Gets a sentence for each step."""
+
+
+class _Sender:
+    """Sends what sets the organization up.
+
+    Where members decide, the timelock is the administrator from the beginning, and does at once what its
+    founder schedules, until the founder ends that. What the site file says later takes a vote.
+    """
+
+    def __init__(self, client: ChainClient, administrator: str, names: dict[str, str], say: Say) -> None:
+        self._client, self._names, self._say = client, names, say
+        self._administrator = administrator
+        self._by_vote = client.deployment.decides_by_vote
+        self.is_founding = self._by_vote and client.decision_delay_s() == 0
+        self.sent: Counter[str] = Counter()
+        """Address -> transactions."""
+
+    def send(self, account: LocalAccount, call: Call) -> None:
+        if not self._by_vote or account.address != self._administrator:
+            self._send(account, call)
+        elif self.is_founding:
+            self._found(account, [call])
+        else:
+            self._say(f"{call.name} of the site file is not on chain: it takes a vote of the members")
+            return
+        self._say(f"{call.name} sent by {self._names[account.address]}")
+
+    def end_founding(self, founder: LocalAccount, delay_s: int) -> None:
+        """From now on the members decide, and nobody else."""
+        self._found(founder, self._client.governance_calls.end_founding(founder.address, delay_s))
+        self.is_founding = False
+        self._say(f"from now on the members decide by vote, with a delay of {delay_s} s")
+
+    def _found(self, founder: LocalAccount, calls: Sequence[Call]) -> None:
+        for call in self._client.governance_calls.found(calls, os.urandom(32)):
+            self._send(founder, call)
+
+    def _send(self, account: LocalAccount, call: Call) -> None:
+        self._client.send(account, call)
+        self.sent[account.address] += 1
 
 
 def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
@@ -87,15 +132,27 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     if deployment is None:
         _require_gas_money(site, w3)
         deployment = _deploy(site, w3, administrator, say)
+    if deployment.decides_by_vote != (site.governance.kind == "vote"):
+        raise OtherGovernance(
+            "the contracts on this chain were deployed with another [governance] kind: set that one in the "
+            "site file, or deploy for a new organization",
+            kind=site.governance.kind,
+            decides_by_vote=deployment.decides_by_vote,
+        )
     client = ChainClient(site.chain.url, deployment)
-    sent: Counter[str] = Counter()
+    sender = _Sender(client, administrator.address, names, say)
     for account, call in _missing_rules(site, client, administrator, deployment.rules):
-        client.send(account, call)
-        sent[account.address] += 1
-        say(f"{call.name} sent by {names[account.address]}")
+        sender.send(account, call)
+    if sender.is_founding:
+        for call in _missing_members(site, client):
+            sender.send(administrator, call)
+        sender.end_founding(administrator, site.governance.delay_s)
     # Only now, so that whoever finds the record finds an organization that works.
     deployment = deployment.model_copy(
-        update={"sent": _sent(site, w3, deployment, sent), "rules": _known_rules(site, client, deployment)}
+        update={
+            "sent": _sent(site, w3, deployment, sender.sent),
+            "rules": _known_rules(site, client, deployment),
+        }
     )
     path = deployment.save(site.data_dir)
     Deployment.path(_unfinished(site), deployment.chain_id).unlink(missing_ok=True)
@@ -198,9 +255,10 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
         nonce = w3.eth.get_transaction_count(deployer.address)
         genesis_hash = w3.eth.get_block(0)["hash"].to_0x_hex()
         chain_id = w3.eth.chain_id
+    by_vote = site.governance.kind == "vote"
+    names = (*artifacts.CONTRACTS, *(artifacts.GOVERNANCE if by_vote else ()))
     addresses = {
-        name: get_create_address(deployer.address, Nonce(nonce + offset))
-        for offset, name in enumerate(artifacts.CONTRACTS)
+        name: get_create_address(deployer.address, Nonce(nonce + offset)) for offset, name in enumerate(names)
     }
     coin, organization = addresses["IECoin"], addresses["Organization"]
     services, tasks = addresses["ServiceManager"], addresses["TaskManager"]
@@ -211,14 +269,29 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
             services,
             tasks,
             addresses[Policy.FIRST_COME],
-            deployer.address,
+            # From the beginning: a handover takes a later block, and a chain at rest has none.
+            addresses["OrganizationTimelock"] if by_vote else deployer.address,
             site.governance.delay_s,
         ),
         "ServiceManager": (organization, tasks),
         "TaskManager": (organization, services),
         "OracleCommittee": (organization,),
     }
-    receipts = [_create(w3, deployer, name, arguments.get(name, ()), say) for name in artifacts.CONTRACTS]
+    if by_vote:
+        timelock, governor = addresses["OrganizationTimelock"], addresses["OrganizationGovernor"]
+        votes, governance = addresses["MemberVotes"], site.governance
+        arguments |= {
+            "MemberVotes": (organization,),
+            "OrganizationTimelock": (0, [governor, deployer.address]),
+            "OrganizationGovernor": (
+                votes,
+                timelock,
+                governance.voting_period_s,
+                1,
+                governance.quorum_percent,
+            ),
+        }
+    receipts = [_create(w3, deployer, name, arguments.get(name, ()), say) for name in names]
     deployment = Deployment(
         chain_id=chain_id,
         genesis_hash=genesis_hash,
@@ -274,6 +347,9 @@ def _missing_rules(
         (Role.ORACLE, client.committee if site.oracles else _told(site, ORACLE)),
         (Role.AUDITOR, administrator.address),
     ]
+    if client.deployment.decides_by_vote:
+        # So that decisions set the prices of the organization's services.
+        roles.append((Role.OPERATOR, client.deployment.address("OrganizationTimelock")))
     if former := _former_oracle(site, client):
         yield administrator, calls.revoke_role(Role.ORACLE, former)
     for role, account in roles:
@@ -313,6 +389,17 @@ def _missing_rules(
         if wallet is not None and client.allowance(wallet, client.task_manager) < _UNLIMITED // 2:
             spender = wallets.load(site, robot.name)
             yield spender, client.calls.approve(client.task_manager, _UNLIMITED)
+
+
+def _missing_members(site: Site, client: ChainClient) -> Iterator[Call]:
+    """What gives the first members their votes."""
+    elsewhere = wallets.wallets_elsewhere(site)
+    for name in site.governance.members:
+        account = elsewhere.get(name) or wallets.address(site, name)
+        if not client.is_member(account):
+            yield client.organization_calls.admit(account)
+        if not client.votes(account):
+            yield client.governance_calls.votes.sync(account)
 
 
 def _former_oracle(site: Site, client: ChainClient) -> str | None:

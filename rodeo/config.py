@@ -162,9 +162,19 @@ class BudgetConfig(_Table):
 class GovernanceConfig(_Table):
     """Who decides about the organization, and how fast."""
 
+    kind: Literal["administrator", "vote"] = "administrator"
+    """Whose decisions they are: those of the key of `organization`, or of the members by vote. It counts when
+    the contracts are deployed."""
     delay_s: int = Field(default=2 * 24 * 3600, ge=0, le=30 * 24 * 3600)
     """Time between the announcement of another administrator and the handover, s: everybody can see it
-    coming. 0 hands over at once."""
+    coming. 0 hands over at once. Where members decide, also the time between a decision and its execution,
+    and then more than 0."""
+    members: list[str] = []
+    """The first members where members decide, by the names of robots and participants: one vote each."""
+    voting_period_s: int = Field(default=3 * 24 * 3600, gt=0, lt=2**32)
+    """For how long members may vote on a proposal, s."""
+    quorum_percent: int = Field(default=25, ge=1, le=100)
+    """Share of all members whose votes, for or abstaining, a decision needs."""
     guardian: str | None = "organization"
     """The participant whose key may pause new tasks for up to three days, and nothing else. None: nobody."""
     budgets: dict[Literal["operator", "treasurer"], BudgetConfig] = {
@@ -678,7 +688,7 @@ _SLACK_M = 1e-6
 def faults(site: Site) -> dict[Place, str]:
     """Where -> what is wrong there; empty for a site that can be."""
     found: dict[Place, str] = {}
-    rules = (_outside, _rooms, _names, _wallets, _oracles, _hours, _ports)
+    rules = (_outside, _rooms, _names, _wallets, _governance, _oracles, _hours, _ports)
     for place, text in (one for rule in rules for one in rule(site)):
         found.setdefault(place, text)
     return found
@@ -757,6 +767,28 @@ def _wallets(site: Site) -> Iterator[tuple[Place, str]]:
     for place, name in told:
         if name not in known:
             yield place, f"nobody on this site is called {name}{close(name, known)}"
+
+
+def _governance(site: Site) -> Iterator[tuple[Place, str]]:
+    governance, known = (
+        site.governance,
+        [*(r.name for r in site.robots), *(p.name for p in site.participants)],
+    )
+    for number, name in enumerate(governance.members):
+        if name not in known:
+            yield (
+                ("governance", "members", number),
+                f"nobody on this site is called {name}{close(name, known)}",
+            )
+    if governance.kind == "administrator" and governance.members:
+        yield (
+            ("governance", "members"),
+            'members decide only with kind = "vote": set it, or leave members out',
+        )
+    if governance.kind == "vote" and not governance.members:
+        yield ("governance", "members"), "nobody could decide: name the members who vote"
+    if governance.kind == "vote" and not governance.delay_s:
+        yield ("governance", "delay_s"), "decisions by vote take effect after a delay: set more than 0"
 
 
 def _oracles(site: Site) -> Iterator[tuple[Place, str]]:

@@ -422,6 +422,44 @@ class RevokeRole(Command):
     account: Party
 
 
+Proposable = Literal[
+    "admit", "allow_kind", "dismiss", "grant_role", "register_device", "reinstate_service", "rescue_tokens",
+    "resume_tasks", "retire_rules", "revoke_device", "revoke_role", "set_budget", "set_members_only",
+    "set_policy", "set_terms", "suspend_service", "update_service",
+]  # fmt: skip
+"""Commands of the organization that its members can decide about."""
+
+Support = Literal["for", "against", "abstain"]
+
+
+class Propose(Command):
+    """Let the members vote on a command of the organization. Each can read what it would call on chain."""
+
+    command: Proposable
+    request: dict[str, Any] = {}
+    """The command's own fields."""
+    description: Annotated[str, StringConstraints(min_length=1, max_length=4096)]
+
+
+class CastVote(Command):
+    """Vote on a proposal, once and for all, as a member of the time when it was made."""
+
+    proposal: Id
+    support: Support
+
+
+class QueueProposal(Command):
+    """Start the delay after which a proposal that succeeded can be executed. Anybody may."""
+
+    proposal: Id
+
+
+class ExecuteProposal(Command):
+    """Do what was decided, after the delay. Anybody may."""
+
+    proposal: Id
+
+
 class Collect(Command):
     """Collect payments to the wallet that the token refused before."""
 
@@ -461,6 +499,10 @@ COMMANDS: dict[str, type[Command]] = {
     "rescue_tokens": RescueTokens,
     "grant_role": GrantRole,
     "revoke_role": RevokeRole,
+    "propose": Propose,
+    "cast_vote": CastVote,
+    "queue_proposal": QueueProposal,
+    "execute_proposal": ExecuteProposal,
 }
 """Commands of a wallet, by the last part of the key. `prepare` and `broadcast` exist, too."""
 
@@ -498,6 +540,8 @@ class Mined(Reply):
     """Number of a new task."""
     service_id: int | None = None
     """Number of a new service."""
+    proposal: int | None = None
+    """Number of a new proposal."""
 
 
 class Prepared(Reply):

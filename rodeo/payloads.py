@@ -278,6 +278,11 @@ _VALUES: dict[str, Any] = {
     "account": "alice",
     "token": "0x5FbDB2315678afecb367f032d93F642f64180aa3",
     "request_id": "post-item1",
+    "command": "set_terms",
+    "request": {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2},
+    "description": "a bond, so that robots take only what they can do",
+    "proposal": 3,
+    "support": "for",
 }
 _SHOWN: dict[str, tuple[str, ...]] = {
     "register_task": ("params", "request_id"),
@@ -285,6 +290,7 @@ _SHOWN: dict[str, tuple[str, ...]] = {
     "update_service": ("price_iec",),
     "allow_kind": ("review", "rules_sha256"),
     "set_budget": ("amount_iec", "period_s"),
+    "propose": ("request",),
     "set_terms": ("bond_iec", "penalty_iec", "max_failures"),
 }
 """Optional fields that the example of a command has, too."""

@@ -9,7 +9,19 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, Validation
 
 from rodeo import topics
 from rodeo.errors import MalformedAnswer, wrong_fields
-from rodeo.messages import Amount, DaoEvent, Device, Id, Kind, Message, Party, Root, ServiceState, Task
+from rodeo.messages import (
+    Amount,
+    DaoEvent,
+    Device,
+    Id,
+    Kind,
+    Message,
+    Party,
+    Root,
+    ServiceState,
+    Support,
+    Task,
+)
 
 MAX_PAGE = 500
 """Maximum number of entries in one answer."""
@@ -87,6 +99,13 @@ class RootFilters(Message):
     device: Party | None = None
     """Address of the key."""
     limit: Limit = 100
+    offset: Id = 0
+
+
+class ProposalFilters(Message):
+    """Parameters of `state/proposals`."""
+
+    limit: Annotated[int, Field(ge=1, le=100)] = 20
     offset: Id = 0
 
 
@@ -326,9 +345,56 @@ class Organization(Answer):
     """By the contract's name of the role. A role without one has no limit."""
     paused_until_s: int = 0
     """Block time before which no new tasks are taken; in the past where they are."""
+    decided_by: Literal["administrator", "vote"] = "administrator"
     roles: dict[str, list[Holder]]
     """Keys are the contract's names of the roles."""
     contracts: Contracts
+
+
+class ProposedCall(Answer):
+    """What a proposal would call, as it is on chain and whatever its text says."""
+
+    contract: str
+    """The address of a contract that is none of the organization's."""
+    function: str
+    """Empty where the contract has no such function."""
+    args: dict[str, Any]
+
+
+class Ballot(Answer):
+    voter: str
+    voter_name: str | None
+    support: Support
+    weight: int
+
+
+ProposalState = Literal[
+    "pending", "active", "canceled", "defeated", "succeeded", "queued", "expired", "executed"
+]
+"""Active while members vote; queued until the delay has passed and somebody executes it."""
+
+
+class Proposal(Answer):
+    number: int
+    id: str
+    """The governor's number of it, in hex."""
+    proposer: str
+    proposer_name: str | None
+    description: str
+    calls: list[ProposedCall]
+    state: ProposalState
+    created_s: float
+    vote_end_s: float
+    """Last block time at which votes count."""
+    ready_s: float | None
+    """Block time from which it can be executed; None before it is queued."""
+    votes: dict[Support, int]
+    ballots: list[Ballot]
+
+
+class Proposals(Answer):
+    proposals: list[Proposal]
+    total: int
 
 
 class Chain(Answer):
@@ -385,6 +451,9 @@ DEVICES = Query("devices", Nothing, Devices, "keys that sign evidence")
 ROOTS = Query("roots", RootFilters, Roots, "roots on chain of the statements that a key signed on one day")
 ORGANIZATION = Query(
     "organization", Nothing, Organization, "the organization's rules, and the holders of its roles"
+)
+PROPOSALS = Query(
+    "proposals", ProposalFilters, Proposals, "what the members vote on or decided, the newest first"
 )
 CHAIN = Query("chain", Nothing, Chain, "the chain, and the newest block in the index")
 EVENTS = Query("events", EventRange, Events, "events after a number, each as a DaoEvent below")

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from pathlib import Path
-from typing import Annotated, Any, get_args
+from typing import Annotated, get_args
 
 import typer
 
-from rodeo import queries, topics
+from rodeo import queries
 from rodeo.config import Site
 from rodeo.durations import span
 from rodeo.errors import InvalidRequest
@@ -26,6 +25,7 @@ from rodeo_cli.common import (
 )
 from rodeo_cli.formatting import iec, moment
 from rodeo_cli.layout import Row
+from rodeo_cli.proposals import register, send
 from rodeo_cli.tasks import ParticipantOption
 from services.console.formatting import count
 
@@ -59,6 +59,7 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
                 else "never suspended"
             ),
         ),
+        ("decided by", "the members, by vote" if state.decided_by == "vote" else "the administrator"),
         ("open to", "members" if state.members_only else "everybody"),
         ("new tasks", _pause_in_words(state, loaded)),
         *(
@@ -115,7 +116,7 @@ def policy(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Set how a service is chosen for a task."""
-    _send(site, participant, "set_policy", f"Services are now chosen by {name}.", policy=name)
+    send(site, participant, "set_policy", f"Services are now chosen by {name}.", policy=name)
 
 
 @organization.command("kind")
@@ -175,7 +176,7 @@ def kind(
         "rules_sha256": rules_sha256 or (_installed_rules(name) if review == "oracle" else None),
     }
     accepted = f"judged by the {review}" if allowed else "no longer accepted"
-    _send(
+    send(
         site,
         participant,
         "allow_kind",
@@ -248,7 +249,7 @@ def retire_rules(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Let nobody post a task under these rules any more. Tasks that were posted under them keep them."""
-    _send(
+    send(
         site,
         participant,
         "retire_rules",
@@ -281,7 +282,7 @@ def terms(
 ) -> None:
     """Set the terms for services that are offered from now on."""
     fields = {"bond_iec": bond, "penalty_iec": penalty, "max_failures": max_failures}
-    _send(site, participant, "set_terms", "Services offered from now on agree to these terms.", **fields)
+    send(site, participant, "set_terms", "Services offered from now on agree to these terms.", **fields)
 
 
 @organization.command("members-only")
@@ -293,7 +294,7 @@ def members_only(
 ) -> None:
     """Let only members, or everybody, offer services and post tasks."""
     who = "Only members may" if enabled else "Everybody may"
-    _send(site, participant, "set_members_only", f"{who} offer services and post tasks now.", enabled=enabled)
+    send(site, participant, "set_members_only", f"{who} offer services and post tasks now.", enabled=enabled)
 
 
 @organization.command("budget")
@@ -308,7 +309,7 @@ def budget(
     """Limit what all holders of a role together take out of the treasury."""
     limit = f"at most {amount} IEC in {span(period_s)}" if period_s else "as much as there is"
     done = f"The role {role} may take {limit} out of the treasury."
-    _send(site, participant, "set_budget", done, role=role, amount_iec=amount, period_s=period_s)
+    send(site, participant, "set_budget", done, role=role, amount_iec=amount, period_s=period_s)
 
 
 @organization.command("pause")
@@ -320,14 +321,14 @@ def pause(
 ) -> None:
     """Take no new tasks for a while, as a guardian. Everything that runs goes on."""
     done = f"No new tasks are taken for {span(duration_s)}."
-    _send(site, participant, "pause_tasks", done, duration_s=duration_s)
+    send(site, participant, "pause_tasks", done, duration_s=duration_s)
 
 
 @organization.command("resume")
 @reports_errors
 def resume(site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization") -> None:
     """Take new tasks again before a pause ends."""
-    _send(site, participant, "resume_tasks", "New tasks are taken.")
+    send(site, participant, "resume_tasks", "New tasks are taken.")
 
 
 @organization.command("admit")
@@ -338,7 +339,7 @@ def admit(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Make somebody a member."""
-    _send(site, participant, "admit", f"{account} is now a member.", account=account)
+    send(site, participant, "admit", f"{account} is now a member.", account=account)
 
 
 @organization.command("dismiss")
@@ -349,7 +350,7 @@ def dismiss(
     participant: ParticipantOption = "organization",
 ) -> None:
     """End a membership."""
-    _send(site, participant, "dismiss", f"{account} is no longer a member.", account=account)
+    send(site, participant, "dismiss", f"{account} is no longer a member.", account=account)
 
 
 @organization.command("grant")
@@ -361,7 +362,7 @@ def grant(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Give somebody a role."""
-    _send(site, participant, "grant_role", f"{account} now has the role {role}.", role=role, account=account)
+    send(site, participant, "grant_role", f"{account} now has the role {role}.", role=role, account=account)
 
 
 @organization.command("revoke")
@@ -373,7 +374,7 @@ def revoke(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Take a role back."""
-    _send(
+    send(
         site,
         participant,
         "revoke_role",
@@ -389,7 +390,7 @@ def suspend(
     service_id: int, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
 ) -> None:
     """Give a service no more tasks."""
-    _send(
+    send(
         site,
         participant,
         "suspend_service",
@@ -404,7 +405,7 @@ def reinstate(
     service_id: int, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
 ) -> None:
     """Let a suspended service return: paused, until its provider activates it."""
-    _send(
+    send(
         site,
         participant,
         "reinstate_service",
@@ -420,7 +421,7 @@ def deposit(
 ) -> None:
     """Pay into the treasury from the account that signs."""
     told = f"{participant} paid {amount} IEC into the treasury."
-    _send(site, participant, "deposit", told, amount_iec=amount)
+    send(site, participant, "deposit", told, amount_iec=amount)
 
 
 @organization.command("rescue")
@@ -432,7 +433,7 @@ def rescue(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Send on tokens that somebody sent to the contracts by mistake. Escrow and treasury stay as they are."""
-    _send(site, participant, "rescue_tokens", f"Tokens of {token} were sent on to {to}.", token=token, to=to)
+    send(site, participant, "rescue_tokens", f"Tokens of {token} were sent on to {to}.", token=token, to=to)
 
 
 @organization.command("withdraw")
@@ -444,7 +445,7 @@ def withdraw(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Pay out of the treasury."""
-    _send(
+    send(
         site,
         participant,
         "withdraw",
@@ -503,7 +504,7 @@ def register_device(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Let a key sign evidence. If another key has this role and name, revoke that key first."""
-    _send(
+    send(
         site,
         participant,
         "register_device",
@@ -529,7 +530,7 @@ def revoke_device(
     participant: ParticipantOption = "organization",
 ) -> None:
     """Reject everything that a key signs from now on. The reason decides about earlier signatures."""
-    _send(
+    send(
         site,
         participant,
         "revoke_device",
@@ -539,10 +540,24 @@ def revoke_device(
     )
 
 
-def _send(site: Path, participant: str, command: str, done: str, **fields: Any) -> None:
-    """Do it, and say the sentence `done` when it is. Fields that are None are left out."""
-    request = {name: value for name, value in fields.items() if value is not None}
-    with connected(site) as (loaded, bus):
-        key = topics.COMMAND.name(org=loaded.org, participant=participant, command=command)
-        bus.query(key, request, timeout_s=30)
-    say(done)
+register(
+    organization,
+    {
+        "policy": policy,
+        "kind": kind,
+        "retire-rules": retire_rules,
+        "terms": terms,
+        "members-only": members_only,
+        "budget": budget,
+        "resume": resume,
+        "admit": admit,
+        "dismiss": dismiss,
+        "grant": grant,
+        "revoke": revoke,
+        "suspend": suspend,
+        "reinstate": reinstate,
+        "rescue": rescue,
+        "register-device": register_device,
+        "revoke-device": revoke_device,
+    },
+)

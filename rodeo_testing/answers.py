@@ -50,6 +50,7 @@ def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> d
         "terms": {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
         "members_only": False,
         "paused_until_s": 0,
+        "decided_by": "administrator",
         "budgets": {},
         "roles": {},
         "contracts": CONTRACTS,

@@ -130,8 +130,9 @@ contract BudgetVotesTest is Fixture {
     function test_ownersVoteByWhatTheyHaveWrappedAndNotByWhatIsInEscrow() public {
         WrappedVotes votes = new WrappedVotes(coin);
         uint64 nonce = vm.getNonce(address(this));
-        OrganizationTimelock timelock =
-            new OrganizationTimelock(2 days, vm.computeCreateAddress(address(this), nonce + 1));
+        address[] memory proposers = new address[](1);
+        proposers[0] = vm.computeCreateAddress(address(this), nonce + 1);
+        OrganizationTimelock timelock = new OrganizationTimelock(2 days, proposers);
         OrganizationGovernor governor = new OrganizationGovernor(votes, timelock, 3 days, 1 ether, 25);
         vm.startPrank(alice);
         coin.approve(address(votes), type(uint256).max);

@@ -33,7 +33,9 @@ contract GovernanceTest is Fixture {
         super.setUp();
         votes = new MemberVotes(organization);
         uint64 nonce = vm.getNonce(address(this));
-        timelock = new OrganizationTimelock(DELAY, vm.computeCreateAddress(address(this), nonce + 1));
+        address[] memory proposers = new address[](1);
+        proposers[0] = vm.computeCreateAddress(address(this), nonce + 1);
+        timelock = new OrganizationTimelock(DELAY, proposers);
         governor = new OrganizationGovernor(votes, timelock, VOTING_PERIOD, 1, 25);
         vm.startPrank(admin);
         serviceId = organization.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
@@ -238,5 +240,30 @@ contract GovernanceTest is Fixture {
         found(coin);
         vm.expectPartialRevert(bytes4(keccak256("AccessControlInvalidDefaultAdmin(address)")));
         timelock.acceptAdministration(organization);
+    }
+
+    function test_whoSetsUpActsAtOnceAndEndsWithNothing() public {
+        address[] memory proposers = new address[](2);
+        (proposers[0], proposers[1]) = (address(governor), address(this));
+        OrganizationTimelock young = new OrganizationTimelock(0, proposers);
+        bytes32 proposer = young.PROPOSER_ROLE();
+        address[] memory itself = new address[](3);
+        (itself[0], itself[1], itself[2]) = (address(young), address(young), address(young));
+        bytes[] memory last = new bytes[](3);
+        last[0] = abi.encodeCall(young.updateDelay, (DELAY));
+        last[1] = abi.encodeCall(young.revokeRole, (proposer, address(this)));
+        last[2] = abi.encodeCall(young.revokeRole, (young.CANCELLER_ROLE(), address(this)));
+        young.scheduleBatch(itself, new uint256[](3), last, 0, 0, 0);
+        young.executeBatch(itself, new uint256[](3), last, 0, 0);
+        assertEq(young.getMinDelay(), DELAY);
+        assertTrue(young.hasRole(proposer, address(governor)));
+        assertFalse(young.hasRole(young.CANCELLER_ROLE(), address(this)));
+        assertFalse(young.hasRole(young.DEFAULT_ADMIN_ROLE(), address(this)));
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                IAccessControl.AccessControlUnauthorizedAccount.selector, address(this), proposer
+            )
+        );
+        young.schedule(address(organization), 0, calldatas[0], 0, 0, DELAY);
     }
 }

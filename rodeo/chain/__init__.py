@@ -3,6 +3,7 @@
     deployment.py   Deployment: which contracts are where, one record per chain
     client.py       ChainClient: views, events and transactions of one deployment on one node
     calls.py        what to send to do something: Calls, and OrganizationCalls in the organization's name
+    governance.py   decisions by vote: proposals, and what their calls would do
     logs.py         events as the chain logs them
     abi.py          the contracts' enums, structs and calls, generated
     events.py       one record type per contract event, generated

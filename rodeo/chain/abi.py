@@ -192,6 +192,11 @@ class IECoinCalls(ContractCalls):
         return self._call("IECoin", "transferFrom", sender, to, value)
 
 
+class MemberVotesCalls(ContractCalls):
+    def sync(self, account: str) -> Call:
+        return self._call("MemberVotes", "sync", account)
+
+
 class OracleCommitteeCalls(ContractCalls):
     def change_key(self, old_key: str, key: str) -> Call:
         return self._call("OracleCommittee", "changeKey", old_key, key)
@@ -319,6 +324,54 @@ class OrganizationCalls(ContractCalls):
 
     def withdraw(self, to: str, amount: int) -> Call:
         return self._call("Organization", "withdraw", to, amount)
+
+
+class OrganizationGovernorCalls(ContractCalls):
+    def cast_vote(self, proposal_id: int, support: int) -> Call:
+        return self._call("OrganizationGovernor", "castVote", proposal_id, support)
+
+    def execute(
+        self, targets: list[str], values: list[int], calldatas: list[bytes], description_hash: bytes
+    ) -> Call:
+        return self._call("OrganizationGovernor", "execute", targets, values, calldatas, description_hash)
+
+    def propose(
+        self, targets: list[str], values: list[int], calldatas: list[bytes], description: str
+    ) -> Call:
+        return self._call("OrganizationGovernor", "propose", targets, values, calldatas, description)
+
+    def queue(
+        self, targets: list[str], values: list[int], calldatas: list[bytes], description_hash: bytes
+    ) -> Call:
+        return self._call("OrganizationGovernor", "queue", targets, values, calldatas, description_hash)
+
+
+class OrganizationTimelockCalls(ContractCalls):
+    def execute_batch(
+        self, targets: list[str], values: list[int], payloads: list[bytes], predecessor: bytes, salt: bytes
+    ) -> Call:
+        return self._call(
+            "OrganizationTimelock", "executeBatch", targets, values, payloads, predecessor, salt
+        )
+
+    def revoke_role(self, role: Role, account: str) -> Call:
+        return self._call("OrganizationTimelock", "revokeRole", role, account)
+
+    def schedule_batch(
+        self,
+        targets: list[str],
+        values: list[int],
+        payloads: list[bytes],
+        predecessor: bytes,
+        salt: bytes,
+        delay: int,
+    ) -> Call:
+        return self._call(
+            "OrganizationTimelock", "scheduleBatch", targets, values, payloads, predecessor, salt, delay
+        )
+
+    def update_delay(self, new_delay: int) -> Call:
+        return self._call("OrganizationTimelock", "updateDelay", new_delay)
 
 
 class ServiceManagerCalls(ContractCalls):

@@ -9,7 +9,7 @@ from eth_typing import ChecksumAddress
 from eth_utils import to_checksum_address
 from web3 import HTTPProvider, Web3
 from web3.contract import Contract
-from web3.types import TxReceipt
+from web3.types import BlockIdentifier, TxReceipt
 
 from rodeo.chain import artifacts, transactions
 from rodeo.chain.abi import Budget, Device, Judge, KindRules, Quorum, Service, Task, Terms
@@ -17,6 +17,7 @@ from rodeo.chain.calls import Calls, OrganizationCalls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import WrongChain, translated
+from rodeo.chain.governance import STATES, GovernanceCalls
 from rodeo.chain.logs import Log, decode_log, event_topics
 from rodeo.chain.types import Role, kind_to_bytes32, value
 from rodeo.config import ChainConfig
@@ -55,9 +56,11 @@ class ChainClient:
         self.deployment = deployment
         self.calls = Calls(deployment)
         self.organization_calls = OrganizationCalls(deployment)
+        self.governance_calls = GovernanceCalls(deployment)
+        """Where members decide by votes."""
         self._contracts: dict[str, Contract] = {
             name: self.w3.eth.contract(address=deployment.address(name), abi=artifacts.load(name).abi)
-            for name in artifacts.CONTRACTS
+            for name in deployment.contracts
         }
 
     # -- addresses -----------------------------------------------------------------------------------------
@@ -178,10 +181,24 @@ class ChainClient:
     def total_supply(self) -> int:
         return self._view("IECoin", "totalSupply")
 
-    def _view(self, contract: str, function: str, *args: Any) -> Any:
+    # -- where members decide by votes -------------------------------------------------------------------
+
+    def proposal_state(self, proposal_id: int) -> str:
+        """One of `governance.STATES`, as of a block that would be mined now."""
+        return STATES[self._view("OrganizationGovernor", "state", proposal_id, block="pending")]
+
+    def votes(self, account: str) -> int:
+        """What the account's vote weighs in proposals from now on."""
+        return self._view("MemberVotes", "getVotes", to_checksum_address(account))
+
+    def decision_delay_s(self) -> int:
+        """Between a decision's place in the queue and its execution, s; 0 while somebody sets it all up."""
+        return self._view("OrganizationTimelock", "getMinDelay")
+
+    def _view(self, contract: str, function: str, *args: Any, block: BlockIdentifier = "latest") -> Any:
         bound = self._contracts[contract].functions[function]
         with translated():
-            raw = bound(*args).call()
+            raw = bound(*args).call(block_identifier=block)
         (output,) = bound.abi["outputs"]
         return value(output, raw)
 
@@ -194,7 +211,7 @@ class ChainClient:
                 {
                     "fromBlock": first_block,
                     "toBlock": last_block,
-                    "address": [contract.address for contract in self._contracts.values()],
+                    "address": self.deployment.event_sources,
                     "topics": [event_topics()],
                 }
             )
@@ -202,7 +219,7 @@ class ChainClient:
 
     def logs_of(self, receipt: TxReceipt) -> list[Log]:
         """The contracts' events in a receipt, in order."""
-        addresses = {contract.address for contract in self._contracts.values()}
+        addresses = set(self.deployment.event_sources)
         topics = set(event_topics())
         return [
             decode_log(log)

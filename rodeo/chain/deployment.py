@@ -26,7 +26,8 @@ class Deployment(BaseModel):
     block: int
     """No event of the contracts is in an earlier block."""
     contracts: dict[str, str]
-    """Contract name -> checksummed address; `artifacts.CONTRACTS` where it was made by this version."""
+    """Contract name -> checksummed address; `artifacts.CONTRACTS` where it was made by this version, and
+    `artifacts.GOVERNANCE` if members decide by votes."""
     sent: dict[str, int] = {}
     """Checksummed address of each wallet of the site -> transactions that it sent by itself or by the
     deployment step, and not by the bridge. The bridge's journal holds the rest."""
@@ -47,6 +48,17 @@ class Deployment(BaseModel):
 
     def address(self, contract: str) -> ChecksumAddress:
         return to_checksum_address(self.contracts[contract])
+
+    @property
+    def decides_by_vote(self) -> bool:
+        return set(artifacts.GOVERNANCE) <= self.contracts.keys()
+
+    @property
+    def event_sources(self) -> list[ChecksumAddress]:
+        """The contracts whose events tell the organization's state. The timelock has roles of its own, which
+        are not the organization's, and who has a vote is in the organization's events."""
+        others = ("MemberVotes", "OrganizationTimelock")
+        return [self.address(name) for name in self.contracts if name not in others]
 
     @staticmethod
     def path(data_dir: Path, chain_id: int) -> Path:
@@ -84,9 +96,10 @@ class Deployment(BaseModel):
                     recorded_chain_id=self.chain_id,
                     recorded_genesis_hash=self.genesis_hash,
                 )
-            if sorted(self.contracts) != sorted(artifacts.CONTRACTS):
+            expected = {*artifacts.CONTRACTS, *(self.contracts.keys() & set(artifacts.GOVERNANCE))}
+            if self.contracts.keys() != expected:
                 raise DeploymentMismatch(
-                    "other contracts", expected=sorted(artifacts.CONTRACTS), recorded=sorted(self.contracts)
+                    "other contracts", expected=sorted(expected), recorded=sorted(self.contracts)
                 )
             for name in self.contracts:
                 if not artifacts.load(name).matches(bytes(w3.eth.get_code(self.address(name)))):

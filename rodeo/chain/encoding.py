@@ -33,13 +33,13 @@ class ContractCalls:
 
     def _call(self, contract: str, function: str, *args: Any) -> Call:
         # Not web3's encode_abi: it reads the whole ABI anew, which takes longer than signing.
-        selector, types, inputs = _functions(contract)[function]
+        selector, types, inputs = functions(contract)[function]
         data = "0x" + (selector + encode(types, raw_values(inputs, args))).hex()
         return Call(self._deployment.address(contract), HexStr(data), function)
 
 
 @cache
-def _functions(contract: str) -> dict[str, tuple[bytes, list[str], list[dict[str, Any]]]]:
+def functions(contract: str) -> dict[str, tuple[bytes, list[str], list[dict[str, Any]]]]:
     """Function -> its selector, the types of its parameters, and the parameters; none is overloaded."""
     return {
         entry["name"]: (

@@ -116,7 +116,7 @@ _LONGEST_REASON = 120
 def _errors_by_selector() -> dict[bytes, dict[str, Any]]:
     declared = (
         entry
-        for name in artifacts.CONTRACTS
+        for name in (*artifacts.CONTRACTS, *artifacts.GOVERNANCE)
         for entry in artifacts.load(name).abi
         if entry["type"] == "error"
     )

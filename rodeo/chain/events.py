@@ -345,3 +345,41 @@ class VotesCounted(Event):
     attempt: int
     rules: bytes
     judges: int
+
+
+@dataclass(frozen=True)
+class ProposalCanceled(Event):
+    proposal_id: int
+
+
+@dataclass(frozen=True)
+class ProposalCreated(Event):
+    proposal_id: int
+    proposer: str
+    targets: list[str]
+    values: list[int]
+    signatures: list[str]
+    calldatas: list[bytes]
+    vote_start: int
+    vote_end: int
+    description: str
+
+
+@dataclass(frozen=True)
+class ProposalExecuted(Event):
+    proposal_id: int
+
+
+@dataclass(frozen=True)
+class ProposalQueued(Event):
+    proposal_id: int
+    eta_seconds: int
+
+
+@dataclass(frozen=True)
+class VoteCast(Event):
+    voter: str
+    proposal_id: int
+    support: int
+    weight: int
+    reason: str

@@ -22,6 +22,18 @@ BETWEEN_CONTRACTS = frozenset(
 )
 """Functions that refuse everybody but another of the contracts."""
 
+OF_GOVERNANCE = {
+    "MemberVotes": frozenset({"sync"}),
+    "OrganizationTimelock": frozenset({"scheduleBatch", "executeBatch", "updateDelay", "revokeRole"}),
+    "OrganizationGovernor": frozenset(
+        {
+            *("propose", "castVote", "queue", "execute"),
+            *("ProposalCreated", "VoteCast", "ProposalQueued", "ProposalExecuted", "ProposalCanceled"),
+        }
+    ),
+}
+"""What is used of contracts that are OpenZeppelin's for the most part."""
+
 IGNORED_EVENTS = frozenset(
     {
         "DefaultAdminDelayChangeCanceled",
@@ -42,6 +54,12 @@ Amounts are wei, times block time in seconds, kinds, device roles and names text
 def generated() -> dict[str, str]:
     """File in this folder -> what is in it."""
     entries = [(name, entry) for name in artifacts.CONTRACTS for entry in artifacts.load(name).abi]
+    entries += [
+        (name, entry)
+        for name, used in OF_GOVERNANCE.items()
+        for entry in artifacts.load(name).abi
+        if entry.get("name") in used
+    ]
     functions = [
         (contract, entry)
         for contract, entry in entries
@@ -57,7 +75,7 @@ def generated() -> dict[str, str]:
     enums = {name: members for name, members in artifacts.enums().items() if name in used}
     calls: dict[str, list[str]] = {}
     for contract, entry in functions:
-        if entry["stateMutability"] == "nonpayable":
+        if entry["stateMutability"] in ("nonpayable", "payable"):
             calls.setdefault(contract, []).append(_method(contract, entry))
     event_enums = sorted({_type(p) for entry in events for p in entry["inputs"]} & set(enums))
     return {
@@ -94,6 +112,9 @@ def _type(parameter: Mapping[str, Any], function: str = "") -> str:
     if sort in ("enum", "struct"):
         return RENAMED.get(name, name)
     kind = parameter["type"]
+    if kind.endswith("[]"):
+        inner = {**parameter, "type": kind[:-2], "internalType": sort.removesuffix("[]")}
+        return f"list[{_type(inner, function)}]"
     if kind == "bytes32" and parameter["name"] in TEXTS:
         return "Role" if function.endswith("Role") else "str"
     if kind.startswith("bytes"):

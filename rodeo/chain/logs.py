@@ -7,12 +7,25 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from eth_abi import decode
+from eth_abi.codec import ABIDecoder
+from eth_abi.decoding import StringDecoder
+from eth_abi.registry import BaseEquals, registry
 from eth_utils.abi import collapse_if_tuple, event_abi_to_log_topic
 from web3.types import LogReceipt
 
 from rodeo.chain import artifacts, events
 from rodeo.chain.types import Event, checksummed, field_name, value
+
+
+def _lenient() -> ABIDecoder:
+    """Reads strings of any bytes, as `_decode` does."""
+    known = registry.copy()
+    known.unregister_decoder("string")
+    known.register_decoder(BaseEquals("string"), StringDecoder("replace"), label="string")
+    return ABIDecoder(known)
+
+
+_DECODER = _lenient()
 
 
 @dataclass(frozen=True)
@@ -50,7 +63,7 @@ def _declarations() -> dict[bytes, _Declaration]:
         event_abi_to_log_topic(entry): _Declaration(  # type: ignore[arg-type]
             record, tuple(entry["inputs"]), tuple(map(field_name, entry["inputs"]))
         )
-        for name in artifacts.CONTRACTS
+        for name in (*artifacts.CONTRACTS, *artifacts.GOVERNANCE)
         for entry in artifacts.load(name).abi
         if entry["type"] == "event" and (record := getattr(events, entry["name"], None)) is not None
     }
@@ -79,7 +92,7 @@ def _decode(parameters: Sequence[Mapping[str, Any]], data: bytes) -> list[Any]:
         elif kind.startswith("uint") and kind[4:].isdecimal():
             found.append(int.from_bytes(word))
         else:
-            return list(decode([collapse_if_tuple(dict(p)) for p in parameters], data))
+            return list(_DECODER.decode([collapse_if_tuple(dict(p)) for p in parameters], data))
     return found
 
 

@@ -171,4 +171,6 @@ def to_json(decoded: Any) -> Any:
     """A decoded value for JSON: bytes as 0x hex, enums as lower-case names."""
     if isinstance(decoded, IntEnum):
         return decoded.name.lower()
+    if isinstance(decoded, list | tuple):
+        return [to_json(one) for one in decoded]
     return "0x" + decoded.hex() if isinstance(decoded, bytes) else decoded

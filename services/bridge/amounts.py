@@ -18,6 +18,11 @@ def iec(wei: int) -> str:
 def event_args(event: Event) -> dict[str, Any]:
     """The event's arguments for JSON; amounts are named `..._iec`."""
     return {
-        (f"{name}_iec" if name in _AMOUNTS else name): (iec(value) if name in _AMOUNTS else value)
+        (f"{name}_iec" if name in _AMOUNTS else name): (iec(value) if name in _AMOUNTS else _fitting(value))
         for name, value in event.args().items()
     }
+
+
+def _fitting(value: Any) -> Any:
+    """Numbers that a program in another language might round are decimal strings."""
+    return str(value) if isinstance(value, int) and value >= 2**63 else value

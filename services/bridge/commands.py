@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from concurrent.futures import Future
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from hashlib import sha256
 from typing import Any
@@ -30,6 +30,7 @@ from rodeo.chain import (
     Vote,
     to_wei,
 )
+from rodeo.chain.governance import Proposed
 from rodeo.config import EconomyConfig
 from rodeo.errors import InvalidRequest
 from rodeo.evidence import Store
@@ -41,10 +42,12 @@ from rodeo.messages import (
     AllowKind,
     Broadcast,
     CancelTask,
+    CastVote,
     Collect,
     Command,
     Deposit,
     Dismiss,
+    ExecuteProposal,
     ExpireTask,
     GrantRole,
     MatchTask,
@@ -53,6 +56,8 @@ from rodeo.messages import (
     PostVerdict,
     PostVotes,
     Prepare,
+    Propose,
+    QueueProposal,
     RaiseReward,
     RegisterDevice,
     RegisterService,
@@ -83,14 +88,16 @@ from services.bridge.errors import (
     KindWithoutChecks,
     KindWithoutRules,
     NotThisWallets,
+    NoVotes,
     RewardBelowPrice,
     RulesNotCurrent,
     UnknownCommand,
     UnknownKind,
+    UnknownProposal,
     UnknownService,
     UnknownTask,
 )
-from services.bridge.index import Index
+from services.bridge.index import Index, Row
 from services.bridge.journal import decoded
 from services.bridge.names import ORGANIZATION, Names
 from services.bridge.orders import Order
@@ -527,6 +534,38 @@ class Wallet:
         role = Role[command.role.upper()]
         return [self.client.organization_calls.revoke_role(role, self.names.key_address(command.account))]
 
+    # -- decisions by vote ---------------------------------------------------------------------------------
+
+    def _propose(self, command: Propose) -> list[Call]:
+        self._require_votes()
+        proposed, build = self._parse(command.command, command.request)
+        calls = build(replace(self, participant=ORGANIZATION), proposed)
+        if isinstance(proposed, Admit | Dismiss):
+            # Whoever becomes a member votes, and a dismissed one counts no more for the quorum.
+            calls.append(self.client.governance_calls.votes.sync(self.names.address(proposed.account)))
+        return [self.client.governance_calls.propose(calls, command.description)]
+
+    def _cast_vote(self, command: CastVote) -> list[Call]:
+        key = self._proposal(command.proposal)["id"]
+        return [self.client.governance_calls.cast_vote(int(key, 16), command.support)]
+
+    def _queue_proposal(self, command: QueueProposal) -> list[Call]:
+        return [self.client.governance_calls.queue(_proposed(self._proposal(command.proposal)))]
+
+    def _execute_proposal(self, command: ExecuteProposal) -> list[Call]:
+        return [self.client.governance_calls.execute(_proposed(self._proposal(command.proposal)))]
+
+    def _require_votes(self) -> None:
+        if not self.client.deployment.decides_by_vote:
+            raise NoVotes("this organization has an administrator, and its members do not vote")
+
+    def _proposal(self, number: int) -> Row:
+        self._require_votes()
+        found = self.index.proposal(number)
+        if found is None:
+            raise UnknownProposal("no such proposal", proposal=number)
+        return found
+
     def _collect(self, _command: Collect) -> list[Call]:
         return [self.client.calls.collect(self.address)]
 
@@ -661,6 +700,10 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "rescue_tokens": (RescueTokens, Wallet._rescue_tokens),
     "grant_role": (GrantRole, Wallet._grant_role),
     "revoke_role": (RevokeRole, Wallet._revoke_role),
+    "propose": (Propose, Wallet._propose),
+    "cast_vote": (CastVote, Wallet._cast_vote),
+    "queue_proposal": (QueueProposal, Wallet._queue_proposal),
+    "execute_proposal": (ExecuteProposal, Wallet._execute_proposal),
     "collect": (Collect, Wallet._collect),
 }
 
@@ -671,6 +714,15 @@ KNOWN = frozenset({*_COMMANDS, "prepare", "broadcast"})
 
 def _bytes32(value: str) -> bytes:
     return bytes.fromhex(value.removeprefix("0x"))
+
+
+def _proposed(row: Row) -> Proposed:
+    return Proposed(
+        targets=row["targets"],
+        values=[int(one) for one in row["values"]],
+        calldatas=[bytes.fromhex(one[2:]) for one in row["calldatas"]],
+        description_hash=_bytes32(row["description_hash"]),
+    )
 
 
 def _content_sha256(name: str, command: Command) -> str:

@@ -16,6 +16,8 @@
     │   ├── FeeTooHigh            the chain asks for more than the wallet may pay
     │   ├── DailyLimitReached     the wallet has reached its daily spending limit
     │   ├── AssignmentChanged     the proof is for an assignment that the task does not have any more
+    │   ├── NoVotes               an administrator decides here, and nobody votes
+    │   ├── UnknownProposal
     │   ├── WalletElsewhere       the participant signs for itself: prepare and broadcast
     │   └── NotThisWallets        what is to be broadcast was signed by another key, or is for another chain
     ├── BridgeNotReady            no node, no contracts or not caught up yet; `reason` says which
@@ -105,6 +107,14 @@ class CannotRaise(RequestError):
 
 class AssignmentChanged(RequestError):
     """The task is not assigned as it was when the work was done: another nonce binds another proof."""
+
+
+class NoVotes(RequestError):
+    """Members of this organization do not vote: it has an administrator."""
+
+
+class UnknownProposal(RequestError):
+    """No such proposal was ever made."""
 
 
 class WalletElsewhere(RequestError):

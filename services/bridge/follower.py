@@ -56,7 +56,7 @@ class Follower:
         self._on_undone = on_undone
         self._grace_s = grace_s
         self._filter = {
-            "address": list(deployment.contracts.values()),
+            "address": deployment.event_sources,
             "topics": [event_topics()],
         }
         self._max_blocks = MAX_BLOCKS

@@ -483,6 +483,24 @@ class Index:
         query = select(schema.roots).where(*conditions).order_by(roots.day.desc(), roots.device)
         return self._page(query, page)
 
+    def proposals(self, page: Page) -> tuple[list[Row], int]:
+        """The newest first, each with its `ballots`."""
+        proposals = schema.proposals.c
+        rows, total = self._page(select(schema.proposals).order_by(proposals.number.desc()), page)
+        cast = self._rows(
+            select(schema.ballots).where(schema.ballots.c.proposal.in_([row["id"] for row in rows]))
+        )
+        return [
+            {**row, "ballots": [one for one in cast if one["proposal"] == row["id"]]} for row in rows
+        ], total
+
+    def proposal(self, number: int) -> Row | None:
+        return self._first(select(schema.proposals).where(schema.proposals.c.number == number))
+
+    def proposal_number(self, key: str) -> int | None:
+        """Of the proposal with this id in hex."""
+        return self._scalar(select(schema.proposals.c.number).where(schema.proposals.c.id == key))
+
     def balances(self) -> dict[str, int]:
         """Address -> wei of IECoin, of everyone who ever had any."""
         return {row["address"]: row["balance"] for row in self._rows(select(schema.balances))}

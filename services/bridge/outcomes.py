@@ -14,6 +14,7 @@ from services.bridge.chain import Chain
 from services.bridge.errors import JournalUnwritable, TransactionDropped
 from services.bridge.journal import Entry
 from services.bridge.orders import Job, Orders, Reply
+from services.bridge.projection import proposal_key
 from services.bridge.signer import Signer
 
 log = logging.getLogger(__name__)
@@ -46,7 +47,7 @@ class Outcomes:
         on_sent: Callable[[], None],
     ) -> None:
         self._node = chain.node
-        self._contracts = {address.lower() for address in chain.deployment.contracts.values()}
+        self._contracts = {address.lower() for address in chain.deployment.event_sources}
         self._index = chain.index
         self._journal = chain.journal
         self._orders = orders
@@ -297,6 +298,8 @@ class Outcomes:
                     reply["task_id"] = event.task_id
                 elif isinstance(event, events.ServiceRegistered):
                     reply["service_id"] = event.service_id
+                elif isinstance(event, events.ProposalCreated):
+                    reply["proposal"] = self._index.proposal_number(proposal_key(event.proposal_id))
         return reply
 
     def _reason(self, entry: Entry, receipt: dict[str, Any]) -> RodeoError:

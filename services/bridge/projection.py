@@ -7,14 +7,22 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from eth_utils import keccak
+
 from rodeo.bus import decode_json
 from rodeo.chain import Cause, Log, events
+from rodeo.chain.governance import SUPPORT
 from rodeo.errors import MalformedJson
 from services.bridge import schema
 from services.bridge.amounts import iec
 from services.bridge.rows import Rows
 
 ZERO_ADDRESS = "0x" + "00" * 20
+
+
+def proposal_key(proposal_id: int) -> str:
+    """How the index writes the governor's number of a proposal."""
+    return f"0x{proposal_id:064x}"
 
 
 @dataclass
@@ -255,12 +263,49 @@ class Projection:
                 rows.put(schema.roles, role=event.role, address=event.account, held=True)
             case events.RoleRevoked():
                 rows.put(schema.roles, role=event.role, address=event.account, held=False)
+            case events.ProposalCreated():
+                number = self._proposal_count() + 1
+                rows.put(schema.settings, name="proposals", value=number)
+                rows.add(
+                    schema.proposals,
+                    id=proposal_key(event.proposal_id),
+                    number=number,
+                    proposer=event.proposer,
+                    description=event.description,
+                    description_hash="0x" + keccak(text=event.description).hex(),
+                    targets=event.targets,
+                    values=[str(one) for one in event.values],
+                    calldatas=["0x" + one.hex() for one in event.calldatas],
+                    created=time_s,
+                    vote_end=event.vote_end,
+                    **dict.fromkeys(SUPPORT, 0),
+                )
+            case events.VoteCast():
+                support, key = SUPPORT[event.support], proposal_key(event.proposal_id)
+                rows.change(
+                    schema.proposals,
+                    key,
+                    **{support: rows.get(schema.proposals, key)[support] + event.weight},
+                )
+                rows.add(
+                    schema.ballots, proposal=key, voter=event.voter, support=support, weight=event.weight
+                )
+            case events.ProposalQueued():
+                rows.change(schema.proposals, proposal_key(event.proposal_id), ready=event.eta_seconds)
+            case events.ProposalExecuted():
+                rows.change(schema.proposals, proposal_key(event.proposal_id), ended="executed")
+            case events.ProposalCanceled():
+                rows.change(schema.proposals, proposal_key(event.proposal_id), ended="canceled")
             case events.PaymentDeferred():
                 self._change_balance(event.account, owed=event.amount)
             case events.PaymentCollected():
                 self._change_balance(event.account, owed=-event.amount)
             case events.Transfer():
                 self._transfer(seq, log, event, time_s)
+
+    def _proposal_count(self) -> int:
+        row = self.rows.find(schema.settings, "proposals")
+        return 0 if row is None else int(row["value"])
 
     def _change_task(self, task_id: int, **values: Any) -> None:
         self.rows.change(schema.tasks, task_id, **values)

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict
 from typing import Any
+
+from eth_utils import to_bytes
 
 from rodeo.bus import Request, validate
 from rodeo.chain import ChainClient, Role
+from rodeo.chain.governance import SUPPORT, described
 from rodeo.messages import Message, TaskState
 from rodeo.queries import (
     Account,
     EventRange,
     HistoryRange,
+    ProposalFilters,
     RootFilters,
     ServiceFilters,
     TaskFilters,
@@ -57,6 +62,7 @@ class Queries:
             "devices": self._devices,
             "roots": self._roots,
             "organization": self._organization,
+            "proposals": self._proposals,
             "chain": self._chain,
             "events": self._events,
         }
@@ -298,11 +304,42 @@ class Queries:
                 if (budget := self._index.setting(f"budget {role}")) is not None and budget["period_s"]
             },
             "paused_until_s": self._index.setting("paused_until_s") or 0,
+            "decided_by": "vote" if self._deployment.decides_by_vote else "administrator",
             "roles": {
                 role: [{"address": holder, "name": self._names.key_name(holder)} for holder in holders]
                 for role, holders in self._index.roles().items()
             },
             "contracts": self._deployment.contracts,
+        }
+
+    def _proposals(self, request: Request) -> Json:
+        wanted = validate(ProposalFilters, request.parameters)
+        rows, total = self._index.proposals(Page(wanted.limit, wanted.offset))
+        return {"proposals": [self._proposal_json(row) for row in rows], "total": total}
+
+    def _proposal_json(self, row: Mapping[str, Any]) -> Json:
+        calls = zip(row["targets"], row["calldatas"], strict=True)
+        return {
+            **{key: row[key] for key in ("number", "id", "proposer", "description")},
+            "proposer_name": self._names.name(row["proposer"]),
+            "calls": [
+                asdict(described(self._deployment, target, to_bytes(hexstr=data))) for target, data in calls
+            ],
+            # What has ended stays so; the rest changes with time.
+            "state": row["ended"] or self._client.proposal_state(int(row["id"], 16)),
+            "created_s": row["created"],
+            "vote_end_s": row["vote_end"],
+            "ready_s": row["ready"],
+            "votes": {support: row[support] for support in SUPPORT},
+            "ballots": [
+                {
+                    "voter": one["voter"],
+                    "voter_name": self._names.name(one["voter"]),
+                    "support": one["support"],
+                    "weight": one["weight"],
+                }
+                for one in row["ballots"]
+            ],
         }
 
     def _chain(self, _request: Request) -> Json:

@@ -227,6 +227,37 @@ settings = Table(
     comment="the organization's rules as its events last said",
 )
 
+proposals = Table(
+    "proposals",
+    metadata,
+    Column("id", Word, primary_key=True, doc="the governor's, in hex"),
+    Column("number", BigInteger, nullable=False, unique=True, doc="from 1, as they were made"),
+    Column("proposer", String(42), nullable=False),
+    Column("description", Written, nullable=False),
+    Column(
+        "description_hash", Word, nullable=False, doc="of what was written, by which the governor knows it"
+    ),
+    Column("targets", JSON, nullable=False),
+    Column("values", JSON, nullable=False, doc="wei, decimal text"),
+    Column("calldatas", JSON, nullable=False),
+    Column("created", Float, nullable=False),
+    Column("vote_end", BigInteger, nullable=False),
+    Column("ready", BigInteger, doc="from when it may be executed, once it is queued"),
+    Column("ended", String(16), doc="executed or canceled"),
+    Column("for", Wei, nullable=False),
+    Column("against", Wei, nullable=False),
+    Column("abstain", Wei, nullable=False),
+)
+
+ballots = Table(
+    "ballots",
+    metadata,
+    Column("proposal", Word, primary_key=True),
+    Column("voter", String(42), primary_key=True),
+    Column("support", String(16), nullable=False),
+    Column("weight", Wei, nullable=False),
+)
+
 balances = Table(
     "balances",
     metadata,

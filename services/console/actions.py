@@ -23,6 +23,7 @@ from rodeo.messages import (
     Admit,
     AllowKind,
     CancelTask,
+    CastVote,
     Deposit,
     Dismiss,
     Id,
@@ -271,6 +272,11 @@ def _judge(actions: Actions, user: User, request: Judge) -> Json:
     return {"task_id": request.task_id, "accepted": request.accepted}
 
 
+def _cast_vote(actions: Actions, user: User, request: CastVote) -> Json:
+    # Only in one's own name: who administers the console has no vote of others.
+    return actions.command(user.participant or ORGANIZATION, "cast_vote", request)
+
+
 def _create_user(actions: Actions, _user: User, request: NewUser) -> Json:
     require_participant(actions.site, request.roles, request.participant)
     actions.accounts.add_user(request.name, request.passphrase, request.roles, request.participant)
@@ -361,6 +367,7 @@ _TABLE = (
     Action("submit_work", "Submit a note and photos as the proof of your work", SubmitWork, _EXECUTOR,
            _submit_work),
     Action("judge", "Approve or reject a proof that waits for an auditor", Judge, _AUDITOR, _judge),
+    Action("cast_vote", "Vote on a proposal as a member; once and for all", CastVote, _EXECUTOR, _cast_vote),
     Action("create_user", "Make an account for a person", NewUser, _ADMINISTRATOR, _create_user),
     Action("change_user", "Change roles or disable an account", ChangedUser, _ADMINISTRATOR, _change_user),
     Action("set_passphrase", "Set a new passphrase", NewPassphrase, _ANYBODY, _set_passphrase),

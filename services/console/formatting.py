@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from datetime import UTC, datetime
 from decimal import Decimal
 
 from rodeo.errors import RodeoError
+from rodeo.queries import ProposedCall
 
 STATE_COLOURS = {
     "open": "warn",
@@ -170,3 +172,13 @@ def short(text: str, head: int = 10, tail: int = 6) -> str:
 def party(name: str | None, address: str | None) -> str:
     """Whoever it is, as well as it is known."""
     return name or (short(address) if address else "–")
+
+
+def calls_in_words(calls: Iterable[ProposedCall]) -> str:
+    """What a proposal would call, by contract, function and arguments."""
+    return "; ".join(
+        f"{call.contract}.{call.function or '?'}("
+        + ", ".join(f"{name} {value}" for name, value in call.args.items())
+        + ")"
+        for call in calls
+    )

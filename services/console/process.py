@@ -31,7 +31,17 @@ from services.console.actions import Actions
 from services.console.guard import MAX_BODY_BYTES, Guard, origins_of
 from services.console.live import Live
 from services.console.pages import accounts as accounts_page
-from services.console.pages import missing, operator, overview, services, task, tasks, treasury, work
+from services.console.pages import (
+    missing,
+    operator,
+    overview,
+    proposals,
+    services,
+    task,
+    tasks,
+    treasury,
+    work,
+)
 from services.console.pages.frame import Console
 from services.console.queries import Queries
 
@@ -53,7 +63,18 @@ def build(console: Console, origins: set[str], lifespan: Callable[[FastAPI], Any
     api.router.routes.extend(health(lambda: ""))  # it serves pages from the moment when it is ready
     api.mount("/api", rest.make_api(console))
     api.mount("/static", StaticFiles(directory=STATIC))
-    for module in (overview, tasks, task, services, treasury, work, operator, accounts_page, missing):
+    for module in (
+        overview,
+        tasks,
+        task,
+        services,
+        treasury,
+        proposals,
+        work,
+        operator,
+        accounts_page,
+        missing,
+    ):
         module.register(console)
     nicegui_app.colors(
         primary="#0f6d5f", positive="#1a7f4b", negative="#b3261e", warning="#8a5a00", info="#1f5fa8"

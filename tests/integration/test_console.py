@@ -38,7 +38,18 @@ def desk(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterat
     running.stop()
 
 
-PAGES = ("/", "/tasks", "/tasks/new", "/tasks/1", "/services", "/treasury", "/work", "/operator", "/accounts")
+PAGES = (
+    "/",
+    "/tasks",
+    "/tasks/new",
+    "/tasks/1",
+    "/services",
+    "/treasury",
+    "/proposals",
+    "/work",
+    "/operator",
+    "/accounts",
+)
 
 
 @pytest.mark.timeout(900)

@@ -43,7 +43,17 @@ name = "eva"
 """
 
 
-PAGES = ("/", "/tasks", "/tasks/new", "/services", "/treasury", "/work", "/operator", "/accounts")
+PAGES = (
+    "/",
+    "/tasks",
+    "/tasks/new",
+    "/services",
+    "/treasury",
+    "/proposals",
+    "/work",
+    "/operator",
+    "/accounts",
+)
 
 
 class Office(Desk):

@@ -8,10 +8,14 @@ import {TimelockController} from "@openzeppelin/contracts/governance/TimelockCon
 
 /// @title The administrator of an organization that decides by votes: what was decided happens after a delay, which
 /// everybody can see running.
-/// @notice Only the governor schedules and cancels; anybody executes. Nobody administers it but itself.
+/// @notice Only its proposers schedule and cancel: in the end the governor alone. Anybody executes. Nobody administers
+/// it but itself.
 contract OrganizationTimelock is TimelockController {
-    constructor(uint256 delay, address governor)
-        TimelockController(delay, _only(governor), _only(address(0)), address(0))
+    /// @param delay s
+    /// @param proposers the governor, and at first whoever sets the organization up without a delay. In its last act
+    /// that one sets the delay and gives up its roles.
+    constructor(uint256 delay, address[] memory proposers)
+        TimelockController(delay, proposers, _anybody(), address(0))
     {}
 
     /// @notice Take over from an administrator who has named this contract as the next one.
@@ -19,8 +23,7 @@ contract OrganizationTimelock is TimelockController {
         organization.acceptDefaultAdminTransfer();
     }
 
-    function _only(address account) private pure returns (address[] memory accounts) {
+    function _anybody() private pure returns (address[] memory accounts) {
         accounts = new address[](1);
-        accounts[0] = account;
     }
 }

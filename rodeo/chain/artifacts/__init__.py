@@ -19,6 +19,9 @@ CONTRACTS = (
     "OracleCommittee",
 )
 
+GOVERNANCE = ("MemberVotes", "OrganizationTimelock", "OrganizationGovernor")
+"""Contracts that an organization has, too, if its members decide by votes."""
+
 
 @dataclass(frozen=True)
 class Artifact:
@@ -50,7 +53,7 @@ def enums() -> dict[str, list[str]]:
 
 @cache
 def load(name: str) -> Artifact:
-    """The artifact of contract `name`, one of CONTRACTS."""
+    """The artifact of contract `name`, one of CONTRACTS or GOVERNANCE."""
     text = (resources.files(__name__) / f"{name}.json").read_text()
     built = json.loads(text)
     return Artifact(

@@ -62,6 +62,7 @@ PLACES = (
     Place("Tasks", "/tasks", "checklist"),
     Place("Services", "/services", "handyman"),
     Place("Treasury", "/treasury", "account_balance"),
+    Place("Proposals", "/proposals", "how_to_vote"),
     Place("My work", "/work", "assignment_ind", frozenset({Role.EXECUTOR, Role.AUDITOR})),
     Place("Operator", "/operator", "sports_esports", frozenset({Role.OPERATOR})),
     Place("Accounts", "/accounts", "manage_accounts"),

@@ -15,6 +15,7 @@ from rodeo import wallets
 from rodeo.chain import (
     Call,
     ChainError,
+    ContractReverted,
     Deployment,
     DeploymentMismatch,
     NotDeployed,
@@ -28,6 +29,8 @@ from rodeo.chain.events import Transfer
 from rodeo.config import GovernanceConfig, ParticipantConfig
 from rodeo.kinds import kinds_of
 from tests.support.organization import CHAIN_ID, Organization, running_chain
+
+CONTRACTS = (*artifacts.CONTRACTS, *artifacts.GOVERNANCE)
 
 
 def test_the_organization_is_set_up_as_the_site_says(organization: Organization) -> None:
@@ -85,6 +88,38 @@ def test_the_demos_site_says_that_it_has_neither_delay_nor_budgets(organization:
     assert governance.model_fields_set >= {"delay_s", "budgets"}
     assert organization.client.handover_delay_s() == governance.delay_s == 0
     assert governance.budgets == {} and organization.client.budget(Role.TREASURER).since == 0
+
+
+def test_where_members_decide_nobody_else_does_from_the_beginning(tmp_path: Path) -> None:
+    with running_chain("eth-tester", tmp_path) as lab:
+        alice = ParticipantConfig(name="alice", address="0x" + "a1" * 20)
+        governance = GovernanceConfig(kind="vote", delay_s=60, members=["panther1", "alice"])
+        site = lab.model_copy(update={"governance": governance, "participants": [alice]})
+        organization = Organization(site)
+        organization.deploy()
+        client = organization.client
+        timelock = client.deployment.address("OrganizationTimelock")
+        assert client.administrator() == timelock and client.decision_delay_s() == 60
+        assert client.has_role(Role.OPERATOR, timelock)
+        assert client.votes(organization.robot.address) == client.votes("0x" + "a1" * 20) == 1
+        assert all(client.is_kind_allowed(kind) for kind in kinds_of(site))
+        # Its founder can do nothing any more, neither at once nor after the delay.
+        founder, calls = organization.operator, client.governance_calls
+        schedule, _execute = calls.found([], bytes(32))
+        for call in (client.organization_calls.set_members_only(True), schedule):
+            with pytest.raises(ContractReverted) as refused:
+                client.send(founder, call)
+            assert refused.value.name == "AccessControlUnauthorizedAccount"
+        # What the site file asks for later is for the members to decide.
+        block, said = client.w3.eth.block_number, list[str]()
+        more = governance.model_copy(update={"guardian": "panther1"})
+        contracts.run(site.model_copy(update={"governance": more}), threading.Event(), said.append)
+        assert client.w3.eth.block_number == block
+        assert "grantRole of the site file is not on chain: it takes a vote of the members" in said
+        alone = site.model_copy(update={"governance": GovernanceConfig()})
+        with pytest.raises(contracts.OtherGovernance) as other:
+            contracts.run(alone, threading.Event())
+        assert other.value.details == {"kind": "administrator", "decides_by_vote": True}
 
 
 def test_deploying_again_sends_nothing(organization: Organization) -> None:
@@ -171,7 +206,7 @@ def test_a_damaged_record_is_no_record(tmp_path: Path, text: str) -> None:
 
 
 def test_every_contract_fits_the_limit_of_eip_170() -> None:
-    assert all(len(artifacts.load(name).deployed_code) <= 24_576 for name in artifacts.CONTRACTS)
+    assert all(len(artifacts.load(name).deployed_code) <= 24_576 for name in CONTRACTS)
 
 
 def test_on_a_chain_elsewhere_wallets_bring_their_own_keys_and_gas_money(

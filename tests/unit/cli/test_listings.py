@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 from rodeo.config import Site
 from rodeo.messages import Status
 from rodeo.processes import processes_of
-from rodeo_cli import app, common, organization, robot, tasks
+from rodeo_cli import app, common, organization, proposals, robot, tasks
 from rodeo_cli import site as site_commands
 from rodeo_testing import answers
 from services.console.accounts import Accounts, accounts_path
@@ -41,7 +41,12 @@ ACTS = {
     *(f"rodeo organization {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
         "reinstate", "rescue", "deposit", "withdraw", "register-device", "revoke-device", "retire-rules",
-        "budget", "pause", "resume",
+        "budget", "pause", "resume", "vote", "queue", "execute",
+    )),
+    *(f"rodeo organization propose {change}" for change in (
+        "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
+        "reinstate", "rescue", "register-device", "revoke-device", "retire-rules", "budget", "resume",
+        "price",
     )),
 }  # fmt: skip
 """Commands that change something and list nothing."""
@@ -66,6 +71,13 @@ OFFER = {
     "expired": 0,
     "bond_iec": "0", "penalty_iec": "0", "max_failures": 0, "failures": 0, "place": 1, "reputation": 32,
 }  # fmt: skip
+PROPOSAL = {
+    "number": 1, "id": "0x" + "1d" * 32, "proposer": ALICE, "proposer_name": "alice", "description": "a bond",
+    "calls": [{"contract": "Organization", "function": "setTerms", "args": {"terms": {"bond": 1}}}],
+    "state": "active", "created_s": 1.0, "vote_end_s": 9.0, "ready_s": None,
+    "votes": {"against": 0, "for": 1, "abstain": 0},
+    "ballots": [{"voter": ALICE, "voter_name": "alice", "support": "for", "weight": 1}],
+}  # fmt: skip
 REPLIES: dict[str, dict[str, Any]] = {
     "tasks": {"tasks": [TASK], "total": 1},
     "task/12": TASK,
@@ -76,6 +88,7 @@ REPLIES: dict[str, dict[str, Any]] = {
                              "address": KEY, "registered": 1.0, "revoked": None, "revoked_because": None}]},
     "roots": answers.roots([{"day": 3, "device": KEY, "root": "0x" + "d4" * 32, "uri": "file:///roots/3"}]),
     "state": {"robot": "panther1", "activity": "cleaning", "progress": 0.4, "soc": 0.5, "paused": False},
+    "proposals": {"proposals": [PROPOSAL], "total": 1},
     "transactions": {"transactions": [], "total": 0},
 }  # fmt: skip
 
@@ -115,7 +128,7 @@ def answered(monkeypatch: pytest.MonkeyPatch, piped: None) -> dict[str, dict[str
     def connected(_site: Path) -> Iterator[tuple[Site, Any]]:
         yield Site.load(LAB), SimpleNamespace(query=query)
 
-    for module in (tasks, organization, robot):
+    for module in (tasks, organization, proposals, robot):
         monkeypatch.setattr(module, "connected", connected)
     return replies  # type: ignore[no-any-return]
 
@@ -127,6 +140,7 @@ LISTINGS = {
     "organization show": "organization",
     "organization devices": "devices",
     "organization roots": "roots",
+    "organization proposals": "proposals",
     "robot state panther1": "state",
 }
 

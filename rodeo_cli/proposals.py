@@ -1,0 +1,142 @@
+"""Decisions by vote: propose what the organization should do, vote, queue and execute it."""
+
+from __future__ import annotations
+
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from rodeo import queries, topics
+from rodeo.config import Site
+from rodeo_cli.common import (
+    DEFAULT_SITE,
+    JsonOption,
+    SiteOption,
+    connected,
+    print_listing,
+    reports_errors,
+    say,
+)
+from rodeo_cli.formatting import moment
+from rodeo_cli.layout import Row
+from rodeo_cli.tasks import ParticipantOption
+from services.console.formatting import calls_in_words
+
+ProposalArgument = Annotated[int, typer.Argument(help="Its number: `rodeo organization proposals`.")]
+
+propose = typer.Typer(
+    help="Propose to the members what the organization should do. Options of `propose` come first.",
+    no_args_is_help=True,
+)
+
+
+_WHY: ContextVar[str | None] = ContextVar("why", default=None)
+"""What `propose` was told before the command that it proposes."""
+
+
+def send(site: Path, participant: str, command: str, done: str, **fields: Any) -> None:
+    """Do it, and say the sentence `done` when it is; below `propose`, let the members vote on it. Fields that
+    are None are left out."""
+    request = {name: value for name, value in fields.items() if value is not None}
+    why = _WHY.get()
+    if why is not None:
+        request = {"command": command, "request": request, "description": why}
+        command = "propose"
+    with connected(site) as (loaded, bus):
+        key = topics.COMMAND.name(org=loaded.org, participant=participant, command=command)
+        reply = bus.query(key, request, timeout_s=30)
+    say(done if why is None else f"Proposal {reply['proposal']}: the members can vote on it.")
+
+
+@propose.callback()
+def _why(
+    context: typer.Context,
+    text: Annotated[str, typer.Option("--why", help="What the members read. They see the calls, too.")],
+) -> None:
+    """Propose one of these commands. `--as` names the member who proposes it."""
+    told = _WHY.set(text)
+    context.call_on_close(lambda: _WHY.reset(told))
+
+
+@propose.command("price")
+@reports_errors
+def price(
+    service_id: int,
+    price_iec: Annotated[str, typer.Argument(metavar="PRICE", help="In IEC.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Set the price of a service that the organization offers."""
+    fields = {"service_id": service_id, "price_iec": price_iec}
+    send(site, participant, "update_service", "", **fields)
+
+
+def proposals(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
+    """List what the members vote on or decided, the newest first."""
+    with connected(site) as (loaded, bus):
+        reply = queries.ask(bus, loaded.org, queries.PROPOSALS, limit=100)
+    rows = [
+        Row(
+            (
+                str(one.number),
+                one.state,
+                " / ".join(str(one.votes[support]) for support in ("for", "against", "abstain")),
+                when(one, loaded),
+                one.description,
+            ),
+            note=calls_in_words(one.calls),
+        )
+        for one in reply.proposals
+    ]
+    columns = ("no.", "state", "for / against / abstain", "when", "why")
+    print_listing(reply, as_json, columns, rows, folds=(4, 3))
+
+
+def when(one: queries.Proposal, site: Site) -> str:
+    """Until when it stays as it is."""
+    if one.state == "active":
+        return f"vote until {moment(one.vote_end_s, site)}"
+    if one.state == "queued" and one.ready_s is not None:
+        return f"not before {moment(one.ready_s, site)}"
+    return ""
+
+
+def vote(
+    number: ProposalArgument,
+    support: Annotated[str, typer.Argument(help="for, against or abstain.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Vote on a proposal as a member. A vote cannot be changed."""
+    done = f"{participant} voted {support} on proposal {number}."
+    send(site, participant, "cast_vote", done, proposal=number, support=support)
+
+
+def queue(
+    number: ProposalArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Start the delay of a proposal that succeeded."""
+    done = f"Proposal {number} can be executed after the delay: `rodeo organization proposals` says when."
+    send(site, participant, "queue_proposal", done, proposal=number)
+
+
+def execute(
+    number: ProposalArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Do what was decided, after the delay."""
+    send(site, participant, "execute_proposal", f"Proposal {number} is executed.", proposal=number)
+
+
+def register(organization: typer.Typer, proposable: dict[str, Any]) -> None:
+    """Add these commands to `organization`, and its own that can be proposed to `propose`."""
+    for name, command in proposable.items():
+        propose.command(name)(command)
+    organization.add_typer(propose, name="propose")
+    for command in (proposals, vote, queue, execute):
+        organization.command(command.__name__)(reports_errors(command))

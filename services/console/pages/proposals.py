@@ -1,0 +1,75 @@
+"""What the members vote on or decided, with the calls that each proposal would make."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import get_args
+
+from nicegui import ui
+
+from rodeo import queries
+from rodeo.errors import RodeoError
+from rodeo.messages import Support
+from services.console.formatting import calls_in_words, moment, party
+from services.console.pages.frame import Console, act, ask, follow_async, frame, problem_section, stale, user
+from services.console.pages.widgets import Section, Text, badge, card, confirm, empty, fact, facts
+from services.console.roles import Role
+
+SHOWN = 50
+
+
+def register(console: Console) -> None:
+    @ui.page("/proposals")
+    def proposals() -> None:
+        with frame(console, "Proposals", "/proposals"):
+            ProposalsPage(console)
+
+
+class ProposalsPage:
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._problem = problem_section()
+        self._all = Section(self._draw).waiting()
+        self._refresh = follow_async(console, "events", self._load)
+
+    async def _load(self) -> None:
+        try:
+            found = (await ask(self._console.queries.ask, queries.PROPOSALS, limit=SHOWN)).proposals
+        except RodeoError as error:
+            self._problem.show(stale(error))
+            return
+        self._problem.show("")
+        self._all.show(found)
+
+    def _draw(self, proposals: list[queries.Proposal]) -> None:
+        if not proposals:
+            empty("Nothing was proposed yet. Members propose with `rodeo organization propose`.")
+        for one in proposals:
+            with card(f"Proposal {one.number}"):
+                self._draw_one(one)
+
+    def _draw_one(self, one: queries.Proposal) -> None:
+        badge(one.state)
+        Text("p", one.description, "wrap")
+        with facts():
+            fact("Would call", calls_in_words(one.calls), "wrap")
+            fact("Proposed by", f"{party(one.proposer_name, one.proposer)}, {moment(one.created_s)}")
+            for support in get_args(Support):
+                voters = [party(b.voter_name, b.voter) for b in one.ballots if b.support == support]
+                fact(support.capitalize(), f"{one.votes[support]} {', '.join(voters)}")
+            fact("Votes count until", moment(one.vote_end_s))
+            if one.ready_s is not None:
+                fact("Can be executed from", moment(one.ready_s))
+        voted = {ballot.voter_name for ballot in one.ballots}
+        member = user().participant if user().has(Role.EXECUTOR) else None
+        if one.state == "active" and member is not None and member not in voted:
+            with ui.element("div").classes("line"):
+                for support in get_args(Support):
+                    ui.button(f"Vote {support}", on_click=partial(self._vote, one, support)).props("outline")
+
+    async def _vote(self, one: queries.Proposal, support: str) -> None:
+        lines = [("Proposal", one.description), ("Would call", calls_in_words(one.calls)), ("Vote", support)]
+        if await confirm("Vote? It cannot be changed.", lines, f"Vote {support}"):
+            done = f"Voted {support} on proposal {one.number}"
+            await act(self._console, "cast_vote", {"proposal": one.number, "support": support}, done)
+            self._refresh()

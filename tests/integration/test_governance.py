@@ -1,0 +1,100 @@
+"""Members decide by vote, with real processes: propose, vote, queue, wait, execute."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from rodeo_cli import app
+from tests.support.dao import Dao
+from tests.support.site import RunningSite, write_site
+
+DELAY_S, PERIOD_S = 3600, 86_400
+SITE = f"""participants = [{{ name = "alice" }}, {{ name = "bob" }}, {{ name = "carla" }}]
+
+[governance]
+kind = "vote"
+delay_s = {DELAY_S}
+voting_period_s = {PERIOD_S}
+members = ["alice", "bob", "panther1"]
+"""
+
+
+@pytest.fixture(scope="module")
+def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
+    running = RunningSite(write_site(tmp_path_factory.mktemp("vote"), chain_backend, SITE))
+    organization = Dao(running)
+    try:
+        organization.start()
+        yield organization
+    finally:
+        organization.stop()
+        running.stop()
+
+
+def rodeo(dao: Dao, *arguments: str, status: int = 0) -> str:
+    """What `rodeo organization ARGUMENTS` prints."""
+    done = CliRunner().invoke(
+        app, ["organization", *arguments], env={"RODEO_SITE": str(dao.running.path), "COLUMNS": "300"}
+    )
+    assert done.exit_code == status, done.output
+    return done.output
+
+
+def proposals(dao: Dao) -> dict[int, dict[str, Any]]:
+    listed = json.loads(rodeo(dao, "proposals", "--json"))["proposals"]
+    return {one["number"]: one for one in listed}
+
+
+def test_the_members_change_a_price_and_admit_somebody(dao: Dao) -> None:
+    now_s = float(dao.client().w3.eth.get_block("latest")["timestamp"])
+
+    def pass_time(s: float) -> None:
+        nonlocal now_s
+        now_s += s
+        dao.set_clock(now_s)
+
+    pass_time(10)
+    offer = dao.command("organization", "register_service", kind="battery_charging", price_iec="5")
+    service = str(offer["service_id"])
+    # The key that set the organization up is nobody's administrator.
+    rodeo(dao, "terms", "--bond", "1", status=1)
+    assert "decided by" in (shown := rodeo(dao, "show")) and "the members, by vote" in shown
+
+    assert "Proposal 1" in rodeo(
+        dao, *("propose", "--why", "a charge costs more", "price", service, "8", "--as", "alice")
+    )
+    assert "Proposal 2" in rodeo(dao, "propose", "--why", "she helps", "admit", "carla", "--as", "bob")
+    rodeo(dao, "propose", "--why", "I want it", "members-only", "--as", "carla", status=1)
+    pass_time(10)
+    for number in ("1", "2"):
+        for member, support in (("alice", "for"), ("panther1", "for"), ("bob", "against")):
+            rodeo(dao, "vote", number, support, "--as", member)
+    rodeo(dao, "queue", "1", status=1)  # the vote goes on
+    first = proposals(dao)[1]
+    assert first["state"] == "active" and first["votes"] == {"against": 1, "for": 2, "abstain": 0}
+    assert {one["voter_name"]: one["support"] for one in first["ballots"]}["bob"] == "against"
+    (call,) = first["calls"]
+    assert (call["contract"], call["function"]) == ("Organization", "updateService")
+    assert call["args"] == {"service_id": int(service), "price": 8 * 10**18, "state": "active"}
+    assert "Organization.updateService" in rodeo(dao, "proposals")
+
+    pass_time(PERIOD_S)
+    for number in ("1", "2"):
+        rodeo(dao, "queue", number)
+    rodeo(dao, "execute", "1", status=1)  # the delay runs
+    assert {one["state"] for one in proposals(dao).values()} == {"queued"}
+    pass_time(DELAY_S + 1)
+    for number in ("1", "2"):
+        rodeo(dao, "execute", number, "--as", "carla")  # anybody may
+    assert {one["state"] for one in proposals(dao).values()} == {"executed"}
+    (offered,) = dao.state("services")["services"]
+    assert offered["price_iec"] == "8"
+    members = {one["name"] for one in dao.state("organization")["roles"]["MEMBER_ROLE"]}
+    assert members == {"alice", "bob", "panther1", "carla"}
+    carla = next(one["address"] for one in dao.state("wallets")["wallets"] if one["name"] == "carla")
+    assert dao.client().votes(carla) == 1

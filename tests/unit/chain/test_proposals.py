@@ -1,0 +1,65 @@
+"""Proposals of anybody: any bytes as text, any call."""
+
+from __future__ import annotations
+
+import pytest
+from eth_abi import encode
+from eth_utils import keccak
+
+from rodeo.chain import Deployment, OrganizationCalls, Terms, artifacts, events
+from rodeo.chain.governance import described
+from rodeo.chain.logs import decode_json_log, event_topics
+
+MEMBER = "0x" + "0a" * 20
+DEPLOYMENT = Deployment(
+    chain_id=1,
+    genesis_hash="0x00",
+    block=0,
+    contracts={
+        name: f"0x{number:040}"
+        for number, name in enumerate((*artifacts.CONTRACTS, *artifacts.GOVERNANCE), start=1)
+    },
+)
+
+
+def test_the_text_of_a_proposal_may_be_any_bytes() -> None:
+    types = "(uint256,address,address[],uint256[],string[],bytes[],uint256,uint256,string)"
+    topic = "0x" + keccak(text="ProposalCreated" + types).hex()
+    assert topic in event_topics()
+    # As bytes, which are encoded as a string is, because eth-abi writes no such string.
+    values = [2**255, MEMBER, [MEMBER], [0], [""], [b"\xff"], 5, 9, b"a\xff\0b"]
+    data = encode([*types.strip("()").split(",")[:-1], "bytes"], values)
+    log = decode_json_log(
+        {
+            "topics": [topic],
+            "data": "0x" + data.hex(),
+            "address": DEPLOYMENT.address("OrganizationGovernor"),
+            "blockNumber": "0x1",
+            "blockHash": "0x00",
+            "logIndex": "0x0",
+            "transactionHash": "0x00",
+        }
+    )
+    assert isinstance(log.event, events.ProposalCreated)
+    assert (log.event.proposal_id, log.event.description) == (2**255, "a�\0b")
+    assert log.event.calldatas == [b"\xff"]
+
+
+def test_calls_are_shown_by_name_and_what_is_no_call_as_it_is() -> None:
+    call = OrganizationCalls(DEPLOYMENT).set_terms(Terms(50, 20, 2))
+    shown = described(DEPLOYMENT, call.to, bytes.fromhex(call.data[2:]))
+    assert (shown.contract, shown.function) == ("Organization", "setTerms")
+    assert shown.args == {"terms": {"bond": 50, "penalty": 20, "max_failures": 2}}
+    stranger = described(DEPLOYMENT, MEMBER, b"\x01\x02")
+    assert (stranger.contract, stranger.function, stranger.args) == (MEMBER, "", {"data": "0x0102"})
+
+
+@pytest.mark.parametrize("arguments", [b"", b"\xff" * 32, b"\0" * 31 + b"\x07" + b"\xff" * 300])
+@pytest.mark.parametrize(
+    "function", ["setAudit(bytes32,uint32,uint8)", "registerService(bytes32,uint96,uint96,string)"]
+)
+def test_arguments_that_do_not_fit_are_shown_as_bytes(function: str, arguments: bytes) -> None:
+    data = keccak(text=function)[:4] + arguments
+    shown = described(DEPLOYMENT, DEPLOYMENT.address("Organization"), data)
+    assert (shown.contract, shown.function) == ("Organization", "")
+    assert shown.args == {"data": "0x" + data.hex()}
