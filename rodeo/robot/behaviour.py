@@ -18,7 +18,7 @@ from rodeo.config import Site
 from rodeo.lab.config import Pose2
 from rodeo.messages import Task
 from rodeo.robot.bin import SmartBin
-from rodeo.robot.body import Body, Checkpoint
+from rodeo.robot.body import Body
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Sighting
@@ -40,9 +40,18 @@ class Record(Protocol):
         """Add a note of the robot's own; `event` says what it is about."""
         ...
 
-    def await_witness(self, item: str, checkpoint: Checkpoint) -> None:
+    def await_witness(self, item: str) -> None:
         """Return when motion capture lists this recording and has shown `item`. Raises NoAnswer."""
         ...
+
+
+@dataclass(frozen=True)
+class Work:
+    """An attempt at a task. Whatever waits (body, bins, recording) raises what ends or interrupts it."""
+
+    task: Task
+    recording: Record
+    report: Report
 
 
 @dataclass(frozen=True)
@@ -106,7 +115,7 @@ class Behaviour(ABC):
         """
 
     @abstractmethod
-    def execute(self, task: Task, checkpoint: Checkpoint, report: Report, recording: Record) -> None:
+    def execute(self, work: Work) -> None:
         """Do the work. It may have been interrupted before. Raises TaskFailed when it cannot be done."""
 
     def irrevocable(self, recording: Path) -> Irrevocable | None:
@@ -114,12 +123,10 @@ class Behaviour(ABC):
         all be done again, in a new recording."""
         return None
 
-    def finish(
-        self, done: Irrevocable, task: Task, checkpoint: Checkpoint, report: Report, recording: Record
-    ) -> None:
+    def finish(self, done: Irrevocable, work: Work) -> None:
         """Do what is left after `done`, in the recording that goes on. Raises TaskFailed."""
         raise NotImplementedError("a behaviour whose work cannot be repeated must define how to finish it")
 
-    def tidy(self, checkpoint: Checkpoint) -> None:
+    def tidy(self) -> None:
         """After an attempt, however it ended: make room for whoever works here next."""
         return None

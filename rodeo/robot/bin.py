@@ -17,8 +17,8 @@ from rodeo.errors import BusError, RemoteError
 from rodeo.evidence import Attestation
 from rodeo.recording import Heard, Refusals, StatementDoor, StatementListener
 from rodeo.recording.door import stamp_slack_s
-from rodeo.robot.body import Checkpoint
 from rodeo.robot.errors import NoAnswer
+from rodeo.robot.interrupts import Interrupts
 from rodeo.wallets import SiteDevice
 from rodeo.witness import Claimant, Classification, Drop, Presentation, Removal, Scope
 from rodeo.witness.witness import Witness
@@ -44,10 +44,13 @@ class SmartBin:
     What a statement is about is told by its own time, not by when it was heard. Close it before the bus.
     """
 
-    def __init__(self, bus: Bus, site: Site, name: str, clock: Clock, witness: Witness) -> None:
+    def __init__(
+        self, bus: Bus, site: Site, name: str, clock: Clock, witness: Witness, interrupts: Interrupts
+    ) -> None:
         """`witness` signs for the robot."""
         self._bus = bus
         self._clock = clock
+        self._interrupts = interrupts
         self._name = name
         self._witness = witness
         self._state_key = topics.BIN_STATE.name(org=site.org, bin=name)
@@ -102,9 +105,7 @@ class SmartBin:
             words = [one for one in self._words[Removal] if isinstance(one, Removal)]
         return next((o for o in words if o.compartment == compartment and o.settled_s > after_s), None)
 
-    def wait_for(
-        self, kind: type[Kind], after_s: float, checkpoint: Checkpoint, timeout_wall_s: float
-    ) -> Kind:
+    def wait_for(self, kind: type[Kind], after_s: float, timeout_wall_s: float) -> Kind:
         """A statement about what was later than `after_s` (site time).
 
         Raises NoAnswer after `timeout_wall_s`. Wall time, because another process has to work, however fast
@@ -121,7 +122,7 @@ class SmartBin:
             self._clock.wait_for(
                 lambda: self.said_after(kind, after_s) is not None,
                 wall_s=min(deadline_s, ask_s, present_s) - now_s,
-                check=checkpoint,
+                check=self._interrupts.check,
             )
             now_s = time.monotonic()
             if now_s >= deadline_s:

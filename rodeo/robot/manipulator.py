@@ -6,6 +6,7 @@ import logging
 import math
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from rodeo.robot.arm import (
     Vector,
     pointing_down,
 )
-from rodeo.robot.body import PATIENCE_S, Checkpoint, Point, Point3
+from rodeo.robot.body import PATIENCE_S, Point, Point3
 from rodeo.robot.errors import Blocked, GraspFailed, MotionFailed
 from rodeo.robot.memory import Held, Memory
 from rodeo.robot.navigation import Floor, in_base_frame
@@ -86,75 +87,75 @@ class MobileManipulator:
 
     # -- the base --------------------------------------------------------------------------------------
 
-    def here(self, checkpoint: Checkpoint) -> Pose2:
-        return self._body.base_pose(checkpoint)
+    def here(self) -> Pose2:
+        return self._body.base_pose()
 
-    def drive(self, poses: Sequence[Pose2], checkpoint: Checkpoint, patience_s: float = PATIENCE_S) -> None:
+    def drive(self, poses: Sequence[Pose2], patience_s: float = PATIENCE_S) -> None:
         give_up_s = self._clock.now_s() + patience_s
         while True:
             for pose in poses[:_PLACES]:
                 try:
-                    self._body.navigate(pose, checkpoint)
+                    self._body.navigate(pose)
                     return
                 except MotionFailed as error:
                     log.warning("could not drive to x %.2f y %.2f: %s", pose.x_m, pose.y_m, error)
                     failure = error
             if self._clock.now_s() >= give_up_s:
                 raise Blocked(failure.message, waited_s=patience_s, **failure.details) from failure
-            self.wait(_BLOCKED_S, checkpoint)
+            self.wait(_BLOCKED_S)
 
-    def dock(self, at: DockConfig, checkpoint: Checkpoint) -> None:
-        if self.docked(checkpoint) == at:
+    def dock(self, at: DockConfig) -> None:
+        if self.docked() == at:
             return
         parking = dock_parking(at)
         for attempt in range(1, _DOCKINGS + 1):
             try:
-                self._body.navigate(parking, checkpoint)
+                self._body.navigate(parking)
             except MotionFailed as error:
                 if attempt == _DOCKINGS:
                     raise
                 log.warning("could not dock: %s", error)
-            if self.docked(checkpoint) == at:
+            if self.docked() == at:
                 return
             log.info("missed the contacts; docking again")
-            self.leave(parking, checkpoint)
+            self.leave(parking)
         raise MotionFailed("the robot cannot reach the dock's contacts", dockings=_DOCKINGS)
 
-    def docked(self, checkpoint: Checkpoint) -> DockConfig | None:
+    def docked(self) -> DockConfig | None:
         """The dock on whose contacts the robot stands."""
-        base = self._body.base_pose(checkpoint)
+        base = self._body.base_pose()
         return next((dock for dock in self._docks if on_contacts(dock, base)), None)
 
-    def leave(self, parked: Pose2, checkpoint: Checkpoint) -> None:
+    def leave(self, parked: Pose2) -> None:
         for pose in self._floor.ways_out(parked, self._memory.lying()):
             try:
-                self._body.navigate(pose, checkpoint)
+                self._body.navigate(pose)
                 return
             except MotionFailed as error:
                 log.info("cannot take this path: %s", error)
         log.warning("no path away from x %.2f y %.2f; staying", parked.x_m, parked.y_m)
 
-    def wait(self, seconds: float, checkpoint: Checkpoint) -> None:
+    def wait(self, seconds: float) -> None:
         until_s = self._clock.now_s() + seconds
         while True:
             next_s = min(until_s, self._clock.now_s() + _LOOK_AROUND_S)
             self._clock.wait_until(next_s, self._stop)
-            checkpoint()
+            self._body.interrupts.check()
             if next_s >= until_s:
                 return
 
     # -- postures --------------------------------------------------------------------------------------
 
-    def fold(self, checkpoint: Checkpoint) -> None:
+    def fold(self) -> None:
         """Unless the arm is folded, as after a task or as when new."""
-        arm, arm_rad = self._arm, self._body.joints(checkpoint).arm_rad
+        arm, arm_rad = self._arm, self._body.joints().arm_rad
         if any(np.abs(arm_rad - folded).max() <= _THERE_RAD for folded in (arm.ready_rad, arm.stowed_rad)):
             return
-        self._body.follow(lambda now: arm.trajectory([now, arm.ready_rad]), checkpoint)
+        self._body.follow(lambda now: arm.trajectory([now, arm.ready_rad]))
 
-    def carry(self, checkpoint: Checkpoint) -> None:
+    def carry(self) -> None:
         """On the side where the arm is."""
-        self._body.follow(self._plan_aside, checkpoint)
+        self._body.follow(self._plan_aside)
 
     def _plan_aside(self, now: Vector) -> Trajectory:
         aside_rad = self._arm.aside_rad.copy()
@@ -163,34 +164,32 @@ class MobileManipulator:
 
     # -- seeing ----------------------------------------------------------------------------------------
 
-    def look(self, checkpoint: Checkpoint, turn_rad: float = 0.0) -> list[View]:
+    def look(self, turn_rad: float = 0.0) -> list[View]:
         posture = self._arm.look_rad.copy()
         posture[0] += turn_rad
-        self._body.follow(lambda now: self._arm.trajectory([now, posture]), checkpoint)
-        return self._camera.look(checkpoint)
+        self._body.follow(lambda now: self._arm.trajectory([now, posture]))
+        return self._camera.look()
 
-    def look_down(
-        self, place: Point, checkpoint: Checkpoint, height_m: float, left_m: float = 0.0
-    ) -> list[View]:
-        x_m, y_m, _ = in_base_frame(self._body.base_pose(checkpoint), (*place, 0.0))
+    def look_down(self, place: Point, height_m: float, left_m: float = 0.0) -> list[View]:
+        x_m, y_m, _ = in_base_frame(self._body.base_pose(), (*place, 0.0))
         # Fingers down and closing across, the gripper's z axis points ahead.
         ahead_m = float(self._arm.camera_offset_m[2])
-        self._reach((x_m - ahead_m, y_m + left_m, height_m), _ACROSS_RAD, checkpoint)
-        return self._camera.look(checkpoint)
+        self._reach((x_m - ahead_m, y_m + left_m, height_m), _ACROSS_RAD)
+        return self._camera.look()
 
     # -- taking ----------------------------------------------------------------------------------------
 
-    def open_fingers(self, checkpoint: Checkpoint) -> None:
-        if self._body.joints(checkpoint).gripper_m < _OPEN_ENOUGH_M:
-            self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
+    def open_fingers(self) -> None:
+        if self._body.joints().gripper_m < _OPEN_ENOUGH_M:
+            self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N)
 
-    def grasp(self, item: ItemConfig, sighting: Sighting, checkpoint: Checkpoint) -> Held:
-        base = self._body.base_pose(checkpoint)
+    def grasp(self, item: ItemConfig, sighting: Sighting) -> Held:
+        base = self._body.base_pose()
         best = top_grasps(item, sighting.position_m, sighting.quat_wxyz)[0]
         point = in_base_frame(base, best.point_m)
         closing = _ACROSS_RAD if best.yaw_rad is None else best.yaw_rad - base.yaw_rad
-        self._reach(_raised(point, _ABOVE_M), closing, checkpoint)
-        self._straight(point, closing, _DESCENT_RAD_S, checkpoint)
+        self._reach(_raised(point, _ABOVE_M), closing)
+        self._straight(point, closing, _DESCENT_RAD_S)
         held = Held(
             item_id=item.id,
             place_m=sighting.position_m[:2],
@@ -199,64 +198,64 @@ class MobileManipulator:
         )
         self._memory.took(held)  # before it is so: a robot that is killed now finds it in its gripper
         try:
-            _check_grip(self._body.grip(0.0, _GRIP_FORCE_N, checkpoint).position_m)
-            self._straight(_raised(point, _LIFT_M), closing, _LIFT_RAD_S, checkpoint)
-            _check_grip(self._body.joints(checkpoint).gripper_m)
+            _check_grip(self._body.grip(0.0, _GRIP_FORCE_N).position_m)
+            self._straight(_raised(point, _LIFT_M), closing, _LIFT_RAD_S)
+            _check_grip(self._body.joints().gripper_m)
         except GraspFailed:
             self._memory.let_go(held.place_m)
             raise
-        self.carry(self.holding(checkpoint))
+        with self.holding():
+            self.carry()
         return held
 
-    def held(self, checkpoint: Checkpoint) -> Held | None:
+    def held(self) -> Held | None:
         """The fingers close on it if they are neither closed nor open."""
-        if self._fingers_apart(checkpoint):
-            self._body.grip(0.0, _GRIP_FORCE_N, checkpoint)
-            if self._fingers_apart(checkpoint):
-                return self._memory.held or self._unknown(checkpoint)
+        if self._fingers_apart():
+            self._body.grip(0.0, _GRIP_FORCE_N)
+            if self._fingers_apart():
+                return self._memory.held or self._unknown()
         if self._memory.held is not None:
-            self._memory.let_go(self._below_pads(checkpoint))
+            self._memory.let_go(self._below_pads())
         return None
 
-    def _fingers_apart(self, checkpoint: Checkpoint) -> bool:
+    def _fingers_apart(self) -> bool:
         """Whether something keeps the fingers from closing, unless they are open."""
-        return _NOTHING_HELD_M < self._body.joints(checkpoint).gripper_m < _OPEN_ENOUGH_M
+        return _NOTHING_HELD_M < self._body.joints().gripper_m < _OPEN_ENOUGH_M
 
-    def _unknown(self, checkpoint: Checkpoint) -> Held:
+    def _unknown(self) -> Held:
         """Something that nobody remembers taking; it hangs as low as any item does."""
-        return Held(item_id="", place_m=self._below_pads(checkpoint), hang_m=0.1, centre_m=0.0)
+        return Held(item_id="", place_m=self._below_pads(), hang_m=0.1, centre_m=0.0)
 
-    def _below_pads(self, checkpoint: Checkpoint) -> Point:
-        x_m, y_m, _ = self._arm.forward(self._body.joints(checkpoint).arm_rad).position_m
-        return ahead(self._body.base_pose(checkpoint), float(x_m), float(y_m))
+    def _below_pads(self) -> Point:
+        x_m, y_m, _ = self._arm.forward(self._body.joints().arm_rad).position_m
+        return ahead(self._body.base_pose(), float(x_m), float(y_m))
 
-    def holding(self, checkpoint: Checkpoint) -> Checkpoint:
-        def check() -> None:
-            checkpoint()
-            gripper_m = self._body.recent_gripper_m()
-            if gripper_m is not None and gripper_m <= _NOTHING_HELD_M:
-                raise GraspFailed("the item slipped out on the way", gripper_m=round(gripper_m, 4))
+    def holding(self) -> AbstractContextManager[None]:
+        return self._body.interrupts.also(self._check_held)
 
-        return check
+    def _check_held(self) -> None:
+        gripper_m = self._body.recent_gripper_m()
+        if gripper_m is not None and gripper_m <= _NOTHING_HELD_M:
+            raise GraspFailed("the item slipped out on the way", gripper_m=round(gripper_m, 4))
 
     # -- bringing --------------------------------------------------------------------------------------
 
-    def show(self, held: Held, point: Point3, checkpoint: Checkpoint, turn_rad: float = 0.0) -> None:
-        x_m, y_m, z_m = in_base_frame(self._body.base_pose(checkpoint), point)
-        self._reach((x_m, y_m, z_m - held.centre_m), _ACROSS_RAD + turn_rad, checkpoint)
+    def show(self, held: Held, point: Point3, turn_rad: float = 0.0) -> None:
+        x_m, y_m, z_m = in_base_frame(self._body.base_pose(), point)
+        self._reach((x_m, y_m, z_m - held.centre_m), _ACROSS_RAD + turn_rad)
 
-    def place(self, held: Held, point: Point3, checkpoint: Checkpoint, releasing: Callable[[], None]) -> None:
-        x_m, y_m, z_m = in_base_frame(self._body.base_pose(checkpoint), point)
+    def place(self, held: Held, point: Point3, releasing: Callable[[], None]) -> None:
+        x_m, y_m, z_m = in_base_frame(self._body.base_pose(), point)
         low: Point3 = (x_m, y_m, z_m + held.hang_m + _PLACE_LOW_M)
-        self._lower((x_m, y_m, z_m + held.hang_m + _PLACE_HIGH_M), low, checkpoint)
+        self._lower((x_m, y_m, z_m + held.hang_m + _PLACE_HIGH_M), low)
         self._above_placed = _raised(low, _RETREAT_M)
         releasing()
-        self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
+        self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N)
 
-    def draw_back(self, checkpoint: Checkpoint) -> None:
+    def draw_back(self) -> None:
         """In one go: a gripper that pauses in a bin's view is looked at."""
         if self._above_placed is None:
-            self.carry(checkpoint)
+            self.carry()
             return
         target, self._above_placed = pointing_down(self._above_placed, _ACROSS_RAD), None
 
@@ -264,45 +263,41 @@ class MobileManipulator:
             straight = self._arm.trajectory(self._arm.line(now, target), _LIFT_RAD_S)
             return straight.then(self._plan_aside(straight.positions[-1]))
 
-        self._body.follow(plan, checkpoint)
+        self._body.follow(plan)
 
-    def put_back(self, held: Held, checkpoint: Checkpoint) -> None:
-        self.carry(checkpoint)
-        base = self._body.base_pose(checkpoint)
+    def put_back(self, held: Held) -> None:
+        self.carry()
+        base = self._body.base_pose()
         lying = self._memory.lying(but=held.item_id)
-        self.drive(self._floor.grasp_poses(held.place_m, lying, base), checkpoint)
-        x_m, y_m, _ = in_base_frame(self._body.base_pose(checkpoint), (*held.place_m, 0.0))
+        self.drive(self._floor.grasp_poses(held.place_m, lying, base))
+        x_m, y_m, _ = in_base_frame(self._body.base_pose(), (*held.place_m, 0.0))
         low: Point3 = (x_m, y_m, held.hang_m + _PUT_DOWN_M)
-        self._lower((x_m, y_m, held.hang_m + _ABOVE_M), low, checkpoint)
-        self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N, checkpoint)
+        self._lower((x_m, y_m, held.hang_m + _ABOVE_M), low)
+        self._body.grip(GRIPPER_OPEN_M, _GRIP_FORCE_N)
         self._memory.let_go(held.place_m)
-        self._straight(_raised(low, _LIFT_M), _ACROSS_RAD, _LIFT_RAD_S, checkpoint)
-        self.fold(checkpoint)
+        self._straight(_raised(low, _LIFT_M), _ACROSS_RAD, _LIFT_RAD_S)
+        self.fold()
 
     # -- moving the fingers ----------------------------------------------------------------------------
 
-    def _lower(self, high: Point3, low: Point3, checkpoint: Checkpoint) -> None:
+    def _lower(self, high: Point3, low: Point3) -> None:
         """To `high` any way, from there to `low` in a straight line."""
-        self._reach(high, _ACROSS_RAD, checkpoint)
-        self._straight(low, _ACROSS_RAD, _DESCENT_RAD_S, checkpoint)
+        self._reach(high, _ACROSS_RAD)
+        self._straight(low, _ACROSS_RAD, _DESCENT_RAD_S)
 
-    def _reach(self, point: Point3, closing_rad: float, checkpoint: Checkpoint) -> None:
+    def _reach(self, point: Point3, closing_rad: float) -> None:
         """Gripper to a point of the base frame, pointing down, any way."""
         target = pointing_down(point, closing_rad)
 
         def plan(now: Vector) -> Trajectory:
             return self._arm.trajectory([now, self._arm.inverse(target, now)], CRUISE_RAD_S)
 
-        self._body.follow(plan, checkpoint)
+        self._body.follow(plan)
 
-    def _straight(
-        self, point: Point3, closing_rad: float, speed_rad_s: float, checkpoint: Checkpoint
-    ) -> None:
+    def _straight(self, point: Point3, closing_rad: float, speed_rad_s: float) -> None:
         """The same along a straight line."""
         target = pointing_down(point, closing_rad)
-        self._body.follow(
-            lambda now: self._arm.trajectory(self._arm.line(now, target), speed_rad_s), checkpoint
-        )
+        self._body.follow(lambda now: self._arm.trajectory(self._arm.line(now, target), speed_rad_s))
 
 
 def _check_grip(position_m: float) -> None:

@@ -7,6 +7,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +32,8 @@ from rodeo.recording import (
     StatementListener,
 )
 from rodeo.recording.door import LEFT_OUT, stamp_slack_s
-from rodeo.robot.body import Checkpoint
 from rodeo.robot.errors import EvidenceHole, NoAnswer
+from rodeo.robot.interrupts import Interrupts
 from rodeo.ros2 import MessageInfo, Node
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, Topic
 from rodeo.wallets import device_names
@@ -115,6 +116,18 @@ def _json(path: Path, channel: str) -> Iterator[tuple[float, dict[str, Any]]]:
         log.info("the recording is cut off; read it up to there: %s", error)
 
 
+@dataclass(frozen=True)
+class RecordedRobot:
+    """Whose work is recorded, with which key, and where it is heard."""
+
+    site: Site
+    name: str
+    device: LocalAccount
+    bus: Bus
+    clock: Clock
+    interrupts: Interrupts
+
+
 class Recording:
     """A running recording. Contract events are added by whoever hears them.
 
@@ -128,12 +141,8 @@ class Recording:
         self,
         path: Path,
         binding: Binding,
-        device: LocalAccount,
-        clock: Clock,
         node: Node,
-        site: Site,
-        robot: str,
-        bus: Bus,
+        robot: RecordedRobot,
         records: Iterable[Topic],
         holes_allowed: bool = False,
     ) -> None:
@@ -143,7 +152,9 @@ class Recording:
         simulation seconds, which would be a hole.
         """
         self._recorder: Recorder
+        site, bus, clock, device = robot.site, robot.bus, robot.clock, robot.device
         self._clock = clock
+        self._interrupts = robot.interrupts
         self._node = node
         self._binding = binding
         self._device = device
@@ -169,7 +180,7 @@ class Recording:
         """Stated while nothing was recorded, and heard before the file that goes on is open."""
         self._refusals = Refusals()
         slack_s = stamp_slack_s(site.clock.speed)
-        recorded = list(recorded_topics(site, robot, records))
+        recorded = list(recorded_topics(site, robot.name, records))
         for topic, name in recorded:
             # Inline: what is sent before the time goes on has then been taken.
             writer = self._writer(topic, name, MessageDoor(topic, slack_s))
@@ -187,7 +198,7 @@ class Recording:
             self._on_statement,
             hold=clock.hold,
         )
-        self._seals = SealPublisher(bus, site.org, robot)
+        self._seals = SealPublisher(bus, site.org, robot.name)
         self._pictures_written = 0
         self._pictures = PictureFetcher(bus, site.org, self._on_picture)
         # At 50 Hz each; the others are not waited for, or the first motion would be late.
@@ -195,7 +206,7 @@ class Recording:
             name for topic, name in recorded if topic in (topics.ODOM, topics.JOINT_STATES, topics.POSE)
         }
         if self._watches:
-            wanted -= {topics.POSE.name(ns=site.robot(robot).namespace)}
+            wanted -= {topics.POSE.name(ns=site.robot(robot.name).namespace)}
 
         def heard() -> bool:
             return wanted <= self._heard_ns.keys() and (self._motion_ns > 0 or not self._watches)
@@ -341,7 +352,7 @@ class Recording:
         if self._hole_ns and not self._holes_allowed:
             raise EvidenceHole("messages of the robot were lost", lost_s=self._hole_ns * 1e-9)
 
-    def await_witness(self, item: str, checkpoint: Checkpoint) -> None:
+    def await_witness(self, item: str) -> None:
         """Wait until motion capture listed this recording and showed where `item` lies: what is moved before
         proves nothing. Raises NoAnswer; returns at once on a site without motion capture."""
         deadline_s = time.monotonic() + _WITNESS_WALL_S
@@ -351,7 +362,7 @@ class Recording:
             if listed and shown:
                 return
             self._clock.wait_until(self._clock.now_s() + _LOOK_S)
-            checkpoint()
+            self._interrupts.check()
             if not self._listener.answered:
                 # Motion capture may vouch for it all the time: nobody can be asked whether it is the one.
                 deadline_s = time.monotonic() + _WITNESS_WALL_S

@@ -21,8 +21,8 @@ from rodeo.lab.geometry import on_plane
 from rodeo.lab.layout import on_contacts
 from rodeo.lab.world import CONTROL_PERIOD_S, arm_model
 from rodeo.robot.arm import Trajectory, Vector
-from rodeo.robot.body import Checkpoint
 from rodeo.robot.errors import BodySilent, MotionFailed
+from rodeo.robot.interrupts import Interrupts
 from rodeo.ros2 import ActionClient, ClientGoal, MessageInfo, Node, types
 from rodeo.ros2.errors import (
     ActionServerLost,
@@ -82,9 +82,12 @@ class _Arrival(NamedTuple):
 class Latest:
     """The newest message of one topic; decoded when it is asked for."""
 
-    def __init__(self, node: Node, topic: str, typename: str, clock: Clock, simulated: bool = False) -> None:
+    def __init__(
+        self, node: Node, topic: str, typename: str, clock: Clock, interrupts: Interrupts, simulated: bool
+    ) -> None:
         self.topic = topic
         self._simulated = simulated
+        self._interrupts = interrupts
         types.prepare(typename)
         self._clock = clock
         self._typename = typename
@@ -101,7 +104,7 @@ class Latest:
         newest = self._newest
         return self._decoded(newest.cdr) if time.monotonic() - newest.wall_s < _SILENT_AFTER_S else None
 
-    def since(self, moved_s: float, checkpoint: Checkpoint) -> Any:
+    def since(self, moved_s: float) -> Any:
         """The newest message if it is fresh and came after `moved_s`, else the next. Raises BodySilent.
 
         What is asked after a motion has ended must not be answered with what was sent before.
@@ -112,7 +115,7 @@ class Latest:
             message = self._decoded(newest.cdr)
             if message is not None:
                 return message
-        return self.next(checkpoint)
+        return self.next()
 
     def _arrived_s(self, newest: _Arrival) -> float:
         """Site time at which it came."""
@@ -123,7 +126,7 @@ class Latest:
                 return min(max(newest.site_s, stamp_s), newest.site_s + _CLOCK_BEHIND_S)
         return newest.site_s
 
-    def next(self, checkpoint: Checkpoint) -> Any:
+    def next(self) -> Any:
         """The first message that arrives from now on. Raises BodySilent."""
         deadline_s = time.monotonic() + _SILENT_AFTER_S
         seen = self._newest
@@ -133,7 +136,7 @@ class Latest:
             before, seen = seen, self._newest
             if seen.number != before.number and (message := self._decoded(seen.cdr)) is not None:
                 return message
-            checkpoint()
+            self._interrupts.check()
         raise BodySilent("no fresh message", topic=self.topic, silent_s=_SILENT_AFTER_S)
 
     def _decoded(self, cdr: bytes) -> Any:
@@ -148,14 +151,17 @@ class RosBody:
     """What a robot tells of itself over ROS 2, and the motions that it offers.
 
     Motions block until the body reports their end; while the body is away they wait for it and start
-    again. They raise MotionFailed when the body gives up, and whatever `checkpoint` raises.
+    again. They raise MotionFailed when the body gives up, and whatever `interrupts` raise.
     """
 
-    def __init__(self, node: Node, site: Site, robot: RobotConfig, clock: Clock) -> None:
+    def __init__(
+        self, node: Node, site: Site, robot: RobotConfig, clock: Clock, interrupts: Interrupts
+    ) -> None:
+        self.interrupts = interrupts
         names, simulated = {"ns": robot.namespace}, site.clock.source == "sim"
 
         def latest(name: str, topic: topics.Topic) -> Latest:
-            return Latest(node, name, topic.type, clock, simulated)
+            return Latest(node, name, topic.type, clock, interrupts, simulated)
 
         self._joint_states = latest(topics.JOINT_STATES.name(**names), topics.JOINT_STATES)
         self._battery = latest(topics.BATTERY_STATE.name(**names), topics.BATTERY_STATE)
@@ -178,23 +184,23 @@ class RosBody:
 
     # -- perception ------------------------------------------------------------------------------------
 
-    def base_pose(self, checkpoint: Checkpoint) -> Pose2:
+    def base_pose(self) -> Pose2:
         """Where the base stands now. Raises BodySilent."""
-        return on_plane(self._pose.since(self._moved_s, checkpoint).pose)
+        return on_plane(self._pose.since(self._moved_s).pose)
 
-    def joints(self, checkpoint: Checkpoint) -> Joints:
+    def joints(self) -> Joints:
         """Raises BodySilent."""
-        return _joints(self._joint_states.since(self._moved_s, checkpoint), self._arm_model)
+        return _joints(self._joint_states.since(self._moved_s), self._arm_model)
 
     def recent_gripper_m(self) -> float | None:
         """Half the gap between the fingers a moment ago, None when nobody says so."""
         message = self._joint_states.recent()
         return None if message is None else _joints(message, self._arm_model).gripper_m
 
-    def battery(self, checkpoint: Checkpoint) -> Battery:
+    def battery(self) -> Battery:
         """Raises BodySilent."""
         # At 1 Hz a recent one is as good as the next, and an assignment need not wait for it.
-        message = self._battery.recent() or self._battery.next(checkpoint)
+        message = self._battery.recent() or self._battery.next()
         return Battery(float(message.percentage), message.power_supply_status == 1)
 
     def vitals(self) -> dict[str, Any]:
@@ -215,9 +221,7 @@ class RosBody:
 
     # -- motion ----------------------------------------------------------------------------------------
 
-    def navigate(
-        self, goal: Pose2, checkpoint: Checkpoint, feedback: Callable[[Any], None] | None = None
-    ) -> None:
+    def navigate(self, goal: Pose2, feedback: Callable[[Any], None] | None = None) -> None:
         """Drive the base to `goal` in the map."""
         half = goal.yaw_rad / 2
         pose = types.new("geometry_msgs/msg/PoseStamped")
@@ -225,15 +229,15 @@ class RosBody:
         pose.pose.position.x, pose.pose.position.y = goal.x_m, goal.y_m
         pose.pose.orientation.z, pose.pose.orientation.w = math.sin(half), math.cos(half)
         message = types.new(f"{topics.NAVIGATE_TO_POSE.type}_Goal", pose=pose)
-        self._execute(self._navigate, lambda: message, checkpoint, feedback)
+        self._execute(self._navigate, lambda: message, feedback)
 
-    def follow(self, plan: Callable[[Vector], Trajectory], checkpoint: Checkpoint) -> None:
+    def follow(self, plan: Callable[[Vector], Trajectory]) -> None:
         """Move the arm along `plan(current joint angles)`, planned anew whenever it has to start again."""
 
         def goal() -> Any:
-            return _follow_goal(plan(self.joints(checkpoint).arm_rad), self._arm_model)
+            return _follow_goal(plan(self.joints().arm_rad), self._arm_model)
 
-        self._execute(self._follow, goal, checkpoint)
+        self._execute(self._follow, goal)
 
     def emergency_stop(self, engage: bool) -> None:
         """Have the body itself hold still, or let go. A body without that service is only told to stop."""
@@ -272,28 +276,27 @@ class RosBody:
         self._powered = on
         return True
 
-    def grip(self, position_m: float, force_n: float, checkpoint: Checkpoint) -> Grip:
+    def grip(self, position_m: float, force_n: float) -> Grip:
         """Move each finger to `position_m` from the middle, pushing with at most `force_n`."""
         command = types.new("control_msgs/msg/GripperCommand", position=position_m, max_effort=force_n)
         goal = types.new(f"{topics.GRIPPER_CMD.type}_Goal", command=command)
-        result = self._execute(self._grip, lambda: goal, checkpoint)
+        result = self._execute(self._grip, lambda: goal)
         return Grip(float(result.position), bool(result.stalled))
 
     def _execute(
         self,
         client: ActionClient,
         make_goal: Callable[[], Any],
-        checkpoint: Checkpoint,
         feedback: Callable[[Any], None] | None = None,
     ) -> Any:
         refused = False
         while True:
-            checkpoint()
+            self.interrupts.check()
             if not client.wait_for_server(_SLICE_S):
                 continue
             self.switch_on()
             try:
-                return _finish(client.send_goal(make_goal(), feedback), checkpoint)
+                return self._finish(client.send_goal(make_goal(), feedback))
             except (ActionServerLost, ActionServerUnavailable, ServiceTimeout, BodySilent) as error:
                 log.warning("%s; starting this motion again", error)
             except (GoalAborted, GoalCanceled) as error:
@@ -307,21 +310,20 @@ class RosBody:
             finally:
                 self._moved_s = self._clock.now_s()
 
+    def _finish(self, goal: ClientGoal) -> Any:
+        """Wait for the goal's end; when an interrupt raises, the body is told to stop first."""
+        try:
+            goal.wait(self.interrupts.check)
+        except Exception:  # whatever it is, it is raised again
+            _cancel(goal)
+            raise
+        return goal.result()
+
 
 def _joints(message: Any, arm: ArmModel) -> Joints:
     position = dict(zip(message.name, message.position, strict=True))
     left, right = (position[name] for name in arm.fingers)
     return Joints(np.array([position[name] for name in arm.joints]), float(left - right) / 2)
-
-
-def _finish(goal: ClientGoal, checkpoint: Checkpoint) -> Any:
-    """Wait for the goal's end; when `checkpoint` raises, the body is told to stop first."""
-    try:
-        goal.wait(checkpoint)
-    except Exception:  # whatever it is, it is raised again
-        _cancel(goal)
-        raise
-    return goal.result()
 
 
 def _cancel(goal: ClientGoal) -> None:

@@ -15,7 +15,6 @@ from rodeo import topics
 from rodeo.clock import Clock
 from rodeo.lab.config import RobotConfig
 from rodeo.robot.arm import Arm
-from rodeo.robot.body import Checkpoint
 from rodeo.robot.errors import NoAnswer
 from rodeo.robot.perception import Array, View
 from rodeo.robot.ros_body import RosBody
@@ -46,7 +45,7 @@ class WristCamera:
         for topic in (topics.WRIST_DEPTH, topics.WRIST_DEPTH_INFO):
             types.prepare(topic.type)
 
-    def look(self, checkpoint: Checkpoint) -> list[View]:
+    def look(self) -> list[View]:
         """What the camera sees from where it is, with robot and arm at rest. Raises NoAnswer, BodySilent."""
         pictures: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         intrinsics: queue.SimpleQueue[bytes] = queue.SimpleQueue()
@@ -54,12 +53,12 @@ class WristCamera:
         try:
             for topic, into in ((topics.WRIST_DEPTH, pictures), (topics.WRIST_DEPTH_INFO, intrinsics)):
                 self._subscribe(node, topic, into)
-            info = self._next(topics.WRIST_DEPTH_INFO, intrinsics, checkpoint)
+            info = self._next(topics.WRIST_DEPTH_INFO, intrinsics)
             # The first picture may have been taken before the arm came to rest.
-            frames = [self._next(topics.WRIST_DEPTH, pictures, checkpoint) for _ in range(1 + _FRAMES)][1:]
+            frames = [self._next(topics.WRIST_DEPTH, pictures) for _ in range(1 + _FRAMES)][1:]
         finally:
             node.close()
-        position_m, rotation = self._pose(checkpoint)
+        position_m, rotation = self._pose()
         matrix = np.array(info.k, float).reshape(3, 3)
         try:
             return [View(depth_image(frame), matrix, position_m, rotation) for frame in frames]
@@ -73,21 +72,21 @@ class WristCamera:
 
         node.raw_subscription(topic.name(**self._names), topic.type, take, inline=True)
 
-    def _next(self, topic: Topic, messages: queue.SimpleQueue[bytes], checkpoint: Checkpoint) -> Any:
-        deadline_s = time.monotonic() + _PICTURE_WALL_S
+    def _next(self, topic: Topic, messages: queue.SimpleQueue[bytes]) -> Any:
+        deadline_s, check = time.monotonic() + _PICTURE_WALL_S, self._body.interrupts.check
         while (left_s := deadline_s - time.monotonic()) > 0:
-            if self._clock.wait_for(lambda: not messages.empty(), wall_s=left_s, check=checkpoint):
+            if self._clock.wait_for(lambda: not messages.empty(), wall_s=left_s, check=check):
                 try:
                     return types.deserialize(messages.get(), topic.type)
                 except MalformedMessage as error:
                     log.warning("ignored a message on %s: %s", topic.name(**self._names), error)
-                    checkpoint()
+                    check()
         raise NoAnswer("the wrist camera sends no pictures", timeout_s=_PICTURE_WALL_S)
 
-    def _pose(self, checkpoint: Checkpoint) -> tuple[Array, Array]:
+    def _pose(self) -> tuple[Array, Array]:
         """Of the optical frame in the map."""
-        position_m, rotation = self._arm.camera(self._body.joints(checkpoint).arm_rad)
-        base = self._body.base_pose(checkpoint)
+        position_m, rotation = self._arm.camera(self._body.joints().arm_rad)
+        base = self._body.base_pose()
         c, s = math.cos(base.yaw_rad), math.sin(base.yaw_rad)
         turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         return turn @ position_m + (base.x_m, base.y_m, 0.0), turn @ rotation

@@ -22,9 +22,9 @@ from rodeo.lab.items import NotGraspable
 from rodeo.lab.layout import PICK_DISTANCE_M, BinLayout
 from rodeo.lab.place import PLACE_LIMIT_M, TAKEN_LIMIT_M
 from rodeo.messages import Task
-from rodeo.robot.behaviour import Behaviour, Estimate, Irrevocable, Record, Report, Robot
+from rodeo.robot.behaviour import Behaviour, Estimate, Irrevocable, Robot, Work
 from rodeo.robot.bin import SmartBin
-from rodeo.robot.body import Checkpoint, Point
+from rodeo.robot.body import Point
 from rodeo.robot.errors import (
     Blocked,
     GraspFailed,
@@ -131,10 +131,10 @@ class WasteDisposal(Behaviour):
         )
         return self.robot.estimate(way_m, station.layout.parking)
 
-    def execute(self, task: Task, checkpoint: Checkpoint, report: Report, recording: Record) -> None:
-        params = ordered(task)
+    def execute(self, work: Work) -> None:
+        params = ordered(work.task)
         place, stations = (params.x_m, params.y_m), self._choice(params)
-        self.dispose(params.item_id, place, stations, checkpoint, report, recording)
+        self.dispose(params.item_id, place, stations, work)
 
     def _choice(self, params: CleaningParams) -> list[Station]:
         """The bin that the task names, or all, the nearest to the item first. Raises TaskFailed."""
@@ -151,10 +151,8 @@ class WasteDisposal(Behaviour):
         told = tells_of_disposal(recording, *released, RECORDED_AFTER_DROP_S)
         return Irrevocable(released[0], told, where=released[1])
 
-    def finish(
-        self, done: Irrevocable, task: Task, checkpoint: Checkpoint, report: Report, recording: Record
-    ) -> None:
-        self.confirm(done.done_s, self._station(done.where), checkpoint, report, recording)
+    def finish(self, done: Irrevocable, work: Work) -> None:
+        self.confirm(done.done_s, self._station(done.where), work)
 
     def _station(self, name: str) -> Station:
         """Raises TaskFailed."""
@@ -163,17 +161,17 @@ class WasteDisposal(Behaviour):
                 return station
         raise TaskFailed("no such bin on this site", bin=name)
 
-    def tidy(self, checkpoint: Checkpoint) -> None:
+    def tidy(self) -> None:
         """Make room for whoever uses a bin next, with the arm folded, wherever it was left."""
-        station = self._nearest(checkpoint)
-        base, parking = self._body.here(checkpoint), station.layout.parking
+        station = self._nearest()
+        base, parking = self._body.here(), station.layout.parking
         if station.away_m(base.x_m, base.y_m) > _AT_BIN_M:
             return
-        self._body.carry(checkpoint)
-        self._body.leave(parking, checkpoint)
+        self._body.carry()
+        self._body.leave(parking)
 
-    def _nearest(self, checkpoint: Checkpoint) -> Station:
-        base = self._body.here(checkpoint)
+    def _nearest(self) -> Station:
+        base = self._body.here()
         return min(self._stations, key=lambda one: one.away_m(base.x_m, base.y_m))
 
     # -- the work --------------------------------------------------------------------------------------
@@ -185,15 +183,7 @@ class WasteDisposal(Behaviour):
                 return item
         raise TaskFailed("no such item on this site", item=item_id)
 
-    def dispose(
-        self,
-        item_id: str,
-        place: Point,
-        stations: Sequence[Station],
-        checkpoint: Checkpoint,
-        report: Report,
-        record: Record,
-    ) -> None:
+    def dispose(self, item_id: str, place: Point, stations: Sequence[Station], work: Work) -> None:
         """Bring the item, which lies within PLACE_LIMIT_M of `place`, into the first bin of these that can be
         reached, and see that it stays.
 
@@ -203,20 +193,18 @@ class WasteDisposal(Behaviour):
         item = self.item(item_id)
         picks = deliveries = 0
         while True:
-            held = self._body.held(checkpoint)
+            held = self._body.held()
             if held is not None and held.item_id != item.id:
                 raise TaskFailed("the gripper holds another item", item=item_id, held=held.item_id)
             try:
                 if held is None:
                     picks += 1
-                    self._pick(
-                        item, place, self._where_to_look(item, place, picks), checkpoint, report, record
-                    )
+                    self._pick(item, place, self._where_to_look(item, place, picks), work)
                 else:
                     deliveries += 1
-                    station = self._go_to(stations, item, checkpoint, report)
-                    released_s = self._deliver(item, held, station, checkpoint, report, record)
-                    self._finish(released_s, station, _BIN_ANSWER_WALL_S, checkpoint, report, record)
+                    station = self._go_to(stations, item, work)
+                    released_s = self._deliver(item, held, station, work)
+                    self._finish(released_s, station, _BIN_ANSWER_WALL_S, work)
                     return
             except NotFound as error:
                 raise TaskFailed(
@@ -228,72 +216,64 @@ class WasteDisposal(Behaviour):
                 raise TaskFailed(f"gave up: {error.message}", item=item_id, cause=error.code) from error
             except (GraspFailed, MotionFailed, Unreachable, NotGraspable, NoAnswer, TakenOut) as error:
                 log.warning("%s failed: %s", "delivering" if held else "grasping", error)
-                record.note({"event": "retry", "where": "held" if held else "floor", **error.to_json()})
+                where = "floor" if held is None else "held"
+                work.recording.note({"event": "retry", "where": where, **error.to_json()})
                 if picks >= _PICKS or deliveries >= _DELIVERIES:
                     raise TaskFailed(f"gave up: {error.message}", item=item_id, cause=error.code) from error
-                self._recover(checkpoint)
+                self._recover()
 
     def _where_to_look(self, item: ItemConfig, place: Point, picks: int) -> Point:
         """Where the task says; after a grasp that failed, where the item was last."""
         known = self._memory.place(item.id)
         return place if picks == 1 or known is None else known
 
-    def confirm(
-        self, released_s: float, station: Station, checkpoint: Checkpoint, report: Report, record: Record
-    ) -> None:
+    def confirm(self, released_s: float, station: Station, work: Work) -> None:
         """Ask the bin about an item that was released at `released_s`, before an interruption.
 
         Raises TaskFailed when something was taken out since: the item may be anywhere.
         """
         try:
             # What fell before this call was stated long ago, or never will be.
-            self._finish(released_s, station, _BIN_RECALL_WALL_S, checkpoint, report, record)
+            self._finish(released_s, station, _BIN_RECALL_WALL_S, work)
         except TakenOut as error:
             raise TaskFailed(f"gave up: {error.message}", cause=error.code, **error.details) from error
 
     # -- finding it ------------------------------------------------------------------------------------
 
-    def _find(self, item: ItemConfig, place: Point, checkpoint: Checkpoint, report: Report) -> list[Sighting]:
+    def _find(self, item: ItemConfig, place: Point, work: Work) -> list[Sighting]:
         """What may be the item, seen from a distance: from one side, and if need be from another.
 
         Raises NotFound.
         """
-        base = self._body.here(checkpoint)
+        base = self._body.here()
         lookouts = self._floor.lookouts(place, self._memory.lying(but=item.id), base)
         found: list[Cluster] = []
         for number, side in enumerate(_two_sides(lookouts), 1):
-            report(f"driving to {item.id}" if number == 1 else f"looking for {item.id} from elsewhere", 0.1)
-            self._body.drive(side, checkpoint)
-            report(f"looking for {item.id}", 0.15)
-            views = [view for turn in _LOOK_TURNS_RAD for view in self._body.look(checkpoint, turn)]
+            doing = f"driving to {item.id}" if number == 1 else f"looking for {item.id} from elsewhere"
+            work.report(doing, 0.1)
+            self._body.drive(side)
+            work.report(f"looking for {item.id}", 0.15)
+            views = [view for turn in _LOOK_TURNS_RAD for view in self._body.look(turn)]
             found = clusters(cloud(views), place, _SEARCH_M, self._floor.is_open)
             if likely := candidates(found, item, place, _FAR_MISFIT_M):
                 return likely[:_CANDIDATES]
         return [best(found, item, place, _FAR_MISFIT_M)]
 
-    def _look_down(self, item: ItemConfig, place: Point, checkpoint: Checkpoint) -> Sighting:
+    def _look_down(self, item: ItemConfig, place: Point) -> Sighting:
         """The item from above. Raises NotFound, Unreachable."""
         views: list[View] = []
         for height_m, left_m in _VIEWS_ABOVE_M:
-            views += self._body.look_down(place, checkpoint, height_m, left_m)
+            views += self._body.look_down(place, height_m, left_m)
         found = clusters(cloud(views), place, _NEAR_WITHIN_M, self._floor.is_open)
         return best(found, item, place, _NEAR_MISFIT_M)
 
     # -- taking it -------------------------------------------------------------------------------------
 
-    def _pick(
-        self,
-        item: ItemConfig,
-        place: Point,
-        look_at: Point,
-        checkpoint: Checkpoint,
-        report: Report,
-        record: Record,
-    ) -> None:
+    def _pick(self, item: ItemConfig, place: Point, look_at: Point, work: Work) -> None:
         """Take the item of the task that names `place`. Raises NotFound also when it lies too far from it."""
-        self._body.fold(checkpoint)
-        self._body.open_fingers(checkpoint)
-        sighting = self._see(item, look_at, checkpoint, report)
+        self._body.fold()
+        self._body.open_fingers()
+        sighting = self._see(item, look_at, work)
         self._memory.saw(item.id, sighting.position_m[:2])
         away_m = math.dist(sighting.position_m[:2], place)
         if away_m > TAKEN_LIMIT_M:
@@ -304,76 +284,64 @@ class WasteDisposal(Behaviour):
                 limit_m=TAKEN_LIMIT_M,
             )
         self._announce(sighting)
-        record.await_witness(item.id, checkpoint)
-        report(f"grasping {item.id}", 0.3)
-        self._body.grasp(item, sighting, checkpoint)
+        work.recording.await_witness(item.id)
+        work.report(f"grasping {item.id}", 0.3)
+        self._body.grasp(item, sighting)
 
-    def _see(self, item: ItemConfig, place: Point, checkpoint: Checkpoint, report: Report) -> Sighting:
+    def _see(self, item: ItemConfig, place: Point, work: Work) -> Sighting:
         """The item as it lies, with the robot in front of it. Raises NotFound."""
-        if self._in_front(place, checkpoint):
+        if self._in_front(place):
             try:
-                return self._look_down(item, place, checkpoint)
+                return self._look_down(item, place)
             except (NotFound, Unreachable) as error:
                 log.info("the item is not within reach from here: %s", error)
-                self._body.fold(checkpoint)
+                self._body.fold()
         failure: NotFound | None = None
-        for likely in self._find(item, place, checkpoint, report):
+        for likely in self._find(item, place, work):
             spot = likely.position_m[:2]
-            report(f"driving up to {item.id}", 0.2)
-            self._approach(item, spot, checkpoint)
+            work.report(f"driving up to {item.id}", 0.2)
+            self._approach(item, spot)
             try:
-                return self._look_down(item, spot, checkpoint)
+                return self._look_down(item, spot)
             except NotFound as error:
                 log.info("the object there is not the item: %s", error)
                 failure = error
-                self._body.fold(checkpoint)
+                self._body.fold()
         assert failure is not None  # _find() returns at least one
         raise failure
 
-    def _in_front(self, place: Point, checkpoint: Checkpoint) -> bool:
+    def _in_front(self, place: Point) -> bool:
         """Whether `place` can be worked at from where the robot stands."""
-        forward_m, left_m, _ = in_base_frame(self._body.here(checkpoint), (*place, 0.0))
+        forward_m, left_m, _ = in_base_frame(self._body.here(), (*place, 0.0))
         return _AHEAD_M[0] <= forward_m <= _AHEAD_M[1] and abs(left_m) <= _BESIDE_M
 
-    def _approach(self, item: ItemConfig, place: Point, checkpoint: Checkpoint) -> None:
+    def _approach(self, item: ItemConfig, place: Point) -> None:
         """Stand so that the item is right ahead; places are tried from the nearest."""
-        if self._in_front(place, checkpoint):
+        if self._in_front(place):
             return
-        self._body.fold(checkpoint)
-        base = self._body.here(checkpoint)
-        self._body.drive(self._floor.grasp_poses(place, self._memory.lying(but=item.id), base), checkpoint)
+        self._body.fold()
+        base = self._body.here()
+        self._body.drive(self._floor.grasp_poses(place, self._memory.lying(but=item.id), base))
 
     # -- bringing it -----------------------------------------------------------------------------------
 
-    def _go_to(
-        self, stations: Sequence[Station], item: ItemConfig, checkpoint: Checkpoint, report: Report
-    ) -> Station:
+    def _go_to(self, stations: Sequence[Station], item: ItemConfig, work: Work) -> Station:
         """Carry it to the first of these bins that can be reached."""
-        holding = self._body.holding(checkpoint)
-        report(f"carrying {item.id} to the bin", 0.45)
-        self._body.carry(holding)
-        self._body.drive([one.layout.parking for one in stations], holding, _QUEUE_S)
-        return stations[0] if len(stations) == 1 else self._nearest(holding)
+        with self._body.holding():
+            work.report(f"carrying {item.id} to the bin", 0.45)
+            self._body.carry()
+            self._body.drive([one.layout.parking for one in stations], _QUEUE_S)
+            return stations[0] if len(stations) == 1 else self._nearest()
 
-    def _deliver(
-        self,
-        item: ItemConfig,
-        held: Held,
-        station: Station,
-        checkpoint: Checkpoint,
-        report: Report,
-        record: Record,
-    ) -> float:
+    def _deliver(self, item: ItemConfig, held: Held, station: Station, work: Work) -> float:
         """Returns when it was let go of, site time."""
-        holding = self._body.holding(checkpoint)
-        report(f"showing {item.id} to {station.name}", 0.6)
-        compartment = self._present(held, item, station, holding, record.claimant).compartment
-        report(f"dropping {item.id} into {compartment}", 0.7)
-        return self._drop(held, station, compartment, checkpoint, record)
+        work.report(f"showing {item.id} to {station.name}", 0.6)
+        with self._body.holding():
+            compartment = self._present(held, item, station, work.recording.claimant).compartment
+        work.report(f"dropping {item.id} into {compartment}", 0.7)
+        return self._drop(held, station, compartment, work)
 
-    def _present(
-        self, held: Held, item: ItemConfig, station: Station, checkpoint: Checkpoint, claimant: Claimant
-    ) -> Classification:
+    def _present(self, held: Held, item: ItemConfig, station: Station, claimant: Claimant) -> Classification:
         """Hold the item where the camera looks until the bin says what it is, and that this robot shows it.
 
         What the bin does not know is turned and shown again before its word counts, also that its
@@ -386,9 +354,9 @@ class WasteDisposal(Behaviour):
             # The clock of a fast simulation is heard late: the last answer may be ahead of it.
             after_s = max(after_s, self._clock.now_s())
             station.bin.present(claimant)
-            self._body.show(held, station.layout.show_point, checkpoint, turn_rad)
+            self._body.show(held, station.layout.show_point, turn_rad)
             try:
-                said = station.bin.wait_for(Classification, after_s, checkpoint, _BIN_ANSWER_WALL_S)
+                said = station.bin.wait_for(Classification, after_s, _BIN_ANSWER_WALL_S)
             except NoAnswer:
                 if attempt == _SHOWS:
                     raise
@@ -412,13 +380,11 @@ class WasteDisposal(Behaviour):
                 else:
                     turn_rad = _OTHER_VIEWS_RAD[attempt - 1]
                     log.info("the bin does not recognize %s; showing another side", item.id)
-            self._body.carry(checkpoint)
-            self._body.wait(_LOOK_AWAY_S, checkpoint)
+            self._body.carry()
+            self._body.wait(_LOOK_AWAY_S)
         raise AssertionError("unreachable")
 
-    def _drop(
-        self, held: Held, station: Station, compartment: str, checkpoint: Checkpoint, record: Record
-    ) -> float:
+    def _drop(self, held: Held, station: Station, compartment: str, work: Work) -> float:
         """Returns when it was let go of, site time."""
         released_s = math.nan
 
@@ -426,58 +392,50 @@ class WasteDisposal(Behaviour):
             nonlocal released_s
             # The bin says when the weight had settled: later than this, also by a clock a little behind.
             released_s = self._clock.now_s()
-            record.note({"event": "releasing", "item": held.item_id, "bin": station.name})
+            work.recording.note({"event": "releasing", "item": held.item_id, "bin": station.name})
 
-        self._body.place(held, station.layout.compartment(compartment), checkpoint, releasing)
+        self._body.place(held, station.layout.compartment(compartment), releasing)
         # Sealed at once: from here on a hole is no loss.
-        record.note({"event": "released", "item": held.item_id})
+        work.recording.note({"event": "released", "item": held.item_id})
         self._memory.let_go(None)
-        self._body.wait(_FALL_S, checkpoint)
-        self._hold_still(released_s, station, checkpoint)
+        self._body.wait(_FALL_S)
+        self._hold_still(released_s, station)
         try:
-            self._body.draw_back(checkpoint)
+            self._body.draw_back()
         except (MotionFailed, Unreachable) as error:  # the item is in the bin all the same
             log.warning("the arm did not retract from the bin: %s", error)
-            record.note({"event": "retry", "where": "bin", **error.to_json()})
-            self._recover(checkpoint)
+            work.recording.note({"event": "retry", "where": "bin", **error.to_json()})
+            self._recover()
         return released_s
 
-    def _hold_still(self, released_s: float, station: Station, checkpoint: Checkpoint) -> None:
+    def _hold_still(self, released_s: float, station: Station) -> None:
         """Until the bin speaks of what fell after `released_s`; it may also stay silent."""
         try:
-            station.bin.wait_for(Drop, released_s, checkpoint, _HOLD_WALL_S)
+            station.bin.wait_for(Drop, released_s, _HOLD_WALL_S)
         except NoAnswer as error:
             log.info("%s yet", error)
 
-    def _finish(
-        self,
-        released_s: float,
-        station: Station,
-        patience_s: float,
-        checkpoint: Checkpoint,
-        report: Report,
-        record: Record,
-    ) -> None:
+    def _finish(self, released_s: float, station: Station, patience_s: float, work: Work) -> None:
         """Wait for the bin's own word, make room at the bin, and be there until what fell has stayed in it.
 
         Without the bin's word the recording stands as it is and the oracle decides. Raises TakenOut.
         """
-        report("waiting for the bin to confirm", 0.9)
+        work.report("waiting for the bin to confirm", 0.9)
         drop: Drop | None = None
         try:
-            drop = station.bin.wait_for(Drop, released_s, checkpoint, patience_s)
+            drop = station.bin.wait_for(Drop, released_s, patience_s)
         except NoAnswer as error:
             log.warning("%s; submitting without its confirmation", error)
-            record.note({"event": "unconfirmed", **error.to_json()})
-        report("driving away from the bin", 0.92)
+            work.recording.note({"event": "unconfirmed", **error.to_json()})
+        work.report("driving away from the bin", 0.92)
         try:
-            self.tidy(checkpoint)
+            self.tidy()
         except (MotionFailed, Unreachable) as error:
             log.warning("the robot stays at the bin: %s", error)
-        report("checking that the item stays in the bin", 0.94)
+        work.report("checking that the item stays in the bin", 0.94)
         until_s = (released_s if drop is None else drop.settled_s) + RECORDED_AFTER_DROP_S
         while (now_s := self._clock.now_s()) < until_s:
-            self._body.wait(min(until_s - now_s, _LOOK_AROUND_S), checkpoint)
+            self._body.wait(min(until_s - now_s, _LOOK_AROUND_S))
         if drop is None:
             return
         if (removal := station.bin.removed(drop.compartment, drop.after_s)) is not None:
@@ -488,10 +446,10 @@ class WasteDisposal(Behaviour):
                 after_s=round(removal.settled_s - drop.settled_s, 3),
             )
 
-    def _recover(self, checkpoint: Checkpoint) -> None:
+    def _recover(self) -> None:
         """After a failed step: the arm out of the way, whatever is held stays held."""
         try:
-            self._body.fold(checkpoint)
+            self._body.fold()
         except (MotionFailed, Unreachable) as error:
             log.warning("the arm did not fold: %s", error)
 

@@ -28,7 +28,7 @@ from rodeo.logs import about_task
 from rodeo.messages import DaoEvent, Task
 from rodeo.process import Process
 from rodeo.robot.arm import Arm
-from rodeo.robot.behaviour import Behaviour, Estimate, Irrevocable, Robot
+from rodeo.robot.behaviour import Behaviour, Estimate, Irrevocable, Robot, Work
 from rodeo.robot.bin import SmartBin
 from rodeo.robot.decisions import Decided, Decisions
 from rodeo.robot.errors import (
@@ -43,12 +43,13 @@ from rodeo.robot.errors import (
     TaskFailed,
     Unreachable,
 )
+from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.manipulator import MobileManipulator
 from rodeo.robot.memory import Held, Memory
 from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Sighting
 from rodeo.robot.receipts import Receipts
-from rodeo.robot.recording import Recording
+from rodeo.robot.recording import RecordedRobot, Recording
 from rodeo.robot.ros_body import RosBody
 from rodeo.robot.wrist_camera import WristCamera
 from rodeo.ros2 import Node, types
@@ -136,13 +137,15 @@ class Agent:
         self._store = Store(site)
         self._node = self._make_node("robot_agent")
         self._dao = RobotParticipant(bus, site.org, robot.name)
-        self._body = RosBody(self._node, site, robot, self._clock)
+        self._interrupts = Interrupts(self._check_orders)
+        self._body = RosBody(self._node, site, robot, self._clock, self._interrupts)
         self._floor = Floor(site)
         # Where the robot stands and what it holds, it is told over the bus.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
         self._witness = Witness(bus, site.org, robot.name, self._device, process.data_dir, inputs)
         self._bins = {
-            one.name: SmartBin(bus, site, one.name, self._clock, self._witness) for one in site.bins
+            one.name: SmartBin(bus, site, one.name, self._clock, self._witness, self._interrupts)
+            for one in site.bins
         }
         self._memory = Memory(site, process.data_dir / "memory.json")
         arm = Arm(robot.limits, robot.kinematics, robot.postures)
@@ -192,6 +195,7 @@ class Agent:
             self._state,
             self._decisions.about,
         )
+        self._recorded = RecordedRobot(site, robot.name, self._device, bus, self._clock, self._interrupts)
         find = partial(recording_of, process.data_dir / "tasks")
         self._copies = Copies(bus, site.org, robot.name, self._store, find)
         self._dao_events = DaoEvents(bus, site.org, self._on_event, clock=self._clock)
@@ -367,17 +371,17 @@ class Agent:
 
     def _look(self) -> Situation:
         """How things are. Of a robot that is off the body is not asked."""
-        self._checkpoint()
+        self._check_orders()
         standing = self._orders.standing
         charge = self._dao.own_live_task(self._energy.name)
         off = self._off_since
-        soc = self._body.battery(self._checkpoint).soc if off is None else off.soc
+        soc = self._body.battery().soc if off is None else off.soc
         assignment = self._dao.next_assignment(self._behaviours)
         able: frozenset[str] = frozenset()
         if off is not None:
             battery_suffices, able = off.battery_suffices, off.able
         else:
-            here = self._body.base_pose(self._checkpoint)
+            here = self._body.base_pose()
             if assignment is not None:
                 needs = self._weigh(assignment.kind, assignment, here)
                 # What cannot be done is given up at once.
@@ -422,7 +426,7 @@ class Agent:
         self._stop.wait()
         self._wake.set()
 
-    def _checkpoint(self) -> None:
+    def _check_orders(self) -> None:
         if self._stop.is_set():
             raise Stopped("the process is asked to end")
         if self._orders.standing.stopped:
@@ -477,7 +481,7 @@ class Agent:
 
     def _rest(self, situation: Situation) -> None:
         # A charge that ended while this process was down leaves the robot on the dock.
-        self._charging.clear_the_dock(self._checkpoint, self._report)
+        self._charging.clear_the_dock(self._report)
         if self._process.disk_problem:
             self._report("waiting for room on the disk")
         elif situation.paused:
@@ -492,7 +496,7 @@ class Agent:
     def _be_off(self, situation: Situation) -> None:
         """Go where the robot rests, switch the motors off, and wait for the hours to begin, or for news."""
         if self._off_since is None:
-            self._charging.clear_the_dock(self._checkpoint, self._report)
+            self._charging.clear_the_dock(self._report)
             if not situation.paused:
                 self._go_home()
                 self._fold()
@@ -510,7 +514,8 @@ class Agent:
     def _fold(self) -> None:
         """So that the next task can begin with driving."""
         try:
-            self._manipulator.fold(self._undistracted)
+            with self._interrupts.also(self._undistracted):
+                self._manipulator.fold()
         except Distracted:
             return
         except (MotionFailed, Unreachable) as error:
@@ -518,13 +523,14 @@ class Agent:
 
     def _go_home(self) -> None:
         """Where there are other robots, wait at the place that the site file gives this one."""
-        home, here = self._robot.pose, self._body.base_pose(self._checkpoint)
+        home, here = self._robot.pose, self._body.base_pose()
         if len(self._site.robots) == 1 or math.dist((home.x_m, home.y_m), (here.x_m, here.y_m)) < _HOME_M:
             return
         self._report("driving to its resting place")
         try:
-            self._manipulator.fold(self._undistracted)
-            self._body.navigate(home, self._undistracted)
+            with self._interrupts.also(self._undistracted):
+                self._manipulator.fold()
+                self._body.navigate(home)
         except Distracted:
             return
         except (MotionFailed, Unreachable) as error:
@@ -550,8 +556,9 @@ class Agent:
         goal = next(self._floor.explore(self._memory.lying(), self._chance))
         began_s = self._clock.now_s()
         try:
-            self._manipulator.fold(self._undistracted)
-            self._body.navigate(goal, self._undistracted)
+            with self._interrupts.also(self._undistracted):
+                self._manipulator.fold()
+                self._body.navigate(goal)
         except Distracted:
             return
         except MotionFailed as error:
@@ -560,7 +567,6 @@ class Agent:
             self._exploring.use(began_s, self._clock.now_s() - began_s)
 
     def _undistracted(self) -> None:
-        self._checkpoint()
         if self._wake.is_set():
             raise Distracted("something happened on chain")
 
@@ -578,7 +584,7 @@ class Agent:
 
     def _dock(self, situation: Situation) -> None:
         assert situation.charge is not None  # decide() says DOCK only with a charging task
-        self._charging.take(situation.charge, self._wake, self._checkpoint, self._report)
+        self._charging.take(situation.charge, self._wake, self._report)
 
     # -- work ------------------------------------------------------------------------------------------
 
@@ -616,7 +622,7 @@ class Agent:
                 self._close_services_first(task)
             self._submit(task, journal, folder)
             # Work that failed, or was interrupted, may have left the robot in somebody's way.
-            self._behaviours[task.kind].tidy(self._checkpoint)
+            self._behaviours[task.kind].tidy()
         if journal.phase == Phase.SUBMITTED:
             self._wait_for_news()  # the index is about to say so
             if (now := self._dao.task(task.id)).state == "assigned" and now.nonce == task.nonce:
@@ -646,12 +652,8 @@ class Agent:
         recording = Recording(
             path,
             self._dao.binding(task, self._robot.name),
-            self._device,
-            self._clock,
             self._make_node("recorder"),
-            self._site,
-            self._robot.name,
-            self._process.bus,
+            self._recorded,
             holes_allowed=done is not None,
             records=self._kinds[task.kind].records,
         )
@@ -689,7 +691,7 @@ class Agent:
     def _feel(self) -> Held | None:
         """What the gripper holds, as far as the body can tell."""
         try:
-            return self._manipulator.held(self._checkpoint)
+            return self._manipulator.held()
         except MotionFailed as error:
             log.warning("cannot find out what the gripper holds: %s", error)
             return self._memory.held
@@ -698,7 +700,7 @@ class Agent:
         """Lay an item that an interruption or a failed attempt left in the gripper where it was taken."""
         self._report(f"putting {held.item_id or 'the item'} back to start again", 0.1)
         try:
-            self._manipulator.put_back(held, self._checkpoint)
+            self._manipulator.put_back(held)
         except (MotionFailed, Unreachable) as error:
             log.warning("the item stays in the gripper: %s", error)
 
@@ -720,50 +722,50 @@ class Agent:
         """
         watch = AssignmentWatch(self._dao, self._dao_events, task)
 
-        def checkpoint() -> None:
-            self._checkpoint()
+        def check() -> None:
             recording.check()
             watch.check()
             if self._orders.cancelled(task.nonce):
                 raise Cancelled("given up by an operator", task_id=task.id)
 
-        behaviour = self._behaviours[task.kind]
-        needs = self._weigh(task.kind, task, self._body.base_pose(self._checkpoint))
+        behaviour, work = self._behaviours[task.kind], Work(task, recording, self._report)
+        needs = self._weigh(task.kind, task, self._body.base_pose())
         self._expected_s = 0.0 if needs is None else needs.duration_s
         started_s = self._clock.now_s()
         duration_s: float | None = None
         self._upkeep.task_begins()
         try:
-            if done is not None:
-                behaviour.finish(done, task, checkpoint, self._report, recording)
-            else:
-                require_time_for_verdict(task, self._site)
-                self._begin(task, checkpoint, recording)
+            with self._interrupts.also(check):
+                if done is not None:
+                    behaviour.finish(done, work)
+                else:
+                    require_time_for_verdict(task, self._site)
+                    self._begin(work)
             duration_s = self._clock.now_s() - started_s
         except (TaskFailed, Blocked, Cancelled) as error:  # of Blocked, waiting was the retry
             log.error("task %d failed: %s", task.id, error)
             self._report(f"giving up: {error.message}")
             recording.note({"event": "execution_failed", **error.to_json()})
-            self._abort(self._checkpoint)
+            self._abort()
             return error.message
         finally:
             self._upkeep.task_ends(task.kind, duration_s)
         recording.note({"event": "execution_finished"})
         return None
 
-    def _begin(self, task: Task, checkpoint: Callable[[], None], recording: Recording) -> None:
+    def _begin(self, work: Work) -> None:
         try:
-            self._behaviours[task.kind].execute(task, checkpoint, self._report, recording)
+            self._behaviours[work.task.kind].execute(work)
         except ValidationError as error:
             # Not every creator asks the bridge, so a behaviour may meet parameters that fit no model.
             raise TaskFailed(
                 "the task's parameters do not fit its kind", fields=wrong_fields(error)
             ) from error
 
-    def _abort(self, checkpoint: Callable[[], None]) -> None:
+    def _abort(self) -> None:
         """Leave the arm folded, and on record how things are."""
         try:
-            self._manipulator.fold(checkpoint)
+            self._manipulator.fold()
         except (MotionFailed, Unreachable) as error:
             log.error("the arm cannot be folded: %s", error)
         self._clock.wait_until(self._clock.now_s() + _LAST_LOOK_S, self._stop)

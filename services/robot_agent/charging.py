@@ -17,7 +17,6 @@ from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
 from rodeo.lab.layout import dock_parking
 from rodeo.messages import RegisterTask, Task
-from rodeo.robot.body import Checkpoint
 from rodeo.robot.manipulator import MobileManipulator
 from rodeo.robot.receipts import Receipts
 from rodeo.robot.ros_body import RosBody
@@ -112,7 +111,7 @@ class Charging:
 
         return min(self._site.docks, key=cost)
 
-    def take(self, task: Task, wake: threading.Event, checkpoint: Checkpoint, report: Tell) -> None:
+    def take(self, task: Task, wake: threading.Event, report: Tell) -> None:
         """Drive to the dock and stay until the charger is done with `task`, then leave.
 
         Raises MotionFailed when the dock cannot be reached.
@@ -121,16 +120,16 @@ class Charging:
             dock = dock_of(self._site, task.params.get("dock"))
         except ConfigError as error:
             log.warning("waiting for the end of task %d: %s", task.id, error)
-            self._wait(wake, checkpoint)
+            self._wait(wake)
             return
         report(f"driving to {dock.name}", 0.0)
         self._receipts.begin(task)
-        self._manipulator.dock(dock, checkpoint)
+        self._manipulator.dock(dock)
         soc_from = float(task.params["soc_from"])
         soc_target = float(task.params["soc_target"])
         begun: tuple[float, float] | None = None
         while True:
-            battery = self._body.battery(checkpoint)
+            battery = self._body.battery()
             now = self._clock.now_s(), battery.soc
             begun = begun or now
             done = (battery.soc - soc_from) / max(soc_target - soc_from, 1e-6)
@@ -143,21 +142,22 @@ class Charging:
                 break
             if battery.soc >= soc_target and self._dao.next_assignment(self._work):
                 break
-            if not battery.charging and self._manipulator.docked(checkpoint) != dock:
+            if not battery.charging and self._manipulator.docked() != dock:
                 log.warning("lost the dock's contacts; docking again")
-                self._manipulator.dock(dock, checkpoint)
-            self._wait(wake, checkpoint)
-        self.clear_the_dock(checkpoint, report)
+                self._manipulator.dock(dock)
+            self._wait(wake)
+        self.clear_the_dock(report)
 
-    def clear_the_dock(self, checkpoint: Checkpoint, report: Tell) -> None:
+    def clear_the_dock(self, report: Tell) -> None:
         """Make room for whoever charges next, if the robot stands on the contacts."""
-        if (dock := self._manipulator.docked(checkpoint)) is None:
+        if (dock := self._manipulator.docked()) is None:
             return
         report("leaving the dock", 1.0)
-        self._manipulator.leave(dock_parking(dock), checkpoint)
+        self._manipulator.leave(dock_parking(dock))
 
-    def _wait(self, wake: threading.Event, checkpoint: Checkpoint) -> None:
+    def _wait(self, wake: threading.Event) -> None:
         """Until something happens on chain or it is time to look again."""
-        self._clock.wait_for(wake.is_set, wall_s=_LOOK_WALL_S, check=checkpoint, resting=True)
+        check = self._body.interrupts.check
+        self._clock.wait_for(wake.is_set, wall_s=_LOOK_WALL_S, check=check, resting=True)
         wake.clear()
-        checkpoint()
+        check()

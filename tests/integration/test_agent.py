@@ -23,6 +23,7 @@ from rodeo.dao import Participant
 from rodeo.evidence import Store, open_proof
 from rodeo.lab.world import begin, build_world
 from rodeo.messages import DaoEvent, Status
+from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import Node, types
 from rodeo.witness import Classification, Drop, Motion, parse
@@ -136,13 +137,12 @@ def test_an_idle_robot_explores(organization: Organization) -> None:
     running = organization.running
     organization.wait_for_activity("exploring")
     clock = WallClock()
-    body = RosBody(
-        Node(running.bus.session, "test", "", 0, clock), running.site, running.site.robots[0], clock
-    )
-    start = body.base_pose(_go_on)
+    node, robot = Node(running.bus.session, "test", "", 0, clock), running.site.robots[0]
+    body = RosBody(node, running.site, robot, clock, Interrupts())
+    start = body.base_pose()
     pause, deadline_s = threading.Event(), time.monotonic() + WAIT_S
     while time.monotonic() < deadline_s:
-        here = body.base_pose(_go_on)
+        here = body.base_pose()
         if math.dist((here.x_m, here.y_m), (start.x_m, start.y_m)) > 0.3:
             return
         pause.wait(0.01)
@@ -247,7 +247,3 @@ def test_an_item_that_is_not_there_fails_honestly_and_the_robot_goes_on(organiza
     organization.lay("item2")
     following = organization.post("item2")
     organization.wait_for_event("TaskSettled", following)
-
-
-def _go_on() -> None:
-    pass

@@ -77,11 +77,13 @@ def line_with(output: Any, text: str) -> str:
 def up(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Path]:
     """A whole site in the background; stopped from another folder at the end."""
     site = write_site(tmp_path_factory.mktemp("site"), chain_backend, extra=QUIET)
-    started = rodeo(site, "up", "--detach")
-    states = [line.split()[1] for line in started.stdout.splitlines()[1:]]
-    assert states == ["ready"] * len(PROCESSES)
-    yield site
-    stopped = rodeo(site, "down", cwd=Path("/"))
+    try:
+        started = rodeo(site, "up", "--detach")
+        states = [line.split()[1] for line in started.stdout.splitlines()[1:]]
+        assert states == ["ready"] * len(PROCESSES)
+        yield site
+    finally:  # also a site that did not get ready in time
+        stopped = rodeo(site, "down", cwd=Path("/"))
     assert "launcher" in stopped.stdout and "robot_agent" in stopped.stdout
     assert holders(site) == []
 

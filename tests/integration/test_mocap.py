@@ -12,7 +12,8 @@ import pytest
 from rodeo import topics, wallets
 from rodeo.bus import Request
 from rodeo.evidence import Recorder, open_proof, verify_attestation
-from rodeo.robot.recording import Recording
+from rodeo.robot.interrupts import Interrupts
+from rodeo.robot.recording import RecordedRobot, Recording
 from rodeo.ros2 import Node
 from rodeo.sim_clock import SimClock
 from rodeo.witness import Motion, parse
@@ -65,8 +66,9 @@ def test_a_recording_holds_what_motion_capture_saw_under_the_heads_that_it_heard
         assert clock.wait_ready(threading.Event(), 60)
         node = Node(bus.session, "recorder", "", site.bus.domain_id, clock)
         path = tmp_path / "proof.mcap"
-        recording = Recording(path, BINDING, ROBOT, clock, node, site, "panther1", bus, topics.ROBOT_STATE)
-        recording.await_witness("item1", lambda: None)
+        robot = RecordedRobot(site, "panther1", ROBOT, bus, clock, Interrupts())
+        recording = Recording(path, BINDING, node, robot, topics.ROBOT_STATE)
+        recording.await_witness("item1")
         ended_s = clock.now_s()
         recording.catch_up()
         own = recording.claimant.recording

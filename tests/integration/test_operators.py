@@ -17,6 +17,7 @@ from rodeo.clock import WallClock
 from rodeo.dao import Participant
 from rodeo.evidence import Store, open_proof
 from rodeo.person.statement import Executor, NotAccepted, NotYourTask, read_statement
+from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import Node
 from rodeo.sim_clock import SimClock
@@ -145,19 +146,18 @@ def test_a_stopped_robot_stands_still_in_the_middle_of_its_work_and_goes_on_when
 ) -> None:
     running = organization.running
     clock = WallClock()
-    body = RosBody(
-        Node(running.bus.session, "test", "", 0, clock), running.site, running.site.robots[0], clock
-    )
+    node, robot = Node(running.bus.session, "test", "", 0, clock), running.site.robots[0]
+    body = RosBody(node, running.site, robot, clock, Interrupts())
     organization.lay("item3")
     task_id = organization.post("item3")
     wait_until("the robot to work", lambda: order(organization, "state")["task_id"] == task_id)
     assert order(organization, "stop")["stopped"] is True
     wait_until("it to say so", lambda: "stopped" in order(organization, "state")["activity"])
-    first = body.base_pose(_go_on), body.joints(_go_on).arm_rad
+    first = body.base_pose(), body.joints().arm_rad
     pause = threading.Event()
     for _ in range(50):
         pause.wait(0.02)
-        here = body.base_pose(_go_on), body.joints(_go_on).arm_rad
+        here = body.base_pose(), body.joints().arm_rad
     assert math.dist((first[0].x_m, first[0].y_m), (here[0].x_m, here[0].y_m)) < 0.02
     assert np.abs(first[1] - here[1]).max() < 0.02
     order(organization, "resume")
@@ -187,7 +187,3 @@ def test_an_ordered_charge_is_bought_at_once(organization: Organization) -> None
         "a charging task",
     )
     wait_until("the order to be done", lambda: not order(organization, "state")["charge_ordered"])
-
-
-def _go_on() -> None:
-    pass

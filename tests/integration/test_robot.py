@@ -17,6 +17,7 @@ from rodeo.lab.layout import HALF_WIDTH_M, BinLayout
 from rodeo.lab.world import GRIPPER_CLOSED_M
 from rodeo.robot.arm import Arm, Trajectory, pointing_down
 from rodeo.robot.errors import MotionFailed, Stopped
+from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.navigation import Floor
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import ActionClient, Node, types
@@ -29,10 +30,6 @@ READY_RAD = np.array(PosturesConfig().ready_rad)
 BEHIND_DESK = Pose2(x_m=4.7, y_m=3.2, yaw_rad=1.0)
 """On the straight way there, from where the robot starts, it would hit the desk."""
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
-
-
-def go_on() -> None:
-    pass
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +53,7 @@ def slow(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Node, RosBo
     clock = SimClock(running.bus.session, 0)
     assert clock.wait_ready(threading.Event(), WAIT_S)
     node = Node(running.bus.session, "test", "", 0, clock)
-    yield node, RosBody(node, running.site, running.site.robots[0], clock)
+    yield node, RosBody(node, running.site, running.site.robots[0], clock, Interrupts())
     node.close()
     clock.close()
     running.stop()
@@ -76,7 +73,7 @@ def node(lab: RunningSite, clock: SimClock) -> Node:
 
 @pytest.fixture(scope="module")
 def body(lab: RunningSite, node: Node, clock: SimClock) -> RosBody:
-    return RosBody(node, lab.site, lab.site.robots[0], clock)
+    return RosBody(node, lab.site, lab.site.robots[0], clock, Interrupts())
 
 
 def collect(node: Node, topic: str, typename: str, count: int) -> list[Any]:
@@ -133,18 +130,18 @@ def test_it_drives_around_the_furniture(lab: RunningSite, body: RosBody) -> None
         at = feedback.current_pose.pose.position
         clearances.append(floor.clearance_m(at.x, at.y))
 
-    body.navigate(BEHIND_DESK, go_on, watch)
-    reached = body.base_pose(go_on)
+    body.navigate(BEHIND_DESK, watch)
+    reached = body.base_pose()
     assert math.dist((reached.x_m, reached.y_m), (BEHIND_DESK.x_m, BEHIND_DESK.y_m)) < 0.03
     assert abs(math.remainder(reached.yaw_rad - BEHIND_DESK.yaw_rad, math.tau)) < 0.05
     assert min(clearances) > HALF_WIDTH_M
-    body.navigate(lab.site.robots[0].pose, go_on)
+    body.navigate(lab.site.robots[0].pose)
 
 
 def test_a_place_inside_the_furniture_is_refused_with_a_code(lab: RunningSite, body: RosBody) -> None:
     inside = lab.site.bins[0].pose
     with pytest.raises(MotionFailed) as caught:
-        body.navigate(inside, go_on)
+        body.navigate(inside)
     assert caught.value.details["result"]["error_code"] > 0
 
 
@@ -156,10 +153,10 @@ def test_a_cancelled_drive_stops_the_robot(slow: tuple[Node, RosBody]) -> None:
         if moving.is_set():
             raise Stopped("enough")
 
-    with pytest.raises(Stopped):
-        body.navigate(BEHIND_DESK, stop_when_moving, lambda feedback: moving.set())
+    with pytest.raises(Stopped), body.interrupts.also(stop_when_moving):
+        body.navigate(BEHIND_DESK, lambda feedback: moving.set())
     wait_until_it_stands(node)
-    stopped = body.base_pose(go_on)
+    stopped = body.base_pose()
     assert math.dist((stopped.x_m, stopped.y_m), (BEHIND_DESK.x_m, BEHIND_DESK.y_m)) > 0.5
 
 
@@ -171,7 +168,7 @@ def test_a_newer_goal_replaces_the_one_under_way(lab: RunningSite, slow: tuple[N
     pose.pose.position.x, pose.pose.position.y = BEHIND_DESK.x_m, BEHIND_DESK.y_m
     pose.pose.orientation.z, pose.pose.orientation.w = math.sin(0.5), math.cos(0.5)
     first = client.send_goal(types.new(f"{NAVIGATE}_Goal", pose=pose))
-    body.navigate(lab.site.robots[0].pose, go_on)
+    body.navigate(lab.site.robots[0].pose)
     with pytest.raises(GoalCanceled):
         first.result(WAIT_S)
 
@@ -179,15 +176,15 @@ def test_a_newer_goal_replaces_the_one_under_way(lab: RunningSite, slow: tuple[N
 def test_the_arm_follows_a_planned_trajectory(lab: RunningSite, body: RosBody) -> None:
     arm = Arm(lab.site.robots[0].limits)
     target = pointing_down((0.50, 0.1, 0.62), 1.57)
-    body.follow(lambda now: arm.trajectory([now, arm.inverse(target, now)]), go_on)
-    reached = arm.forward(body.joints(go_on).arm_rad).position_m
+    body.follow(lambda now: arm.trajectory([now, arm.inverse(target, now)]))
+    reached = arm.forward(body.joints().arm_rad).position_m
     assert reached == pytest.approx(target.position_m, abs=0.01)
-    body.follow(lambda now: arm.trajectory([now, READY_RAD]), go_on)
+    body.follow(lambda now: arm.trajectory([now, READY_RAD]))
 
 
 def test_closing_on_nothing_closes_the_gripper(body: RosBody) -> None:
-    assert body.grip(0.0, 5.0, go_on).position_m == pytest.approx(GRIPPER_CLOSED_M, abs=0.002)
-    opened = body.grip(0.057, 5.0, go_on)
+    assert body.grip(0.0, 5.0).position_m == pytest.approx(GRIPPER_CLOSED_M, abs=0.002)
+    opened = body.grip(0.057, 5.0)
     assert opened.position_m == pytest.approx(0.057, abs=0.002)
     assert not opened.stalled
 
@@ -202,23 +199,23 @@ def test_a_trajectory_beyond_a_joints_range_is_refused(body: RosBody, joint: str
         return Trajectory(np.array([0.0, 60.0]), np.array([now, goal]), np.zeros((2, 6)))
 
     with pytest.raises(MotionFailed) as caught:
-        body.follow(too_far, go_on)
+        body.follow(too_far)
     assert joint in caught.value.details["result"]["error_string"]
 
 
 def test_the_bin_can_be_parked_at(lab: RunningSite, body: RosBody) -> None:
     parking = BinLayout(lab.site.bins[0]).parking
-    body.navigate(parking, go_on)
-    reached = body.base_pose(go_on)
+    body.navigate(parking)
+    reached = body.base_pose()
     assert math.dist((reached.x_m, reached.y_m), (parking.x_m, parking.y_m)) < 0.02
 
 
 def test_the_world_goes_on_where_it_was_killed(lab: RunningSite, node: Node, body: RosBody) -> None:
-    before = body.base_pose(go_on)
+    before = body.base_pose()
     before_ns = node.clock.now_ns()
     lab.kill("robot_sim")
     lab.start("robot_sim")
-    after = body.base_pose(go_on)
+    after = body.base_pose()
     assert math.dist((before.x_m, before.y_m), (after.x_m, after.y_m)) < 0.005
     assert node.clock.now_ns() >= before_ns
 
@@ -228,7 +225,7 @@ def test_a_drive_goes_on_after_the_simulator_was_killed(lab: RunningSite, body: 
     goal = lab.site.robots[0].pose
 
     def drive() -> None:
-        body.navigate(goal, go_on, lambda feedback: moving.set())
+        body.navigate(goal, lambda feedback: moving.set())
         done.set()
 
     threading.Thread(target=drive, daemon=True).start()
@@ -236,5 +233,5 @@ def test_a_drive_goes_on_after_the_simulator_was_killed(lab: RunningSite, body: 
     lab.kill("robot_sim")
     lab.start("robot_sim")
     assert done.wait(WAIT_S)
-    reached = body.base_pose(go_on)
+    reached = body.base_pose()
     assert math.dist((reached.x_m, reached.y_m), (goal.x_m, goal.y_m)) < 0.02

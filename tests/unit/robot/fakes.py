@@ -31,8 +31,8 @@ from rodeo.lab.world import (
 )
 from rodeo.robot.arm import Arm, Trajectory, Vector
 from rodeo.robot.bin import Kind, Word
-from rodeo.robot.body import Checkpoint
 from rodeo.robot.errors import MotionFailed, NoAnswer
+from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.manipulator import MobileManipulator
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor, in_base_frame
@@ -88,6 +88,7 @@ class KinematicBody:
     def __init__(self, site: Site, clock: ManualClock) -> None:
         self.site = site
         self.clock = clock
+        self.interrupts = Interrupts()
         self.base = site.robots[0].pose
         self.arm_rad: Vector = READY_RAD.copy()
         self.gripper_m = GRIPPER_OPEN_M
@@ -103,19 +104,19 @@ class KinematicBody:
     def recent_base_pose(self) -> Pose2:
         return self.base
 
-    def base_pose(self, checkpoint: Checkpoint) -> Pose2:
-        checkpoint()
+    def base_pose(self) -> Pose2:
+        self.interrupts.check()
         return self.base
 
     def recent_gripper_m(self) -> float:
         return self.gripper_m
 
-    def joints(self, checkpoint: Checkpoint) -> Joints:
-        checkpoint()
+    def joints(self) -> Joints:
+        self.interrupts.check()
         return Joints(self.arm_rad.copy(), self.gripper_m)
 
-    def navigate(self, goal: Pose2, checkpoint: Checkpoint, feedback: Any = None) -> None:
-        checkpoint()
+    def navigate(self, goal: Pose2, feedback: Any = None) -> None:
+        self.interrupts.check()
         self.clock.time_s += 10
         if self.blocked:
             self.blocked -= 1
@@ -124,8 +125,8 @@ class KinematicBody:
         self.drives.append(goal)
         self._carry_along()
 
-    def follow(self, plan: Callable[[Vector], Trajectory], checkpoint: Checkpoint) -> None:
-        checkpoint()
+    def follow(self, plan: Callable[[Vector], Trajectory]) -> None:
+        self.interrupts.check()
         trajectory = plan(self.arm_rad.copy())
         self.clock.time_s += trajectory.duration_s
         before_m = self._pads()[2]
@@ -136,8 +137,8 @@ class KinematicBody:
             self.gripper_m = GRIPPER_CLOSED_M
             self._let_go()
 
-    def grip(self, position_m: float, force_n: float, checkpoint: Checkpoint) -> Grip:
-        checkpoint()
+    def grip(self, position_m: float, force_n: float) -> Grip:
+        self.interrupts.check()
         self.clock.time_s += 1
         if position_m >= GRIPPER_OPEN_M:
             self.gripper_m = GRIPPER_OPEN_M
@@ -207,8 +208,8 @@ class RayCamera:
         rays = np.stack([(columns - cx) / focal, (rows - cy) / focal, np.ones(columns.shape)], axis=-1)
         self._rays = rays.reshape(-1, 3)
 
-    def look(self, checkpoint: Checkpoint) -> list[View]:
-        checkpoint()
+    def look(self) -> list[View]:
+        self._body.interrupts.check()
         self.looks += 1
         self._put_everything()
         name = self._body.site.robots[0].name
@@ -279,7 +280,8 @@ CLAIMANT = Claimant(
 class Notes:
     """What is kept of the work. `deaf`: number of times that no witness knows of it."""
 
-    def __init__(self) -> None:
+    def __init__(self, interrupts: Interrupts) -> None:
+        self._interrupts = interrupts
         self.claimant = CLAIMANT
         self.notes: list[dict[str, Any]] = []
         self.awaited: list[str] = []
@@ -288,8 +290,8 @@ class Notes:
     def note(self, payload: dict[str, Any]) -> None:
         self.notes.append(payload)
 
-    def await_witness(self, item: str, checkpoint: Checkpoint) -> None:
-        checkpoint()
+    def await_witness(self, item: str) -> None:
+        self._interrupts.check()
         self.awaited.append(item)
         if self.deaf:
             self.deaf -= 1
@@ -301,7 +303,8 @@ class AnsweringBin:
     nothing; `mistaken`: that it takes the robot for another; `full`: the compartments that take no more;
     `thefts`: number of drops after which something is taken out."""
 
-    def __init__(self, clock: ManualClock, compartment: str) -> None:
+    def __init__(self, clock: ManualClock, compartment: str, interrupts: Interrupts) -> None:
+        self._interrupts = interrupts
         self._clock = clock
         self._compartment = compartment
         self._number = 0
@@ -325,10 +328,8 @@ class AnsweringBin:
         payload = payload_of(Removal, 9, BIN, compartment=compartment, weight_n=0.2, settled_s=after_s + 3)
         return Removal.model_validate(payload)
 
-    def wait_for(
-        self, kind: type[Kind], after_s: float, checkpoint: Checkpoint, timeout_wall_s: float
-    ) -> Kind:
-        checkpoint()
+    def wait_for(self, kind: type[Kind], after_s: float, timeout_wall_s: float) -> Kind:
+        self._interrupts.check()
         self.on_wait(kind)
         if kind is Classification and self.silent:
             self.silent -= 1

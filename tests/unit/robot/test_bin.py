@@ -17,6 +17,7 @@ from rodeo.evidence import verify_attestation
 from rodeo.robot import bin as bin_module
 from rodeo.robot.bin import SmartBin
 from rodeo.robot.errors import NoAnswer
+from rodeo.robot.interrupts import Interrupts
 from rodeo.witness import Classification, Drop, Presentation, Removal, parse
 from rodeo.witness import devices as devices_module
 from tests.support.site import LAB, WAIT_S
@@ -40,7 +41,7 @@ class Listener:
         self.bus = BinBus()
         self.clock = ManualClock()
         self.voice = Voice(folder, self.bus)
-        self.bin = SmartBin(self.bus, Site.load(LAB), "itrash", self.clock, self.voice)  # type: ignore[arg-type]
+        self.bin = SmartBin(self.bus, Site.load(LAB), "itrash", self.clock, self.voice, Interrupts())  # type: ignore[arg-type]
         assert until(lambda: self.bin._listener._devices.known(self.bus.devices[0]["address"]) is not None)
 
     def live(self, kind: Any, time_s: float, **more: Any) -> None:
@@ -49,7 +50,7 @@ class Listener:
         self.bin._listener.settle()
 
     def wait_for(self, kind: Any, after_s: float, wall_s: float = 0.5) -> int:
-        return int(self.bin.wait_for(kind, after_s, lambda: None, wall_s).seq)
+        return int(self.bin.wait_for(kind, after_s, wall_s).seq)
 
 
 @pytest.fixture

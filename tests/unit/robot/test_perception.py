@@ -28,10 +28,6 @@ PLACE = (3.0, 1.3)
 KINDS = [(item_class.value, shape) for item_class, shapes in SHAPES.items() for shape in shapes]
 
 
-def go_on() -> None:
-    pass
-
-
 def scene(kind: str, shape: str, seed: int) -> tuple[ItemConfig, KinematicBody, RayCamera]:
     """The lab with one item of this kind up to 0.3 m from PLACE, and the robot looking at PLACE."""
     chance = random.Random(seed)
@@ -52,7 +48,7 @@ def scene(kind: str, shape: str, seed: int) -> tuple[ItemConfig, KinematicBody, 
 @pytest.mark.parametrize(("kind", "shape"), KINDS)
 def test_an_item_is_seen_from_a_distance(kind: str, shape: str) -> None:
     item, _, camera = scene(kind, shape, seed=1)
-    found = best(clusters(cloud(camera.look(go_on)), PLACE, 0.4, FLOOR.is_open), item, PLACE, 0.045)
+    found = best(clusters(cloud(camera.look()), PLACE, 0.4, FLOOR.is_open), item, PLACE, 0.045)
     assert math.dist(found.position_m[:2], (item.pose.x_m, item.pose.y_m)) < 0.03
 
 
@@ -65,7 +61,7 @@ def test_from_above_the_pose_is_good_enough_to_grasp(kind: str, shape: str) -> N
     for left_m in (-0.012, 0.012):
         target = pointing_down((0.67 - float(arm.camera_offset_m[2]), left_m, 0.23), math.pi / 2)
         body.arm_rad = arm.inverse(target, READY_RAD)
-        views += camera.look(go_on)
+        views += camera.look()
     place = (item.pose.x_m, item.pose.y_m)
     found = best(clusters(cloud(views), place, 0.12, FLOOR.is_open), item, place, 0.02)
     assert math.dist(found.position_m[:2], place) < 0.006
@@ -82,7 +78,7 @@ def test_from_above_the_pose_is_good_enough_to_grasp(kind: str, shape: str) -> N
 def test_an_empty_floor_shows_nothing() -> None:
     _, _, camera = scene("metal", "can", seed=3)
     camera.blind = True
-    assert clusters(cloud(camera.look(go_on)), PLACE, 0.4, FLOOR.is_open) == []
+    assert clusters(cloud(camera.look()), PLACE, 0.4, FLOOR.is_open) == []
 
 
 def test_furniture_is_not_an_item() -> None:
@@ -90,7 +86,7 @@ def test_furniture_is_not_an_item() -> None:
     camera.blind = True
     shelf = next(f for f in SITE.lab.furniture if f.kind == "shelf").pose
     body.base = Pose2(x_m=shelf.x_m - 1.1, y_m=shelf.y_m)
-    seen = cloud(camera.look(go_on))
+    seen = cloud(camera.look())
     place = (shelf.x_m - 0.15, shelf.y_m)
     assert clusters(seen, place, 0.4, lambda x, y: True) != []
     assert clusters(seen, place, 0.4, FLOOR.is_open) == []
@@ -101,7 +97,7 @@ def test_something_of_another_size_is_not_the_item_and_the_error_says_what_was_s
     can = ItemConfig.model_validate(
         {"id": "item9", "class": "metal", "shape": "tin", "pose": SITE.docks[0].pose}
     )
-    found = clusters(cloud(camera.look(go_on)), PLACE, 0.4, FLOOR.is_open)
+    found = clusters(cloud(camera.look()), PLACE, 0.4, FLOOR.is_open)
     with pytest.raises(NotFound) as caught:
         best(found, can, PLACE, 0.045)
     (seen,) = caught.value.details["seen_m"]

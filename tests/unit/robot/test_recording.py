@@ -20,7 +20,9 @@ from rodeo.config import Site
 from rodeo.evidence import Attestation, Recorder, open_proof
 from rodeo.robot import recording as recording_module
 from rodeo.robot.errors import NoAnswer
+from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.recording import (
+    RecordedRobot,
     Recording,
     recorded_topics,
 )
@@ -164,9 +166,8 @@ class Session:
 
     def _make(self) -> None:
         node = Node(self.bus.session, "recorder", "", 0, self.lab.clock)
-        self._made.append(
-            Recording(self.path, BINDING, ROBOT, self.lab.clock, node, SITE, "panther1", self.bus, RECORDS)
-        )
+        robot = RecordedRobot(SITE, "panther1", ROBOT, self.bus, self.lab.clock, Interrupts())
+        self._made.append(Recording(self.path, BINDING, node, robot, RECORDS))
 
     @property
     def begun(self) -> bool:
@@ -295,15 +296,15 @@ def test_the_item_may_be_moved_once_motion_capture_lists_the_recording_and_shows
     assert until(lambda: bool(lab.heads), lab.move)
     lab.watch("item1")
     with pytest.raises(NoAnswer) as caught:
-        session.recording.await_witness("item1", lambda: None)
+        session.recording.await_witness("item1")
     assert not caught.value.details["listed"]
     lab.lists_heads = True
     lab.watch()
     monkeypatch.setattr(recording_module, "_WITNESS_WALL_S", WAIT_S)
-    session.recording.await_witness("item1", lambda: None)
+    session.recording.await_witness("item1")
     monkeypatch.setattr(recording_module, "_WITNESS_WALL_S", 0.3)
     with pytest.raises(NoAnswer):
-        session.recording.await_witness("item2", lambda: None)
+        session.recording.await_witness("item2")
     session.end()
 
 

@@ -17,6 +17,7 @@ from rodeo.config import Site
 from rodeo.lab.config import Pose2, PosturesConfig
 from rodeo.robot.arm import Trajectory
 from rodeo.robot.errors import MotionFailed, Stopped
+from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import ActionServer, Node, ServerGoal, types
 from tests.support.site import LAB, WAIT_S, free_port
@@ -54,11 +55,7 @@ def make_node(endpoint: str) -> Iterator[Callable[[str], Node]]:
 @pytest.fixture
 def body(make_node: Callable[[str], Node]) -> RosBody:
     site = Site.load(LAB)
-    return RosBody(make_node("agent"), site, site.robots[0], WallClock())
-
-
-def go_on() -> None:
-    pass
+    return RosBody(make_node("agent"), site, site.robots[0], WallClock(), Interrupts())
 
 
 def succeed(goal: ServerGoal) -> None:
@@ -73,7 +70,7 @@ def test_a_drive_goes_to_the_pose_that_was_asked_for(make_node: Any, body: RosBo
         succeed(goal)
 
     ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, drive)
-    body.navigate(GOAL, go_on)
+    body.navigate(GOAL)
     (pose,) = got
     assert (pose.header.frame_id, pose.pose.position.x, pose.pose.position.y) == ("map", 1.0, 2.0)
     assert 2 * np.arctan2(pose.pose.orientation.z, pose.pose.orientation.w) == pytest.approx(1.5)
@@ -87,13 +84,13 @@ def test_what_the_body_said_when_it_gave_up_is_kept(make_node: Any, body: RosBod
         lambda goal: goal.abort(types.new(f"{NAVIGATE}_Result", error_code=208)),
     )
     with pytest.raises(MotionFailed) as caught:
-        body.navigate(GOAL, go_on)
+        body.navigate(GOAL)
     assert caught.value.details["result"] == {"error_code": 208}
 
 
 def test_a_body_that_comes_late_is_waited_for(make_node: Any, body: RosBody) -> None:
     done = threading.Event()
-    thread = threading.Thread(target=lambda: (body.navigate(GOAL, go_on), done.set()), daemon=True)
+    thread = threading.Thread(target=lambda: (body.navigate(GOAL), done.set()), daemon=True)
     thread.start()
     ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, succeed)
     assert done.wait(WAIT_S)
@@ -109,7 +106,7 @@ def test_a_motion_lost_with_its_body_is_started_again_on_the_next(make_node: Any
 
     ActionServer(first, "panther1/navigate_to_pose", NAVIGATE, hang)
     done = threading.Event()
-    thread = threading.Thread(target=lambda: (body.navigate(GOAL, go_on), done.set()), daemon=True)
+    thread = threading.Thread(target=lambda: (body.navigate(GOAL), done.set()), daemon=True)
     thread.start()
     assert started.wait(WAIT_S)
     first.session.close()  # as when the simulator is killed
@@ -131,8 +128,8 @@ def test_the_body_is_told_to_stop_when_the_agent_has_to(make_node: Any, body: Ro
             raise Stopped("the process is asked to end")
 
     ActionServer(make_node("sim"), "panther1/navigate_to_pose", NAVIGATE, until_told)
-    with pytest.raises(Stopped):
-        body.navigate(GOAL, stop_once_started)
+    with pytest.raises(Stopped), body.interrupts.also(stop_once_started):
+        body.navigate(GOAL)
     assert told.wait(WAIT_S)
 
 
@@ -148,7 +145,7 @@ def test_what_was_said_before_a_motion_ended_does_not_tell_where_the_body_is_aft
 
     def heard_while_saying(x_m: float) -> float:
         heard: list[Pose2] = []
-        listening = threading.Thread(target=lambda: heard.append(body.base_pose(go_on)))
+        listening = threading.Thread(target=lambda: heard.append(body.base_pose()))
         listening.start()
         while listening.is_alive():
             publisher.publish(poses[x_m])
@@ -156,7 +153,7 @@ def test_what_was_said_before_a_motion_ended_does_not_tell_where_the_body_is_aft
         return heard[0].x_m
 
     assert heard_while_saying(1.0) == 1.0
-    body.navigate(GOAL, go_on)
+    body.navigate(GOAL)
     assert heard_while_saying(2.0) == 2.0
 
 
@@ -185,9 +182,9 @@ def test_the_arm_is_planned_from_where_it_is(make_node: Any, body: RosBody) -> N
     thread = threading.Thread(target=talk)
     thread.start()
     try:
-        assert body.joints(go_on).gripper_m == pytest.approx(0.04)
+        assert body.joints().gripper_m == pytest.approx(0.04)
         body.follow(
-            lambda now: Trajectory(np.array([0.0, 1.5]), np.array([now, READY_RAD]), np.zeros((2, 6))), go_on
+            lambda now: Trajectory(np.array([0.0, 1.5]), np.array([now, READY_RAD]), np.zeros((2, 6)))
         )
     finally:
         silent.set()
@@ -212,7 +209,7 @@ def test_the_gripper_says_how_it_ended(make_node: Any, body: RosBody) -> None:
             )
         ),
     )
-    grip = body.grip(0.0, 5.0, go_on)
+    grip = body.grip(0.0, 5.0)
     assert (grip.position_m, grip.stalled) == (0.0345, True)
 
 
@@ -241,13 +238,13 @@ def test_a_body_that_is_off_is_switched_on_before_it_moves_and_only_then(
     sim = make_node("sim")
     power_service(sim, asked)
     ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed, lambda _goal: bool(asked) and asked[-1])
-    body.navigate(GOAL, go_on)
+    body.navigate(GOAL)
     assert asked == [True]
-    body.navigate(GOAL, go_on)
+    body.navigate(GOAL)
     assert asked == [True]
     body.switch_off()
     assert asked == [True, False]
-    body.navigate(GOAL, go_on)
+    body.navigate(GOAL)
     assert asked == [True, False, True]
 
 
@@ -258,7 +255,7 @@ def test_a_body_that_somebody_else_switched_off_is_switched_on_again(make_node: 
     ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed, lambda _goal: bool(asked) and asked[-1])
     eventually(body.switch_on)
     asked.append(False)
-    body.navigate(GOAL, go_on)
+    body.navigate(GOAL)
     assert asked == [True, False, True]
 
 
@@ -269,7 +266,7 @@ def test_a_goal_that_is_refused_for_another_reason_fails(make_node: Any, body: R
     ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed, lambda _goal: False)
     eventually(body.switch_on)
     with pytest.raises(MotionFailed):
-        body.navigate(GOAL, go_on)
+        body.navigate(GOAL)
     assert len(asked) == 2
 
 
@@ -280,7 +277,7 @@ def test_a_body_without_motor_power_works_on_and_that_is_said_once(
     with caplog.at_level("INFO"):
         body.switch_off()
         body.switch_off()
-        body.navigate(GOAL, go_on)
+        body.navigate(GOAL)
     assert sum("motors stay on" in record.message for record in caplog.records) == 1
 
 
@@ -292,6 +289,6 @@ def test_a_body_that_cannot_switch_is_asked_again_and_works_on(
     power_service(sim, asked, success=False)
     ActionServer(sim, "panther1/navigate_to_pose", NAVIGATE, succeed)
     eventually(lambda: not body.switch_on() and bool(asked))
-    body.navigate(GOAL, go_on)
+    body.navigate(GOAL)
     assert len(asked) >= 2 and all(asked)
     assert "no relay" in caplog.text

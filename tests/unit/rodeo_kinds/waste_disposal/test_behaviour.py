@@ -17,9 +17,9 @@ from rodeo.lab.layout import BinLayout
 from rodeo.lab.place import JUDGED_LIMIT_M, TAKEN_LIMIT_M
 from rodeo.lab.world import GRIPPER_CLOSED_M, GRIPPER_OPEN_M
 from rodeo.robot import bin as bin_module
-from rodeo.robot.behaviour import Estimate, Robot
+from rodeo.robot.behaviour import Estimate, Robot, Work
 from rodeo.robot.bin import SmartBin
-from rodeo.robot.errors import MotionFailed, Stopped, TaskFailed
+from rodeo.robot.errors import GraspFailed, MotionFailed, Stopped, TaskFailed
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor
 from rodeo.robot.perception import Sighting
@@ -47,23 +47,22 @@ MOMENT = Take([Sample("", "", None, 1_900_000_000 * 10**9)])
 ITEMS = [item.id for item in Site.load(LAB).items]
 
 
-def go_on() -> None:
-    pass
-
-
 class Scene:
     def __init__(self, folder: Path, compartment: str = "yellow", bus: BinBus | None = None) -> None:
         self.site = Site.load(LAB)
         self.clock = ManualClock()
         self.body = KinematicBody(self.site, self.clock)
         self.camera = RayCamera(self.body)
-        self.bin = AnsweringBin(self.clock, compartment)
+        self.bin = AnsweringBin(self.clock, compartment, self.body.interrupts)
         self.memory = Memory(self.site, folder / "memory.json")
-        self.record = Notes()
+        self.record = Notes(self.body.interrupts)
         self.progress: list[float] = []
         self.sightings: list[Sighting] = []
         self.hands = manipulator(self.site, self.body, self.camera, self.memory)
-        smart_bin = SmartBin(bus, self.site, "itrash", self.clock, Voice(folder, bus)) if bus else self.bin  # type: ignore[arg-type]
+        smart_bin: Any = self.bin
+        if bus is not None:
+            real: Any = bus, self.site, "itrash", self.clock, Voice(folder, bus), self.body.interrupts
+            smart_bin = SmartBin(*real)
         self.cleaning = WasteDisposal(
             Robot(
                 "panther1",
@@ -71,11 +70,17 @@ class Scene:
                 self.hands,
                 Floor(self.site),
                 self.memory,
-                {"itrash": smart_bin},  # type: ignore[dict-item]
+                {"itrash": smart_bin},
                 self.clock,
                 self.sightings.append,
                 lambda way_m, ends_at: Estimate(way_m, way_m, ends_at),
             )
+        )
+
+    @property
+    def work(self) -> Work:
+        return Work(
+            cleaning_chain_record(MOMENT).task, self.record, lambda _text, share: self.progress.append(share)
         )
 
     @property
@@ -87,16 +92,14 @@ class Scene:
         pose = next((i.pose for i in self.site.items if i.id == item), self.site.robots[0].pose)
         return pose.x_m, pose.y_m
 
-    def dispose(self, item: str = "item1", checkpoint: Any = go_on, off_m: float = 0.0) -> None:
+    def dispose(self, item: str = "item1", off_m: float = 0.0) -> None:
         """With a place that is `off_m` from where the item lies."""
         x_m, y_m = self.place(item)
         self.cleaning.dispose(
             item,
             (x_m + off_m, y_m),
             self.cleaning._stations,
-            checkpoint,
-            lambda text, share: self.progress.append(share),
-            self.record,
+            self.work,
         )
 
 
@@ -120,7 +123,7 @@ def test_an_item_ends_in_the_compartment_that_the_bin_names(
 
 def test_the_robot_leaves_the_bin_when_it_is_done(scene: Scene) -> None:
     scene.dispose()
-    scene.cleaning.tidy(go_on)
+    scene.cleaning.tidy()
     parking = BinLayout(scene.site.bins[0]).parking
     assert parking in scene.body.drives
     assert Floor(scene.site).clearance_m(scene.body.base.x_m, scene.body.base.y_m) > 0.6
@@ -236,7 +239,7 @@ def test_what_was_taken_out_during_an_interruption_fails_the_task(scene: Scene) 
     scene.bin.thefts = 1
     with pytest.raises(TaskFailed) as caught:
         (station,) = scene.cleaning._stations
-        scene.cleaning.confirm(900.0, station, go_on, lambda _text, _share: None, scene.record)
+        scene.cleaning.confirm(900.0, station, scene.work)
     assert caught.value.details["cause"] == "taken_out"
 
 
@@ -273,10 +276,10 @@ def test_the_arm_keeps_still_until_the_bin_has_spoken_of_the_drop(scene: Scene) 
     heard_before_motion: list[bool] = []
     follow = scene.body.follow
 
-    def watched(plan: Any, checkpoint: Any) -> None:
+    def watched(plan: Any) -> None:
         if scene.body.dropped_in:
             heard_before_motion.append(Drop in heard)
-        follow(plan, checkpoint)
+        follow(plan)
 
     scene.bin.on_wait = heard.append
     scene.body.follow = watched  # type: ignore[method-assign]
@@ -288,17 +291,17 @@ def test_the_arm_keeps_still_until_the_bin_has_spoken_of_the_drop(scene: Scene) 
 def test_an_arm_that_is_stopped_after_the_release_costs_neither_the_drop_nor_the_task(scene: Scene) -> None:
     follow, stopped = scene.body.follow, [MotionFailed("the arm did not follow", action="arm")]
 
-    def stopped_once(plan: Any, checkpoint: Any) -> None:
+    def stopped_once(plan: Any) -> None:
         if scene.body.dropped_in and stopped:
             raise stopped.pop()
-        follow(plan, checkpoint)
+        follow(plan)
 
     scene.body.follow = stopped_once  # type: ignore[method-assign]
     scene.dispose()
     assert not stopped
     assert scene.body.dropped_in == "yellow"
     assert scene.events == ["releasing", "released", "retry"]
-    scene.cleaning.tidy(go_on)
+    scene.cleaning.tidy()
 
 
 def test_an_item_that_is_not_there_fails_the_task_after_a_look_from_two_sides(scene: Scene) -> None:
@@ -349,7 +352,7 @@ def test_another_item_at_the_place_is_not_mistaken_for_the_one_that_is_meant(sce
 
 
 def test_a_robot_that_is_not_at_the_bin_need_not_clear_it(scene: Scene) -> None:
-    scene.cleaning.tidy(go_on)
+    scene.cleaning.tidy()
     assert scene.body.drives == []
 
 
@@ -370,7 +373,8 @@ def test_work_goes_on_after_being_stopped_anywhere(scene: Scene, steps: int) -> 
             raise Stopped("the process is asked to end")
 
     try:
-        scene.dispose(checkpoint=stop_after_a_while)
+        with scene.body.interrupts.also(stop_after_a_while):
+            scene.dispose()
     except Stopped:
         if "releasing" not in scene.events:
             scene.dispose()
@@ -378,14 +382,23 @@ def test_work_goes_on_after_being_stopped_anywhere(scene: Scene, steps: int) -> 
 
 
 def test_what_is_held_is_felt_and_remembered(scene: Scene) -> None:
-    assert scene.hands.held(go_on) is None
+    assert scene.hands.held() is None
     scene.bin.silent = 999
     with pytest.raises(TaskFailed):
         scene.dispose()
-    held = scene.hands.held(go_on)
+    held = scene.hands.held()
     assert held is not None
     assert held.item_id == "item1"
     assert held.place_m == pytest.approx(scene.place("item1"), abs=0.01)
+
+
+def test_what_is_lost_while_it_is_held_ends_a_wait_and_nothing_after_that(scene: Scene) -> None:
+    with scene.hands.holding():
+        scene.hands.wait(1.0)
+        scene.body.gripper_m = GRIPPER_CLOSED_M
+        with pytest.raises(GraspFailed):
+            scene.hands.wait(1.0)
+    scene.hands.wait(1.0)
 
 
 def test_what_slipped_out_unnoticed_is_not_believed_to_be_held(scene: Scene) -> None:
@@ -393,7 +406,7 @@ def test_what_slipped_out_unnoticed_is_not_believed_to_be_held(scene: Scene) -> 
     with pytest.raises(TaskFailed):
         scene.dispose()
     scene.body.gripper_m = GRIPPER_CLOSED_M
-    assert scene.hands.held(go_on) is None
+    assert scene.hands.held() is None
     assert scene.memory.held is None
 
 
@@ -411,10 +424,10 @@ def test_a_held_item_can_be_put_back_where_it_lay_and_taken_again(scene: Scene, 
     scene.bin.silent = 999
     with pytest.raises(TaskFailed):
         scene.dispose(item)
-    held = scene.hands.held(go_on)
+    held = scene.hands.held()
     assert held is not None
-    scene.hands.put_back(held, go_on)
-    assert scene.hands.held(go_on) is None
+    scene.hands.put_back(held)
+    assert scene.hands.held() is None
     assert scene.body.items[item].position_m[:2] == pytest.approx(scene.place(item), abs=0.02)
     scene.bin.silent = 0
     scene.dispose(item)

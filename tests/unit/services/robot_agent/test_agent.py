@@ -17,6 +17,7 @@ from rodeo.lab.config import Pose2
 from rodeo.messages import DaoEvent, Task
 from rodeo.robot.behaviour import Estimate
 from rodeo.robot.errors import BodySilent
+from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import Battery
 from rodeo.schedule import Schedule
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
@@ -79,8 +80,9 @@ class Night:
         agent._robot = SimpleNamespace(name="panther1", pose=Pose2(x_m=0, y_m=0))
         agent._process = SimpleNamespace(disk_problem="", ready=lambda: None)
         agent._memory = SimpleNamespace(held=None)
+        agent._interrupts = Interrupts()
         agent._body, agent._dao, agent._upkeep, agent._charging = self, self, self, self
-        agent._manipulator = SimpleNamespace(fold=lambda _check: self.did.append("fold"))
+        agent._manipulator = SimpleNamespace(fold=lambda: self.did.append("fold"))
         agent._report = lambda text, *_: self.said.append(text)
         agent._rest = lambda _situation: self.did.append("rest")
         agent._work = lambda _situation: (self.did.append("work"), self.assigned.clear())
@@ -92,10 +94,10 @@ class Night:
         return agent
 
     # the body
-    def battery(self, _checkpoint: Any) -> Battery:
+    def battery(self) -> Battery:
         return Battery(0.9, False)
 
-    def base_pose(self, _checkpoint: Any) -> Pose2:
+    def base_pose(self) -> Pose2:
         self.asked += 1
         if not self.powered:
             raise BodySilent("a body that is off was asked")
@@ -118,7 +120,7 @@ class Night:
     def weigh(self, _task: Task | None, here: Pose2) -> Estimate:
         return Estimate(1.0, 1.0, here)
 
-    def tidy(self, _checkpoint: Any) -> None:
+    def tidy(self) -> None:
         pass
 
     # what keeps it fit, and the dock
@@ -205,7 +207,7 @@ def test_what_it_was_given_before_its_hours_were_over_it_does_and_is_off_again(n
 def test_a_robot_that_is_called_on_its_way_home_decides_again_before_it_is_switched_off() -> None:
     night = Night(at(18))
     agent = night.mind()
-    agent._manipulator = SimpleNamespace(fold=lambda _check: agent._wake.set())
+    agent._manipulator = SimpleNamespace(fold=lambda: agent._wake.set())
     steps(night, 1)
     assert night.powered and not night.waits
 
@@ -214,7 +216,7 @@ def test_a_robot_that_is_called_on_its_way_home_decides_again_before_it_is_switc
 def test_a_robot_that_comes_home_when_its_hours_begin_does_not_sleep_through_the_day(late_s: float) -> None:
     night = Night(at(31.9))
     agent = night.mind()
-    agent._manipulator = SimpleNamespace(fold=lambda _check: setattr(night, "now_s", at(32) + late_s))
+    agent._manipulator = SimpleNamespace(fold=lambda: setattr(night, "now_s", at(32) + late_s))
     steps(night, 1)
     assert night.powered and not night.waits
 

@@ -17,9 +17,9 @@ from rodeo.dao import Assignment
 from rodeo.lab.config import Pose2
 from rodeo.messages import Task
 from rodeo.queries import Offer
-from rodeo.robot.behaviour import Behaviour, Estimate, Record, Report, Robot
-from rodeo.robot.body import Checkpoint
+from rodeo.robot.behaviour import Behaviour, Estimate, Robot, Work
 from rodeo.robot.decisions import Decisions
+from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.memory import Memory
 from rodeo.robot.navigation import Floor, travel_cost_m
 from rodeo.robot.ros_body import Battery
@@ -55,14 +55,14 @@ class StandGuard(Behaviour):
         way_m = self.robot.floor.diagonal_m if task is None else travel_cost_m(here, goal)
         return self.robot.estimate(way_m, goal)
 
-    def execute(self, task: Task, checkpoint: Checkpoint, report: Report, recording: Record) -> None:
-        goal, stay_s = self._goal(task)
-        report("driving to the place", 0.1)
-        self.robot.body.fold(checkpoint)
-        self.robot.body.drive([goal], checkpoint)
-        recording.note({"event": "arrived"})
-        report("staying", 0.6)
-        self.robot.body.wait(stay_s, checkpoint)
+    def execute(self, work: Work) -> None:
+        goal, stay_s = self._goal(work.task)
+        work.report("driving to the place", 0.1)
+        self.robot.body.fold()
+        self.robot.body.drive([goal])
+        work.recording.note({"event": "arrived"})
+        work.report("staying", 0.6)
+        self.robot.body.wait(stay_s)
 
     def _goal(self, task: Task) -> tuple[Pose2, float]:
         params = Params.model_validate(task.params)
@@ -117,7 +117,7 @@ class Tape(Notes):
     """A recording that is kept in memory."""
 
     def __init__(self, path: Path, *_: Any, records: Any, holes_allowed: bool) -> None:
-        super().__init__()
+        super().__init__(Interrupts())
         path.write_text("")
         self.records = records
         tapes.append(self)
@@ -132,7 +132,9 @@ tapes: list[Tape] = []
 
 
 class GuardedBody(KinematicBody):
-    def battery(self, _checkpoint: Checkpoint) -> Battery:
+    def battery(
+        self,
+    ) -> Battery:
         return Battery(0.9, False)
 
     def switch_on(self) -> None:
@@ -173,6 +175,7 @@ def mind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
     agent._events, agent._events_lock, agent._recording = deque(), threading.Lock(), None
     agent._off_since = agent._attempt = agent._device = None
     agent._exploring, agent._decisions = HourlyBudget(3600.0), Decisions(tmp_path / "decisions.jsonl")
+    agent._interrupts, agent._recorded = body.interrupts, None
     agent._body, agent._memory, agent._manipulator, agent._floor = body, memory, hands, Floor(SITE)
     agent._dao, agent._upkeep = Dao(), Fit()
     agent._prices = Prices(SITE, SITE.robots[0], agent._dao, agent._upkeep, clock, tmp_path)
@@ -226,6 +229,15 @@ def test_what_cannot_be_done_is_given_up_on_record_and_handed_in(
     mind._step()
     assert tapes[0].notes[-1]["event"] == "execution_failed"
     assert mind._dao.proofs == [7] and mind._upkeep.took == [("guarding", None)]
+
+
+def test_an_operator_who_gives_a_task_up_ends_its_motions_and_not_those_after_it(mind: Any) -> None:
+    mind._dao.assigned = [guarding(7)]
+    mind._orders.cancelled = lambda _nonce: True
+    mind._step()
+    assert mind._body.drives == [] and tapes[0].notes[-1]["code"] == "cancelled"
+    assert mind._dao.proofs == [7]
+    mind._manipulator.wait(1.0)
 
 
 def test_tasks_of_all_its_kinds_are_worked_off_the_oldest_first(mind: Any) -> None:

@@ -31,14 +31,14 @@ def charging(body: KinematicBody, folder: Path, dao: Any = None, site: Site = SI
 def test_a_robot_on_the_contacts_leaves_them(tmp_path: Path) -> None:
     body, said = KinematicBody(SITE, ManualClock()), []
     body.base = dock_parking(SITE.docks[0])
-    charging(body, tmp_path).clear_the_dock(lambda: None, lambda text, share: said.append(text))
+    charging(body, tmp_path).clear_the_dock(lambda text, share: said.append(text))
     assert not on_contacts(SITE.docks[0], body.base)
     assert said == ["leaving the dock"]
 
 
 def test_a_robot_elsewhere_stays_where_it_is(tmp_path: Path) -> None:
     body, said = KinematicBody(SITE, ManualClock()), []
-    charging(body, tmp_path).clear_the_dock(lambda: None, lambda text, share: said.append(text))
+    charging(body, tmp_path).clear_the_dock(lambda text, share: said.append(text))
     assert body.drives == said == []
 
 
@@ -92,6 +92,6 @@ def test_a_robot_docks_where_it_is_told(tmp_path: Path) -> None:
     body.base = dock_parking(site.dock("dock_west"))
     memory = Memory(site, tmp_path / "memory.json")
     hands = manipulator(site, body, RayCamera(body), memory)
-    assert hands.docked(lambda: None) == site.dock("dock_west")
-    hands.dock(site.dock("dock_east"), lambda: None)
-    assert hands.docked(lambda: None) == site.dock("dock_east")
+    assert hands.docked() == site.dock("dock_west")
+    hands.dock(site.dock("dock_east"))
+    assert hands.docked() == site.dock("dock_east")
