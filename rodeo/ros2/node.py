@@ -152,10 +152,8 @@ class Node:
         self.namespace = namespace
         self.domain_id = domain_id
         self.clock = clock
-        self._session_id = str(session.info.zid())
-        self._node_id = next(_entity_ids)
-        token = wire.node_token(domain_id, self._session_id, self._node_id, namespace, name)
-        self._token = session.liveliness().declare_token(token)
+        self._entity = wire.NodeEntity(domain_id, str(session.info.zid()), next(_entity_ids), namespace, name)
+        self._token = session.liveliness().declare_token(self._entity.token())
         self._endpoints: list[Any] = []
         self._closed = False
 
@@ -214,18 +212,7 @@ class Node:
         self, kind: wire.EntityKind, name: str, typename: str, qos: wire.QoS
     ) -> tuple[zenoh.LivelinessToken, bytes]:
         """Make an endpoint visible in the ROS graph; returns its token and its 16-byte gid."""
-        text = wire.endpoint_token(
-            self.domain_id,
-            self._session_id,
-            self._node_id,
-            next(_entity_ids),
-            kind,
-            self.namespace,
-            self.name,
-            name,
-            typename,
-            qos,
-        )
+        text = self._entity.endpoint_token(next(_entity_ids), kind, name, typename, qos)
         return self.session.liveliness().declare_token(text), wire.gid_of(text)
 
     def keep(self, endpoint: Any) -> Any:

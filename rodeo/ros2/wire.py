@@ -73,29 +73,29 @@ def _mangle(name: str) -> str:
     return name.replace("/", "%") or "%"
 
 
-def node_token(domain_id: int, session_id: str, node_id: int, namespace: str, name: str) -> str:
-    """Liveliness token that makes a node visible in the ROS graph."""
-    return f"@ros2_lv/{domain_id}/{session_id}/{node_id}/{node_id}/NN/%/{_namespace(namespace)}/{name}"
+@dataclass(frozen=True)
+class NodeEntity:
+    """A node as its liveliness tokens name it in the ROS graph."""
 
+    domain_id: int
+    session_id: str
+    node_id: int
+    namespace: str
+    name: str
 
-def endpoint_token(
-    domain_id: int,
-    session_id: str,
-    node_id: int,
-    entity_id: int,
-    kind: EntityKind,
-    namespace: str,
-    node: str,
-    name: str,
-    typename: str,
-    qos: QoS,
-) -> str:
-    """Liveliness token of a publisher, subscriber, service or client."""
-    return (
-        f"@ros2_lv/{domain_id}/{session_id}/{node_id}/{entity_id}/{kind}/%/{_namespace(namespace)}/{node}/"
-        f"{_mangle('/' + name.strip('/'))}/{types.dds_type(typename)}/{types.type_hash(typename)}"
-        f"/{qos.encode()}"
-    )
+    def token(self) -> str:
+        return self._token(self.node_id, "NN")
+
+    def endpoint_token(self, entity_id: int, kind: EntityKind, name: str, typename: str, qos: QoS) -> str:
+        """Of one of its publishers, subscribers, services or clients."""
+        return (
+            f"{self._token(entity_id, kind)}/{_mangle('/' + name.strip('/'))}/{types.dds_type(typename)}/"
+            f"{types.type_hash(typename)}/{qos.encode()}"
+        )
+
+    def _token(self, entity_id: int, kind: str) -> str:
+        place = f"{self.domain_id}/{self.session_id}/{self.node_id}/{entity_id}"
+        return f"@ros2_lv/{place}/{kind}/%/{_namespace(self.namespace)}/{self.name}"
 
 
 def servers_expression(domain_id: int, name: str, typename: str) -> str:

@@ -18,12 +18,15 @@ def test_a_topic_key_has_domain_name_type_and_hash() -> None:
 
 
 def test_a_publisher_token_names_its_node_topic_type_and_qos() -> None:
-    token = wire.endpoint_token(2, "aac3", 0, 10, "MP", "", "talker", "chatter", STRING, wire.DEFAULT)
+    node = wire.NodeEntity(2, "aac3", 0, "", "talker")
+    token = node.endpoint_token(10, "MP", "chatter", STRING, wire.DEFAULT)
     assert token == f"@ros2_lv/2/aac3/0/10/MP/%/%/talker/%chatter/{KEY_END}/::,10:,:,:,,"
 
 
 def test_a_namespace_is_mangled() -> None:
-    assert wire.node_token(0, "aac3", 3, "panther1", "sim") == "@ros2_lv/0/aac3/3/3/NN/%/%panther1/sim"
+    assert (
+        wire.NodeEntity(0, "aac3", 3, "panther1", "sim").token() == "@ros2_lv/0/aac3/3/3/NN/%/%panther1/sim"
+    )
 
 
 @pytest.mark.parametrize(
