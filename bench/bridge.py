@@ -4,6 +4,7 @@
 a subscriber of the bus, for transactions that the bridge knows nothing of.
 `tx_throughput_*`: commands answered per second of one wallet that many callers use at once, over what web3.py
 reaches on the same node in the same run: signed one after the other, all sent, then all receipts waited for.
+`quorum_verdict_ms`: from the third of five oracles' votes on the bus to the payment, the median of VERDICTS.
 `index_10000_s`: from an empty database to 10,000 settled tasks, without the node.
 """
 
@@ -15,7 +16,7 @@ import statistics
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from decimal import Decimal
 from pathlib import Path
@@ -24,14 +25,17 @@ from eth_account import Account
 
 from deploy import contracts
 from deploy.launcher import Launcher
-from rodeo import topics
+from rodeo import topics, wallets
 from rodeo.bus import Bus
 from rodeo.chain import Call, ChainClient, Deployment, Log, Verdict, events
+from rodeo.clock import WallClock
+from rodeo.config import Site
 from rodeo.dao import Participant
-from rodeo.messages import Transfer
+from rodeo.messages import RegisterService, RegisterTask, Transfer, Vote
 from services.bridge.follower import MAX_BLOCKS
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from services.bridge.projection import ZERO_ADDRESS
+from services.oracle.votes import Votes
 
 SITE = Path(__file__).parents[1] / "deploy" / "sites" / "lab.toml"
 CHAIN_ID = 31_337
@@ -40,6 +44,8 @@ DEV_KEY = "0xac0974bec39a17e36ba4a6b4d238ff944bacb478cbed5efcae784d7bf4f2ff80"
 
 EVENTS = 300
 TRANSACTIONS = 300
+VERDICTS = 20
+KIND = "waste_disposal"
 CALLERS = 32
 _PACE_S = 0.013
 """Between two events: coprime with the bridge's polling period, so that all its phases are hit."""
@@ -51,6 +57,7 @@ def run() -> dict[str, float]:
         **{f"{name}_anvil": value for name, value in _measure("anvil").items()},
         **{f"{name}_eth_tester": value for name, value in _measure("eth-tester").items()},
         "index_10000_s": _index_from_nothing(10_000),
+        "quorum_verdict_ms": _quorum_verdict_ms(),
     }
 
 
@@ -118,6 +125,80 @@ def _throughput(bus: Bus, org: str, client: ChainClient) -> dict[str, float]:
     both = [(bridged_s(TRANSACTIONS // turns), bare_s(TRANSACTIONS // turns)) for _ in range(turns)]
     bridged, bare = (TRANSACTIONS / sum(times) for times in zip(*both, strict=True))
     return {"tx_per_s": bridged, "tx_per_s_bare": bare, "tx_throughput": bridged / bare}
+
+
+def _quorum_verdict_ms() -> float:
+    """Three of five oracles have to agree, and two have voted. The oracles' own code signs and posts."""
+    names = ("anna", "bert", "carl", "dora", "erin")
+    extra = "".join(f'\n[[oracles]]\nname = "{name}"\n' for name in names)
+    with tempfile.TemporaryDirectory(prefix="rodeo-bench-") as folder:
+        site_path = write_site(Path(folder), "eth-tester", extra)
+        with Launcher(site_path, only=("router", "chain", "bridge")) as launcher:
+            site = launcher.site
+            contracts.run(site, threading.Event())
+            with Bus.open(site.bus.router, timeout_s=60.0) as bus:
+                _wait_ready(bus, site.org)
+                return statistics.median(_verdicts_ms(site, bus, names[:3]))
+
+
+def _verdicts_ms(site: Site, bus: Bus, names: Sequence[str]) -> Iterator[float]:
+    """From the third vote's publication to the payment, as a subscriber of the bus sees it."""
+    stop, settled, waiting = threading.Event(), threading.Event(), set[tuple[int, int]]()
+    heard = threading.Event()
+    subscribers = [
+        bus.subscribe_json(topics.EVENT.name(org=site.org, event="TaskSettled"), lambda *_: settled.set()),
+        bus.subscribe_json(topics.VOTE.pattern(org=site.org), lambda *_: heard.set()),
+    ]
+
+    def oracle(name: str) -> Votes:
+        wallet, key = Participant(bus, site.org, name), wallets.load(site, f"{name}-device")
+        return Votes(
+            *(site, name, key, bus, wallet, WallClock()),
+            waits=lambda task_id, attempt: (task_id, attempt) in waiting,
+            tell=lambda: None,
+        )
+
+    oracles = [oracle(name) for name in names]
+    working = [threading.Thread(target=one.run, args=(stop,), daemon=True) for one in oracles]
+    for thread in working:
+        thread.start()
+    robot, organization = (Participant(bus, site.org, name) for name in ("panther1", "organization"))
+    robot.command("register_service", RegisterService(kind=KIND, price_iec=Decimal(1)))
+    params = {"item_id": "item1", "x_m": 1.0, "y_m": 2.0}
+    digest = "ab" * 32
+    for _ in range(VERDICTS):
+        posted = RegisterTask(kind=KIND, reward_iec=Decimal(1), params=params)
+        task_id = organization.command("register_task", posted).task_id or 0
+        robot.submit_proof(task_id, 1, f"0x{digest}", f"{site.store_url}/{digest}.mcap")
+        task = robot.task(task_id)
+        vote = Vote(
+            task_id=task_id,
+            attempt=1,
+            proof_sha256=f"0x{digest}",
+            report_sha256=f"0x{digest}",
+            rules_sha256=task.rules_sha256 or "",
+            outcome="accepted",
+            amount_iec=Decimal(1),
+            reason="accepted",
+        )
+        waiting.add((task_id, 1))
+        settled.clear()
+        *others, last = oracles
+        for one in others:
+            heard.clear()
+            one.cast(task, vote, "file:///report.json")
+            heard.wait(60.0)
+        started_s = time.perf_counter()
+        last.cast(task, vote, "file:///report.json")
+        if not settled.wait(60.0):
+            raise RuntimeError(f"task {task_id} was not settled")
+        yield 1e3 * (time.perf_counter() - started_s)
+        waiting.clear()
+    stop.set()
+    for thread in working:
+        thread.join()
+    for subscriber in subscribers:
+        subscriber.undeclare()
 
 
 def _index_from_nothing(tasks: int) -> float:

@@ -423,9 +423,9 @@ class RevokeRole(Command):
 
 
 Proposable = Literal[
-    "admit", "allow_kind", "dismiss", "grant_role", "register_device", "reinstate_service", "rescue_tokens",
-    "resume_tasks", "retire_rules", "revoke_device", "revoke_role", "set_budget", "set_members_only",
-    "set_policy", "set_terms", "suspend_service", "update_service",
+    "admit", "allow_kind", "change_judge_key", "dismiss", "grant_role", "register_device",
+    "reinstate_service", "rescue_tokens", "resume_tasks", "retire_rules", "revoke_device", "revoke_role",
+    "set_budget", "set_members_only", "set_policy", "set_terms", "suspend_service", "update_service",
 ]  # fmt: skip
 """Commands of the organization that its members can decide about."""
 
@@ -458,6 +458,15 @@ class ExecuteProposal(Command):
     """Do what was decided, after the delay. Anybody may."""
 
     proposal: Id
+
+
+class ChangeJudgeKey(Command):
+    """Let a judge of the committee vote with another key, for every kind. What it signed with the old key
+    counts no more."""
+
+    judge: Party
+    """Its name, or the address of its key until now."""
+    key: Address
 
 
 class Collect(Command):
@@ -499,6 +508,7 @@ COMMANDS: dict[str, type[Command]] = {
     "rescue_tokens": RescueTokens,
     "grant_role": GrantRole,
     "revoke_role": RevokeRole,
+    "change_judge_key": ChangeJudgeKey,
     "propose": Propose,
     "cast_vote": CastVote,
     "queue_proposal": QueueProposal,

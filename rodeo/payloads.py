@@ -278,6 +278,8 @@ _VALUES: dict[str, Any] = {
     "account": "alice",
     "token": "0x5FbDB2315678afecb367f032d93F642f64180aa3",
     "request_id": "post-item1",
+    "judge": "anna",
+    "key": _ADDRESS,
     "command": "set_terms",
     "request": {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2},
     "description": "a bond, so that robots take only what they can do",

@@ -297,6 +297,26 @@ class KindRules(Answer):
     """Who wins if the judges, or after them the auditors, do not decide."""
     rules_sha256: list[str] = []
     """The rules under which tasks may be posted now, the newest last."""
+    votes: int = 0
+    """How many equal votes of the committee's judges make a verdict; 0 where it does not judge the kind."""
+    panel: int = 0
+    """How many of the judges may vote at once after the proof."""
+    rotation_s: int = 0
+    """Time after which one more judge may vote; 0 for never."""
+    seats: list[int] = []
+    """Of the judges who judge the kind."""
+
+
+class Judge(Answer):
+    """One of several oracles that have to agree."""
+
+    seat: int
+    key: str
+    """Address of the key with which it votes."""
+    name: str | None
+    """Its name in the device registry."""
+    owner: str
+    owner_name: str | None
 
 
 class Terms(Answer):
@@ -346,6 +366,8 @@ class Organization(Answer):
     paused_until_s: int = 0
     """Block time before which no new tasks are taken; in the past where they are."""
     decided_by: Literal["administrator", "vote"] = "administrator"
+    judges: list[Judge] = []
+    """Of the committee of oracles, by their seats."""
     roles: dict[str, list[Holder]]
     """Keys are the contract's names of the roles."""
     contracts: Contracts

@@ -27,7 +27,7 @@ from rodeo_cli.formatting import iec, moment
 from rodeo_cli.layout import Row
 from rodeo_cli.proposals import register, send
 from rodeo_cli.tasks import ParticipantOption
-from services.console.formatting import count
+from services.console.formatting import count, quorum_in_words
 
 organization = typer.Typer(
     help="Show and change the organization's rules, members, devices and treasury.",
@@ -68,6 +68,13 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
         ),
         *((kind.kind, _kind_in_words(kind)) for kind in state.kinds),
         *(
+            (
+                f"judge in seat {one.seat}",
+                f"{one.name or 'unnamed'}, for {one.owner_name or one.owner}, {one.key}",
+            )
+            for one in state.judges
+        ),
+        *(
             (_ROLES.get(role, role), ", ".join(one.name or one.address for one in holders) or "nobody")
             for role, holders in sorted(state.roles.items())
         ),
@@ -96,6 +103,8 @@ def _kind_in_words(kind: queries.KindRules) -> str:
     if not kind.allowed:
         return "not accepted"
     told = f"judged by {'an auditor' if kind.review == 'auditor' else 'the oracle'}"
+    if kind.review == "oracle" and kind.votes:
+        told = f"judged by {quorum_in_words(kind)}"
     if kind.min_window_s:
         told += f"; at least {span(kind.min_window_s)} to work"
     if kind.max_verdict_window_s:
@@ -455,6 +464,19 @@ def withdraw(
     )
 
 
+@organization.command("judge-key")
+@reports_errors
+def judge_key(
+    judge: Annotated[str, typer.Argument(help="The oracle's name, or the address of its key until now.")],
+    key: Annotated[str, typer.Argument(help="Address of the key with which it votes from now on.")],
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Let a judge of the committee vote with another key, for every kind of work."""
+    done = f"{judge} votes with the key {key} now. What it signed with the old key counts no more."
+    send(site, participant, "change_judge_key", done, judge=judge, key=key)
+
+
 @organization.command("devices")
 @reports_errors
 def devices(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
@@ -559,5 +581,6 @@ register(
         "rescue": rescue,
         "register-device": register_device,
         "revoke-device": revoke_device,
+        "judge-key": judge_key,
     },
 )

@@ -11,8 +11,10 @@ from dataclasses import dataclass, field, replace
 from rodeo.chain import (
     Cause,
     Device,
+    Judge,
     KindRules,
     Log,
+    Quorum,
     Review,
     Revocation,
     Service,
@@ -47,6 +49,9 @@ class Rebuilt:
     """What only the event tells."""
     completed: set[tuple[int, int]] = field(default_factory=set)
     """(task, attempt) that a judge accepted."""
+    judges: dict[str, Judge] = field(default_factory=dict)
+    """Key -> the judge of the committee."""
+    quorums: dict[str, Quorum] = field(default_factory=dict)
     roles: set[tuple[str, str]] = field(default_factory=set)
     """(role, account)"""
     terms: Terms = field(default_factory=lambda: Terms(0, 0, 0))
@@ -179,6 +184,14 @@ class Rebuilt:
             case events.DeviceRevoked():
                 revoked = replace(self.devices[event.device], revoked_at=time_s, revocation=event.reason)
                 self.devices[event.device] = revoked
+            case events.JudgeSeated():
+                self.judges[event.key] = Judge(event.owner, event.seat)
+            case events.JudgeKeyChanged():
+                self.judges[event.key] = self.judges.pop(event.old_key)
+            case events.QuorumChanged():
+                self.quorums[event.kind] = Quorum(
+                    event.votes, event.panel, event.rotation, event.judges.bit_count(), event.judges
+                )
             case events.KindAllowed():
                 self._kind(event.kind, allowed=True, review=event.review)
                 if any(event.rules):

@@ -11,7 +11,7 @@ from hashlib import sha256
 from typing import Any
 
 from eth_account import Account
-from eth_utils import to_checksum_address
+from eth_utils import is_address, to_checksum_address
 
 from rodeo.bus import validate
 from rodeo.chain import (
@@ -43,6 +43,7 @@ from rodeo.messages import (
     Broadcast,
     CancelTask,
     CastVote,
+    ChangeJudgeKey,
     Collect,
     Command,
     Deposit,
@@ -93,6 +94,7 @@ from services.bridge.errors import (
     RulesNotCurrent,
     UnknownCommand,
     UnknownKind,
+    UnknownParticipant,
     UnknownProposal,
     UnknownService,
     UnknownTask,
@@ -534,6 +536,14 @@ class Wallet:
         role = Role[command.role.upper()]
         return [self.client.organization_calls.revoke_role(role, self.names.key_address(command.account))]
 
+    def _change_judge_key(self, command: ChangeJudgeKey) -> list[Call]:
+        keys = {row["name"]: row["key"] for row in self.index.judges()}
+        known = keys.get(command.judge)
+        if known is None and not is_address(command.judge):
+            raise UnknownParticipant("no such judge", who=command.judge, known=sorted(filter(None, keys)))
+        old = to_checksum_address(known or command.judge)
+        return [self.client.calls.change_key(old, to_checksum_address(command.key))]
+
     # -- decisions by vote ---------------------------------------------------------------------------------
 
     def _propose(self, command: Propose) -> list[Call]:
@@ -700,6 +710,7 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "rescue_tokens": (RescueTokens, Wallet._rescue_tokens),
     "grant_role": (GrantRole, Wallet._grant_role),
     "revoke_role": (RevokeRole, Wallet._revoke_role),
+    "change_judge_key": (ChangeJudgeKey, Wallet._change_judge_key),
     "propose": (Propose, Wallet._propose),
     "cast_vote": (CastVote, Wallet._cast_vote),
     "queue_proposal": (QueueProposal, Wallet._queue_proposal),

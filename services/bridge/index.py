@@ -473,6 +473,12 @@ class Index:
             held.setdefault(row["role"], []).append(row["address"])
         return held
 
+    def judges(self) -> list[Row]:
+        """Of the committee, by their seats, each with its name in the device registry, if it has one."""
+        judges, devices = schema.judges.c, schema.devices.c
+        named = schema.judges.outerjoin(schema.devices, judges.first_key == devices.address)
+        return self._rows(select(schema.judges, devices.name).select_from(named).order_by(judges.seat))
+
     def devices(self) -> list[Row]:
         return self._rows(select(schema.devices).order_by(schema.devices.c.registered))
 

@@ -241,6 +241,19 @@ class Projection:
             case events.VerdictWindowsChanged():
                 bounds = {"min_verdict_window_s": event.min, "max_verdict_window_s": event.max}
                 self._change_kind(event.kind, **bounds)
+            case events.JudgeSeated():
+                judge = {"seat": event.seat, "key": event.key, "first_key": event.key, "owner": event.owner}
+                rows.add(schema.judges, **judge)
+            case events.JudgeKeyChanged():
+                rows.change(schema.judges, event.seat, key=event.key)
+            case events.QuorumChanged():
+                self._change_kind(
+                    event.kind,
+                    votes=event.votes,
+                    panel=event.panel,
+                    rotation_s=event.rotation,
+                    seats=[seat for seat in range(64) if event.judges >> seat & 1],
+                )
             case events.TermsChanged():
                 terms = {
                     "bond_iec": iec(event.bond),
@@ -330,6 +343,10 @@ class Projection:
             "audit_window_s": 0,
             "silence": "none",
             "rules_sha256": [],
+            "votes": 0,
+            "panel": 0,
+            "rotation_s": 0,
+            "seats": [],
             "places": 0,
         }
         return self.rows.find(schema.kinds, kind) or unknown

@@ -304,6 +304,13 @@ class Queries:
                 if (budget := self._index.setting(f"budget {role}")) is not None and budget["period_s"]
             },
             "paused_until_s": self._index.setting("paused_until_s") or 0,
+            "judges": [
+                {
+                    **{key: row[key] for key in ("seat", "key", "name", "owner")},
+                    "owner_name": self._names.name(row["owner"]),
+                }
+                for row in self._index.judges()
+            ],
             "decided_by": "vote" if self._deployment.decides_by_vote else "administrator",
             "roles": {
                 role: [{"address": holder, "name": self._names.key_name(holder)} for holder in holders]
@@ -396,6 +403,10 @@ _OF_KIND = (
     "audit_window_s",
     "silence",
     "rules_sha256",
+    "votes",
+    "panel",
+    "rotation_s",
+    "seats",
 )
 
 _OF_TRANSFER = ("seq", "block", "time_s", "tx_hash", "sender", "to", "task_id", "reason")

@@ -208,7 +208,21 @@ kinds = Table(
     Column("audit_window_s", BigInteger, nullable=False),
     Column("silence", String(16), nullable=False, doc="who wins if nobody judges, or none"),
     Column("rules_sha256", JSON, nullable=False, doc="those that are current, the newest last"),
+    Column("votes", Integer, nullable=False, doc="of the committee's judges that make a verdict; or 0"),
+    Column("panel", Integer, nullable=False, doc="how many judges may vote at once"),
+    Column("rotation_s", BigInteger, nullable=False, doc="after which one more judge may vote; 0 for never"),
+    Column("seats", JSON, nullable=False, doc="of its judges"),
     Column("places", BigInteger, nullable=False, doc="given to idle services until now"),
+)
+
+judges = Table(
+    "judges",
+    metadata,
+    Column("seat", Integer, primary_key=True, autoincrement=False),
+    Column("key", String(42), nullable=False),
+    Column("first_key", String(42), nullable=False, doc="by which the device registry names the judge"),
+    Column("owner", String(42), nullable=False),
+    comment="of the committee of oracles",
 )
 
 roles = Table(

@@ -7,8 +7,9 @@ from collections.abc import Iterable
 from datetime import UTC, datetime
 from decimal import Decimal
 
+from rodeo.durations import span
 from rodeo.errors import RodeoError
-from rodeo.queries import ProposedCall
+from rodeo.queries import KindRules, ProposedCall
 
 STATE_COLOURS = {
     "open": "warn",
@@ -182,3 +183,12 @@ def calls_in_words(calls: Iterable[ProposedCall]) -> str:
         + ")"
         for call in calls
     )
+
+
+def quorum_in_words(kind: KindRules) -> str:
+    """How many of the committee's oracles judge a kind."""
+    told = f"{kind.votes} of {len(kind.seats)} oracles that agree"
+    if kind.panel < len(kind.seats):
+        told += f", {kind.panel} of whom may vote at once"
+        told += f" and one more after each {span(kind.rotation_s)}" if kind.rotation_s else ""
+    return told

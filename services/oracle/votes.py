@@ -40,6 +40,16 @@ _REFUSED = frozenset({"judge_is_party", "not_a_judge", "not_in_panel", "judge_is
 Key = tuple[int, int]
 
 
+@dataclass(frozen=True)
+class _Committee:
+    """Who votes, and for which contract."""
+
+    chain_id: int
+    address: str
+    keys: Mapping[str, str]
+    """Oracle -> address of its key."""
+
+
 @dataclass
 class _Held:
     """The votes on one submission, by the oracle's name."""
@@ -78,6 +88,8 @@ class Votes:
         self._early: dict[tuple[str, Key], SignedVote] = {}
         """Votes on submissions on which this oracle has not voted yet."""
         self._repeated_s = 0.0
+        self._known: _Committee | None = None
+        self._asked_s = -REPEAT_S
         self._lock = threading.Lock()
 
     def run(self, stop: threading.Event) -> None:
@@ -99,8 +111,8 @@ class Votes:
 
     def cast(self, task: Task, vote: Vote, report_uri: str) -> None:
         """Sign and publish this oracle's vote. Raises BusError, RemoteError."""
-        chain_id, committee = self._committee()
-        signature = votes.sign(vote, self._account, chain_id, committee)
+        committee = self._known or self._ask()
+        signature = votes.sign(vote, self._account, committee.chain_id, committee.address)
         signed = SignedVote(vote=vote, report_uri=report_uri, signature=signature)
         key = task.id, task.attempt
         with self._lock:
@@ -124,6 +136,7 @@ class Votes:
         with self._lock:
             self._held.clear()
             self._early.clear()
+            self._known, self._asked_s = None, -REPEAT_S
 
     def held(self) -> list[dict[str, Any]]:
         """Which votes are held on what waits."""
@@ -174,24 +187,34 @@ class Votes:
 
     def _is_signed(self, name: str, signed: SignedVote) -> bool:
         """Whether the oracle called `name` signed it."""
-        chain_id, committee = self._committee()
-        by = votes.signer(signed.vote, signed.signature, chain_id, committee)
-        if by is not None and by == self._keys().get(name):
+        committee = self._current()
+        if committee is None:
+            return False  # it is published again
+        by = votes.signer(signed.vote, signed.signature, committee.chain_id, committee.address)
+        if by is not None and by == committee.keys.get(name):
             return True
         log.warning(
             "ignored a vote on task %d in the name of %s: %s signed it", signed.vote.task_id, name, by
         )
         return False
 
-    def _committee(self) -> tuple[int, str]:
-        """Chain ID and address of the contract that counts the votes. Raises BusError, RemoteError."""
-        chain = self._wallet.ask(queries.CHAIN)
-        return chain.chain_id, chain.contracts.oracle_committee
+    def _current(self) -> _Committee | None:
+        """Who votes now. The bridge is asked once in REPEAT_S, however many votes strangers publish."""
+        if time.monotonic() >= self._asked_s + REPEAT_S:
+            try:
+                self._ask()
+            except (BusError, RemoteError) as error:
+                log.warning("who votes cannot be learnt: %s", error)
+        return self._known
 
-    def _keys(self) -> Mapping[str, str]:
-        """Oracle -> address of its key."""
-        devices = self._wallet.ask(queries.DEVICES).devices
-        return {one.name: one.address for one in devices if one.role == "oracle" and one.revoked is None}
+    def _ask(self) -> _Committee:
+        """Raises BusError, RemoteError."""
+        self._asked_s = time.monotonic()
+        chain = self._wallet.ask(queries.CHAIN)
+        judges = self._wallet.ask(queries.ORGANIZATION).judges
+        keys = {one.name: one.key for one in judges if one.name is not None}
+        self._known = _Committee(chain.chain_id, chain.contracts.oracle_committee, keys)
+        return self._known
 
     # -- the verdict ---------------------------------------------------------------------------------------
 
@@ -253,11 +276,9 @@ class Votes:
 
     def _refused(self, error: RemoteError) -> str:
         """The oracle whose key the contract's error names."""
-        named = {str(value) for value in error.details.values()}
-        try:
-            return next((name for name, key in self._keys().items() if key in named), "")
-        except (BusError, RemoteError):
-            return ""
+        named, committee = {str(value) for value in error.details.values()}, self._current()
+        keys = {} if committee is None else committee.keys
+        return next((name for name, key in keys.items() if key in named), "")
 
     # -- one's own votes -----------------------------------------------------------------------------------
 

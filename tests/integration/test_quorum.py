@@ -6,10 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from typer.testing import CliRunner
 
 from rodeo import topics, votes, wallets
 from rodeo.errors import RemoteError
 from rodeo.messages import SignedVote, Task, Vote
+from rodeo_cli import app
 from tests.support.dao import Dao
 from tests.support.executor import Executor, Film, stored
 from tests.support.site import RunningSite, write_site
@@ -93,3 +95,22 @@ def test_three_of_five_pay_honest_work_while_one_lies_and_one_is_off(dao: Dao, t
     assert counted.args["rules"] == task.rules_sha256
     assert "in the name of carl" in dao.running.log("oracle.anna")
     dao.running.wait_for_status("oracle.anna", lambda one: not one.details.get("votes"))
+
+
+def test_a_judges_key_changes_in_one_call(dao: Dao) -> None:
+    before = dao.state("organization")
+    (cleaning,) = [one for one in before["kinds"] if one["kind"] == "waste_disposal"]
+    assert (cleaning["votes"], cleaning["panel"], cleaning["seats"]) == (3, 5, [0, 1, 2, 3, 4])
+    assert [one["name"] for one in before["judges"]] == list(ORACLES)
+    key = wallets.address(dao.site, "panther1-device")
+    shown = CliRunner().invoke(
+        app, ["organization", "judge-key", "dora", key], env={"RODEO_SITE": str(dao.running.path)}
+    )
+    assert shown.exit_code == 0, shown.output
+    after = dao.state("organization")["judges"]
+    assert [one["name"] for one in after] == list(ORACLES)
+    assert [one["key"] for one in after] == [
+        key if one["name"] == "dora" else one["key"] for one in before["judges"]
+    ]
+    told = CliRunner().invoke(app, ["organization", "show"], env={"RODEO_SITE": str(dao.running.path)}).output
+    assert "3 of 5 oracles that agree" in told and key in told

@@ -14,7 +14,7 @@ from rodeo.durations import span
 from rodeo.errors import RodeoError
 from rodeo.kinds import KindError
 from services.console.actions import ORGANIZATION, speaks_for
-from services.console.formatting import iec, kind, moment, party, share, short
+from services.console.formatting import iec, kind, moment, party, quorum_in_words, share, short
 from services.console.pages.frame import (
     Console,
     act,
@@ -322,6 +322,15 @@ class ServicesPage:
                 for one in organization.kinds
             ],
         )
+        if organization.judges:
+            table(
+                "Oracles that have to agree",
+                [("Oracle", ""), ("Works for", ""), ("Key", "wide-only")],
+                [
+                    (one.name or str(one.seat), party(one.owner_name, one.owner), partial(hash_text, one.key))
+                    for one in organization.judges
+                ],
+            )
         if user().has(Role.ADMINISTRATOR):
             with ui.element("div").classes("line tight"):
                 ui.button("Change rules", on_click=self._change_rules).props("outline dense")
@@ -532,4 +541,5 @@ def _judges(one: queries.KindRules) -> str:
         return "not allowed"
     if one.review != "oracle":
         return one.review
-    return f"oracle; undecided: auditors for {span(one.audit_window_s)}, then the {one.silence} wins"
+    judges = quorum_in_words(one) if one.votes else "oracle"
+    return f"{judges}; undecided: auditors for {span(one.audit_window_s)}, then the {one.silence} wins"

@@ -32,6 +32,7 @@ from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organizat
 
 STEPS = 60
 DEVICE = "0x" + "00" * 19 + "01"
+JUDGES = [f"0x{number:040}" for number in (11, 12, 13)]
 
 
 @dataclass
@@ -52,6 +53,7 @@ class Life:
 
     def prepare(self) -> None:
         organization, calls = self.organization, self.organization.client.organization_calls
+        votes = self.organization.client.calls
         for call in (
             calls.set_terms(Terms(to_wei(Decimal(20)), to_wei(Decimal(6)), 2)),
             calls.allow_kind("battery_charging", Review.AUDITOR, REPORT),
@@ -73,6 +75,9 @@ class Life:
             calls.disallow_kind("painting"),
             calls.set_audit(KIND, 3600, Silence.EXECUTOR),
             calls.post_root(DEVICE, 0, REPORT, "file:///day"),
+            *(votes.seat(key, DEVICE) for key in JUDGES[:2]),
+            votes.set_quorum(KIND, 2, 2, 60, 0b11),
+            votes.change_key(JUDGES[1], JUDGES[2]),
         ):
             organization.send(organization.operator, call)
         organization.send(organization.operator, calls.revoke_device(DEVICE, Revocation.COMPROMISED))
@@ -274,8 +279,16 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
         assert indexed_task["paid"] + indexed_task["refunded"] == (kept.reward if ended else 0), i
     named = {kind: ["0x" + one.hex() for one in rules] for kind, rules in state.rules.items()}
     assert {kind: index.rules(kind) for kind in named} == named
+    seated = {row["key"]: (row["owner"], row["seat"]) for row in index.judges()}
+    assert seated == {key: (judge.owner, judge.seat) for key, judge in state.judges.items()}
+    (voted_on,) = [row for row in index.all_kinds() if row["votes"]]
+    assert [voted_on[name] for name in ("kind", "votes", "panel", "rotation_s", "seats")] == (
+        [KIND, 2, 2, 60, [0, 1]]
+    )
     index.close()
 
+    assert {key: client.judge(key) for key in JUDGES if client.judge(key)} == state.judges
+    assert state.judges.keys() == {JUDGES[0], JUDGES[2]} and client.quorum(KIND) == state.quorums[KIND]
     for address, device in state.devices.items():
         assert client.device(address) == device
     assert state.roots == {(DEVICE, 0): REPORT} and client.root(DEVICE, 0) == REPORT

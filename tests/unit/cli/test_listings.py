@@ -41,12 +41,12 @@ ACTS = {
     *(f"rodeo organization {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
         "reinstate", "rescue", "deposit", "withdraw", "register-device", "revoke-device", "retire-rules",
-        "budget", "pause", "resume", "vote", "queue", "execute",
+        "budget", "pause", "resume", "vote", "queue", "execute", "judge-key",
     )),
     *(f"rodeo organization propose {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
         "reinstate", "rescue", "register-device", "revoke-device", "retire-rules", "budget", "resume",
-        "price",
+        "price", "judge-key",
     )),
 }  # fmt: skip
 """Commands that change something and list nothing."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +16,7 @@ from rodeo.config import JudgeConfig, Site
 from rodeo.errors import RemoteError
 from rodeo.messages import PostVotes, SignedVote, Vote
 from rodeo_testing import answers
-from services.oracle.votes import Votes
+from services.oracle.votes import REPEAT_S, Votes
 from tests.support.site import LAB
 from tests.support.tasks import task
 
@@ -51,14 +52,9 @@ class Anna:
         """Oracle whose vote the contract does not count -> the contract's error."""
         self.published: list[SignedVote] = []
         self.waits = True
-        devices = [
-            SimpleNamespace(role="oracle", name=name, address=key.address, revoked=None)
-            for name, key in KEYS.items()
-        ]
-        wallet = SimpleNamespace(
-            ask=lambda query: CHAIN if query is queries.CHAIN else SimpleNamespace(devices=devices),
-            command=self._command,
-        )
+        self.asked: list[str] = []
+        self.keys = {name: key.address for name, key in KEYS.items()}
+        wallet = SimpleNamespace(ask=self._ask, command=self._command)
         site = Site.load(LAB).model_copy(update={"oracles": [JudgeConfig(name=name) for name in NAMES]})
         bus = SimpleNamespace(
             put_json=lambda _key, one: self.published.append(one),
@@ -94,6 +90,14 @@ class Anna:
         assert self.done.wait(20), self.posted
         worker.join(20)
 
+    def _ask(self, query: queries.Query[Any]) -> Any:
+        self.asked.append(query.what)
+        if query is queries.CHAIN:
+            return CHAIN
+        return SimpleNamespace(
+            judges=[SimpleNamespace(name=name, key=key) for name, key in self.keys.items()]
+        )
+
     def _command(self, name: str, request: PostVotes) -> None:
         assert name == "post_votes"
         self.posted.append(request)
@@ -127,6 +131,22 @@ def test_a_vote_that_another_key_signed_is_nobodys(anna: Anna) -> None:
     anna.hear("bert", signed("erin"))
     anna.hear("nobody", signed("erin"))
     assert anna.held() == {"anna": "accepted"}
+
+
+def test_the_bridge_is_asked_once_whatever_strangers_publish(
+    anna: Anna, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for _ in range(20):
+        anna.hear("bert", signed("erin"))
+    assert sorted(anna.asked) == ["chain", "organization"]
+    anna.vote()
+    # Who votes with another key from now on is known a little later.
+    monkeypatch.setitem(anna.keys, "bert", KEYS["erin"].address)
+    later_s = time.monotonic() + REPEAT_S
+    monkeypatch.setattr("services.oracle.votes.time.monotonic", lambda: later_s)
+    anna.hear("bert", signed("erin"))
+    anna.hear("bert", signed("bert"))
+    assert anna.held() == {"anna": "accepted", "bert": "accepted"} and len(anna.asked) == 4
 
 
 def test_votes_for_something_else_do_not_make_a_verdict(anna: Anna) -> None:
