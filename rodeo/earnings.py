@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
 from collections.abc import Collection, Iterable
 from datetime import UTC, datetime, timedelta
@@ -38,6 +40,10 @@ class Line(BaseModel):
     transactions: int = 0
     gas: int = 0
     """Of the transactions that its key signed."""
+    fee_eth: Decimal = Decimal(0)
+    """What they cost on the site's own chain."""
+    without_gas: int = 0
+    """Transactions whose gas nobody knows (yet): on a stopped site those that nobody had asked for."""
 
 
 def earnings(
@@ -52,8 +58,7 @@ def earnings(
 ) -> list[Line]:
     """The lines, by week, participant and kind. Times are the blocks', s; empty collections filter nothing.
 
-    A transaction about several tasks counts for the first of them. One whose receipt nobody knows counts with
-    no gas.
+    A transaction about several tasks counts for the first of them.
     """
     tariffs = list(tariffs)
     known = {task.id: task for task in tasks}
@@ -84,7 +89,66 @@ def earnings(
         if about is not None and sender and (signed := line(one.time_s, sender, about.kind)):
             signed.transactions += 1
             signed.gas += one.gas_used or 0
+            signed.fee_eth += Decimal(one.fee_wei or 0) / 10**18
+            signed.without_gas += one.gas_used is None
     return [lines[key] for key in sorted(lines)]
+
+
+def sums(lines: Iterable[Line]) -> list[Line]:
+    """One line for each participant, over all weeks and kinds, with the first of its weeks."""
+    found: dict[str, Line] = {}
+    for one in lines:
+        total = found.setdefault(
+            one.participant, Line(week=one.week, participant=one.participant, kind="all kinds")
+        )
+        total.week = min(total.week, one.week)
+        for name in _NUMBERS:
+            setattr(total, name, getattr(total, name) + getattr(one, name))
+    return list(found.values())
+
+
+COLUMNS = (
+    "week",
+    "participant",
+    "kind",
+    "done",
+    "earned, IEC",
+    "bought",
+    "spent, IEC",
+    "kWh",
+    "electricity, EUR",
+    "transactions",
+    "gas",
+)
+
+
+def cells(line: Line) -> tuple[str, ...]:
+    """A line for people, under `COLUMNS`."""
+    return (
+        line.week,
+        line.participant,
+        line.kind,
+        str(line.done),
+        f"{line.earned_iec.normalize():f}",
+        str(line.bought),
+        f"{line.spent_iec.normalize():f}",
+        f"{line.energy_kwh:.3f}",
+        f"{line.electricity_eur:.3f}",
+        str(line.transactions),
+        f"{line.gas:,}" + (f" + {line.without_gas} unknown" if line.without_gas else ""),
+    )
+
+
+def as_csv(lines: Iterable[Line]) -> str:
+    """For spreadsheets, with the fields of `Line`."""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(Line.model_fields), lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(line.model_dump(mode="json") for line in lines)
+    return text.getvalue()
+
+
+_NUMBERS = [name for name, field in Line.model_fields.items() if field.annotation is not str]
 
 
 def _monday(time_s: float) -> str:

@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import sys
 from collections.abc import Callable
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 from rodeo import queries
-from rodeo.earnings import Line, earnings
-from rodeo_cli.common import DEFAULT_SITE, SiteOption, connected, print_json, print_listing, reports_errors
-from rodeo_cli.layout import Row
-
-_COLUMNS = (
-    "week",
-    "participant",
-    "kind",
-    "done",
-    "earned",
-    "bought",
-    "spent",
-    "kWh",
-    "EUR",
-    "transactions",
-    "gas",
+from rodeo.config import Site, TariffConfig
+from rodeo.earnings import COLUMNS, cells, earnings
+from rodeo.earnings import as_csv as to_csv
+from rodeo.earnings_page import page
+from rodeo.errors import BusUnavailable, NoResponder
+from rodeo.messages import Task
+from rodeo.queries import Transaction
+from rodeo_cli.common import (
+    DEFAULT_SITE,
+    SiteOption,
+    connected,
+    errors,
+    print_json,
+    print_listing,
+    reports_errors,
 )
+from rodeo_cli.layout import Row
 
 
 @reports_errors
@@ -44,32 +44,49 @@ def report(
     kind: Annotated[list[str] | None, typer.Option(help="Only this kind of work; repeatable.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON for programs.")] = False,
     as_csv: Annotated[bool, typer.Option("--csv", help="Print CSV for spreadsheets.")] = False,
+    as_html: Annotated[bool, typer.Option("--html", help="Print a page that needs nothing else.")] = False,
 ) -> None:
-    """Show what each participant earned and spent, by kind of work and week."""
-    with connected(site) as (loaded, bus):
+    """Show what each participant earned and spent, by kind of work and week.
 
-        def ask(query: queries.Query[Any], limit: int, offset: int) -> Any:
-            return queries.ask(bus, loaded.org, query, timeout_s=30.0, limit=limit, offset=offset)
-
-        tasks = _all(lambda offset: ask(queries.TASKS, queries.MAX_PAGE, offset).tasks)
-        transactions = _all(lambda offset: ask(queries.TRANSACTIONS, 100, offset).transactions)
+    If the site does not run, this reads the index that its bridge left.
+    """
+    tasks, transactions, tariffs, org = _known(site)
     lines = earnings(
         tasks,
         transactions,
-        loaded.economy.electricity,
+        tariffs,
         first_s=_time_s(first, 0.0),
         last_s=_time_s(last, math.inf),
         participants=participant or (),
         kinds=kind or (),
     )
     if as_csv:
-        writer = csv.DictWriter(sys.stdout, list(Line.model_fields), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(line.model_dump(mode="json") for line in lines)
+        sys.stdout.write(to_csv(lines))
     elif as_json:
         print_json(lines)
+    elif as_html:
+        sys.stdout.write(page(lines, org))
     else:
-        print_listing(lines, False, _COLUMNS, map(_row, lines), folds=(1, 2))
+        print_listing(lines, False, COLUMNS, (Row(cells(line)) for line in lines), folds=(1, 2))
+
+
+def _known(path: Path) -> tuple[list[Task], list[Transaction], list[TariffConfig], str]:
+    """Tasks, transactions, tariffs and the organization's name, from the bridge or the index that it left."""
+    site = Site.load(path)
+    try:
+        with connected(path) as (_site, bus):
+
+            def ask(query: queries.Query[Any], limit: int, offset: int) -> Any:
+                return queries.ask(bus, site.org, query, timeout_s=30.0, limit=limit, offset=offset)
+
+            tasks = _all(lambda offset: ask(queries.TASKS, queries.MAX_PAGE, offset).tasks)
+            transactions = _all(lambda offset: ask(queries.TRANSACTIONS, 100, offset).transactions)
+    except (BusUnavailable, NoResponder):
+        from services.bridge.offline import read  # takes its time to import
+
+        tasks, transactions = read(site)
+        errors.print("The bridge does not run: this is what it had indexed when it stopped.", style="dim")
+    return tasks, transactions, site.economy.electricity, site.org
 
 
 def _all(page: Callable[[int], list[Any]]) -> list[Any]:
@@ -77,24 +94,6 @@ def _all(page: Callable[[int], list[Any]]) -> list[Any]:
     while some := page(len(found)):
         found += some
     return found
-
-
-def _row(line: Line) -> Row:
-    return Row(
-        (
-            line.week,
-            line.participant,
-            line.kind,
-            str(line.done),
-            f"{line.earned_iec:f}",
-            str(line.bought),
-            f"{line.spent_iec:f}",
-            f"{line.energy_kwh:.3f}",
-            f"{line.electricity_eur:.3f}",
-            str(line.transactions),
-            str(line.gas),
-        )
-    )
 
 
 def _time_s(day: datetime | None, otherwise: float) -> float:

@@ -141,9 +141,12 @@ def wallet(figures: Figures, tariffs: list[TariffConfig], figure: Figure) -> Non
         moves = [
             one
             for one in run.transfers
-            if one.time_s >= run.started_s and address in (one.sender, one.to) and one.amount_iec
+            if one.time_s > figures.started_s and address in (one.sender, one.to) and one.amount_iec
         ]
-        times, balances = [run.begin_s, run.started_s], [float(figures.balance(robot, run.started_s))] * 2
+        times, balances = (
+            [run.begin_s, figures.started_s],
+            [float(figures.balance(robot, figures.started_s))] * 2,
+        )
         received: list[tuple[float, float]] = []
         sent: list[tuple[float, float]] = []
         for one in moves:
@@ -270,7 +273,7 @@ def charging_intervals(figures: Figures, _tariffs: list[TariffConfig], figure: F
         axes.set_xticks(
             range(1, len(intervals) + 1), [f"{one} to {one + 1}" for one in range(1, len(intervals) + 1)]
         )
-        axes.set_xlabel("charges")
+        axes.set_xlabel("charges" if intervals else "this run has no two charges of one robot")
         axes.set_ylabel("hours of site time")
         axes.set_ylim(0, max([10.0, *intervals]) * 1.15)
         axes.set_xlim(0.4, max(len(intervals), 1) + 0.6)
@@ -347,7 +350,8 @@ def sequence(figures: Figures, _tariffs: list[TariffConfig], figure: Figure) -> 
         y = row + 0.35
         if origin == target:
             axes.plot([origin] * 2, [y - 0.25, y + 0.25], color=WORK, lw=6, solid_capstyle="butt", zorder=2)
-            axes.text(origin + 0.1, y, label, va="center", fontsize=8)
+            beside = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
+            axes.text(origin + 0.1, y, label, va="center", fontsize=8, bbox=beside)
             continue
         axes.annotate(
             "", (target, y), (origin, y), arrowprops={"arrowstyle": "-|>", "color": WORK, "lw": 1.2}

@@ -81,7 +81,7 @@ def table(figures: Figures) -> list[Row]:
     total = [
         ((task.settled or 0.0) - (task.assigned or 0.0)) / 60 for task in figures.settled(figures.cleanings)
     ]
-    balance_start, balance_end = figures.balance(robot, run.started_s), figures.balance(robot)
+    balance_start, balance_end = figures.balance(robot, figures.started_s), figures.balance(robot)
     by_gain, by_balance = figures.funded(figures.gains(robot)), figures.funded(figures.day_ends(robot))
     hours = figures.hours_per_charge
     results = figures.results()

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from rodeo.config import ExperimentConfig, Site
-from rodeo.earnings import earnings
+from rodeo.earnings import COLUMNS, cells, earnings
 from rodeo.schedule import zone
 from rodeo_experiments import paper
 from rodeo_experiments.record import Run
@@ -208,13 +208,16 @@ def _summary(figures: Figures) -> str:
     run, results = figures.run, figures.results()
     robots = "One robot" if len(run.robots) == 1 else f"{len(run.robots)} robots"
     kept = "No IEC appeared or disappeared." if figures.is_conserved else "The supply of IEC changed."
+    charges = count(len(figures.settled(figures.charges)), "charge")
     return (
-        f"{robots} did {results['cleaning_settled']} of {len(run.arrivals)} cleanings in {run.days} site "
-        "days and "
-        f"bought {results['charging_settled']} charges. The run took {run.wall_s:.0f} s of wall time with "
-        "seed "
-        f"{run.seed}. {kept}"
+        f"{robots} did {results['cleaning_settled']} of {count(len(run.arrivals), 'cleaning')} in "
+        f"{count(run.days, 'site day')} and bought {charges}. The run took {run.wall_s:.0f} s of wall time "
+        f"with seed {run.seed}. {kept}"
     )
+
+
+def count(number: int, one: str) -> str:
+    return f"{number} {one}" if number == 1 else f"{number} {one}s"
 
 
 def _differences(figures: Figures, site: Site) -> str:
@@ -274,26 +277,8 @@ def _fees(figures: Figures, experiment: ExperimentConfig) -> list[str]:
 
 
 def _earnings(run: Run, site: Site) -> list[str]:
-    lines = earnings(run.tasks, run.transactions, site.economy.electricity, first_s=run.started_s)
-    heads = ("week", "participant", "kind", "done", "earned", "bought", "spent", "kWh", "EUR", "gas")
-    return _table(
-        heads,
-        [
-            (
-                one.week,
-                one.participant,
-                one.kind,
-                str(one.done),
-                f"{one.earned_iec:f}",
-                str(one.bought),
-                f"{one.spent_iec:f}",
-                f"{one.energy_kwh:.3f}",
-                f"{one.electricity_eur:.3f}",
-                f"{one.gas:,}",
-            )
-            for one in lines
-        ],
-    )
+    lines = earnings(run.tasks, run.transactions, site.economy.electricity)
+    return _table(COLUMNS, map(cells, lines))
 
 
 def _seeds(runs: Sequence[dict[str, Value]]) -> list[str]:

@@ -12,7 +12,7 @@ from decimal import Decimal
 from functools import cached_property
 
 from rodeo.messages import Task
-from rodeo.queries import Transaction
+from rodeo.queries import Transaction, Transfer
 from rodeo_experiments.record import Flow, Run
 
 STEPS = {
@@ -91,9 +91,9 @@ class Figures:
         return list(lasted.values())
 
     def oracle_site_s(self, tasks: Iterable[Task]) -> list[float]:
-        """The same, s of site time."""
+        """The same, s of site time; never less than nothing, though blocks have whole seconds."""
         return [
-            task.settled - task.proof_submitted
+            max(0.0, task.settled - task.proof_submitted)
             for task in self.settled(tasks)
             if task.settled is not None and task.proof_submitted is not None
         ]
@@ -112,6 +112,16 @@ class Figures:
     def address(self, name: str) -> str:
         return next(one.address for one in self.run.participants if one.name == name)
 
+    @cached_property
+    def _setup(self) -> list[Transfer]:
+        """What filled the wallets before the first day."""
+        return list(itertools.takewhile(lambda one: one.reason in ("mint", "deposit"), self.run.transfers))
+
+    @cached_property
+    def started_s(self) -> float:
+        """Site time from which balances count. Blocks of the deployment may be seconds ahead of the clock."""
+        return max([self.run.started_s, *(one.time_s for one in self._setup)])
+
     def balance(self, name: str, time_s: float = math.inf) -> Decimal:
         """Of a participant at the end of that time."""
         address, total = self.address(name), Decimal(0)
@@ -127,7 +137,7 @@ class Figures:
 
     def gains(self, name: str) -> list[Decimal]:
         """What the balance grew by on each day."""
-        ends = [self.balance(name, self.run.started_s), *self.day_ends(name)]
+        ends = [self.balance(name, self.started_s), *self.day_ends(name)]
         return [after - before for before, after in itertools.pairwise(ends)]
 
     @cached_property
@@ -189,8 +199,9 @@ class Figures:
     def steps(self) -> dict[str, list[Transaction]]:
         """Step -> its transactions since the experiment began."""
         found: dict[str, list[Transaction]] = defaultdict(list)
+        setup = max((one.block for one in self._setup), default=-1)
         for one in self.run.transactions:
-            if one.time_s >= self.run.started_s and one.gas_used is not None:
+            if one.block > setup and one.gas_used is not None:
                 found[step_of(one)].append(one)
         return dict(found)
 
@@ -246,9 +257,9 @@ class Figures:
             "charging_oracle_s_median": median(self.oracle_s(self.charges)),
             "charging_oracle_min_median": median(self.oracle_site_s(self.charges)) / 60,
             "charging_interval_h_median": median(self.intervals_h),
-            "balance_start_iec": float(self.balance(robot, run.started_s)),
+            "balance_start_iec": float(self.balance(robot, self.started_s)),
             "balance_end_iec": float(self.balance(robot)),
-            "organization_start_iec": float(self.balance("organization", run.started_s)),
+            "organization_start_iec": float(self.balance("organization", self.started_s)),
             "organization_end_iec": float(self.balance("organization")),
             "supply_conserved": self.is_conserved,
             "funded_charges_per_day": by_gain,

@@ -88,14 +88,14 @@ class Queries:
             text=filters.text,
             newest_first=filters.order == "newest",
         )
-        return {"tasks": [self._task_json(row) for row in rows], "total": total}
+        return {"tasks": [task_json(row, self._names) for row in rows], "total": total}
 
     def _task(self, text: str) -> Json:
         # 18 digits fit into an Id.
         row = self._index.task(int(text)) if text.isdecimal() and len(text) <= 18 else None
         if row is None:
             raise UnknownTask("no such task", task_id=text)
-        return self._task_json(row)
+        return task_json(row, self._names)
 
     def _services(self, request: Request) -> Json:
         filters = validate(ServiceFilters, request.parameters)
@@ -198,7 +198,7 @@ class Queries:
         if missing := [row["tx_hash"] for row in rows if row["receipt"] is None]:
             self._index.keep_receipts(self._receipts(missing))
             rows, total = self._index.transactions(wanted.task_id, page)
-        return {"transactions": [self._transaction_json(row) for row in rows], "total": total}
+        return {"transactions": [transaction_json(row, self._names) for row in rows], "total": total}
 
     def _receipts(self, hashes: Iterable[str]) -> list[Json]:
         """What the node says that the transactions cost; those that it does not know are left out."""
@@ -214,19 +214,6 @@ class Queries:
             for receipt in found
             if isinstance(receipt, dict)
         ]
-
-    def _transaction_json(self, row: Mapping[str, Any]) -> Json:
-        receipt = row["receipt"]
-        cost: Json = dict.fromkeys(("sender", "sender_name", "gas_used", "gas_price_wei", "fee_wei"))
-        if receipt is not None:
-            cost = {
-                "sender": receipt["sender"],
-                "sender_name": self._names.key_name(receipt["sender"]),
-                "gas_used": receipt["gas_used"],
-                "gas_price_wei": str(receipt["gas_price"]),
-                "fee_wei": str(receipt["gas_used"] * receipt["gas_price"]),
-            }
-        return {key: row[key] for key in ("tx_hash", "block", "time_s", "events", "task_ids")} | cost
 
     def _history(self, request: Request) -> Json:
         """Numbers per span of time, for charts. Spans without any are left out."""
@@ -382,15 +369,31 @@ class Queries:
             name: self._names.address(value) if name in parties else value for name, value in wanted.items()
         }
 
-    def _task_json(self, row: Mapping[str, Any]) -> Json:
-        """`rodeo.messages.Task`."""
-        amounts = {"reward", "price", "paid", "refunded"}
-        return {
-            **{key: value for key, value in row.items() if key not in {*amounts, "text", "ended"}},
-            **{f"{key}_iec": None if row[key] is None else iec(row[key]) for key in sorted(amounts)},
-            "creator_name": self._names.name(row["creator"]),
-            "executor_name": self._names.name(row["executor"]),
+
+def task_json(row: Mapping[str, Any], names: Names) -> Json:
+    """`rodeo.messages.Task`."""
+    amounts = {"reward", "price", "paid", "refunded"}
+    return {
+        **{key: value for key, value in row.items() if key not in {*amounts, "text", "ended"}},
+        **{f"{key}_iec": None if row[key] is None else iec(row[key]) for key in sorted(amounts)},
+        "creator_name": names.name(row["creator"]),
+        "executor_name": names.name(row["executor"]),
+    }
+
+
+def transaction_json(row: Mapping[str, Any], names: Names) -> Json:
+    """`rodeo.queries.Transaction`."""
+    receipt = row["receipt"]
+    cost: Json = dict.fromkeys(("sender", "sender_name", "gas_used", "gas_price_wei", "fee_wei"))
+    if receipt is not None:
+        cost = {
+            "sender": receipt["sender"],
+            "sender_name": names.key_name(receipt["sender"]),
+            "gas_used": receipt["gas_used"],
+            "gas_price_wei": str(receipt["gas_price"]),
+            "fee_wei": str(receipt["gas_used"] * receipt["gas_price"]),
         }
+    return {key: row[key] for key in ("tx_hash", "block", "time_s", "events", "task_ids")} | cost
 
 
 _OF_KIND = (

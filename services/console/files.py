@@ -11,6 +11,7 @@ from fastapi import APIRouter, Depends
 from fastapi.responses import FileResponse, JSONResponse, Response
 
 from rodeo import queries
+from rodeo.earnings import as_csv
 from rodeo.errors import RodeoError
 from services.console.money import transfers_csv
 from services.console.pages.frame import Console
@@ -20,7 +21,8 @@ _PAGE = 500
 
 
 def router(console: Console) -> APIRouter:
-    """GET /files/proof/<task>?attempt=<number> and /files/transfers.csv?account=<name>."""
+    """GET /files/proof/<task>?attempt=<number>, /files/transfers.csv?account=<name> and
+    /files/earnings.csv."""
     routes = APIRouter(include_in_schema=False)
 
     def folder() -> Iterator[Path]:
@@ -43,6 +45,15 @@ def router(console: Console) -> APIRouter:
             return JSONResponse(error.to_json(), status_of(error))
         headers = {"Content-Disposition": 'attachment; filename="transfers.csv"'}
         return Response(transfers_csv(found), media_type="text/csv", headers=headers)
+
+    @routes.get("/files/earnings.csv")
+    def earnings() -> Response:
+        try:
+            found = as_csv(console.queries.earnings())
+        except RodeoError as error:
+            return JSONResponse(error.to_json(), status_of(error))
+        headers = {"Content-Disposition": 'attachment; filename="earnings.csv"'}
+        return Response(found, media_type="text/csv", headers=headers)
 
     return routes
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import tempfile
+import threading
 from collections import OrderedDict
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,6 +14,7 @@ from typing import Any, TypeVar
 from rodeo import queries, topics
 from rodeo.bus import Bus
 from rodeo.config import Site
+from rodeo.earnings import Line, earnings
 from rodeo.errors import MalformedJson
 from rodeo.evidence import Store, open_proof
 from rodeo.messages import DaoEvent, Task
@@ -26,6 +29,7 @@ T = TypeVar("T")
 
 MAX_REPORT_BYTES = 1 << 20
 _QUERY_S = 5.0
+_PAGE_TASKS, _PAGE_TRANSACTIONS = 500, 100
 _REPORTS_KEPT = 64
 _SEALS_KEPT = 256
 
@@ -52,6 +56,10 @@ class Queries:
         self._reviewer = Reviewer(site, self)
         self._reports: OrderedDict[str, Json] = OrderedDict()
         self._seals: OrderedDict[str, Seal] = OrderedDict()
+        self._earnings_lock = threading.Lock()
+        self._earnings_chain = ""
+        self._transactions: dict[str, queries.Transaction] = {}
+        """By hash, of that chain: what the earnings have been asked for already."""
 
     def ask(self, query: Query[A], **parameters: Any) -> A:
         """The bridge's answer; parameters that are None are left out."""
@@ -67,6 +75,27 @@ class Queries:
         """One page, newest first, and how many there are in all."""
         answer = self.ask(queries.TASKS, limit=limit, offset=offset, **filters)
         return answer.tasks, answer.total
+
+    def earnings(self) -> list[Line]:
+        """What everybody earned and spent, by week and kind of work. Asks for what is new since last time."""
+        with self._earnings_lock:
+            chain = self.ask(queries.CHAIN).genesis_hash
+            if chain != self._earnings_chain:
+                self._earnings_chain, self._transactions = chain, {}
+            new: dict[str, queries.Transaction] = {}
+            for page in _pages(self._transactions_page):
+                fresh = [one for one in page if one.tx_hash not in self._transactions]
+                new |= {one.tx_hash: one for one in fresh}
+                if len(fresh) < len(page):
+                    break
+            tasks = [one for page in _pages(lambda at: self.tasks(_PAGE_TASKS, at)[0]) for one in page]
+            transactions = {**self._transactions, **new}
+            # All at once, so that nothing older is missing. Whose gas is unknown is asked for again.
+            self._transactions |= {name: one for name, one in new.items() if one.gas_used is not None}
+            return earnings(tasks, transactions.values(), self._site.economy.electricity)
+
+    def _transactions_page(self, offset: int) -> list[queries.Transaction]:
+        return self.ask(queries.TRANSACTIONS, limit=_PAGE_TRANSACTIONS, offset=offset).transactions
 
     def history(self, task_id: int) -> list[DaoEvent]:
         """The task's contract events in order."""
@@ -140,3 +169,11 @@ def _keep(cache: OrderedDict[str, T], sha256: str, value: T, limit: int) -> T:
     while len(cache) > limit:
         cache.popitem(last=False)
     return value
+
+
+def _pages(page: Callable[[int], list[T]]) -> Iterator[list[T]]:
+    """The pages of an answer; `page(offset)` asks for one."""
+    offset = 0
+    while found := page(offset):
+        yield found
+        offset += len(found)

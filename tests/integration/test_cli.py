@@ -82,8 +82,11 @@ def up(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator
         states = [line.split()[1] for line in started.stdout.splitlines()[1:]]
         assert states == ["ready"] * len(PROCESSES)
         yield site
+        running = rodeo(site, "report", "--json").stdout
     finally:  # also a site that did not get ready in time
         stopped = rodeo(site, "down", cwd=Path("/"))
+    left = rodeo(site, "report", "--json")
+    assert left.stdout == running and "had indexed when it stopped" in left.stderr
     assert "launcher" in stopped.stdout and "robot_agent" in stopped.stdout
     assert holders(site) == []
 
@@ -249,6 +252,7 @@ def test_a_task_is_posted_shown_listed_and_cancelled(up: Path) -> None:
     assert (line["done"], line["bought"]) == (0, 0)
     assert line["transactions"] >= 2 and line["gas"] > 100_000
     assert rodeo(up, "report", "--csv", "--to", "2001-01-01").stdout.startswith("week,participant,kind,done")
+    assert "<svg" in rodeo(up, "report", "--html").stdout
 
 
 def test_a_reward_rises_while_nobody_takes_the_task(up: Path) -> None:

@@ -432,7 +432,7 @@ def test_money_goes_into_the_treasury_and_out_of_it_and_the_chart_and_the_file_t
         expect(transfers.get_by_role("row").nth(1)).to_contain_text(amount)
     expect(page.get_by_text("EUR/kWh").first).to_be_visible()
     with page.expect_download() as download:
-        page.get_by_role("link", name="CSV").click()
+        page.get_by_role("link", name="CSV", exact=True).click()
     newest, before, *_ = csv.DictReader(download.value.path().read_text().splitlines())
     assert (newest["change_iec"], newest["to"], newest["why"]) == (
         "-7.5",
@@ -448,6 +448,29 @@ def test_money_goes_into_the_treasury_and_out_of_it_and_the_chart_and_the_file_t
     assert series["Received"][-1]["name"] == "Deposit into the treasury: +12 IEC"
     assert series["Paid"][-1]["name"] == "Withdrawal from the treasury: -7.5 IEC"
     assert all(price in (0.24, 0.34) for _, price in series["Electricity"])
+    page.close()
+
+
+def test_the_treasury_shows_what_everybody_earned_and_spent_by_week(desk: Office) -> None:
+    task_id = desk.dao.post(reward_iec="100")
+    desk.dao.prove(task_id)
+    desk.dao.judge(task_id, accepted=True)
+    page = desk.page("ada")
+    open_page(page, "/treasury")
+    lines = page.get_by_role("table", name="Earned and spent, the newest week first")
+    done = lines.get_by_role("row").filter(has_text="panther1").filter(has_text="waste disposal")
+    expect(done.first).to_contain_text("100 IEC")
+    with page.expect_download() as download:
+        page.get_by_role("link", name="Earnings as CSV").click()
+    rows = list(csv.DictReader(download.value.path().read_text().splitlines()))
+    earned = [one for one in rows if one["participant"] == "panther1" and int(one["done"])]
+    assert earned and float(earned[0]["earned_iec"]) >= 100 and int(earned[0]["gas"]) > 0
+    series = page.evaluate(
+        """() => { const id = document.querySelector('[aria-label^="Earned and spent"]').id.slice(1);
+        const { series } = getElement(Number(id)).chart.getOption();
+        return series.map((one) => [one.name, one.data]); }"""
+    )
+    assert any(name == "panther1" and max(data) >= 100 for name, data in series)
     page.close()
 
 

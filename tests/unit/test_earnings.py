@@ -6,7 +6,8 @@ from datetime import UTC, datetime
 from decimal import Decimal
 
 from rodeo.config import TariffConfig
-from rodeo.earnings import Line, earnings
+from rodeo.earnings import COLUMNS, Line, as_csv, cells, earnings, sums
+from rodeo.earnings_page import page
 from rodeo.messages import Task
 from rodeo.queries import Transaction
 from tests.support.tasks import task
@@ -78,3 +79,22 @@ def test_lines_are_filtered_by_time_participant_and_kind() -> None:
 
 def test_what_was_not_paid_earns_nothing() -> None:
     assert earnings([task("open"), task("settled")], [], TARIFFS) == []
+
+
+def test_a_page_has_sums_bars_and_every_line_and_names_are_text() -> None:
+    lines = earnings(TASKS, SENT, TARIFFS)
+    (total,) = [one for one in sums(lines) if one.participant == "panther1"]
+    assert (total.done, total.earned_iec, total.spent_iec, total.gas) == (2, 190, 200, 120)
+    (odd,) = [one for one in lines if one.without_gas]
+    assert cells(odd)[COLUMNS.index("gas")] == "0 + 1 unknown"
+    shown = page([*lines, Line(week="2026-05-04", participant="<b>eve", kind="x")], "lab")
+    assert shown.count("<tr>") == 2 + len(sums(lines)) + 1 + len(lines) + 1
+    assert "&lt;b&gt;eve" in shown and "<b>" not in shown
+    assert "src=" not in shown and "href=" not in shown
+    assert "Nobody" in page([], "lab")
+
+
+def test_a_file_has_a_line_for_each() -> None:
+    head, first, *_ = as_csv(earnings(TASKS, SENT, TARIFFS)).splitlines()
+    assert head.startswith("week,participant,kind,done,earned_iec")
+    assert first == "2026-04-27,organization,waste_disposal,0,0,1,100,0.5,0.15,0,0,0,0"

@@ -9,6 +9,7 @@ from typing import Any
 from nicegui import ui
 
 from rodeo import queries
+from rodeo.earnings import Line
 from rodeo.errors import RodeoError
 from rodeo.tariff import prices
 from services.console.actions import ORGANIZATION
@@ -45,7 +46,9 @@ Json = dict[str, Any]
 CHARTED = 500
 """Transfers in the chart: as many as the bridge gives at once."""
 PAGE_ROWS = 20
+EARNINGS_ROWS = 40
 _GREEN, _RED, _TEAL, _AMBER = "#1a7f4b", "#b3261e", "#139a85", "#c98a12"
+_PALETTE = (_TEAL, _AMBER, "#5b7fd0", "#a25fb0", _GREEN, _RED)
 
 
 def register(console: Console) -> None:
@@ -87,7 +90,16 @@ class TreasuryPage:
                 self._rows = Section(self._draw_rows).waiting()
             with ui.element("div").classes("stack span-5"), card("Tariffs"):
                 _draw_tariffs(console)
+        with card("Earned and spent, by week") as head:
+            with head:
+                ui.button("Earnings as CSV", icon="download").props("flat dense href=/files/earnings.csv")
+            self._weeks = ui.echart(_week_options([])).style("height: 280px; width: 100%")
+            self._weeks.props(
+                'role="img" aria-label="Earned and spent by week; the table below has the numbers"'
+            )
+            self._lines = Section(_draw_earnings).waiting()
         self._refresh = follow_async(console, "events", self._load)
+        follow_async(console, "events", self._load_earnings)
 
     def _choose(self, event: Any) -> None:
         self._account, self._page = str(event.value), 1
@@ -121,6 +133,17 @@ class TreasuryPage:
         self._none.show("" if charted else "No money moved on this account yet.")
         self._rows.show(page.transfers, page.total, self._page)
         self._draw_chart(charted)
+
+    async def _load_earnings(self) -> None:
+        try:
+            lines = await ask(self._console.queries.earnings)
+        except RodeoError as error:
+            self._problem.show(stale(error))
+            return
+        self._weeks.options.clear()
+        self._weeks.options.update(_week_options(lines))
+        self._weeks.update()
+        self._lines.show(lines)
 
     def _draw_chart(self, transfers: list[queries.Transfer]) -> None:
         ordered = sorted(transfers, key=lambda one: one.seq)
@@ -250,6 +273,88 @@ def _draw_tariffs(console: Console) -> None:
             if one.price_iec:
                 fact(f"Usual price, {one.title.lower()}", iec(one.price_iec))
     Text("p", "Tariffs are set under [economy] in the site file; hours are UTC.", "soft")
+
+
+def _draw_earnings(lines: list[Line]) -> None:
+    if not lines:
+        empty("Nobody earned or spent anything yet.")
+        return
+    table(
+        "Earned and spent, the newest week first",
+        [
+            ("Week from", "wide-only"),
+            ("Who", "wrap"),
+            ("Kind of work", "wrap"),
+            ("Done", "number wide-only"),
+            ("Earned", "number"),
+            ("Bought", "number wide-only"),
+            ("Spent", "number"),
+            ("kWh", "number wide-only"),
+            ("EUR", "number wide-only"),
+            ("Gas", "number wide-only"),
+        ],
+        [
+            (
+                one.week,
+                party(one.participant, one.participant),
+                one.kind.replace("_", " "),
+                str(one.done),
+                iec(one.earned_iec),
+                str(one.bought),
+                iec(one.spent_iec),
+                f"{one.energy_kwh:.3f}",
+                f"{one.electricity_eur:.2f}",
+                f"{one.gas:,}",
+            )
+            for one in newest_first(lines)
+        ],
+    )
+    if len(lines) > EARNINGS_ROWS:
+        Text("p", f"The newest {EARNINGS_ROWS} of {len(lines)} lines; the CSV file has all.", "soft")
+
+
+def newest_first(lines: list[Line]) -> list[Line]:
+    """As many as the table shows."""
+    ordered = sorted(lines, key=lambda one: (one.participant, one.kind))
+    return sorted(ordered, key=lambda one: one.week, reverse=True)[:EARNINGS_ROWS]
+
+
+def _week_options(lines: list[Line]) -> Json:
+    """ECharts: for each week what each participant earned, upwards, and spent, downwards."""
+    weeks = sorted({one.week for one in lines})
+    totals = {
+        name: dict.fromkeys(weeks, (Decimal(0), Decimal(0)))
+        for name in sorted({one.participant for one in lines})
+    }
+    for one in lines:
+        earned, spent = totals[one.participant][one.week]
+        totals[one.participant][one.week] = earned + one.earned_iec, spent + one.spent_iec
+    axis = {"nameTextStyle": {"color": "#7b8896"}, "axisLabel": {"color": "#7b8896"}}
+    series = [
+        {
+            "name": short(name),
+            "type": "bar",
+            "stack": "both",
+            "color": _PALETTE[number % len(_PALETTE)],
+            "barMaxWidth": 48,
+            "data": [float(totals[name][week][index]) * sign for week in weeks],
+            "itemStyle": {"opacity": 1.0 if sign > 0 else 0.55},
+        }
+        for number, name in enumerate(totals)
+        for index, sign in enumerate((1, -1))
+    ]
+    return {
+        "animation": False,
+        "textStyle": {"fontFamily": "inherit"},
+        "grid": {"left": 8, "right": 8, "top": 56, "bottom": 8, "containLabel": True},
+        "legend": {"top": 0, "type": "scroll", "textStyle": {"color": "#7b8896"}},
+        "tooltip": {"trigger": "item", "confine": True},
+        "xAxis": {"type": "category", "data": weeks, "axisLabel": {"color": "#7b8896", "hideOverlap": True}},
+        "yAxis": {"type": "value", "name": "IEC earned (up), spent (down)", **axis,
+                  "nameTextStyle": {"color": "#7b8896", "align": "left"},
+                  "splitLine": {"lineStyle": {"opacity": 0.25}}},
+        "series": series,
+    }  # fmt: skip
 
 
 def _options(transfers: list[queries.Transfer], costs: list[tuple[float, float]]) -> Json:

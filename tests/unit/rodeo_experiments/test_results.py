@@ -119,7 +119,7 @@ def a_run(**changes: Any) -> Run:
     transactions = [
         Transaction(
             tx_hash=event.tx_hash,
-            block=1,
+            block=3,
             time_s=event.block_s,
             events=[event.name],
             task_ids=[event.task_id or 0],
@@ -242,3 +242,10 @@ def test_the_report_holds_everything_that_it_shows(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "results.json").read_text())["tasks_settled"] == 3
     for name in ("tasks", "transfers", "battery", "charges", "transactions"):
         assert len((tmp_path / f"{name}.csv").read_text().splitlines()) > 1
+
+
+def test_a_deployment_whose_blocks_are_ahead_of_the_clock_is_before_the_start() -> None:
+    run = a_run(started_s=BEGIN_S + 6.9 * HOUR_S)  # the mints are at 7
+    assert Figures(run).results()["balance_start_iec"] == 2000
+    early = [one.model_copy(update={"block": 2}) for one in run.transactions]
+    assert Figures(a_run(transactions=early)).steps == {}
