@@ -128,7 +128,9 @@ def explain(
         wanted = Explain(task_id=task, limit=limit).model_dump(exclude_none=True)
         found = queries.fitting(Explained, bus.query(key, parameters=wanted, timeout_s=10), key).decisions
     rows = (Row((moment(one.time_s, loaded), one.intent, one.reason, _situation(one))) for one in found)
-    print_listing(found, as_json, ("time", "decision", "why", "situation"), rows, folds=(2, 3))
+    about = "" if task is None else f" with task {task}"
+    after = "" if found else f"{name} keeps no decision{about}: it keeps at least the newest {KEPT}."
+    print_listing(found, as_json, ("time", "decision", "why", "situation"), rows, folds=(2, 3), after=after)
 
 
 def _situation(one: Decided) -> str:

@@ -7,7 +7,9 @@ is turned off, it is judged again without that part. Elsewhere the verdict is th
 from __future__ import annotations
 
 import csv
+import inspect
 import json
+import re
 import time
 from collections import defaultdict
 from collections.abc import Callable, Collection, Iterator
@@ -34,7 +36,7 @@ Say = Callable[[str, float], None]
 
 @dataclass
 class Part:
-    """Something that is turned off: one check, or all checks of one module."""
+    """Something that is turned off: a witness, one check, or all checks of one module."""
 
     kind: str
     name: str
@@ -121,7 +123,12 @@ class KindAblation:
                 modules[_subject(one)].add(one.__name__)
         each = [Part(name, one, frozenset([one])) for stage in self._stages for one in sorted(stage)]
         whole = [Part(name, f"all: {one}", frozenset(found)) for one, found in sorted(modules.items())]
-        self._parts = [*each, *(one for one in whole if len(one.checks) > 1)]
+        witnesses = [
+            Part(name, f"witness: {witness}", frozenset(resting))
+            for witness, words in WITNESSES.items()
+            if (resting := {one.__name__ for stage in checks.stages for one in stage if rests_on(one, words)})
+        ]
+        self._parts = [*witnesses, *each, *(one for one in whole if len(one.checks) > 1)]
 
     def forge(self, names: Collection[str], say: Say) -> int:
         """Judge these forgeries; how many there were."""
@@ -184,8 +191,41 @@ class KindAblation:
         return timed
 
 
+WITNESSES = {
+    "motion capture": re.compile(r"\bmotion_capture_of\b|\bmotions?_of\b|\bpose_of\b"),
+    "bin": re.compile(r"\bdrop_of\b|\bbin_of\b|\"bin\""),
+    "gripper": re.compile(r"\bgrip(?!per_body)|_grip|\bfinger"),
+    "meter receipts": re.compile(r"\bcharge_of\b|\breceipt"),
+}
+"""Who testifies -> what a check calls or names in its code to read it."""
+
+
+def rests_on(check: CheckFunction, words: re.Pattern[str]) -> bool:
+    """Whether the check, or a function of its own module that it calls, reads what these words name."""
+    seen: set[Any] = set()
+    waiting: list[Any] = [inspect.unwrap(check)]
+    while waiting:
+        function = waiting.pop()
+        if function in seen:
+            continue
+        seen.add(function)
+        if words.search(_code(function)):
+            return True
+        for name in function.__code__.co_names:
+            other = inspect.unwrap(function.__globals__.get(name, check))
+            if inspect.isfunction(other) and other.__module__ == check.__module__:
+                waiting.append(other)
+    return False
+
+
+def _code(function: Any) -> str:
+    """Its source without its docstring."""
+    text = inspect.getsource(function)
+    return text.replace(inspect.getdoc(function) or "\0", "") if function.__doc__ else text
+
+
 def _subject(check: CheckFunction) -> str:
-    """The module that the check is in: what rests on one witness is in one module."""
+    """The module that the check is in."""
     *_, above, name = check.__module__.split(".")
     return f"{above}'s own checks" if name == "checks" else name
 

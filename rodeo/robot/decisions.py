@@ -69,6 +69,8 @@ class Decisions:
         self._path = path
         self._lock = threading.Lock()
         self._decided = _load(path)
+        self._anew = _is_torn(path)
+        """Whether the file is to be written anew: nothing that is appended to half a line can be read."""
 
     def add(self, one: Decided) -> None:
         """Keep it, unless it is the same as the last. Raises OSError."""
@@ -78,7 +80,10 @@ class Decisions:
             self._decided.append(one)
             if len(self._decided) > 2 * KEPT:
                 del self._decided[:-KEPT]
+                self._anew = True
+            if self._anew:
                 replace_file(self._path, "".join(map(_line, self._decided)))
+                self._anew = False
                 return
             with self._path.open("a") as file:
                 file.write(_line(one))
@@ -94,6 +99,11 @@ class Decisions:
 
 def _line(one: Decided) -> str:
     return one.model_dump_json(exclude_defaults=True) + "\n"
+
+
+def _is_torn(path: Path) -> bool:
+    """Whether its last line has no end."""
+    return path.exists() and not path.read_bytes().endswith(b"\n")
 
 
 def _load(path: Path) -> list[Decided]:

@@ -23,6 +23,7 @@ from rodeo.dao import Participant
 from rodeo.evidence import Store, open_proof
 from rodeo.lab.world import begin, build_world
 from rodeo.messages import DaoEvent, Status
+from rodeo.robot.decisions import Explained
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import RosBody
 from rodeo.ros2 import Node, types
@@ -247,3 +248,9 @@ def test_an_item_that_is_not_there_fails_honestly_and_the_robot_goes_on(organiza
     organization.lay("item2")
     following = organization.post("item2")
     organization.wait_for_event("TaskSettled", following)
+    running = organization.running
+    key = topics.ROBOT_ORDER.name(org=running.site.org, robot="panther1", order="explain")
+    asked = {"task_id": following, "limit": 5}
+    explained = Explained.model_validate(running.bus.query(key, parameters=asked))
+    assert "work" in [one.intent for one in explained.decisions]
+    assert {one.task_id for one in explained.decisions} == {following}

@@ -403,5 +403,6 @@ def test_services_and_wallets_are_listed(up: Path) -> None:
     assert "panther1" in services and "100 IEC" in services
     assert json.loads(rodeo(up, "wallet", "oracle", "--json").stdout)["balance_iec"] == "0"
     assert "no task is assigned" in rodeo(up, "robot", "explain", "panther1", "--limit", "1000").stdout
+    assert "no decision with task 999" in rodeo(up, "robot", "explain", "panther1", "--task", "999").stdout
     done = rodeo(up, "wallet", "bob", status=1)
     assert "bob" in done.stderr and "panther1" in done.stderr

@@ -35,4 +35,8 @@ def test_half_a_line_is_left_out(tmp_path: Path) -> None:
     Decisions(path).add(decided(1))
     with path.open("a") as file:
         file.write('{"time_s": 2, "int')
-    assert [one.time_s for one in Decisions(path).about(None, 10)] == [1]
+    decisions = Decisions(path)
+    assert [one.time_s for one in decisions.about(None, 10)] == [1]
+    decisions.add(decided(3, "work"))
+    decisions.add(decided(4))
+    assert [one.time_s for one in Decisions(path).about(None, 10)] == [1, 3, 4]

@@ -10,7 +10,9 @@ from typing import Any
 
 from rodeo.checks.case import Case, Checks
 from rodeo.checks.report import Check, Finding, Report
-from rodeo_experiments.ablation import Found, KindAblation, write
+from rodeo.kinds import kinds_of
+from rodeo_experiments.ablation import WITNESSES, Found, KindAblation, rests_on, write
+from rodeo_testing.check import lab
 from rodeo_testing.harness import Harness
 from rodeo_testing.workshop import Submission
 
@@ -101,6 +103,26 @@ def test_a_noisy_honest_run_returns_without_the_check_that_refuses_it() -> None:
     assert (parts["weight"].refused, parts["weight"].returning) == (["honest 1"], ["honest 1"])
     assert parts["colour"].refused == []
     assert parts["speed"].seconds > 0
+
+
+def test_a_witness_is_off_with_every_check_that_reads_it() -> None:
+    kinds = kinds_of(lab())
+    resting = {
+        witness: {
+            check.__name__
+            for kind in kinds.values()
+            if kind.checks
+            for stage in kind.load_checks().stages
+            for check in stage
+            if rests_on(check, words)
+        }
+        for witness, words in WITNESSES.items()
+    }
+    assert {"motion_capture", "item_in_gripper", "item_outside_bin"} <= resting["motion capture"]
+    assert {"bin_witnessed", "classified", "dropped", "weight"} <= resting["bin"]
+    assert {"gripper_force", "gripper_commanded", "grasp"} <= resting["gripper"]
+    assert {"both_signed", "delivered", "power"} <= resting["meter receipts"]
+    assert not {"base_speed", "within_counts", "sealed"} & set().union(*resting.values())
 
 
 def test_the_report_names_what_passes(tmp_path: Path) -> None:
