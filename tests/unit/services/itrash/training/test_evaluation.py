@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
+from rodeo.vision.classification import UNKNOWN
+from rodeo.vision.classifier import Classifier
+from rodeo.vision.images import decode_image
+from rodeo_cli import app
 from rodeo_testing.recordings import RENDERINGS
 from services.itrash.training import metrics, scenery
 from services.itrash.training.augment import augment, item_mask
@@ -13,9 +21,9 @@ from services.itrash.training.card import calibration_picture, confusion_picture
 from services.itrash.training.corruptions import CORRUPTIONS, SEVERITIES
 from services.itrash.training.dataset import CLASSES, Sample
 from services.itrash.training.evaluation import grouped_accuracy, nothing_samples
-from services.itrash.training.metrics import Outputs
+from services.itrash.training.metrics import Answers
 
-PICTURE = cv2.imread(str(RENDERINGS / "metal_1.jpg"))
+PICTURE = decode_image((RENDERINGS / "metal_1.jpg").read_bytes())
 
 
 def item_on_a_board() -> np.ndarray:
@@ -29,11 +37,11 @@ def noise(seed: int) -> np.ndarray:
     return cv2.resize(small, (90, 120), interpolation=cv2.INTER_CUBIC)
 
 
-def outputs(*predicted_and_true: tuple[int, int]) -> Outputs:
-    logits = np.full((len(predicted_and_true), len(CLASSES) + 1), -5.0)
-    for row, (predicted, _) in enumerate(predicted_and_true):
-        logits[row, predicted] = 5.0
-    return Outputs(logits, np.array([true for _, true in predicted_and_true]))
+def answers(*said_and_true: tuple[int, int]) -> Answers:
+    said, truth = map(np.array, zip(*said_and_true, strict=True))
+    logits = np.full((len(said), len(CLASSES) + 1), -5.0)
+    logits[np.arange(len(said)), said] = 5.0
+    return Answers(logits, truth, said)
 
 
 @pytest.mark.parametrize("name", CORRUPTIONS)
@@ -81,16 +89,37 @@ def test_near_duplicates_of_what_was_learnt_do_not_count_and_an_object_counts_on
         Sample(np.clip(twice.astype(int) + 10, 0, 255).astype(np.uint8), CLASSES[0]),
         Sample(once, CLASSES[1]),
     ]
-    said = outputs((0, 0), (0, 0), (1, 0), (1, 1))
+    said = answers((0, 0), (0, 0), (1, 0), (1, 1))
     accuracy, objects = grouped_accuracy(said, photos, [Sample(learnt, CLASSES[0])])
     assert objects == 2
     assert accuracy == pytest.approx((0.5 + 1.0) / 2)
 
 
 def test_a_mistake_within_a_compartment_costs_no_compartment() -> None:
-    said = outputs((CLASSES.index("paper"), CLASSES.index("cardboard")), (2, 2))
+    said = answers((CLASSES.index("paper"), CLASSES.index("cardboard")), (2, 2))
     assert said.accuracy() == 0.5
     assert said.compartment_accuracy() == 1.0
+
+
+def test_an_item_that_is_called_unknown_is_a_wrong_answer() -> None:
+    said = answers((len(CLASSES), 2), (2, 2))
+    assert (said.accuracy(), said.compartment_accuracy(), said.unknown_share()) == (0.5, 0.5, 0.5)
+
+
+def test_figures_count_what_the_command_prints(tmp_path: Path) -> None:
+    """For pictures that the network is sure of, is not sure of, and that show nothing."""
+    snow = np.random.default_rng(5).integers(0, 256, PICTURE.shape).astype(np.uint8)
+    veiled = [cv2.addWeighted(PICTURE, k, snow, 1.0 - k, 0.0) for k in (0.2, 0.4, 0.6, 0.8, 1.0)]
+    samples = [*(Sample(picture, "metal") for picture in veiled), *nothing_samples(3, 6, [])]
+    photos = []
+    for number, sample in enumerate(samples):
+        photos.append(tmp_path / f"{number}.png")
+        cv2.imwrite(str(photos[-1]), sample.image_bgr)
+    counted = metrics.answers_to_samples(Classifier(), samples)
+    printed = CliRunner().invoke(app, ["classify", "--json", *map(str, photos)])
+    labels = [answer["class"] for answer in json.loads(printed.stdout)]
+    assert labels == [[*CLASSES, UNKNOWN][said] for said in counted.said]
+    assert set(labels) >= {"metal", UNKNOWN}
 
 
 def test_calibration_error_is_the_gap_between_confidence_and_accuracy() -> None:
@@ -102,8 +131,8 @@ def test_calibration_error_is_the_gap_between_confidence_and_accuracy() -> None:
 
 
 def test_the_card_shows_pictures_and_words() -> None:
-    said = outputs((0, 0), (1, 0), (3, 3))
-    assert metrics.confusion(said)[0].tolist() == [1, 1, 0, 0, 0, 0]
+    said = answers((0, 0), (1, 0), (3, 3))
+    assert metrics.confusion(said)[0].tolist() == [1, 1, 0, 0, 0, 0, 0]
     assert confusion_picture(metrics.confusion(said)).std() > 0
     curve = metrics.calibration_curve(said.probabilities(1.0), said.truth)
     assert sum(one.count for one in curve) == 3
