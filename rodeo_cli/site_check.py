@@ -13,7 +13,7 @@ from typing import Literal
 
 from pydantic import ValidationError
 
-from rodeo.config import Site, check_environment, faults, read_tables
+from rodeo.config import ORACLE, Site, check_environment, faults, read_tables
 from rodeo.errors import ConfigError
 from rodeo.kinds import installed, load
 from rodeo.lab.config import Pose2
@@ -84,7 +84,7 @@ def check(path: Path) -> list[Finding]:
         return [finding("error", place, text) for place, text in wrong.items()]
     return [
         finding("warning", place, text)
-        for place, text in (*_standby(site), *_overlaps(site), *_unreachable(site))
+        for place, text in (*_one_host(site), *_standby(site), *_overlaps(site), *_unreachable(site))
     ]
 
 
@@ -109,6 +109,17 @@ def _stands(files: list[tuple[Path, dict[Place, int]]], place: Place) -> tuple[P
                 if owner == path:
                     return path, lines[place[:length]]
     return files[0][0], None
+
+
+def _one_host(site: Site) -> Iterator[tuple[Place, str]]:
+    """Where the wallets are spread over several bridges, but those that check each other are together."""
+    together = {"organization", ORACLE} <= set(site.bridge.wallets or ())
+    if together and not site.oracles:
+        yield (
+            ("bridge", "wallets"),
+            "the wallets of the organization and of its oracle are on one host: whoever takes it over can "
+            "post tasks and accept their proofs; give the oracle's wallet to another bridge",
+        )
 
 
 # -- the room --------------------------------------------------------------------------------------------

@@ -322,10 +322,6 @@ contract Handler is CommonBase, StdUtils {
         if (taskId == 0) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
-        _decide(taskId, t, accepted, amount);
-    }
-
-    function _decide(uint256 taskId, Task memory t, bool accepted, uint256 amount) private {
         amount = _amount(t, accepted, amount);
         _judge(_oracle, taskId, t, accepted ? Verdict.Accepted : Verdict.Rejected, amount);
         if (accepted) {
@@ -445,28 +441,6 @@ contract Handler is CommonBase, StdUtils {
                 if (block.timestamp <= t.deadline) vm.warp(uint256(t.deadline) + 1);
                 _expire(taskId, t, TaskState.Assigned);
                 t = _tasks.task(taskId);
-            }
-        }
-    }
-
-    /// @dev A provider misses attempts, but hands in a proof after each: it does not fall asleep.
-    function comeAndGo(uint256 who, uint256 amount) external inOrder {
-        address provider = _providers[bound(who, 0, _providers.length - 1)];
-        for (uint256 i = 0; i < 2 * _services.MAX_MISSED(); ++i) {
-            bool misses = i % 2 == 0;
-            for (uint256 taskId = 1; taskId <= _tasks.taskCount(); ++taskId) {
-                Task memory t = _tasks.task(taskId);
-                if (t.state != TaskState.Assigned || _services.providerOf(t.serviceId) != provider) continue;
-                if (misses) {
-                    if (block.timestamp <= t.deadline) vm.warp(uint256(t.deadline) + 1);
-                    _expire(taskId, t, TaskState.Assigned);
-                } else {
-                    if (block.timestamp > t.deadline) continue;
-                    vm.prank(provider);
-                    _tasks.submitProof(taskId, t.attempt, "came", "");
-                    _decide(taskId, _tasks.task(taskId), true, amount);
-                }
-                break;
             }
         }
     }

@@ -230,7 +230,7 @@ def life(tmp_path: Path) -> Iterator[Life]:
     with running_chain("eth-tester", tmp_path, clock) as site:
         organization = Organization(site)
         organization.deploy()
-        yield Life(organization, clock, Random(7))
+        yield Life(organization, clock, Random(8))
 
 
 def indexed(life: Life, logs: list[Log], time_s: Callable[[int], int]) -> Index:

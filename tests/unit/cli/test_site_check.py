@@ -59,6 +59,21 @@ def test_the_lab_that_comes_along_is_a_good_site() -> None:
 BINS = '[[bins]]\nname = "{}"\npose = {{ x_m = 5.2, y_m = 4.45, yaw_rad = -1.5708 }}\nhttp_port = {}\n'
 WRONG = [
     (
+        '[governance]\nkind = "vote"\nmembers = ["panther1"]\ndelay_s = 0\n',
+        6,
+        "governance.delay_s: decisions by vote take effect after a delay: set more than 0",
+    ),
+    (
+        '[governance]\nkind = "vote"\nmembers = ["panther2"]\ndelay_s = 9\n',
+        5,
+        'governance.members.0: nobody on this site is called panther2; is "panther1" meant?',
+    ),
+    (
+        '[governance]\nkind = "vote"\ndelay_s = 9\nmembers = []\n',
+        6,
+        "governance.members: nobody could decide: name the members who vote",
+    ),
+    (
         item(x_m=14.6),
         7,
         "items.0.pose: item1 is outside the room: x_m is 14.6 of 0 to 7, y_m is 1.2 of 0 to 5 (lab.size_m)",
@@ -185,6 +200,12 @@ def test_a_kind_of_work_needs_what_it_is_done_at(said: Said, lacking: str, kind:
 
 
 DOUBTFUL = [
+    (
+        '[bridge]\nwallets = ["organization", "oracle"]\n',
+        4,
+        "bridge.wallets: the wallets of the organization and of its oracle are on one host: whoever takes it "
+        "over can post tasks and accept their proofs; give the oracle's wallet to another bridge",
+    ),
     (
         robot("battery = { standby_power_w = 50 }"),
         5,
