@@ -12,6 +12,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import zenoh
@@ -91,6 +92,8 @@ class Holders:
             self._mark_key, congestion_control=zenoh.CongestionControl.BLOCK, express=True
         )
         self._number = 0
+        self._unsent: int | None = None
+        """Number of a mark that is still to be sent."""
         self._marked_ns = -1
         self._marked_s = -math.inf
         self._asked = 0
@@ -186,14 +189,18 @@ class Holders:
         with everything else. After False, `wake` is called when it is worth while to ask again."""
         if now_ns < self._free_until_ns:
             return True
-        passes = not self._missing or self._everybody_came(now_ns, then)
+        passes = not self._missing or self._everybody_came(now_ns)
         if passes:
             with self._lock:
-                passes = self._settled(now_ns, then)
+                passes = self._settled(now_ns)
+        if self._unsent is not None:
+            # Not under the lock: until the mark is sent, the receiving thread may need it.
+            number, self._unsent = self._unsent, None
+            then(partial(self._put_mark, number))
         self._count(passes)
         return passes
 
-    def _everybody_came(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> bool:
+    def _everybody_came(self, now_ns: int) -> bool:
         if time.monotonic() - self._marked_s < _REPEAT_S:
             return False
         # Not under the lock: a keystore takes its time to open.
@@ -203,14 +210,14 @@ class Holders:
             self._missing = (self._expected - there) | own
             if self._missing:
                 # Whoever comes must hear what time it is.
-                self._mark(now_ns, then)
+                self._mark(now_ns)
         return not self._missing
 
-    def _settled(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> bool:
+    def _settled(self, now_ns: int) -> bool:
         if not self._begun:
             self._begun = True
             self._begins_s = time.monotonic()
-            self._mark(now_ns, then)
+            self._mark(now_ns)
             self._awaited = set(filter(self._may_hold, self._there))
             return not self._awaited
         if self._begins_s is not None:
@@ -221,36 +228,34 @@ class Holders:
         seen = self._seen.values()
         if self._awaited or any(one.hold.busy for one in seen):
             if time.monotonic() - self._marked_s > _REPEAT_S:
-                self._send_mark(now_ns, then)
+                self._send_mark()
             return False
         due = any(one.hold.until_ns is not None and one.hold.until_ns <= now_ns for one in seen)
         worked = any(one.hold.works != one.worked_before for one in seen)
         if seen and (self._asks or worked or (due and self._marked_ns != now_ns)):
-            self._mark(now_ns, then)
+            self._mark(now_ns)
             return False
         self._free_until_ns = self._next_ns
         return True
 
-    def _mark(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> None:
+    def _mark(self, now_ns: int) -> None:
         self._asks = False
         self._marked_ns = now_ns
         self._awaited = set(self._seen)
         for one in self._seen.values():
             one.worked_before = one.hold.works
-        self._send_mark(now_ns, then)
+        self._send_mark()
         self._asked = self._number
 
-    def _send_mark(self, now_ns: int, then: Callable[[Callable[[], None]], None]) -> None:
+    def _send_mark(self) -> None:
         """Also again: who has answered and what was sent or worked since the mark stay as they are."""
         self._number += 1
         self._marked_s = time.monotonic()
-        payload = json.dumps({"number": self._number})
+        self._unsent = self._number
 
-        def put() -> None:
-            if self._taken():
-                self._marks.put(payload)
-
-        then(put)
+    def _put_mark(self, number: int) -> None:
+        if self._taken():
+            self._marks.put(json.dumps({"number": number}))
 
     @property
     def next_ns(self) -> int:

@@ -44,21 +44,13 @@ class SimulationStopped(RodeoError):
 class Publisher(Protocol):
     """What shows the world to others, after the state that it shows was saved."""
 
-    def take(self, skipped: bool) -> bool:
-        """Copy what is to be shown, in the simulation's thread, between two control periods; whether somebody
-        may act on it."""
-        ...
-
     def publish(self, skipped: bool) -> None:
-        """Add what was copied to the publish queue, in the queue's thread; meanwhile the world goes on."""
-        ...
-
-    def take_power(self) -> None:
-        """Like `take`, where nothing but power flows and nobody needs to see how nothing moves."""
+        """Add what is to be shown to the publish queue, between two control periods."""
         ...
 
     def publish_power(self, due: bool) -> None:
-        """Like `publish` after `take_power`; with the time, where somebody has something to do now."""
+        """Like `publish`, where nothing but power flows and nobody needs to see how nothing moves; with the
+        time, where somebody has something to do now."""
         ...
 
 
@@ -107,11 +99,11 @@ class Loop:
         self.holders: Holders | None = None
         """For whom the clock waits; nobody where it is the wall's."""
         self.tell_time: Callable[[int], object] = lambda time_ns: None
-        """Publishes the site's time (ns) on /clock; in the publish queue's thread."""
+        """Publishes the site's time (ns) on /clock."""
         self._turns: set[Turn] = set()
         self._turns_lock = threading.Lock()
         self.simulation = simulation
-        self.publish_queue = PublishQueue(stop)
+        self.publish_queue = PublishQueue()
         self._state = state
         self._clock = clock
         self._limited = limited
@@ -202,22 +194,14 @@ class Loop:
             else:
                 self.simulation.step()
             self._state.save(self.simulation.time_ns, self.simulation.row())
-            if not self.publish_queue.ready():
-                break
             if power_only:
-                publisher.take_power()
-                acted_on = self._due or not self.simulation.parked
-                show = partial(publisher.publish_power, acted_on)
+                show = partial(publisher.publish_power, self._due or not self.simulation.parked)
             else:
-                acted_on = publisher.take(skipping)
                 show = partial(publisher.publish, skipping)
             self.publish_queue.publish(show, self._ahead)
-            if acted_on and self.holders is not None:
-                # Before the next period, or by how fast the machine is it would be known one later.
-                self.publish_queue.ready(keep=True)
         self.simulation.halt()
         self._closed.set()
-        self.publish_queue.close()
+        self.publish_queue.flush()
 
     def _wait_turn(self, speed: float) -> bool:
         """Wait for the next period or for something asked for; True if it is not yet time to advance."""

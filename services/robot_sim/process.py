@@ -17,7 +17,7 @@ from services.robot_sim.holders import Holders
 from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.people import PeoplesTime
-from services.robot_sim.plane import SLOW_TICKS, LabPlane, RobotPlane
+from services.robot_sim.plane import LabPlane, RobotPlane
 from services.robot_sim.sessions import BodySessions
 from services.robot_sim.simulation import Simulation
 from services.robot_sim.snapshot import Snapshot
@@ -48,12 +48,9 @@ class WorldPublisher:
         self._tick = 0
         self._reported = (time.monotonic(), snapshot.time_ns)
 
-    def take(self, skipped: bool) -> bool:
+    def publish(self, skipped: bool) -> None:
         self._snapshot.take()
         self._tick += 1
-        return skipped or self._tick % SLOW_TICKS == 0
-
-    def publish(self, skipped: bool) -> None:
         if self._lab.stalled:  # what is stamped after a stall must not reach anybody before its time does
             self._lab.publish_clock()
         for robot in self._robots:
@@ -62,10 +59,8 @@ class WorldPublisher:
         self._lab.publish_clock()
         self._report("skipping idle time" if skipped else "simulating")
 
-    def take_power(self) -> None:
-        self._snapshot.take_power()
-
     def publish_power(self, due: bool) -> None:
+        self._snapshot.take_power()
         self._lab.publish_clock(at_once=due)
         for robot in self._robots:
             robot.publish_power()

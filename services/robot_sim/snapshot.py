@@ -1,4 +1,4 @@
-"""The world as it was at the end of a control period, to be published while the next one is computed."""
+"""What is published of the world as it is at the end of a control period."""
 
 import math
 from collections.abc import Iterator
@@ -8,7 +8,6 @@ import numpy as np
 
 from rodeo.chance import Moments
 from rodeo.config import Site
-from rodeo.lab.body import Body
 from rodeo.lab.sensors import DepthCamera, Lidar
 from rodeo.lab.world import CAMERA_SITE, LIDAR_SITE, scale_weight_n
 from services.robot_sim.simulation import PROCESS, SimRobot, Simulation
@@ -20,13 +19,13 @@ _PRESENCE_MAX_M = 2.0
 
 
 class RobotSnapshot:
-    """One robot in `data`, which is a copy of the world's, with the robot's own sensors."""
+    """One robot, with its own sensors."""
 
     def __init__(
         self, robot: SimRobot, model: mujoco.MjModel, data: mujoco.MjData, site: Site, time_ns: int
     ) -> None:
         config = self.config = robot.config
-        self.body = Body(model, data, config.name, config.limits)
+        self.body = robot.body
         self._robot, self._data = robot, data
         self._lidar = Lidar(model, f"{config.name}/{LIDAR_SITE}", f"{config.name}/base_link")
         self.depth = DepthCamera(model, f"{config.name}/{CAMERA_SITE}")
@@ -62,13 +61,12 @@ class RobotSnapshot:
 
 
 class Snapshot:
-    """`take` is for the simulation's thread, everything else for the one that publishes."""
+    """For the simulation's thread, between two control periods. `take` comes first."""
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
         self.site, self.model = simulation.site, simulation.model
-        self.data = mujoco.MjData(self.model)
-        mujoco.mj_copyData(self.data, self.model, simulation.data)
+        self.data = simulation.data
         self.robots = [
             RobotSnapshot(robot, self.model, self.data, self.site, simulation.time_ns)
             for robot in simulation.robots.values()
@@ -79,8 +77,7 @@ class Snapshot:
         self.take()
 
     def take(self) -> None:
-        """Copy the world as it is now."""
-        mujoco.mj_copyData(self.data, self.model, self._simulation.data)
+        """What the robots' drivers and batteries tell, as it is now."""
         self.stalls_ns = self._simulation.take_stalls()
         self.take_power()
         for robot in self.robots:

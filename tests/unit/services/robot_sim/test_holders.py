@@ -318,6 +318,16 @@ def test_a_simulator_that_starts_again_waits_for_those_who_are_there(
     assert again.may_pass()
 
 
+def test_a_mark_that_waits_for_the_router_does_not_keep_the_receiving_thread(
+    simulator: Simulator, mind: Mind
+) -> None:
+    holders = simulator.holders
+    holders._taken = lambda: not holders._lock.locked()
+    begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S))
+    holders.sent()
+    assert simulator.may_pass()
+
+
 def test_who_answers_later_than_it_is_asked_again_has_answered(
     simulator: Simulator, mind: Mind, monkeypatch: pytest.MonkeyPatch
 ) -> None:

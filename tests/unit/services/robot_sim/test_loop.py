@@ -43,13 +43,7 @@ class Nothing:
     def save(self, *_state: object) -> None:
         pass
 
-    def take(self, skipped: bool) -> bool:
-        return skipped
-
     def publish(self, skipped: bool) -> None:
-        pass
-
-    def take_power(self) -> None:
         pass
 
     def publish_power(self, due: bool) -> None:
@@ -83,10 +77,8 @@ class Dock(Nothing):
         self.told_ns: list[int] = []
         self.due_ns: list[int] = []
 
-    def take_power(self) -> None:
-        self.told_ns.append(self.world.time_ns)
-
     def publish_power(self, due: bool) -> None:
+        self.told_ns.append(self.world.time_ns)
         if due:
             self.due_ns.append(self.told_ns[-1])
 
@@ -161,6 +153,4 @@ def test_of_actions_that_end_at_the_same_time_none_keeps_the_clock() -> None:
         thread.start()
     for thread in threads:
         thread.join()
-    stop.set()
-    loop.publish_queue.close()
     assert not loop._turns

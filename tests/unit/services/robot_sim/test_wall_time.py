@@ -37,13 +37,9 @@ class Running:
         self._thread = threading.Thread(target=self.loop.run, args=(self,))
         self._thread.start()
 
-    def take(self, skipped: bool) -> bool:
+    def publish(self, skipped: bool) -> None:
         self.stalls_ns += self.simulation.take_stalls()
         self.taken.set()
-        return skipped
-
-    def publish(self, skipped: bool) -> None:
-        pass
 
     def next_period(self) -> None:
         self.loop.call(self.taken.clear)
