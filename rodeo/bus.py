@@ -405,7 +405,8 @@ class DaoEvents:
             self._follow_chain(event.chain)
             if event.seq > self._seq:
                 self._live[event.seq] = event
-            if self._clock is not None and self._handing_over is None:
+            # Nobody would end a hold that began after the end.
+            if self._clock is not None and self._handing_over is None and not self._stop.is_set():
                 self._handing_over = self._clock.hold()
                 self._handing_over.__enter__()
         self._wake.set()
@@ -428,7 +429,8 @@ class DaoEvents:
     def _handed_over(self) -> None:
         with self._lock:
             # What still misses one before it is asked for elsewhere: that may take long.
-            if self._handing_over is not None and self._seq + 1 not in self._live:
+            waits = self._seq + 1 in self._live and not self._stop.is_set()
+            if self._handing_over is not None and not waits:
                 self._handing_over.__exit__(None, None, None)
                 self._handing_over = None
 
@@ -485,6 +487,7 @@ class DaoEvents:
         self._wake.set()
         self._subscriber.undeclare()
         self._thread.join(timeout=2.0)
+        self._handed_over()
 
 
 def _parameters(text: str) -> dict[str, str]:

@@ -3,12 +3,32 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from threading import Event
 from typing import Any
 
 from rodeo.bus import DaoEvents
+from rodeo.clock import WallClock
 from rodeo.messages import DaoEvent
 from tests.support.site import WAIT_S
+
+
+def event(seq: int, name: str) -> dict[str, Any]:
+    where = {"block": 1, "log_index": 0, "tx_hash": "0x", "time_s": 0.0, "task_id": None, "args": {}}
+    return DaoEvent(seq=seq, name=name, chain="0x01", **where).model_dump(mode="json")
+
+
+class Held(WallClock):
+    """Counts who holds it."""
+
+    holders = 0
+
+    @contextmanager
+    def hold(self) -> Iterator[None]:
+        self.holders += 1
+        yield
+        self.holders -= 1
 
 
 class Bus:
@@ -17,18 +37,17 @@ class Bus:
     def __init__(self) -> None:
         self.names = ["A", "undone", "EventUndone", "B"]
 
-    def subscribe_json(self, _key: str, _callback: Any, *, inline: bool) -> Any:
+    def subscribe_json(self, _key: str, callback: Any, *, inline: bool) -> Any:
+        self.hear = callback
         return self
 
     def undeclare(self) -> None:
-        pass
+        # The last one may be under way.
+        self.hear("", event(len(self.names) + 1, "late"))
 
     def query(self, _key: str, parameters: dict[str, int], timeout_s: float) -> dict[str, Any]:
-        where = {"block": 1, "log_index": 0, "tx_hash": "0x", "time_s": 0.0, "task_id": None, "args": {}}
         events = [
-            DaoEvent(seq=seq, name=name, chain="0x01", **where).model_dump(mode="json")  # type: ignore[arg-type]
-            for seq, name in enumerate(self.names, start=1)
-            if seq > parameters["after"]
+            event(seq, name) for seq, name in enumerate(self.names, start=1) if seq > parameters["after"]
         ]
         return {"events": events, "last_seq": len(self.names), "chain": "0x01"}
 
@@ -48,3 +67,10 @@ def test_an_index_that_was_made_anew_and_counts_less_is_heard_from_its_beginning
     bus.names = ["A", "B", "C"]  # what was undone before is not told of any more
     wait_for(["A", "B", "C"])
     dao.close()
+
+
+def test_an_event_that_arrives_at_the_end_does_not_hold_the_clock() -> None:
+    clock = Held()
+    dao = DaoEvents(Bus(), "lab", lambda _event: None, clock=clock)  # type: ignore[arg-type]
+    dao.close()
+    assert clock.holders == 0
