@@ -445,14 +445,15 @@ contract Handler is CommonBase, StdUtils {
         }
     }
 
-    /// @dev The auditors let their window pass, and the administrator would rather have another winner now.
-    function staySilent(uint256 which, bool executor) external inOrder {
-        uint256 taskId = _find(which, TaskState.Undecided);
+    /// @dev Judges or auditors let their window pass, and the administrator would rather have another winner now.
+    function staySilent(uint256 which, bool executor, bool audited) external inOrder {
+        TaskState running = audited ? TaskState.Undecided : TaskState.Submitted;
+        uint256 taskId = _find(which, running);
         if (taskId == 0) return;
         _setAudit(executor);
         Task memory t = _tasks.task(taskId);
         if (block.timestamp <= t.deadline) vm.warp(uint256(t.deadline) + 1);
-        _expire(taskId, t, TaskState.Undecided);
+        _expire(taskId, t, running);
     }
 
     function _expire(uint256 taskId, Task memory t, TaskState running) private {
