@@ -384,7 +384,7 @@ class Agent:
             here = self._body.base_pose()
             if assignment is not None:
                 needs = self._weigh(assignment.kind, assignment, here)
-                # What cannot be done is given up at once.
+                # What cannot be done is abandoned at once.
                 battery_suffices = needs is None or self._upkeep.battery_suffices(soc, needs)
             else:
                 able = frozenset(self._able(soc, here))
@@ -591,6 +591,12 @@ class Agent:
     def _work(self, situation: Situation) -> None:
         task = situation.assignment
         assert task is not None  # decide() says WORK only with an assignment
+        if not situation.begun and (refusal := self._refusal(task)) is not None:
+            log.warning("abandoning task %d: %s", task.id, refusal)
+            self._report(f"abandoning task {task.id}: {refusal.message}")
+            self._dao.abandon_task(task)
+            self._wait_for_news()  # the index is about to say so
+            return
         folder = self._task_folder(task)
         journal = Journal.open(folder, self._dao.assignment(task))
         self._attempt = task
@@ -599,6 +605,17 @@ class Agent:
                 self._advance(task, journal, folder)
         finally:
             self._attempt = None
+
+    def _refusal(self, task: Task) -> TaskFailed | None:
+        """Why this task cannot be done, as far as one can tell before moving."""
+        try:
+            require_time_for_verdict(task, self._site)
+            self._behaviours[task.kind].weigh(task, self._body.base_pose())
+        except TaskFailed as error:
+            return error
+        except ValidationError as error:
+            return TaskFailed("the task's parameters do not fit its kind", fields=wrong_fields(error))
+        return None
 
     def _task_folder(self, task: Task) -> Path:
         return self._process.data_dir / "tasks" / f"{task.id}-{task.attempt}"
@@ -739,7 +756,6 @@ class Agent:
                 if done is not None:
                     behaviour.finish(done, work)
                 else:
-                    require_time_for_verdict(task, self._site)
                     self._begin(work)
             duration_s = self._clock.now_s() - started_s
         except (TaskFailed, Blocked, Cancelled) as error:  # of Blocked, waiting was the retry

@@ -245,6 +245,13 @@ def test_an_item_that_is_not_there_fails_honestly_and_the_robot_goes_on(organiza
     assert "item" in task["reason"]
     assert event.args["refund_iec"] == "100"
 
+    # What it can tell beforehand it abandons, without a proof that somebody had to reject.
+    params = {"item_id": "item2", "x_m": 1.0, "y_m": 1.0, "bin": "nowhere"}
+    nowhere = organization.post("item2", params=params, max_attempts=1)
+    organization.wait_for_event("TaskFailed", nowhere)
+    task = organization.task(nowhere)
+    assert (task["verdict"], task["proof_sha256"]) == ("abandoned", None)
+
     organization.lay("item2")
     following = organization.post("item2")
     organization.wait_for_event("TaskSettled", following)
