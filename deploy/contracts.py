@@ -262,6 +262,7 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
     }
     coin, organization = addresses["IECoin"], addresses["Organization"]
     services, tasks = addresses["ServiceManager"], addresses["TaskManager"]
+    terms = site.governance.terms
     arguments: dict[str, tuple[Any, ...]] = {
         "IECoin": _first_holders(site, organization, deployer.address),
         "Organization": (
@@ -272,6 +273,7 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
             # From the beginning: a handover takes a later block, and a chain at rest has none.
             addresses["OrganizationTimelock"] if by_vote else deployer.address,
             site.governance.delay_s,
+            (to_wei(terms.bond_iec), to_wei(terms.penalty_iec), terms.max_failures),
         ),
         "ServiceManager": (organization, tasks),
         "TaskManager": (organization, services),

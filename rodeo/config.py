@@ -159,6 +159,23 @@ class BudgetConfig(_Table):
     period_s: int = Field(default=24 * 3600, gt=0, lt=2**24)
 
 
+class TermsConfig(_Table):
+    """What a service agrees to when it is registered."""
+
+    bond_iec: Decimal = Field(default=Decimal(20), ge=0, max_digits=28, decimal_places=18)
+    """Locked until the service retires."""
+    penalty_iec: Decimal = Field(default=Decimal(5), ge=0, max_digits=28, decimal_places=18)
+    """What a failed attempt takes from the bond; at most the bond."""
+    max_failures: int = Field(default=3, ge=0, le=255)
+    """Failures in a row of the provider that suspend the service; 0 for no limit."""
+
+    @model_validator(mode="after")
+    def _penalty_within_bond(self) -> Self:
+        if self.penalty_iec > self.bond_iec:
+            raise ValueError("the penalty is higher than the bond")
+        return self
+
+
 class GovernanceConfig(_Table):
     """Who decides about the organization, and how fast."""
 
@@ -183,6 +200,8 @@ class GovernanceConfig(_Table):
     }
     """Rewards and bonds that operators pay, and what treasurers withdraw. A role that is not listed has no
     limit."""
+    terms: TermsConfig = TermsConfig()
+    """Terms at the deployment. Later `rodeo organization terms` changes them."""
 
 
 class WalletLimits(_Table):

@@ -156,7 +156,10 @@ class Offer(Answer):
     penalty_iec: Amount
     max_failures: int
     failures: int
-    """Failures in a row."""
+    """Failures in a row of all the provider's services."""
+    asleep_until: float | None = None
+    """When the provider, who let too many attempts pass without a proof, may wake up, s of block time. None
+    while it is awake."""
     place: int
     """Place in the queue of idle services, lower first; 0 while it does not wait."""
     reputation: int

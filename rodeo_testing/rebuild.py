@@ -38,6 +38,10 @@ class Rebuilt:
     tasks: dict[int, Task] = field(default_factory=dict)
     services: dict[int, Service] = field(default_factory=dict)
     """`place` is 0: `waiting` has the order."""
+    failures: dict[str, int] = field(default_factory=dict)
+    """Provider -> failures in a row of all its services."""
+    asleep: dict[str, int] = field(default_factory=dict)
+    """Provider -> when it may wake up, of those that are asleep."""
     waiting: list[int] = field(default_factory=list)
     """Services that wait for a task, those that have waited longest first."""
     devices: dict[str, Device] = field(default_factory=dict)
@@ -144,7 +148,7 @@ class Rebuilt:
                     bond=0,
                     penalty=0,
                     max_failures=0,
-                    failures=0,
+                    failures=self.failures.get(event.provider, 0),
                     auto_accept=event.auto_accept,
                 )
                 self.waiting.append(event.service_id)
@@ -160,8 +164,13 @@ class Rebuilt:
                 self._service(event.service_id, state=ServiceState.SUSPENDED)
             case events.ServiceFellAsleep():
                 self._service(event.service_id, state=ServiceState.PAUSED)
+            case events.ProviderFellAsleep():
+                self.asleep[event.provider] = event.until
+            case events.ProviderWokeUp():
+                del self.asleep[event.provider]
             case events.ServiceReinstated():
-                self._service(event.service_id, state=ServiceState.PAUSED, failures=0)
+                self._service(event.service_id, state=ServiceState.PAUSED)
+                self._set_failures(self.services[event.service_id].provider, 0)
             case events.BondPenalized():
                 bond = self.services[event.service_id].bond
                 self._service(event.service_id, bond=bond - event.amount)
@@ -253,15 +262,21 @@ class Rebuilt:
             return
         service_id = self.tasks[task_id].service_id
         service = self.services[service_id]
-        has_terms = service.bond > 0 or service.max_failures > 0
         changes: dict[str, int] = {"task_id": 0}
         if cause is None:
-            changes |= {"completed": service.completed + 1, "failures": 0}
+            changes |= {"completed": service.completed + 1}
+            self._set_failures(service.provider, 0)
         elif cause in (Cause.REJECTED, Cause.EXECUTION_EXPIRED, Cause.ABANDONED_LATE):
             counter = "rejected" if cause is Cause.REJECTED else "expired"
             changes |= {counter: getattr(service, counter) + 1}
-            changes |= {"failures": service.failures + 1} if has_terms else {}
+            self._set_failures(service.provider, service.failures + 1)
         self._service(service_id, **changes)
+
+    def _set_failures(self, provider: str, failures: int) -> None:
+        self.failures[provider] = failures
+        for service_id, service in self.services.items():
+            if service.provider == provider:
+                self.services[service_id] = replace(service, failures=failures)
 
     def _kind(self, kind: str, **changes: object) -> None:
         rules = self.kinds.get(kind, KindRules(False, Review.NONE, 0, 0, Silence.NONE, 0, 0))

@@ -58,6 +58,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     mapping(bytes32 role => Budget) private _budgets;
 
     /// @param handoverDelay s; that long everybody can see coming who administers the organization next
+    /// @param terms_ what services agree to from the beginning
     /// @param services_ may be deployed later, at this address; the same for `tasks_`, which checks it
     constructor(
         IERC20 token_,
@@ -65,12 +66,14 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         ITaskManager tasks_,
         IMatchingPolicy policy_,
         address administrator,
-        uint48 handoverDelay
+        uint48 handoverDelay,
+        Terms memory terms_
     ) AccessControlDefaultAdminRules(handoverDelay, administrator) {
         token = token_;
         services = services_;
         tasks = tasks_;
         _setPolicy(policy_);
+        _setTerms(terms_);
         // What leaves this way are rewards and bonds of what only the operator can register here.
         token_.forceApprove(address(tasks_), type(uint256).max);
     }
@@ -152,11 +155,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
 
     /// @inheritdoc IOrganization
     function setTerms(Terms calldata terms_) external onlyRole(DEFAULT_ADMIN_ROLE) {
-        if (terms_.penalty > terms_.bond) {
-            revert InvalidTerms(terms_.bond, terms_.penalty, terms_.maxFailures);
-        }
-        _terms = terms_;
-        emit TermsChanged(terms_.bond, terms_.penalty, terms_.maxFailures);
+        _setTerms(terms_);
     }
 
     /// @inheritdoc IOrganization
@@ -412,6 +411,14 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
             else found = current[i] == rules;
         }
         if (found) current.pop();
+    }
+
+    function _setTerms(Terms memory terms_) private {
+        if (terms_.penalty > terms_.bond) {
+            revert InvalidTerms(terms_.bond, terms_.penalty, terms_.maxFailures);
+        }
+        _terms = terms_;
+        emit TermsChanged(terms_.bond, terms_.penalty, terms_.maxFailures);
     }
 
     function _setPolicy(IMatchingPolicy policy_) private {

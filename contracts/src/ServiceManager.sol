@@ -37,13 +37,17 @@ contract ServiceManager is IServiceManager {
         uint96 bond;
         uint96 penalty;
         uint8 maxFailures;
-        uint8 failures;
     }
 
-    /// @dev What counts for all services of a provider together.
+    /// @dev What counts for all services of a provider together, so that a new service does not begin anew.
     struct Provider {
         uint32 live;
         uint8 missed;
+        uint8 failures;
+        /// @dev How often it has fallen asleep since the last accepted proof; at most MAX_NAPS.
+        uint8 naps;
+        /// @dev When it may wake up; 0 while it is awake.
+        uint40 asleepUntil;
     }
 
     /// @dev Idle services of one kind, price and reputation, in order of their places: a linked list, because
@@ -64,9 +68,14 @@ contract ServiceManager is IServiceManager {
     /// @notice Services that a provider may have at a time: so many tasks it holds at most. The organization answers
     /// for its own.
     uint256 public constant MAX_SERVICES = 8;
-    /// @notice Attempts in a row without a proof after which a provider's services fall asleep, each as it misses one:
-    /// who is not there does not take every attempt of every task.
+    /// @notice Attempts without a proof, since the last accepted one, after which a provider falls asleep. Its services
+    /// are then paused, each as it misses one. So a provider that is not there does not take every attempt of every task.
     uint256 public constant MAX_MISSED = 3;
+    /// @notice How long a provider that fell asleep for the second time may not wake up, s. It doubles each time until a
+    /// proof is accepted. After the first time there is no wait.
+    uint256 public constant COOL_DOWN = 10 minutes;
+    /// @notice From this time on the wait does not grow: 21 hours.
+    uint256 public constant MAX_NAPS = 8;
 
     IOrganization public immutable organization;
     ITaskManager public immutable tasks;
@@ -101,6 +110,7 @@ contract ServiceManager is IServiceManager {
         bool autoAccept,
         string calldata description
     ) external returns (uint256 serviceId) {
+        _requireAwake(msg.sender);
         Terms memory terms = organization.admitService(kind, msg.sender);
         if (terms.bond > maxBond) revert BondTooHigh(terms.bond, maxBond);
         _requirePrice(price);
@@ -120,7 +130,7 @@ contract ServiceManager is IServiceManager {
         emit ServiceRegistered(serviceId, msg.sender, kind, price, autoAccept, description);
         if (terms.bond != 0 || terms.maxFailures != 0) {
             s.hasTerms = true;
-            _agreements[serviceId] = Agreement(terms.bond, terms.penalty, terms.maxFailures, 0);
+            _agreements[serviceId] = Agreement(terms.bond, terms.penalty, terms.maxFailures);
             emit TermsAgreed(serviceId, terms.bond, terms.penalty, terms.maxFailures);
         }
         tasks.placeService(serviceId, kind, price);
@@ -136,11 +146,11 @@ contract ServiceManager is IServiceManager {
         if (s.state == ServiceState.Suspended && state != ServiceState.Retired) {
             revert ServiceIsSuspended(serviceId);
         }
+        if (state == ServiceState.Active) _requireAwake(msg.sender);
         _requirePrice(price);
         _leaveLine(serviceId, s);
         s.price = uint96(price);
         s.state = state;
-        _providers[msg.sender].missed = 0;
         emit ServiceUpdated(serviceId, price, state);
         if (_isAvailable(s)) {
             tasks.placeService(serviceId, _kinds.kinds[s.kindId], price);
@@ -148,6 +158,15 @@ contract ServiceManager is IServiceManager {
             uint96 bond = _leave(serviceId, s);
             if (bond != 0) tasks.returnBond(msg.sender, bond);
         }
+    }
+
+    /// @inheritdoc IServiceManager
+    function wakeUp() external {
+        Provider storage p = _providers[msg.sender];
+        if (p.asleepUntil == 0) revert ProviderIsAwake(msg.sender);
+        if (block.timestamp < p.asleepUntil) revert ProviderIsAsleep(msg.sender, p.asleepUntil);
+        (p.missed, p.asleepUntil) = (0, 0);
+        emit ProviderWokeUp(msg.sender);
     }
 
     /// @inheritdoc IServiceManager
@@ -166,7 +185,7 @@ contract ServiceManager is IServiceManager {
         if (s.state != ServiceState.Suspended) revert ServiceNotSuspended(serviceId, s.state);
         Agreement storage a = _agreements[serviceId];
         if (a.bond < a.penalty) revert BondExhausted(serviceId, a.bond, a.penalty);
-        a.failures = 0;
+        _providers[s.provider].failures = 0;
         s.state = ServiceState.Paused;
         emit ServiceReinstated(serviceId);
     }
@@ -192,8 +211,7 @@ contract ServiceManager is IServiceManager {
         if (outcome == Outcome.Completed) s.completed = _increment(s.completed);
         else if (outcome == Outcome.Rejected) s.rejected = _increment(s.rejected);
         else if (outcome == Outcome.Expired) s.expired = _increment(s.expired);
-        if (s.hasTerms) r.penalty = _applyTerms(serviceId, s, outcome);
-        _count(serviceId, s, outcome == Outcome.Expired || outcome == Outcome.Abandoned);
+        if (outcome != Outcome.Unjudged) r.penalty = _count(serviceId, s, outcome);
         s.taskId = 0;
         if (s.state == ServiceState.Retired) r.bond = _leave(serviceId, s);
         (r.provider, r.available, r.price) = (s.provider, _isAvailable(s), s.price);
@@ -237,7 +255,7 @@ contract ServiceManager is IServiceManager {
             bond: a.bond,
             penalty: a.penalty,
             maxFailures: a.maxFailures,
-            failures: a.failures,
+            failures: _providers[s.provider].failures,
             autoAccept: s.autoAccept
         });
     }
@@ -245,6 +263,11 @@ contract ServiceManager is IServiceManager {
     /// @inheritdoc IServiceManager
     function providerOf(uint256 serviceId) external view returns (address) {
         return _get(serviceId).provider;
+    }
+
+    /// @inheritdoc IServiceManager
+    function asleepUntil(address provider) external view returns (uint256) {
+        return _providers[provider].asleepUntil;
     }
 
     /// @inheritdoc IServiceManager
@@ -293,38 +316,56 @@ contract ServiceManager is IServiceManager {
         s.next = 0;
     }
 
-    /// @dev What the terms make of the attempt that ends: the penalty.
-    function _applyTerms(uint256 serviceId, Record storage s, Outcome outcome)
+    /// @dev What the attempt that ends makes of its provider and service. Returns the penalty.
+    function _count(uint256 serviceId, Record storage s, Outcome outcome) private returns (uint96 penalty) {
+        Provider storage p = _providers[s.provider];
+        if (outcome == Outcome.Completed) {
+            if (p.missed | p.failures | p.naps != 0) _forgive(s.provider, p);
+            return 0;
+        }
+        if (outcome != Outcome.Abandoned) {
+            if (p.failures < type(uint8).max) ++p.failures;
+            if (s.hasTerms) penalty = _applyTerms(serviceId, s, p.failures);
+        }
+        if (outcome != Outcome.Rejected && s.provider != address(organization)) _miss(serviceId, s, p);
+    }
+
+    /// @dev A proof was accepted.
+    function _forgive(address provider, Provider storage p) private {
+        if (p.asleepUntil != 0) emit ProviderWokeUp(provider);
+        (p.missed, p.failures, p.naps, p.asleepUntil) = (0, 0, 0, 0);
+    }
+
+    /// @dev What the terms make of a failed attempt: the penalty.
+    function _applyTerms(uint256 serviceId, Record storage s, uint256 failures)
         private
         returns (uint96 penalty)
     {
         Agreement storage a = _agreements[serviceId];
-        if (outcome == Outcome.Completed) a.failures = 0;
-        if (outcome != Outcome.Rejected && outcome != Outcome.Expired) return 0;
-        if (a.failures < type(uint8).max) ++a.failures;
         penalty = uint96(Math.min(a.penalty, a.bond));
         if (penalty != 0) {
             a.bond -= penalty;
             emit BondPenalized(serviceId, s.taskId, penalty);
         }
-        bool repeated = a.maxFailures != 0 && a.failures >= a.maxFailures;
+        bool repeated = a.maxFailures != 0 && failures >= a.maxFailures;
         if ((repeated || a.bond < a.penalty) && s.state != ServiceState.Retired) {
             if (s.state != ServiceState.Suspended) emit ServiceSuspended(serviceId);
             s.state = ServiceState.Suspended;
         }
     }
 
-    /// @dev Attempts without a proof, whichever of the provider's services made them.
-    function _count(uint256 serviceId, Record storage s, bool missed) private {
-        Provider storage p = _providers[s.provider];
-        if (!missed) {
-            if (p.missed != 0) p.missed = 0;
-        } else if (s.provider != address(organization)) {
-            if (p.missed < MAX_MISSED) ++p.missed;
-            if (p.missed == MAX_MISSED && s.state == ServiceState.Active) {
-                s.state = ServiceState.Paused;
-                emit ServiceFellAsleep(serviceId);
-            }
+    /// @dev An attempt without a proof, whichever of the provider's services made it.
+    function _miss(uint256 serviceId, Record storage s, Provider storage p) private {
+        if (p.missed < MAX_MISSED) ++p.missed;
+        if (p.missed < MAX_MISSED) return;
+        if (p.asleepUntil == 0) {
+            p.asleepUntil = uint40(block.timestamp + (p.naps == 0 ? 0 : COOL_DOWN << (p.naps - 1)));
+            if (p.naps < MAX_NAPS) ++p.naps;
+            emit ProviderFellAsleep(s.provider, p.asleepUntil);
+        }
+        if (s.state == ServiceState.Active) {
+            s.state = ServiceState.Paused;
+            emit ServiceFellAsleep(serviceId);
         }
     }
 
@@ -376,6 +417,11 @@ contract ServiceManager is IServiceManager {
 
     function _increment(uint24 counter) private pure returns (uint24) {
         return counter == type(uint24).max ? counter : counter + 1;
+    }
+
+    function _requireAwake(address provider) private view {
+        uint256 until = _providers[provider].asleepUntil;
+        if (until != 0) revert ProviderIsAsleep(provider, until);
     }
 
     function _requirePrice(uint256 price) private pure {

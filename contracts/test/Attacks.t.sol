@@ -380,15 +380,94 @@ contract AttackTest is Fixture {
         assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Paused));
         taskId = post(alice, 100 ether);
         assertState(taskId, TaskState.Open);
-        update(serviceId, 80 ether, ServiceState.Active);
+        bytes memory refusal =
+            abi.encodeWithSelector(IServiceManager.ProviderIsAsleep.selector, robot1, block.timestamp);
+        vm.startPrank(robot1);
+        vm.expectRevert(refusal);
+        services.updateService(serviceId, 80 ether, ServiceState.Active);
+        vm.expectRevert(refusal);
+        services.registerService(CLEANING, 80 ether, NO_LIMIT, true, "");
+        vm.expectEmit(address(services));
+        emit IServiceManager.ProviderWokeUp(robot1);
+        services.wakeUp();
+        services.updateService(serviceId, 80 ether, ServiceState.Active);
+        vm.expectRevert(abi.encodeWithSelector(IServiceManager.ProviderIsAwake.selector, robot1));
+        services.wakeUp();
+        vm.stopPrank();
         assertAssigned(taskId, serviceId);
-        // Awake, it has as many again; and whoever hands in a proof is there.
-        vm.warp(block.timestamp + WINDOW + 1);
-        tasks.expireTask(taskId);
-        attempt(taskId, false);
-        vm.warp(block.timestamp + WINDOW + 1);
-        tasks.expireTask(taskId);
-        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Active));
+    }
+
+    function test_attack_aGarbageProofShowsThatARobotIsThere() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        for (uint256 i = 0; i < 3; ++i) {
+            uint256 taskId = post(alice, 100 ether);
+            attempt(taskId, false);
+            attempt(taskId, false);
+            vm.warp(block.timestamp + WINDOW + 1);
+            tasks.expireTask(taskId);
+        }
+        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Paused));
+    }
+
+    function test_attack_wakingUpAgainAndAgain() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256[4] memory waits = [uint256(0), 10 minutes, 20 minutes, 40 minutes];
+        for (uint256 i = 0; i < waits.length; ++i) {
+            _sleep(post(alice, 100 ether));
+            uint256 until = block.timestamp + waits[i];
+            assertEq(services.asleepUntil(robot1), until);
+            vm.startPrank(robot1);
+            if (waits[i] != 0) {
+                vm.warp(until - 1);
+                vm.expectRevert(
+                    abi.encodeWithSelector(IServiceManager.ProviderIsAsleep.selector, robot1, until)
+                );
+                services.wakeUp();
+                vm.warp(until);
+            }
+            services.wakeUp();
+            services.updateService(serviceId, 80 ether, ServiceState.Active);
+            vm.stopPrank();
+        }
+        attempt(post(alice, 100 ether), true);
+        _sleep(post(alice, 100 ether));
+        assertEq(services.asleepUntil(robot1), block.timestamp, "accepted work begins the count anew");
+    }
+
+    function test_attack_aProviderThatWorksSleepsOn() public {
+        offer(robot1, 80 ether);
+        uint256 other = offer(robot1, 90 ether);
+        TaskRequest memory r = request(100 ether);
+        r.executionWindow = 1 days;
+        vm.prank(alice);
+        uint256 taken = tasks.registerTask(r);
+        uint256 missed = post(alice, 100 ether);
+        assertAssigned(missed, other);
+        _sleep(missed);
+        assertGt(services.asleepUntil(robot1), 0);
+        attempt(taken, true);
+        assertEq(services.asleepUntil(robot1), 0, "an accepted proof wakes");
+    }
+
+    function test_attack_aNewServiceForgetsFailures() public {
+        setTerms(0, 0, 3);
+        uint256 first = offer(robot1, 80 ether);
+        attempt(post(alice, 100 ether), false);
+        attempt(1, false);
+        update(first, 80 ether, ServiceState.Retired);
+        uint256 second = offer(robot1, 80 ether);
+        assertEq(services.service(second).failures, 2);
+        attempt(1, false);
+        attempt(post(alice, 100 ether), false);
+        assertEq(uint8(services.service(second).state), uint8(ServiceState.Suspended));
+    }
+
+    /// @dev All attempts at the task pass without a proof.
+    function _sleep(uint256 taskId) private {
+        while (state(taskId) == TaskState.Assigned) {
+            vm.warp(tasks.task(taskId).deadline + 1);
+            tasks.expireTask(taskId);
+        }
     }
 
     function test_attack_theOrganizationsDocksFallAsleep() public {

@@ -67,7 +67,7 @@ abstract contract Fixture is Test {
         organization = Organization(vm.computeCreateAddress(address(this), nonce));
         services = ServiceManager(vm.computeCreateAddress(address(this), nonce + 1));
         tasks = TaskManager(vm.computeCreateAddress(address(this), nonce + 2));
-        new Organization(token, services, tasks, policy, admin, 0);
+        new Organization(token, services, tasks, policy, admin, 0, Terms(0, 0, 0));
         new ServiceManager(organization, tasks);
         new TaskManager(organization, services);
 

@@ -385,6 +385,9 @@ class ServiceManagerCalls(ContractCalls):
     def update_service(self, service_id: int, price: int, state: ServiceState) -> Call:
         return self._call("ServiceManager", "updateService", service_id, price, state)
 
+    def wake_up(self) -> Call:
+        return self._call("ServiceManager", "wakeUp")
+
 
 class TaskManagerCalls(ContractCalls):
     def abandon_task(self, task_id: int, attempt: int) -> Call:

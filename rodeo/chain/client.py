@@ -97,6 +97,10 @@ class ChainClient:
         """Raises ContractReverted: UnknownService."""
         return self._view("ServiceManager", "service", service_id)
 
+    def asleep_until(self, provider: str) -> int:
+        """When a provider that fell asleep may wake up, s of block time; 0 while it is awake."""
+        return int(self._view("ServiceManager", "asleepUntil", provider))
+
     def service_count(self) -> int:
         return self._view("ServiceManager", "serviceCount")
 

@@ -170,6 +170,17 @@ class BondReturned(Event):
 
 
 @dataclass(frozen=True)
+class ProviderFellAsleep(Event):
+    provider: str
+    until: int
+
+
+@dataclass(frozen=True)
+class ProviderWokeUp(Event):
+    provider: str
+
+
+@dataclass(frozen=True)
 class ServiceFellAsleep(Event):
     service_id: int
 

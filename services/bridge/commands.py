@@ -412,7 +412,7 @@ class Wallet:
         if auto_accept is None:  # what nobody can check before it is assigned is free text
             auto_accept = not self.kinds.by_people(command.kind)
         offer = self.calls.register_service(command.kind, price, max_bond, auto_accept, command.description)
-        return [*self._escrow_approval(bond), offer]
+        return [*self._wake_up(), *self._escrow_approval(bond), offer]
 
     def _update_service(self, command: UpdateService) -> list[Call]:
         service = self.index.service(command.service_id)
@@ -422,7 +422,12 @@ class Wallet:
             self._require_able(service["kind"])
         price = service["price"] if command.price_iec is None else to_wei(command.price_iec)
         state = ServiceState[(command.state or service["state"]).upper()]
-        return [self.calls.update_service(command.service_id, price, state)]
+        woken = self._wake_up() if state is ServiceState.ACTIVE else []
+        return [*woken, self.calls.update_service(command.service_id, price, state)]
+
+    def _wake_up(self) -> list[Call]:
+        """What comes before an offer of a provider that let too many attempts pass without a proof."""
+        return [self.client.calls.wake_up()] if self.index.is_asleep(self.address) else []
 
     def _transfer(self, command: Transfer) -> list[Call]:
         amount = to_wei(command.amount_iec)

@@ -435,6 +435,15 @@ class Index:
     def service(self, service_id: int) -> Row | None:
         return self._first(select(schema.services).where(schema.services.c.id == service_id))
 
+    def providers(self) -> dict[str, Row]:
+        """Address -> what counts for all services of an account."""
+        return {row["address"]: row for row in self._rows(select(schema.providers))}
+
+    def is_asleep(self, provider: str) -> bool:
+        """Whether this account has to wake up before it offers anything."""
+        found = self._first(select(schema.providers).where(schema.providers.c.address == provider))
+        return found is not None and found["asleep_until"] is not None
+
     def offers(self, provider: str, kind: str) -> list[Row]:
         """The services of `kind` that the account at `provider` has not retired."""
         services = schema.services.c

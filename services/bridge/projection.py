@@ -174,10 +174,10 @@ class Projection:
                     bond=0,
                     penalty=0,
                     max_failures=0,
-                    failures=0,
                     place=0,
                 )
                 self._free = event.service_id
+                self._change_provider(event.provider)
             case events.TermsAgreed():
                 rows.change(
                     schema.services,
@@ -196,7 +196,12 @@ class Projection:
             case events.ServiceFellAsleep():
                 rows.change(schema.services, event.service_id, state="paused", place=0)
             case events.ServiceReinstated():
-                rows.change(schema.services, event.service_id, state="paused", failures=0)
+                rows.change(schema.services, event.service_id, state="paused")
+                self._change_provider(rows.get(schema.services, event.service_id)["provider"], failures=0)
+            case events.ProviderFellAsleep():
+                self._change_provider(event.provider, asleep_until=event.until)
+            case events.ProviderWokeUp():
+                self._change_provider(event.provider, asleep_until=None)
             case events.ServiceUpdated():
                 # It queues again at the back.
                 state = event.state.name.lower()
@@ -323,6 +328,13 @@ class Projection:
     def _change_task(self, task_id: int, **values: Any) -> None:
         self.rows.change(schema.tasks, task_id, **values)
 
+    def _change_provider(self, address: str, **values: Any) -> None:
+        self.rows.put(schema.providers, **{**self._provider(address), **values})
+
+    def _provider(self, address: str) -> Mapping[str, Any]:
+        unknown = {"address": address, "failures": 0, "asleep_until": None}
+        return self.rows.find(schema.providers, address) or unknown
+
     def _change_kind(self, kind: str, **values: Any) -> None:
         self.rows.put(schema.kinds, **{**self._kind(kind), **values})
 
@@ -360,11 +372,12 @@ class Projection:
         values: dict[str, Any] = {"task_id": None}
         if counter is not None:
             values[counter] = service[counter] + 1
-        # As ServiceManager counts: failures in a row, where there are terms.
-        if counter == "completed":
-            values["failures"] = 0
-        elif counter is not None and (service["max_failures"] or service["penalty"] or service["bond"]):
-            values["failures"] = min(service["failures"] + 1, 255)
+        # As ServiceManager counts: failures in a row of all the provider's services.
+        if counter is not None:
+            failures = self._provider(service["provider"])["failures"] + 1
+            self._change_provider(
+                service["provider"], failures=0 if counter == "completed" else min(failures, 255)
+            )
         self.rows.change(schema.services, service["id"], **values)
         self._free = service["id"]
 

@@ -103,11 +103,14 @@ class Queries:
         rows, total = self._index.services(
             self._with_addresses(wanted, "provider"), Page(filters.limit, filters.offset)
         )
+        providers = self._index.providers()
         return {
             "services": [
                 {
                     **{key: value for key, value in row.items() if key not in ("price", "bond", "penalty")},
                     **{f"{key}_iec": iec(row[key]) for key in ("price", "bond", "penalty")},
+                    "failures": providers[row["provider"]]["failures"],
+                    "asleep_until": providers[row["provider"]]["asleep_until"],
                     "provider_name": self._names.name(row["provider"]),
                     "reputation": _reputation(row),
                 }

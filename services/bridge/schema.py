@@ -166,8 +166,16 @@ services = Table(
     Column("bond", Wei, nullable=False, doc="what is left of it"),
     Column("penalty", Wei, nullable=False),
     Column("max_failures", Integer, nullable=False),
-    Column("failures", Integer, nullable=False, doc="in a row"),
     Column("place", BigInteger, nullable=False, doc="lower was idle earlier; 0 when it does not wait"),
+)
+
+providers = Table(
+    "providers",
+    metadata,
+    Column("address", String(42), primary_key=True),
+    Column("failures", Integer, nullable=False, doc="in a row, of all its services"),
+    Column("asleep_until", BigInteger, doc="when it may wake up, s; null while it is awake"),
+    comment="accounts that offered a service",
 )
 
 devices = Table(

@@ -465,7 +465,12 @@ class Agent:
         """
         for name in wanted:
             kind = self._kinds[name]
-            self._dao.offer_service(name, self._prices.asked(kind), f"{kind.title} by {self._robot.name}")
+            try:
+                self._dao.offer_service(name, self._prices.asked(kind), f"{kind.title} by {self._robot.name}")
+            except RemoteError as error:
+                if error.code != "provider_is_asleep":
+                    raise
+                log.info("cannot offer %s yet: %s", name, error)
         if len(wanted) < len(self._behaviours) and self._dao.next_assignment(self._behaviours) is None:
             self._close_services(self._behaviours.keys() - set(wanted))
 

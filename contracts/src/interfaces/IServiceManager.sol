@@ -30,8 +30,8 @@ enum Outcome {
 /// @param reputation share of accepted attempts in 64ths, (completed + 1) / (all + 2): 32 for a newcomer
 /// @param bond what is left of the bond, in the token's smallest unit
 /// @param penalty what a failed attempt takes from the bond; agreed at registration
-/// @param maxFailures failures in a row that suspend it; 0 for no limit; agreed at registration
-/// @param failures failures in a row until now
+/// @param maxFailures failures in a row of its provider that suspend it; 0 for no limit; agreed at registration
+/// @param failures failures in a row until now of all services of the provider
 /// @param autoAccept the provider accepts each task that the service is assigned
 struct Service {
     address provider;
@@ -84,9 +84,13 @@ interface IServiceManager {
     event BondPenalized(uint256 indexed serviceId, uint256 indexed taskId, uint256 amount);
     event BondReturned(uint256 indexed serviceId, address indexed provider, uint256 amount);
     event ServiceSuspended(uint256 indexed serviceId);
-    /// @notice Its provider has let too many attempts in a row pass without a proof: it is paused, and gets no tasks
-    /// until its provider wakes it (updateService).
+    /// @notice Its provider is asleep, and this service has missed an attempt, too: it is paused.
     event ServiceFellAsleep(uint256 indexed serviceId);
+    /// @notice The provider has let too many attempts pass without a proof.
+    /// @param until when it may wake up
+    event ProviderFellAsleep(address indexed provider, uint256 until);
+    /// @notice The provider called `wakeUp`, or a proof of it was accepted.
+    event ProviderWokeUp(address indexed provider);
     /// @notice The service is paused now, and its failures are forgiven.
     event ServiceReinstated(uint256 indexed serviceId);
 
@@ -107,6 +111,9 @@ interface IServiceManager {
     error ServiceNotIdle(uint256 serviceId);
     /// @notice Retire one first. One that retired at work counts until its task ends.
     error TooManyServices(address provider, uint256 max);
+    /// @notice The provider has let too many attempts pass without a proof. It may call `wakeUp` at `until`.
+    error ProviderIsAsleep(address provider, uint256 until);
+    error ProviderIsAwake(address provider);
     error NotTaskManager(address caller);
     error NotOrganization(address caller);
 
@@ -128,16 +135,26 @@ interface IServiceManager {
         string calldata description
     ) external returns (uint256 serviceId);
 
-    /// @notice Change what the service costs and whether it takes tasks, from the next task on. A service that
-    /// was waiting queues again at the back, and one that fell asleep is awake where it is Active again. Retired: what is left of the bond goes back, at once when the service
-    /// is idle, else when its task ends.
+    /// @notice Change what the service costs and whether it takes tasks, from the next task on. A service that was
+    /// waiting queues again at the back. A retired service's bond goes back to its provider: at once when the service
+    /// is idle, else when its task ends. A provider that is asleep cannot activate a service (see wakeUp).
+    /// @param serviceId a service of the caller
+    /// @param price what one task costs, in the token's smallest unit
+    /// @param state Active, Paused or Retired
     function updateService(uint256 serviceId, uint256 price, ServiceState state) external;
+
+    /// @notice The caller, who fell asleep, takes part again. Its services stay paused until it activates them.
+    function wakeUp() external;
 
     /// @notice The service, as it is now. Reverts with UnknownService.
     function service(uint256 serviceId) external view returns (Service memory);
 
     /// @notice Who does and is paid for the service's tasks; never changes. Reverts with UnknownService.
     function providerOf(uint256 serviceId) external view returns (address);
+
+    /// @notice When a provider that fell asleep may wake up; 0 while it is awake.
+    /// @param provider who offers services
+    function asleepUntil(address provider) external view returns (uint256);
 
     /// @notice How many services were ever registered; the last id.
     function serviceCount() external view returns (uint256);

@@ -25,7 +25,6 @@ struct Ghost {
     uint256 bond;
     uint256 penalty;
     uint256 maxFailures;
-    uint256 failures;
     bool suspended;
     bool autoAccept;
 }
@@ -69,8 +68,13 @@ contract Handler is CommonBase, StdUtils {
     /// @notice What the rules forbid and happened nevertheless; empty if nothing did.
     string public violation;
 
-    /// @notice Attempts in a row that a provider let pass without a proof.
+    /// @notice Attempts that a provider let pass without a proof since the last accepted one.
     mapping(address provider => uint256) public missed;
+    /// @notice Failures in a row of all services of a provider.
+    mapping(address provider => uint256) public failures;
+    mapping(address provider => uint256) private _naps;
+    /// @dev When a provider that is asleep may wake up; 0 while it is awake.
+    mapping(address provider => uint256) private _asleepUntil;
     /// @dev Attempts that their executor accepted by a call.
     mapping(uint256 taskId => mapping(uint8 attempt => bool)) private _accepted;
     mapping(uint256 taskId => uint8) private _attemptSeen;
@@ -207,9 +211,11 @@ contract Handler is CommonBase, StdUtils {
             uint256 serviceId
         ) {
             expected[provider] -= terms.bond;
-            ghost[serviceId] = Ghost(terms.bond, terms.penalty, terms.maxFailures, 0, false, autoAccept);
+            ghost[serviceId] = Ghost(terms.bond, terms.penalty, terms.maxFailures, false, autoAccept);
         } catch {
-            if (_live(provider) < _services.MAX_SERVICES()) violation = "a service could not be offered";
+            bool right = _live(provider) < _services.MAX_SERVICES() && _asleepUntil[provider] == 0;
+            if (right) violation = "a service could not be offered";
+            return;
         }
     }
 
@@ -221,7 +227,7 @@ contract Handler is CommonBase, StdUtils {
         for (uint256 i = 0; i <= _services.MAX_SERVICES(); ++i) {
             vm.prank(provider);
             try _services.registerService(CLEANING, 0, 0, true, "") returns (uint256 serviceId) {
-                ghost[serviceId] = Ghost(0, 0, terms.maxFailures, 0, false, true);
+                ghost[serviceId] = Ghost(0, 0, terms.maxFailures, false, true);
             } catch {}
         }
         if (_live(provider) > _services.MAX_SERVICES()) violation = "a provider has too many services";
@@ -244,14 +250,29 @@ contract Handler is CommonBase, StdUtils {
         ServiceState next = state % 10 == 0 ? ServiceState.Retired : ServiceState(1 + state % 2);
         vm.prank(s.provider);
         try _services.updateService(serviceId, _price(price), next) {
-            missed[s.provider] = 0;
+            if (_asleepUntil[s.provider] != 0 && next == ServiceState.Active) violation = "an update woke";
             if (ghost[serviceId].suspended && next != ServiceState.Retired) violation = "left a suspension";
             if (next == ServiceState.Retired) {
                 ghost[serviceId].suspended = false;
                 if (s.taskId == 0) _expectBondBack(serviceId, s.provider);
             }
         } catch {
-            if (!ghost[serviceId].suspended || next == ServiceState.Retired) violation = "locked in";
+            bool right =
+                !ghost[serviceId].suspended && (next != ServiceState.Active || _asleepUntil[s.provider] == 0);
+            if (right || next == ServiceState.Retired) violation = "locked in";
+        }
+    }
+
+    function wakeUp(uint256 who) external inOrder {
+        address provider = _providers[bound(who, 0, _providers.length - 1)];
+        uint256 until = _asleepUntil[provider];
+        bool right = until != 0 && block.timestamp >= until;
+        vm.prank(provider);
+        try _services.wakeUp() {
+            if (!right) violation = "a provider woke up too early";
+            (missed[provider], _asleepUntil[provider]) = (0, 0);
+        } catch {
+            if (right) violation = "a provider could not wake up";
         }
     }
 
@@ -326,12 +347,18 @@ contract Handler is CommonBase, StdUtils {
         _judge(_oracle, taskId, t, accepted ? Verdict.Accepted : Verdict.Rejected, amount);
         if (accepted) {
             _expectPayment(t, amount);
-            ghost[t.serviceId].failures = 0;
-            missed[_services.providerOf(t.serviceId)] = 0;
+            _expectForgiveness(_services.providerOf(t.serviceId));
             _expectRelease(t.serviceId);
         } else {
-            missed[_services.providerOf(t.serviceId)] = 0;
             _expectFailure(t, true);
+        }
+    }
+
+    /// @dev Work that is rejected, and then work that is accepted.
+    function failAndSucceed(uint256 which) external {
+        for (uint256 i = 0; i < 2; ++i) {
+            this.submitProof(which, "");
+            this.postVerdict(which, i == 1, 0);
         }
     }
 
@@ -344,7 +371,6 @@ contract Handler is CommonBase, StdUtils {
         Silence silence = _organization.kindOf(CLEANING).silence;
         _judge(_oracle, taskId, t, Verdict.Undecided, 0);
         _disputes[taskId] = Disputed(_oracle, silence, t.proofHash);
-        missed[_services.providerOf(t.serviceId)] = 0;
         _expectRelease(t.serviceId);
     }
 
@@ -356,9 +382,7 @@ contract Handler is CommonBase, StdUtils {
         if (block.timestamp > t.deadline) return;
         _judge(audited ? _auditor : _oracle, taskId, t, Verdict.Impossible, 0);
         _expectPayment(t, t.price / 10);
-        if (audited) return;
-        missed[_services.providerOf(t.serviceId)] = 0;
-        _expectRelease(t.serviceId);
+        if (!audited) _expectRelease(t.serviceId);
     }
 
     /// @dev The auditor decides, after everybody else who might has tried.
@@ -434,7 +458,38 @@ contract Handler is CommonBase, StdUtils {
 
     /// @dev A provider is switched off for a while: nothing that it was given gets a proof.
     function stayAway(uint256 who) external inOrder {
+        _stayAway(_providers[bound(who, 0, _providers.length - 1)]);
+    }
+
+    /// @dev A provider that wakes up, as early as it can, and stays away again.
+    function wakeAndStayAway(uint256 who) external inOrder {
         address provider = _providers[bound(who, 0, _providers.length - 1)];
+        for (uint256 i = 0; i < 3; ++i) {
+            uint256 until = _asleepUntil[provider];
+            if (block.timestamp < until) {
+                vm.prank(provider);
+                try _services.wakeUp() {
+                    violation = "a provider woke up too early";
+                } catch {}
+                vm.warp(until);
+            }
+            if (until != 0 && bytes(violation).length == 0) {
+                vm.prank(provider);
+                _services.wakeUp();
+                (missed[provider], _asleepUntil[provider]) = (0, 0);
+            }
+            for (uint256 serviceId = 1; serviceId <= _services.serviceCount(); ++serviceId) {
+                Service memory s = _services.service(serviceId);
+                if (s.provider != provider || s.state != ServiceState.Paused) continue;
+                vm.prank(provider);
+                _services.updateService(serviceId, 0, ServiceState.Active);
+            }
+            this.registerTask(0, 0, 3, 1);
+            _stayAway(provider);
+        }
+    }
+
+    function _stayAway(address provider) private {
         for (uint256 taskId = 1; taskId <= _tasks.taskCount(); ++taskId) {
             Task memory t = _tasks.task(taskId);
             while (t.state == TaskState.Assigned && _services.providerOf(t.serviceId) == provider) {
@@ -461,8 +516,6 @@ contract Handler is CommonBase, StdUtils {
         _tasks.expireTask(taskId);
         if (running == TaskState.Assigned) {
             _expectMissed(t, s);
-        } else if (running == TaskState.Submitted) {
-            missed[s.provider] = 0;
         }
         if (running == TaskState.Submitted && _silence[taskId] == Silence.Executor) {
             _expectPayment(t, t.price);
@@ -479,11 +532,20 @@ contract Handler is CommonBase, StdUtils {
     /// @dev After an attempt without a proof of the service that was `s` before.
     function _expectMissed(Task memory t, Service memory s) private {
         bool off = ++missed[s.provider] >= _services.MAX_MISSED();
+        if (off && _asleepUntil[s.provider] == 0) {
+            uint256 naps = _naps[s.provider]++;
+            // The first time not at all, then ten minutes, then twice that each time, at most 21 hours.
+            _asleepUntil[s.provider] = block.timestamp + (naps == 0 ? 0 : 10 minutes * 2 ** _min(naps - 1, 7));
+        }
         ServiceState after_ = _services.service(t.serviceId).state;
         bool active = after_ == ServiceState.Active;
         if (s.state == ServiceState.Active && after_ != ServiceState.Suspended && off == active) {
             violation = "who is not there is asleep, and nobody else";
         }
+    }
+
+    function _expectForgiveness(address provider) private {
+        (failures[provider], missed[provider], _naps[provider], _asleepUntil[provider]) = (0, 0, 0, 0);
     }
 
     /// @dev Somebody sends the escrow tokens by mistake, and the administrator sends them on: to the last unit, and
@@ -670,7 +732,8 @@ contract Handler is CommonBase, StdUtils {
         if (g.bond < g.penalty) return;
         vm.prank(_admin);
         _organization.reinstateService(serviceId);
-        (g.suspended, g.failures) = (false, 0);
+        g.suspended = false;
+        failures[_services.providerOf(serviceId)] = 0;
     }
 
     // -- the rules ----------------------------------------------------------------------------------------
@@ -707,12 +770,13 @@ contract Handler is CommonBase, StdUtils {
     function _expectFailure(Task memory t, bool blamed) private {
         if (t.attempt == t.maxAttempts) expected[t.creator] += t.reward;
         Ghost storage g = ghost[t.serviceId];
+        address provider = _services.providerOf(t.serviceId);
+        if (blamed) ++failures[provider];
         if (blamed && (g.bond != 0 || g.maxFailures != 0)) {
             uint256 penalty = _min(g.penalty, g.bond);
             g.bond -= penalty;
             expected[address(_organization)] += penalty;
-            ++g.failures;
-            bool repeated = g.maxFailures != 0 && g.failures >= g.maxFailures;
+            bool repeated = g.maxFailures != 0 && failures[provider] >= g.maxFailures;
             bool retired = _services.service(t.serviceId).state == ServiceState.Retired;
             if ((repeated || g.bond < g.penalty) && !retired) g.suspended = true;
         }

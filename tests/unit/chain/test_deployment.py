@@ -21,6 +21,7 @@ from rodeo.chain import (
     NotDeployed,
     Review,
     Role,
+    Terms,
     artifacts,
     to_wei,
 )
@@ -76,6 +77,7 @@ def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_
             budget = client.budget(role)
             assert (budget.amount, budget.period) == (to_wei(Decimal(iec)), day_s)
         assert client.has_role(Role.GUARDIAN, "0x" + "a1" * 20)
+        assert client.terms() == Terms(to_wei(Decimal(20)), to_wei(Decimal(5)), 3)
         # What the administrator changes stays, however often the site is prepared.
         calls = client.organization_calls
         organization.send(organization.operator, calls.set_budget(Role.OPERATOR, 0, 0))
@@ -85,7 +87,8 @@ def test_an_administrator_is_slow_roles_have_budgets_and_a_guardian_is_named_by_
 
 def test_the_demos_site_says_that_it_has_neither_delay_nor_budgets(organization: Organization) -> None:
     governance = organization.site.governance
-    assert governance.model_fields_set >= {"delay_s", "budgets"}
+    assert governance.model_fields_set >= {"delay_s", "budgets", "terms"}
+    assert organization.client.terms() == Terms(0, 0, 0)
     assert organization.client.handover_delay_s() == governance.delay_s == 0
     assert governance.budgets == {} and organization.client.budget(Role.TREASURER).since == 0
 

@@ -30,7 +30,7 @@ from rodeo_testing.rebuild import ZERO_ADDRESS, rebuild
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
 
-STEPS = 60
+STEPS = 90
 DEVICE = "0x" + "00" * 19 + "01"
 JUDGES = [f"0x{number:040}" for number in (11, 12, 13)]
 
@@ -55,7 +55,7 @@ class Life:
         organization, calls = self.organization, self.organization.client.organization_calls
         votes = self.organization.client.calls
         for call in (
-            calls.set_terms(Terms(to_wei(Decimal(20)), to_wei(Decimal(6)), 2)),
+            calls.set_terms(Terms(to_wei(Decimal(20)), to_wei(Decimal(4)), 4)),
             calls.allow_kind("battery_charging", Review.AUDITOR, REPORT),
             calls.set_min_window(KIND, 60),
             calls.set_verdict_windows(KIND, 600, 7200),
@@ -104,10 +104,22 @@ class Life:
             self.organization.send(self.organization.robot, retired)
         if sum(one.task_id != 0 for one in services.values()) > 3:
             return
+        if not self._wake_up():
+            return
         call = self.organization.client.calls.register_service(
             KIND, price, to_wei(Decimal(20)), self.random.random() < 0.5, "cleans"
         )
         self.organization.send(self.organization.robot, call)
+
+    def _wake_up(self) -> bool:
+        """Whether the robot is awake, or could wake up."""
+        client = self.organization.client
+        until_s = client.asleep_until(self.organization.robot.address)
+        if not self._pass_to(until_s):
+            return False
+        if until_s:
+            self.organization.send(self.organization.robot, client.calls.wake_up())
+        return True
 
     def update(self) -> None:
         client = self.organization.client
@@ -115,6 +127,8 @@ class Life:
             service = client.service(service_id)
             if service.state in (ServiceState.ACTIVE, ServiceState.PAUSED):
                 state = self.random.choice([ServiceState.ACTIVE, ServiceState.PAUSED, ServiceState.RETIRED])
+                if state is ServiceState.ACTIVE and not self._wake_up():
+                    return
                 call = client.calls.update_service(service_id, service.price, state)
                 self.organization.send(self.organization.robot, call)
                 return
@@ -130,20 +144,23 @@ class Life:
                 return
 
     def abandon(self) -> None:
-        """Early or late, by half an hour."""
+        """In the grace period or after it."""
         client = self.organization.client
         for task_id in self._tasks(TaskState.ASSIGNED):
             task = client.task(task_id)
-            self.clock.now_s = max(
-                self.clock.now_s, task.deadline - self.random.choice([1, task.execution_window])
-            )
-            if all(
-                client.task(i).deadline >= self.clock.now_s
-                for i in self._tasks(TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
-            ):
+            since_s = self.random.choice([0, task.execution_window // 4 + 1])
+            if self._pass_to(task.deadline - task.execution_window + since_s):
                 call = client.calls.abandon_task(task_id, task.attempt)
                 self.organization.send(self.organization.robot, call)
             return
+
+    def _pass_to(self, time_s: int) -> bool:
+        """Let time pass, unless a window would end meanwhile."""
+        running = self._tasks(TaskState.ASSIGNED, TaskState.SUBMITTED, TaskState.UNDECIDED)
+        if any(self.organization.client.task(task_id).deadline < time_s for task_id in running):
+            return False
+        self.clock.now_s = max(self.clock.now_s, time_s)
+        return True
 
     def prove(self) -> None:
         client = self.organization.client
@@ -269,6 +286,7 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
         row = index.service(i)
         assert row is not None
         assert (row["place"], row["state"]) == (service.place, service.state.name.lower()), i
+        assert index.providers()[service.provider]["failures"] == service.failures, i
     for i in state.tasks:
         indexed_task = index.task(i)
         assert indexed_task is not None
@@ -297,6 +315,8 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
         assert client.current_rules(kind) == state.rules.get(kind, [])
     assert client.terms() == state.terms
     assert client.members_only() == state.members_only
+    robot = life.organization.robot.address
+    assert client.asleep_until(robot) == state.asleep.get(robot, 0)
     assert client.policy() == state.policy
     budgets = {role: client.budget(role) for role in (Role.OPERATOR, Role.TREASURER)}
     assert {role: (one.amount, one.period) for role, one in budgets.items()} == state.budgets

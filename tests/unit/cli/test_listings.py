@@ -69,7 +69,8 @@ OFFER = {
     "id": 1, "kind": "waste_disposal", "provider": ALICE, "provider_name": "alice", "price_iec": "5",
     "state": "active", "description": "", "auto_accept": True, "task_id": None, "completed": 0, "rejected": 0,
     "expired": 0,
-    "bond_iec": "0", "penalty_iec": "0", "max_failures": 0, "failures": 0, "place": 1, "reputation": 32,
+    "bond_iec": "0", "penalty_iec": "0", "max_failures": 0, "failures": 0, "asleep_until": None, "place": 1,
+    "reputation": 32,
 }  # fmt: skip
 PROPOSAL = {
     "number": 1, "id": "0x" + "1d" * 32, "proposer": ALICE, "proposer_name": "alice", "description": "a bond",

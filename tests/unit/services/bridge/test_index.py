@@ -266,9 +266,17 @@ def test_a_requeued_task_says_why_until_it_is_tried_again(chain: Chain) -> None:
 
 def test_a_service_that_fell_asleep_is_paused_and_waits_nowhere(chain: Chain) -> None:
     chain.block(registered(), offered(), assigned())
-    chain.block(events.TaskFailed(1, 120 * IEC, 1, Cause.EXECUTION_EXPIRED), events.ServiceFellAsleep(1))
+    chain.block(
+        events.TaskFailed(1, 120 * IEC, 1, Cause.EXECUTION_EXPIRED),
+        events.ProviderFellAsleep(ROBOT, 5_000),
+        events.ServiceFellAsleep(1),
+    )
+    assert chain.index.is_asleep(ROBOT) and not chain.index.is_asleep(CREATOR)
     service = chain.index.services({}, Page(10))[0][0]
     assert (service["state"], service["place"], service["task_id"]) == ("paused", 0, None)
+    assert chain.index.providers()[ROBOT]["failures"] == 1
+    chain.block(events.ProviderWokeUp(ROBOT))
+    assert not chain.index.is_asleep(ROBOT)
 
 
 def test_work_that_nobody_judged_is_paid_and_no_completion(chain: Chain) -> None:
@@ -337,7 +345,8 @@ def undecided(chain: Chain) -> None:
 
 def record(chain: Chain) -> tuple[Any, ...]:
     (service,), _ = chain.index.services({}, Page(10))
-    return tuple(service[name] for name in ("task_id", "completed", "rejected", "expired", "failures"))
+    failures = chain.index.providers()[ROBOT]["failures"]
+    return (*(service[name] for name in ("task_id", "completed", "rejected", "expired")), failures)
 
 
 def test_an_undecided_attempt_waits_for_the_auditors_and_costs_its_service_nothing(chain: Chain) -> None:

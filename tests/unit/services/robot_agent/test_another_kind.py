@@ -80,6 +80,7 @@ class Dao(RobotParticipant):
         self.assigned = list(assigned)
         self.offers: dict[str, str] = {}
         self.proofs: list[int] = []
+        self.abandoned: list[int] = []
 
     def assignments(self, kind: str) -> list[Task]:
         return [one for one in self.assigned if one.kind == kind and one.id not in self.proofs]
@@ -108,6 +109,9 @@ class Dao(RobotParticipant):
     def task(self, task_id: int) -> Task:
         known = next(one for one in self.assigned if one.id == task_id)
         return known.model_copy(update={"state": "submitted"}) if task_id in self.proofs else known
+
+    def abandon_task(self, task: Task) -> None:
+        self.abandoned.append(task.id)
 
     def submit_proof(self, task_id: int, *_: Any, **__: Any) -> None:
         self.proofs.append(task_id)
@@ -220,12 +224,16 @@ def test_a_robot_that_drives_to_a_place_and_stays_has_done_its_task(mind: Any, t
     assert journal is not None and (journal.phase, journal.failure) == (Phase.SUBMITTED, None)
 
 
-@pytest.mark.parametrize(("params", "blocked"), [({"x_m": "there"}, 0), ({}, 10**6)])
-def test_what_cannot_be_done_is_given_up_on_record_and_handed_in(
-    mind: Any, params: dict[str, Any], blocked: int
-) -> None:
-    mind._dao.assigned = [guarding(7, **params)]
-    mind._body.blocked = blocked
+def test_what_it_can_tell_beforehand_it_cannot_do_it_abandons(mind: Any) -> None:
+    mind._dao.assigned = [guarding(7, x_m="there")]
+    mind._wait_for_news = lambda: None
+    mind._step()
+    assert (mind._dao.abandoned, mind._dao.proofs, mind._body.drives) == ([7], [], [])
+
+
+def test_what_cannot_be_done_is_given_up_on_record_and_handed_in(mind: Any) -> None:
+    mind._dao.assigned = [guarding(7)]
+    mind._body.blocked = 10**6
     mind._step()
     assert tapes[0].notes[-1]["event"] == "execution_failed"
     assert mind._dao.proofs == [7] and mind._upkeep.took == [("guarding", None)]
