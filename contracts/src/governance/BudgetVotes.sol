@@ -6,9 +6,9 @@ import {IERC5805} from "@openzeppelin/contracts/interfaces/IERC5805.sol";
 import {IOrganization} from "../interfaces/IOrganization.sol";
 
 /// @title Members split an amount of the treasury by quadratic votes: n votes for a recipient cost n² credits.
-/// @notice Every identity has CREDITS in each round, so at most √CREDITS votes for one recipient. Who has k identities
-/// has k times as much, where k times the credits of one identity would give √k times as much: what bounds it is that
-/// the organization admits each of them. The contract needs TREASURER_ROLE, and keeps to that role's budget.
+/// @notice Every identity has CREDITS credits in each round, so it has at most √CREDITS votes for one recipient. A
+/// person with k identities has k times as many votes. The organization admits each identity, which bounds k. The
+/// contract needs TREASURER_ROLE, and the budget of that role limits it.
 contract BudgetVotes {
     struct Round {
         uint96 amount;
@@ -19,13 +19,13 @@ contract BudgetVotes {
         uint256[] votes;
     }
 
-    /// @notice Of one identity in one round.
+    /// @notice Credits of one identity in one round.
     uint256 public constant CREDITS = 100;
-    /// @notice Of one round. Who votes pays for looking through them.
+    /// @notice Recipients of one round. A voter pays the gas of a loop over them.
     uint256 public constant MAX_RECIPIENTS = 16;
 
     IOrganization public immutable organization;
-    /// @notice MemberVotes: who has an identity.
+    /// @notice The contract MemberVotes, which knows the identities.
     IERC5805 public immutable members;
     Round[] private _rounds;
     mapping(uint256 roundId => mapping(address account => uint256[])) private _ballots;
@@ -49,9 +49,11 @@ contract BudgetVotes {
         (organization, members) = (organization_, members_);
     }
 
-    /// @notice Let the members split `amount` among `recipients`. Administrator only.
+    /// @notice Open a round, in which the members split an amount among recipients. Administrator only.
+    /// @param recipients the accounts that votes are for
     /// @param amount in the token's smallest unit
-    /// @param duration for which votes are taken, s
+    /// @param duration how long members may vote, s
+    /// @return roundId the number of the round, counted from 0
     function open(address[] calldata recipients, uint96 amount, uint32 duration)
         external
         returns (uint256 roundId)
@@ -70,7 +72,8 @@ contract BudgetVotes {
         emit RoundOpened(roundId, amount, round.end, recipients);
     }
 
-    /// @notice Vote, or vote differently. Members of the time before the round was opened.
+    /// @notice Vote, or replace the caller's votes. The caller was a member before the round was opened.
+    /// @param roundId a round that has not ended
     /// @param votes for each recipient; their squares add up to at most CREDITS
     function vote(uint256 roundId, uint256[] calldata votes) external {
         Round storage round = _get(roundId);
@@ -94,8 +97,10 @@ contract BudgetVotes {
         emit BudgetVoteCast(roundId, msg.sender, votes);
     }
 
-    /// @notice Pay one recipient its share, once, after the end. By anybody; what the division leaves stays in the
-    /// treasury, and everything where nobody voted.
+    /// @notice Anybody has one recipient paid its share, once, after the end of the round. The remainder of the
+    /// division stays in the treasury. So does the whole amount if nobody voted.
+    /// @param roundId a round that has ended
+    /// @param index the recipient's place in the list of the round
     function pay(uint256 roundId, uint256 index) external {
         Round storage round = _get(roundId);
         if (block.timestamp < round.end) revert RoundNotEnded(roundId, round.end);
@@ -107,6 +112,8 @@ contract BudgetVotes {
         organization.withdraw(recipient, share);
     }
 
+    /// @notice Returns a round as it is now. Reverts with UnknownRound.
+    /// @param roundId its number
     function roundOf(uint256 roundId) external view returns (Round memory) {
         return _get(roundId);
     }

@@ -6,9 +6,9 @@ import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
 import {Time} from "@openzeppelin/contracts/utils/types/Time.sol";
 import {IOrganization} from "../interfaces/IOrganization.sol";
 
-/// @title One vote for each member of an organization, whatever it owns.
-/// @notice Votes are neither transferred nor delegated. Who gets k accounts admitted has k votes of n, and each was
-/// admitted by the administrator: by a majority of those who were there before, where that is a governor.
+/// @title One vote for each member of an organization.
+/// @notice Votes cannot be transferred or delegated. A person with k admitted accounts has k votes. The administrator
+/// admits each account; if the administrator is a governor, a majority of the earlier members does.
 contract MemberVotes is Votes {
     IOrganization public immutable organization;
     mapping(address account => bool) private _counted;
@@ -19,8 +19,9 @@ contract MemberVotes is Votes {
         organization = organization_;
     }
 
-    /// @notice Give `account` its vote from now on if it is a member, and take it back if it is none any more. Anybody
-    /// may say so, because the organization is asked.
+    /// @notice Read a membership from the organization: a new member gets its vote, a dismissed one loses it. Anybody
+    /// may call this.
+    /// @param account the account to read
     function sync(address account) external {
         bool member = organization.isMember(account);
         if (member == _counted[account]) return;
@@ -30,7 +31,9 @@ contract MemberVotes is Votes {
         else _transferVotingUnits(account, address(0), 1);
     }
 
-    /// @notice Whoever is dismissed does not vote any more, in running votes either.
+    /// @notice Returns the votes that an account had at a time. A dismissed member has none, in running votes either.
+    /// @param account who votes
+    /// @param timepoint block time in seconds
     function getPastVotes(address account, uint256 timepoint) public view override returns (uint256) {
         return organization.isMember(account) ? super.getPastVotes(account, timepoint) : 0;
     }

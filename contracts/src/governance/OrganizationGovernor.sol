@@ -17,8 +17,8 @@ import {
 import {IVotes} from "@openzeppelin/contracts/governance/utils/IVotes.sol";
 
 /// @title How an organization decides: OpenZeppelin's governor over a timelock, which is the administrator.
-/// @notice Whoever has a vote proposes. Votes are those at the time of the proposal; more for than against and a quorum
-/// decide. What passed is queued in the timelock and executed after its delay, by anybody.
+/// @notice Whoever has a vote proposes. Votes are those at the time of the proposal; more for than against and a
+/// quorum decide. What passed is queued in the timelock and executed after its delay, by anybody.
 contract OrganizationGovernor is
     GovernorSettings,
     GovernorCountingSimple,

@@ -61,7 +61,8 @@ interface IOracleCommittee {
     error TooManyJudges(uint256 max);
     /// @notice Nobody who signs with this key judges this kind. A signature on anything else gives such a key, too.
     error NotAJudge(address key, bytes32 kind);
-    /// @notice The votes of a kind are more than half of its panel, and the panel has at most as many judges as the kind.
+    /// @notice The votes of a kind are more than half of its panel, and the panel has at most as many judges as the
+    /// kind.
     error InvalidQuorum(bytes32 kind, uint8 votes, uint8 panel, uint8 judges);
     error KindWithoutQuorum(bytes32 kind);
     error TooFewVotes(uint256 taskId, uint256 votes, uint256 needed);

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-/// @notice What the provider wants: only Active services get new tasks, Retired is for good. Suspended is the
-/// organization's word, or that of the terms after repeated failure: the provider can only retire then.
+/// @notice The provider sets Active, Paused and Retired. Only Active services get new tasks, and Retired is final. The
+/// organization, or the terms after repeated failures, set Suspended; the provider can only retire the service then.
 enum ServiceState {
     None,
     Active,
@@ -64,10 +64,10 @@ struct Release {
     uint96 bond;
 }
 
-/// @title Who offers which work at which price, and who waits for a task.
-/// @notice A service does one task at a time. While it does one, its provider can change the price and the
-/// state for what comes after, but nothing about the running task. The terms of the organization at the time of
-/// registration hold for the service's life; its bond is held by the task manager, as all money is.
+/// @title Services: who does which work at which price, and which services wait for a task.
+/// @notice A service does one task at a time. Its provider can change price and state meanwhile; both apply from the
+/// next task on. A service keeps the terms that the organization had when it was registered. The task manager holds
+/// its bond, as it holds all money.
 interface IServiceManager {
     event ServiceRegistered(
         uint256 indexed serviceId,
@@ -117,9 +117,9 @@ interface IServiceManager {
     error NotTaskManager(address caller);
     error NotOrganization(address caller);
 
-    /// @notice Offer work of `kind` for `price` a task. The oldest open task that it can do is assigned at once.
-    /// Nobody but the organization has more than a few at a time, and with them as many tasks.
-    /// If the organization's terms ask for a bond, it is taken from the caller, who approved the task manager.
+    /// @notice Offer work of a kind. The service is assigned the oldest open task that it can do, or waits for one.
+    /// The caller pays the bond of the organization's terms, and approves the task manager for it before. A provider
+    /// has up to MAX_SERVICES services; the organization has no limit.
     /// @param kind what is done, ASCII
     /// @param price what one task costs, in the token's smallest unit
     /// @param maxBond the highest bond that the caller agrees to, so that terms that change meanwhile surprise nobody
@@ -135,8 +135,8 @@ interface IServiceManager {
         string calldata description
     ) external returns (uint256 serviceId);
 
-    /// @notice Change what the service costs and whether it takes tasks, from the next task on. A service that was
-    /// waiting queues again at the back. A retired service's bond goes back to its provider: at once when the service
+    /// @notice Change price and state of a service from its next task on. A service that waits moves to the end of its
+    /// line. A retired service's bond goes back to its provider: at once when the service
     /// is idle, else when its task ends. A provider that is asleep cannot activate a service (see wakeUp).
     /// @param serviceId a service of the caller
     /// @param price what one task costs, in the token's smallest unit
@@ -146,47 +146,69 @@ interface IServiceManager {
     /// @notice The caller, who fell asleep, takes part again. Its services stay paused until it activates them.
     function wakeUp() external;
 
-    /// @notice The service, as it is now. Reverts with UnknownService.
+    /// @notice Returns a service as it is now. Reverts with UnknownService.
+    /// @param serviceId its number
     function service(uint256 serviceId) external view returns (Service memory);
 
-    /// @notice Who does and is paid for the service's tasks; never changes. Reverts with UnknownService.
+    /// @notice Returns the account that does the service's tasks and is paid for them. It never changes. Reverts with
+    /// UnknownService.
+    /// @param serviceId its number
     function providerOf(uint256 serviceId) external view returns (address);
 
     /// @notice When a provider that fell asleep may wake up; 0 while it is awake.
     /// @param provider who offers services
     function asleepUntil(address provider) external view returns (uint256);
 
-    /// @notice How many services were ever registered; the last id.
+    /// @notice Returns how many services were ever registered, which is the last id.
     function serviceCount() external view returns (uint256);
 
-    /// @notice The service of `kind` that has waited longest among those that cost at most `maxPrice`; 0 if none.
+    /// @notice Returns the waiting service that has waited longest.
+    /// @param kind what is done, ASCII
+    /// @param maxPrice the most it may cost, in the token's smallest unit
+    /// @return serviceId 0 if no such service waits
     function longestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256 serviceId);
 
-    /// @notice The cheapest service of `kind` that waits, if it costs at most `maxPrice`; 0 if none. Of equals the
-    /// one of the best reputation, then the one that has waited longest.
+    /// @notice Returns the cheapest waiting service. Among equals it prefers the best reputation, then the longest
+    /// wait.
+    /// @param kind what is done, ASCII
+    /// @param maxPrice the most it may cost, in the token's smallest unit
+    /// @return serviceId 0 if no such service waits
     function cheapestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256 serviceId);
 
-    /// @notice The service of `kind` with the best reputation among those that wait and cost at most `maxPrice`; 0
-    /// if none. Of equals the cheapest, then the one that has waited longest.
+    /// @notice Returns the waiting service with the best reputation. Among equals it prefers the lowest price, then
+    /// the longest wait.
+    /// @param kind what is done, ASCII
+    /// @param maxPrice the most it may cost, in the token's smallest unit
+    /// @return serviceId 0 if no such service waits
     function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256 serviceId);
 
-    /// @notice No new task for the service until it is reinstated; a running one goes on. Only the organization.
+    /// @notice Give the service no new task until it is reinstated. A running task continues. Only the organization.
+    /// @param serviceId its number
     function suspend(uint256 serviceId) external;
 
-    /// @notice End a suspension. Only the organization.
+    /// @notice End a suspension, and forgive the provider its failures. Only the organization.
+    /// @param serviceId its number
     function reinstate(uint256 serviceId) external;
 
-    /// @notice Occupy an available service of `kind` that costs at most `maxPrice`. Only the task manager.
-    /// @return provider who will be paid; 0 when the service is not such a one, and nothing happened
-    /// @return price the price agreed for this task
+    /// @notice Give a task to a service, if it is available, of this kind, and not too expensive. Only the task
+    /// manager.
+    /// @param serviceId the service that the policy chose
+    /// @param kind what is done, ASCII
+    /// @param maxPrice the most it may cost, in the token's smallest unit
+    /// @param taskId the task that it gets
+    /// @return provider who is paid for the task; 0 if the service does not fit, and nothing happened
+    /// @return price the price of this task
     /// @return accepted whether the service accepts each task
     function acquire(uint256 serviceId, bytes32 kind, uint256 maxPrice, uint256 taskId)
         external
         returns (address provider, uint256 price, bool accepted);
 
-    /// @notice The service's task ended. Only the task manager, which pays what it says, and places it next.
+    /// @notice End the service's task. Only the task manager, which pays what this returns, and places the service.
+    /// @param serviceId the service that did the task
+    /// @param outcome how the attempt ended
     function release(uint256 serviceId, Outcome outcome) external returns (Release memory);
 
-    /// @notice Let an available service wait, behind the others of its kind. Only the task manager.
+    /// @notice Let an available service wait behind the others of its kind. Only the task manager.
+    /// @param serviceId its number
     function offer(uint256 serviceId) external;
 }

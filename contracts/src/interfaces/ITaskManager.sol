@@ -25,7 +25,8 @@ enum Verdict {
 }
 
 /// @notice Why an attempt failed. NotAccepted: the executor did not accept it in the grace period. Abandoned: the
-/// executor gave it back at no cost. AbandonedLate: the executor had accepted it, and gave it back after the grace period.
+/// executor gave it back at no cost. AbandonedLate: the executor had accepted it, and gave it back after the grace
+/// period.
 enum Cause {
     Rejected,
     ExecutionExpired,
@@ -90,9 +91,10 @@ struct Task {
 ///      │ ^               │                    │  │                 ^
 ///      │ └───────────────┴── expired, rejected ┘  └─undecided─> Undecided ──rejected──> Open or Failed
 ///      └──> Cancelled      (Failed at the last)                (silent auditors: Settled or Failed)
-/// The whole reward is held from registration to one of the three terminal states, in which the executor has
-/// what the verdict gave it and the creator the rest. The contract holds the bonds of services as well; whatever else
-/// it is sent can be rescued. An undecided attempt is over for its service: it costs it neither bond nor standing nor its next task.
+/// The whole reward is held from registration to one of the three terminal states, in which the executor has what the
+/// verdict gave it and the creator the rest. The contract holds the bonds of services as well; whatever else it is
+/// sent can be rescued. An undecided attempt is over for its service: it costs it neither bond nor standing nor its
+/// next task.
 interface ITaskManager {
     /// @param rules by which it is judged until it ends, whatever becomes current later; 0 where people judge and no
     /// rules were named. Only in the event: no contract decides by them.
@@ -148,8 +150,8 @@ interface ITaskManager {
     event TaskCancelled(uint256 indexed taskId, uint256 refund);
     /// @notice The organization's policy reverted or chose an unfit service; the task waits. See matchTask.
     event PolicyFailed(uint256 indexed taskId);
-    /// @notice The token refused the transfer, or wanted more gas than PAYMENT_GAS; the amount is kept until `collect`,
-    /// so that it holds up nobody else.
+    /// @notice The token refused the transfer, or wanted more gas than PAYMENT_GAS; the amount is kept until
+    /// `collect`, so that it holds up nobody else.
     event PaymentDeferred(address indexed account, uint256 amount);
     event PaymentCollected(address indexed account, uint256 amount);
 
@@ -185,11 +187,20 @@ interface ITaskManager {
     /// @notice The three contracts do not name each other.
     error NotWired(address organization, address services);
 
-    /// @notice Put `request.reward` of the caller's tokens in escrow for a task. Assigned at once if a service can.
+    /// @notice Register a task, and pay its reward into escrow. The policy's service is assigned at once, if there is
+    /// one.
+    /// @param request the task; the caller approves this contract for its reward before
+    /// @return taskId the number of the task, counted from 1
     function registerTask(TaskRequest calldata request) external returns (uint256 taskId);
 
     /// @notice registerTask with the approval (EIP-2612) of the reward in the same transaction.
-    /// @dev A permit that was used already does not stop it: what counts is the allowance.
+    /// @dev If somebody used the permit before, the allowance is there, and the call succeeds.
+    /// @param request the task
+    /// @param deadline until when the permit is valid, block time in seconds
+    /// @param v of the signature of the permit
+    /// @param r of the signature of the permit
+    /// @param s of the signature of the permit
+    /// @return taskId the number of the task, counted from 1
     function registerTaskWithPermit(
         TaskRequest calldata request,
         uint256 deadline,
@@ -198,11 +209,12 @@ interface ITaskManager {
         bytes32 s
     ) external returns (uint256 taskId);
 
-    /// @notice The creator takes an open task back, with the whole reward.
+    /// @notice The creator cancels an open task, and gets the whole reward back.
+    /// @param taskId an open task of the caller
     function cancelTask(uint256 taskId) external;
 
-    /// @notice The executor agrees to do the assigned task. If it then delivers no proof in time, or a judge rejects its
-    /// proof, it pays the penalty of its terms. A proof accepts, too. Services with `autoAccept` need no call.
+    /// @notice The executor agrees to do the assigned task. If it then delivers no proof in time, or a judge rejects
+    /// its proof, it pays the penalty of its terms. A proof accepts, too. Services with `autoAccept` need no call.
     /// @param taskId an assigned task
     /// @param attempt the running attempt
     function acceptTask(uint256 taskId, uint8 attempt) external;
@@ -214,18 +226,23 @@ interface ITaskManager {
     /// @param attempt the running attempt
     function abandonTask(uint256 taskId, uint8 attempt) external;
 
-    /// @notice The executor names its evidence for the running attempt: once, inside the execution window.
+    /// @notice The executor submits the hash of its proof, once in each attempt, in the execution window.
+    /// @param taskId the task that the caller does
+    /// @param attempt the running attempt
     /// @param proofHash SHA-256 of the recording
     /// @param uri where it can be fetched; only in the event
     function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
 
-    /// @notice The decision on the submitted proof, inside the verdict window, by an oracle or auditor as the
-    /// organization has it for this kind; after an undecided one by an auditor, inside the audit window. Settles,
-    /// requeues or asks the auditors.
+    /// @notice A judge decides on the submitted proof in the verdict window. The organization names the judges of each
+    /// kind: oracles or auditors. After an undecided verdict an auditor decides, in the audit window.
+    /// @param taskId the task
+    /// @param attempt the attempt that was judged
     /// @param proofHash the proof that was judged
-    /// @param amount what the executor is paid if it is accepted, at most the price, the rest goes back to the
-    /// creator at once; else 0
+    /// @param verdict what the judge decides
+    /// @param amount what the executor is paid if the proof is accepted, at most the price; otherwise 0
     /// @param reportHash SHA-256 of the report
+    /// @param reportUri where the report can be fetched; only in the event
+    /// @param reason why, in words; only in the event
     function postVerdict(
         uint256 taskId,
         uint8 attempt,
@@ -237,35 +254,46 @@ interface ITaskManager {
         string calldata reason
     ) external;
 
-    /// @notice Anyone ends an attempt whose window has passed, or that its executor has not accepted in the first quarter
-    /// of the window. The task queues again, or fails with a refund. Where
-    /// nobody judged a proof in time, and the kind let the executor win then when the task was posted, it settles at
-    /// the full price. Where the auditors were silent it settles at the full price or fails, as AuditRequested said.
+    /// @notice Anyone ends an attempt whose window has passed, or that its executor did not accept in the grace
+    /// period. The task queues again, or fails and its creator is refunded. If nobody judged a proof in time and the
+    /// kind lets the executor win, the task settles at the full price. The same applies if the auditors did not
+    /// decide.
+    /// @param taskId a task that is assigned, submitted or undecided
     function expireTask(uint256 taskId) external;
 
-    /// @notice Anyone asks the policy again for an open task; useful only after PolicyFailed.
+    /// @notice Anyone asks the policy again for an open task. This is useful only after PolicyFailed.
+    /// @param taskId an open task
     function matchTask(uint256 taskId) external;
 
-    /// @notice The task, as it is now. Reverts with UnknownTask.
+    /// @notice Returns a task as it is now. Reverts with UnknownTask.
+    /// @param taskId its number
     function task(uint256 taskId) external view returns (Task memory);
 
-    /// @notice How many tasks were ever registered; the last id.
+    /// @notice Returns how many tasks were ever registered, which is the last id.
     function taskCount() external view returns (uint256);
 
-    /// @notice The oldest open task of `kind` that pays at least `price`; 0 if none.
+    /// @notice Returns the oldest open task that pays enough.
+    /// @param kind what is to be done, ASCII
+    /// @param price the least that it pays, in the token's smallest unit
+    /// @return taskId 0 if there is none
     function oldestOpen(bytes32 kind, uint256 price) external view returns (uint256 taskId);
 
-    /// @notice Anyone has what a token transfer refused to `account` paid again.
+    /// @notice Anyone has the amount paid that the token refused to transfer before. The account gets it.
+    /// @param account who is owed something
     function collect(address account) external;
 
-    /// @notice What a token transfer refused to `account`.
+    /// @notice Returns the amount that the token refused to transfer.
+    /// @param account who is owed it
     function owed(address account) external view returns (uint256);
 
-    /// @notice A service became available: give it the oldest open task it can do, or let it wait. Only the
-    /// service manager.
+    /// @notice Give an available service the oldest open task that it can do, or let it wait. Only the service
+    /// manager.
+    /// @param serviceId the service
+    /// @param kind what it does, ASCII
+    /// @param price what one task costs, in the token's smallest unit
     function placeService(uint256 serviceId, bytes32 kind, uint256 price) external;
 
-    /// @notice How many of its token's smallest units this contract answers for: rewards of live tasks, bonds, `owed`.
+    /// @notice Returns what this contract owes, in the token's smallest unit: rewards of live tasks, bonds and `owed`.
     function held() external view returns (uint256);
 
     /// @notice Send on what reached this contract by mistake. Only the organization.
@@ -274,10 +302,13 @@ interface ITaskManager {
     /// @return amount how much there was; of the payment token what exceeds `held`
     function rescue(IERC20 token_, address to) external returns (uint256 amount);
 
-    /// @notice Take the bond of a service from its provider, who has approved this contract. Only the service
-    /// manager.
+    /// @notice Take a bond from a provider, who approved this contract before. Only the service manager.
+    /// @param provider who pays
+    /// @param amount in the token's smallest unit
     function holdBond(address provider, uint256 amount) external;
 
-    /// @notice Give a bond back. Only the service manager.
+    /// @notice Return a bond to a provider. Only the service manager.
+    /// @param provider who gets it
+    /// @param amount in the token's smallest unit
     function returnBond(address provider, uint256 amount) external;
 }
