@@ -38,6 +38,8 @@ CRUISE_RAD_S = 1.2
 """Joint speed of ordinary motions, well below the limit so that tracking errors stay within it too."""
 _ACCELERATION_RAD_S2 = 2.5
 _JERK_RAD_S3 = 15.0
+_ROUNDING = 1e-3
+"""Part of the joints' speed limit that is not planned with: a driver refuses whatever exceeds the limit."""
 _SAMPLE_PERIOD_S = 0.05
 _LINE_STEP_M = 0.01
 _LINE_JUMP_RAD = 0.35
@@ -109,7 +111,7 @@ class Arm:
         self._dofs = np.array([joint.dofadr[0] for joint in joints])
         self.lower = np.array([joint.range[0] for joint in joints])
         self.upper = np.array([joint.range[1] for joint in joints])
-        self._limit_rad_s = limits.joint_rad_s
+        self._limit_rad_s = (1 - _ROUNDING) * limits.joint_rad_s
         self._site = self.model.site(GRASP_SITE).id
         self._camera = self.model.site(CAMERA_SITE).id
         others = sorted(set(range(self.model.nv)) - set(self._dofs.tolist()))

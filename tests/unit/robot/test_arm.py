@@ -94,3 +94,13 @@ def test_a_motion_after_another_is_one_motion_through_rest(arm: Arm) -> None:
 
 def test_no_motion_is_a_trajectory_of_one_point(arm: Arm) -> None:
     assert arm.trajectory([READY_RAD, READY_RAD]).duration_s == 0.0
+
+
+def test_a_robot_slower_than_the_plan_is_never_asked_for_more_than_its_limit() -> None:
+    limits = LIMITS.model_copy(update={"joint_rad_s": 0.9})
+    slow, aside = Arm(limits), np.array(PosturesConfig().aside_rad)
+    lower = READY_RAD + np.array([0, 0.9, 0, 0, 0, 0])
+    for way in ([READY_RAD, aside], [aside, READY_RAD], [READY_RAD, lower]):
+        planned = slow.trajectory(way)
+        speeds = np.abs(np.diff(planned.positions, axis=0)) / np.diff(planned.times_s)[:, None]
+        assert speeds.max() <= limits.joint_rad_s, "a driver refuses it, also by a rounding"
