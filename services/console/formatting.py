@@ -146,6 +146,12 @@ def count(number_of: int, one: str) -> str:
     return f"{number_of:,} {one}{'' if number_of == 1 else 's'}"
 
 
+def process(name: str) -> str:
+    """robot_agent.panther1 -> robot agent panther1; what the site file names keeps its name"""
+    role, _, instance = name.partition(".")
+    return f"{kind(role)} {instance}".rstrip()
+
+
 def kind(name: str) -> str:
     return name.replace("_", " ")
 

@@ -105,6 +105,8 @@ export default {
       node("path", { d: "M0.02-0.13L-0.07 0.03H0L-0.02 0.13L0.07-0.03H0Z", class: "bolt",
         transform: `translate(${dock.x - 0.08 * Math.cos(dock.yaw)} ${-dock.y + 0.08 * Math.sin(dock.yaw)})` }, group);
       node("title", {}, group, `${dock.name}: charging dock`);
+      // Before it, and beside the robot that stands on its contacts.
+      this.drawName(group, dock, 0.3, 0.45);
     },
 
     drawPlace(svg, place) {
@@ -124,6 +126,13 @@ export default {
         cell.style.transform = placed({ ...one, yaw: bin.yaw });
         node("title", {}, cell, `${bin.name}: ${one.name} compartment`);
       }
+      this.drawName(group, bin, depth / 2 + 0.18, 0);
+    },
+
+    // Ahead and to the left of where the thing faces, m.
+    drawName(group, { name, x, y, yaw }, ahead, left) {
+      const [c, s] = [Math.cos(yaw), Math.sin(yaw)];
+      node("text", { x: x + ahead * c - left * s, y: -(y + ahead * s + left * c) }, group, name);
     },
 
     robot(name) {

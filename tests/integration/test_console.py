@@ -60,6 +60,8 @@ def test_a_task_posted_by_clicking_the_map_is_watched_until_it_is_paid_and_repla
     expect(page.get_by_role("heading", name="Post a task")).to_be_visible()
     place = desk.running.site.items[0].pose
 
+    for kind, name in (("bin", "itrash"), ("dock", "dock1")):
+        expect(page.locator(f".lab-map .{kind} text")).to_have_text(name)
     click_map(page, 3.2, 2.9)
     expect(page.get_by_text("desk2 stands there")).to_be_visible()
     page.get_by_role("button", name="Review and post").click()

@@ -12,7 +12,7 @@ from rodeo.kinds import Kinds
 from rodeo.messages import Task
 from rodeo.queries import Wallet
 from rodeo.verdicts import is_peoples_verdict, verdict_words
-from services.console.formatting import iec, kind, moment, party, share
+from services.console.formatting import iec, kind, moment, party, process, share
 from services.console.lab_map import LabMap
 from services.console.live import ProcessState
 from services.console.pages.frame import Console, follow, frame, page_head, problem_section, user
@@ -122,7 +122,7 @@ def _draw_now(processes: list[ProcessState]) -> None:
     with ui.element("ul").classes("list"):
         for one in processes:
             with ui.element("li"):
-                Text("span", one.name.replace("_", " "), "title")
+                Text("span", process(one.name), "title")
                 if one.state != "ready":
                     badge(one.state)
                 else:

@@ -6,7 +6,7 @@ from decimal import Decimal
 
 import pytest
 
-from services.console.formatting import exact, iec
+from services.console.formatting import exact, iec, process
 
 
 @pytest.mark.parametrize(
@@ -26,3 +26,10 @@ def test_an_amount_is_rounded_but_never_to_nothing(amount: Decimal | None, read:
 
 def test_what_somebody_agrees_to_has_every_digit() -> None:
     assert exact(Decimal("1234.567800000000000001")) == "1,234.567800000000000001 IEC"
+
+
+@pytest.mark.parametrize(
+    ("name", "read"), [("oracle", "oracle"), ("robot_agent.panther_1", "robot agent panther_1")]
+)
+def test_a_process_of_several_is_named_as_the_site_file_names_it(name: str, read: str) -> None:
+    assert process(name) == read
