@@ -190,13 +190,15 @@ class Itrash:
 
     def _await_action(self) -> bool:
         """Whether there is one before it is time to tell how things are. While something is shown or falls,
-        each reading may be the one that decides: a simulated clock waits after it."""
+        each reading may be the one that decides: a simulated clock waits after it, and a simulator that skips
+        a charge goes on showing readings."""
+        attentive = self._bin.attentive
         self._process.clock.wait_for(
             lambda: not self._actions.empty(),
             self._process.stop,
             wall_s=_TELL_S,
-            every_s=_READING_S if self._bin.attentive else math.inf,
-            resting=True,
+            every_s=_READING_S if attentive else math.inf,
+            resting=not attentive,
         )
         return not self._actions.empty() and not self._process.stop.is_set()
 
