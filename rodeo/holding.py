@@ -67,6 +67,7 @@ class Holder:
         self._works = 0
         self._told: dict[str, Any] | None = None
         self._started = False
+        self._closed = False
         self.waiters: list[Waiter] = []
         # Of this session: what a process said that was killed is not taken for its successor's word.
         key = topics.CLOCK_HOLD.name(org=org, process=process, session=str(session.info.zid()))
@@ -120,7 +121,7 @@ class Holder:
 
     def tell(self) -> None:
         """Say how it is, where that is something else than was said last."""
-        if not self._started:
+        if not self._started or self._closed:
             return
         now_ns = self._now_ns()
         idle = [one for one in self.waiters if one.releases and not one.is_due(now_ns)]
@@ -157,5 +158,8 @@ class Holder:
 
     def close(self) -> None:
         self._marks.undeclare()
-        self._publisher.undeclare()
+        with self._changed:
+            # Other threads may still work: one that says so in this moment must not find it borrowed.
+            self._closed = True
+            self._publisher.undeclare()
         self._token.undeclare()

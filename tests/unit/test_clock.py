@@ -168,3 +168,26 @@ def test_the_registered_body_takes_over_from_a_session_that_announced_nothing(
     reaches(follower, 1001, lambda: body.publish(clock_at(1001)))
     refuses(follower, lambda: early.put(KEY, cdr_at(FUTURE_S)))
     assert follower.now_ns() == 1001 * SECOND_NS
+
+
+def test_who_leaves_the_clock_may_still_have_threads_at_work(make_node: MakeNode) -> None:
+    failures: list[Exception] = []
+
+    def work(clock: SimClock, over: threading.Event) -> None:
+        try:
+            while not over.is_set():
+                with clock.hold():
+                    clock.notify()
+        except Exception as error:  # noqa: BLE001 - asserted below, in the test's thread
+            failures.append(error)
+
+    for number in range(10):
+        clock, over = SimClock(make_node(f"process{number}").session, 0, ("org", f"process{number}")), threading.Event()
+        threads = [threading.Thread(target=work, args=(clock, over)) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        clock.close()
+        over.set()
+        for thread in threads:
+            thread.join()
+    assert failures == []
