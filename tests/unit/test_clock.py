@@ -186,8 +186,10 @@ def test_who_leaves_the_clock_may_still_have_threads_at_work(make_node: MakeNode
         threads = [threading.Thread(target=work, args=(clock, over)) for _ in range(3)]
         for thread in threads:
             thread.start()
-        clock.close()
-        over.set()
-        for thread in threads:
-            thread.join()
+        try:
+            clock.close()
+        finally:
+            over.set()
+            for thread in threads:
+                thread.join()
     assert failures == []
