@@ -15,6 +15,7 @@ const CONTRACTS = [
   "FirstComeFirstServed",
   "LowestPrice",
   "HighestReputation",
+  "SecondPrice",
   "MemberVotes",
   "OrganizationTimelock",
   "OrganizationGovernor",
@@ -24,7 +25,7 @@ const root = dirname(dirname(fileURLToPath(import.meta.url)));
 const target = join(root, "rodeo", "chain", "artifacts");
 
 function artifact(name) {
-  const built = JSON.parse(readFileSync(join(root, "contracts", "out", `${name}.sol`, `${name}.json`), "utf8"));
+  const built = JSON.parse(readFileSync(join(root, "contracts", "out", "deploy", `${name}.sol`, `${name}.json`), "utf8"));
   const immutables = Object.values(built.deployedBytecode.immutableReferences ?? {}).flat();
   return {
     contractName: name,
@@ -48,6 +49,7 @@ function enums() {
 }
 
 const check = process.argv.includes("--check");
+process.env.FOUNDRY_PROFILE = "deploy";
 if (forge("build", "--quiet", "contracts/src") !== 0) process.exit(1);
 mkdirSync(target, { recursive: true });
 

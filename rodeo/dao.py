@@ -75,6 +75,13 @@ def most_offers(site: Site, participant: str, kind: str) -> int:
     return max(1, len(site.docks)) if sells else 1
 
 
+def dock_offers(offers: list[Offer], site: Site) -> dict[str, Offer]:
+    """Which of the organization's services belongs to which dock: in the order of the site file, without
+    retired ones. A dock that is not offered yet is missing."""
+    live = sorted((one for one in offers if one.state != "retired"), key=lambda one: one.id)
+    return {dock.name: one for dock, one in zip(site.docks, live, strict=False)}
+
+
 class Assignment(BaseModel):
     """One attempt at a task, as no other chain, contracts or assignment has it.
 

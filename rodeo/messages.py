@@ -36,7 +36,7 @@ Attempt = Annotated[int, Field(ge=1, lt=2**8)]
 Window = Annotated[int, Field(gt=0, lt=2**32)]
 """Seconds; as wide as on chain; the contract sets minimum and maximum."""
 
-Policy = Literal["first_come", "lowest_price", "highest_reputation"]
+Policy = Literal["first_come", "lowest_price", "highest_reputation", "second_price"]
 """How the organization chooses a service for a task."""
 
 ServiceState = Literal["active", "paused", "retired", "suspended"]
@@ -116,6 +116,8 @@ class RegisterTask(Command):
     rules_sha256: Hex32 | None = None
     """Hash of the rules by which the task is judged. It must be one of the kind's current ones. Default: the
     newest that the bridge knows."""
+    service_id: Id | None = None
+    """The only service that may do the task, at its own price. Default: the organization's policy chooses."""
     allow_wait: bool = False
     """Queue the task even if every offered service costs more than its reward."""
 
@@ -617,6 +619,8 @@ class Task(Message):
     executor: str | None
     executor_name: str | None
     service_id: int | None
+    requested_service_id: int | None = None
+    """The only service that may do the task, if its creator named one."""
     reward_iec: Amount
     price_iec: Amount | None
     paid_iec: Amount

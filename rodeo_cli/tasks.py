@@ -82,6 +82,10 @@ def create(
             "(`rodeo kind show`). By default the newest.",
         ),
     ] = None,
+    service: Annotated[
+        int | None,
+        typer.Option(help="The only service that may do it. By default the policy chooses."),
+    ] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Queue it even if every service costs more.")] = False,
     up_to: Annotated[
         str | None,
@@ -112,6 +116,8 @@ def create(
             request["max_attempts"] = max_attempts
         if rules_sha256 is not None:
             request["rules_sha256"] = rules_sha256
+        if service is not None:
+            request["service_id"] = service
         if doubt := _doubt(loaded, bus, kind, request["params"]):
             errors.print(f"[bold yellow]warning[/]: {escape(doubt)}", highlight=False, soft_wrap=True)
         reply = bus.query(
@@ -238,6 +244,7 @@ def _told(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
         ("reward", f"{iec(task.reward_iec)} by {_party(task.creator_name, task.creator)}"),
         ("executor", _party(task.executor_name, task.executor)),
         ("service", "" if task.service_id is None else str(task.service_id)),
+        *([] if task.requested_service_id is None else [("named service", str(task.requested_service_id))]),
         ("price", iec(task.price_iec) if task.price_iec is not None else ""),
         ("paid", iec(task.paid_iec) if ended else ""),
         ("refunded", iec(task.refunded_iec) if ended else ""),

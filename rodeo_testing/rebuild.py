@@ -86,8 +86,11 @@ class Rebuilt:
                     max_attempts=event.max_attempts,
                     state=TaskState.OPEN,
                     accepted=False,
+                    hired=False,
                     proof_hash=NO_PROOF,
                 )
+            case events.ServiceRequested():
+                self._task(event.task_id, service_id=event.service_id, hired=True)
             case events.TaskAssigned():
                 self._task(
                     event.task_id,
@@ -120,10 +123,11 @@ class Rebuilt:
                 self._task(event.task_id, state=TaskState.SETTLED, deadline=0, proof_hash=NO_PROOF)
             case events.TaskRequeued():
                 self._release(event.task_id, event.cause)
+                task = self.tasks[event.task_id]
                 self._task(
                     event.task_id,
                     state=TaskState.OPEN,
-                    service_id=0,
+                    service_id=task.service_id if task.hired else 0,
                     price=0,
                     deadline=0,
                     proof_hash=NO_PROOF,

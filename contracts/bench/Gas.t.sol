@@ -28,7 +28,7 @@ contract Everyone {
 
     function offer(ServiceManager services, bytes32 kind, uint256 price, uint256 number) external {
         for (uint256 i = 0; i < number; ++i) {
-            services.registerService(kind, price, 0, true, "");
+            services.registerService(kind, price, type(uint256).max, true, "");
         }
     }
 
@@ -73,8 +73,10 @@ contract GasBench is Fixture {
         bytes32 role = organization.ORACLE_ROLE();
         vm.prank(admin);
         organization.grantRole(role, address(judge));
+        // Nonzero terms, as new organizations have them.
+        setTerms(1 ether, 0.25 ether, 3);
         vm.prank(bob);
-        coin.transfer(address(everyone), REWARD);
+        coin.transfer(address(everyone), REWARD + SERVICES * 1 ether);
         // More than a provider may have: many would cost the same, and could not be driven from one contract.
         bytes32 live = keccak256(abi.encode(everyone, uint256(7)));
         for (uint256 i = 0; i < SERVICES; i += 8) {

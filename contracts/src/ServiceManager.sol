@@ -29,7 +29,9 @@ contract ServiceManager is IServiceManager {
         /// @dev Neighbours among the idle services of the same rank (see Line); `previous` of the first is stale.
         uint32 previous;
         uint32 next;
-        uint48 place;
+        uint40 place;
+        /// @dev A task has named it and waited for it, so that its own queue has to be looked at.
+        bool hired;
     }
 
     /// @dev What a service agreed to, and what came of it. Only where `hasTerms`.
@@ -55,6 +57,8 @@ contract ServiceManager is IServiceManager {
     struct Line {
         uint32 first;
         uint32 last;
+        /// @dev Keeps the word of an empty line, which the next service of that price and reputation fills.
+        bool used;
     }
 
     /// @dev The idle services of a kind. The tree has one key per line, so that the usual case of few prices does
@@ -191,18 +195,26 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function acquire(uint256 serviceId, bytes32 kind, uint256 maxPrice, uint256 taskId)
-        external
-        onlyTaskManager
-        returns (address provider, uint256 price, bool accepted)
-    {
+    function acquire(
+        uint256 serviceId,
+        bytes32 kind,
+        uint256 maxPrice,
+        uint256 wanted,
+        uint256 taskId,
+        bool hired
+    ) external onlyTaskManager returns (address provider, uint256 price, bool accepted) {
         Record storage s = _services[serviceId];
-        if (!_isAvailable(s) || s.price > maxPrice || s.kindId != _kinds.ids[kind]) {
+        bool ofKind = s.kindId == _kinds.ids[kind];
+        if (hired && s.state == ServiceState.None) revert UnknownService(serviceId);
+        if (hired && !ofKind) revert ServiceOfOtherKind(serviceId, kind);
+        price = Math.max(s.price, wanted);
+        if (!_isAvailable(s) || price > Math.min(maxPrice, Units.MAX) || !ofKind) {
+            if (hired) s.hired = true;
             return (address(0), 0, false);
         }
         _leaveLine(serviceId, s);
         s.taskId = uint40(taskId);
-        return (s.provider, s.price, s.autoAccept);
+        return (s.provider, price, s.autoAccept);
     }
 
     /// @inheritdoc IServiceManager
@@ -214,7 +226,7 @@ contract ServiceManager is IServiceManager {
         if (outcome != Outcome.Unjudged) r.penalty = _count(serviceId, s, outcome);
         s.taskId = 0;
         if (s.state == ServiceState.Retired) r.bond = _leave(serviceId, s);
-        (r.provider, r.available, r.price) = (s.provider, _isAvailable(s), s.price);
+        (r.provider, r.available, r.price, r.hired) = (s.provider, _isAvailable(s), s.price, s.hired);
     }
 
     /// @inheritdoc IServiceManager
@@ -222,13 +234,13 @@ contract ServiceManager is IServiceManager {
         Record storage s = _get(serviceId);
         if (!_isAvailable(s) || s.place != 0) revert ServiceNotIdle(serviceId);
         Idle storage idle = _idle[s.kindId];
-        uint48 place = uint48(++idle.lines.serial);
+        uint40 place = uint40(++idle.lines.serial);
         s.place = place;
         uint64 key = _lineKey(s);
         Line storage line = idle.line[key];
         (uint32 id, uint32 last) = (uint32(serviceId), line.last);
         if (last == 0) {
-            line.first = id;
+            (line.first, line.used) = (id, true);
             idle.lines.put(key, _weight(s));
         } else {
             s.previous = last;
@@ -289,6 +301,15 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
+    function secondPrice(bytes32 kind) external view returns (uint256) {
+        Idle storage idle = _idle[_kinds.ids[kind]];
+        uint64 key = idle.lines.lowest();
+        Line storage line = idle.line[key];
+        if (line.first == line.last) key = idle.lines.secondLowest();
+        return key == 0 ? Units.MAX : _priceOf(key);
+    }
+
+    /// @inheritdoc IServiceManager
     function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256) {
         Idle storage idle = _idle[_kinds.ids[kind]];
         return idle.line[idle.lines.greatestMinor(_lastKey(maxPrice))].first;
@@ -307,7 +328,7 @@ contract ServiceManager is IServiceManager {
             if (next == 0) line.last = previous;
             else _services[next].previous = previous;
         } else if (next == 0) {
-            delete idle.line[key];
+            (line.first, line.last) = (0, 0);
             idle.lines.remove(key);
         } else {
             line.first = next;
@@ -408,6 +429,10 @@ contract ServiceManager is IServiceManager {
     /// @dev Cheap before dear, then reputable before not; never 0.
     function _key(uint256 price, uint64 reputation) private pure returns (uint64) {
         return WeightTree.weigh(Units.weight(price) + 1, WeightTree.MAX_MINOR - reputation);
+    }
+
+    function _priceOf(uint64 key) private pure returns (uint256) {
+        return uint256(WeightTree.majorOf(key) - 1) * Units.UNIT;
     }
 
     /// @dev The weight of a line that `first` leads.

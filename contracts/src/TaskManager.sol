@@ -33,7 +33,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     struct Record {
         address creator;
         uint96 reward;
-        uint96 price;
+        /// @dev Enough for Units.MAX.
+        uint88 price;
+        /// @dev While a task is open, the service that it names, if it names one.
         uint32 serviceId;
         uint32 deadline;
         uint24 executionWindow;
@@ -46,6 +48,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bool accepted;
         /// @dev Who wins a proof that nobody judges, as the kind had it when the task was posted.
         Silence silence;
+        /// @dev Only `serviceId` may do the task, because its creator named it.
+        bool hired;
     }
 
     /// @dev In one word, because a registration writes both.
@@ -88,8 +92,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     KindTable.Table private _kinds;
     mapping(uint256 taskId => Record) private _tasks;
     /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place. Its
-    /// weight is its reward.
-    mapping(uint8 kindId => WeightTree.Tree) private _open;
+    /// weight is its reward. Each kind has a queue, and each service one of the tasks that name it (see _queue).
+    mapping(uint256 queue => WeightTree.Tree) private _open;
     /// @dev The proof of what a service does now. A service does one task at a time, and its word is written over
     /// with the next: a quarter of the gas of a word per task.
     mapping(uint256 serviceId => bytes32) private _proofs;
@@ -139,7 +143,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Record storage t = _get(taskId);
         if (msg.sender != t.creator) revert NotCreator(taskId, msg.sender, t.creator);
         _requireState(taskId, t, TaskState.Open);
-        _open[t.kindId].remove(uint64(taskId));
+        _open[_queue(t)].remove(uint64(taskId));
         t.state = TaskState.Cancelled;
         uint256 refund = t.reward;
         emit TaskCancelled(taskId, refund);
@@ -223,7 +227,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function matchTask(uint256 taskId) external nonReentrant {
         Record storage t = _get(taskId);
         _requireState(taskId, t, TaskState.Open);
-        _open[t.kindId].remove(uint64(taskId));
+        _open[_queue(t)].remove(uint64(taskId));
         _match(taskId, t, _kinds.kinds[t.kindId], organization.policy());
     }
 
@@ -244,7 +248,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         onlyServiceManager
     {
         if (_proofs[serviceId] == 0) _proofs[serviceId] = NO_PROOF;
-        _place(serviceId, _kinds.ids[kind], kind, price);
+        _place(serviceId, _kinds.ids[kind], kind, price, true);
     }
 
     /// @inheritdoc ITaskManager
@@ -281,6 +285,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             maxAttempts: t.maxAttempts,
             state: t.state,
             accepted: t.accepted,
+            hired: t.hired,
             proofHash: _proof(taskId, t)
         });
     }
@@ -330,62 +335,78 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             rules,
             request.params
         );
+        if (request.serviceId != 0) {
+            (t.serviceId, t.hired) = (request.serviceId, true);
+            emit ServiceRequested(taskId, request.serviceId);
+        }
         _match(taskId, t, request.kind, policy);
         _take(msg.sender, request.reward);
     }
 
     /// @dev Give an open task that is in no queue to a service, or let it wait in its place.
     function _match(uint256 taskId, Record storage t, bytes32 kind, IMatchingPolicy policy) private {
-        (uint256 serviceId, bool failed) = _ask(policy, kind, t.reward);
+        (uint256 serviceId, uint256 price, bool failed) = (t.serviceId, 0, false);
+        bool hired = t.hired;
+        if (!hired) (serviceId, price, failed) = _ask(policy, kind, t.reward);
         if (serviceId != 0) {
-            if (_assign(taskId, t, kind, serviceId)) return;
-            failed = true;
+            if (_assign(taskId, t, kind, serviceId, price)) return;
+            failed = !hired;
         }
         if (failed) emit PolicyFailed(taskId);
-        _open[t.kindId].put(uint64(taskId), _weight(t.reward));
+        _open[_queue(t)].put(uint64(taskId), _weight(t.reward));
     }
 
     /// @dev What the policy says. Never reverts, so that a bad policy cannot keep money in escrow.
     function _ask(IMatchingPolicy policy, bytes32 kind, uint256 reward)
         private
         view
-        returns (uint256 serviceId, bool failed)
+        returns (uint256 serviceId, uint256 price, bool failed)
     {
         bytes memory question = abi.encodeCall(IMatchingPolicy.serviceFor, (services, kind, reward));
         bool success;
         // By hand, because `try` reverts here on a malformed answer, and copies as much as the policy returns.
         assembly ("memory-safe") {
-            success := staticcall(POLICY_GAS, policy, add(question, 32), mload(question), 0, 32)
-            success := and(success, eq(returndatasize(), 32))
+            success := staticcall(POLICY_GAS, policy, add(question, 32), mload(question), 0, 64)
+            success := and(success, eq(returndatasize(), 64))
             serviceId := mul(success, mload(0))
+            price := mload(32)
         }
         failed = !success;
     }
 
     /// @dev Give an available service that is in no line the oldest task it can do, or let it wait.
-    function _place(uint256 serviceId, uint8 kindId, bytes32 kind, uint256 price) private {
-        WeightTree.Tree storage open = _open[kindId];
-        uint64 taskId = open.first(Units.weight(price));
+    /// @param hired whether a task may wait that names this service
+    function _place(uint256 serviceId, uint8 kindId, bytes32 kind, uint256 price, bool hired) private {
+        uint64 minimum = Units.weight(price);
+        uint256 queue = kindId;
+        uint64 taskId = _open[queue].first(minimum);
+        if (hired) {
+            uint256 own = _queueOf(serviceId, kindId);
+            uint64 named = _open[own].first(minimum);
+            if (named != 0 && (taskId == 0 || named < taskId)) (taskId, queue) = (named, own);
+        }
         if (taskId == 0) {
             services.offer(serviceId);
         } else {
-            open.remove(taskId);
-            bool assigned = _assign(taskId, _tasks[taskId], kind, serviceId);
+            _open[queue].remove(taskId);
+            bool assigned = _assign(taskId, _tasks[taskId], kind, serviceId, 0);
             assert(assigned);
         }
     }
 
-    /// @dev Whether the service takes the task; nothing happened if not.
-    function _assign(uint256 taskId, Record storage t, bytes32 kind, uint256 serviceId)
+    /// @dev Whether the service takes the task; nothing happened if not. It is paid at least its own price.
+    function _assign(uint256 taskId, Record storage t, bytes32 kind, uint256 serviceId, uint256 price)
         private
         returns (bool)
     {
-        (address executor, uint256 price, bool accepted) = services.acquire(serviceId, kind, t.reward, taskId);
+        address executor;
+        bool accepted;
+        (executor, price, accepted) = services.acquire(serviceId, kind, t.reward, price, taskId, t.hired);
         if (executor == address(0)) return false;
         uint8 attempt = t.attempt + 1;
         uint256 deadline = block.timestamp + t.executionWindow;
         t.attempt = attempt;
-        t.price = uint96(price);
+        t.price = uint88(price);
         t.serviceId = uint32(serviceId);
         t.deadline = deadline.toUint32();
         t.state = TaskState.Assigned;
@@ -437,7 +458,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint256 serviceId = t.serviceId;
         Release memory r = services.release(serviceId, outcome);
         emit TaskSettled(taskId, r.provider, amount, refund);
-        if (r.available) _place(serviceId, t.kindId, kind, r.price);
+        if (r.available) _place(serviceId, t.kindId, kind, r.price, r.hired);
         _pay(r.provider, amount + r.bond);
         _pay(t.creator, refund);
     }
@@ -453,7 +474,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         emit AuditRequested(taskId, t.attempt, deadline, rules.silence);
         uint256 serviceId = t.serviceId;
         Release memory r = services.release(serviceId, Outcome.Unjudged);
-        if (r.available) _place(serviceId, t.kindId, kind, r.price);
+        if (r.available) _place(serviceId, t.kindId, kind, r.price, r.hired);
         _pay(r.provider, r.bond);
     }
 
@@ -484,7 +505,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint256 serviceId = t.serviceId;
         bool last = _endAttempt(taskId, t, kind, cause);
         Release memory r = services.release(serviceId, _outcome(cause));
-        if (r.available) _place(serviceId, t.kindId, kind, r.price);
+        if (r.available) _place(serviceId, t.kindId, kind, r.price, r.hired);
         _pay(r.provider, r.bond);
         _pay(address(organization), r.penalty);
         if (last) _pay(t.creator, t.reward);
@@ -502,7 +523,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             emit TaskFailed(taskId, t.reward, t.attempt, cause);
         } else {
             t.state = TaskState.Open;
-            t.serviceId = 0;
+            if (!t.hired) t.serviceId = 0;
             t.price = 0;
             emit TaskRequeued(taskId, t.attempt, cause);
             _match(taskId, t, kind, organization.policy());
@@ -612,6 +633,16 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function _proof(uint256 taskId, Record storage t) private view returns (bytes32) {
         if (t.state == TaskState.Submitted) return _proofs[t.serviceId];
         return t.state == TaskState.Undecided ? _disputes[taskId].proofHash : bytes32(0);
+    }
+
+    /// @dev The queue of an open task.
+    function _queue(Record storage t) private view returns (uint256) {
+        return t.hired ? _queueOf(t.serviceId, t.kindId) : t.kindId;
+    }
+
+    /// @dev Where the tasks wait that name this service.
+    function _queueOf(uint256 serviceId, uint8 kindId) private pure returns (uint256) {
+        return serviceId << 8 | kindId;
     }
 
     function _requireWindow(uint32 window) private pure {

@@ -26,7 +26,7 @@ contract BadPolicy is IMatchingPolicy {
         _way = way;
     }
 
-    function serviceFor(IServiceManager, bytes32, uint256) external view returns (uint256) {
+    function serviceFor(IServiceManager, bytes32, uint256) external view returns (uint256, uint256) {
         require(_way != Way.Reverts, "no");
         while (_way == Way.BurnsGas) {}
         uint256 size = _way == Way.ReturnsTooMuch ? 400_000 : 0;
@@ -35,7 +35,7 @@ contract BadPolicy is IMatchingPolicy {
                 return(0, size)
             }
         }
-        return 999;
+        return (999, 0);
     }
 }
 

@@ -4,8 +4,10 @@ pragma solidity ^0.8.28;
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Units} from "../src/libraries/Units.sol";
 import {HighestReputation} from "../src/policies/HighestReputation.sol";
 import {LowestPrice} from "../src/policies/LowestPrice.sol";
+import {SecondPrice} from "../src/policies/SecondPrice.sol";
 import {Fixture} from "./Fixture.sol";
 
 contract PolicyTest is Fixture {
@@ -111,6 +113,48 @@ contract PolicyTest is Fixture {
         assertAssigned(post(alice, 100 ether), cheap);
     }
 
+    // -- second price -------------------------------------------------------------------------------------
+
+    function test_secondPrice_theCheapestIsPaidWhatTheNextOneAsks() public {
+        _use(new SecondPrice());
+        offer(robot1, 60 ether);
+        uint256 cheap = offer(robot2, 10 ether);
+        offer(robot3, 90 ether);
+        uint256 taskId = post(alice, 100 ether);
+        assertAssigned(taskId, cheap);
+        assertEq(tasks.task(taskId).price, 60 ether);
+        uint256 before = coin.balanceOf(alice);
+        attempt(taskId, true);
+        assertEq(coin.balanceOf(robot2), 60 ether);
+        assertEq(coin.balanceOf(alice) - before, 40 ether, "the surplus goes back");
+    }
+
+    function test_secondPrice_equalPricesArePaidAsAsked() public {
+        _use(new SecondPrice());
+        offer(robot1, 60 ether);
+        offer(robot2, 60 ether);
+        offer(robot3, 90 ether);
+        assertEq(tasks.task(post(alice, 100 ether)).price, 60 ether);
+        assertEq(tasks.task(post(alice, 100 ether)).price, 90 ether);
+    }
+
+    function test_secondPrice_isAtMostTheReward() public {
+        _use(new SecondPrice());
+        offer(robot1, 10 ether);
+        offer(robot2, 90 ether);
+        assertEq(tasks.task(post(alice, 50 ether)).price, 50 ether);
+        update(2, 20 ether, ServiceState.Active);
+        assertEq(tasks.task(post(alice, 100 ether)).price, 100 ether, "nobody else waits");
+        assertEq(services.secondPrice(CLEANING), services.secondPrice("nothing"), "the greatest price");
+    }
+
+    function test_secondPrice_whoBecomesFreeIsPaidItsOwnPrice() public {
+        _use(new SecondPrice());
+        uint256 taskId = post(alice, 100 ether);
+        offer(robot1, 10 ether);
+        assertEq(tasks.task(taskId).price, 10 ether);
+    }
+
     // -- all of them --------------------------------------------------------------------------------------
 
     function test_aNewPolicyHoldsFromTheNextTaskOnAndMovesNoLiveOne() public {
@@ -156,6 +200,7 @@ contract PolicyTest is Fixture {
             assertEq(services.longestIdle(CLEANING, reward), _search(reward, _longer), "longest");
             assertEq(services.cheapestIdle(CLEANING, reward), _search(reward, _cheaper), "cheapest");
             assertEq(services.mostReputableIdle(CLEANING, reward), _search(reward, _better), "reputable");
+            assertEq(services.secondPrice(CLEANING), _secondPrice(), "second price");
         }
     }
 
@@ -172,6 +217,15 @@ contract PolicyTest is Fixture {
             Service memory s = services.service(serviceId);
             if (s.place == 0 || s.price > reward) continue;
             if (best == 0 || isBetter(s, services.service(best))) best = serviceId;
+        }
+    }
+
+    function _secondPrice() private view returns (uint256 second) {
+        second = Units.MAX;
+        uint256 cheapest = services.cheapestIdle(CLEANING, Units.MAX);
+        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+            Service memory s = services.service(serviceId);
+            if (s.place != 0 && serviceId != cheapest && s.price < second) second = s.price;
         }
     }
 

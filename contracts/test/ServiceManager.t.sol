@@ -115,7 +115,7 @@ contract ServiceManagerTest is Fixture {
         bytes memory refusal = abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, robot1);
         vm.startPrank(robot1);
         vm.expectRevert(refusal);
-        services.acquire(serviceId, CLEANING, 100 ether, 1);
+        services.acquire(serviceId, CLEANING, 100 ether, 0, 1, false);
         vm.expectRevert(refusal);
         services.release(serviceId, Outcome.Completed);
         vm.expectRevert(refusal);
@@ -126,7 +126,7 @@ contract ServiceManagerTest is Fixture {
         uint256 serviceId = offer(robot1, 80 ether);
         uint256 taskId = post(alice, 100 ether);
         vm.startPrank(address(tasks));
-        (address provider,,) = services.acquire(serviceId, CLEANING, 100 ether, 2);
+        (address provider,,) = services.acquire(serviceId, CLEANING, 100 ether, 0, 2, false);
         assertEq(provider, address(0), "refused");
         assertAssigned(taskId, serviceId);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceNotIdle.selector, serviceId));

@@ -145,6 +145,7 @@ class Task(Struct):
     max_attempts: int
     state: TaskState
     accepted: bool
+    hired: bool
     proof_hash: bytes
 
 
@@ -156,6 +157,7 @@ class TaskRequest(Struct):
     verdict_window: int
     max_attempts: int
     rules: bytes
+    service_id: int
     params: str
 
 

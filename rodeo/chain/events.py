@@ -256,6 +256,12 @@ class ProofSubmitted(Event):
 
 
 @dataclass(frozen=True)
+class ServiceRequested(Event):
+    task_id: int
+    service_id: int
+
+
+@dataclass(frozen=True)
 class TaskAccepted(Event):
     task_id: int
     attempt: int

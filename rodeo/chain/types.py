@@ -63,6 +63,7 @@ class Policy(StrEnum):
     FIRST_COME = "FirstComeFirstServed"
     LOWEST_PRICE = "LowestPrice"
     HIGHEST_REPUTATION = "HighestReputation"
+    SECOND_PRICE = "SecondPrice"
 
 
 def to_wei(amount_iec: Decimal) -> int:

@@ -293,7 +293,7 @@ class Wallet:
             )
         reward = to_wei(command.reward_iec)
         if not command.allow_wait:
-            self._require_affordable_service(command.kind, reward)
+            self._require_affordable_service(command, reward)
         self._require_funds(self.address, reward)
         window_s = EXECUTION_WINDOW_S if kind is None else kind.execution_window_s
         request = TaskRequest(
@@ -303,6 +303,7 @@ class Wallet:
             verdict_window=command.verdict_window_s or self.economy.verdict_window_s,
             max_attempts=command.max_attempts or self.economy.max_attempts,
             rules=_bytes32(self._rules_of(command)),
+            service_id=command.service_id or 0,
             params=text,
         )
         return [*self._escrow_approval(reward), self.calls.register_task(request)]
@@ -346,6 +347,7 @@ class Wallet:
             verdict_window=task["verdict_window_s"],
             max_attempts=max(1, task["max_attempts"] - task["attempt"]),
             rules=_bytes32(task["rules_sha256"] or NO_RULES),
+            service_id=task["requested_service_id"] or 0,
             params=json.dumps(params, separators=(",", ":")),
         )
         cancel = [self.calls.cancel_task(command.task_id)] if is_open else []
@@ -639,12 +641,18 @@ class Wallet:
                 price_iec=iec(service["price"]),
             )
 
-    def _require_affordable_service(self, kind: str, reward: int) -> None:
-        prices = self.index.active_prices(kind)
+    def _require_affordable_service(self, command: RegisterTask, reward: int) -> None:
+        if command.service_id is None:
+            prices, which = self.index.active_prices(command.kind), "every service of this kind"
+        else:
+            service = self.index.service(command.service_id)
+            if service is None:
+                raise UnknownService("no such service", service_id=command.service_id)
+            prices, which = [service["price"]], f"service {command.service_id}"
         if prices and min(prices) > reward:
             raise RewardBelowPrice(
-                "every service of this kind costs more than the reward",
-                kind=kind,
+                f"{which} costs more than the reward",
+                kind=command.kind,
                 reward_iec=iec(reward),
                 lowest_price_iec=iec(min(prices)),
             )

@@ -80,6 +80,8 @@ class Projection:
                     text=event.params.lower(),
                     registered=time_s,
                 )
+            case events.ServiceRequested():
+                self._change_task(event.task_id, requested_service_id=event.service_id)
             case events.TaskAssigned():
                 self._change_task(
                     event.task_id,

@@ -119,6 +119,7 @@ tasks = Table(
     Column("creator", String(42), nullable=False, index=True),
     Column("executor", String(42), index=True),
     Column("service_id", BigInteger),
+    Column("requested_service_id", BigInteger, doc="the only service that may do it; null where any may"),
     Column("reward", Wei, nullable=False),
     Column("price", Wei),
     Column("paid", Wei, nullable=False),

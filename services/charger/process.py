@@ -180,17 +180,18 @@ class Charger:
     def _offer(self) -> None:
         """Once on each chain; on the same one an operator may have changed the offer since.
 
-        One for each dock of the site: a service has one task at a time. Which dock does the task is not the
-        service's to say, so that every dock offers them all. Done again it changes nothing.
+        One for each dock of the site, in the order of the site file (`dock_offers`): every dock offers them
+        all. Done again it changes nothing.
         """
         chain = self._organization.ask(queries.CHAIN)
         here = chain.genesis_hash, chain.contracts.service_manager
         if here == self._offered_on:
             return
         energy = self._energy
-        docks = " or ".join(dock.name for dock in self._site.docks)
-        for number in range(len(self._site.docks)):
-            self._organization.offer_service(energy.name, energy.price_iec, f"charging at {docks}", number)
+        for number, dock in enumerate(self._site.docks):
+            self._organization.offer_service(
+                energy.name, energy.price_iec, f"charging at {dock.name}", number
+            )
         self._offered_on = here
 
     def _own_job(self) -> Job | None:

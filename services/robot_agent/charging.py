@@ -6,17 +6,20 @@ import logging
 import math
 import threading
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from typing import Protocol
 
+from rodeo import queries
 from rodeo.charging import dock_of, order_wh
 from rodeo.clock import Clock
 from rodeo.config import Site
+from rodeo.dao import ORGANIZATION, dock_offers
 from rodeo.errors import ConfigError
 from rodeo.kinds import providing_energy
 from rodeo.lab.config import DockConfig
 from rodeo.lab.layout import dock_parking
 from rodeo.messages import RegisterTask, Task
+from rodeo.queries import Offer
 from rodeo.robot.manipulator import MobileManipulator
 from rodeo.robot.receipts import Receipts
 from rodeo.robot.ros_body import RosBody
@@ -76,7 +79,8 @@ class Charging:
         The request id changes with the number of charging tasks there are: asked again after a crash, the
         bridge gives the first answer instead of posting a second task.
         """
-        target, dock = self._site.agent.charge_target, self._choose_dock()
+        offers = self._dock_offers()
+        target, dock = self._site.agent.charge_target, self._choose_dock(offers)
         if ordered and soc >= target:
             target = 1.0
         request = RegisterTask(
@@ -92,11 +96,18 @@ class Charging:
             },
             description=f"Charge {self._robot} at {dock.name} to {target:.0%}",
             execution_window_s=self._energy.execution_window_s,
+            # Who sells elsewhere, or cheaper, cannot charge a robot that stands at this dock.
+            service_id=offers[dock.name].id if dock.name in offers else None,
         )
         return self._dao.post(request, self._clock.now_s(), self._site.agent.daily_spending_cap_iec)
 
-    def _choose_dock(self) -> DockConfig:
-        """Where the fewest charges are ordered already; of those the nearest."""
+    def _dock_offers(self) -> dict[str, Offer]:
+        """The service of each dock."""
+        found = self._dao.ask(queries.SERVICES, provider=ORGANIZATION, kind=self._energy.name)
+        return dock_offers(found.services, self._site)
+
+    def _choose_dock(self, offers: Mapping[str, Offer]) -> DockConfig:
+        """One that is open. Of those, where the fewest charges are ordered already; of those, the nearest."""
         live = [
             task
             for state in ("open", "assigned")
@@ -105,9 +116,10 @@ class Charging:
         taken = Counter(str(task.params.get("dock")) for task in live)
         here = self._body.recent_base_pose()
 
-        def cost(dock: DockConfig) -> tuple[int, float]:
+        def cost(dock: DockConfig) -> tuple[bool, int, float]:
             way_m = math.dist((here.x_m, here.y_m), (dock.pose.x_m, dock.pose.y_m)) if here else 0.0
-            return taken[dock.name], way_m
+            offer = offers.get(dock.name)
+            return offer is not None and offer.state != "active", taken[dock.name], way_m
 
         return min(self._site.docks, key=cost)
 

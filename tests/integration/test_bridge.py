@@ -222,6 +222,29 @@ def test_a_rejected_task_is_tried_again_and_refunded_at_the_last(dao: Dao) -> No
     assert_index_equals_contracts(dao)
 
 
+def test_a_task_waits_for_the_service_that_it_names(dao: Dao) -> None:
+    busy = dao.post()
+    service_id = dao.task(busy)["service_id"]
+    waiting = dao.post(service_id=service_id)
+    waits = dao.task(waiting)
+    assert (waits["state"], waits["service_id"], waits["requested_service_id"]) == ("open", None, service_id)
+    assert_index_equals_contracts(dao)
+    raised = dao.command("organization", "raise_reward", task_id=waiting, reward_iec="110")["task_id"]
+    dao.prove(busy)
+    dao.judge(busy, accepted=True)
+    done = dao.task(raised)
+    assert (done["state"], done["service_id"], done["requested_service_id"]) == (
+        "assigned",
+        service_id,
+        service_id,
+    )
+    dao.prove(raised, digit="b")
+    dao.judge(raised, accepted=True)
+    with pytest.raises(RemoteError) as unknown:
+        dao.post(service_id=9999)
+    assert unknown.value.code == "unknown_service"
+
+
 def test_overdue_tasks_are_expired_by_the_bridge(dao: Dao) -> None:
     before = dao.balances()
     task_id = dao.post(max_attempts=2, execution_window_s=600, verdict_window_s=900)
@@ -811,7 +834,7 @@ def test_what_cannot_be_done_is_given_back_at_once_with_the_reason_and_the_next_
 
 
 def test_the_organization_sets_its_terms_and_its_members(dao: Dao) -> None:
-    for policy in ("lowest_price", "highest_reputation", "first_come"):
+    for policy in ("lowest_price", "highest_reputation", "second_price", "first_come"):
         dao.command("organization", "set_policy", policy=policy)
         assert dao.state("organization")["policy"] == policy
     dao.command("organization", "allow_kind", kind="sweeping", review="auditor")

@@ -29,6 +29,10 @@ battery = {{ soc = 0.8 }}
 name = "panther2"
 pose = {{ x_m = 3.6, y_m = 4.1 }}
 battery = {{ soc = 0.8 }}
+
+[[participants]]
+name = "seller"
+kinds = ["battery_charging"]
 """
 
 
@@ -59,8 +63,12 @@ def test_a_task_names_the_second_bin_and_two_docks_charge_at_once(organization: 
     said = [parse(one.payload) for one in proof.attestations()]
     assert {one.device for one in said if isinstance(one, Drop)} == {"bin_east"}
 
+    # Who sells charges without a dock is cheaper, has waited longer, and gets none of them.
+    key = f"rodeo/{running.site.org}/wallet/seller/register_service"
+    cheap = running.bus.query(key, {"kind": "battery_charging", "price_iec": "1"}, timeout_s=30.0)
     # The second robot orders where nobody charges yet.
     robots, docks = [one.name for one in running.site.robots], []
+    hired: set[int] = set()
     charges = list(range(cleaning + 1, cleaning + 1 + len(robots)))
     for charge_id, robot in zip(charges, robots, strict=True):
         running.bus.query(f"rodeo/{running.site.org}/robot/{robot}/charge")
@@ -69,11 +77,14 @@ def test_a_task_names_the_second_bin_and_two_docks_charge_at_once(organization: 
         organization.wait_for_event("TaskSettled", charge_id)
         charge = organization.task(charge_id)
         assert (charge["kind"], charge["params"]["robot"]) == ("battery_charging", robot)
+        assert charge["service_id"] == charge["requested_service_id"] != cheap["service_id"]
+        assert charge["executor_name"] == "organization"
+        hired.add(charge["service_id"])
         docks.append(charge["params"]["dock"])
         assert charge["verdict"] == "accepted", f"{charge}\n{running.log(f'charger.{docks[-1]}')}"
         proof = open_proof(Store(running.site).fetch(charge["proof_uri"], charge["proof_sha256"]))
         assert proof.binding is not None and proof.binding.device == docks[-1]
-    assert sorted(docks) == ["dock_east", "dock_west"]
+    assert sorted(docks) == ["dock_east", "dock_west"] and len(hired) == 2
     told = [(event.name, event.task_id) for event in organization.events]
     assert max(told.index(("TaskAssigned", one)) for one in charges) < min(
         told.index(("ProofSubmitted", one)) for one in charges

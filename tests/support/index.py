@@ -27,7 +27,11 @@ def index_differences(state: Callable[..., dict[str, Any]], client: ChainClient)
         Task.model_validate(indexed)
         what, kept = f"task {task_id}", client.task(task_id)
         # The contracts keep the deadline that runs, and of the proof only one that waits.
-        found.check_record(what, indexed, kept, without={"deadline", "proof_hash", "price"})
+        apart = {"deadline", "proof_hash", "price", "hired", "service_id"}
+        found.check_record(what, indexed, kept, without=apart)
+        named = indexed["requested_service_id"]
+        found.check(f"{what}: hired", named is not None, kept.hired)
+        found.check(f"{what}: service", indexed["service_id"] or named or 0, kept.service_id)
         running = {
             "assigned": "execution_deadline",
             "submitted": "verdict_deadline",
@@ -38,7 +42,7 @@ def index_differences(state: Callable[..., dict[str, Any]], client: ChainClient)
         waiting = indexed["proof_sha256"] if waits else "0x" + "00" * 32
         found.check(f"{what}: proof", waiting, "0x" + kept.proof_hash.hex())
         found.check(f"{what}: price", Decimal(indexed["price_iec"] or 0), from_wei(kept.price))
-        provider = services[kept.service_id]["provider"] if kept.service_id else None
+        provider = services[indexed["service_id"]]["provider"] if indexed["service_id"] else None
         found.check(f"{what}: executor", indexed["executor"], provider)
     _compare_money_and_rules(found, state, client)
     return found

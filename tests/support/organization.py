@@ -68,7 +68,9 @@ class Organization:
         return [log.event for log in self.logs(account, call) if not isinstance(log.event, events.Transfer)]
 
     def request(self, reward_iec: int = 100, kind: str = KIND) -> TaskRequest:
-        return TaskRequest(kind, to_wei(Decimal(reward_iec)), 3600, 3600, 3, bytes(32), '{"item_id":"item1"}')
+        return TaskRequest(
+            kind, to_wei(Decimal(reward_iec)), 3600, 3600, 3, bytes(32), 0, '{"item_id":"item1"}'
+        )
 
     def post(self, reward_iec: int = 100) -> list[Event]:
         """The organization posts a task."""

@@ -56,12 +56,14 @@ struct Service {
 /// @param price what that one costs
 /// @param penalty taken from the bond for the attempt that ended
 /// @param bond to be returned, because the service retired while it was at work
+/// @param hired whether a task may wait that names the service
 struct Release {
     address provider;
     bool available;
     uint96 price;
     uint96 penalty;
     uint96 bond;
+    bool hired;
 }
 
 /// @title Services: who does which work at which price, and which services wait for a task.
@@ -95,6 +97,8 @@ interface IServiceManager {
     event ServiceReinstated(uint256 indexed serviceId);
 
     error UnknownService(uint256 serviceId);
+    /// @notice A task names a service that does other work.
+    error ServiceOfOtherKind(uint256 serviceId, bytes32 kind);
     error NotProvider(uint256 serviceId, address caller, address provider);
     error ServiceIsRetired(uint256 serviceId);
     /// @notice The provider can only retire it.
@@ -175,6 +179,11 @@ interface IServiceManager {
     /// @return serviceId 0 if no such service waits
     function cheapestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256 serviceId);
 
+    /// @notice Returns what the second cheapest waiting service asks, whatever a task pays.
+    /// @param kind what is done, ASCII
+    /// @return price the greatest price if fewer than two wait
+    function secondPrice(bytes32 kind) external view returns (uint256 price);
+
     /// @notice Returns the waiting service with the best reputation. Among equals it prefers the lowest price, then
     /// the longest wait.
     /// @param kind what is done, ASCII
@@ -192,16 +201,24 @@ interface IServiceManager {
 
     /// @notice Give a task to a service, if it is available, of this kind, and not too expensive. Only the task
     /// manager.
-    /// @param serviceId the service that the policy chose
+    /// @param serviceId the service that the policy chose, or that the task names
     /// @param kind what is done, ASCII
     /// @param maxPrice the most it may cost, in the token's smallest unit
+    /// @param wanted what it is to be paid, if that is more than its own price
     /// @param taskId the task that it gets
+    /// @param hired whether the task names the service. It then waits for it, and `release` says so. Reverts with
+    /// UnknownService or ServiceOfOtherKind if it would wait forever.
     /// @return provider who is paid for the task; 0 if the service does not fit, and nothing happened
     /// @return price the price of this task
     /// @return accepted whether the service accepts each task
-    function acquire(uint256 serviceId, bytes32 kind, uint256 maxPrice, uint256 taskId)
-        external
-        returns (address provider, uint256 price, bool accepted);
+    function acquire(
+        uint256 serviceId,
+        bytes32 kind,
+        uint256 maxPrice,
+        uint256 wanted,
+        uint256 taskId,
+        bool hired
+    ) external returns (address provider, uint256 price, bool accepted);
 
     /// @notice End the service's task. Only the task manager, which pays what this returns, and places the service.
     /// @param serviceId the service that did the task

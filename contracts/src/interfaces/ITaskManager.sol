@@ -51,6 +51,7 @@ enum Silence {
 /// @param maxAttempts how many assignments before the reward goes back
 /// @param rules SHA-256 of the rules by which it is to be judged, so that none that came meanwhile surprises the
 /// creator; 0 for the newest that are current. See IOrganization.allowKind.
+/// @param serviceId the only service that may do it, at its own price; 0 for whichever the policy chooses
 /// @param params JSON; only in the event
 struct TaskRequest {
     bytes32 kind;
@@ -59,14 +60,16 @@ struct TaskRequest {
     uint32 verdictWindow;
     uint8 maxAttempts;
     bytes32 rules;
+    uint32 serviceId;
     string params;
 }
 
 /// @param price what the executor of the running (or last) attempt is paid at most
-/// @param serviceId the service of the running (or last) attempt; 0 while open
+/// @param serviceId the service of the running (or last) attempt; while open the one that the task names, or 0
 /// @param deadline end of the running window, block time in seconds; 0 when none runs
 /// @param attempt 1 for the first assignment
 /// @param accepted the executor of the running (or last) attempt agreed to it; see acceptTask
+/// @param hired the creator named the service
 /// @param proofHash SHA-256 of the proof that waits for its verdict; 0 unless Submitted or Undecided, earlier ones
 /// are in events
 struct Task {
@@ -82,6 +85,7 @@ struct Task {
     uint8 maxAttempts;
     TaskState state;
     bool accepted;
+    bool hired;
     bytes32 proofHash;
 }
 
@@ -109,6 +113,8 @@ interface ITaskManager {
         bytes32 rules,
         string params
     );
+    /// @notice Follows TaskRegistered where the creator named a service.
+    event ServiceRequested(uint256 indexed taskId, uint256 indexed serviceId);
     /// @param nonce could not be known before this assignment; a proof has to contain it
     event TaskAssigned(
         uint256 indexed taskId,
@@ -188,7 +194,7 @@ interface ITaskManager {
     error NotWired(address organization, address services);
 
     /// @notice Register a task, and pay its reward into escrow. The policy's service is assigned at once, if there is
-    /// one.
+    /// one. A task that names a service waits for that one instead; its creator may cancel it meanwhile.
     /// @param request the task; the caller approves this contract for its reward before
     /// @return taskId the number of the task, counted from 1
     function registerTask(TaskRequest calldata request) external returns (uint256 taskId);
@@ -272,7 +278,7 @@ interface ITaskManager {
     /// @notice Returns how many tasks were ever registered, which is the last id.
     function taskCount() external view returns (uint256);
 
-    /// @notice Returns the oldest open task that pays enough.
+    /// @notice Returns the oldest open task that pays enough and names no service.
     /// @param kind what is to be done, ASCII
     /// @param price the least that it pays, in the token's smallest unit
     /// @return taskId 0 if there is none

@@ -23,7 +23,7 @@ library WeightTree {
     struct Tree {
         uint64 root;
         uint64 rootWeight;
-        /// @dev Not used here: the owner may number its elements in this word, which is written anyway.
+        /// @dev The owner may number its elements in this word, which is written anyway. Never 0 again, see put.
         uint64 serial;
         mapping(uint64 ref => Node) nodes;
     }
@@ -37,6 +37,11 @@ library WeightTree {
         return (major << uint64(MINOR_BITS)) | minor;
     }
 
+    /// @notice The major part of a weight.
+    function majorOf(uint64 weight) internal pure returns (uint64) {
+        return weight >> uint64(MINOR_BITS);
+    }
+
     /// @notice The lowest key; 0 if there is none.
     function lowest(Tree storage tree) internal view returns (uint64) {
         uint64 ref = tree.root;
@@ -44,6 +49,19 @@ library WeightTree {
             ref = tree.nodes[ref].left;
         }
         return ref >> 1;
+    }
+
+    /// @notice The lowest key but one; 0 if there are fewer than two.
+    function secondLowest(Tree storage tree) internal view returns (uint64) {
+        (uint64 ref, uint64 next) = (tree.root, 0);
+        while (ref != 0 && !_isLeaf(ref)) {
+            Node storage node = tree.nodes[ref];
+            (ref, next) = (node.left, node.right);
+        }
+        while (next != 0 && !_isLeaf(next)) {
+            next = tree.nodes[next].left;
+        }
+        return next >> 1;
     }
 
     /// @notice The lowest key whose weight has at least this major part; 0 if there is none.
@@ -72,6 +90,8 @@ library WeightTree {
     function put(Tree storage tree, uint64 key, uint64 weight) internal {
         uint64 leaf = (key << 1) | 1;
         uint64 root = tree.root;
+        // The word of an empty tree stays.
+        if (tree.serial == 0) tree.serial = 1;
         (tree.root, tree.rootWeight) =
             root == 0 ? (leaf, weight) : _put(tree, root, tree.rootWeight, leaf, weight);
     }
@@ -146,7 +166,7 @@ library WeightTree {
         Node memory node = tree.nodes[ref];
         (uint64 child, uint64 weight) = _remove(tree, leaf < ref ? node.left : node.right, leaf);
         if (child == 0) {
-            delete tree.nodes[ref];
+            // Its word stays, for the next node at this place.
             return leaf < ref ? (node.right, node.rightWeight) : (node.left, node.leftWeight);
         }
         if (leaf < ref) {

@@ -10,8 +10,8 @@ contract FirstComeFirstServed is IMatchingPolicy {
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
         external
         view
-        returns (uint256)
+        returns (uint256, uint256)
     {
-        return services.longestIdle(kind, reward);
+        return (services.longestIdle(kind, reward), 0);
     }
 }

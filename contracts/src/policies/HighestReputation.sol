@@ -10,8 +10,8 @@ contract HighestReputation is IMatchingPolicy {
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
         external
         view
-        returns (uint256)
+        returns (uint256, uint256)
     {
-        return services.mostReputableIdle(kind, reward);
+        return (services.mostReputableIdle(kind, reward), 0);
     }
 }

@@ -10,8 +10,8 @@ contract LowestPrice is IMatchingPolicy {
     function serviceFor(IServiceManager services, bytes32 kind, uint256 reward)
         external
         view
-        returns (uint256)
+        returns (uint256, uint256)
     {
-        return services.cheapestIdle(kind, reward);
+        return (services.cheapestIdle(kind, reward), 0);
     }
 }

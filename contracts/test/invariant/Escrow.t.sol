@@ -7,6 +7,7 @@ import {Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {Task, TaskState} from "../../src/interfaces/ITaskManager.sol";
 import {HighestReputation} from "../../src/policies/HighestReputation.sol";
 import {LowestPrice} from "../../src/policies/LowestPrice.sol";
+import {SecondPrice} from "../../src/policies/SecondPrice.sol";
 import {Fixture} from "../Fixture.sol";
 import {Handler} from "./Handler.sol";
 
@@ -26,8 +27,9 @@ contract EscrowInvariants is Fixture {
             vm.prank(providers[i]);
             coin.approve(address(tasks), type(uint256).max);
         }
-        IMatchingPolicy[] memory policies = new IMatchingPolicy[](3);
-        (policies[0], policies[1], policies[2]) = (policy, new LowestPrice(), new HighestReputation());
+        IMatchingPolicy[] memory policies = new IMatchingPolicy[](4);
+        (policies[0], policies[1]) = (policy, new LowestPrice());
+        (policies[2], policies[3]) = (new HighestReputation(), new SecondPrice());
         _participants = [alice, bob, robot1, robot2, robot3, address(organization)];
         _handler = new Handler(coin, organization, admin, oracle, auditor, creators, providers, policies);
         // Whoever may not audit has the role all the same: what stops it is that it is a party, or has judged.
@@ -92,7 +94,7 @@ contract EscrowInvariants is Fixture {
     function invariant_theOldestOpenTaskIsNext() public view {
         uint256 oldest = 0;
         for (uint256 taskId = 1; taskId <= tasks.taskCount() && oldest == 0; ++taskId) {
-            if (state(taskId) == TaskState.Open) oldest = taskId;
+            if (state(taskId) == TaskState.Open && !tasks.task(taskId).hired) oldest = taskId;
         }
         assertEq(tasks.oldestOpen(CLEANING, 0), oldest);
     }

@@ -78,6 +78,8 @@ contract Handler is CommonBase, StdUtils {
     /// @dev Attempts that their executor accepted by a call.
     mapping(uint256 taskId => mapping(uint8 attempt => bool)) private _accepted;
     mapping(uint256 taskId => uint8) private _attemptSeen;
+    /// @dev The service that the task names.
+    mapping(uint256 taskId => uint256) private _hired;
     mapping(uint256 taskId => Disputed) private _disputes;
     /// @dev Who wins a proof that nobody judges, as it was when the task was posted.
     mapping(uint256 taskId => Silence) private _silence;
@@ -92,9 +94,17 @@ contract Handler is CommonBase, StdUtils {
             if (t.attempt == _attemptSeen[taskId]) continue;
             _attemptSeen[taskId] = t.attempt;
             if (t.state != TaskState.Assigned) continue;
+            if (_hired[taskId] != 0 && _hired[taskId] != t.serviceId) {
+                violation = "another service was hired";
+            }
+            if (t.price < _services.service(t.serviceId).price) {
+                violation = "a service works below its price";
+            }
+            if (t.price > t.reward) violation = "a price is above the reward";
             for (uint256 older = 1; older < taskId; ++older) {
                 Task memory o = _tasks.task(older);
-                if (o.state == TaskState.Open && o.reward >= t.price) violation = "a task was overtaken";
+                if (o.state != TaskState.Open || o.reward < t.price) continue;
+                if (!o.hired || o.serviceId == t.serviceId) violation = "a task was overtaken";
             }
         }
     }
@@ -138,7 +148,8 @@ contract Handler is CommonBase, StdUtils {
         // Three in four leave it to the organization.
         bytes32 wanted = wish % 4 == 0 ? _rulesAt(wish / 4) : bytes32(0);
         bytes32[] memory current = _judged[CLEANING].rules;
-        TaskRequest memory request = TaskRequest(CLEANING, reward, 1 hours, 1 hours, attempts, wanted, "{}");
+        TaskRequest memory request =
+            TaskRequest(CLEANING, reward, 1 hours, 1 hours, attempts, wanted, _named(wish), "{}");
         if (wanted != 0 && !_isCurrent(current, wanted)) {
             vm.prank(creator);
             try _tasks.registerTask(request) {
@@ -159,10 +170,17 @@ contract Handler is CommonBase, StdUtils {
             return;
         }
         expected[creator] -= reward;
+        _hired[_tasks.taskCount()] = request.serviceId;
         _silence[_tasks.taskCount()] = k.silence;
         if (_rulesPosted() != (wanted == 0 ? current[current.length - 1] : wanted)) {
             violation = "a task was posted under other rules";
         }
+    }
+
+    /// @dev Two tasks in five name a service.
+    function _named(uint256 wish) private view returns (uint32) {
+        uint256 count = _services.serviceCount();
+        return count == 0 || wish % 5 > 1 ? 0 : uint32(1 + (wish / 5) % count);
     }
 
     /// @dev One in eight is none in which anybody should agree to work.

@@ -13,6 +13,7 @@ CONTRACTS = (
     "FirstComeFirstServed",
     "LowestPrice",
     "HighestReputation",
+    "SecondPrice",
     "Organization",
     "ServiceManager",
     "TaskManager",

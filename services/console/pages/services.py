@@ -51,6 +51,7 @@ POLICIES = {
     "first_come": "First come, first served",
     "lowest_price": "Lowest price",
     "highest_reputation": "Highest reputation",
+    "second_price": "Second price",
 }
 
 

@@ -39,7 +39,7 @@ DEPLOYMENT = Deployment(
 )
 
 SAMPLES: dict[str, Any] = {
-    "request": TaskRequest("cleaning", 1, 60, 60, 1, bytes(32), "{}"),
+    "request": TaskRequest("cleaning", 1, 60, 60, 1, bytes(32), 0, "{}"),
     "role": "robot",
     "kind": "cleaning",
     "state": ServiceState.ACTIVE,

@@ -90,8 +90,11 @@ class Life:
 
     def post(self) -> None:
         reward = self.random.choice([30, 60, 100])
-        call = self.organization.client.organization_calls.register_task(self.organization.request(reward))
-        self.organization.send(self.organization.operator, call)
+        client, request = self.organization.client, self.organization.request(reward)
+        services = range(1, client.service_count() + 1)
+        if services and self.random.random() < 0.1:
+            request = replace(request, service_id=self.random.choice(services))
+        self.organization.send(self.organization.operator, client.organization_calls.register_task(request))
 
     def offer(self) -> None:
         price = to_wei(Decimal(self.random.choice([20, 50, 80])))
@@ -228,7 +231,7 @@ class Life:
             if service.state is ServiceState.SUSPENDED and service.bond >= service.penalty:
                 self.organization.send(self.organization.operator, calls.reinstate_service(service_id))
                 return
-            if service.state is ServiceState.ACTIVE and self.random.random() < 0.3:
+            if service.state is ServiceState.ACTIVE and self.random.random() < 0.1:
                 self.organization.send(self.organization.operator, calls.suspend_service(service_id))
                 return
 

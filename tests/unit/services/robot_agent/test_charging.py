@@ -8,8 +8,10 @@ from typing import Any
 
 import pytest
 
+from rodeo import queries
 from rodeo.charging import ChargingParams
 from rodeo.config import Site
+from rodeo.dao import ORGANIZATION
 from rodeo.lab.layout import dock_parking, on_contacts
 from rodeo.messages import RegisterTask
 from rodeo.robot.memory import Memory
@@ -49,10 +51,15 @@ def test_how_long_a_charge_takes_is_what_is_missing_at_the_pace_so_far() -> None
 
 
 class Organization:
-    """Takes orders for charges."""
+    """Takes orders for charges at these services, (id, state)."""
 
-    def __init__(self) -> None:
+    def __init__(self, *services: tuple[int, str]) -> None:
         self.posted: list[RegisterTask] = []
+        self.services = [SimpleNamespace(id=number, state=state) for number, state in services]
+
+    def ask(self, query: object, provider: str, **_filters: Any) -> Any:
+        assert (query, provider) == (queries.SERVICES, ORGANIZATION)
+        return SimpleNamespace(services=self.services)
 
     def tasks(self, state: str, **_filters: Any) -> list[Any]:
         return [SimpleNamespace(params=request.params) for request in self.posted if state == "open"]
@@ -84,6 +91,26 @@ def test_a_robot_orders_at_the_nearest_dock_where_nobody_is_to_be_charged(tmp_pa
         order.buy(0.5)
     docks = [request.params["dock"] for request in organization.posted]
     assert docks == ["dock_east", "dock_west", "dock_east"]
+
+
+def test_a_robot_hires_the_service_of_the_dock_where_it_will_stand(tmp_path: Path) -> None:
+    site = Site.load(LAB.with_name("plural.toml"))
+    organization = Organization((4, "retired"), (9, "active"), (7, "active"))
+    body = KinematicBody(site, ManualClock())
+    order = charging(body, tmp_path, organization, site)
+    for _ in range(2):
+        order.buy(0.5)
+    hired = {request.params["dock"]: request.service_id for request in organization.posted}
+    assert hired == dict(zip([dock.name for dock in site.docks], [7, 9], strict=True))
+
+
+def test_a_robot_does_not_order_at_a_dock_that_takes_no_tasks(tmp_path: Path) -> None:
+    site = Site.load(LAB.with_name("plural.toml"))
+    organization = Organization((7, "paused"), (9, "active"))
+    body = KinematicBody(site, ManualClock())
+    body.base = dock_parking(site.docks[0])
+    charging(body, tmp_path, organization, site).buy(0.5)
+    assert organization.posted[0].params["dock"] == site.docks[1].name
 
 
 def test_a_robot_docks_where_it_is_told(tmp_path: Path) -> None:
