@@ -182,7 +182,8 @@ def test_who_leaves_the_clock_may_still_have_threads_at_work(make_node: MakeNode
             failures.append(error)
 
     for number in range(10):
-        clock, over = SimClock(make_node(f"process{number}").session, 0, ("org", f"process{number}")), threading.Event()
+        clock = SimClock(make_node(f"process{number}").session, 0, ("org", f"process{number}"))
+        over = threading.Event()
         threads = [threading.Thread(target=work, args=(clock, over)) for _ in range(3)]
         for thread in threads:
             thread.start()
