@@ -141,6 +141,10 @@ class DiskFull(RodeoError):
     """There is no room for what must be written. Nothing was lost but that; once there is room it goes on."""
 
 
+class FolderTaken(RodeoError):
+    """A folder that is to be emptied holds what its writer does not know."""
+
+
 class PortUnavailable(RodeoError):
     """An address that the site file gives this process is taken, or is not this machine's."""
 

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
 from pathlib import Path
 from typing import BinaryIO
 
-from rodeo.errors import DiskFull
+from rodeo.errors import DiskFull, FolderTaken
 
 _FULL = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 """No room on the device, in the user's quota, or within the largest file that the process may write."""
@@ -23,6 +24,29 @@ def is_full(error: BaseException | None) -> bool:
             return True
         error = error.__cause__ or error.__context__
     return False
+
+
+def begin_folder(folder: Path, first_line: str) -> None:
+    """Make `folder` new and empty. What an earlier run left there is removed: its site.toml begins with
+    `first_line`. Raises FolderTaken for a folder that holds anything else, and leaves it as it is."""
+    if folder.exists() and not _left_by_run(folder, first_line):
+        raise FolderTaken(
+            "this folder holds something else than an earlier run: name another one, or empty it yourself",
+            path=str(folder),
+        )
+    if folder.exists():
+        shutil.rmtree(folder)
+    folder.mkdir(parents=True)
+
+
+def _left_by_run(folder: Path, first_line: str) -> bool:
+    if not folder.is_dir() or folder.is_symlink():
+        return False
+    try:
+        with (folder / "site.toml").open() as file:
+            return file.readline().rstrip("\n") == first_line
+    except FileNotFoundError:
+        return not any(folder.iterdir())
 
 
 @contextmanager

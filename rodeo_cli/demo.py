@@ -7,7 +7,6 @@ Starts every process on free ports in a fresh folder, shows what each is doing, 
 from __future__ import annotations
 
 import json
-import shutil
 import socket
 import threading
 import time
@@ -31,6 +30,7 @@ from rodeo import queries, topics
 from rodeo.bus import Bus, DaoEvents
 from rodeo.config import Site, read_tables
 from rodeo.errors import BusError, RemoteError, RodeoError
+from rodeo.files import begin_folder
 from rodeo.kinds import Kind, kinds_of, providing_energy
 from rodeo.messages import DaoEvent, Status, Task
 from rodeo.site_problems import toml
@@ -40,6 +40,7 @@ from rodeo_cli.layout import Row
 from rodeo_cli.site import StatusWatcher, bar, launcher_rows, status_table, stop_on_signals
 
 LAB = Path(deploy.__file__).parent / "sites" / "lab.toml"
+_WRITTEN = "# Written by `rodeo demo`: the lab on free ports."
 OVER = {"settled", "cancelled", "failed"}
 
 DEMO_SOC_ABOVE = 0.005
@@ -130,16 +131,15 @@ def demo(
 
 
 def write_site(base: Path, chain: str, out: Path) -> Path:
-    """A fresh site on free ports under `out`, so that a demo disturbs nothing that runs."""
+    """A fresh site on free ports under `out`, so that a demo disturbs nothing that runs. Raises FolderTaken."""
     site = Site.load(base)
-    shutil.rmtree(out, ignore_errors=True)
-    out.mkdir(parents=True)
+    begin_folder(out, _WRITTEN)
     robot = site.robots[0]
     soc = site.agent.charge_below + DEMO_SOC_ABOVE
     bins = [one | {"http_port": 0} for one in read_tables(base).get("bins", [])]
     path = out / "site.toml"
     path.write_text(
-        f"""# Written by `rodeo demo`: the lab on free ports.
+        f"""{_WRITTEN}
 extends = {json.dumps(str(base.resolve()))}
 data_dir = {json.dumps(str((out / "data").resolve()))}
 chain.url = "http://127.0.0.1:{_free_port()}"

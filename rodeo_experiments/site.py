@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import shutil
 import socket
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +11,13 @@ from typing import Any
 
 from rodeo.chance import generator
 from rodeo.config import Site, read_tables
+from rodeo.files import begin_folder
 from rodeo.robot.navigation import Floor
 from rodeo.site_problems import toml
 from rodeo_experiments.errors import ExperimentFailed
 from rodeo_experiments.lab import free_place
+
+_WRITTEN = "# Written by `rodeo experiment`."
 
 
 @dataclass(frozen=True)
@@ -32,13 +34,13 @@ class Variation:
 
 
 def write_site(base: Path, folder: Path, vary: Variation) -> Path:
-    """The site file of a new run in `folder`, which is emptied. Raises ConfigError, ExperimentFailed."""
+    """The site file of a new run in `folder`, which is emptied of an earlier run. Raises ConfigError,
+    ExperimentFailed, FolderTaken."""
     site = Site.load(base)
     if site.experiment is None or site.clock.start is None:
         raise ExperimentFailed("the site file needs an [experiment] table and clock.start", path=str(base))
     tables = read_tables(base)
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
+    begin_folder(folder, _WRITTEN)
     experiment = tables["experiment"] | ({} if vary.days is None else {"days": vary.days})
     changes: dict[str, Any] = {
         "chain.url": f"http://127.0.0.1:{free_port()}",
@@ -57,7 +59,7 @@ def write_site(base: Path, folder: Path, vary: Variation) -> Path:
     path.write_text(
         "\n".join(
             [
-                "# Written by `rodeo experiment`.",
+                _WRITTEN,
                 f"extends = {json.dumps(str(base.resolve()))}",
                 f"data_dir = {json.dumps(str((folder / 'data').resolve()))}",
                 *(f"{name} = {toml(value)}" for name, value in changes.items()),

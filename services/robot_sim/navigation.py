@@ -234,7 +234,7 @@ class BaseDriver:
         curvature = 2 * math.sin(error) / max(math.hypot(dx, dy), 0.15)
         speed = min(self._limits.cruise_m_s, math.sqrt(2 * 0.6 * self._limits.acceleration_m_s2 * left_m))
         speed = max(SLOWEST_M_S, min(speed, self._limits.cruise_rad_s / max(abs(curvature), 1e-6)))
-        return Twist2(speed, speed * curvature)
+        return Twist2(speed, self._rate(speed * curvature))
 
     def _line(self, drive: Drive, goal: Pose2, rest_m: float) -> Iterator[Twist2]:
         """Straight forwards or backwards along the goal's heading until level with it."""
@@ -247,11 +247,15 @@ class BaseDriver:
             if abs(left_m) < POSITION_TOLERANCE_M:
                 return
             sign = math.copysign(1.0, left_m)
-            speed = min(STRAIGHT_SPEED_M_S, math.sqrt(0.8 * self._limits.acceleration_m_s2 * abs(left_m)))
+            fastest = min(STRAIGHT_SPEED_M_S, self._limits.cruise_m_s)
+            speed = min(fastest, math.sqrt(0.8 * self._limits.acceleration_m_s2 * abs(left_m)))
             # Steer onto the line, as far as there is still way to do so.
             aim = math.atan2(aside_m, max(abs(left_m), 0.25)) if abs(left_m) > 0.1 else 0.0
             error = wrap(goal.yaw_rad + sign * aim - pose.yaw_rad)
-            yield Twist2(sign * max(SLOWEST_M_S, speed), 1.5 * error)
+            yield Twist2(sign * max(SLOWEST_M_S, speed), self._rate(1.5 * error))
+
+    def _rate(self, wanted_rad_s: float) -> float:
+        return max(-self._limits.cruise_rad_s, min(wanted_rad_s, self._limits.cruise_rad_s))
 
     def _turn(self, yaw_rad: float) -> Iterator[Twist2]:
         while True:

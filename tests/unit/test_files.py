@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from rodeo.files import replace_file, replacing
+from rodeo.errors import FolderTaken
+from rodeo.files import begin_folder, replace_file, replacing
 
 ROOT = Path(__file__).parents[2]
 
@@ -60,3 +61,38 @@ def test_no_other_file_renames_what_it_wrote_beside() -> None:
     }
     # A running recording is flushed and renamed while it is open; a journal that begins again is kept aside.
     assert found == {"rodeo/files.py": 2, "rodeo/evidence/recorder.py": 3, "rodeo/witness/journal.py": 1}
+
+
+LINE = "# Written by a test."
+
+
+def test_a_new_run_takes_the_place_of_an_earlier_one_and_of_nothing_else(tmp_path: Path) -> None:
+    folder = tmp_path / "deep" / "run"
+    for _ in range(2):
+        begin_folder(folder, LINE)
+        assert list(folder.iterdir()) == []
+        (folder / "site.toml").write_text(f"{LINE}\norg = 'lab'\n")
+        (folder / "log").write_text("of the run")
+
+
+@pytest.mark.parametrize(
+    "files", [{"thesis.tex": "years"}, {"site.toml": "org = 'mine'\n"}, {"site.toml": f"#{LINE}\n"}]
+)
+def test_a_folder_with_anything_else_is_left_as_it_is(tmp_path: Path, files: dict[str, str]) -> None:
+    for name, text in files.items():
+        (tmp_path / name).write_text(text)
+    with pytest.raises(FolderTaken) as caught:
+        begin_folder(tmp_path, LINE)
+    assert caught.value.details == {"path": str(tmp_path)}
+    assert {path.name: path.read_text() for path in tmp_path.iterdir()} == files
+
+
+def test_a_file_and_a_link_are_no_folder_of_a_run(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "home").mkdir()
+    (tmp_path / "home" / "site.toml").write_text(LINE)
+    (tmp_path / "link").symlink_to(tmp_path / "home")
+    for name in ("file", "link"):
+        with pytest.raises(FolderTaken):
+            begin_folder(tmp_path / name, LINE)
+    assert (tmp_path / "home" / "site.toml").exists()

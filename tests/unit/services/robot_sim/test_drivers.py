@@ -110,6 +110,28 @@ def test_a_base_pushed_off_its_goal_at_the_last_moment_drives_there_again(
     assert off_m() < 0.02
 
 
+def test_a_slow_base_is_slow_on_every_stretch_of_its_way() -> None:
+    site = Site.load(LAB)
+    limits = site.robots[0].limits.model_copy(update={"cruise_m_s": 0.1, "cruise_rad_s": 0.15})
+    simulation = Simulation(
+        site.model_copy(update={"robots": [site.robots[0].model_copy(update={"limits": limits})]}), START_NS
+    )
+    robot = simulation.robots["panther1"]
+    goal = dock_parking(site.docks[0])
+    under_way = Drive(plan(Map.of(site), robot.body.pose, goal), lambda: False)
+    robot.base.follow(under_way)
+    twists = []
+    while not under_way.finished.is_set():
+        simulation.step()
+        twists.append((robot.body.wheel_twist.linear_m_s, robot.body.wheel_twist.angular_rad_s))
+    assert under_way.error == NavigationError.NONE
+    # Over a second: the wheels overshoot for some periods when their servos' goal changes.
+    second = np.lib.stride_tricks.sliding_window_view(np.array(twists), 50, axis=0).mean(axis=-1)
+    fastest_m_s, fastest_rad_s = np.abs(second).max(axis=0)
+    assert fastest_m_s < 0.11
+    assert fastest_rad_s < 0.165
+
+
 def perfect() -> Simulation:
     site = Site.load(LAB)
     noise = NoiseConfig(wheel_scale=0, gyro_bias_rad_s=0, gyro_rad_s=0)
