@@ -131,7 +131,7 @@ def demo(
 
 
 def write_site(base: Path, chain: str, out: Path) -> Path:
-    """A fresh site on free ports under `out`, so that a demo disturbs nothing that runs. Raises FolderTaken."""
+    """A fresh site on free ports under `out`: a demo disturbs nothing that runs. Raises FolderTaken."""
     site = Site.load(base)
     begin_folder(out, _WRITTEN)
     robot = site.robots[0]
