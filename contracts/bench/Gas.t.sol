@@ -7,6 +7,7 @@ import {ServiceManager} from "../src/ServiceManager.sol";
 import {TaskManager} from "../src/TaskManager.sol";
 import {Vote} from "../src/interfaces/IOracleCommittee.sol";
 import {TaskRequest, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Units} from "../src/libraries/Units.sol";
 import {Committee} from "../test/Committee.sol";
 import {Fixture} from "../test/Fixture.sol";
 
@@ -78,7 +79,7 @@ contract GasBench is Fixture {
         vm.prank(bob);
         coin.transfer(address(everyone), REWARD + SERVICES * 1 ether);
         // More than a provider may have: many would cost the same, and could not be driven from one contract.
-        bytes32 live = keccak256(abi.encode(everyone, uint256(7)));
+        bytes32 live = keccak256(abi.encode(everyone, uint256(8)));
         for (uint256 i = 0; i < SERVICES; i += 8) {
             everyone.offer(services, CLEANING, PRICE, 8);
             vm.store(address(services), live, 0);
@@ -93,9 +94,34 @@ contract GasBench is Fixture {
         }
         everyone.work(judge, request(REWARD), 499);
         _lifecycle(address(everyone));
+        _spam();
+        _lifecycle(address(everyone), "gas_lifecycle_spam");
+    }
+
+    /// @dev As much as ten identities with bonds get for 10M gas: services that nobody pays for, at the prices that
+    /// make the way to the others' services longest.
+    function _spam() private {
+        uint64 level = Units.levelFor(PRICE);
+        uint256 gas = 0;
+        for (uint256 i = 0; i < 80 && gas < 10_000_000; ++i) {
+            address identity = address(uint160(0xbad00 + i / 8));
+            if (i % 8 == 0) {
+                vm.prank(bob);
+                coin.transfer(identity, 8 ether);
+                vm.prank(identity);
+                coin.approve(address(tasks), type(uint256).max);
+            }
+            uint64 near = i < 13 ? level ^ uint64(1 << i) : uint64(uint256(keccak256(abi.encode(i))) % 13_000);
+            offer(identity, Units.priceOf(near));
+            gas += _used();
+        }
     }
 
     function _lifecycle(address provider) private {
+        _lifecycle(provider, string.concat("gas_lifecycle_", Strings.toString(tasks.taskCount() + 1)));
+    }
+
+    function _lifecycle(address provider, string memory name) private {
         _register();
         uint256 register = _used();
         uint256 taskId = tasks.taskCount();
@@ -107,7 +133,7 @@ contract GasBench is Fixture {
             taskId, 1, PROOF, Verdict.Accepted, PRICE, REPORT, PROOF_URI, "all checks passed"
         );
         uint256 verdict = _used();
-        _figure(string.concat("gas_lifecycle_", Strings.toString(taskId)), register + proof + verdict);
+        _figure(name, register + proof + verdict);
         _figure("gas_register", register);
         _figure("gas_proof", proof);
         _figure("gas_verdict", verdict);

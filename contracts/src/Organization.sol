@@ -363,6 +363,12 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         return _terms;
     }
 
+    /// @dev Who may not take part any more gets no more tasks, however the role was lost.
+    function _revokeRole(bytes32 role, address account) internal override returns (bool revoked) {
+        revoked = super._revokeRole(role, account);
+        if (revoked && role == MEMBER_ROLE && membersOnly) services.suspendProvider(account);
+    }
+
     /// @dev The organization itself needs no membership.
     function _admit(bytes32 kind, address participant) private view returns (Kind storage rules) {
         rules = _kinds[kind];

@@ -43,7 +43,6 @@ contract ServiceManager is IServiceManager {
 
     /// @dev What counts for all services of a provider together, so that a new service does not begin anew.
     struct Provider {
-        uint32 live;
         uint8 missed;
         uint8 failures;
         /// @dev How often it has fallen asleep since the last accepted proof; at most MAX_NAPS.
@@ -90,6 +89,8 @@ contract ServiceManager is IServiceManager {
     mapping(uint256 serviceId => Agreement) private _agreements;
     mapping(uint8 kindId => Idle) private _idle;
     mapping(address provider => Provider) private _providers;
+    /// @dev Services of a provider that are not retired, in one word; 0 where there is room. Not the organization's.
+    mapping(address provider => uint32[MAX_SERVICES]) private _live;
 
     modifier onlyTaskManager() {
         if (msg.sender != address(tasks)) revert NotTaskManager(msg.sender);
@@ -119,12 +120,9 @@ contract ServiceManager is IServiceManager {
         if (terms.bond > maxBond) revert BondTooHigh(terms.bond, maxBond);
         _requirePrice(price);
         Texts.requireText(description);
-        if (_providers[msg.sender].live >= MAX_SERVICES && msg.sender != address(organization)) {
-            revert TooManyServices(msg.sender, MAX_SERVICES);
-        }
-        ++_providers[msg.sender].live;
         serviceId = ++_serviceCount;
         assert(serviceId <= type(uint32).max);
+        if (msg.sender != address(organization)) _replaceLive(msg.sender, 0, uint32(serviceId));
         Record storage s = _services[serviceId];
         s.provider = msg.sender;
         s.price = uint96(price);
@@ -178,9 +176,12 @@ contract ServiceManager is IServiceManager {
         Record storage s = _get(serviceId);
         if (s.state == ServiceState.Retired) revert ServiceIsRetired(serviceId);
         if (s.state == ServiceState.Suspended) revert ServiceIsSuspended(serviceId);
-        _leaveLine(serviceId, s);
-        s.state = ServiceState.Suspended;
-        emit ServiceSuspended(serviceId);
+        _suspend(serviceId, s);
+    }
+
+    /// @inheritdoc IServiceManager
+    function suspendProvider(address provider) external onlyOrganization {
+        _suspendAll(provider);
     }
 
     /// @inheritdoc IServiceManager
@@ -369,10 +370,23 @@ contract ServiceManager is IServiceManager {
             emit BondPenalized(serviceId, s.taskId, penalty);
         }
         bool repeated = a.maxFailures != 0 && failures >= a.maxFailures;
-        if ((repeated || a.bond < a.penalty) && s.state != ServiceState.Retired) {
-            if (s.state != ServiceState.Suspended) emit ServiceSuspended(serviceId);
-            s.state = ServiceState.Suspended;
+        if (repeated || a.bond < a.penalty) _suspend(serviceId, s);
+        if (repeated) _suspendAll(s.provider);
+    }
+
+    /// @dev At most MAX_SERVICES. The organization answers for its own.
+    function _suspendAll(address provider) private {
+        uint32[MAX_SERVICES] memory live = _live[provider];
+        for (uint256 i = 0; i < MAX_SERVICES; ++i) {
+            if (live[i] != 0) _suspend(live[i], _services[live[i]]);
         }
+    }
+
+    function _suspend(uint256 serviceId, Record storage s) private {
+        if (s.state == ServiceState.Retired || s.state == ServiceState.Suspended) return;
+        _leaveLine(serviceId, s);
+        s.state = ServiceState.Suspended;
+        emit ServiceSuspended(serviceId);
     }
 
     /// @dev An attempt without a proof, whichever of the provider's services made it.
@@ -392,12 +406,23 @@ contract ServiceManager is IServiceManager {
 
     /// @dev The service is over: its bond is for its provider.
     function _leave(uint256 serviceId, Record storage s) private returns (uint96 bond) {
-        --_providers[s.provider].live;
+        if (s.provider != address(organization)) _replaceLive(s.provider, uint32(serviceId), 0);
         if (!s.hasTerms) return 0;
         bond = _agreements[serviceId].bond;
         if (bond == 0) return 0;
         _agreements[serviceId].bond = 0;
         emit BondReturned(serviceId, s.provider, bond);
+    }
+
+    /// @dev Put `next` where `current` is among the provider's services; 0 is room for one.
+    function _replaceLive(address provider, uint32 current, uint32 next) private {
+        uint32[MAX_SERVICES] storage live = _live[provider];
+        for (uint256 i = 0; i < MAX_SERVICES; ++i) {
+            if (live[i] != current) continue;
+            live[i] = next;
+            return;
+        }
+        revert TooManyServices(provider, MAX_SERVICES);
     }
 
     function _isAvailable(Record storage s) private view returns (bool) {
@@ -418,21 +443,21 @@ contract ServiceManager is IServiceManager {
 
     /// @dev The line of a service; neither its price nor its reputation changes while it waits there.
     function _lineKey(Record storage s) private view returns (uint64) {
-        return _key(s.price, _reputation(s));
+        return _key(Units.levelFor(s.price), _reputation(s));
     }
 
     /// @dev Before or at this key are the lines that cost at most `price`.
     function _lastKey(uint256 price) private pure returns (uint64) {
-        return _key(price, 0);
+        return _key(Units.levelOf(price), 0);
     }
 
     /// @dev Cheap before dear, then reputable before not; never 0.
-    function _key(uint256 price, uint64 reputation) private pure returns (uint64) {
-        return WeightTree.weigh(Units.weight(price) + 1, WeightTree.MAX_MINOR - reputation);
+    function _key(uint64 level, uint64 reputation) private pure returns (uint64) {
+        return WeightTree.weigh(level + 1, WeightTree.MAX_MINOR - reputation);
     }
 
     function _priceOf(uint64 key) private pure returns (uint256) {
-        return uint256(WeightTree.majorOf(key) - 1) * Units.UNIT;
+        return Math.min(Units.priceOf(WeightTree.majorOf(key) - 1), Units.MAX);
     }
 
     /// @dev The weight of a line that `first` leads.

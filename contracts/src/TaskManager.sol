@@ -302,7 +302,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @inheritdoc ITaskManager
     function oldestOpen(bytes32 kind, uint256 price) external view returns (uint256 taskId) {
-        return _open[_kinds.ids[kind]].first(Units.weight(price));
+        return _open[_kinds.ids[kind]].first(Units.levelFor(price));
     }
 
     function _register(TaskRequest calldata request) private returns (uint256 taskId) {
@@ -377,7 +377,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev Give an available service that is in no line the oldest task it can do, or let it wait.
     /// @param hired whether a task may wait that names this service
     function _place(uint256 serviceId, uint8 kindId, bytes32 kind, uint256 price, bool hired) private {
-        uint64 minimum = Units.weight(price);
+        uint64 minimum = Units.levelFor(price);
         uint256 queue = kindId;
         uint64 taskId = _open[queue].first(minimum);
         if (hired) {
@@ -650,7 +650,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     function _weight(uint256 reward) private pure returns (uint64) {
-        return WeightTree.weigh(Units.weight(reward), 0);
+        return WeightTree.weigh(Units.levelOf(reward), 0);
     }
 
     function _outcome(Cause cause) private pure returns (Outcome) {

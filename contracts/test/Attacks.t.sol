@@ -463,7 +463,6 @@ contract AttackTest is Fixture {
         uint256 second = offer(robot1, 80 ether);
         assertEq(services.service(second).failures, 2);
         attempt(1, false);
-        attempt(post(alice, 100 ether), false);
         assertEq(uint8(services.service(second).state), uint8(ServiceState.Suspended));
     }
 

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {ITaskManager, TaskState} from "../src/interfaces/ITaskManager.sol";
@@ -153,6 +154,31 @@ contract PolicyTest is Fixture {
         uint256 taskId = post(alice, 100 ether);
         offer(robot1, 10 ether);
         assertEq(tasks.task(taskId).price, 10 ether);
+    }
+
+    // -- levels -------------------------------------------------------------------------------------------
+
+    function test_oddPricesAreRoundedUpToThreeDigits() public {
+        uint256 odd = offer(robot1, 99.71 ether);
+        assertState(post(alice, 99.75 ether), TaskState.Open);
+        vm.prank(alice);
+        tasks.cancelTask(1);
+        uint256 taskId = post(alice, 99.8 ether);
+        assertAssigned(taskId, odd);
+        assertEq(tasks.task(taskId).price, 99.71 ether, "what it asked");
+    }
+
+    function testFuzz_aServiceThatIsFoundIsAffordable(uint256 price, uint256 reward) public pure {
+        price = bound(price, 0, Units.MAX / Units.UNIT) * Units.UNIT;
+        reward = bound(reward, 0, type(uint96).max);
+        bool found = Units.levelFor(price) <= Units.levelOf(reward);
+        if (found) assertLe(price, reward);
+        if (reward > price + price / 100 && price < Units.MAX / 2) assertTrue(found, "within a hundredth");
+        assertGe(Units.priceOf(Units.levelFor(price)), price);
+        assertEq(
+            Units.levelOf(Math.min(Units.priceOf(Units.levelOf(reward)), Units.MAX)), Units.levelOf(reward)
+        );
+        assertLt(Units.levelFor(price), 1 << 14, "few levels");
     }
 
     // -- all of them --------------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ import {
     Verdict
 } from "../src/interfaces/ITaskManager.sol";
 import {Texts} from "../src/libraries/Texts.sol";
+import {Units} from "../src/libraries/Units.sol";
 import {Fixture} from "./Fixture.sol";
 
 contract TaskManagerTest is Fixture {
@@ -81,7 +82,7 @@ contract TaskManagerTest is Fixture {
         price = bound(price, 0, 2000 gwei) * 1 gwei;
         uint256 serviceId = offer(robot1, price);
         uint256 taskId = post(alice, reward);
-        if (price > reward) {
+        if (Units.levelFor(price) > Units.levelOf(reward)) {
             assertState(taskId, TaskState.Open);
             vm.prank(alice);
             tasks.cancelTask(taskId);

@@ -4,7 +4,7 @@ pragma solidity ^0.8.28;
 import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
 import {IOrganization, Terms} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, Silence, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {ITaskManager, Silence, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Bonds, penalties and suspension.
@@ -302,5 +302,60 @@ contract TermsTest is Fixture {
             services.release(serviceId, Outcome.Rejected);
         }
         assertEq(services.service(serviceId).failures, type(uint8).max);
+    }
+
+    // -- all services of a provider -----------------------------------------------------------------------
+
+    function test_whoFailedTooOftenGetsNoTasksForItsOtherServices() public {
+        setTerms(0, 0, 1);
+        uint256 first = offer(robot1, 1 ether);
+        uint256 waiting = offer(robot1, 1 ether);
+        uint256 paused = offer(robot1, 1 ether);
+        uint256 other = offer(robot2, 1 ether);
+        update(paused, 1 ether, ServiceState.Paused);
+        TaskRequest memory r = request(10 ether);
+        r.maxAttempts = 1;
+        vm.prank(alice);
+        attempt(tasks.registerTask(r), false);
+        uint256[3] memory all = [first, waiting, paused];
+        for (uint256 i = 0; i < 3; ++i) {
+            assertEq(uint8(services.service(all[i]).state), uint8(ServiceState.Suspended));
+            assertEq(services.service(all[i]).place, 0);
+        }
+        assertAssigned(post(alice, 10 ether), other);
+    }
+
+    function test_theServicesOfADismissedMemberLeaveTheLine() public {
+        address[2] memory robots = [robot1, robot2];
+        for (uint256 i = 0; i < 2; ++i) {
+            vm.prank(admin);
+            organization.admit(robots[i]);
+        }
+        vm.prank(admin);
+        organization.setMembersOnly(true);
+        uint256 gone = offer(robot1, 1 ether);
+        uint256 here = offer(robot2, 1 ether);
+        vm.prank(admin);
+        organization.admit(alice);
+        vm.prank(admin);
+        organization.dismiss(robot1);
+        assertEq(uint8(services.service(gone).state), uint8(ServiceState.Suspended));
+        assertAssigned(post(alice, 10 ether), here);
+        assertState(post(alice, 10 ether), TaskState.Open);
+    }
+
+    function test_whereEverybodyTakesPartADismissedMemberDoes() public {
+        vm.prank(admin);
+        organization.admit(robot1);
+        uint256 serviceId = offer(robot1, 1 ether);
+        vm.prank(admin);
+        organization.dismiss(robot1);
+        assertAssigned(post(alice, 10 ether), serviceId);
+    }
+
+    function test_onlyTheOrganizationSuspendsAProvider() public {
+        vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotOrganization.selector, stranger));
+        vm.prank(stranger);
+        services.suspendProvider(robot1);
     }
 }

@@ -384,6 +384,9 @@ class ServiceManagerCalls(ContractCalls):
             "ServiceManager", "registerService", kind, price, max_bond, auto_accept, description
         )
 
+    def suspend_provider(self, provider: str) -> Call:
+        return self._call("ServiceManager", "suspendProvider", provider)
+
     def update_service(self, service_id: int, price: int, state: ServiceState) -> Call:
         return self._call("ServiceManager", "updateService", service_id, price, state)
 

@@ -179,7 +179,7 @@ interface IServiceManager {
     /// @return serviceId 0 if no such service waits
     function cheapestIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256 serviceId);
 
-    /// @notice Returns what the second cheapest waiting service asks, whatever a task pays.
+    /// @notice Returns what the second cheapest waiting service asks, rounded up to three digits, whatever a task pays.
     /// @param kind what is done, ASCII
     /// @return price the greatest price if fewer than two wait
     function secondPrice(bytes32 kind) external view returns (uint256 price);
@@ -194,6 +194,10 @@ interface IServiceManager {
     /// @notice Give the service no new task until it is reinstated. A running task continues. Only the organization.
     /// @param serviceId its number
     function suspend(uint256 serviceId) external;
+
+    /// @notice Suspend all services of a provider. Those of the organization itself stay. Only the organization.
+    /// @param provider who offers them
+    function suspendProvider(address provider) external;
 
     /// @notice End a suspension, and forgive the provider its failures. Only the organization.
     /// @param serviceId its number

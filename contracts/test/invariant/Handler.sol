@@ -797,8 +797,16 @@ contract Handler is CommonBase, StdUtils {
             bool repeated = g.maxFailures != 0 && failures[provider] >= g.maxFailures;
             bool retired = _services.service(t.serviceId).state == ServiceState.Retired;
             if ((repeated || g.bond < g.penalty) && !retired) g.suspended = true;
+            if (repeated) _expectAllSuspended(provider);
         }
         _expectRelease(t.serviceId);
+    }
+
+    function _expectAllSuspended(address provider) private {
+        for (uint256 serviceId = 1; serviceId <= _services.serviceCount(); ++serviceId) {
+            Service memory s = _services.service(serviceId);
+            if (s.provider == provider && s.state != ServiceState.Retired) ghost[serviceId].suspended = true;
+        }
     }
 
     function _expectRelease(uint256 serviceId) private {
