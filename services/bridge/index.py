@@ -19,6 +19,7 @@ from sqlalchemy import (
     MetaData,
     Select,
     bindparam,
+    case,
     delete,
     func,
     insert,
@@ -47,6 +48,20 @@ UNDONE = "EventUndone"
 
 KEPT_BLOCKS = 256
 """How deep a reorganization can be without the index being read anew; several times what chains allow."""
+
+GRACE_SHARE = 4
+"""`GRACE_SHARE` of TaskManager: the grace period is the execution window divided by it, in whole seconds."""
+
+_EXECUTION_END = case(
+    (
+        schema.tasks.c.accepted.is_(False),
+        schema.tasks.c.execution_deadline
+        - schema.tasks.c.execution_window_s
+        + schema.tasks.c.execution_window_s // GRACE_SHARE,
+    ),
+    else_=schema.tasks.c.execution_deadline,
+)
+"""Time (s) after which anybody may expire an assigned task. An attempt that nobody accepted ends earlier."""
 
 Row = dict[str, Any]
 
@@ -386,7 +401,7 @@ class Index:
         """Ids of the tasks whose running window ended before `now_s`."""
         tasks = schema.tasks.c
         late = select(tasks.id).where(
-            ((tasks.state == "assigned") & (tasks.execution_deadline < now_s))
+            ((tasks.state == "assigned") & (now_s > _EXECUTION_END))
             | ((tasks.state == "submitted") & (tasks.verdict_deadline < now_s))
             | ((tasks.state == "undecided") & (tasks.audit_deadline < now_s))
         )
@@ -398,7 +413,7 @@ class Index:
         ends = [
             select(func.min(deadline).label("end")).where(tasks.state == state, deadline >= now_s)
             for state, deadline in (
-                ("assigned", tasks.execution_deadline),
+                ("assigned", _EXECUTION_END),
                 ("submitted", tasks.verdict_deadline),
                 ("undecided", tasks.audit_deadline),
             )

@@ -804,7 +804,7 @@ def test_what_cannot_be_done_is_given_back_at_once_with_the_reason_and_the_next_
     signed = robot.sign_transaction({"to": offer.to, "data": offer.data, "type": 2, **fees, **about})
     w3.eth.wait_for_transaction_receipt(w3.eth.send_raw_transaction(signed.raw_transaction))
 
-    task_id = dao.post("10", kind="dusting", params={}, max_attempts=3)
+    task_id = dao.post("10", kind="dusting", params={}, max_attempts=4, execution_window_s=3600)
     dao.wait_for(lambda: "ProofSubmitted" in dao.names_of(task_id), "what the robot gives back")
     (service,) = dao.state("services", provider="panther1", kind="dusting")["services"]
     assert service["state"] == "paused"
@@ -822,10 +822,12 @@ def test_what_cannot_be_done_is_given_back_at_once_with_the_reason_and_the_next_
     task = Task.model_validate(dao.task(task_id))
     assert (task.state, task.executor_name, task.attempt) == ("assigned", "carla", 2)
     assert task.accepted is False, "nobody can check such a task before it is assigned"
-    dao.command("carla", "accept_task", task_id=task_id, attempt=2)
+    dao.set_clock(task.execution_deadline - 3600 + 900 + 2)
+    dao.wait_for(lambda: dao.names_of(task_id).count("TaskAssigned") == 3, "the end of the grace period")
+    dao.command("carla", "accept_task", task_id=task_id, attempt=3)
     dao.wait_for(lambda: dao.task(task_id)["accepted"], "carla's consent")
-    dao.command("carla", "abandon_task", task_id=task_id, attempt=2)
-    dao.wait_for(lambda: dao.names_of(task_id).count("TaskAssigned") == 3, "the last attempt")
+    dao.command("carla", "abandon_task", task_id=task_id, attempt=3)
+    dao.wait_for(lambda: dao.names_of(task_id).count("TaskAssigned") == 4, "the last attempt")
     assert [one["expired"] for one in dao.state("services", provider="carla")["services"]][-1] == 0
     dao.prove(task_id, "carla")
     dao.judge(task_id, accepted=True, judge="organization")

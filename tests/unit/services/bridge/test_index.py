@@ -422,6 +422,14 @@ def test_overdue_is_what_runs_beyond_its_window(chain: Chain) -> None:
     assert chain.index.overdue(10**9) == []
 
 
+def test_an_attempt_that_nobody_accepted_is_overdue_after_a_quarter_of_its_window(chain: Chain) -> None:
+    chain.block(registered(), offered(auto_accept=False), assigned(deadline=4_600))
+    assert chain.index.overdue(1_900) == [] and chain.index.next_end_s(1_900) == 1_900
+    assert chain.index.overdue(1_901) == [1] and chain.index.next_end_s(1_901) is None
+    chain.block(events.TaskAccepted(1, 1, ROBOT))
+    assert chain.index.overdue(4_600) == [] and chain.index.overdue(4_601) == [1]
+
+
 def test_balances_add_up_and_hold_256_bits(chain: Chain) -> None:
     everything = 2**256 - 1
     chain.block(
