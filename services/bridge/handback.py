@@ -1,24 +1,18 @@
 """Gives back at once what a participant of this bridge was assigned and cannot do.
 
 The bridge lets nobody offer that, but the contracts do: somebody may have used the key elsewhere, or the site
-file may have changed. They know no way to decline. So the service is paused, and a sealed statement that says
-why is handed in as the proof. Whoever judges the kind ends the attempt, and the task goes to the next one
-who offers it, instead of waiting for the end of a window in which nobody works. One attempt is lost.
+file may have changed. The service is paused, and the task abandoned, so that the next one who offers the kind
+gets it without waiting for the end of a window in which nobody works. In the grace period, and for a task
+that nobody accepted, this costs no penalty. One attempt is lost.
 """
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
-from pathlib import Path
+from collections.abc import Collection, Mapping
 from typing import Any
 
-from eth_account.signers.local import LocalAccount
-
-from rodeo.clock import Clock
 from rodeo.errors import RodeoError
-from rodeo.evidence import Binding, Recorder, Store
-from rodeo.topics import EVENT_CHANNEL
 from services.bridge.chain import Chain
 from services.bridge.commands import Wallet
 from services.bridge.names import Names
@@ -29,38 +23,26 @@ Row = Mapping[str, Any]
 
 
 class HandBack:
-    """`accounts` are the keys that this bridge has; `folder` keeps a statement until it is in the store."""
+    """`participants` are those whose keys this bridge has."""
 
-    def __init__(
-        self,
-        chain: Chain,
-        names: Names,
-        store: Store,
-        clock: Clock,
-        accounts: Mapping[str, LocalAccount],
-        folder: Path,
-    ) -> None:
+    def __init__(self, chain: Chain, names: Names, participants: Collection[str]) -> None:
         self._index = chain.index
         self._names = names
-        self._deployment = chain.deployment
-        self._store = store
-        self._clock = clock
-        self._accounts = accounts
-        self._folder = folder
+        self._participants = participants
 
     def due(self) -> list[tuple[str, str, Row]]:
         """(participant, why it cannot do it, task) of what is assigned to somebody who cannot do it."""
         found: list[tuple[str, str, Row]] = []
         for task in self._index.assigned():
             name = self._names.name(task["executor"])
-            if name is not None and name in self._accounts:
+            if name is not None and name in self._participants:
                 reason = self._names.cannot_do(name, task["kind"])
                 if reason:
                     found.append((name, reason, task))
         return found
 
     def perform(self, wallet: Wallet, reason: str, task: Row) -> None:
-        """Pause the service and hand in why; in the participant's own thread. What fails is tried again."""
+        """Pause the service and abandon the task, in the participant's own thread. What fails is retried."""
         try:
             self._perform(wallet, reason, task)
         except (RodeoError, OSError) as error:
@@ -71,39 +53,9 @@ class HandBack:
         service = self._index.service(task["service_id"])
         if service is not None and service["state"] == "active":
             _done(wallet, "update_service", {"service_id": service["id"], "state": "paused"})
-        uri, sha256 = self._statement(wallet.participant, reason, task)
-        proof = {
-            "request_id": f"given-back-{task['id']}-{task['attempt']}-{task['nonce']}",
-            "task_id": task["id"],
-            "attempt": task["attempt"],
-            "proof_sha256": sha256,
-            "proof_uri": uri,
-        }
-        _done(wallet, "submit_proof", proof)
-
-    def _statement(self, participant: str, reason: str, task: Row) -> tuple[str, str]:
-        """URI and SHA-256 of the sealed statement in the store."""
-        account = self._accounts[participant]
-        binding = Binding(
-            chain_id=self._deployment.chain_id,
-            task_manager=self._deployment.contracts["TaskManager"],
-            organization=self._deployment.contracts["Organization"],
-            device=participant,
-            task_id=task["id"],
-            attempt=task["attempt"],
-            executor=task["executor"],
-            nonce=task["nonce"],
-        )
-        path = self._folder / f"{task['id']}-{task['attempt']}.mcap"
-        path.unlink(missing_ok=True)  # half a one, of a process that was killed
-        note = f"Returned unfinished: {reason}."
-        recorder = Recorder(path, binding, account, self._clock)
-        recorder.write_json(EVENT_CHANNEL, {"event": "execution_failed", "message": reason})
-        recorder.write_json(EVENT_CHANNEL, {"event": "statement", "note": note, "photos_sha256": []})
-        sealed = recorder.close()
-        uri = self._store.put(path)
-        path.unlink()
-        return uri, sealed.sha256
+        attempt = {"task_id": task["id"], "attempt": task["attempt"]}
+        request_id = f"given-back-{task['id']}-{task['attempt']}-{task['nonce']}"
+        _done(wallet, "abandon_task", {"request_id": request_id, **attempt})
 
 
 def _done(wallet: Wallet, command: str, request: dict[str, Any]) -> None:

@@ -279,14 +279,7 @@ class Bridge:
             queries=Queries(held, names, client, site.chain.url, store.urls),
             wallets={name: wallet(name) for name in self._threads},
             continuity=Continuity(journal, node, addresses, deployment.sent),
-            handback=HandBack(
-                held,
-                names,
-                store,
-                self._clock,
-                self._accounts,
-                self._process.data_dir / "given-back",
-            ),
+            handback=HandBack(held, names, self._accounts),
         )
         # Asked when somebody looks: also of a bridge that is not ready.
         INDEXED_BLOCK.set_function(lambda: index.position.block)
