@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from pydantic import Base64Bytes, BaseModel, Field, StringConstraints
+from pydantic import Base64Bytes, BaseModel, Field, StringConstraints, model_validator
 
 from rodeo import topics, wallets
 from rodeo.bus import Bus, validate
@@ -130,6 +130,14 @@ class Judge(Message):
     reason: Annotated[str, StringConstraints(min_length=1, max_length=500)]
     amount_iec: Payment | None = None
     """What accepted work is paid; the agreed price by default."""
+    impossible: bool = False
+    """Instead of a rejection: nobody could do the task."""
+
+    @model_validator(mode="after")
+    def _one_verdict(self) -> Judge:
+        if self.accepted and self.impossible:
+            raise ValueError("give one verdict: accepted or impossible")
+        return self
 
 
 class Nothing(Message):
@@ -268,7 +276,15 @@ def _submit_work(actions: Actions, user: User, request: SubmitWork) -> Json:
 
 def _judge(actions: Actions, user: User, request: Judge) -> Json:
     auditor = Participant(actions.bus, actions.site.org, user.participant or ORGANIZATION)
-    judge(actions.site, auditor, request.task_id, request.accepted, request.reason, request.amount_iec)
+    judge(
+        actions.site,
+        auditor,
+        request.task_id,
+        request.accepted,
+        request.reason,
+        request.amount_iec,
+        request.impossible,
+    )
     return {"task_id": request.task_id, "accepted": request.accepted}
 
 
@@ -366,7 +382,8 @@ _TABLE = (
     Action("accept_work", "Accept a task that is assigned to you", TaskId, _EXECUTOR, _accept_work),
     Action("submit_work", "Submit a note and photos as the proof of your work", SubmitWork, _EXECUTOR,
            _submit_work),
-    Action("judge", "Approve or reject a proof that waits for an auditor", Judge, _AUDITOR, _judge),
+    Action("judge", "Approve or reject a proof that waits for an auditor, or call its task impossible", Judge,
+           _AUDITOR, _judge),
     Action("cast_vote", "Vote on a proposal as a member; once and for all", CastVote, _EXECUTOR, _cast_vote),
     Action("create_user", "Make an account for a person", NewUser, _ADMINISTRATOR, _create_user),
     Action("change_user", "Change roles or disable an account", ChangedUser, _ADMINISTRATOR, _change_user),

@@ -13,6 +13,7 @@ import secrets
 import time
 from collections.abc import Iterator
 from contextlib import suppress
+from decimal import Decimal
 from types import SimpleNamespace
 from typing import Any
 
@@ -345,6 +346,25 @@ def test_an_auditor_pays_a_part_of_what_the_oracle_could_not_decide(desk: Office
     expect(agreement.get_by_text("79.5 IEC")).to_be_visible()
     task = desk.dao.task(task_id)
     assert (task["state"], task["paid_iec"], task["refunded_iec"]) == ("settled", "40.5", "79.5")
+    page.close()
+
+
+def test_an_auditor_says_that_nobody_could_do_a_task(desk: Office) -> None:
+    task_id = desk.dao.post("120")
+    desk.dao.prove(task_id)
+    desk.dao.verdict(task_id, "undecided", "no place has these coordinates")
+    page = desk.page("ada")
+    open_page(page, "/work")
+    page.get_by_role("button", name=f"Judge task {task_id}").click()
+    page.get_by_label("Why?").fill("The item is behind a wall")
+    page.get_by_role("button", name="Impossible").click()
+    sure = page.get_by_role("dialog", name="Could nobody do this task?")
+    price_iec = Decimal(desk.dao.task(task_id)["price_iec"])
+    expect(sure.get_by_text(f"{price_iec / 10:f} IEC", exact=True)).to_be_visible()
+    sure.get_by_role("button", name="Impossible").click()
+    desk.dao.wait_for(lambda: desk.dao.task(task_id)["state"] == "settled", "the verdict")
+    task = desk.dao.task(task_id)
+    assert (task["verdict"], Decimal(task["paid_iec"])) == ("impossible", price_iec / 10)
     page.close()
 
 

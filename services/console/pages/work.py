@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+from decimal import Decimal
 from functools import partial
 from typing import Any
 
@@ -283,21 +284,23 @@ class AuditorDesk:
             except RodeoError as error:
                 known = [f"Cannot load the proof's details: {explain(error)}"]
 
-        async def answer(accepted: bool) -> None:
+        async def answer(word: str) -> None:
+            accepted, impossible = word == "Approve", word == "Impossible"
             text, paid = (reason.value or "").strip(), (amount.value or "").strip()
             if not text:
                 ui.notify("Give a reason: the executor reads it", type="warning")
                 return
-            word = "Approve" if accepted else "Reject"
+            tenth = iec((task.price_iec or Decimal(0)) / 10)  # IMPOSSIBLE_SHARE of the contract
             lines = [
                 ("Task", f"{task.id} · {kind(task.kind)}"),
                 ("Reason", text),
                 ("Agreed price", iec(task.price_iec)),
-                ("Paid to the executor", f"{paid} IEC" if accepted else iec(0)),
+                ("Paid to the executor", f"{paid} IEC" if accepted else tenth if impossible else iec(0)),
             ]
-            if not await confirm(f"{word} this work?", lines, word, danger=not accepted):
+            title = "Could nobody do this task?" if impossible else f"{word} this work?"
+            if not await confirm(title, lines, word, danger=not accepted):
                 return
-            request = {"task_id": task.id, "accepted": accepted, "reason": text}
+            request = {"task_id": task.id, "accepted": accepted, "impossible": impossible, "reason": text}
             if accepted and task.price_iec:
                 request["amount_iec"] = paid
             if await act(self._console, "judge", request, f"Task {task.id} is judged") is not None:
@@ -325,6 +328,9 @@ class AuditorDesk:
             amount.props("outlined dense").style("width: 100%")
             with ui.element("div").classes("dialog-buttons"):
                 ui.button("Back", on_click=lambda: dialog.submit(None)).props("flat")
-                ui.button("Reject", on_click=partial(answer, False), color="negative").props("outline")
-                ui.button("Approve", on_click=partial(answer, True)).props("unelevated")
+                ui.button("Impossible", on_click=partial(answer, "Impossible")).props("flat").tooltip(
+                    "Nobody could do this task: its executor is paid a tenth of the price"
+                )
+                ui.button("Reject", on_click=partial(answer, "Reject"), color="negative").props("outline")
+                ui.button("Approve", on_click=partial(answer, "Approve")).props("unelevated")
         await dialog
