@@ -40,7 +40,6 @@ _STALL_POWERED_S = 60.0
 
 _LOOK_PERIODS = 10
 """Control periods between two looks for obstacles on the way."""
-_REST_SPEED = 1e-3
 _MJ_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _ON_FLOOR_M = 0.15
 
@@ -256,7 +255,7 @@ class Simulation:
     def still(self) -> bool:
         """Whether nothing moves and nothing is asked to."""
         idle = all(robot.idle for robot in self.robots.values())
-        return idle and float(np.abs(self.data.qvel).max()) < _REST_SPEED
+        return idle and self.steps.rests
 
     @property
     def _gripping(self) -> bool:

@@ -37,8 +37,11 @@ HELD_M = 0.08
 """The same of an item that a closed gripper holds."""
 STANDING_SPEED = 0.01
 """m/s or rad/s: a base slower than this comes no nearer to anything within a period."""
-LOOSE_STILL = 1e-3
-"""m/s or rad/s: what is loose rests below it."""
+REST_SPEED = 1e-3
+"""m/s or rad/s: whatever has a joint rests below it, but for items."""
+ITEM_REST_M_S, ITEM_REST_RAD_S = 5e-3, 0.1
+"""The same of an item. Where several lie in a bucket, soft contacts let them creep over each other for minutes, at up
+to 2 mm/s and 0.06 rad/s. What falls, rolls or tips over is faster within some milliseconds."""
 FINGER_STILL_M_S = 2e-3
 HOLDS_BELOW_M = GRIPPER_OPEN_M - 0.003
 """A finger further in may hold something."""
@@ -64,7 +67,11 @@ class Steps:
         self._gripping = gripping
         self._position, self._velocity = data.qpos, data.qvel
         self._bodies_m, self._sites_m = data.xpos, data.site_xpos
-        self._still = np.full(model.nv, LOOSE_STILL)
+        self._items = np.array([model.body(body).id for body in loose], int)
+        self._item_dofs = model.body_dofadr[self._items][:, None] + np.arange(6)
+        self._rest = np.full(model.nv, REST_SPEED)
+        self._rest[self._item_dofs] = [ITEM_REST_M_S] * 3 + [ITEM_REST_RAD_S] * 3
+        self._still = self._rest.copy()
         """(nv,) the most that each speed may be in a world that is not stepped narrowly."""
         base_dofs = np.empty((len(robots), 6), int)
         fingers = np.empty((len(robots), 2), int)
@@ -79,8 +86,11 @@ class Steps:
         self._base_dofs, self._fingers = base_dofs, fingers
         self._bases = np.array([model.body(f"{robot}/base_link").id for robot in robots], int)
         self._hands = np.array([model.site(f"{robot}/{GRASP_SITE}").id for robot in robots], int)
-        self._items = np.array([model.body(body).id for body in loose], int)
-        self._item_dofs = model.body_dofadr[self._items][:, None] + np.arange(6)
+
+    @property
+    def rests(self) -> bool:
+        """Whether nothing moves at all."""
+        return bool((np.abs(self._velocity) < self._rest).all())
 
     @property
     def width_s(self) -> float:

@@ -221,3 +221,12 @@ def test_a_restored_world_steps_as_the_saved_one_goes_on(simulation: Simulation)
     assert (other.x_m, other.y_m, other.yaw_rad) == pytest.approx(
         (robot.x_m, robot.y_m, robot.yaw_rad), abs=1e-9
     )
+
+
+@pytest.mark.parametrize(("speed_m_s", "rate_rad_s", "rests"), [(0.002, 0.06, True), (0.02, 0.0, False), (0.0, 0.3, False)])
+def test_an_item_that_creeps_neither_narrows_the_steps_nor_keeps_the_time_from_jumping(
+    simulation: Simulation, speed_m_s: float, rate_rad_s: float, rests: bool
+) -> None:
+    simulation.data.joint("item2").qvel[:] = [speed_m_s, 0, 0, 0, 0, rate_rad_s]
+    assert (simulation.steps.width_s == WIDE_S) == rests
+    assert simulation.still == rests
