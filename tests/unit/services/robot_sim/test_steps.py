@@ -223,7 +223,9 @@ def test_a_restored_world_steps_as_the_saved_one_goes_on(simulation: Simulation)
     )
 
 
-@pytest.mark.parametrize(("speed_m_s", "rate_rad_s", "rests"), [(0.002, 0.06, True), (0.02, 0.0, False), (0.0, 0.3, False)])
+@pytest.mark.parametrize(
+    ("speed_m_s", "rate_rad_s", "rests"), [(0.002, 0.06, True), (0.02, 0.0, False), (0.0, 0.3, False)]
+)
 def test_an_item_that_creeps_neither_narrows_the_steps_nor_keeps_the_time_from_jumping(
     simulation: Simulation, speed_m_s: float, rate_rad_s: float, rests: bool
 ) -> None:
