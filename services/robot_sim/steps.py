@@ -40,7 +40,7 @@ STANDING_SPEED = 0.01
 REST_SPEED = 1e-3
 """m/s or rad/s: whatever has a joint rests below it, but for items."""
 ITEM_REST_M_S, ITEM_REST_RAD_S = 5e-3, 0.1
-"""The same of an item. Where several lie in a bucket, soft contacts let them creep over each other for minutes,
+"""The same of an item. In a bucket, soft contacts let several creep over each other for minutes,
 at up to 2 mm/s and 0.06 rad/s. What falls, rolls or tips over is faster within some milliseconds."""
 FINGER_STILL_M_S = 2e-3
 HOLDS_BELOW_M = GRIPPER_OPEN_M - 0.003
