@@ -125,14 +125,18 @@ def _run(
     from rodeo_experiments.record import Run
     from rodeo_experiments.report import write_report
     from rodeo_experiments.results import Figures
-    from rodeo_experiments.site import write_site
+    from rodeo_experiments.site import Begun, write_site
 
-    path, record = out / "site.toml", out / "run.json"
-    if not (resume and path.exists()):
-        write_site(base, out, vary)
-    site = Site.load(path)
+    path, record, options = out / "site.toml", out / "run.json", _options(base, vary, source)
+    if resume and path.exists():
+        times = Begun.load(out, options).times_s
+        site = Site.load(path)
+    else:
+        site = Site.load(write_site(base, out, vary))
+        assert site.experiment is not None
+        times = plan(site, site.experiment, source)
+        Begun(options=options, times_s=times).save(out)
     assert site.experiment is not None
-    times = plan(site, site.experiment, source)
     if not record.exists():
         say(f"{len(times)} arrivals in {site.experiment.days} site days, seed {site.clock.seed}. Logs: {out}")
         with _Shown() as shown:
@@ -147,6 +151,20 @@ def _run(
         f"{run.wall_s:.0f} s of wall time."
     )
     return problems
+
+
+def _options(base: Path, vary: Variation, source: str) -> dict[str, str | int | None]:
+    """What was asked for, by its name on the command line; None where nothing was."""
+    return {
+        "site": None if base == PAPER else str(base.resolve()),
+        "seed": vary.seed,
+        "days": vary.days,
+        "robots": vary.robots,
+        "arrivals": source or None,
+        "tariff": None if vary.tariff is None else str(vary.tariff.resolve()),
+        "chain": vary.chain,
+        "pace": "paper" if vary.slow else None,
+    }
 
 
 def _run_seeds(base: Path, out: Path, vary: Variation, source: str, resume: bool, count: int) -> list[str]:

@@ -9,15 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel, ValidationError
+
 from rodeo.chance import generator
 from rodeo.config import Site, read_tables
-from rodeo.files import begin_folder
+from rodeo.files import begin_folder, replace_file
 from rodeo.robot.navigation import Floor
 from rodeo.site_problems import toml
 from rodeo_experiments.errors import ExperimentFailed
 from rodeo_experiments.lab import free_place
 
 _WRITTEN = "# Written by `rodeo experiment`."
+_BEGUN = "begun.json"
 
 
 @dataclass(frozen=True)
@@ -68,6 +71,36 @@ def write_site(base: Path, folder: Path, vary: Variation) -> Path:
         )
     )
     return path
+
+
+class Begun(BaseModel):
+    """What a run was begun with, so that it goes on as the same one."""
+
+    options: dict[str, str | int | None]
+    """By the name on the command line; None where the site file's value holds."""
+    times_s: list[float]
+    """Site times of the arrivals."""
+
+    def save(self, folder: Path) -> None:
+        replace_file(folder / _BEGUN, self.model_dump_json(indent=2) + "\n")
+
+    @classmethod
+    def load(cls, folder: Path, options: dict[str, str | int | None]) -> Begun:
+        """Raises ExperimentFailed where an option is given that had another value, or nothing was begun."""
+        try:
+            begun = cls.model_validate_json((folder / _BEGUN).read_bytes())
+        except (OSError, ValidationError) as error:
+            raise ExperimentFailed(
+                "this folder holds no run that can go on", path=str(folder), reason=str(error)
+            ) from error
+        for name, value in options.items():
+            if value is not None and value != (before := begun.options.get(name)):
+                raise ExperimentFailed(
+                    f"--resume goes on with what a run was begun with: leave out --{name}",
+                    given=value,
+                    begun_with="the site file's value" if before is None else before,
+                )
+        return begun
 
 
 def _robots(site: Site, tables: list[dict[str, Any]], vary: Variation) -> list[dict[str, Any]]:

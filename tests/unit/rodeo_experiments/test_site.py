@@ -10,7 +10,7 @@ import pytest
 from rodeo.config import Site
 from rodeo_cli.experiment import PAPER
 from rodeo_experiments.errors import ExperimentFailed
-from rodeo_experiments.site import Variation, write_site
+from rodeo_experiments.site import Begun, Variation, write_site
 from tests.support.site import LAB
 
 
@@ -45,3 +45,14 @@ def test_the_papers_pace_is_slower(tmp_path: Path) -> None:
 def test_a_site_without_an_experiment_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ExperimentFailed):
         write_site(LAB, tmp_path / "run", Variation())
+
+
+def test_a_run_goes_on_only_with_what_it_was_begun_with(tmp_path: Path) -> None:
+    with pytest.raises(ExperimentFailed):
+        Begun.load(tmp_path, {})
+    Begun(options={"seed": 7, "pace": None, "arrivals": "a.csv"}, times_s=[1.5]).save(tmp_path)
+    for given in ({}, {"seed": None}, {"seed": 7, "pace": None, "arrivals": "a.csv"}):
+        assert Begun.load(tmp_path, given).times_s == [1.5]
+    for given, name in (({"seed": 8}, "--seed"), ({"pace": "paper"}, "--pace"), ({"days": 2}, "--days")):
+        with pytest.raises(ExperimentFailed, match=name):
+            Begun.load(tmp_path, given)
