@@ -535,7 +535,12 @@ class Agent:
         try:
             with self._interrupts.also(self._undistracted):
                 self._manipulator.fold()
-                self._body.navigate(home)
+                try:
+                    self._body.navigate(home)
+                except MotionFailed as error:
+                    log.info("making way: %s", error)
+                    # Who stands in the way may be waiting for this one to go.
+                    self._body.navigate(next(self._floor.explore(self._memory.lying(), self._chance)))
         except Distracted:
             return
         except (MotionFailed, Unreachable) as error:
