@@ -32,6 +32,8 @@ STRAIGHT_IN_M = 0.45
 LONGEST_STRAIGHT_M = 2.0
 ITEM_RADIUS_M = 0.05
 """How far a piece of trash may reach from its centre, for driving around it."""
+_ROUNDED_M = -CELL_M
+"""Margin for who stands beside something already: on the map that is larger by up to its radius and half a cell."""
 
 Point2 = tuple[float, float]
 
@@ -154,8 +156,7 @@ def plan(lab: Map, start: Pose2, goal: Pose2) -> Route:
     approach = _straight(lab, goal, _steps(STRAIGHT_IN_M), sign=-1) or _straight(lab, goal, [0.0], sign=-1)
     if approach is None:
         raise NoValidPath(208, "there is no space to approach the goal", goal=goal.model_dump())
-    backwards = _straight(lab, start, [0.0, *_steps(CELL_M)], sign=-1)
-    depart = backwards or _straight(lab, start, _steps(CELL_M), sign=1)
+    depart = _depart(lab, start, 0.0) or _depart(lab, start, _ROUNDED_M)
     if depart is None:
         raise NoValidPath(208, "the robot is boxed in", start=start.model_dump())
     way = _shortest(lab, (depart.x_m, depart.y_m), (approach.x_m, approach.y_m))
@@ -164,18 +165,25 @@ def plan(lab: Map, start: Pose2, goal: Pose2) -> Route:
     return Route(goal, depart, tuple(way))
 
 
+def _depart(lab: Map, start: Pose2, margin_m: float) -> Pose2 | None:
+    backwards = _straight(lab, start, [0.0, *_steps(CELL_M)], sign=-1, margin_m=margin_m)
+    return backwards or _straight(lab, start, _steps(CELL_M), sign=1, margin_m=margin_m)
+
+
 def _steps(first_m: float) -> list[float]:
     return [float(step) for step in np.arange(first_m, LONGEST_STRAIGHT_M, CELL_M)]
 
 
-def _straight(lab: Map, pose: Pose2, lengths_m: Sequence[float], sign: int) -> Pose2 | None:
+def _straight(
+    lab: Map, pose: Pose2, lengths_m: Sequence[float], sign: int, margin_m: float = 0.0
+) -> Pose2 | None:
     """The first place straight behind (or ahead) where the robot can turn, if the way there is free."""
     free_m = 0.0
     for length_m in lengths_m:
         while free_m < length_m:
             free_m = min(free_m + CELL_M, length_m)
             x, y = ahead(pose, sign * free_m)
-            if not lab.fits(Pose2(x_m=x, y_m=y, yaw_rad=pose.yaw_rad), margin_m=0.0):
+            if not lab.fits(Pose2(x_m=x, y_m=y, yaw_rad=pose.yaw_rad), margin_m=margin_m):
                 return None
         x, y = ahead(pose, sign * length_m)
         if lab.can_turn(x, y):

@@ -6,7 +6,8 @@ import pytest
 
 from rodeo.config import Site
 from rodeo.lab.config import Pose2
-from rodeo.lab.layout import FOOTPRINT_RADIUS_M, BinLayout, dock_parking
+from rodeo.lab.geometry import ahead
+from rodeo.lab.layout import FOOTPRINT_RADIUS_M, HALF_WIDTH_M, BinLayout, dock_parking
 from services.robot_sim.planner import GoalOccupied, GoalOutsideMap, Map, NoValidPath, Route, plan
 from tests.support.site import LAB
 
@@ -89,3 +90,21 @@ def test_a_goal_behind_a_barrier_is_refused(site: Site) -> None:
     with pytest.raises(NoValidPath) as caught:
         plan(Map.of(site, barrier), START, Pose2(x_m=5.5, y_m=3.0))
     assert caught.value.error_code == 208
+
+
+@pytest.mark.parametrize("beside_m", [0.02, -0.06])
+def test_a_robot_beside_something_drives_away_from_it_unless_it_stands_in_it(
+    site: Site, beside_m: float
+) -> None:
+    start, goal = Pose2(x_m=3.15, y_m=1.7, yaw_rad=-2.2), dock_parking(site.docks[0])
+    side_m = HALF_WIDTH_M + beside_m
+    # Another robot's flank, as the lidar sees it.
+    flank = [ahead(start, along_m / 100, side_m) for along_m in range(-40, 45, 5)]
+    lab = Map.of(site, flank)
+    assert not lab.fits(start, margin_m=0.0)
+    if beside_m < 0:
+        with pytest.raises(NoValidPath, match="boxed in"):
+            plan(lab, start, goal)
+        return
+    route = plan(lab, start, goal)
+    assert (route.depart.x_m, route.depart.y_m) != (start.x_m, start.y_m)
