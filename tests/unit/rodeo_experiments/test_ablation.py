@@ -26,6 +26,7 @@ def weight(case: Case) -> Finding:
 
 
 def colour(case: Case) -> Finding:
+    assert "unreadable" not in str(case)  # `speed` passed
     return Finding(passed="colour" not in str(case))
 
 
@@ -72,6 +73,7 @@ def ablation() -> KindAblation:
     wrong("too_fast", "speed")
     wrong("too_fast_and_heavy", "speed weight")
     wrong("too_fast_and_blue", "speed colour")
+    wrong("too_fast_and_unreadable", "speed unreadable")
 
     @harness.honest
     def honest(_shop: Any) -> Submission:
@@ -94,6 +96,12 @@ def test_a_forgery_passes_without_the_only_check_that_refuses_it() -> None:
     assert parts["weight"].decides == 0
     everything = next(part for part in one.parts() if len(part.checks) == 3)
     assert everything.passing == ["too_fast", "too_fast_and_heavy", "too_fast_and_blue"]
+
+
+def test_a_forgery_on_which_a_later_check_cannot_do_without_an_earlier_one_does_not_pass() -> None:
+    one = ablation()
+    one.forge(["too_fast_and_unreadable"], silent)
+    assert {part.name: part.passing for part in one.parts()}["speed"] == []
 
 
 def test_a_noisy_honest_run_returns_without_the_check_that_refuses_it() -> None:
