@@ -33,7 +33,7 @@ LONGEST_STRAIGHT_M = 2.0
 ITEM_RADIUS_M = 0.05
 """How far a piece of trash may reach from its centre, for driving around it."""
 _ROUNDED_M = -CELL_M
-"""Margin for who stands beside something already: on the map that is larger by up to its radius and half a cell."""
+"""Margin for who stands beside something: on the map that is larger by up to its radius and half a cell."""
 
 Point2 = tuple[float, float]
 
