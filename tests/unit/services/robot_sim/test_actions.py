@@ -213,7 +213,8 @@ class TestAnotherArm:
         names = joint_names(body.arm_model)
         assert names == (*joints, "left_finger", "right_finger", *WHEEL_JOINTS)
         template = messages.joint_state_template(names)
-        cdr = template.encode(1, body.positions, body.velocities, body.efforts)
+        positions = body.positions.copy()  # the simulation goes on in its thread
+        cdr = template.encode(1, positions, body.velocities, body.efforts)
         message = types.deserialize(cdr, "sensor_msgs/msg/JointState")
         assert message.name == list(names)
-        assert (message.position == body.positions).all()
+        assert (message.position == positions).all()
