@@ -12,8 +12,9 @@ import numpy as np
 from rodeo import topics
 from rodeo.config import Site
 from rodeo.lab.config import ItemConfig, Pose2
+from rodeo.lab.geometry import ahead
 from rodeo.lab.items import rest_pose
-from rodeo.lab.layout import BinLayout, dock_parking
+from rodeo.lab.layout import BUMPER_M, FOOTPRINT_RADIUS_M, HALF_WIDTH_M, BinLayout, dock_parking
 from rodeo.robot.errors import Unreachable
 from rodeo.robot.navigation import Floor
 from rodeo.ros2 import Node, types
@@ -24,6 +25,8 @@ FREE_M = 0.62
 """From furniture and walls: the robot has to stand and turn somewhere near the item."""
 APART_M = 0.9
 """Between an item and the next one, or the place where a robot stands."""
+ROBOTS_APART_M = 2 * FOOTPRINT_RADIUS_M + 0.15
+"""Between a robot's own place and where another one rests or parks: one can turn while the other stands."""
 _OUTSIDE_M = (-2.0, 0.35)
 """Items that nobody has thrown away wait in a row behind the lab's western wall."""
 _TRIES = 2000
@@ -65,7 +68,7 @@ class Lab:
         self._put(self._items[item], Pose2(x_m=x_m, y_m=step_m * number))
 
     def put_down(self, item: str, lying: Collection[Point]) -> Point:
-        """On free floor that a robot can reach, apart from the `lying` items and from where robots are.
+        """On free floor that each robot can reach, apart from the `lying` items and from where robots are.
 
         Raises ExperimentFailed when there is no such place.
         """
@@ -101,9 +104,11 @@ def free_place(
     chance: np.random.Generator,
     taken: Collection[Point],
     lying: Collection[Point] = (),
+    apart_m: float = APART_M,
 ) -> Point:
-    """A random place on the floor (m): clear of furniture, apart from what is `taken` and from where robots
-    park, with a way to it and from it to every bin around the `lying` items. Raises ExperimentFailed."""
+    """A random place on the floor (m): clear of furniture, `apart_m` from what is `taken` and from where
+    robots park, with a way for each robot to it and from it to every bin, around the `lying` items and the
+    other robots at their own places. Raises ExperimentFailed."""
     length_m, width_m = site.lab.size_m
     parkings = [*(BinLayout(one).parking for one in site.bins), *map(dock_parking, site.docks)]
     avoided = [*taken, *((one.x_m, one.y_m) for one in parkings)]
@@ -111,7 +116,7 @@ def free_place(
         place = round(float(chance.uniform(0, length_m)), 3), round(float(chance.uniform(0, width_m)), 3)
         if floor.clearance_m(*place) < FREE_M:
             continue
-        if min((math.dist(place, other) for other in avoided), default=math.inf) < APART_M:
+        if min((math.dist(place, other) for other in avoided), default=math.inf) < apart_m:
             continue
         if is_reachable(site, floor, place, lying):
             return place
@@ -119,8 +124,24 @@ def free_place(
 
 
 def is_reachable(site: Site, floor: Floor, place: Point, lying: Collection[Point]) -> bool:
-    """Whether a robot finds a way from its own place to the item, and from there to every bin."""
-    lab, start = Map.of(site, [place, *lying]), site.robots[0].pose
+    """Whether each robot finds a way from its own place to the item, and from there to every bin."""
+    homes = [robot.pose for robot in site.robots]
+    return all(
+        _is_reachable_from(site, floor, home, place, [*lying, *_outlines(homes, home)]) for home in homes
+    )
+
+
+def keep_clear(site: Site, homes: Collection[Pose2]) -> bool:
+    """Whether a robot finds a way from each of these places to every bin and dock while others rest at the
+    other ones."""
+    ends = [*(BinLayout(one).parking for one in site.bins), *map(dock_parking, site.docks)]
+    return all(_way(Map.of(site, _outlines(homes, home)), home, end) for home in homes for end in ends)
+
+
+def _is_reachable_from(
+    site: Site, floor: Floor, start: Pose2, place: Point, lying: Collection[Point]
+) -> bool:
+    lab = Map.of(site, [place, *lying])
     ends = [BinLayout(one).parking for one in site.bins]
     try:
         stands = floor.grasp_poses(place, lying, start)
@@ -130,6 +151,17 @@ def is_reachable(site: Site, floor: Floor, place: Point, lying: Collection[Point
     return any(_way(lab, start, pose) for pose in lookouts[:12]) and any(
         _way(lab, start, pose) and all(_way(lab, pose, end) for end in ends) for pose in stands
     )
+
+
+def _outlines(homes: Collection[Pose2], but: Pose2) -> list[Point]:
+    """Points (m) along the sides of robots that stand there, so close that nobody drives between them."""
+    return [
+        ahead(robot, BUMPER_M * along, HALF_WIDTH_M * across)
+        for robot in homes
+        if robot != but
+        for along in (-1.0, 0.0, 1.0)
+        for across in (-1.0, 0.0, 1.0)
+    ]
 
 
 def _way(lab: Map, here: Pose2, there: Pose2) -> bool:

@@ -212,8 +212,17 @@ def _summary(figures: Figures) -> str:
     return (
         f"{robots} did {results['cleaning_settled']} of {count(len(run.arrivals), 'cleaning')} in "
         f"{count(run.days, 'site day')} and bought {charges}. The run took {run.wall_s:.0f} s of wall time "
-        f"with seed {run.seed}. {kept}"
+        f"with seed {run.seed}. {kept}{_each(figures)}"
     )
+
+
+def _each(figures: Figures) -> str:
+    """Of a run with several robots."""
+    robots = figures.run.robots
+    if len(robots) == 1:
+        return ""
+    balances = ", ".join(f"{robot} {figures.balance(robot):,.0f} IEC" for robot in robots)
+    return f" In the end: {balances}. Balances and what they fund are those of {robots[0]} below."
 
 
 def count(number: int, one: str) -> str:

@@ -231,7 +231,7 @@ class Figures:
     # ----------------------------------------------------------------------------------------------------
 
     def results(self) -> dict[str, Value]:
-        """`results.json`."""
+        """`results.json`. Balances and what they fund are the first robot's where nothing else is said."""
         run, robot = self.run, self.run.robots[0]
         cleaning_min, charging_min = self.execution_min(self.cleanings), self.execution_min(self.charges)
         settled_work = self.settled(self.cleanings)
@@ -259,6 +259,7 @@ class Figures:
             "charging_interval_h_median": median(self.intervals_h),
             "balance_start_iec": float(self.balance(robot, self.started_s)),
             "balance_end_iec": float(self.balance(robot)),
+            "balance_end_iec_per_robot": [float(self.balance(one)) for one in run.robots],
             "organization_start_iec": float(self.balance("organization", self.started_s)),
             "organization_end_iec": float(self.balance("organization")),
             "supply_conserved": self.is_conserved,

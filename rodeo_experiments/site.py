@@ -14,13 +14,16 @@ from pydantic import BaseModel, ValidationError
 from rodeo.chance import generator
 from rodeo.config import Site, read_tables
 from rodeo.files import begin_folder, replace_file
+from rodeo.lab.config import Pose2
 from rodeo.robot.navigation import Floor
 from rodeo.site_problems import toml
 from rodeo_experiments.errors import ExperimentFailed
-from rodeo_experiments.lab import free_place
+from rodeo_experiments.lab import ROBOTS_APART_M, Point, free_place, keep_clear
 
 _WRITTEN = "# Written by `rodeo experiment`."
 _BEGUN = "begun.json"
+_TRIES = 100
+"""To find places for all robots."""
 
 
 @dataclass(frozen=True)
@@ -104,20 +107,32 @@ class Begun(BaseModel):
 
 
 def _robots(site: Site, tables: list[dict[str, Any]], vary: Variation) -> list[dict[str, Any]]:
-    """The site's robots, and more of the first one's make on free floor."""
+    """The site's robots; or so many of the first one's make, each at a place of its own on free floor."""
     assert site.experiment is not None
-    count = len(tables) if vary.robots is None else vary.robots
-    chance = generator(site, "arrivals", "robots", repeatable=True)
-    robots = tables[:count]
-    places = [(one["pose"]["x_m"], one["pose"]["y_m"]) for one in robots]
-    while len(robots) < count:
-        x_m, y_m = free_place(site, Floor(site), chance, places)
-        places.append((x_m, y_m))
-        name = f"{site.robots[0].name.rstrip('0123456789')}{len(robots) + 1}"
-        robots.append(robots[0] | {"name": name, "pose": {"x_m": x_m, "y_m": y_m, "yaw_rad": 0.0}})
+    robots = tables[: vary.robots]
+    if vary.robots is not None and vary.robots > len(tables):
+        name = site.robots[0].name.rstrip("0123456789")
+        robots = [
+            tables[0] | {"name": f"{name}{number}", "pose": pose.model_dump()}
+            for number, pose in enumerate(_places(site, vary.robots), start=1)
+        ]
     if vary.slow:
         robots = [one | {"limits": one.get("limits", {}) | site.experiment.slow_limits} for one in robots]
     return robots
+
+
+def _places(site: Site, count: int) -> list[Pose2]:
+    """Where robots rest and are in nobody's way. Raises ExperimentFailed."""
+    chance = generator(site, "arrivals", "robots", repeatable=True)
+    floor = Floor(site)
+    for _ in range(_TRIES):
+        places: list[Point] = []
+        for _robot in range(count):
+            places.append(free_place(site, floor, chance, places, apart_m=ROBOTS_APART_M))
+        poses = [Pose2(x_m=x_m, y_m=y_m) for x_m, y_m in places]
+        if keep_clear(site, poses):
+            return poses
+    raise ExperimentFailed("the room is too small for so many robots", robots=count, tries=_TRIES)
 
 
 def read_tariff(path: Path) -> list[dict[str, Any]]:

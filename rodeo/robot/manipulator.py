@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import math
 import threading
@@ -38,6 +39,9 @@ _PLACES = 12
 """Of the places where it may stand for something, the robot tries so many."""
 _BLOCKED_S = 8.0
 """Site time between two tries."""
+_ASIDE_SHARE = 0.5
+"""Of the tries after which a blocked robot makes way. Robots that block each other must not do the same."""
+_ASIDE_PLACES = 3
 _DOCKINGS = 4
 _LOOK_AROUND_S = 10.0
 """Site time after which a robot that waits hears of orders."""
@@ -71,16 +75,19 @@ class MobileManipulator:
         floor: Floor,
         memory: Memory,
         clock: Clock,
+        chance: np.random.Generator,
         stop: threading.Event,
     ) -> None:
-        """`stop` ends `wait`."""
+        """`chance` decides where the robot makes way; `stop` ends `wait`."""
         self._docks = site.docks
+        self._has_others = len(site.robots) > 1
         self._body = body
         self._arm = arm
         self._camera = camera
         self._floor = floor
         self._memory = memory
         self._clock = clock
+        self._chance = chance
         self._stop = stop
         self._above_placed: Point3 | None = None
         """Of the base frame: to where the fingers go up from what was placed last."""
@@ -102,7 +109,18 @@ class MobileManipulator:
                     failure = error
             if self._clock.now_s() >= give_up_s:
                 raise Blocked(failure.message, waited_s=patience_s, **failure.details) from failure
+            if self._has_others and self._chance.random() < _ASIDE_SHARE:
+                self.make_way()
             self.wait(_BLOCKED_S)
+
+    def make_way(self) -> None:
+        """Drive to some free place: who stands in the way may be waiting for this robot to go."""
+        for place in itertools.islice(self._floor.explore(self._memory.lying(), self._chance), _ASIDE_PLACES):
+            try:
+                self._body.navigate(place)
+                return
+            except MotionFailed as error:
+                log.info("cannot make way to x %.2f y %.2f: %s", place.x_m, place.y_m, error)
 
     def dock(self, at: DockConfig) -> None:
         if self.docked() == at:
@@ -115,6 +133,9 @@ class MobileManipulator:
                 if attempt == _DOCKINGS:
                     raise
                 log.warning("could not dock: %s", error)
+                if self._has_others:
+                    self.make_way()
+                    continue
             if self.docked() == at:
                 return
             log.info("missed the contacts; docking again")

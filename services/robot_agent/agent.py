@@ -140,6 +140,7 @@ class Agent:
         self._interrupts = Interrupts(self._check_orders)
         self._body = RosBody(self._node, site, robot, self._clock, self._interrupts)
         self._floor = Floor(site)
+        self._chance = generator(site, process.name, "explore")
         # Where the robot stands and what it holds, it is told over the bus.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
         self._witness = Witness(bus, site.org, robot.name, self._device, process.data_dir, inputs)
@@ -153,7 +154,15 @@ class Agent:
         self._item_pose = self._node.publisher(item_pose.name(ns=robot.namespace), item_pose.type)
         camera = WristCamera(self._make_node, robot, self._body, arm, self._clock)
         self._manipulator = MobileManipulator(
-            site, self._body, arm, camera, self._floor, self._memory, self._clock, self._stop
+            site,
+            self._body,
+            arm,
+            camera,
+            self._floor,
+            self._memory,
+            self._clock,
+            self._chance,
+            self._stop,
         )
         self._upkeep = Upkeep(site, robot, self._node, self._body, self._dao, self._clock, process.data_dir)
         self._prices = Prices(site, robot, self._dao, self._upkeep, self._clock, process.data_dir)
@@ -169,7 +178,6 @@ class Agent:
             self._receipts,
             self._behaviours,
         )
-        self._chance = generator(site, process.name, "explore")
         self._exploring = HourlyBudget(60 * site.agent.explore_min_per_h)
         self._schedule = robot.schedule
         self._off_since: Situation | None = None
@@ -539,8 +547,7 @@ class Agent:
                     self._body.navigate(home)
                 except MotionFailed as error:
                     log.info("making way: %s", error)
-                    # Who stands in the way may be waiting for this one to go.
-                    self._body.navigate(next(self._floor.explore(self._memory.lying(), self._chance)))
+                    self._manipulator.make_way()
         except Distracted:
             return
         except (MotionFailed, Unreachable) as error:

@@ -112,6 +112,12 @@ class Map:
             occupied |= np.hypot(x - item[0], y - item[1]) <= ITEM_RADIUS_M
         return cls(occupied)
 
+    def without(self, robot: Pose2) -> "Map":
+        """The same floor with nothing where this robot stands: what is seen there touches it from outside."""
+        columns, rows = self.occupied.shape[::-1]
+        x, y = np.meshgrid((np.arange(columns) + 0.5) * CELL_M, (np.arange(rows) + 0.5) * CELL_M)
+        return Map(self.occupied & ~_rectangle(x, y, robot, BUMPER_M, HALF_WIDTH_M))
+
     def cell(self, x_m: float, y_m: float) -> tuple[int, int]:
         return math.floor(y_m / CELL_M), math.floor(x_m / CELL_M)
 
@@ -153,10 +159,10 @@ def plan(lab: Map, start: Pose2, goal: Pose2) -> Route:
     # Parked places (bin, dock) leave less than the usual clearance ahead of the bumper.
     if not lab.fits(goal, margin_m=0.0):
         raise GoalOccupied(206, "the robot does not fit at the goal", goal=goal.model_dump())
-    approach = _straight(lab, goal, _steps(STRAIGHT_IN_M), sign=-1) or _straight(lab, goal, [0.0], sign=-1)
+    approach = _straight(lab, goal, _steps(STRAIGHT_IN_M), -1) or _straight(lab, goal, [0.0], -1)
     if approach is None:
         raise NoValidPath(208, "there is no space to approach the goal", goal=goal.model_dump())
-    depart = _depart(lab, start, 0.0) or _depart(lab, start, _ROUNDED_M)
+    depart = _depart(lab, start)
     if depart is None:
         raise NoValidPath(208, "the robot is boxed in", start=start.model_dump())
     way = _shortest(lab, (depart.x_m, depart.y_m), (approach.x_m, approach.y_m))
@@ -165,9 +171,13 @@ def plan(lab: Map, start: Pose2, goal: Pose2) -> Route:
     return Route(goal, depart, tuple(way))
 
 
-def _depart(lab: Map, start: Pose2, margin_m: float) -> Pose2 | None:
-    backwards = _straight(lab, start, [0.0, *_steps(CELL_M)], sign=-1, margin_m=margin_m)
-    return backwards or _straight(lab, start, _steps(CELL_M), sign=1, margin_m=margin_m)
+def _depart(lab: Map, start: Pose2) -> Pose2 | None:
+    """Where the robot can turn, straight behind it or ahead; None if something stands in both ways."""
+    for margin_m, free in ((0.0, lab), (_ROUNDED_M, lab), (_ROUNDED_M, lab.without(start))):
+        backwards = _straight(lab, start, [0.0, *_steps(CELL_M)], -1, margin_m, free)
+        if depart := backwards or _straight(lab, start, _steps(CELL_M), 1, margin_m, free):
+            return depart
+    return None
 
 
 def _steps(first_m: float) -> list[float]:
@@ -175,15 +185,21 @@ def _steps(first_m: float) -> list[float]:
 
 
 def _straight(
-    lab: Map, pose: Pose2, lengths_m: Sequence[float], sign: int, margin_m: float = 0.0
+    lab: Map,
+    pose: Pose2,
+    lengths_m: Sequence[float],
+    sign: int,
+    margin_m: float = 0.0,
+    free: Map | None = None,
 ) -> Pose2 | None:
-    """The first place straight behind (or ahead) where the robot can turn, if the way there is free."""
+    """The first place straight behind (or ahead) where the robot can turn, if the way there is free (on the
+    map `free` where there is one)."""
     free_m = 0.0
     for length_m in lengths_m:
         while free_m < length_m:
             free_m = min(free_m + CELL_M, length_m)
             x, y = ahead(pose, sign * free_m)
-            if not lab.fits(Pose2(x_m=x, y_m=y, yaw_rad=pose.yaw_rad), margin_m=margin_m):
+            if not (free or lab).fits(Pose2(x_m=x, y_m=y, yaw_rad=pose.yaw_rad), margin_m=margin_m):
                 return None
         x, y = ahead(pose, sign * length_m)
         if lab.can_turn(x, y):

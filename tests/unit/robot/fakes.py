@@ -263,7 +263,8 @@ def manipulator(site: Site, body: KinematicBody, camera: RayCamera, memory: Memo
     ros: Any = body
     eyes: Any = camera
     arm = Arm(site.robots[0].limits)
-    return MobileManipulator(site, ros, arm, eyes, Floor(site), memory, body.clock, threading.Event())
+    chance = np.random.default_rng(1)
+    return MobileManipulator(site, ros, arm, eyes, Floor(site), memory, body.clock, chance, threading.Event())
 
 
 @lru_cache(maxsize=8)

@@ -8,8 +8,10 @@ from pathlib import Path
 import pytest
 
 from rodeo.config import Site
+from rodeo.lab.config import Pose2
 from rodeo_cli.experiment import PAPER
 from rodeo_experiments.errors import ExperimentFailed
+from rodeo_experiments.lab import keep_clear
 from rodeo_experiments.site import Begun, Variation, write_site
 from tests.support.site import LAB
 
@@ -33,7 +35,16 @@ def test_seed_days_robots_tariff_and_chain_are_varied(tmp_path: Path) -> None:
     first, second = site.robots
     assert (first.name, second.name) == ("panther1", "panther2")
     assert second.working_hours == first.working_hours
-    assert math.dist((first.pose.x_m, first.pose.y_m), (second.pose.x_m, second.pose.y_m)) > 0.8
+    assert math.dist((first.pose.x_m, first.pose.y_m), (second.pose.x_m, second.pose.y_m)) > 1.2
+
+
+def test_robots_that_rest_leave_each_other_a_way_to_bin_and_dock(tmp_path: Path) -> None:
+    usual = Site.load(PAPER)
+    # Between desk and wall, where nobody gets past to the dock.
+    assert not keep_clear(usual, [usual.robots[0].pose, Pose2(x_m=5.0, y_m=1.0)])
+    for seed in range(3):
+        site = Site.load(write_site(PAPER, tmp_path / str(seed), Variation(seed=seed, robots=2)))
+        assert keep_clear(site, [robot.pose for robot in site.robots])
 
 
 def test_the_papers_pace_is_slower(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from rodeo.config import Site
 from rodeo.lab.config import Pose2
 from rodeo.lab.geometry import ahead
 from rodeo.lab.layout import FOOTPRINT_RADIUS_M, HALF_WIDTH_M, BinLayout, dock_parking
-from services.robot_sim.planner import GoalOccupied, GoalOutsideMap, Map, NoValidPath, Route, plan
+from services.robot_sim.planner import CELL_M, GoalOccupied, GoalOutsideMap, Map, NoValidPath, Route, plan
 from tests.support.site import LAB
 
 START = Pose2(x_m=1.4, y_m=1.3)
@@ -108,3 +108,16 @@ def test_a_robot_beside_something_drives_away_from_it_unless_it_stands_in_it(
         return
     route = plan(lab, start, goal)
     assert (route.depart.x_m, route.depart.y_m) != (start.x_m, start.y_m)
+
+
+def test_a_robot_that_is_touched_at_a_corner_drives_away_along_its_heading(site: Site) -> None:
+    start, goal = Pose2(x_m=2.1, y_m=1.2, yaw_rad=2.1), Pose2(x_m=5.0, y_m=1.5)
+    # The corner of another robot, seen with its sides: 8 cm inside of what a robot needs at least.
+    corner = ahead(start, -0.1, HALF_WIDTH_M - 0.08)
+    sides = [(corner[0] - k / 20, corner[1]) for k in range(9)] + [
+        (corner[0], corner[1] - k / 20) for k in range(9)
+    ]
+    lab = Map.of(site, sides)
+    assert not lab.fits(start, margin_m=-CELL_M)
+    route = plan(lab, start, goal)
+    assert lab.can_turn(route.depart.x_m, route.depart.y_m)
