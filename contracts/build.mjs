@@ -1,6 +1,7 @@
 // Builds the contracts and writes what running needs, so that running needs no Node:
 //   node contracts/build.mjs          write rodeo/chain/artifacts/<Contract>.json and enums.json
 //   node contracts/build.mjs --check  fail if they differ from the sources
+//   node contracts/build.mjs --standard-json [DIR]  write <Contract>.json for explorers, which verify sources by it
 import { existsSync, mkdirSync, readdirSync, readFileSync, writeFileSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
@@ -24,8 +25,21 @@ const CONTRACTS = [
 const root = dirname(dirname(fileURLToPath(import.meta.url)));
 const target = join(root, "rodeo", "chain", "artifacts");
 
+function compiled(name) {
+  return JSON.parse(readFileSync(join(root, "contracts", "out", "deploy", `${name}.sol`, `${name}.json`), "utf8"));
+}
+
+// The compiler's input, from which it makes the very code that is deployed.
+function standardJson(name) {
+  const { language, sources, settings } = compiled(name).metadata;
+  const { compilationTarget, libraries, ...rest } = settings;
+  const outputSelection = { "*": { "*": ["abi", "evm.bytecode.object", "evm.deployedBytecode.object"] } };
+  const content = Object.keys(sources).map((path) => [path, { content: readFileSync(join(root, path), "utf8") }]);
+  return { language, sources: Object.fromEntries(content), settings: { ...rest, libraries, outputSelection } };
+}
+
 function artifact(name) {
-  const built = JSON.parse(readFileSync(join(root, "contracts", "out", "deploy", `${name}.sol`, `${name}.json`), "utf8"));
+  const built = compiled(name);
   const immutables = Object.values(built.deployedBytecode.immutableReferences ?? {}).flat();
   return {
     contractName: name,
@@ -48,9 +62,20 @@ function enums() {
   return Object.fromEntries([...found].map(([, name, members]) => [name, members.match(/\w+/g)]));
 }
 
-const check = process.argv.includes("--check");
 process.env.FOUNDRY_PROFILE = "deploy";
 if (forge("build", "--quiet", "contracts/src") !== 0) process.exit(1);
+
+const [task, folder = join(root, "contracts", "out", "standard-json")] = process.argv.slice(2);
+if (task === "--standard-json") {
+  mkdirSync(folder, { recursive: true });
+  for (const name of CONTRACTS) {
+    writeFileSync(join(folder, `${name}.json`), JSON.stringify(standardJson(name), null, 1) + "\n");
+  }
+  console.log(`${CONTRACTS.length} inputs for ${compiled("TaskManager").metadata.compiler.version} are in ${folder}`);
+  process.exit();
+}
+
+const check = task === "--check";
 mkdirSync(target, { recursive: true });
 
 const stale = [];

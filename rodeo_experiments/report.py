@@ -14,6 +14,8 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+from scipy.stats import t as student_t
+
 from rodeo.config import ExperimentConfig, Site
 from rodeo.earnings import COLUMNS, cells, earnings
 from rodeo.schedule import zone
@@ -291,7 +293,7 @@ def _earnings(run: Run, site: Site) -> list[str]:
 
 
 def _seeds(runs: Sequence[dict[str, Value]]) -> list[str]:
-    """Mean, standard deviation and range of each number over the runs."""
+    """Mean of each number over the runs, with its 95 % confidence interval (Student's t), and the range."""
     rows = []
     for name in runs[0]:
         values = [one[name] for one in runs if isinstance(one.get(name), int | float)]
@@ -299,22 +301,30 @@ def _seeds(runs: Sequence[dict[str, Value]]) -> list[str]:
             float(value) for value in values if isinstance(value, int | float) and not isinstance(value, bool)
         ]
         if len(numbers) == len(runs) and name != "seed":
-            spread = statistics.stdev(numbers) if len(numbers) > 1 else 0.0
             rows.append(
                 (
                     name,
                     f"{statistics.mean(numbers):.3f}",
-                    f"{spread:.3f}",
+                    _interval(numbers),
                     f"{min(numbers):.3f} to {max(numbers):.3f}",
                 )
             )
     kept = all(one.get("supply_conserved") is True for one in runs)
     return [
         f"{len(runs)} runs, seeds {', '.join(str(one['seed']) for one in runs)}. "
-        f"The supply was conserved in {'each' if kept else 'not each'} of them.",
+        f"The supply was conserved in {'each' if kept else 'not each'} of them. "
+        "The intervals are those of the mean (Student's t). They tell of seeds only: room, make of robot and simulator are the same in all.",
         "",
-        *_table(("name", "mean", "standard deviation", "range"), rows),
+        *_table(("name", "mean", "95 % interval of the mean", "range"), rows),
     ]
+
+
+def _interval(numbers: Sequence[float]) -> str:
+    if len(numbers) < 2:
+        return "–"
+    mean, count = statistics.mean(numbers), len(numbers)
+    half = float(student_t.ppf(0.975, count - 1)) * statistics.stdev(numbers) / math.sqrt(count)
+    return f"{mean - half:.3f} to {mean + half:.3f}"
 
 
 def _table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 import threading
 from decimal import Decimal
 from pathlib import Path
@@ -232,3 +233,20 @@ def test_on_a_chain_elsewhere_wallets_bring_their_own_keys_and_gas_money(
             w3.eth.send_transaction({"from": w3.eth.accounts[0], "to": account, "value": 10**19})
         contracts.run(site, threading.Event())
         assert Organization(site).client.is_kind_allowed(site.kinds[0].name)
+
+
+@pytest.mark.long
+def test_from_the_input_for_explorers_the_compiler_makes_what_is_deployed(tmp_path: Path) -> None:
+    root = Path(__file__).parents[3]
+    subprocess.run(["node", "contracts/build.mjs", "--standard-json", tmp_path], cwd=root, check=True)
+    assert {path.stem for path in tmp_path.iterdir()} == set(CONTRACTS)
+    for name in ("IECoin", "TaskManager"):
+        done = subprocess.run(
+            ["node", "contracts/solc.mjs", "--standard-json"],
+            cwd=root,
+            input=(tmp_path / f"{name}.json").read_bytes(),
+            capture_output=True,
+            check=True,
+        )
+        compiled = json.loads(done.stdout)["contracts"][f"contracts/src/{name}.sol"][name]
+        assert bytes.fromhex(compiled["evm"]["bytecode"]["object"]) == artifacts.load(name).bytecode
