@@ -1,7 +1,7 @@
 """Gas and sizes of the contracts: what a task costs, and whether history makes it dearer.
 
 `contracts/bench/Gas.t.sol` measures in Foundry's EVM, where ten thousand tasks take seconds. The figures of
-a step (`gas_register`, `gas_proof`, `gas_verdict`) are those of the last lifecycle.
+a step (`gas_register`, `gas_proof`, `gas_verdict`) are those of the ten thousandth task.
 """
 
 from __future__ import annotations

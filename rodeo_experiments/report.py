@@ -313,7 +313,8 @@ def _seeds(runs: Sequence[dict[str, Value]]) -> list[str]:
     return [
         f"{len(runs)} runs, seeds {', '.join(str(one['seed']) for one in runs)}. "
         f"The supply was conserved in {'each' if kept else 'not each'} of them. "
-        "The intervals are those of the mean (Student's t). They tell of seeds only: room, make of robot and simulator are the same in all.",
+        "The intervals are those of the mean (Student's t). They tell of seeds only: "
+        "room, make of robot and simulator are the same in all.",
         "",
         *_table(("name", "mean", "95 % interval of the mean", "range"), rows),
     ]

@@ -118,25 +118,29 @@ contract GasBench is Fixture {
     }
 
     function _lifecycle(address provider) private {
-        _lifecycle(provider, string.concat("gas_lifecycle_", Strings.toString(tasks.taskCount() + 1)));
+        (uint256 register, uint256 proof, uint256 verdict) =
+            _lifecycle(provider, string.concat("gas_lifecycle_", Strings.toString(tasks.taskCount() + 1)));
+        _figure("gas_register", register);
+        _figure("gas_proof", proof);
+        _figure("gas_verdict", verdict);
     }
 
-    function _lifecycle(address provider, string memory name) private {
+    function _lifecycle(address provider, string memory name)
+        private
+        returns (uint256 register, uint256 proof, uint256 verdict)
+    {
         _register();
-        uint256 register = _used();
+        register = _used();
         uint256 taskId = tasks.taskCount();
         vm.prank(provider);
         tasks.submitProof(taskId, 1, PROOF, PROOF_URI);
-        uint256 proof = _used();
+        proof = _used();
         vm.prank(oracle);
         tasks.postVerdict(
             taskId, 1, PROOF, Verdict.Accepted, PRICE, REPORT, PROOF_URI, "all checks passed"
         );
-        uint256 verdict = _used();
+        verdict = _used();
         _figure(name, register + proof + verdict);
-        _figure("gas_register", register);
-        _figure("gas_proof", proof);
-        _figure("gas_verdict", verdict);
     }
 
     function _register() private {

@@ -5,14 +5,29 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from rodeo.config import Site, oracle_names, oracle_process, votes_needed
+from rodeo.config import GovernanceConfig, Site, oracle_names, oracle_process, votes_needed
 from rodeo.errors import ConfigError
+from rodeo_cli.site_check import check
 from tests.support.site import LAB
 
 
 def test_the_lab_of_the_repository_is_valid() -> None:
     site = Site.load(LAB)
     assert site.robot("panther1").name == "panther1"
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in LAB.parent.glob("*.toml")))
+def test_every_site_of_the_repository_is_without_findings(name: str) -> None:
+    assert check(LAB.with_name(name)) == []
+
+
+def test_a_public_test_network_gets_what_new_organizations_have() -> None:
+    public, demo = Site.load(LAB.with_name("testnet.toml")), Site.load(LAB)
+    assert (public.chain.backend, public.clock.speed, public.clock.idle_speed) == ("external", 1, 1)
+    assert demo.governance.delay_s == 0
+    default = GovernanceConfig()
+    assert (public.governance.delay_s, public.governance.terms) == (default.delay_s, default.terms)
+    assert public.governance.budgets == default.budgets
 
 
 def test_a_site_extends_another_and_overrides_single_values(tmp_path: Path) -> None:
