@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,6 @@ from rodeo.lab.render import RendererUnavailable
 from rodeo.vision.classification import MODEL_DIR, UNKNOWN, WEIGHTS
 from rodeo.vision.classifier import Classifier
 from rodeo.vision.images import decode_image
-from services.itrash.behaviour import compartment_of
 from services.itrash.training import evaluation, metrics, renderings
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
 from services.itrash.web import LIMITS, make_api
@@ -132,8 +132,8 @@ class _LoneBin:
         self.classifier = classifier
         self._config = BinConfig(pose=Pose2(x_m=0.0, y_m=0.0))
 
-    def compartment_of(self, label: str) -> str:
-        return compartment_of(self._config, label)
+    def compartment_for(self, label: str, probabilities: Mapping[str, float]) -> str:
+        return self._config.compartment_for(label, probabilities)
 
     def state(self) -> dict[str, Any]:
         return {}

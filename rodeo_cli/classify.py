@@ -34,7 +34,6 @@ def classify(
     import numpy as np
 
     from rodeo.vision.classifier import Classifier
-    from services.itrash.behaviour import compartment_of
 
     loaded = Site.load(site)
     config = next(iter(loaded.bins), None) if bin_name is None else loaded.bin(bin_name)
@@ -52,7 +51,7 @@ def classify(
             answers.append({"file": str(path), "error": error.to_json()})
             continue
         if config is not None:
-            answer["compartment"] = compartment_of(config, answer["class"])
+            answer["compartment"] = config.compartment_for(answer["class"], answer["probabilities"])
         answers.append(answer)
         if not as_json:
             console.print(_line(answer), highlight=False, soft_wrap=True)
@@ -77,7 +76,7 @@ def _classify(classifier: Any, path: Path) -> dict[str, Any]:
         "file": str(path),
         "class": found.label,
         "compartment": "",
-        "probabilities": {name: round(p, 4) for name, p in found.probabilities.items()},
+        "probabilities": found.told,
         "milliseconds": round(milliseconds, 2),
     }
 

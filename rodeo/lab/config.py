@@ -5,6 +5,7 @@ from x. Lengths in m, angles in rad, masses in kg, energies in Wh. Reading this 
 """
 
 import difflib
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -144,15 +145,45 @@ class BinConfig(Section):
     presence_range_m: Positive = Field(0.55, description="longest range at which something counts as present")
     full_at_n: Positive = Field(200.0, description="weight of what is in a compartment that takes no more")
 
+    costs: dict[ItemClass, dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]] = {}
+    """What an item of the class costs in a compartment of others: 1 where nothing is named; in its own, 0.
+    Where all is empty, the class that is said decides; else the compartment of the least expected cost."""
+
     def compartment_of(self, item_class: ItemClass) -> str:
         """The compartment that takes this class."""
         return next(name for name, classes in self.compartments.items() if item_class in classes)
+
+    def compartment_for(self, label: str, probabilities: Mapping[str, float]) -> str:
+        """Where what the bin says goes: its label, and its classes' probabilities as it signs them.
+
+        What is unknown goes where trash goes. Bin and oracle both ask here, so that they cannot disagree.
+        """
+        known = label in set(ItemClass)
+        own = self.compartment_of(ItemClass(label) if known else ItemClass.TRASH)
+        if not self.costs or not known:
+            return own
+
+        def expected(compartment: str) -> float:
+            return sum(probabilities.get(one, 0.0) * self._cost(one, compartment) for one in ItemClass)
+
+        return min(self.compartments, key=lambda name: (expected(name), name != own))
+
+    def _cost(self, item_class: ItemClass, compartment: str) -> float:
+        wrong = compartment != self.compartment_of(item_class)
+        return self.costs.get(item_class, {}).get(compartment, float(wrong))
 
     @model_validator(mode="after")
     def _every_class_has_one_compartment(self) -> "BinConfig":
         taken = [item_class for classes in self.compartments.values() for item_class in classes]
         if sorted(taken) != sorted(ItemClass):
             raise ValueError(f"each class needs exactly one compartment, got {sorted(taken)}")
+        for item_class, costs in self.costs.items():
+            if unknown := costs.keys() - self.compartments.keys():
+                raise ValueError(
+                    f"costs of {item_class} name {sorted(unknown)}; compartments are {[*self.compartments]}"
+                )
+            if (own := self.compartment_of(item_class)) in costs:
+                raise ValueError(f"{item_class} belongs in {own}: it has no cost there")
         return self
 
 

@@ -52,6 +52,11 @@ class Classification:
     item_probability: float = 1.0
 
     @property
+    def told(self) -> dict[str, float]:
+        """The probabilities as they are said and signed, and decided by."""
+        return {name: round(p, 4) for name, p in self.probabilities.items()}
+
+    @property
     def best_class(self) -> str:
         """The most probable class, however sure."""
         return max(self.probabilities, key=self.probabilities.__getitem__)

@@ -17,7 +17,7 @@ from enum import StrEnum
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from rodeo.lab.config import BinConfig, ItemClass
+from rodeo.lab.config import BinConfig
 from rodeo.vision.classification import UNKNOWN, Classification
 from rodeo.witness.statement import MAX_CLAIMANTS, Claimant
 from services.itrash.load import LOAD_LIMITS, Cell, LoadCell, LoadLimits, Step
@@ -168,11 +168,6 @@ class Memory(BaseModel):
     cells: dict[str, Cell] = {}
 
 
-def compartment_of(config: BinConfig, label: str) -> str:
-    """Where a class goes; what is unknown goes where trash goes."""
-    return config.compartment_of(ItemClass.TRASH if label == UNKNOWN else ItemClass(label))
-
-
 class Bin:
     """The state machine. Not thread-safe: one thread feeds it."""
 
@@ -309,12 +304,12 @@ class Bin:
             # A worse view does not take back what a better one showed.
             self._enter(State.AWAITING_DROP, time_s)
             return []
-        compartment = compartment_of(self._config, classification.label)
+        compartment = self._config.compartment_for(classification.label, classification.told)
         self.memory.classifications += 1
         record = ClassificationRecord(
             number=self.memory.classifications,
             item_class=classification.label,
-            probabilities={name: round(p, 4) for name, p in classification.probabilities.items()},
+            probabilities=classification.told,
             compartment=compartment,
             full=self.fill[compartment] >= 1.0,
             image_sha256=image_sha256,

@@ -12,7 +12,7 @@ import math
 import queue
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rodeo import topics
@@ -42,7 +42,6 @@ from services.itrash.behaviour import (
     Record,
     State,
     TakePhoto,
-    compartment_of,
 )
 from services.itrash.camera import open_camera
 from services.itrash.journal import Journal, Kind
@@ -258,9 +257,9 @@ class Itrash:
 
     # -- state -----------------------------------------------------------------------------------------
 
-    def compartment_of(self, label: str) -> str:
-        """Where the site puts this class."""
-        return compartment_of(self._config, label)
+    def compartment_for(self, label: str, probabilities: Mapping[str, float]) -> str:
+        """Where the site puts what is classified so."""
+        return self._config.compartment_for(label, probabilities)
 
     def state(self) -> dict[str, Any]:
         """What the bin knows: state, weights (N), fill levels (1 is full), the last attestations."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Protocol
 
@@ -51,7 +51,7 @@ class BinView(Protocol):
 
     classifier: Classifier
 
-    def compartment_of(self, label: str) -> str: ...
+    def compartment_for(self, label: str, probabilities: Mapping[str, float]) -> str: ...
     def state(self) -> dict[str, Any]: ...
     def events(self) -> list[dict[str, Any]]: ...
     def missing_sensors(self) -> list[str]: ...
@@ -106,9 +106,9 @@ def make_api(bin_: BinView, limits: ImageLimits = IMAGE_LIMITS) -> FastAPI:
         found: Classification = bin_.classifier.classify(data, limits)
         return Verdict(
             item_class=found.label,
-            compartment=bin_.compartment_of(found.label),
+            compartment=bin_.compartment_for(found.label, found.told),
             confidence=round(found.confidence, 4),
-            probabilities={name: round(p, 4) for name, p in found.probabilities.items()},
+            probabilities=found.told,
             image_sha256="0x" + hashlib.sha256(data).hexdigest(),
             milliseconds=round((time.perf_counter() - started_s) * 1e3, 2),
         )

@@ -22,7 +22,6 @@ from rodeo.checks.witnesses import (
     revoked_while_recorded,
     unsound,
 )
-from rodeo.lab.config import ItemClass
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S
 from rodeo.lab.layout import BinLayout
 from rodeo.topics import SEAL_CHANNEL
@@ -76,10 +75,9 @@ def _drop(case: Case) -> Drop:
 
 
 def expected_compartment(case: Case) -> str:
-    """By the site's mapping of the attested class. Raises CaseError."""
-    label = _classification(case).item_class
-    # What the bin does not recognize goes where trash goes.
-    return case.bin.compartment_of(ItemClass(label) if label in set(ItemClass) else ItemClass.TRASH)
+    """By the site's compartments and costs, from what the bin attested. Raises CaseError."""
+    said = _classification(case)
+    return case.bin.compartment_for(said.item_class, said.probabilities)
 
 
 def bin_witnessed(case: Case) -> Finding:

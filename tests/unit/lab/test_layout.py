@@ -2,7 +2,9 @@
 
 import math
 
+import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from rodeo.lab.config import BinConfig, DockConfig, ItemClass, Pose2
 from rodeo.lab.geometry import ahead, facing
@@ -41,6 +43,45 @@ def test_every_class_has_one_compartment() -> None:
     assert {BIN.config.compartment_of(c) for c in ItemClass} == {"blue", "yellow", "green", "grey"}
     with pytest.raises(ValueError, match="exactly one compartment"):
         BinConfig(pose=Pose2(x_m=0, y_m=0), compartments={"blue": (ItemClass.PAPER,)})
+
+
+LIKELY_GLASS = {"glass": 0.55, "metal": 0.3, "plastic": 0.1, "trash": 0.05}
+
+
+def test_a_compartment_whose_mistakes_cost_more_needs_surer_pictures() -> None:
+    costs = {ItemClass.METAL: {"green": 5.0}}
+    dear = BIN.config.model_copy(update={"costs": costs})
+    assert BIN.config.compartment_for("glass", LIKELY_GLASS) == "green"
+    # Green costs 0.3 * 5 + 0.1 + 0.05, yellow 0.55 + 0.05.
+    assert dear.compartment_for("glass", LIKELY_GLASS) == "yellow"
+    assert dear.compartment_for("glass", LIKELY_GLASS | {"glass": 0.95, "metal": 0.0}) == "green"
+    # What the network does not know still goes where trash goes.
+    assert dear.compartment_for("unknown", LIKELY_GLASS) == "grey"
+
+
+def test_equal_costs_change_nothing_for_what_is_said() -> None:
+    equal = BIN.config.model_copy(update={"costs": {ItemClass.METAL: {"green": 1.0}}})
+    chance = np.random.default_rng(1)
+    for shares in chance.dirichlet(np.full(len(ItemClass), 0.3), size=500):
+        probabilities = dict(zip(map(str, ItemClass), map(float, shares), strict=True))
+        label, probability = max(probabilities.items(), key=lambda one: one[1])
+        if probability > 0.5:  # below, the network says that it does not know
+            assert equal.compartment_for(label, probabilities) == BIN.config.compartment_of(ItemClass(label))
+
+
+@pytest.mark.parametrize(
+    ("costs", "message"),
+    [
+        ({"metal": {"red": 2}}, "red"),
+        ({"metal": {"yellow": 2}}, "metal belongs in yellow"),
+        ({"metal": {"green": -1}}, "greater than or equal to 0"),
+        ({"metal": {"green": math.inf}}, "finite"),
+        ({"gold": {"green": 2}}, "gold"),
+    ],
+)
+def test_costs_that_make_no_sense_are_refused(costs: dict[str, dict[str, float]], message: str) -> None:
+    with pytest.raises(ValidationError, match=message):
+        BinConfig.model_validate({"pose": {"x_m": 0, "y_m": 0}, "costs": costs})
 
 
 @pytest.mark.parametrize(

@@ -25,6 +25,7 @@ from rodeo.witness.poses import pack, unpack
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record, film_cleaning, without_mocap
 from rodeo_testing.assignments import BIN, BINDING, MOCAP, ROBOT
 from rodeo_testing.recordings import SIGNED, Sample, Take, Witnesses, later, moved, seal, shifted_by
+from rodeo_testing.workshop import told
 from tests.support.site import LAB
 from tests.unit.conftest import Judge, failed
 
@@ -64,6 +65,16 @@ def test_every_entry_says_what_was_measured_against_what(cleaning: Take, judge: 
     assert checks["base_speed"].limit == pytest.approx(2.1)
     assert isinstance(checks["transport"].measured, float)
     assert all(check.source for name, check in checks.items() if name != "readable_and_sealed")
+
+
+def test_the_compartment_is_judged_by_the_costs_of_the_site(site: Site, cleaning: Take, judge: Judge) -> None:
+    unsure = told(cleaning, "bin/classification", probabilities={"plastic": 0.6, "glass": 0.4})
+    assert judge(unsure, cleaning_chain_record(unsure)).accepted
+    # Glass in yellow would cost 0.4 * 5, plastic in green 0.6.
+    dear = site.bins[0].model_copy(update={"costs": {ItemClass.GLASS: {"yellow": 5.0}}})
+    report = judge(unsure, cleaning_chain_record(unsure), at=site.model_copy(update={"bins": [dear]}))
+    assert failed(report) in ("dropped", "compartment")
+    assert "green" in report.reason
 
 
 @pytest.mark.parametrize("item_class", [ItemClass.PLASTIC, ItemClass.PAPER, ItemClass.GLASS])

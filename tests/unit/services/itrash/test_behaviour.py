@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from rodeo.lab.config import BinConfig, Pose2
+from rodeo.lab.config import BinConfig, ItemClass, Pose2
 from rodeo.vision.classification import UNKNOWN, Classification
 from rodeo.witness import Claimant
 from services.itrash.behaviour import (
@@ -34,8 +34,8 @@ def verdict(label: str) -> Classification:
 class Bench:
     """A bin on a bench: sensors at 10 Hz, a camera that answers at once."""
 
-    def __init__(self, memory: Memory | None = None) -> None:
-        self.bin = Bin(CONFIG, memory or Memory())
+    def __init__(self, memory: Memory | None = None, config: BinConfig = CONFIG) -> None:
+        self.bin = Bin(config, memory or Memory())
         self.time_s = 1000.0
         self.labels: list[str | None] = []
         """What the classifier will say, one after another; None for a camera that fails."""
@@ -100,6 +100,17 @@ def test_a_shown_item_is_classified_once_and_its_drop_confirmed() -> None:
     assert disposed.weight_n == 0.3
     bench.run(1.5)
     assert bench.bin.state is State.IDLE
+
+
+def test_what_a_mistake_costs_decides_where_it_goes() -> None:
+    costs = {ItemClass.PAPER: {"yellow": 20.0}}
+    bench = Bench(config=CONFIG.model_copy(update={"costs": costs}))
+    bench.run(2.0)
+    bench.labels = ["plastic"]  # one in ten is paper that looks like it
+    bench.run(5.0, SHOWN_M)
+    (classified,) = bench.attested
+    assert isinstance(classified, ClassificationRecord)
+    assert (classified.item_class, classified.compartment) == ("plastic", "blue")
 
 
 def test_the_wrong_compartment_is_attested_as_such() -> None:

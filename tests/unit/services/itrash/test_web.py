@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import cv2
@@ -14,7 +14,6 @@ from rodeo.lab.config import BinConfig, Pose2
 from rodeo.vision.classifier import Classifier
 from rodeo.vision.images import ImageLimits
 from rodeo_testing.recordings import RENDERINGS
-from services.itrash.behaviour import compartment_of
 from services.itrash.web import make_api
 
 CAN = (RENDERINGS / "metal_1.jpg").read_bytes()
@@ -30,8 +29,8 @@ class QuietBin:
         self.classification: dict[str, Any] | None = None
         self.picture: bytes | None = None
 
-    def compartment_of(self, label: str) -> str:
-        return compartment_of(BinConfig(pose=Pose2(x_m=0, y_m=0)), label)
+    def compartment_for(self, label: str, probabilities: Mapping[str, float]) -> str:
+        return BinConfig(pose=Pose2(x_m=0, y_m=0)).compartment_for(label, probabilities)
 
     def state(self) -> dict[str, Any]:
         return {"state": "idle", "classification": self.classification, "disposal": None}
