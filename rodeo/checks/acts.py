@@ -172,6 +172,8 @@ class ConsumedActs:
         """SHA-256 of a report -> the acts that it lists."""
         self._judged: dict[tuple[int, int], list[Act] | None] = {}
         """What own verifications found that a submission claims; None where they found nothing out."""
+        self._clear: set[tuple[int, int]] = set()
+        """Submissions that may be paid for what they claim, as was said of them."""
         self._away: set[tuple[int, int]] = set()
         """Submissions whose proofs cannot be read yet."""
 
@@ -185,6 +187,7 @@ class ConsumedActs:
                 self._events.clear()
                 self._submissions.clear()
                 self._judged.clear()
+                self._clear.clear()
             self._seq = event.seq
             if event.task_id is None:
                 return
@@ -193,7 +196,9 @@ class ConsumedActs:
                 undone = event.args["undone_seq"]
                 events[:] = [one for one in events if one.seq != undone]
                 if event.args["undone_name"] == "ProofSubmitted":
-                    self._judged.pop((event.task_id, int(event.args["attempt"])), None)
+                    key = event.task_id, int(event.args["attempt"])
+                    self._judged.pop(key, None)
+                    self._clear.discard(key)
             elif event.name in _TELLING and all(one.seq != event.seq for one in events):
                 events.append(event)
             self._submissions[event.task_id] = list(_submissions(events))
@@ -245,6 +250,8 @@ class ConsumedActs:
         found = None if claimed is None else [Act.parse(text) for text in claimed]
         with self._lock:
             self._judged[task_id, attempt] = found
+            if found is None:
+                self._clear.discard((task_id, attempt))
             self._told()
 
     def away(self, task_id: int, attempt: int, is_away: bool) -> None:
@@ -255,12 +262,15 @@ class ConsumedActs:
             (self._away.add if is_away else self._away.discard)((task_id, attempt))
             self._told()
 
-    def spent(self, task_id: int, attempt: int, claimed: Iterable[str]) -> Spent | Wait | None:
+    def spent(
+        self, task_id: int, attempt: int, claimed: Iterable[str], *, due: bool = False
+    ) -> Spent | Wait | None:
         """Whether any of the acts that a submission claims was paid for; None if none was.
 
         What was submitted earlier goes first: while it waits for its verdict and may claim one of these acts,
         the later one waits, too. What its own executor has auditors decide on is spent as well: they may
         accept it, and no honest executor claims one act twice. Somebody else's claim there holds nobody up.
+        Nor do others' proofs that are not verified yet, once the verdict is `due`: they wait for it then.
         """
         wanted: dict[str, list[Act]] = defaultdict(list)
         for text in claimed:
@@ -280,13 +290,18 @@ class ConsumedActs:
                         wait = wait or Wait(other, "the report of its verdict could not be read yet")
                     elif (both := _overlap(wanted, self._acts(other))) is not None:
                         return Spent(both[0].text, other, both[1].text, earlier)
-                elif other.key in self._away and other.executor != own.executor:
+                elif other.executor != own.executor and (
+                    other.key in self._away or (due and other.key not in self._judged)
+                ):
                     continue
-                elif earlier and other.waits and wait is None:
+                elif (earlier or other.key in self._clear) and other.waits and wait is None:
                     known = other.key in self._judged
                     theirs = self._judged.get(other.key)
                     if not known or (theirs is not None and _overlap(wanted, theirs) is not None):
-                        wait = Wait(other, "it was submitted earlier and has no verdict yet")
+                        was = "was submitted earlier" if earlier else "may be paid for it"
+                        wait = Wait(other, f"it {was} and has no verdict yet")
+            if wait is None:
+                self._clear.add(own.key)
             return wait
 
     def _find(self, task_id: int, attempt: int) -> Submission | None:

@@ -4,8 +4,9 @@ Submissions are learnt from the event stream, read from its beginning at every s
 the store also tell which acts were paid for before (`rodeo.checks.acts`). Whether a submission still waits
 for a verdict is asked from the index when its turn comes, so nothing needs to be remembered across restarts.
 
-Several proofs are verified side by side, but of two that claim the same act the one that was submitted
-earlier is decided first.
+Several proofs are verified side by side, and their providers take turns (`services.oracle.turns`). But of two
+that claim the same act the one that was submitted earlier is decided first. Only what is due waits no longer
+for proofs that others have in line: people decide on those of them that claim the same act.
 
 Where a site has several oracles, each of them votes (`services.oracle.votes`) in place of posting a verdict.
 """
@@ -16,11 +17,9 @@ import hashlib
 import json
 import logging
 import os
-import queue
 import tempfile
 import threading
 from collections.abc import Callable
-from contextlib import ExitStack
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
@@ -46,6 +45,7 @@ from services.oracle.away import FAULT, MissingProofs, ProofAway, due_s, is_due,
 from services.oracle.chain_view import read_chain_record
 from services.oracle.rules import Judging
 from services.oracle.scrub import Scrub
+from services.oracle.turns import Key, Turns
 from services.oracle.votes import Votes
 
 log = logging.getLogger(__name__)
@@ -56,8 +56,6 @@ SIDE_BY_SIDE = max(2, (os.cpu_count() or 1) - 1)
 """Proofs verified at the same time; one core stays for everybody else, but none waits for one that hangs."""
 SWEEP_S = 30.0
 """Wall time between two looks for submissions that got no verdict, whatever kept them from it."""
-AT_ONCE = 16
-"""Submissions in work, verified or waiting for a store, a bridge or the verdict of an earlier one."""
 _REPORT_BYTES = 16 << 20
 _PASSING = frozenset({"bridge_not_ready", "chain_unavailable", "transaction_timeout", "rpc_failed"})
 """What the bridge answers while it cannot; everything else is its last word."""
@@ -85,18 +83,19 @@ class Oracle:
         self._wallet = Participant(process.bus, process.site.org, name)
         self._kinds = kinds_of(process.site)
         self._clock = process.clock
-        self._submissions: queue.SimpleQueue[tuple[int, int]] = queue.SimpleQueue()
-        """(task, attempt) in chain order."""
+        self._turns = Turns(process.clock, SIDE_BY_SIDE)
+        self._words = Turns(process.clock, 1)
+        """Last words: what needs no verification waits for none."""
+        self._late: set[Key] = set()
+        """Submissions in line whose verdict is due."""
         self._acts = ConsumedActs(process.clock.notify)
-        self._verifying = threading.Semaphore(SIDE_BY_SIDE)
-        self._running: dict[tuple[int, int], str] = {}
-        self._in_work: set[tuple[int, int]] = set()
-        """Submissions that are queued or being decided."""
-        self._deciding: set[threading.Thread] = set()
+        self._running: dict[Key, str] = {}
+        self._in_work: set[Key] = set()
+        """Submissions that are in line or being decided."""
         self._decided = 0
-        self._for_auditors: set[tuple[int, int]] = set()
+        self._for_auditors: set[Key] = set()
         """Submissions that were left to auditors since the start."""
-        self._abstained: set[tuple[int, int]] = set()
+        self._abstained: set[Key] = set()
         """Submissions that this oracle leaves to the others, since the start."""
         self._chain = ""
         """Genesis hash of the chain that they are on."""
@@ -109,7 +108,7 @@ class Oracle:
             self._waits,
             lambda: self._wallet.ask(queries.CHAIN).stores,
         )
-        self._judging = Judging(process.site, self._clock, self._enqueue, self._waits)
+        self._judging = Judging(process.site, self._clock, partial(self._enqueue, word=True), self._waits)
         self._told: list[str] = []
         self._reports = process.data_dir / "reports"
         """Own copies: a store that loses one must not keep anybody waiting."""
@@ -140,27 +139,23 @@ class Oracle:
         # The first verdict must not wait for what all of them share.
         self._judging.begin(worker.start(self._site))
         events = DaoEvents(self._process.bus, self._site.org, self._on_event, clock=self._clock)
-        threads = [
-            threading.Thread(target=self._take_turns, name="turns", daemon=True),
-            threading.Thread(target=self._read_reports, name="reports", daemon=True),
-            threading.Thread(target=self._scrub.run, args=(self._stop,), name="scrub", daemon=True),
-            threading.Thread(target=self._sweep, name="sweep", daemon=True),
-            threading.Thread(target=self._judging.run, args=(self._stop,), name="rules", daemon=True),
-            threading.Thread(
-                target=self._missing.run, args=(self._stop, self._update_status), name="missing", daemon=True
-            ),
-        ]
+        runs: dict[str, Callable[[], None]] = {
+            "turns": partial(self._turns.run, self._stop, self._work),
+            "words": partial(self._words.run, self._stop, self._work),
+            "reports": self._read_reports,
+            "scrub": partial(self._scrub.run, self._stop),
+            "sweep": self._sweep,
+            "rules": partial(self._judging.run, self._stop),
+            "missing": partial(self._missing.run, self._stop, self._update_status),
+        }
         if self._votes is not None:
-            threads.append(
-                threading.Thread(target=self._votes.run, args=(self._stop,), name="votes", daemon=True)
-            )
+            runs["votes"] = partial(self._votes.run, self._stop)
+        threads = [threading.Thread(target=run, name=name, daemon=True) for name, run in runs.items()]
         for thread in threads:
             thread.start()
         self._process.ready()
         self._stop.wait()
         events.close()
-        with self._lock:
-            threads += self._deciding
         for thread in threads:
             thread.join(timeout=2 * RETRY_S)
 
@@ -175,15 +170,18 @@ class Oracle:
         self._acts.on_event(event)
         self._judging.on_event(event)
         if event.name == "ProofSubmitted" and event.task_id is not None:
-            self._enqueue(event.task_id, int(event.args["attempt"]))
+            self._enqueue(event.task_id, int(event.args["attempt"]), again=False)
 
-    def _enqueue(self, task_id: int, attempt: int) -> None:
+    def _enqueue(self, task_id: int, attempt: int, *, again: bool = True, word: bool = False) -> None:
+        """In line, if it is not yet; `word`: for its last word."""
+        key = task_id, attempt
+        submission = self._acts.submission(*key)
         with self._lock:
-            if (task_id, attempt) in self._in_work:
+            if key in self._in_work:
                 return
-            self._in_work.add((task_id, attempt))
-        self._submissions.put((task_id, attempt))
-        self._clock.notify()
+            self._in_work.add(key)
+        turns = self._words if word or self._missing.last_word(key) is not None else self._turns
+        turns.put(key, "" if submission is None else submission.executor, again=again)
 
     def _waits(self, task_id: int, attempt: int) -> bool:
         submission = self._acts.submission(task_id, attempt)
@@ -215,33 +213,33 @@ class Oracle:
                         submission.attempt,
                     )
                     self._enqueue(*submission.key)
+            self._tell_late()
+
+    def _tell_late(self) -> None:
+        """Say of which submissions the verdict is due, or the window has ended, before their turn."""
+        try:
+            in_line = [self._wallet.task(key[0]) for key in self._turns.waiting() if self._waits(*key)]
+        except (BusError, RemoteError) as error:
+            log.info("cannot ask what is due: %s", error)
+            return
+        late = {(one.id, one.attempt) for one in in_line if is_due(one, self._site, self._clock)}
+        for key in late - self._late:
+            log.warning("task %d attempt %d is due, and its turn to be verified has not come", *key)
+        for key in self._late - late:
+            submission = self._acts.submission(*key)
+            if submission is not None and submission.over and submission.outcome is None:
+                log.warning("task %d attempt %d: its window ended before it was verified", *key)
+        self._late = late
+        said = f"{len(late)} of {len(in_line)} proofs in line are due: too many to verify them in time"
+        self._process.concern("turns", said if late else "")
 
     # -- verdicts --------------------------------------------------------------------------------------
 
-    def _take_turns(self) -> None:
-        """Decide what was submitted, in its order and at most AT_ONCE at a time."""
-        with self._clock.acting():
-            while self._clock.wait_for(self._has_turn, self._stop, resting=True):
-                taken = ExitStack()
-                # A simulated clock waits for a verdict from here on. For one whose turn is not yet it must
-                # not: what all the others wait for may be that something is due.
-                taken.enter_context(self._clock.hold())
-                deciding = threading.Thread(
-                    target=self._work, args=(self._submissions.get(), taken), name="verifier", daemon=True
-                )
-                with self._lock:
-                    self._deciding.add(deciding)
-                deciding.start()
-
-    def _has_turn(self) -> bool:
-        return not self._submissions.empty() and len(self._deciding) < AT_ONCE and not self._stop.is_set()
-
-    def _work(self, key: tuple[int, int], taken: ExitStack) -> None:
+    def _work(self, key: Key, leave: Callable[[], None]) -> None:
         task_id, attempt = key
-        with about_task(task_id), self._clock.acting():
-            taken.close()
+        with about_task(task_id):
             try:
-                self._decide(task_id, attempt)
+                self._decide(task_id, attempt, leave)
             except Exception:
                 # The next proof must get its verdict whatever happened to this one.
                 log.exception("task %d attempt %d got no verdict", task_id, attempt)
@@ -249,12 +247,11 @@ class Oracle:
             finally:
                 with self._lock:
                     self._in_work.discard(key)
-                    self._deciding.discard(threading.current_thread())
                 self._set_activity(key, None)
-                self._clock.notify()
 
-    def _decide(self, task_id: int, attempt: int) -> None:
-        """Verify one submission and post the verdict, unless it has one. Waits for bridge and store."""
+    def _decide(self, task_id: int, attempt: int, leave: Callable[[], None]) -> None:
+        """Verify one submission and post the verdict, unless it has one. Waits for bridge and store and,
+        after its turn, for earlier submissions; `leave` ends its turn."""
         key = task_id, attempt
         if not self._waits(*key):
             self._missing.forget(key)
@@ -266,13 +263,14 @@ class Oracle:
             self._acts.away(*key, True)
             self._missing.seek(away.task, away)
             return
+        leave()
         if found is None:
             return
         self._acts.away(*key, False)
         task, report = found
         self._acts.judged(task_id, attempt, report.acts)
         if report.outcome != "rejected":  # what is undecided may yet be accepted by people
-            check = self._unspent(task_id, attempt, report.acts)
+            check = self._unspent(task, report.acts)
             if check is None:
                 return
             report = report.with_checks(check)
@@ -344,15 +342,14 @@ class Oracle:
         key = task_id, attempt
         if (last_word := self._missing.last_word(key)) is not None:
             return chain_record.task, last_word
-        with self._verifying:
-            self._set_activity(key, f"verifying task {task_id}")
-            scratch = self._process.data_dir / "verifying"
-            copy = self._missing.copy(key)
-            try:
-                report = worker.verify_apart(self._site, chain_record, scratch, self._stop, copy=copy)
-            except EvidenceError as error:
-                owner = owner_of(error, chain_record.task.proof_uri or "", self._site, self._missing.stores)
-                raise ProofAway(str(error), task=chain_record.task, owner=owner) from error
+        self._set_activity(key, f"verifying task {task_id}")
+        scratch = self._process.data_dir / "verifying"
+        copy = self._missing.copy(key)
+        try:
+            report = worker.verify_apart(self._site, chain_record, scratch, self._stop, copy=copy)
+        except EvidenceError as error:
+            owner = owner_of(error, chain_record.task.proof_uri or "", self._site, self._missing.stores)
+            raise ProofAway(str(error), task=chain_record.task, owner=owner) from error
         if report is None:
             return None
         if report.rules_sha256 != chain_record.task.rules_sha256:
@@ -412,34 +409,37 @@ class Oracle:
 
     # -- acts ------------------------------------------------------------------------------------------
 
-    def _unspent(self, task_id: int, attempt: int, claimed: list[str]) -> Check | None:
+    def _unspent(self, task: Task, claimed: list[str]) -> Check | None:
         """Whether what a proof claims was not paid for before, as a check; None when there is nobody to tell.
 
         Waits while that cannot be told: for the verdicts of earlier submissions that may claim it, too, and
-        for reports that cannot be fetched.
+        for reports that cannot be fetched. Once the verdict is due it waits no longer for what others have in
+        line: who hands in many proofs must not cost anybody else the pay.
         """
+        key = task.id, task.attempt
         said: str | None = None
         while not self._stop.is_set():
             news = self._acts.news
-            submission = self._acts.submission(task_id, attempt)
+            submission = self._acts.submission(*key)
             if submission is None or not submission.waits:
-                log.info("task %d attempt %d was decided meanwhile", task_id, attempt)
+                log.info("task %d attempt %d was decided meanwhile", *key)
                 return None
-            found = self._acts.spent(task_id, attempt, claimed)
+            due = is_due(task, self._site, self._clock)
+            found = self._acts.spent(*key, claimed, due=due)
             if not isinstance(found, Wait):
                 return acts_unspent(claimed, found)
             why = f"waiting for task {found.on.task_id} attempt {found.on.attempt}: {found.why}"
             if why != said:
-                log.warning("task %d attempt %d: %s", task_id, attempt, why)
-                self._set_activity((task_id, attempt), f"task {task_id} {why}")
+                log.warning("task %d attempt %d: %s", *key, why)
+                self._set_activity(key, f"task {task.id} {why}")
                 said = why
-            self._wait_for_news(news)
+            self._wait_for_news(news, None if due else due_s(task, self._site))
         return None
 
-    def _wait_for_news(self, news: int) -> None:
-        """Until more was learnt of acts than when `news` was asked for. No simulated clock waits meanwhile:
-        what is waited for may be that something is due."""
-        self._clock.wait_for(lambda: self._acts.news != news, self._stop, resting=True)
+    def _wait_for_news(self, news: int, until_s: float | None = None) -> None:
+        """Until more was learnt of acts than when `news` was asked for, or `until_s`. No simulated clock
+        waits meanwhile: what is waited for may be that something is due."""
+        self._clock.wait_for(lambda: self._acts.news != news, self._stop, until_s=until_s, resting=True)
 
     def _read_reports(self) -> None:
         """Read the reports of verdicts that paid for something, as soon as they are heard of."""

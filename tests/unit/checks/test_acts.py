@@ -198,6 +198,45 @@ def test_nobody_waits_for_one_that_claims_something_else(chain: Chain) -> None:
     assert spent_by(chain.acts, 2, DROP) is None
 
 
+def test_who_is_due_waits_for_no_proof_that_others_have_in_line(chain: Chain) -> None:
+    chain.submitted(1, executor="somebody with many")
+    chain.submitted(2)
+    chain.submitted(3)
+    assert isinstance(chain.acts.spent(2, 1, [DROP]), Wait)
+    assert chain.acts.spent(2, 1, [DROP], due=True) is None
+    own = chain.acts.spent(3, 1, [DROP], due=True)
+    assert isinstance(own, Wait) and own.on.task_id == 2
+    chain.acts.judged(1, 1, [DROP])
+    other = chain.acts.spent(3, 1, [DROP], due=True)
+    assert isinstance(other, Wait) and other.on.task_id == 1
+
+
+def test_who_was_passed_in_line_waits_for_the_verdict_that_may_pay_for_the_same_act(chain: Chain) -> None:
+    chain.submitted(1, executor="somebody with many")
+    chain.submitted(2)
+    chain.acts.judged(2, 1, [DROP])
+    assert chain.acts.spent(2, 1, [DROP], due=True) is None
+    chain.acts.judged(1, 1, [DROP])
+    wait = chain.acts.spent(1, 1, [DROP])
+    assert isinstance(wait, Wait) and wait.on.task_id == 2
+    assert chain.acts.spent(1, 1, ["bin/itrash/drop/8"]) is None
+    chain.accepted(2, DROP)
+    found = chain.acts.spent(1, 1, [DROP])
+    assert isinstance(found, Spent)
+    assert acts_unspent([DROP], found).fault == "the oracle, which decided a later submission first"
+
+
+def test_who_was_passed_in_line_waits_for_no_verdict_that_does_not_come(chain: Chain) -> None:
+    chain.submitted(1, executor="somebody with many")
+    chain.submitted(2)
+    chain.acts.judged(2, 1, [DROP])
+    assert chain.acts.spent(2, 1, [DROP], due=True) is None
+    chain.acts.judged(2, 1, None)
+    chain.acts.judged(2, 1, [DROP])
+    chain.acts.judged(1, 1, [DROP])
+    assert chain.acts.spent(1, 1, [DROP]) is None
+
+
 @pytest.mark.parametrize("end", ["TaskRequeued", "TaskFailed", "TaskCancelled"])
 def test_nobody_waits_for_an_attempt_that_ended_without_a_verdict(chain: Chain, end: str) -> None:
     chain.submitted(1)

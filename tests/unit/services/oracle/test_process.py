@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
 from rodeo.clock import WallClock
 from rodeo.config import Site
@@ -63,6 +66,19 @@ class HeldClock(WallClock):
 
 
 RULES = "0x" + "77" * 32
+REFUSED = Report(
+    kind="waste_disposal",
+    task_id=1,
+    attempt=1,
+    proof_sha256=None,
+    outcome="rejected",
+    reason="fetched",
+    rules_sha256=RULES,
+    checks=[],
+)
+ACCEPTED = REFUSED.model_copy(
+    update={"outcome": "accepted", "reason": "accepted", "acts": ["bin/itrash/drop/7"]}
+)
 
 
 class Bridge:
@@ -70,6 +86,7 @@ class Bridge:
 
     def __init__(self, task: Task) -> None:
         self.current = task
+        self.others: dict[int, Task] = {}
         self.behind = 0
         """Questions that are still answered as before the submission."""
         self.broken = False
@@ -77,11 +94,17 @@ class Bridge:
         self.verdicts: list[Any] = []
         self.posted = threading.Event()
 
-    def task(self, _task_id: int) -> Task:
+    def task(self, task_id: int) -> Task:
         if self.behind > 0:
             self.behind -= 1
             return self.current.model_copy(update={"state": "assigned"})
-        return self.current
+        return self.others.get(task_id, self.current)
+
+    def other(self, **changed: Any) -> Task:
+        """One more task that waits for its verdict."""
+        task = self.current.model_copy(update={"id": self.current.id + 1 + len(self.others), **changed})
+        self.others[task.id] = task
+        return task
 
     def ask(self, query: Query[A], **_filters: Any) -> A:
         return answers.answered(query, _ANSWERS)
@@ -94,11 +117,12 @@ class Bridge:
         said = {
             "attempt": request.attempt,
             "verdict": request.outcome,
-            "report_hash": "0x00",
+            "report_hash": request.report_sha256,
             "report_uri": "",
         }
         for tell in self.hearers:
-            tell(event(self.current, 9, "VerdictPosted", **said))
+            task = self.others.get(request.task_id, self.current)
+            tell(event(task, 1000 + len(self.verdicts), "VerdictPosted", **said))
         self.posted.set()
 
 
@@ -124,17 +148,7 @@ def oracle(
     monkeypatch.setattr(process, "RETRY_S", 0.01)
     monkeypatch.setattr(process, "SWEEP_S", 0.05)
     monkeypatch.setattr(rules, "_LOOK_S", 0.01)
-    refused = Report(
-        kind="waste_disposal",
-        task_id=1,
-        attempt=1,
-        proof_sha256=None,
-        outcome="rejected",
-        reason="fetched",
-        rules_sha256=RULES,
-        checks=[],
-    )
-    monkeypatch.setattr(worker, "verify_apart", lambda *_, **__: refused)
+    monkeypatch.setattr(worker, "verify_apart", lambda *_, **__: REFUSED)
     stop = threading.Event()
     own = site.model_copy(update={"data_dir": tmp_path})
     threads: list[threading.Thread] = []
@@ -147,13 +161,15 @@ def oracle(
             clock=HeldClock(),
             data_dir=tmp_path / rules_sha256,
             activity=lambda *_, **__: None,
-            concern=lambda *_: None,
+            concerns=(concerns := {}),
+            concern=concerns.__setitem__,
         )
         made = Oracle(service, "oracle")  # type: ignore[arg-type]
         made._judging.begin({"waste_disposal": rules_sha256})
         made._wallet = bridge  # type: ignore[assignment]
         bridge.hearers.append(made._on_event)
-        for target in (made._take_turns, made._sweep, lambda: made._judging.run(stop)):
+        runs = (partial(turns.run, stop, made._work) for turns in (made._turns, made._words))
+        for target in (*runs, made._sweep, lambda: made._judging.run(stop)):
             threads.append(threading.Thread(target=target, daemon=True))
             threads[-1].start()
         return made
@@ -177,9 +193,31 @@ def event(task: Task, seq: int, name: str, **args: Any) -> DaoEvent:
     )
 
 
-def submit(oracle: Oracle, task: Task) -> None:
-    oracle._on_event(event(task, 1, "TaskRegistered", kind=task.kind, rules=task.rules_sha256))
-    oracle._on_event(event(task, 2, "ProofSubmitted", attempt=task.attempt, executor="panther1"))
+def submit(oracle: Oracle, task: Task, executor: str = "panther1") -> None:
+    seq = 2 * task.id
+    oracle._on_event(event(task, seq, "TaskRegistered", kind=task.kind, rules=task.rules_sha256))
+    oracle._on_event(event(task, seq + 1, "ProofSubmitted", attempt=task.attempt, executor=executor))
+
+
+class Verifications:
+    """Each lasts until the test ends it, and says the same of every proof."""
+
+    def __init__(self, report: Report) -> None:
+        self._report = report
+        self.begun: list[int] = []
+        """Tasks."""
+        self.ended: defaultdict[int, threading.Event] = defaultdict(threading.Event)
+
+    def __call__(
+        self, _site: Site, chain_record: ChainRecord, _scratch: Path, stop: threading.Event, **_: Any
+    ) -> Report | None:
+        task_id = chain_record.task.id
+        end = self.ended[task_id]
+        self.begun.append(task_id)
+        while not end.wait(0.01):
+            if stop.is_set():
+                return None
+        return self._report.model_copy(update={"task_id": task_id})
 
 
 def test_a_submission_that_the_index_does_not_know_yet_gets_its_verdict_when_it_does(
@@ -197,8 +235,12 @@ def test_a_submission_that_was_undone_while_the_index_is_behind_is_waited_for_no
     bridge.behind = 10**9
     judge = oracle()
     submit(judge, bridge.current)
-    undone = {"undone_seq": 2, "undone_name": "ProofSubmitted", "attempt": bridge.current.attempt}
-    judge._on_event(event(bridge.current, 3, "EventUndone", **undone))
+    undone = {
+        "undone_seq": 2 * bridge.current.id + 1,
+        "undone_name": "ProofSubmitted",
+        "attempt": bridge.current.attempt,
+    }
+    judge._on_event(event(bridge.current, 1000, "EventUndone", **undone))
     done = threading.Event()
     for _ in range(int(WAIT_S / 0.02)):
         if not judge._in_work:
@@ -248,16 +290,7 @@ def test_a_report_by_other_rules_than_the_tasks_is_no_verdict(
     oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As where the checks were updated under a running oracle: people decide, its window being over here."""
-    other = Report(
-        kind="waste_disposal",
-        task_id=1,
-        attempt=1,
-        proof_sha256=None,
-        outcome="accepted",
-        reason="accepted",
-        rules_sha256="0x" + "88" * 32,
-        checks=[],
-    )
+    other = ACCEPTED.model_copy(update={"rules_sha256": "0x" + "88" * 32})
     monkeypatch.setattr(worker, "verify_apart", lambda *_, **__: other)
     bridge.current = bridge.current.model_copy(update={"verdict_deadline": 1.0})
     submit(oracle(), bridge.current)
@@ -280,6 +313,87 @@ def test_of_two_oracles_with_different_rules_the_one_that_has_the_tasks_judges_i
     wait_until(lambda: not updated._judging.keys() and not judge._in_work)
     assert [(one.outcome, one.reason) for one in bridge.verdicts] == [("rejected", "fetched")]
     assert (judge._decided, updated._decided) == (1, 0)
+
+
+# -- providers take turns ---------------------------------------------------------------------------------
+
+
+def test_eight_heavy_proofs_of_one_provider_keep_nobody_elses_waiting(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, "SIDE_BY_SIDE", 1)
+    monkeypatch.setattr(worker, "verify_apart", verifications := Verifications(REFUSED))
+    judge = oracle()
+    heavy = [bridge.current, *(bridge.other() for _ in range(7))]
+    for task in heavy:
+        submit(judge, task, "many")
+    submit(judge, honest := bridge.other(), "honest")
+    wait_until(lambda: verifications.begun == [heavy[0].id])
+    verifications.ended[heavy[0].id].set()
+    wait_until(lambda: verifications.begun == [heavy[0].id, honest.id])
+    verifications.ended[honest.id].set()
+    wait_until(lambda: {one.task_id for one in bridge.verdicts} == {heavy[0].id, honest.id})
+    wait_until(lambda: verifications.begun == [heavy[0].id, honest.id, heavy[1].id])
+
+
+def test_a_verdict_that_is_due_waits_for_no_proof_that_others_have_in_line(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """People decide on one of those that claims the same act."""
+    monkeypatch.setattr(worker, "verify_apart", verifications := Verifications(ACCEPTED))
+    judge = oracle()
+    bridge.current = bridge.current.model_copy(update={"verdict_window_s": 4})
+    honest = bridge.other(verdict_deadline=time.time() + 1.5)
+    submit(judge, bridge.current, "many")
+    submit(judge, honest, "honest")
+    verifications.ended[honest.id].set()
+    assert bridge.posted.wait(WAIT_S)
+    assert [(one.task_id, one.outcome) for one in bridge.verdicts] == [(honest.id, "accepted")]
+    verifications.ended[bridge.current.id].set()
+    wait_until(lambda: len(bridge.verdicts) == 2)
+    assert bridge.verdicts[1].outcome == "undecided"
+    assert "the oracle, which decided a later submission first" in bridge.verdicts[1].reason
+
+
+def test_a_last_word_waits_for_no_verification(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, "SIDE_BY_SIDE", 1)
+    monkeypatch.setattr(worker, "verify_apart", verifications := Verifications(REFUSED))
+    judge = oracle()
+    left = bridge.other(rules_sha256="0x" + "88" * 32, verdict_deadline=time.time() + 3600)
+    submit(judge, left)
+    wait_until(lambda: judge._judging.keys() == {(left.id, left.attempt)} and not judge._in_work)
+    submit(judge, bridge.current)
+    wait_until(lambda: verifications.begun == [bridge.current.id])
+    due = left.model_copy(update={"verdict_deadline": 1.0})
+    bridge.others[left.id] = due
+    judge._judging._left[left.id, left.attempt] = due
+    assert bridge.posted.wait(WAIT_S)
+    assert [(one.task_id, one.outcome) for one in bridge.verdicts] == [(left.id, "undecided")]
+
+
+def test_what_is_due_before_its_turn_is_a_warning(
+    oracle: Callable[[], Oracle],
+    bridge: Bridge,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(process, "SIDE_BY_SIDE", 1)
+    monkeypatch.setattr(worker, "verify_apart", verifications := Verifications(REFUSED))
+    judge = oracle()
+    submit(judge, bridge.current)
+    wait_until(lambda: verifications.begun == [bridge.current.id])
+    late = bridge.other(verdict_deadline=1.0)
+    submit(judge, late)
+    submit(judge, bridge.other(verdict_deadline=time.time() + 3600))
+    concerns: dict[str, str] = judge._process.concerns  # type: ignore[attr-defined]
+    wait_until(lambda: concerns.get("turns", "").startswith("1 of 2 proofs in line are due"))
+    assert f"task {late.id} attempt 1 is due, and its turn to be verified has not come" in caplog.text
+    judge._on_event(event(late, 1000, "TaskRequeued"))
+    wait_until(lambda: concerns["turns"] == "")
+    assert f"task {late.id} attempt 1: its window ended before it was verified" in caplog.text
+    assert verifications.begun == [bridge.current.id]
 
 
 def wait_until(condition: Callable[[], bool]) -> None:

@@ -1,0 +1,130 @@
+"""Whose proof is verified next. Providers take turns: who hands in many, or costly ones, waits alone.
+
+    a free place             goes to the provider with the fewest proofs in work; of these, to the one whose
+                             last turn was the longest ago
+    the last free place      only to a provider that has no proof in work
+    proofs of one provider   in the order in which they came
+    a second attempt         behind all first ones that were in line before it and may have the place,
+                             whosever they are; those that come later do not pass it, so that it does not
+                             wait for ever
+
+What decides are counts and order, never how long something took: that differs from machine to machine.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import threading
+from collections import Counter, deque
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
+from typing import NamedTuple
+
+from rodeo.clock import Clock
+
+Key = tuple[int, int]
+"""Task and attempt."""
+
+
+class _Entry(NamedTuple):
+    number: int
+    """Counts what came."""
+    key: Key
+    provider: str
+    again: bool
+
+
+class Turns:
+    """Submissions in line, and those that have their turn. Thread-safe.
+
+    Args:
+        clock: is told of what changes; a simulated one waits for who has the turn.
+        places: how many have their turn at the same time.
+    """
+
+    def __init__(self, clock: Clock, places: int) -> None:
+        self._clock = clock
+        self._places = places
+        self._lock = threading.Lock()
+        self._numbers = itertools.count(1)
+        self._lines: dict[tuple[str, bool], deque[_Entry]] = {}
+        """(provider, whether these are second attempts) -> its line; none is empty."""
+        self._in_work: dict[Key, str] = {}
+        """Submission -> its provider."""
+        self._last_turns: dict[str, int] = {}
+        """Provider -> number of its last turn."""
+
+    def put(self, key: Key, provider: str, *, again: bool = False) -> None:
+        """At the end of the provider's line; `again`: of second attempts."""
+        with self._lock:
+            entry = _Entry(next(self._numbers), key, provider, again)
+            self._lines.setdefault((provider, again), deque()).append(entry)
+        self._clock.notify()
+
+    def waiting(self) -> list[Key]:
+        """Submissions in line, in the order in which they came."""
+        with self._lock:
+            return [entry.key for entry in sorted(entry for line in self._lines.values() for entry in line)]
+
+    def run(self, stop: threading.Event, work: Callable[[Key, Callable[[], None]], None]) -> None:
+        """Give turns until `stop`; returns when the last one has ended. Each is `work(key, leave)` in a
+        thread of its own, and gives its place to the next when it calls `leave`, or ends."""
+        threads: list[threading.Thread] = []
+        with self._clock.acting():
+            while self._clock.wait_for(partial(self._has_next, stop), stop, resting=True):
+                held = ExitStack()
+                # A simulated clock waits for a verdict from here on. For one whose turn is not yet it must
+                # not: what all the others wait for may be that something is due.
+                held.enter_context(self._clock.hold())
+                thread = threading.Thread(
+                    target=self._turn, args=(self._take(), held, work), name="verifier", daemon=True
+                )
+                thread.start()
+                threads = [one for one in threads if one.is_alive()] + [thread]
+        for thread in threads:
+            thread.join()
+
+    def _turn(self, key: Key, held: ExitStack, work: Callable[[Key, Callable[[], None]], None]) -> None:
+        leave = partial(self._leave, key)
+        with self._clock.acting():
+            held.close()
+            try:
+                work(key, leave)
+            finally:
+                leave()
+
+    def _has_next(self, stop: threading.Event) -> bool:
+        with self._lock:
+            return not stop.is_set() and self._next() is not None
+
+    def _take(self) -> Key:
+        with self._lock:
+            entry = self._next()
+            assert entry is not None  # nobody else takes
+            line = self._lines[entry.provider, entry.again]
+            line.popleft()
+            if not line:
+                del self._lines[entry.provider, entry.again]
+            self._in_work[entry.key] = entry.provider
+            self._last_turns[entry.provider] = next(self._numbers)
+            return entry.key
+
+    def _leave(self, key: Key) -> None:
+        with self._lock:
+            self._in_work.pop(key, None)
+        self._clock.notify()
+
+    def _next(self) -> _Entry | None:
+        """Whose turn it is; None while there is nobody, or no place."""
+        free = self._places - len(self._in_work)
+        working = Counter(self._in_work.values())
+        heads = (line[0] for line in self._lines.values())
+        able = [one for one in heads if free > (1 if working[one.provider] else 0)]
+        first = min((one.number for one in able if not one.again), default=math.inf)
+        return min(
+            (one for one in able if not one.again or one.number < first),
+            key=lambda one: (working[one.provider], self._last_turns.get(one.provider, 0), one.number),
+            default=None,
+        )
