@@ -319,7 +319,7 @@ def test_of_two_proofs_of_one_act_the_one_submitted_first_is_paid(
     first, second = twice
     proofs = {task_id: stored(executor, task_id) for task_id in twice}
     executor.submit(second, *proofs[second])
-    executor.submit(first, *proofs[first])  # verified side by side
+    executor.submit(first, *proofs[first])  # both in line
     assert executor.verdict(second, 1)["verdict"] == "accepted"
     spent(executor.verdict(first, 1), by=second)
 
