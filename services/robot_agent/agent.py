@@ -79,6 +79,9 @@ _LAST_LOOK_S = 1.0
 _EVENTS_KEPT = 500
 _HOME_M = 0.3
 """Nearer than this to its own place a robot is at home."""
+_ASTRAY_S, _ASTRAY_TRIES = 30.0, 40
+"""A robot that did not get home tries again after so long (site time), and so often: elsewhere it may stand in
+another's way, switched off for the whole night."""
 
 
 class Distracted(AgentError):
@@ -180,6 +183,8 @@ class Agent:
         )
         self._exploring = HourlyBudget(60 * site.agent.explore_min_per_h)
         self._schedule = robot.schedule
+        self._astray = 0
+        """Tries in a row to get home that failed."""
         self._off_since: Situation | None = None
         """How things were when the robot was switched off; None while it is on."""
         self._wake = threading.Event()
@@ -515,6 +520,10 @@ class Agent:
                 self._fold()
             if self._wake.is_set() or not self._off_duty:
                 return  # something happened meanwhile: decide again
+            if 0 < self._astray < _ASTRAY_TRIES:
+                until_s = self._clock.now_s() + _ASTRAY_S
+                self._clock.wait_for(self._wake.is_set, self._stop, until_s=until_s, resting=True)
+                return
             self._body.switch_off()
             self._off_since = situation
         now_s = self._clock.now_s()
@@ -536,9 +545,10 @@ class Agent:
 
     def _go_home(self) -> None:
         """Where there are other robots, wait at the place that the site file gives this one."""
-        home, here = self._robot.pose, self._body.base_pose()
-        if len(self._site.robots) == 1 or math.dist((home.x_m, home.y_m), (here.x_m, here.y_m)) < _HOME_M:
+        if len(self._site.robots) == 1 or self._is_at_home():
+            self._astray = 0
             return
+        home = self._robot.pose
         self._report("driving to its resting place")
         try:
             with self._interrupts.also(self._undistracted):
@@ -552,11 +562,16 @@ class Agent:
             return
         except (MotionFailed, Unreachable) as error:
             log.info("staying: %s", error)
+        self._astray = 0 if self._is_at_home() else self._astray + 1
+
+    def _is_at_home(self) -> bool:
+        home, here = self._robot.pose, self._body.base_pose()
+        return math.dist((home.x_m, home.y_m), (here.x_m, here.y_m)) < _HOME_M
 
     def _wait_for_news(self) -> None:
         """Until something happens on chain, or it is time to look at the battery or to explore again."""
         now_s = self._clock.now_s()
-        until_s = now_s + _IDLE_S
+        until_s = now_s + (_ASTRAY_S if 0 < self._astray < _ASTRAY_TRIES else _IDLE_S)
         if self._site.agent.explore_when_idle and self._exploring.is_used_up(now_s):
             until_s = min(until_s, self._exploring.renewed_s(now_s))
         self._clock.wait_for(

@@ -16,7 +16,7 @@ from rodeo.config import AgentConfig
 from rodeo.lab.config import Pose2
 from rodeo.messages import DaoEvent, Task
 from rodeo.robot.behaviour import Estimate
-from rodeo.robot.errors import BodySilent
+from rodeo.robot.errors import BodySilent, MotionFailed
 from rodeo.robot.interrupts import Interrupts
 from rodeo.robot.ros_body import Battery
 from rodeo.schedule import Schedule
@@ -46,6 +46,7 @@ def test_events_of_another_chain_are_not_recorded_for_the_task_of_the_same_numbe
 
 # -- working hours -----------------------------------------------------------------------------------------
 
+HOME = Pose2(x_m=0, y_m=0)
 MIDNIGHT_S = 1_900_022_400.0
 """2030-03-17 00:00 UTC."""
 
@@ -68,21 +69,27 @@ class Night:
     waits: list[float] = field(default_factory=list)
     did: list[str] = field(default_factory=list)
     standing: Standing = field(default_factory=Standing)
+    here: Pose2 = HOME
+    blocked: int = 0
+    """Drives home that fail."""
+    robots: int = 1
 
     def mind(self) -> Any:
         agent: Any = Agent.__new__(Agent)
         agent._stop, agent._wake = threading.Event(), threading.Event()
-        agent._schedule, agent._off_since = Schedule(["08:00-18:00"]), None
+        agent._schedule, agent._off_since, agent._astray = Schedule(["08:00-18:00"]), None, 0
         agent._orders = SimpleNamespace(standing=self.standing)
         agent._exploring, agent._keep = HourlyBudget(3600.0), lambda *_: None
-        agent._site = SimpleNamespace(agent=AgentConfig(explore_when_idle=False), robots=[None])
+        agent._site = SimpleNamespace(agent=AgentConfig(explore_when_idle=False), robots=[None] * self.robots)
         agent._energy = SimpleNamespace(name="energy")
-        agent._robot = SimpleNamespace(name="panther1", pose=Pose2(x_m=0, y_m=0))
+        agent._robot = SimpleNamespace(name="panther1", pose=HOME)
         agent._process = SimpleNamespace(disk_problem="", ready=lambda: None)
         agent._memory = SimpleNamespace(held=None)
         agent._interrupts = Interrupts()
         agent._body, agent._dao, agent._upkeep, agent._charging = self, self, self, self
-        agent._manipulator = SimpleNamespace(fold=lambda: self.did.append("fold"))
+        agent._manipulator = SimpleNamespace(
+            fold=lambda: self.did.append("fold"), make_way=lambda: self.did.append("make way")
+        )
         agent._report = lambda text, *_: self.said.append(text)
         agent._rest = lambda _situation: self.did.append("rest")
         agent._work = lambda _situation: (self.did.append("work"), self.assigned.clear())
@@ -101,7 +108,13 @@ class Night:
         self.asked += 1
         if not self.powered:
             raise BodySilent("a body that is off was asked")
-        return Pose2(x_m=0, y_m=0)
+        return self.here
+
+    def navigate(self, goal: Pose2) -> None:
+        if self.blocked:
+            self.blocked -= 1
+            raise MotionFailed("there is no way", action="navigate")
+        self.here = goal
 
     def switch_on(self) -> None:
         self.powered = True
@@ -171,6 +184,22 @@ def test_after_its_hours_a_robot_folds_its_arm_is_switched_off_and_waits_for_the
     steps(night, 1)
     assert (night.did, night.service, night.powered) == (["clear the dock", "fold"], "paused", False)
     assert (night.said[-1], night.waits) == ("off until 08:00", [at(24 + 8)])
+
+
+def test_a_robot_among_others_is_switched_off_at_home_and_not_where_it_made_way() -> None:
+    night = Night(at(18), robots=2, here=Pose2(x_m=3, y_m=3), blocked=2)
+    steps(night, 2)
+    assert night.powered and night.waits == [at(18) + 30, at(18) + 60]
+    assert night.did.count("make way") == 2
+    steps(night, 1)
+    assert (night.powered, night.here) == (False, HOME)
+
+
+def test_a_robot_whose_home_stays_blocked_is_switched_off_all_the_same() -> None:
+    night = Night(at(18), robots=2, here=Pose2(x_m=3, y_m=3), blocked=1000)
+    steps(night, 40)
+    assert not night.powered
+    assert night.waits[-1] == at(24 + 8) and len(night.waits) == 40
 
 
 def test_in_the_morning_it_is_switched_on_and_takes_work_again() -> None:
