@@ -349,9 +349,14 @@ class KindConfig(_Table):
     votes: int | None = Field(default=None, ge=1)
     """How many of several `[[oracles]]` have to agree on a proof of this kind; by default more than half of
     the panel."""
+    models_sha256: list[Annotated[str, Field(pattern=r"^0x[0-9a-f]{64}$")]] = []
+    """Networks whose word counts besides the installed one, by the hash of their weights. They are part of
+    the kind's rules: where a witness asked any other, auditors judge the work."""
 
     @model_validator(mode="after")
     def _says_who_judges(self) -> KindConfig:
+        if self.review is not None and self.models_sha256:
+            raise ValueError(f"auditors judge {self.name}, and no network: remove models_sha256")
         if self.review is None and (self.title or self.description or self.parameters):
             raise ValueError(
                 f'{self.name} is declared here: add review = "auditor" to set who judges it, '

@@ -118,6 +118,8 @@ class Kind:
     subject: str = ""
     """The parameter that names the task's subject, if it has one."""
     doubt: Doubt = _no_doubt
+    models_sha256: tuple[str, ...] = ()
+    """Networks whose word counts besides the one that the checks ask."""
 
     def __post_init__(self) -> None:
         if self.review == "oracle" and not self.checks:
@@ -170,6 +172,18 @@ class Kind:
     def load_behaviour(self) -> Any:
         """The behaviour of an executor, or None."""
         return _attribute(self, self.behaviour)
+
+    def models(self) -> list[str]:
+        """Hashes of the networks whose word counts: of the one that the checks ask, and of others listed.
+
+        Raises KindError where some are listed and the checks ask none, or cannot be imported.
+        """
+        checks = self.load_checks()
+        if checks is not None and checks.model_sha256 is not None:
+            return sorted({checks.model_sha256(), *self.models_sha256})
+        if self.models_sha256:
+            raise KindError("its checks ask no network: remove models_sha256", kind=self.name)
+        return []
 
     def load_checks(self) -> Any:
         """The checks of a proof, or None."""
@@ -270,6 +284,7 @@ def _declared(config: KindConfig) -> Kind:
         "price_iec": config.price_iec,
         "execution_window_s": config.execution_window_s,
         "at_silence": config.at_silence,
+        "models_sha256": tuple(config.models_sha256) or None,
     }
     return replace(kind, **{name: value for name, value in said.items() if value is not None})
 

@@ -82,7 +82,7 @@ def show(name: Name, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = Fals
 
     While the site runs, show also which rules are current on its chain.
     """
-    kind = load(name)
+    kind = (_used(site) or {}).get(name) or load(name)
     document = _document(kind)
     installed_rules, current = document["rules_hash"], _current_rules(site, name)
     document |= {
@@ -105,6 +105,7 @@ def show(name: Name, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = Fals
             ("price", f"{iec(kind.price_iec)} for a {kind.unit}"),
             ("provides", kind.provides),
             ("rules", str(installed_rules or "")),
+            ("networks that count", ", ".join(document["models_sha256"])),
             ("current on chain", _current_in_words(current, installed_rules)),
             ("done by", kind.behaviour or ("people, or a separate process")),
         ),
@@ -185,6 +186,7 @@ def _document(kind: Kind) -> dict[str, Any]:
         "provides": kind.provides,
         "behaviour": kind.behaviour,
         "rules_hash": rules_hash(kind),
+        "models_sha256": kind.models(),
         "parameters": kind.schema,
         "recorded": [
             {

@@ -1,8 +1,8 @@
 """The rules by which a kind of work is judged, as one hash: everybody who has the same rules finds the same.
 
 The hash covers the schema of a task's parameters, the limits, the source of the kind's checks and of the
-shared ones that they import, the model that they ask, and MuJoCo's major version. Comments, docstrings, line
-ends and where the files lie do not count.
+shared ones that they import, the models whose word counts, and MuJoCo's major version. Comments, docstrings,
+line ends and where the files lie do not count.
 """
 
 from __future__ import annotations
@@ -37,14 +37,13 @@ def rules(kind: Kind) -> dict[str, Any] | None:
     imported."""
     if not kind.checks:
         return None
-    model_sha256 = kind.load_checks().model_sha256
     sources = sources_of(kind.checks.partition(":")[0])
     physics = any(source.physics for source in sources.values())
     return {
         "parameters": _said(kind.schema),
         "limits": {module: source.limits for module, source in sources.items() if source.limits},
         "sources": {module: source.sha256 for module, source in sources.items()},
-        "model_sha256": None if model_sha256 is None else model_sha256(),
+        "models_sha256": kind.models(),
         "mujoco": version(_PHYSICS).partition(".")[0] if physics else None,
     }
 

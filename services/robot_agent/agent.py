@@ -80,8 +80,8 @@ _EVENTS_KEPT = 500
 _HOME_M = 0.3
 """Nearer than this to its own place a robot is at home."""
 _ASTRAY_S, _ASTRAY_TRIES = 30.0, 40
-"""A robot that did not get home tries again after so long (site time), and so often: elsewhere it may stand in
-another's way, switched off for the whole night."""
+"""A robot that did not get home tries again after so long (site time), and so often: elsewhere it may stand
+in another's way, switched off for the whole night."""
 
 
 class Distracted(AgentError):

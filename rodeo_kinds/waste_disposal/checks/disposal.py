@@ -22,6 +22,7 @@ from rodeo.checks.witnesses import (
     revoked_while_recorded,
     unsound,
 )
+from rodeo.kinds import kinds_of
 from rodeo.lab.drop import JUDGED_AFTER_DROP_S
 from rodeo.lab.layout import BinLayout
 from rodeo.topics import SEAL_CHANNEL
@@ -220,8 +221,11 @@ def heard(case: Case) -> Finding:
 
 
 def pictured(case: Case) -> Finding:
-    """The picture that the bin classified is in the proof, as its camera encoded it."""
-    return picture.shown(case.proof, case.bin.name, _classification(case))
+    """The picture that the bin classified is in the proof, as its camera encoded it, and a network that the
+    kind's rules list said what it shows."""
+    assert case.kind is not None
+    listed = kinds_of(case.site)[case.kind].models()
+    return picture.shown(case.proof, case.bin.name, _classification(case), listed)
 
 
 def nothing_left_out(case: Case) -> Finding:

@@ -1,16 +1,18 @@
 """What the bin looked at: the picture travels in the proof as the camera encoded it.
 
-Whether it is there decides; what the deployed network says of it is shown to judges, and decides nothing: the
-bin's signature stands for the class.
+Whether it is there decides, and whether the bin asked a network that the kind's rules list. What the network
+that is deployed here says of it is shown to judges, and decides nothing: the bin's signature stands for the
+class.
 """
 
+from collections.abc import Collection
 from functools import cache
 from hashlib import sha256
 from typing import TYPE_CHECKING
 
 from rodeo import topics
 from rodeo.checks.case import CaseError
-from rodeo.checks.report import Finding, at_most
+from rodeo.checks.report import Finding, at_most, undecided
 from rodeo.evidence import Proof
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
@@ -27,10 +29,12 @@ MAX_PICTURES = 1000
 _SOURCE = "the picture in the proof, and the bin's signed statement"
 
 
-def shown(proof: Proof, bin_name: str, said: Classification) -> Finding:
+def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[str]) -> Finding:
     """The picture whose hash the bin signed is in the proof; and what the network says of it.
 
-    Raises CaseError where the picture is missing, LayoutChanged where its topic holds something else.
+    Undecided where the bin asked a network that is not `listed`: its word does not count, and the executor
+    did not choose it. Raises CaseError where the picture is missing, LayoutChanged where its topic holds
+    something else.
     """
     topic = "/" + topics.BIN_IMAGE.name(bin=bin_name)
     count = proof.count(topic)
@@ -42,6 +46,12 @@ def shown(proof: Proof, bin_name: str, said: Classification) -> Finding:
     except ImageError as error:
         return Finding(passed=False, source=_SOURCE, detail=f"the bin signed no picture: {error.message}")
     answer = f"{found.label} ({found.confidence:.2f})"
+    if said.model_sha256 not in listed:
+        return undecided(
+            f"it asked the network {said.model_sha256}, which the rules do not list: {', '.join(listed)}",
+            f"the bin {bin_name}",
+            source=_SOURCE,
+        )
     if said.model_sha256 != model_sha256():
         told = f"it used another model; this oracle's model says {answer}"
     elif said.thresholds_sha256 != thresholds_sha256():

@@ -12,7 +12,8 @@ from pydantic import BaseModel
 
 from rodeo.checks import rules
 from rodeo.checks.rules import rules_hash
-from rodeo.kinds import Kind, load
+from rodeo.kinds import Kind, KindError, load
+from rodeo.vision.classification import model_sha256
 
 CHECKS = '''"""Is the robot there?"""
 
@@ -148,5 +149,15 @@ def test_the_rules_of_a_cleaning_are_its_checks_and_the_shared_ones_that_they_us
     assert not {name for name in ours if "harness" in name or "behaviour" in name}
     assert {"rodeo.checks.grip", "rodeo.checks.statements"} <= found["sources"].keys()
     assert found["limits"]["rodeo.checks.gripper"]["AGREE_M"] == "0.05"
-    assert found["model_sha256"].startswith("0x")
+    assert found["models_sha256"] == [model_sha256()]
     assert found["mujoco"] == "4"
+
+
+def test_a_network_counts_where_the_kind_lists_it_and_that_makes_other_rules() -> None:
+    kind, other = load("waste_disposal"), "0x" + "33" * 32
+    listing = replace(kind, models_sha256=(other,))
+    assert kind.models() == [model_sha256()]
+    assert listing.models() == sorted([model_sha256(), other])
+    assert rules_hash(listing) != rules_hash(kind)
+    with pytest.raises(KindError, match="ask no network"):
+        rules_hash(replace(load("battery_charging"), models_sha256=(other,)))

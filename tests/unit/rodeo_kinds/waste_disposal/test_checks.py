@@ -77,6 +77,22 @@ def test_the_compartment_is_judged_by_the_costs_of_the_site(site: Site, cleaning
     assert "green" in report.reason
 
 
+def test_a_network_of_which_the_rules_know_nothing_leaves_honest_work_to_auditors(
+    site: Site, cleaning: Take, judge: Judge
+) -> None:
+    other = "0x" + "33" * 32
+    asked_another = told(cleaning, "bin/classification", model_sha256=other)
+    chain = cleaning_chain_record(asked_another)
+    report = judge(asked_another, chain)
+    assert (report.outcome, report.fault) == ("undecided", f"the bin {site.bins[0].name}")
+    kinds = [
+        one.model_copy(update={"models_sha256": [other]}) if one.name == chain.task.kind else one
+        for one in site.kinds
+    ]
+    listing = site.model_copy(update={"kinds": kinds})
+    assert judge(asked_another, chain, at=listing).accepted
+
+
 @pytest.mark.parametrize("item_class", [ItemClass.PLASTIC, ItemClass.PAPER, ItemClass.GLASS])
 def test_every_kind_of_item_can_be_carried(site: Site, judge: Judge, item_class: ItemClass) -> None:
     from rodeo.lab.items import SHAPES
