@@ -413,7 +413,23 @@ def _former_oracle(site: Site, client: ChainClient) -> str | None:
 
 
 def _missing_judges(site: Site, client: ChainClient, kind: str) -> Iterator[Call]:
-    """What has the site's oracles vote on proofs of `kind`; nothing where there is one oracle."""
+    """What has the site's oracles vote on proofs of `kind`; nothing where there is one oracle. A quorum that
+    is on chain stays: the administrator or the members may have changed it."""
+    if not site.oracles:
+        return
+    quorum, votes = client.quorum(kind), votes_needed(site, kind)
+    if quorum.votes:
+        if (quorum.votes, quorum.count) != (votes, len(site.oracles)):
+            log.warning(
+                "%d of %d oracles judge %s on chain, and %d of %d in the site file: `rodeo organization "
+                "seat`, `unseat` and `quorum` change those on chain",
+                quorum.votes,
+                quorum.count,
+                kind,
+                votes,
+                len(site.oracles),
+            )
+        return
     seats = 0
     for judge in site.oracles:
         key = _told(site, f"{judge.name}-device")
@@ -424,10 +440,7 @@ def _missing_judges(site: Site, client: ChainClient, kind: str) -> Iterator[Call
         seated = client.judge(key)
         assert seated is not None
         seats |= 1 << seated.seat
-    wanted = votes_needed(site, kind), panel(site), site.oracle.rotation_s, seats
-    quorum = client.quorum(kind)
-    if site.oracles and wanted != (quorum.votes, quorum.panel, quorum.rotation, quorum.judges):
-        yield client.calls.set_quorum(kind, *wanted)
+    yield client.calls.set_quorum(kind, votes, panel(site), site.oracle.rotation_s, seats)
 
 
 def _missing_hash(client: ChainClient, kind: Kind, known: Sequence[str]) -> Iterator[Call]:

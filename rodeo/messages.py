@@ -427,7 +427,8 @@ class RevokeRole(Command):
 Proposable = Literal[
     "admit", "allow_kind", "change_judge_key", "dismiss", "grant_role", "register_device",
     "reinstate_service", "rescue_tokens", "resume_tasks", "retire_rules", "revoke_device", "revoke_role",
-    "set_budget", "set_members_only", "set_policy", "set_terms", "suspend_service", "update_service",
+    "seat_judge", "set_budget", "set_members_only", "set_policy", "set_quorum", "set_terms",
+    "suspend_service", "unseat_judge", "update_service",
 ]  # fmt: skip
 """Commands of the organization that its members can decide about."""
 
@@ -471,6 +472,38 @@ class ChangeJudgeKey(Command):
     key: Address
 
 
+class SeatJudge(Command):
+    """Give a judge the next seat of the committee. It judges nothing until `set_quorum` names it."""
+
+    key: Address
+    """The key with which it votes."""
+    owner: Party | None = None
+    """The party that it works for, whose tasks it does not judge. By default it works for nobody."""
+
+
+class UnseatJudge(Command):
+    """Let a judge of the committee judge no kind any more. Its seat stays, so that a later quorum can name
+    it."""
+
+    judge: Party
+    """Its name, or the address of its key."""
+
+
+class SetQuorum(Command):
+    """Set which judges of the committee judge a kind, and how many have to agree. This also applies to proofs
+    that wait."""
+
+    kind: Kind
+    votes: Annotated[int, Field(ge=1, le=64)]
+    """Number of equal votes that make a verdict: more than half of the panel."""
+    judges: Annotated[list[Party], Field(min_length=1, max_length=64)] | None = None
+    """Their names, or the addresses of their keys. By default the judges stay the same."""
+    panel: Annotated[int, Field(ge=1, le=64)] | None = None
+    """How many may vote at once. By default it stays the same; a panel of all judges stays one of all."""
+    rotation_s: Annotated[int, Field(ge=0, lt=2**32)] | None = None
+    """Time after which one more judge may vote; 0 for never. By default it stays the same."""
+
+
 class Collect(Command):
     """Collect payments to the wallet that the token refused before."""
 
@@ -511,6 +544,9 @@ COMMANDS: dict[str, type[Command]] = {
     "grant_role": GrantRole,
     "revoke_role": RevokeRole,
     "change_judge_key": ChangeJudgeKey,
+    "seat_judge": SeatJudge,
+    "unseat_judge": UnseatJudge,
+    "set_quorum": SetQuorum,
     "propose": Propose,
     "cast_vote": CastVote,
     "queue_proposal": QueueProposal,

@@ -284,6 +284,8 @@ _VALUES: dict[str, Any] = {
     "request": {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2},
     "description": "a bond, so that robots take only what they can do",
     "proposal": 3,
+    "votes": 3,
+    "judges": ["anna", "bert", "carl", "dora"],
     "support": "for",
 }
 _SHOWN: dict[str, tuple[str, ...]] = {
@@ -293,6 +295,8 @@ _SHOWN: dict[str, tuple[str, ...]] = {
     "allow_kind": ("review", "rules_sha256"),
     "set_budget": ("amount_iec", "period_s"),
     "propose": ("request",),
+    "seat_judge": ("owner",),
+    "set_quorum": ("judges",),
     "set_terms": ("bond_iec", "penalty_iec", "max_failures"),
 }
 """Optional fields that the example of a command has, too."""

@@ -36,6 +36,7 @@ organization = typer.Typer(
 
 AccountArgument = Annotated[str, typer.Argument(help="A participant's name or an address.")]
 RoleArgument = Annotated[str, typer.Argument(help=f"{', '.join(get_args(RoleName))}.")]
+JudgeArgument = Annotated[str, typer.Argument(help="The oracle's name, or the address of its key.")]
 AmountArgument = Annotated[str, typer.Argument(help="In IEC.")]
 
 
@@ -70,7 +71,8 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
         *(
             (
                 f"judge in seat {one.seat}",
-                f"{one.name or 'unnamed'}, for {one.owner_name or one.owner}, {one.key}",
+                f"{one.name or 'unnamed'}, for {one.owner_name or one.owner}, {one.key}"
+                + ("" if any(one.seat in kind.seats for kind in state.kinds) else ", judges nothing"),
             )
             for one in state.judges
         ),
@@ -477,6 +479,63 @@ def judge_key(
     send(site, participant, "change_judge_key", done, judge=judge, key=key)
 
 
+@organization.command("seat")
+@reports_errors
+def seat(
+    key: Annotated[str, typer.Argument(help="Address of the key with which the judge votes.")],
+    owner: Annotated[
+        str | None,
+        typer.Option(help="For whom it works, whose tasks it does not judge: a participant or an address."),
+    ] = None,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Give a judge the next seat of the committee. It judges nothing until `quorum` names it."""
+    done = f"The judge with the key {key} has a seat. `rodeo organization quorum` lets it judge."
+    send(site, participant, "seat_judge", done, key=key, owner=owner)
+
+
+@organization.command("unseat")
+@reports_errors
+def unseat(
+    judge: JudgeArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Let a judge of the committee judge no kind of work any more. As many votes are needed as before."""
+    send(site, participant, "unseat_judge", f"{judge} judges nothing any more.", judge=judge)
+
+
+@organization.command("quorum")
+@reports_errors
+def quorum(
+    name: Annotated[str, typer.Argument(metavar="KIND", help="The kind of task.")],
+    votes: Annotated[int, typer.Argument(help="How many judges have to agree: more than half of a panel.")],
+    judges: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--judge",
+            help="A judge of this kind, by name or key; repeat it. By default all that judge it now.",
+        ),
+    ] = None,
+    panel: Annotated[
+        int | None, typer.Option(help="How many may vote at once. By default as before.")
+    ] = None,
+    rotation_s: Annotated[
+        int | None,
+        typer.Option(
+            "--rotation", help="Seconds after which one more may vote; 0: never. By default as before."
+        ),
+    ] = None,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Set which judges of the committee judge a kind, and how many have to agree."""
+    done = f"{name} is now judged by {votes} judges that agree."
+    fields = {"kind": name, "votes": votes, "judges": judges, "panel": panel, "rotation_s": rotation_s}
+    send(site, participant, "set_quorum", done, **fields)
+
+
 @organization.command("devices")
 @reports_errors
 def devices(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
@@ -582,5 +641,8 @@ register(
         "register-device": register_device,
         "revoke-device": revoke_device,
         "judge-key": judge_key,
+        "seat": seat,
+        "unseat": unseat,
+        "quorum": quorum,
     },
 )

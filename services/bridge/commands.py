@@ -19,6 +19,7 @@ from rodeo.chain import (
     ChainClient,
     ParticipantCalls,
     Policy,
+    Quorum,
     Review,
     Revocation,
     Role,
@@ -69,13 +70,16 @@ from rodeo.messages import (
     RetireRules,
     RevokeDevice,
     RevokeRole,
+    SeatJudge,
     SetBudget,
     SetMembersOnly,
     SetPolicy,
+    SetQuorum,
     SetTerms,
     SubmitProof,
     SuspendService,
     Transfer,
+    UnseatJudge,
     UpdateService,
     Withdraw,
 )
@@ -86,8 +90,10 @@ from services.bridge.errors import (
     CannotDo,
     CannotRaise,
     InsufficientFunds,
+    InvalidQuorum,
     KindWithoutChecks,
     KindWithoutRules,
+    NotAJudge,
     NotThisWallets,
     NoVotes,
     RewardBelowPrice,
@@ -544,12 +550,68 @@ class Wallet:
         return [self.client.organization_calls.revoke_role(role, self.names.key_address(command.account))]
 
     def _change_judge_key(self, command: ChangeJudgeKey) -> list[Call]:
-        keys = {row["name"]: row["key"] for row in self.index.judges()}
-        known = keys.get(command.judge)
-        if known is None and not is_address(command.judge):
-            raise UnknownParticipant("no such judge", who=command.judge, known=sorted(filter(None, keys)))
-        old = to_checksum_address(known or command.judge)
+        old = self._judges_key(command.judge)
         return [self.client.calls.change_key(old, to_checksum_address(command.key))]
+
+    def _seat_judge(self, command: SeatJudge) -> list[Call]:
+        key = to_checksum_address(command.key)
+        owner = key if command.owner is None else self.names.address(command.owner)
+        return [self.client.calls.seat(key, owner)]
+
+    def _unseat_judge(self, command: UnseatJudge) -> list[Call]:
+        bit = self._judges_bit(command.judge)
+        quorums = {row["kind"]: self.client.quorum(row["kind"]) for row in self.index.all_kinds()}
+        calls = [
+            self._quorum_call(kind, now.votes, now.judges & ~bit, now)
+            for kind, now in quorums.items()
+            if now.judges & bit
+        ]
+        if not calls:
+            raise NotAJudge("this judge judges no kind of work", judge=command.judge)
+        return calls
+
+    def _set_quorum(self, command: SetQuorum) -> list[Call]:
+        self._require_kind(command.kind)
+        now = self.client.quorum(command.kind)
+        judges = now.judges
+        if command.judges is not None:
+            judges = 0
+            for one in command.judges:
+                judges |= self._judges_bit(one)
+        if command.rotation_s is not None:
+            now = replace(now, rotation=command.rotation_s)
+        return [self._quorum_call(command.kind, command.votes, judges, now, command.panel)]
+
+    def _quorum_call(self, kind: str, votes: int, judges: int, now: Quorum, panel: int | None = None) -> Call:
+        """What has `votes` of the seats with these bits judge `kind`. A decision by vote is executed days
+        later, so the contract's refusal would come late. Raises InvalidQuorum."""
+        count = judges.bit_count()
+        if panel is None:
+            panel = count if now.panel == now.count else min(now.panel, count)
+        if not panel < 2 * votes <= 2 * panel or panel > count:
+            raise InvalidQuorum(
+                "the votes must be more than half of the panel, and the panel at most all judges of the kind",
+                kind=kind,
+                votes=votes,
+                panel=panel,
+                judges=count,
+            )
+        return self.client.calls.set_quorum(kind, votes, panel, now.rotation, judges)
+
+    def _judges_key(self, who: str) -> str:
+        """Address with which a judge votes, who is named, or `who` itself. Raises UnknownParticipant."""
+        keys = {row["name"]: row["key"] for row in self.index.judges()}
+        known = keys.get(who)
+        if known is None and not is_address(who):
+            raise UnknownParticipant("no such judge", who=who, known=sorted(filter(None, keys)))
+        return to_checksum_address(known or who)
+
+    def _judges_bit(self, who: str) -> int:
+        """The bit that stands for a judge's seat. Raises UnknownParticipant."""
+        sitting = self.client.judge(self._judges_key(who))
+        if sitting is None:
+            raise UnknownParticipant("no judge votes with this key", who=who)
+        return 1 << sitting.seat
 
     # -- decisions by vote ---------------------------------------------------------------------------------
 
@@ -724,6 +786,9 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "grant_role": (GrantRole, Wallet._grant_role),
     "revoke_role": (RevokeRole, Wallet._revoke_role),
     "change_judge_key": (ChangeJudgeKey, Wallet._change_judge_key),
+    "seat_judge": (SeatJudge, Wallet._seat_judge),
+    "unseat_judge": (UnseatJudge, Wallet._unseat_judge),
+    "set_quorum": (SetQuorum, Wallet._set_quorum),
     "propose": (Propose, Wallet._propose),
     "cast_vote": (CastVote, Wallet._cast_vote),
     "queue_proposal": (QueueProposal, Wallet._queue_proposal),

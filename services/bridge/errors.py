@@ -11,6 +11,8 @@
     │   ├── CannotDo              the participant has nothing that does this kind of work
     │   ├── AlreadyOffered        the participant has a service of this kind
     │   ├── UnknownParticipant
+    │   ├── NotAJudge             the judge judges no kind of work
+    │   ├── InvalidQuorum         the votes are not more than half of a panel of a kind's judges
     │   ├── InsufficientFunds     the wallet has less than the command needs
     │   ├── RewardBelowPrice      every service on offer costs more
     │   ├── FeeTooHigh            the chain asks for more than the wallet may pay
@@ -83,6 +85,14 @@ class AlreadyOffered(RequestError):
 
 class UnknownParticipant(RequestError):
     """Neither a participant of this site nor an address."""
+
+
+class NotAJudge(RequestError):
+    """The committee's judge judges no kind of work."""
+
+
+class InvalidQuorum(RequestError):
+    """The votes of a kind are more than half of its panel, which has at most as many judges as the kind."""
 
 
 class InsufficientFunds(RequestError):

@@ -48,6 +48,8 @@ class _Committee:
     address: str
     keys: Mapping[str, str]
     """Oracle -> address of its key."""
+    needed: Mapping[str, int]
+    """Kind -> how many of them have to agree."""
 
 
 @dataclass
@@ -145,7 +147,7 @@ class Votes:
                 {
                     "task_id": task_id,
                     "attempt": attempt,
-                    "needed": votes_needed(self._site, held.kind),
+                    "needed": self._needed(held.kind),
                     "votes": {name: one.vote.outcome for name, one in sorted(held.votes.items())},
                 }
                 for (task_id, attempt), held in sorted(self._held.items())
@@ -178,10 +180,7 @@ class Votes:
                 self._early[name, submission] = signed
                 return
             held.votes[name] = signed
-            agreed = self._agreed(held)
-            if agreed and held.due_s is None:
-                turn = sorted(agreed).index(self._name) if self._name in agreed else len(agreed)
-                held.due_s = time.monotonic() + _FIRST_S + TURN_S * turn
+            self._take_turn(held)
         self._tell()
         self._clock.notify()
 
@@ -211,16 +210,17 @@ class Votes:
         """Raises BusError, RemoteError."""
         self._asked_s = time.monotonic()
         chain = self._wallet.ask(queries.CHAIN)
-        judges = self._wallet.ask(queries.ORGANIZATION).judges
-        keys = {one.name: one.key for one in judges if one.name is not None}
-        self._known = _Committee(chain.chain_id, chain.contracts.oracle_committee, keys)
+        rules = self._wallet.ask(queries.ORGANIZATION)
+        keys = {one.name: one.key for one in rules.judges if one.name is not None}
+        needed = {one.kind: one.votes for one in rules.kinds if one.votes}
+        self._known = _Committee(chain.chain_id, chain.contracts.oracle_committee, keys, needed)
         return self._known
 
     # -- the verdict ---------------------------------------------------------------------------------------
 
     def _agreed(self, held: _Held, without: frozenset[str] = frozenset()) -> dict[str, SignedVote]:
         """Enough votes for the same, as few as are needed; none where there are not as many."""
-        needed = votes_needed(self._site, held.kind)
+        needed = self._needed(held.kind)
         for said in held.votes.values():
             same = {
                 name: one for name, one in held.votes.items() if one.vote == said.vote and name not in without
@@ -228,6 +228,18 @@ class Votes:
             if len(same) >= needed:
                 return dict(sorted(same.items())[:needed])
         return {}
+
+    def _needed(self, kind: str) -> int:
+        """As the organization last said, which may have changed it since the site was prepared."""
+        said = None if self._known is None else self._known.needed.get(kind)
+        return said or votes_needed(self._site, kind)
+
+    def _take_turn(self, held: _Held) -> None:
+        """Post it in this oracle's turn, if the votes are enough."""
+        agreed = self._agreed(held)
+        if agreed and held.due_s is None:
+            turn = sorted(agreed).index(self._name) if self._name in agreed else len(agreed)
+            held.due_s = time.monotonic() + _FIRST_S + TURN_S * turn
 
     def _due(self) -> list[Key]:
         now_s = time.monotonic()
@@ -290,6 +302,17 @@ class Votes:
             own = [held.votes[self._name] for held in self._held.values()]
         for signed in own:
             self._publish(signed)
+        before = self._known
+        if (
+            own
+            and before is not None
+            and (now := self._current()) is not None
+            and now.needed != before.needed
+        ):
+            with self._lock:
+                for held in self._held.values():
+                    self._take_turn(held)
+            self._tell()
 
     def _publish(self, signed: SignedVote) -> None:
         self._bus.put_json(topics.VOTE.name(org=self._site.org, judge=self._name), signed)

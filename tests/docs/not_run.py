@@ -7,6 +7,7 @@ _MINUTES = "takes more than a minute"
 _ROS = "needs a robot that runs ROS 2"
 _SHELL = "sets the reader's shell up"
 _FOREIGN = "tests/integration/test_foreign_bin.py starts the page's bin and the others beside it"
+_JUDGES = "needs a site with several oracles: tests/integration/test_quorum.py runs such commands"
 _CHAIN = "needs an Ethereum node of one's own: tests/integration/test_another_chain.py starts one and runs it"
 
 NOT_RUN: dict[str, str] = {
@@ -41,6 +42,9 @@ NOT_RUN: dict[str, str] = {
     "rodeo site prepare --site my-site.toml": _CHAIN,
     "rodeo up router chain bridge oracle charger console robot_sim robot_agent": _FOREIGN,
     "python my_bin.py --site deploy/sites/lab.toml": _FOREIGN,
+    "rodeo organization seat 0x... --owner panther1": _JUDGES,
+    "rodeo organization unseat carl": _JUDGES,
+    "rodeo organization quorum waste_disposal 2 --judge anna --judge bert --judge dora": _JUDGES,
     "ros2 topic hz /fleet/arthur/joint_states": _ROS,
 }
 """Command -> reason."""

@@ -69,9 +69,11 @@ def test_the_members_change_a_price_and_admit_somebody(dao: Dao) -> None:
         dao, *("propose", "--why", "a charge costs more", "price", service, "8", "--as", "alice")
     )
     assert "Proposal 2" in rodeo(dao, "propose", "--why", "she helps", "admit", "carla", "--as", "bob")
+    judge = "0x" + "1d" * 20
+    rodeo(dao, "propose", "--why", "it is careful", "seat", judge, "--owner", "carla", "--as", "alice")
     rodeo(dao, "propose", "--why", "I want it", "members-only", "--as", "carla", status=1)
     pass_time(10)
-    for number in ("1", "2"):
+    for number in ("1", "2", "3"):
         for member, support in (("alice", "for"), ("panther1", "for"), ("bob", "against")):
             rodeo(dao, "vote", number, support, "--as", member)
     rodeo(dao, "queue", "1", status=1)  # the vote goes on
@@ -84,12 +86,12 @@ def test_the_members_change_a_price_and_admit_somebody(dao: Dao) -> None:
     assert "Organization.updateService" in rodeo(dao, "proposals")
 
     pass_time(PERIOD_S)
-    for number in ("1", "2"):
+    for number in ("1", "2", "3"):
         rodeo(dao, "queue", number)
     rodeo(dao, "execute", "1", status=1)  # the delay runs
     assert {one["state"] for one in proposals(dao).values()} == {"queued"}
     pass_time(DELAY_S + 1)
-    for number in ("1", "2"):
+    for number in ("1", "2", "3"):
         rodeo(dao, "execute", number, "--as", "carla")  # anybody may
     assert {one["state"] for one in proposals(dao).values()} == {"executed"}
     (offered,) = dao.state("services")["services"]
@@ -98,3 +100,5 @@ def test_the_members_change_a_price_and_admit_somebody(dao: Dao) -> None:
     assert members == {"alice", "bob", "panther1", "carla"}
     carla = next(one["address"] for one in dao.state("wallets")["wallets"] if one["name"] == "carla")
     assert dao.client().votes(carla) == 1
+    (seated,) = dao.state("organization")["judges"]
+    assert (seated["key"].lower(), seated["owner_name"]) == (judge, "carla")

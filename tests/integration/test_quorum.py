@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from eth_account import Account
 from typer.testing import CliRunner
 
 from rodeo import topics, votes, wallets
@@ -114,3 +116,47 @@ def test_a_judges_key_changes_in_one_call(dao: Dao) -> None:
     ]
     told = CliRunner().invoke(app, ["organization", "show"], env={"RODEO_SITE": str(dao.running.path)}).output
     assert "3 of 5 oracles that agree" in told and key in told
+
+
+def test_judges_are_seated_and_unseated_and_the_quorum_follows(dao: Dao) -> None:
+    def rodeo(*arguments: str, status: int = 0) -> str:
+        done = CliRunner().invoke(
+            app, ["organization", *arguments], env={"RODEO_SITE": str(dao.running.path), "COLUMNS": "300"}
+        )
+        assert done.exit_code == status, done.output
+        return done.output
+
+    def quorum() -> dict[str, Any]:
+        (kind,) = [one for one in dao.state("organization")["kinds"] if one["kind"] == "waste_disposal"]
+        return {name: kind[name] for name in ("votes", "panel", "rotation_s", "seats")}
+
+    def judges(*named: str) -> list[str]:
+        return [part for one in named for part in ("--judge", one)]
+
+    fay = Account.create().address
+    rodeo("quorum", "waste_disposal", "3", "--panel", "5", "--rotation", "0", *judges(*ORACLES))
+    rodeo("seat", fay, "--owner", "panther1")
+    assert "already_seated" in rodeo("seat", fay, status=1)
+    (seated,) = [one for one in dao.state("organization")["judges"] if one["key"] == fay]
+    seat = seated["seat"]
+    assert seat >= 5 and seated["owner_name"] == "panther1"
+    assert f"{fay}, judges nothing" in rodeo("show")
+    unchanged = {"votes": 3, "panel": 5, "rotation_s": 0, "seats": [0, 1, 2, 3, 4]}
+    assert quorum() == unchanged
+    assert "not_a_judge" in rodeo("unseat", fay, status=1)
+    assert "unknown_participant" in rodeo("unseat", "nobody", status=1)
+    assert "unknown_participant" in rodeo("unseat", "0x" + "ab" * 20, status=1)
+    assert "unknown_kind" in rodeo("quorum", "sweeping", "1", "--judge", "anna", status=1)
+
+    rodeo("quorum", "waste_disposal", "3", *judges("anna", "bert", "carl", "dora", fay))
+    assert quorum() == unchanged | {"seats": [0, 1, 2, 3, seat]}
+    rodeo("quorum", "waste_disposal", "2", "--panel", "3", "--rotation", "60")
+    assert quorum() == {"votes": 2, "panel": 3, "rotation_s": 60, "seats": [0, 1, 2, 3, seat]}
+    refused = rodeo("quorum", "waste_disposal", "2", "--panel", "4", status=1)
+    assert "invalid_quorum" in refused and "panel: 4" in refused and "judges: 5" in refused
+    rodeo("unseat", fay)
+    assert f"{fay}, judges nothing" in rodeo("show")
+    rodeo("quorum", "waste_disposal", "2", *judges("anna", "bert", "carl"))
+    assert quorum() == {"votes": 2, "panel": 3, "rotation_s": 60, "seats": [0, 1, 2]}
+    rodeo("quorum", "waste_disposal", "3")
+    assert "invalid_quorum" in rodeo("unseat", "carl", status=1)

@@ -28,7 +28,7 @@ from rodeo.chain import (
 )
 from rodeo.chain.client import connect
 from rodeo.chain.events import Transfer
-from rodeo.config import GovernanceConfig, ParticipantConfig
+from rodeo.config import GovernanceConfig, JudgeConfig, ParticipantConfig
 from rodeo.kinds import kinds_of
 from tests.support.organization import CHAIN_ID, Organization, running_chain
 
@@ -124,6 +124,25 @@ def test_where_members_decide_nobody_else_does_from_the_beginning(tmp_path: Path
         with pytest.raises(contracts.OtherGovernance) as other:
             contracts.run(alone, threading.Event())
         assert other.value.details == {"kind": "administrator", "decides_by_vote": True}
+
+
+def test_a_quorum_that_was_changed_on_chain_stays(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    with running_chain("eth-tester", tmp_path) as lab:
+        judges = [JudgeConfig(name=name) for name in ("anna", "bert", "carl")]
+        site = lab.model_copy(update={"oracles": judges})
+        organization = Organization(site)
+        organization.deploy()
+        client, (kind, *_) = organization.client, kinds_of(site)
+        quorum = client.quorum(kind)
+        assert (quorum.votes, quorum.panel, quorum.judges) == (2, 3, 0b111) and not caplog.records
+        organization.send(organization.operator, client.calls.set_quorum(kind, 2, 2, 0, 0b011))
+        changed, bert = client.quorum(kind), wallets.address(site, "bert-device")
+        organization.send(organization.operator, client.calls.change_key(bert, "0x" + "be" * 20))
+        block = client.w3.eth.block_number
+        organization.deploy()
+        assert client.quorum(kind) == changed and client.judge(bert) is None
+        assert client.w3.eth.block_number == block
+        assert f"2 of 2 oracles judge {kind} on chain, and 2 of 3 in the site file" in caplog.text
 
 
 def test_deploying_again_sends_nothing(organization: Organization) -> None:

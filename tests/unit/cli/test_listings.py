@@ -42,11 +42,12 @@ ACTS = {
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
         "reinstate", "rescue", "deposit", "withdraw", "register-device", "revoke-device", "retire-rules",
         "budget", "pause", "resume", "vote", "queue", "execute", "judge-key",
+        "seat", "unseat", "quorum",
     )),
     *(f"rodeo organization propose {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
         "reinstate", "rescue", "register-device", "revoke-device", "retire-rules", "budget", "resume",
-        "price", "judge-key",
+        "price", "judge-key", "seat", "unseat", "quorum",
     )),
 }  # fmt: skip
 """Commands that change something and list nothing."""

@@ -53,6 +53,7 @@ class Anna:
         self.published: list[SignedVote] = []
         self.waits = True
         self.asked: list[str] = []
+        self.needed = 3
         self.keys = {name: key.address for name, key in KEYS.items()}
         wallet = SimpleNamespace(ask=self._ask, command=self._command)
         site = Site.load(LAB).model_copy(update={"oracles": [JudgeConfig(name=name) for name in NAMES]})
@@ -95,7 +96,8 @@ class Anna:
         if query is queries.CHAIN:
             return CHAIN
         return SimpleNamespace(
-            judges=[SimpleNamespace(name=name, key=key) for name, key in self.keys.items()]
+            judges=[SimpleNamespace(name=name, key=key) for name, key in self.keys.items()],
+            kinds=[SimpleNamespace(kind="waste_disposal", votes=self.needed)],
         )
 
     def _command(self, name: str, request: PostVotes) -> None:
@@ -147,6 +149,21 @@ def test_the_bridge_is_asked_once_whatever_strangers_publish(
     anna.hear("bert", signed("erin"))
     anna.hear("bert", signed("bert"))
     assert anna.held() == {"anna": "accepted", "bert": "accepted"} and len(anna.asked) == 4
+
+
+def test_a_quorum_that_changes_counts_for_votes_that_are_held(
+    anna: Anna, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    anna.needed = 4
+    anna.hear("bert", signed("bert"))
+    anna.hear("carl", signed("carl"))
+    anna.vote()
+    assert [one["needed"] for one in anna.votes.held()] == [4] and anna.votes._due() == []
+    anna.needed = 3
+    later_s = time.monotonic() + REPEAT_S
+    monkeypatch.setattr("services.oracle.votes.time.monotonic", lambda: later_s)
+    anna.votes._repeat()
+    assert anna.votes._pause_s() < 1.0  # something is due soon
 
 
 def test_votes_for_something_else_do_not_make_a_verdict(anna: Anna) -> None:
