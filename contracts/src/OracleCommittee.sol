@@ -164,7 +164,9 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         Parties memory parties = _parties(t);
         bytes32 digest = digestOf(vote);
         for (uint256 i = 0; i < signatures.length; i += SIGNATURE_BYTES) {
-            // Refuses the second signature that anybody can compute from a first. See EIP-2.
+            // Refuses the second signature that anybody can compute from a first. See EIP-2. Where it fails the
+            // key is 0, which is no judge's.
+            // slither-disable-next-line unused-return
             (address key,,) = ECDSA.tryRecover(
                 digest, bytes32(signatures[i:i + 32]), bytes32(signatures[i + 32:i + SIGNATURE_BYTES])
             );

@@ -38,6 +38,8 @@ library Units {
     /// @notice The highest price of a level.
     function priceOf(uint64 level) internal pure returns (uint256) {
         uint256 exponent = level < 1000 ? 0 : (level - 100) / STEPS;
+        // The division finds the exponent, whose remainder is the level's digits.
+        // slither-disable-next-line divide-before-multiply
         return (level - exponent * STEPS) * 10 ** exponent * UNIT;
     }
 
