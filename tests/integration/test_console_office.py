@@ -133,9 +133,16 @@ def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(des
         tab_to(page, page.get_by_label(field))
         press("Control+A")
         page.keyboard.type(text)
+    service = page.get_by_role("combobox", name="Service")
+    tab_to(page, service)
+    press("ArrowDown")
+    expect(page.get_by_role("option")).to_have_text(["any service", "1: panther1, 100 IEC"])
+    page.keyboard.type("1")
+    press("Enter")
+    expect(page.get_by_text("This service costs 100 IEC")).to_be_visible()
     tab_to(page, page.get_by_role("checkbox", name="Queue it if every service costs more"))
     press("Space")
-    for hint in ("The cheapest service", "stands there"):
+    for hint in ("This service", "The cheapest service", "stands there"):
         expect(page.get_by_text(hint)).to_have_count(0)
 
     review = page.get_by_role("button", name="Review and post")
@@ -143,6 +150,7 @@ def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(des
     tab_to(page, review)
     press("Enter")
     expect(pay).to_be_focused()
+    expect(page.get_by_role("dialog")).to_contain_text("1: panther1, 100 IEC")
     # Until it has opened, Quasar lets Tab lead anywhere, and then brings the focus back.
     expect(page.locator(".q-dialog__inner--animating")).to_have_count(0)
     for _ in range(5):  # Tab leads to the browser's own controls and into the dialog, not behind it
@@ -157,6 +165,7 @@ def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(des
     there(page, re.compile("^Task "))
     state = page.locator(".page-head .badge")
     expect(state).to_have_text("open")
+    expect(page.get_by_text("Only service").locator("xpath=following-sibling::*[1]")).to_have_text("1")
 
     tab_to(page, page.get_by_role("button", name="Cancel"))
     press("Enter")
@@ -169,6 +178,7 @@ def test_a_task_is_posted_cancelled_and_posted_again_with_the_keyboard_alone(des
     expect(page.get_by_label("Reward (IEC)")).to_have_value("0.125")
     expect(page.get_by_label("Time to do it (min)")).to_have_value(re.compile(r"7(\.0+)?"))
     expect(page.get_by_label("North, y (m)")).to_have_value(re.compile(r"1(\.0+)?"))
+    expect(service).to_have_value("1: panther1, 100 IEC")
 
     tab_to(page, page.get_by_role("link", name="Tasks", exact=True))
     press("Enter")

@@ -426,6 +426,8 @@ def _draw_agreement(kinds: Kinds, task: Task) -> None:
     with facts():
         fact("Creator", party(task.creator_name, task.creator))
         fact("Executor", party(task.executor_name, task.executor) if task.executor else "nobody yet")
+        if task.requested_service_id is not None:
+            fact("Only service", str(task.requested_service_id))
         if task.nonce and kinds.by_people(task.kind):
             fact("Code to show in a photo", photo_code(task.nonce))
         fact("Reward", iec(task.reward_iec))

@@ -45,6 +45,7 @@ MAX_SEARCH = 200
 _MAX_DIGITS = 18
 _STATES = ("open", "assigned", "submitted", "undecided", "settled", "failed", "cancelled")
 _ANY = ""
+_ANY_SERVICE = "any service"
 
 
 def register(console: Console) -> None:
@@ -217,12 +218,16 @@ class PostForm:
                         self.window.props('hint="of site time, which runs faster than the wall clock"')
                     # Shown where there is a choice.
                     self.rules = ui.select({_ANY: "the newest"}, value=_ANY, label="Judged by the rules")
-                    self.description = ui.input("Note for people")
+                    self.service = ui.select(
+                        {_ANY: _ANY_SERVICE}, value=_ANY, label="Service", on_change=self._changed
+                    ).classes("whole")
+                    self.description = ui.input("Note for people").classes("whole")
                     self.wait = ui.checkbox(
                         "Queue it if every service costs more", on_change=self._changed
                     ).classes("whole")
                 for field in (
-                    self.kind, self.reward, self.window, self.attempts, self.rules, self.description
+                    self.kind, self.reward, self.window, self.attempts, self.rules, self.service,
+                    self.description,
                 ):  # fmt: skip
                     field.props("outlined dense")
                 self.description.props("maxlength=2000")
@@ -256,6 +261,9 @@ class PostForm:
         self.window.value = task.execution_window_s / 60
         self.attempts.value = task.max_attempts
         self.description.value = task.description
+        self._offer_services()
+        if str(task.requested_service_id) in self.service.options:
+            self.service.value = str(task.requested_service_id)
         self._changed()
 
     def _shown(self) -> Parameters:
@@ -270,6 +278,7 @@ class PostForm:
             if chosen.price_iec:
                 self.reward.value = str(chosen.price_iec)
         self._offer_rules()
+        self._offer_services()
         self._item_chosen()
 
     def _offer_rules(self) -> None:
@@ -279,6 +288,18 @@ class PostForm:
         if offered != self.rules.options:
             self.rules.set_options(offered, value=self.rules.value if self.rules.value in offered else _ANY)
         self.rules.visible = len(current) > 1
+
+    def _offer_services(self) -> None:
+        """Let one of the kind's services be named, unless it takes no tasks any more."""
+        offered = {_ANY: _ANY_SERVICE} | {
+            str(one.id): f"{one.id}: {party(one.provider_name, one.provider)}, {iec(one.price_iec)}"
+            + (", paused" if one.state == "paused" else "")
+            for one in self._console.live.summary.services
+            if one.kind == self.kind.value and one.state in ("active", "paused")
+        }
+        if offered != self.service.options:
+            chosen = self.service.value
+            self.service.set_options(offered, value=chosen if chosen in offered else _ANY)
 
     def _item_chosen(self) -> None:
         """Propose where the item is seen now, or where the site file put it."""
@@ -315,6 +336,7 @@ class PostForm:
         if known != self.kind.options:
             self.kind.set_options(known)
         self._offer_rules()
+        self._offer_services()
         self._changed()
 
     def _changed(self) -> None:
@@ -353,6 +375,8 @@ class PostForm:
             request["max_attempts"] = int(self.attempts.value)
         if self.rules.value:
             request["rules_sha256"] = self.rules.value
+        if self.service.value:
+            request["service_id"] = int(self.service.value)
         return validate(RegisterTask, request)
 
     def _problems(self) -> list[str]:
@@ -369,10 +393,14 @@ class PostForm:
         if summary.problem:
             return [*wrong, summary.problem]
         prices = [
-            one.price_iec for one in summary.services if one.kind == request.kind and one.state == "active"
+            one.price_iec
+            for one in summary.services
+            if (one.kind == request.kind and one.state == "active" and request.service_id is None)
+            or one.id == request.service_id
         ]
         if not request.allow_wait and prices and min(prices) > request.reward_iec:
-            wrong.append(f"The cheapest service of this kind costs {iec(min(prices))}")
+            which = "The cheapest service of this kind" if request.service_id is None else "This service"
+            wrong.append(f"{which} costs {iec(min(prices))}")
         balance = self._balance()
         if balance is not None and balance < request.reward_iec:
             wrong.append(f"The organization has only {iec(balance)}")
@@ -391,7 +419,10 @@ class PostForm:
             return
         request = self._request()
         reward = exact(request.reward_iec)
-        lines = [("Kind", kind(request.kind)), ("Reward", reward), *self._shown().told()]
+        service = self.service.options[self.service.value]
+        lines = [
+            ("Kind", kind(request.kind)), ("Reward", reward), ("Service", service), *self._shown().told()
+        ]  # fmt: skip
         if request.execution_window_s is not None:
             lines.append(("Time to do it", f"{span(request.execution_window_s)} of site time"))
         if request.rules_sha256 is not None:
