@@ -643,9 +643,13 @@ def body_identity(robot: str) -> str:
 
 def check_environment() -> None:
     """Raises ConfigError where an environment variable means no field of the site."""
-    for variable in os.environ:
-        if variable.upper().startswith(_PREFIX):
-            _check_variable(variable)
+    for variable in overrides():
+        _check_variable(variable)
+
+
+def overrides() -> dict[str, str]:
+    """The environment variables that override a site file."""
+    return {name: value for name, value in os.environ.items() if name.upper().startswith(_PREFIX)}
 
 
 def _check_variable(variable: str) -> None:

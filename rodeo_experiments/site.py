@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import csv
+import hashlib
 import json
 import socket
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from rodeo.chance import generator
-from rodeo.config import Site, read_tables
+from rodeo.config import Site, overrides, read_tables
 from rodeo.files import begin_folder, replace_file
 from rodeo.lab.config import Pose2
 from rodeo.robot.navigation import Floor
@@ -81,6 +82,8 @@ class Begun(BaseModel):
 
     options: dict[str, str | int | None]
     """By the name on the command line; None where the site file's value holds."""
+    overrides: dict[str, str] = Field(default_factory=lambda: _overrides())
+    """Variables that override the site file -> SHA-256 of the value, which may hold a password."""
     times_s: list[float]
     """Site times of the arrivals."""
 
@@ -103,7 +106,16 @@ class Begun(BaseModel):
                     given=value,
                     begun_with="the site file's value" if before is None else before,
                 )
+        if changed := {name for name, _ in _overrides().items() ^ begun.overrides.items()}:
+            raise ExperimentFailed(
+                "--resume goes on with the environment variables that a run was begun with",
+                changed=", ".join(sorted(changed)),
+            )
         return begun
+
+
+def _overrides() -> dict[str, str]:
+    return {name: hashlib.sha256(value.encode()).hexdigest() for name, value in overrides().items()}
 
 
 def _robots(site: Site, tables: list[dict[str, Any]], vary: Variation) -> list[dict[str, Any]]:

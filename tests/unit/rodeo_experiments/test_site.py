@@ -58,7 +58,9 @@ def test_a_site_without_an_experiment_is_refused(tmp_path: Path) -> None:
         write_site(LAB, tmp_path / "run", Variation())
 
 
-def test_a_run_goes_on_only_with_what_it_was_begun_with(tmp_path: Path) -> None:
+def test_a_run_goes_on_only_with_what_it_was_begun_with(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     with pytest.raises(ExperimentFailed):
         Begun.load(tmp_path, {})
     Begun(options={"seed": 7, "pace": None, "arrivals": "a.csv"}, times_s=[1.5]).save(tmp_path)
@@ -67,3 +69,6 @@ def test_a_run_goes_on_only_with_what_it_was_begun_with(tmp_path: Path) -> None:
     for given, name in (({"seed": 8}, "--seed"), ({"pace": "paper"}, "--pace"), ({"days": 2}, "--days")):
         with pytest.raises(ExperimentFailed, match=name):
             Begun.load(tmp_path, given)
+    monkeypatch.setenv("RODEO__ECONOMY__INITIAL_IEC", "1")
+    with pytest.raises(ExperimentFailed, match="RODEO__ECONOMY__INITIAL_IEC"):
+        Begun.load(tmp_path, {})
