@@ -239,10 +239,18 @@ def test_a_killed_process_is_seen_and_comes_back(up: Path) -> None:
 def test_a_task_is_posted_shown_listed_and_cancelled(up: Path) -> None:
     text = "[/red] careful: [bold]glass"
     create = ("task", "create", "waste_disposal", "--item-id", "item1", "--reward", "1", "--wait")
-    posted = json.loads(rodeo(up, *create, "--description", text, "--json").stdout)
+    nobodys = rodeo(up, *create, "--service", "12345", status=1)
+    assert "unknown_service" in nobodys.stderr
+    (service,) = [
+        str(one["id"])
+        for one in json.loads(rodeo(up, "service", "list", "--json").stdout)["services"]
+        if one["kind"] == "waste_disposal"
+    ]
+    posted = json.loads(rodeo(up, *create, "--service", service, "--description", text, "--json").stdout)
     task_id = str(posted["task_id"])
     shown = rodeo(up, "task", "show", task_id).stdout
     assert text in shown and "open" in shown
+    assert ["named", "service", service] in [line.split() for line in shown.splitlines()]
     assert json.loads(rodeo(up, "task", "show", task_id, "--json").stdout)["params"]["item_id"] == "item1"
     assert "waste_disposal" in rodeo(up, "task", "list", "--state", "open").stdout
     rodeo(up, "task", "cancel", task_id)

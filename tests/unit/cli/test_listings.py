@@ -188,6 +188,15 @@ def test_a_long_name_a_long_reason_and_a_long_description_stay_on_their_lines(
     assert DESCRIPTION in CliRunner().invoke(app, ["task", "show", "12"]).stdout
 
 
+@pytest.mark.parametrize(("named", "shown"), [(None, []), (7, [["named", "service", "7"]])])
+def test_a_task_says_which_service_it_names(
+    answered: dict[str, dict[str, Any]], monkeypatch: pytest.MonkeyPatch, named: int | None, shown: list[str]
+) -> None:
+    monkeypatch.setitem(answered, "task/12", TASK | {"requested_service_id": named})
+    lines = CliRunner().invoke(app, ["task", "show", "12"]).stdout.splitlines()
+    assert [line.split() for line in lines if line.startswith("named service")] == shown
+
+
 def test_what_others_wrote_does_not_steer_the_terminal(answered: dict[str, dict[str, Any]]) -> None:
     answered["tasks"]["tasks"][0] |= {"creator_name": "eve\x1b[2J\x1b[31m\n7", "reason": "a\x1b]0;title\x07"}
     shown = CliRunner().invoke(app, ["task", "list"]).stdout
