@@ -1102,6 +1102,13 @@ def the_hash_of_an_empty_picture(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(told(empty, "bin/classification", image_sha256="0x" + sha256(b"").hexdigest()))
 
 
+@HARNESS.forgery("pictured", "the rules do not list", role="holder of two keys")
+def the_word_of_its_own_network(shop: CleaningWorkshop) -> Submission:
+    """The bin of somebody who holds its key asked a network that says what its owner likes."""
+    own = "0x" + sha256(b"a network that calls everything plastic").hexdigest()
+    return shop.submitted(told(shop.take, "bin/classification", model_sha256=own))
+
+
 @HARNESS.forgery("weight", "0.01 N", role="executor")
 def a_feather(shop: CleaningWorkshop) -> Submission:
     """The bin measured a hundredth of a newton."""
