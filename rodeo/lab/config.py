@@ -147,7 +147,7 @@ class BinConfig(Section):
 
     costs: dict[ItemClass, dict[str, Annotated[float, Field(ge=0, allow_inf_nan=False)]]] = {}
     """What an item of the class costs in a compartment of others: 1 where nothing is named; in its own, 0.
-    Where all is empty, the class that is said decides; else the compartment of the least expected cost."""
+    Where all mistakes cost the same, the class that is said decides; else the least expected cost does."""
 
     def compartment_of(self, item_class: ItemClass) -> str:
         """The compartment that takes this class."""
@@ -160,13 +160,17 @@ class BinConfig(Section):
         """
         known = label in set(ItemClass)
         own = self.compartment_of(ItemClass(label) if known else ItemClass.TRASH)
-        if not self.costs or not known:
+        mistakes = {self._cost(one, name) for one in ItemClass for name in self._others(one)}
+        if len(mistakes) < 2 or not known:
             return own
 
         def expected(compartment: str) -> float:
             return sum(probabilities.get(one, 0.0) * self._cost(one, compartment) for one in ItemClass)
 
         return min(self.compartments, key=lambda name: (expected(name), name != own))
+
+    def _others(self, item_class: ItemClass) -> list[str]:
+        return [name for name in self.compartments if name != self.compartment_of(item_class)]
 
     def _cost(self, item_class: ItemClass, compartment: str) -> float:
         wrong = compartment != self.compartment_of(item_class)

@@ -59,14 +59,20 @@ def test_a_compartment_whose_mistakes_cost_more_needs_surer_pictures() -> None:
     assert dear.compartment_for("unknown", LIKELY_GLASS) == "grey"
 
 
-def test_equal_costs_change_nothing_for_what_is_said() -> None:
-    equal = BIN.config.model_copy(update={"costs": {ItemClass.METAL: {"green": 1.0}}})
+@pytest.mark.parametrize("cost", [None, 0.0, 1.0, 5.0])
+def test_equal_costs_change_nothing_for_what_is_said(cost: float | None) -> None:
+    costs = {
+        one: {name: cost for name in BIN.config.compartments if name != BIN.config.compartment_of(one)}
+        for one in ItemClass
+        if cost is not None
+    }
+    equal = BIN.config.model_copy(update={"costs": costs or {ItemClass.METAL: {}}})
     chance = np.random.default_rng(1)
-    for shares in chance.dirichlet(np.full(len(ItemClass), 0.3), size=500):
-        probabilities = dict(zip(map(str, ItemClass), map(float, shares), strict=True))
-        label, probability = max(probabilities.items(), key=lambda one: one[1])
-        if probability > 0.5:  # below, the network says that it does not know
-            assert equal.compartment_for(label, probabilities) == BIN.config.compartment_of(ItemClass(label))
+    for shares in chance.dirichlet(np.ones(len(ItemClass)), size=500):
+        rounded = map(float, shares.round(4))
+        probabilities = dict(zip(map(str, ItemClass), rounded, strict=True))
+        label = max(probabilities, key=probabilities.__getitem__)
+        assert equal.compartment_for(label, probabilities) == BIN.config.compartment_of(ItemClass(label))
 
 
 @pytest.mark.parametrize(
