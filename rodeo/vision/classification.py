@@ -3,6 +3,9 @@
 Preprocessing, classes and thresholds are data beside the weights (`model/preprocessing.json`, written by
 `services.itrash.training.train`), so that weights and their preprocessing cannot drift apart. Their hashes
 stand in what the bin signs: who judges a picture later knows which network and which thresholds spoke.
+
+    RodeoError
+    └── UnlistedModel         the file of weights is none of those that may be loaded
 """
 
 from __future__ import annotations
@@ -15,12 +18,18 @@ from pathlib import Path
 import numpy as np
 from pydantic import BaseModel, ConfigDict
 
+from rodeo.errors import RodeoError
+
 MODEL_DIR = Path(__file__).parent / "model"
 WEIGHTS = "trash.onnx"
 PREPROCESSING = "preprocessing.json"
 
 UNKNOWN = "unknown"
 """The label of a photo the model is not sure about. Never a class of the model."""
+
+
+class UnlistedModel(RodeoError):
+    """The file of weights is none of those that may be loaded."""
 
 
 class Preprocessing(BaseModel):

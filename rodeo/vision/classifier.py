@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Collection
+from hashlib import sha256
 from pathlib import Path
 
 import cv2
@@ -13,6 +15,7 @@ from rodeo.vision.classification import (
     WEIGHTS,
     Classification,
     Preprocessing,
+    UnlistedModel,
     load_preprocessing,
     verdict,
 )
@@ -44,9 +47,14 @@ def to_input(image_bgr: np.ndarray, preprocessing: Preprocessing) -> np.ndarray:
 class Classifier:
     """The trained model. Safe to call from several threads; they take turns."""
 
-    def __init__(self, model_dir: Path = MODEL_DIR) -> None:
+    def __init__(self, model_dir: Path = MODEL_DIR, listed: Collection[str] | None = None) -> None:
+        """Raises UnlistedModel, before a parser sees them, for weights whose SHA-256 (0x) is not `listed`."""
         self.preprocessing = load_preprocessing(model_dir)
-        self._net = cv2.dnn.readNetFromONNX(str(model_dir / WEIGHTS))
+        weights = (model_dir / WEIGHTS).read_bytes()
+        found = "0x" + sha256(weights).hexdigest()
+        if listed is not None and found not in listed:
+            raise UnlistedModel("the network is not listed: not loaded", found=found, listed=[*listed])
+        self._net = cv2.dnn.readNetFromONNX(np.frombuffer(weights, np.uint8))
         self._one_at_a_time = threading.Lock()  # a cv2.dnn.Net keeps its buffers between calls
 
     def classify(self, data: bytes, limits: ImageLimits = IMAGE_LIMITS) -> Classification:

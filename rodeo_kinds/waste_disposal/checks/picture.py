@@ -16,7 +16,7 @@ from rodeo.checks.report import Finding, at_most, undecided
 from rodeo.evidence import Proof
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
-from rodeo.vision.classification import model_sha256, thresholds_sha256
+from rodeo.vision.classification import UnlistedModel, model_sha256, thresholds_sha256
 from rodeo.vision.images import ImageError
 from rodeo.witness.statement import Classification
 
@@ -33,8 +33,8 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
     """The picture whose hash the bin signed is in the proof; and what the network says of it.
 
     Undecided where the bin asked a network that is not `listed`: its word does not count, and the executor
-    did not choose it. Raises CaseError where the picture is missing, LayoutChanged where its topic holds
-    something else.
+    did not choose it; also where the network's file here is not the one in the rules any more. Raises
+    CaseError where the picture is missing, LayoutChanged where its topic holds something else.
     """
     topic = "/" + topics.BIN_IMAGE.name(bin=bin_name)
     count = proof.count(topic)
@@ -45,6 +45,8 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
         found = network().classify(picture)
     except ImageError as error:
         return Finding(passed=False, source=_SOURCE, detail=f"the bin signed no picture: {error.message}")
+    except UnlistedModel as error:
+        return undecided(str(error), "the oracle", source="the network's file here, and the kind's rules")
     answer = f"{found.label} ({found.confidence:.2f})"
     if said.model_sha256 not in listed:
         return undecided(
@@ -92,7 +94,10 @@ def _picture(proof: Proof, topic: str, image_sha256: str) -> bytes:
 
 @cache
 def network() -> "Classifier":
-    """Loaded when it is first asked: OpenCV takes its time to import."""
+    """Loaded when it is first asked: OpenCV takes its time to import.
+
+    Raises UnlistedModel where the file is not the one in the rules' hash: somebody exchanged it meanwhile.
+    """
     from rodeo.vision.classifier import Classifier
 
-    return Classifier()
+    return Classifier(listed=(model_sha256(),))

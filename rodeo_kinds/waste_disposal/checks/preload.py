@@ -7,6 +7,6 @@ It does not run the network: OpenCV's threads would be missing in every process 
 from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo_kinds.waste_disposal.checks.picture import network
 
-network()
 model_sha256()
+network()
 thresholds_sha256()

@@ -17,6 +17,7 @@ from rodeo.vision.classification import (
     UNKNOWN,
     WEIGHTS,
     Preprocessing,
+    UnlistedModel,
     load_preprocessing,
     model_sha256,
     thresholds_sha256,
@@ -105,6 +106,17 @@ def test_another_threshold_has_another_hash_and_the_same_weights(tmp_path: Path)
     (tmp_path / PREPROCESSING).write_text(laxer.model_dump_json())
     assert model_sha256(tmp_path) == model_sha256()
     assert thresholds_sha256(tmp_path) != thresholds_sha256()
+
+
+def test_weights_that_are_not_listed_are_refused_before_they_are_parsed(tmp_path: Path) -> None:
+    (tmp_path / PREPROCESSING).write_bytes((MODEL_DIR / PREPROCESSING).read_bytes())
+    (tmp_path / WEIGHTS).write_bytes(b"no network, which OpenCV would refuse in its own words")
+    with pytest.raises(UnlistedModel) as refused:
+        Classifier(tmp_path, listed=[model_sha256()])
+    assert refused.value.details == {"found": model_sha256(tmp_path), "listed": [model_sha256()]}
+    (tmp_path / WEIGHTS).write_bytes((MODEL_DIR / WEIGHTS).read_bytes())
+    listed = Classifier(tmp_path, listed=["0x" + "33" * 32, model_sha256()])
+    assert listed.classify(RENDERINGS[0].read_bytes()).label == RENDERINGS[0].stem.rpartition("_")[0]
 
 
 def test_a_computer_without_opencv_can_name_the_hashes_and_read_a_pictures_header() -> None:

@@ -90,6 +90,18 @@ def test_the_word_of_a_network_that_the_rules_do_not_list_does_not_count(tmp_pat
     assert listed.passed and "another model" in listed.detail
 
 
+def test_a_file_that_is_not_the_network_of_the_rules_is_not_loaded_and_the_oracle_is_at_fault(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    installed = model_sha256()
+    monkeypatch.setattr(picture, "model_sha256", lambda: OTHER)  # as the rules had it before the file changed
+    picture.network.cache_clear()
+    file = proof(tmp_path, CAN)
+    found = picture.shown(file, "itrash", said(digest(CAN), model_sha256=OTHER), [OTHER])
+    assert found.undecided and found.fault == "the oracle"
+    assert OTHER in found.detail and installed in found.detail
+
+
 def test_a_proof_without_pictures_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CaseError, match="not in the recording"):
         shown(proof(tmp_path), "itrash", said(digest(CAN)))
