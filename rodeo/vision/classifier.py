@@ -65,7 +65,7 @@ class Classifier:
         return verdict(self.logits(decode_image(data, limits)), self.preprocessing)
 
     def logits(self, image_bgr: np.ndarray) -> np.ndarray:
-        """uint8 (h, w, 3) BGR -> float32 (classes + 1,): what training measures the network by."""
+        """uint8 (h, w, 3) BGR -> float32 (classes + 1,): what the trained network is compared with."""
         blob = to_input(image_bgr, self.preprocessing)
         with self._one_at_a_time:
             self._net.setInput(blob)

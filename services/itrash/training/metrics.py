@@ -67,14 +67,6 @@ class Answers(Outputs):
         return float((self.said == len(CLASSES)).mean())
 
 
-def logits_of(classifier: Classifier, samples: Sequence[Sample]) -> Outputs:
-    """What the network itself says of every sample: what training calibrates."""
-    return Outputs(
-        np.stack([classifier.logits(sample.image_bgr) for sample in samples]),
-        np.array([_index(sample.label) for sample in samples]),
-    )
-
-
 def answers_to(classifier: Classifier, photos: Sequence[bytes], labels: Sequence[str | None]) -> Answers:
     """What the bin answers to encoded photos; a label is None where there is no item.
 

@@ -309,8 +309,8 @@ def publish(network: Network, data: Path, out: Path, recipe: Recipe) -> None:
     _write(out, preprocessing)
     classifier = Classifier(out)
     _assert_same(network, classifier, val_photos[0])
-    on_photos = metrics.logits_of(classifier, val_photos)
-    on_rendered = metrics.logits_of(classifier, held_out_samples(training.recipe, val_photos)[0])
+    on_photos = metrics.answers_to_files(classifier, data / "val", val_photos)
+    on_rendered = metrics.answers_to_samples(classifier, held_out_samples(training.recipe, val_photos)[0])
     _write(out, calibrate(on_photos, on_rendered, preprocessing, recipe.known_rejected))
     log.info("%s", write_card(out, data))
 

@@ -6,47 +6,97 @@ Asked of the rendered pictures of this repository, and of every validation photo
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from starlette.testclient import TestClient
+from typer.testing import CliRunner
 
 from rodeo.lab.config import BinConfig, Pose2
+from rodeo.vision.classification import Classification
 from rodeo.vision.classifier import Classifier
+from rodeo.vision.images import decode_image
+from rodeo_cli import app
 from rodeo_kinds.waste_disposal.checks import picture
 from rodeo_testing.recordings import RENDERINGS
+from services.itrash.behaviour import TakePhoto
+from services.itrash.pictures import Pictures
+from services.itrash.process import Itrash
 from services.itrash.training import metrics
-from services.itrash.training.dataset import CLASSES
+from services.itrash.training.dataset import CLASSES, Sample
 from services.itrash.web import make_api
+from tests.unit.rodeo_kinds.waste_disposal.test_picture import digest, proof, said
+from tests.unit.rodeo_kinds.waste_disposal.test_picture import shown as shown_to_the_oracle
 from tests.unit.services.itrash.test_web import QuietBin
 
 PHOTOS = Path(__file__).parents[5] / "shared" / "data" / "trashnet" / "val"
+FOLDERS = [pytest.param(RENDERINGS, id="renderings")]
+if PHOTOS.is_dir():
+    marks = (pytest.mark.long, pytest.mark.timeout(300))
+    FOLDERS.append(pytest.param(PHOTOS, id="photos", marks=marks))
 BIN = BinConfig(pose=Pose2(x_m=0, y_m=0))
 
 
-@pytest.mark.long
-@pytest.mark.timeout(300)
-def test_command_line_page_oracle_and_training_agree_on_every_picture(tmp_path: Path) -> None:
-    files = sorted([*RENDERINGS.glob("*.jpg"), *PHOTOS.rglob("*.jpg")])
+def looked_at(classifier: Classifier, data: bytes, folder: Path) -> Classification:
+    """What the bin's process feeds its state machine of a picture that the camera took."""
+    fed: list[Classification] = []
+    bin_: Any = SimpleNamespace(
+        classifier=classifier,
+        _update_status=lambda: None,
+        _camera=SimpleNamespace(capture=lambda after_s: (after_s, data)),
+        _pictures=Pictures(folder),
+        _bin=SimpleNamespace(photo=lambda found, _name, _time_s: fed.append(found)),
+        _feed=lambda _what, feed: feed(),
+    )
+    Itrash._look(bin_, TakePhoto(after_s=1.0))
+    return fed[0]
+
+
+@pytest.mark.parametrize("folder", FOLDERS)
+def test_bin_command_line_page_oracle_bench_and_training_ask_one_function_and_agree(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = sorted(folder.rglob("*.jpg"))
     assert files
     encoded = [file.read_bytes() for file in files]
     classifier = Classifier()
     found = [classifier.classify(data) for data in encoded]
+    asked: list[bytes] = []
+    classify = Classifier.classify
 
-    command = [sys.executable, "-m", "rodeo_cli", "classify", "--json", *map(str, files)]
-    printed = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    def counted(self: Classifier, data: bytes, *limits: Any) -> Classification:
+        asked.append(data)
+        return classify(self, data, *limits)
+
+    monkeypatch.setattr(Classifier, "classify", counted)
+    printed = json.loads(CliRunner().invoke(app, ["classify", "--json", *map(str, files)]).stdout)
     page = TestClient(make_api(QuietBin()))
     for answer, line, data in zip(found, printed, encoded, strict=True):
-        compartment = BIN.compartment_for(answer.label, answer.told)
-        said = (answer.label, compartment, answer.told)
-        assert (line["class"], line["compartment"], line["probabilities"]) == said
+        told = (answer.label, BIN.compartment_for(answer.label, answer.told), answer.told)
+        assert (line["class"], line["compartment"], line["probabilities"]) == told
         shown = page.post("/classify", content=data).json()
-        assert (shown["class"], shown["compartment"], shown["probabilities"]) == said
+        assert (shown["class"], shown["compartment"], shown["probabilities"]) == told
+        assert looked_at(classifier, data, tmp_path / "pictures") == answer
         assert picture.network().classify(data) == answer
 
-    counted = metrics.answers_to(classifier, encoded, [None] * len(files))
-    assert [[*CLASSES, "unknown"][one] for one in counted.said] == [answer.label for answer in found]
-    assert np.isfinite(counted.logits).all()
+    # Bench and training count the same answers, and training calibrates by them.
+    samples = [Sample(decode_image(data), None, str(file)) for file, data in zip(files, encoded, strict=True)]
+    answers = metrics.answers_to_files(classifier, folder, samples)
+    assert [[*CLASSES, "unknown"][one] for one in answers.said] == [answer.label for answer in found]
+    logits = np.stack([classifier.logits(sample.image_bgr) for sample in samples])
+    shares = metrics.softmax(logits / classifier.preprocessing.temperature)
+    np.testing.assert_allclose(
+        metrics.softmax(answers.logits / classifier.preprocessing.temperature), shares, atol=1e-6
+    )
+    assert {data: asked.count(data) for data in encoded} == dict.fromkeys(encoded, 5)
+
+
+def test_the_oracle_reports_what_the_bin_would_say_of_the_picture_in_a_proof(tmp_path: Path) -> None:
+    encoded = [file.read_bytes() for file in sorted(RENDERINGS.glob("*.jpg"))]
+    classifier, file = Classifier(), proof(tmp_path, *encoded)
+    for data in encoded:
+        told = shown_to_the_oracle(file, "itrash", said(digest(data)))
+        assert told.measured == classifier.classify(data).label
