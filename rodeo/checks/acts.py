@@ -11,6 +11,7 @@ events and from the reports that verdicts name.
 
 from __future__ import annotations
 
+import json
 import logging
 import re
 import threading
@@ -335,6 +336,16 @@ def acts_unspent(claimed: list[str], found: Spent | None) -> Check:
         detail=f"{found.act} {said} in {by} as {found.theirs}"[:300],
         fault="the oracle, which decided a later submission first" if overtaken else None,
     )
+
+
+def acts_listed(data: bytes, sha256: str) -> list[str]:
+    """The acts in a report: none in one by people; and no wait would change what is malformed."""
+    try:
+        listed = json.loads(data).get("acts", [])
+    except (ValueError, RecursionError, AttributeError) as error:
+        log.error("the report %s of a verdict lists no acts: %r", sha256, error)
+        return []
+    return [str(act) for act in listed] if isinstance(listed, list) else []
 
 
 _TELLING = frozenset(

@@ -14,11 +14,11 @@ Where a site has several oracles, each of them votes (`services.oracle.votes`) i
 from __future__ import annotations
 
 import hashlib
-import json
 import logging
 import os
 import tempfile
 import threading
+from collections import Counter
 from collections.abc import Callable
 from decimal import Decimal
 from functools import partial
@@ -27,7 +27,7 @@ from typing import TypeVar
 
 from rodeo import queries
 from rodeo.bus import DaoEvents
-from rodeo.checks.acts import ConsumedActs, Submission, Wait, acts_unspent
+from rodeo.checks.acts import ConsumedActs, Submission, Wait, acts_listed, acts_unspent
 from rodeo.checks.report import Check, Report
 from rodeo.config import Site, oracle_process
 from rodeo.dao import Participant
@@ -92,6 +92,8 @@ class Oracle:
         self._running: dict[Key, str] = {}
         self._in_work: set[Key] = set()
         """Submissions that are in line or being decided."""
+        self._failed = Counter[Key]()
+        """How many verifications of a submission ended without a report."""
         self._decided = 0
         self._for_auditors: set[Key] = set()
         """Submissions that were left to auditors since the start."""
@@ -165,6 +167,7 @@ class Oracle:
                 self._chain = event.chain
                 self._for_auditors.clear()
                 self._abstained.clear()
+                self._failed.clear()
             if self._votes is not None:
                 self._votes.forget_all()
         self._acts.on_event(event)
@@ -237,9 +240,12 @@ class Oracle:
 
     def _work(self, key: Key, leave: Callable[[], None]) -> None:
         task_id, attempt = key
+        failed = self._failed[key]
         with about_task(task_id):
             try:
                 self._decide(task_id, attempt, leave)
+            except worker.VerificationFailed:
+                self._failed[key] += 1
             except Exception:
                 # The next proof must get its verdict whatever happened to this one.
                 log.exception("task %d attempt %d got no verdict", task_id, attempt)
@@ -248,6 +254,8 @@ class Oracle:
                 with self._lock:
                     self._in_work.discard(key)
                 self._set_activity(key, None)
+            if self._failed[key] > failed:
+                self._enqueue(*key)
 
     def _decide(self, task_id: int, attempt: int, leave: Callable[[], None]) -> None:
         """Verify one submission and post the verdict, unless it has one. Waits for bridge and store and,
@@ -346,7 +354,9 @@ class Oracle:
         scratch = self._process.data_dir / "verifying"
         copy = self._missing.copy(key)
         try:
-            report = worker.verify_apart(self._site, chain_record, scratch, self._stop, copy=copy)
+            report = worker.verify_apart(
+                self._site, chain_record, scratch, self._stop, copy=copy, failed=self._failed[key]
+            )
         except EvidenceError as error:
             owner = owner_of(error, chain_record.task.proof_uri or "", self._site, self._missing.stores)
             raise ProofAway(str(error), task=chain_record.task, owner=owner) from error
@@ -468,7 +478,7 @@ class Oracle:
                     error,
                 )
                 return False
-            self._acts.read(sha256, _acts_listed(data, sha256))
+            self._acts.read(sha256, acts_listed(data, sha256))
         return True
 
     def _fetch_report(self, uri: str, sha256: str) -> bytes:
@@ -540,13 +550,3 @@ def _amount_iec(task: Task, report: Report) -> Decimal | None:
     if not report.accepted:
         return None
     return task.price_iec if report.amount_iec is None else report.amount_iec
-
-
-def _acts_listed(data: bytes, sha256: str) -> list[str]:
-    """The acts in a report: none in one by people; and no wait would change what is malformed."""
-    try:
-        listed = json.loads(data).get("acts", [])
-    except (ValueError, RecursionError, AttributeError) as error:
-        log.error("the report %s of a verdict lists no acts: %r", sha256, error)
-        return []
-    return [str(act) for act in listed] if isinstance(listed, list) else []

@@ -58,6 +58,10 @@ class VerifierEnded(RodeoError):
     """There is no process to verify in."""
 
 
+class VerificationFailed(RodeoError):
+    """A verification ended without a report, and may be tried once more."""
+
+
 _STOP_SLICE_S = 0.2
 """Longest wait before a stop is noticed."""
 _SIGNAL_GRACE_S = 1.0
@@ -95,23 +99,23 @@ def verify_apart(
     limits: OracleConfig | None = None,
     memory_bytes: int = MEMORY_BYTES,
     copy: Path | None = None,
+    failed: int = 0,
 ) -> Report | None:
     """The report on a submitted proof; None when `stop` was set. `limits` are the site's own by default,
-    `copy` is the proof itself where it was had already.
+    `copy` is the proof itself where it was had already, `failed` counts its verifications that did.
 
-    A verification that twice uses up its CPU time, hangs, crashes or runs out of memory is undecided.
-    `scratch` is where its folder goes, which is removed. Raises EvidenceError when the proof could not be
-    fetched, and DiskFull: both are for the caller to wait for.
+    One that uses up its CPU time, hangs, crashes or runs out of memory raises VerificationFailed, the second
+    such is undecided. `scratch` is where its folder goes, which is removed. Raises EvidenceError when the
+    proof could not be fetched, and DiskFull: both are for the caller to wait for.
     """
-    limits = limits or site.oracle
-    ended = ""
-    for _ in range(ATTEMPTS):
-        report, ended = _once(site, chain_record, scratch, stop, limits, memory_bytes, copy)
-        # Signals that end the oracle may reach the child first: that is no fault of the proof.
-        if report is not None or stop.wait(_SIGNAL_GRACE_S):
-            return report
-        log.warning("task %d attempt %d: %s", chain_record.task.id, chain_record.task.attempt, ended)
+    report, ended = _once(site, chain_record, scratch, stop, limits or site.oracle, memory_bytes, copy)
+    # Signals that end the oracle may reach the child first: that is no fault of the proof.
+    if report is not None or stop.wait(_SIGNAL_GRACE_S):
+        return report
     task = chain_record.task
+    log.warning("task %d attempt %d: %s", task.id, task.attempt, ended)
+    if failed + 1 < ATTEMPTS:
+        raise VerificationFailed(ended, task_id=task.id, attempt=task.attempt)
     check = Check(
         name="verification_ended",
         passed=False,

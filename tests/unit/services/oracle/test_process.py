@@ -336,6 +336,33 @@ def test_eight_heavy_proofs_of_one_provider_keep_nobody_elses_waiting(
     wait_until(lambda: verifications.begun == [heavy[0].id, honest.id, heavy[1].id])
 
 
+def test_a_verification_that_failed_is_tried_again_after_the_first_attempts_at_others(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, "SIDE_BY_SIDE", 1)
+    tried: list[tuple[int, int]] = []
+    others_submitted = threading.Event()
+
+    def verify(_site: Site, chain_record: ChainRecord, *_: Any, failed: int, **__: Any) -> Report:
+        task_id = chain_record.task.id
+        tried.append((task_id, failed))
+        assert others_submitted.wait(WAIT_S)
+        if task_id == bridge.current.id and not failed:
+            raise worker.VerificationFailed("used up its CPU time", task_id=task_id, attempt=1)
+        return REFUSED.model_copy(update={"task_id": task_id})
+
+    monkeypatch.setattr(worker, "verify_apart", verify)
+    judge = oracle()
+    others = [bridge.other(), bridge.other()]
+    submit(judge, bridge.current, "many")
+    wait_until(lambda: bool(tried))
+    for task in others:
+        submit(judge, task, "many")
+    others_submitted.set()
+    wait_until(lambda: len(bridge.verdicts) == 3)
+    assert tried == [(bridge.current.id, 0), *((task.id, 0) for task in others), (bridge.current.id, 1)]
+
+
 def test_a_verdict_that_is_due_waits_for_no_proof_that_others_have_in_line(
     oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import socket
 import threading
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -19,7 +20,7 @@ from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
 from rodeo_testing.assignments import BINDING, ROBOT
 from rodeo_testing.recordings import Take, Witnesses, seal, write_bag
 from services.oracle.process import SIDE_BY_SIDE
-from services.oracle.worker import ATTEMPTS, MEMORY_BYTES, verify_apart
+from services.oracle.worker import ATTEMPTS, MEMORY_BYTES, VerificationFailed, verify_apart
 
 MIB = 1 << 20
 
@@ -38,10 +39,14 @@ def submitted(
     proof = seal(take, tmp_path / "proof.mcap", BINDING, ROBOT)
     fields = {"proof_uri": Store(at).put(proof.path), "proof_sha256": proof.sha256} | task
     chain = cleaning_chain_record(take, **fields)
-    report = verify_apart(
-        at, chain, tmp_path / "work", threading.Event(), limits=limits, memory_bytes=memory_bytes
-    )
-    assert report is not None
+    work = partial(verify_apart, at, chain, tmp_path / "work", threading.Event(), limits=limits)
+    report, failed = None, 0
+    while report is None:
+        try:
+            report = work(memory_bytes=memory_bytes, failed=failed)
+        except VerificationFailed as error:
+            failed += 1
+            assert failed < ATTEMPTS and error.details["task_id"] == chain.task.id
     return report
 
 
