@@ -18,6 +18,7 @@ from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
 from rodeo.clock import WallClock
 from rodeo.config import Site
+from rodeo.evidence.errors import StoreUnavailable
 from rodeo.messages import DaoEvent, Task
 from rodeo.queries import A, Query
 from rodeo_kinds.waste_disposal.harness.film import cleaning_chain_record
@@ -354,7 +355,7 @@ def test_a_verification_that_failed_is_tried_again_after_the_first_attempts_at_o
     monkeypatch.setattr(worker, "verify_apart", verify)
     judge = oracle()
     others = [bridge.other(), bridge.other()]
-    submit(judge, bridge.current, "many")
+    submit(judge, bridge.current, "one")
     wait_until(lambda: bool(tried))
     for task in others:
         submit(judge, task, "many")
@@ -380,6 +381,31 @@ def test_a_verdict_that_is_due_waits_for_no_proof_that_others_have_in_line(
     wait_until(lambda: len(bridge.verdicts) == 2)
     assert bridge.verdicts[1].outcome == "undecided"
     assert "the oracle, which decided a later submission first" in bridge.verdicts[1].reason
+
+
+def test_who_waits_for_the_store_keeps_no_place(
+    oracle: Callable[[], Oracle], bridge: Bridge, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(process, "SIDE_BY_SIDE", 1)
+    monkeypatch.setattr(worker, "verify_apart", verifications := Verifications(REFUSED))
+    judge = oracle()
+    put, stored = judge._store.put, threading.Event()
+
+    def put_later(path: Path) -> str:
+        if not stored.is_set():
+            raise StoreUnavailable("the store does not answer", url="file:///store")
+        return put(path)
+
+    monkeypatch.setattr(judge._store, "put", put_later)
+    bridge.current = bridge.current.model_copy(update={"verdict_deadline": time.time() + 3600})
+    submit(judge, bridge.current)
+    submit(judge, other := bridge.other())
+    verifications.ended[bridge.current.id].set()
+    wait_until(lambda: verifications.begun == [bridge.current.id, other.id])
+    verifications.ended[other.id].set()
+    assert not bridge.verdicts
+    stored.set()
+    wait_until(lambda: {one.task_id for one in bridge.verdicts} == {bridge.current.id, other.id})
 
 
 def test_a_last_word_waits_for_no_verification(

@@ -23,14 +23,14 @@ class Desk:
         """Tasks in the order in which they had their turns."""
         self._ends: dict[int, threading.Event] = {}
         self._leaves: dict[int, Callable[[], None]] = {}
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self.turns.run, args=(self._stop, self._work), daemon=True)
+        self.stopped = threading.Event()
+        self._thread = threading.Thread(target=self.turns.run, args=(self.stopped, self.work), daemon=True)
 
-    def _work(self, key: Key, leave: Callable[[], None]) -> None:
+    def work(self, key: Key, leave: Callable[[], None]) -> None:
         self._leaves[key[0]] = leave
         end = self._ends[key[0]] = threading.Event()
         self.begun.put(key[0])
-        while not self._stop.is_set() and not end.wait(0.01):
+        while not self.stopped.is_set() and not end.wait(0.01):
             pass
 
     def put(self, provider: str, *tasks: int, again: bool = False) -> None:
@@ -59,7 +59,7 @@ class Desk:
 
     def stop(self) -> bool:
         """Whether it has ended."""
-        self._stop.set()
+        self.stopped.set()
         self._thread.join(WAIT_S)
         return not self._thread.is_alive()
 
@@ -167,3 +167,5 @@ def test_a_stop_ends_the_turns_and_begins_none_of_those_in_line(desks: Callable[
     assert desk.stop()
     assert desk.begun.empty()
     assert desk.turns.waiting() == [(2, 1), (11, 1)]
+    desk.turns.run(desk.stopped, desk.work)  # now that a place is free
+    assert desk.begun.empty()
