@@ -163,7 +163,7 @@ class Offer(Answer):
     place: int
     """Place in the queue of idle services, lower first; 0 while it does not wait."""
     reputation: int
-    """In 64ths."""
+    """Of its provider, in 64ths: the share of work well done in the work that others paid for."""
 
 
 class Services(Answer):

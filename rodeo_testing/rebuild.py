@@ -26,6 +26,7 @@ from rodeo.chain import (
     Verdict,
     events,
 )
+from rodeo.chain.reputation import Work, is_own
 
 NO_PROOF = bytes(32)
 ZERO_ADDRESS = "0x" + "00" * 20
@@ -40,6 +41,8 @@ class Rebuilt:
     """`place` is 0: `waiting` has the order."""
     failures: dict[str, int] = field(default_factory=dict)
     """Provider -> failures in a row of all its services."""
+    work: dict[str, Work] = field(default_factory=dict)
+    """Provider -> what it is known for."""
     asleep: dict[str, int] = field(default_factory=dict)
     """Provider -> when it may wake up, of those that are asleep."""
     waiting: list[int] = field(default_factory=list)
@@ -112,17 +115,18 @@ class Rebuilt:
                     deadline=event.deadline,
                 )
             case events.AuditRequested():
-                self._release(event.task_id, Cause.VERDICT_EXPIRED)
+                self._release(event.task_id, Cause.VERDICT_EXPIRED, 0, time_s)
                 self._task(event.task_id, state=TaskState.UNDECIDED, deadline=event.deadline)
             case events.VerdictPosted():
                 if event.verdict is Verdict.ACCEPTED:
                     self.completed.add((event.task_id, event.attempt))
             case events.TaskSettled():
                 attempt = (event.task_id, self.tasks[event.task_id].attempt)
-                self._release(event.task_id, None if attempt in self.completed else Cause.VERDICT_EXPIRED)
+                cause = None if attempt in self.completed else Cause.VERDICT_EXPIRED
+                self._release(event.task_id, cause, event.paid, time_s)
                 self._task(event.task_id, state=TaskState.SETTLED, deadline=0, proof_hash=NO_PROOF)
             case events.TaskRequeued():
-                self._release(event.task_id, event.cause)
+                self._release(event.task_id, event.cause, self.tasks[event.task_id].price, time_s)
                 task = self.tasks[event.task_id]
                 self._task(
                     event.task_id,
@@ -133,7 +137,7 @@ class Rebuilt:
                     proof_hash=NO_PROOF,
                 )
             case events.TaskFailed():
-                self._release(event.task_id, event.cause)
+                self._release(event.task_id, event.cause, self.tasks[event.task_id].price, time_s)
                 self._task(event.task_id, state=TaskState.FAILED, deadline=0, proof_hash=NO_PROOF)
             case events.TaskCancelled():
                 self._task(event.task_id, state=TaskState.CANCELLED)
@@ -249,15 +253,14 @@ class Rebuilt:
     def _service(self, service_id: int, **changes: object) -> None:
         """Change a service, and whether and where it waits."""
         service = replace(self.services[service_id], **changes)  # type: ignore[arg-type]
-        judged = service.completed + service.rejected + service.expired
-        self.services[service_id] = replace(service, reputation=(service.completed + 1) * 64 // (judged + 2))
+        self.services[service_id] = service
         available = service.state is ServiceState.ACTIVE and service.task_id == 0
         if available and service_id not in self.waiting:
             self.waiting.append(service_id)
         elif not available and service_id in self.waiting:
             self.waiting.remove(service_id)
 
-    def _release(self, task_id: int, cause: Cause | None) -> None:
+    def _release(self, task_id: int, cause: Cause | None, value: int, time_s: int) -> None:
         """The attempt is over for the service that made it: with success where there is no cause.
 
         Where it was left undecided it was over then, and its end changes nothing for the service.
@@ -267,10 +270,15 @@ class Rebuilt:
         service_id = self.tasks[task_id].service_id
         service = self.services[service_id]
         changes: dict[str, int] = {"task_id": 0}
+        judged = cause in (None, Cause.REJECTED, Cause.EXECUTION_EXPIRED, Cause.ABANDONED_LATE)
+        owners = {address: device.owner for address, device in self.devices.items()}
+        if judged and not is_own(self.tasks[task_id].creator, service.provider, owners):
+            work = self.work.get(service.provider, Work())
+            self.work[service.provider] = work.plus(value, cause is None, time_s)
         if cause is None:
             changes |= {"completed": service.completed + 1}
             self._set_failures(service.provider, 0)
-        elif cause in (Cause.REJECTED, Cause.EXECUTION_EXPIRED, Cause.ABANDONED_LATE):
+        elif judged:
             counter = "rejected" if cause is Cause.REJECTED else "expired"
             changes |= {counter: getattr(service, counter) + 1}
             self._set_failures(service.provider, service.failures + 1)
@@ -296,6 +304,11 @@ class Rebuilt:
 def rebuild(logs: Iterable[Log], time_of: Callable[[int], int]) -> Rebuilt:
     """The state after `logs`, which are all of them, in chain order; `time_of(block)` is its time, s."""
     state = Rebuilt()
+    time_s = 0
     for log in logs:
-        state.apply(log, time_of(log.block))
+        time_s = time_of(log.block)
+        state.apply(log, time_s)
+    for service_id, service in state.services.items():
+        reputation = state.work.get(service.provider, Work()).reputation(time_s)
+        state.services[service_id] = replace(service, reputation=reputation)
     return state

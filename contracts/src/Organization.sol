@@ -218,6 +218,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         onlyRole(DEFAULT_ADMIN_ROLE)
     {
         _registerDevice(device_, role, owner_, name);
+        services.recordOwner(device_, owner_);
     }
 
     /// @inheritdoc IDeviceRegistry

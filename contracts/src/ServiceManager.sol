@@ -17,19 +17,22 @@ contract ServiceManager is IServiceManager {
     /// @dev A Service in two words. Counters stop at their greatest value.
     struct Record {
         address provider;
-        uint96 price;
-        uint40 taskId;
+        /// @dev Enough for Units.MAX.
+        uint88 price;
         uint8 kindId;
+        uint40 taskId;
         ServiceState state;
         bool hasTerms;
         bool autoAccept;
         uint24 completed;
-        uint24 rejected;
-        uint24 expired;
+        uint16 rejected;
+        uint16 expired;
         /// @dev Neighbours among the idle services of the same rank (see Line); `previous` of the first is stale.
         uint32 previous;
         uint32 next;
         uint40 place;
+        /// @dev The key of the line in which it waits: its provider's reputation may change meanwhile.
+        uint24 line;
         /// @dev A task has named it and waited for it, so that its own queue has to be looked at.
         bool hired;
     }
@@ -49,6 +52,11 @@ contract ServiceManager is IServiceManager {
         uint8 naps;
         /// @dev When it may wake up; 0 while it is awake.
         uint40 asleepUntil;
+        /// @dev What it was paid for accepted work of others (64 bits), and what it would have been paid for work that
+        /// failed (64 bits), in Units.UNIT, as of a day (24 bits): both decay. One number, because it is written so.
+        uint152 work;
+        /// @dev It is somebody's device (see _owners).
+        bool owned;
     }
 
     /// @dev Idle services of one kind, price and reputation, in order of their places: a linked list, because
@@ -79,6 +87,17 @@ contract ServiceManager is IServiceManager {
     uint256 public constant COOL_DOWN = 10 minutes;
     /// @notice From this time on the wait does not grow: 21 hours.
     uint256 public constant MAX_NAPS = 8;
+    /// @notice Days after which work counts half for the reputation of its provider.
+    uint256 public constant HALF_LIFE = 90;
+    /// @notice A newcomer counts as if it had done so much work well, and as much badly: 100 tokens with 18 decimals.
+    uint256 public constant PRIOR = 100 ether;
+    /// @notice Grades of reputation by which waiting services are compared. More would mean more lines, and each new
+    /// one costs whoever comes into it first two words.
+    uint256 public constant GRADES = 8;
+
+    uint64 private constant STEP = uint64((1 << WeightTree.MINOR_BITS) / GRADES);
+    /// @dev What a day leaves of work: 2 ** (-1 / HALF_LIFE), times 2 ** 64.
+    uint256 private constant DAILY = 18305219661902323056;
 
     IOrganization public immutable organization;
     ITaskManager public immutable tasks;
@@ -91,6 +110,7 @@ contract ServiceManager is IServiceManager {
     mapping(address provider => Provider) private _providers;
     /// @dev Services of a provider that are not retired, in one word; 0 where there is room. Not the organization's.
     mapping(address provider => uint32[MAX_SERVICES]) private _live;
+    mapping(address device => address) private _owners;
 
     modifier onlyTaskManager() {
         if (msg.sender != address(tasks)) revert NotTaskManager(msg.sender);
@@ -123,9 +143,12 @@ contract ServiceManager is IServiceManager {
         serviceId = ++_serviceCount;
         assert(serviceId <= type(uint32).max);
         if (msg.sender != address(organization)) _replaceLive(msg.sender, 0, uint32(serviceId));
+        // A word per provider, so that no task pays for it.
+        Provider storage p = _providers[msg.sender];
+        if (p.work == 0) p.work = _work(0, 0);
         Record storage s = _services[serviceId];
         s.provider = msg.sender;
-        s.price = uint96(price);
+        s.price = uint88(price);
         s.kindId = _kinds.idOf(kind);
         s.state = ServiceState.Active;
         s.autoAccept = autoAccept;
@@ -151,7 +174,7 @@ contract ServiceManager is IServiceManager {
         if (state == ServiceState.Active) _requireAwake(msg.sender);
         _requirePrice(price);
         _leaveLine(serviceId, s);
-        s.price = uint96(price);
+        s.price = uint88(price);
         s.state = state;
         emit ServiceUpdated(serviceId, price, state);
         if (_isAvailable(s)) {
@@ -182,6 +205,12 @@ contract ServiceManager is IServiceManager {
     /// @inheritdoc IServiceManager
     function suspendProvider(address provider) external onlyOrganization {
         _suspendAll(provider);
+    }
+
+    /// @inheritdoc IServiceManager
+    function recordOwner(address device, address owner) external onlyOrganization {
+        _owners[device] = owner;
+        _providers[device].owned = true;
     }
 
     /// @inheritdoc IServiceManager
@@ -219,25 +248,31 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function release(uint256 serviceId, Outcome outcome) external onlyTaskManager returns (Release memory r) {
+    function release(uint256 serviceId, Outcome outcome, uint256 value, address creator)
+        external
+        onlyTaskManager
+        returns (Release memory r)
+    {
         Record storage s = _get(serviceId);
-        if (outcome == Outcome.Completed) s.completed = _increment(s.completed);
-        else if (outcome == Outcome.Rejected) s.rejected = _increment(s.rejected);
-        else if (outcome == Outcome.Expired) s.expired = _increment(s.expired);
-        if (outcome != Outcome.Unjudged) r.penalty = _count(serviceId, s, outcome);
+        if (outcome == Outcome.Completed) s.completed = uint24(_increment(s.completed, type(uint24).max));
+        else if (outcome == Outcome.Rejected) s.rejected = uint16(_increment(s.rejected, type(uint16).max));
+        else if (outcome == Outcome.Expired) s.expired = uint16(_increment(s.expired, type(uint16).max));
+        if (outcome != Outcome.Unjudged) r.penalty = _count(serviceId, s, outcome, value, creator);
         s.taskId = 0;
         if (s.state == ServiceState.Retired) r.bond = _leave(serviceId, s);
         (r.provider, r.available, r.price, r.hired) = (s.provider, _isAvailable(s), s.price, s.hired);
     }
 
     /// @inheritdoc IServiceManager
-    function offer(uint256 serviceId) external onlyTaskManager {
+    function offer(uint256 serviceId, uint64 level) external onlyTaskManager {
         Record storage s = _get(serviceId);
         if (!_isAvailable(s) || s.place != 0) revert ServiceNotIdle(serviceId);
         Idle storage idle = _idle[s.kindId];
         uint40 place = uint40(++idle.lines.serial);
         s.place = place;
-        uint64 key = _lineKey(s);
+        uint64 reputation = _reputation(_providers[s.provider]);
+        uint64 key = _key(level, reputation - reputation % STEP);
+        s.line = uint24(key);
         Line storage line = idle.line[key];
         (uint32 id, uint32 last) = (uint32(serviceId), line.last);
         if (last == 0) {
@@ -264,7 +299,7 @@ contract ServiceManager is IServiceManager {
             completed: s.completed,
             rejected: s.rejected,
             expired: s.expired,
-            reputation: uint8(_reputation(s)),
+            reputation: uint8(_reputation(_providers[s.provider])),
             bond: a.bond,
             penalty: a.penalty,
             maxFailures: a.maxFailures,
@@ -321,7 +356,7 @@ contract ServiceManager is IServiceManager {
         if (s.place == 0) return;
         s.place = 0;
         Idle storage idle = _idle[s.kindId];
-        uint64 key = _lineKey(s);
+        uint64 key = s.line;
         Line storage line = idle.line[key];
         (uint32 previous, uint32 next) = (s.previous, s.next);
         if (line.first != serviceId) {
@@ -339,8 +374,14 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @dev What the attempt that ends makes of its provider and service. Returns the penalty.
-    function _count(uint256 serviceId, Record storage s, Outcome outcome) private returns (uint96 penalty) {
+    function _count(uint256 serviceId, Record storage s, Outcome outcome, uint256 value, address creator)
+        private
+        returns (uint96 penalty)
+    {
         Provider storage p = _providers[s.provider];
+        if (outcome != Outcome.Abandoned) {
+            _rate(p, outcome == Outcome.Completed, value, _isOwn(s.provider, p.owned, creator));
+        }
         if (outcome == Outcome.Completed) {
             if (p.missed | p.failures | p.naps != 0) _forgive(s.provider, p);
             return 0;
@@ -350,6 +391,23 @@ contract ServiceManager is IServiceManager {
             if (s.hasTerms) penalty = _applyTerms(serviceId, s, p.failures);
         }
         if (outcome != Outcome.Rejected && s.provider != address(organization)) _miss(serviceId, s, p);
+    }
+
+    /// @dev What a provider is known for: work of others, by its value. Nobody pays oneself, or nothing, for a name.
+    function _rate(Provider storage p, bool accepted, uint256 value, bool own) private {
+        value /= Units.UNIT;
+        if (value == 0 || own) return;
+        (uint256 done, uint256 failed) = _record(p);
+        if (accepted) done = Math.min(done + value, type(uint64).max);
+        else failed = Math.min(failed + value, type(uint64).max);
+        p.work = _work(done, failed);
+    }
+
+    /// @dev Whether the creator of a task is its provider, or one owns the other, or somebody owns both.
+    function _isOwn(address provider, bool owned, address creator) private view returns (bool) {
+        address creatorsOwner = _owners[creator];
+        return
+            (creatorsOwner == address(0) ? creator : creatorsOwner) == (owned ? _owners[provider] : provider);
     }
 
     /// @dev A proof was accepted.
@@ -434,16 +492,26 @@ contract ServiceManager is IServiceManager {
         if (s.provider == address(0)) revert UnknownService(serviceId);
     }
 
-    /// @dev (completed + 1) / (all + 2) in 64ths, the rule of succession (Laplace): 0 .. 63.
-    function _reputation(Record storage s) private view returns (uint64) {
-        uint256 completed = s.completed;
-        uint256 all = completed + s.rejected + s.expired;
-        return uint64(((completed + 1) << WeightTree.MINOR_BITS) / (all + 2));
+    /// @dev (done + PRIOR) / (done + failed + 2 PRIOR) in 64ths, the rule of succession (Laplace): 0 .. 63.
+    function _reputation(Provider storage p) private view returns (uint64) {
+        (uint256 done, uint256 failed) = _record(p);
+        done += PRIOR / Units.UNIT;
+        return uint64((done << WeightTree.MINOR_BITS) / (done + failed + PRIOR / Units.UNIT));
     }
 
-    /// @dev The line of a service; neither its price nor its reputation changes while it waits there.
-    function _lineKey(Record storage s) private view returns (uint64) {
-        return _key(Units.levelFor(s.price), _reputation(s));
+    /// @dev What is left today of what the provider has done and failed. By whole days, so that it does not matter
+    /// how often it is computed.
+    function _record(Provider storage p) private view returns (uint256 done, uint256 failed) {
+        uint256 work = p.work;
+        (done, failed) = (work >> 88, (work >> 24) & type(uint64).max);
+        uint256 elapsed = block.timestamp / 1 days - (work & type(uint24).max);
+        if (elapsed == 0) return (done, failed);
+        (done, failed) = (done >> (elapsed / HALF_LIFE), failed >> (elapsed / HALF_LIFE));
+        uint256 factor = DAILY;
+        for (elapsed %= HALF_LIFE; elapsed != 0; elapsed >>= 1) {
+            if (elapsed & 1 == 1) (done, failed) = (done * factor >> 64, failed * factor >> 64);
+            factor = factor * factor >> 64;
+        }
     }
 
     /// @dev Before or at this key are the lines that cost at most `price`.
@@ -462,11 +530,16 @@ contract ServiceManager is IServiceManager {
 
     /// @dev The weight of a line that `first` leads.
     function _weight(Record storage first) private view returns (uint64) {
-        return WeightTree.weigh(WeightTree.MAX_MAJOR - first.place, _reputation(first));
+        uint64 reputation = WeightTree.MAX_MINOR - (first.line & WeightTree.MAX_MINOR);
+        return WeightTree.weigh(WeightTree.MAX_MAJOR - first.place, reputation);
     }
 
-    function _increment(uint24 counter) private pure returns (uint24) {
-        return counter == type(uint24).max ? counter : counter + 1;
+    function _work(uint256 done, uint256 failed) private view returns (uint152) {
+        return uint152(done << 88 | failed << 24 | block.timestamp / 1 days);
+    }
+
+    function _increment(uint256 counter, uint256 max) private pure returns (uint256) {
+        return counter == max ? max : counter + 1;
     }
 
     function _requireAwake(address provider) private view {

@@ -386,7 +386,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             if (named != 0 && (taskId == 0 || named < taskId)) (taskId, queue) = (named, own);
         }
         if (taskId == 0) {
-            services.offer(serviceId);
+            services.offer(serviceId, minimum);
         } else {
             _open[queue].remove(taskId);
             bool assigned = _assign(taskId, _tasks[taskId], kind, serviceId, 0);
@@ -456,7 +456,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         t.state = TaskState.Settled;
         t.deadline = 0;
         uint256 serviceId = t.serviceId;
-        Release memory r = services.release(serviceId, outcome);
+        Release memory r = services.release(serviceId, outcome, amount, t.creator);
         emit TaskSettled(taskId, r.provider, amount, refund);
         if (r.available) _place(serviceId, t.kindId, kind, r.price, r.hired);
         _pay(r.provider, amount + r.bond);
@@ -473,7 +473,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         t.deadline = deadline.toUint32();
         emit AuditRequested(taskId, t.attempt, deadline, rules.silence);
         uint256 serviceId = t.serviceId;
-        Release memory r = services.release(serviceId, Outcome.Unjudged);
+        Release memory r = services.release(serviceId, Outcome.Unjudged, 0, t.creator);
         if (r.available) _place(serviceId, t.kindId, kind, r.price, r.hired);
         _pay(r.provider, r.bond);
     }
@@ -503,8 +503,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev The next attempt goes to another service that waits, before the one that failed gets its next task.
     function _failAttempt(uint256 taskId, Record storage t, bytes32 kind, Cause cause) private {
         uint256 serviceId = t.serviceId;
+        uint256 price = t.price;
         bool last = _endAttempt(taskId, t, kind, cause);
-        Release memory r = services.release(serviceId, _outcome(cause));
+        Release memory r = services.release(serviceId, _outcome(cause), price, t.creator);
         if (r.available) _place(serviceId, t.kindId, kind, r.price, r.hired);
         _pay(r.provider, r.bond);
         _pay(address(organization), r.penalty);

@@ -90,9 +90,9 @@ contract PolicyTest is Fixture {
         attempt(post(alice, 100 ether), true);
         update(bad, 10 ether, ServiceState.Active);
         update(fresh, 50 ether, ServiceState.Active);
-        assertEq(services.service(bad).reputation, 12, "1 of 5");
-        assertEq(services.service(fresh).reputation, 32, "1 of 2");
-        assertEq(services.service(good).reputation, 42, "2 of 3");
+        assertEq(services.service(bad).reputation, 27, "100 of 230");
+        assertEq(services.service(fresh).reputation, 32, "100 of 200");
+        assertEq(services.service(good).reputation, 41, "190 of 290");
         assertAssigned(post(alice, 100 ether), good);
         assertAssigned(post(alice, 100 ether), fresh);
         assertAssigned(post(alice, 100 ether), bad);
@@ -261,11 +261,15 @@ contract PolicyTest is Fixture {
 
     function _cheaper(Service memory a, Service memory b) private pure returns (bool) {
         if (a.price != b.price) return a.price < b.price;
-        return a.reputation != b.reputation ? a.reputation > b.reputation : _longer(a, b);
+        return _grade(a) != _grade(b) ? _grade(a) > _grade(b) : _longer(a, b);
     }
 
     function _better(Service memory a, Service memory b) private pure returns (bool) {
-        if (a.reputation != b.reputation) return a.reputation > b.reputation;
+        if (_grade(a) != _grade(b)) return _grade(a) > _grade(b);
         return a.price != b.price ? a.price < b.price : _longer(a, b);
+    }
+
+    function _grade(Service memory s) private pure returns (uint256) {
+        return s.reputation / 8;
     }
 }

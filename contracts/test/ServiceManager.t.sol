@@ -117,9 +117,9 @@ contract ServiceManagerTest is Fixture {
         vm.expectRevert(refusal);
         services.acquire(serviceId, CLEANING, 100 ether, 0, 1, false);
         vm.expectRevert(refusal);
-        services.release(serviceId, Outcome.Completed);
+        services.release(serviceId, Outcome.Completed, 80 ether, alice);
         vm.expectRevert(refusal);
-        services.offer(serviceId);
+        services.offer(serviceId, 1);
     }
 
     function test_aServiceDoesOneTaskAtATime() public {
@@ -130,6 +130,6 @@ contract ServiceManagerTest is Fixture {
         assertEq(provider, address(0), "refused");
         assertAssigned(taskId, serviceId);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceNotIdle.selector, serviceId));
-        services.offer(serviceId);
+        services.offer(serviceId, 1);
     }
 }

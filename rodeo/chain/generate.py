@@ -18,7 +18,10 @@ from rodeo.chain.types import RENAMED, TEXTS, field_name
 from rodeo.errors import snake_case
 
 BETWEEN_CONTRACTS = frozenset(
-    {"acquire", "holdBond", "offer", "placeService", "reinstate", "release", "returnBond", "suspend"}
+    {
+        *("acquire", "holdBond", "offer", "placeService", "recordOwner"),
+        *("reinstate", "release", "returnBond", "suspend"),
+    }
 )
 """Functions that refuse everybody but another of the contracts."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from eth_utils import keccak
@@ -12,6 +12,7 @@ from eth_utils import keccak
 from rodeo.bus import decode_json
 from rodeo.chain import Cause, Log, events
 from rodeo.chain.governance import SUPPORT
+from rodeo.chain.reputation import Work, is_own
 from rodeo.errors import MalformedJson
 from services.bridge import schema
 from services.bridge.amounts import iec
@@ -119,7 +120,7 @@ class Projection:
                     report_uri=event.report_uri,
                 )
             case events.AuditRequested():
-                self._release_service(event.task_id, None)
+                self._release_service(event.task_id, None, 0, time_s)
                 self._change_task(
                     event.task_id,
                     state="undecided",
@@ -131,7 +132,8 @@ class Projection:
                 # for a task that nobody could do.
                 verdict = rows.get(schema.tasks, event.task_id)["verdict"]
                 judged = verdict is not None
-                self._release_service(event.task_id, "completed" if verdict == "accepted" else None)
+                counter = "completed" if verdict == "accepted" else None
+                self._release_service(event.task_id, counter, event.paid, time_s)
                 self._change_task(
                     event.task_id,
                     **{} if judged else _VERDICT_OF_EXPIRY[Cause.VERDICT_EXPIRED],
@@ -142,7 +144,8 @@ class Projection:
                     refunded=event.refund,
                 )
             case events.TaskRequeued():
-                self._release_service(event.task_id, _COUNTER[event.cause])
+                price = rows.get(schema.tasks, event.task_id)["price"]
+                self._release_service(event.task_id, _COUNTER[event.cause], price, time_s)
                 self._change_task(
                     event.task_id,
                     **dict.fromkeys(_OF_ASSIGNMENT),
@@ -150,7 +153,8 @@ class Projection:
                     state="open",
                 )
             case events.TaskFailed():
-                self._release_service(event.task_id, _COUNTER[event.cause])
+                price = rows.get(schema.tasks, event.task_id)["price"]
+                self._release_service(event.task_id, _COUNTER[event.cause], price, time_s)
                 self._change_task(
                     event.task_id,
                     **_VERDICT_OF_EXPIRY.get(event.cause, {}),
@@ -334,7 +338,7 @@ class Projection:
         self.rows.put(schema.providers, **{**self._provider(address), **values})
 
     def _provider(self, address: str) -> Mapping[str, Any]:
-        unknown = {"address": address, "failures": 0, "asleep_until": None}
+        unknown = {"address": address, "failures": 0, "done": 0, "failed": 0, "day": 0, "asleep_until": None}
         return self.rows.find(schema.providers, address) or unknown
 
     def _change_kind(self, kind: str, **values: Any) -> None:
@@ -365,8 +369,8 @@ class Projection:
         }
         return self.rows.find(schema.kinds, kind) or unknown
 
-    def _release_service(self, task_id: int, counter: str | None) -> None:
-        """The attempt at the task is over for the service that made it."""
+    def _release_service(self, task_id: int, counter: str | None, value: int, time_s: float) -> None:
+        """The attempt is over for the service that made it, and was paid, or would have been, `value` wei."""
         task = self.rows.get(schema.tasks, task_id)
         if task["state"] == "undecided":
             return  # over since it was left undecided
@@ -376,12 +380,22 @@ class Projection:
             values[counter] = service[counter] + 1
         # As ServiceManager counts: failures in a row of all the provider's services.
         if counter is not None:
-            failures = self._provider(service["provider"])["failures"] + 1
+            provider = self._provider(service["provider"])
+            completed = counter == "completed"
+            work = Work(provider["done"], provider["failed"], provider["day"])
+            if not self._is_own(task["creator"], service["provider"]):
+                work = work.plus(value, completed, time_s)
             self._change_provider(
-                service["provider"], failures=0 if counter == "completed" else min(failures, 255)
+                service["provider"],
+                failures=0 if completed else min(provider["failures"] + 1, 255),
+                **asdict(work),
             )
         self.rows.change(schema.services, service["id"], **values)
         self._free = service["id"]
+
+    def _is_own(self, creator: str, provider: str) -> bool:
+        devices = {address: self.rows.find(schema.devices, address) for address in (creator, provider)}
+        return is_own(creator, provider, {key: row["owner"] for key, row in devices.items() if row})
 
     def _place_free(self) -> None:
         """As ServiceManager.offer: behind the others of its kind, where it takes tasks and there was none."""

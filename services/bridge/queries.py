@@ -11,6 +11,7 @@ from eth_utils import to_bytes
 from rodeo.bus import Request, validate
 from rodeo.chain import ChainClient, Role
 from rodeo.chain.governance import SUPPORT, described
+from rodeo.chain.reputation import Work
 from rodeo.messages import Message, TaskState
 from rodeo.queries import (
     Account,
@@ -103,7 +104,7 @@ class Queries:
         rows, total = self._index.services(
             self._with_addresses(wanted, "provider"), Page(filters.limit, filters.offset)
         )
-        providers = self._index.providers()
+        providers, now_s = self._index.providers(), self._index.position.block_time_s
         return {
             "services": [
                 {
@@ -112,7 +113,7 @@ class Queries:
                     "failures": providers[row["provider"]]["failures"],
                     "asleep_until": providers[row["provider"]]["asleep_until"],
                     "provider_name": self._names.name(row["provider"]),
-                    "reputation": _reputation(row),
+                    "reputation": _reputation(providers[row["provider"]], now_s),
                 }
                 for row in rows
             ],
@@ -418,10 +419,8 @@ _OF_KIND = (
 _OF_TRANSFER = ("seq", "block", "time_s", "tx_hash", "sender", "to", "task_id", "reason")
 
 
-def _reputation(service: Mapping[str, Any]) -> int:
-    """As the ServiceManager has it: (completed + 1) / (all + 2) in 64ths."""
-    attempts = service["completed"] + service["rejected"] + service["expired"]
-    return int((service["completed"] + 1) * 64 // (attempts + 2))
+def _reputation(provider: Mapping[str, Any], time_s: float) -> int:
+    return Work(provider["done"], provider["failed"], provider["day"]).reputation(time_s)
 
 
 def _mean(values: list[float]) -> float | None:

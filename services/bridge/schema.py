@@ -175,6 +175,9 @@ providers = Table(
     metadata,
     Column("address", String(42), primary_key=True),
     Column("failures", Integer, nullable=False, doc="in a row, of all its services"),
+    Column("done", Wei, nullable=False, doc="accepted work for others, 10^9 wei, as of `day`"),
+    Column("failed", Wei, nullable=False, doc="work that was rejected or came too late"),
+    Column("day", Integer, nullable=False, doc="from 1970-01-01 UTC"),
     Column("asleep_until", BigInteger, doc="when it may wake up, s; null while it is awake"),
     comment="accounts that offered a service",
 )

@@ -27,7 +27,8 @@ enum Outcome {
 /// @param completed attempts that were accepted
 /// @param rejected attempts that were rejected
 /// @param expired attempts without a proof in time
-/// @param reputation share of accepted attempts in 64ths, (completed + 1) / (all + 2): 32 for a newcomer
+/// @param reputation of its provider, in 64ths: the share of work well done in the work that others paid for, by value.
+/// 32 for a newcomer. Waiting services are compared by eighths, as they were when they began to wait
 /// @param bond what is left of the bond, in the token's smallest unit
 /// @param penalty what a failed attempt takes from the bond; agreed at registration
 /// @param maxFailures failures in a row of its provider that suspend it; 0 for no limit; agreed at registration
@@ -199,6 +200,12 @@ interface IServiceManager {
     /// @param provider who offers them
     function suspendProvider(address provider) external;
 
+    /// @notice Remember who owns a device: what one does for the other does not count for its reputation. Only the
+    /// organization, which registers devices.
+    /// @param device the device's key
+    /// @param owner the participant that owns the device
+    function recordOwner(address device, address owner) external;
+
     /// @notice End a suspension, and forgive the provider its failures. Only the organization.
     /// @param serviceId its number
     function reinstate(uint256 serviceId) external;
@@ -227,9 +234,15 @@ interface IServiceManager {
     /// @notice End the service's task. Only the task manager, which pays what this returns, and places the service.
     /// @param serviceId the service that did the task
     /// @param outcome how the attempt ended
-    function release(uint256 serviceId, Outcome outcome) external returns (Release memory);
+    /// @param value what the service was paid, or would have been, in the token's smallest unit: so much the outcome
+    /// counts for the reputation of its provider
+    /// @param creator who posted the task. It does not count for its own provider, nor for one of the same owner
+    function release(uint256 serviceId, Outcome outcome, uint256 value, address creator)
+        external
+        returns (Release memory);
 
     /// @notice Let an available service wait behind the others of its kind. Only the task manager.
     /// @param serviceId its number
-    function offer(uint256 serviceId) external;
+    /// @param level that of its price
+    function offer(uint256 serviceId, uint64 level) external;
 }

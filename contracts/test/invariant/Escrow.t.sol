@@ -110,6 +110,15 @@ contract EscrowInvariants is Fixture {
         }
     }
 
+    /// @notice A provider is known for what it did for others, by value, whichever of its services did it; less so with
+    /// time.
+    function invariant_reputationIsWorkForOthersByValue() public view {
+        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+            Service memory s = services.service(serviceId);
+            assertApproxEqAbs(s.reputation, _handler.reputation(s.provider), 1);
+        }
+    }
+
     /// @notice Tasks are posted under the rules that the administrator has named and not retired, and under no others;
     /// what an oracle judges always has some, and nobody looks through many.
     function invariant_theCurrentRulesAreThoseThatWereNamed() public view {

@@ -29,6 +29,13 @@ struct Ghost {
     bool autoAccept;
 }
 
+/// @notice What others paid a provider for, and what it failed, in billionths of a unit, as of `day`.
+struct Work {
+    uint256 done;
+    uint256 failed;
+    uint256 day;
+}
+
 /// @notice An attempt that waits for the auditors.
 struct Disputed {
     address judge;
@@ -73,6 +80,8 @@ contract Handler is CommonBase, StdUtils {
     /// @notice Failures in a row of all services of a provider.
     mapping(address provider => uint256) public failures;
     mapping(address provider => uint256) private _naps;
+    mapping(address provider => Work) private _work;
+    mapping(address device => address) private _owners;
     /// @dev When a provider that is asleep may wake up; 0 while it is awake.
     mapping(address provider => uint256) private _asleepUntil;
     /// @dev Attempts that their executor accepted by a call.
@@ -132,6 +141,34 @@ contract Handler is CommonBase, StdUtils {
         expected[address(organization)] = coin.balanceOf(address(organization));
         _judged[CLEANING] = Judged(Review.Oracle, organization.currentRules(CLEANING));
         _judged[CHARGING] = Judged(Review.Oracle, organization.currentRules(CHARGING));
+    }
+
+    /// @notice In 64ths, from what was judged and paid alone.
+    function reputation(address provider) external view returns (uint256) {
+        Work memory w = _workOf(provider);
+        return (w.done + 100 ether) * 64 / (w.done + w.failed + 200 ether);
+    }
+
+    /// @dev Day by day.
+    function _workOf(address provider) private view returns (Work memory w) {
+        w = _work[provider];
+        for (uint256 today = block.timestamp / 1 days; w.day < today; ++w.day) {
+            (w.done, w.failed) = (w.done * 992_327_942 / 1e9, w.failed * 992_327_942 / 1e9);
+            if (w.done + w.failed == 0) w.day = today - 1;
+        }
+    }
+
+    /// @dev The work for `creator` was judged, or never came.
+    function _expectReputation(Task memory t, uint256 done, uint256 failed) private {
+        address provider = _services.providerOf(t.serviceId);
+        if (_principal(t.creator) == _principal(provider)) return;
+        Work memory w = _workOf(provider);
+        (w.done, w.failed) = (w.done + done, w.failed + failed);
+        _work[provider] = w;
+    }
+
+    function _principal(address account) private view returns (address) {
+        return _owners[account] == address(0) ? account : _owners[account];
     }
 
     /// @notice What the administrator has made current, and nobody has retired; the newest last.
@@ -366,6 +403,7 @@ contract Handler is CommonBase, StdUtils {
         if (accepted) {
             _expectPayment(t, amount);
             _expectForgiveness(_services.providerOf(t.serviceId));
+            _expectReputation(t, amount, 0);
             _expectRelease(t.serviceId);
         } else {
             _expectFailure(t, true);
@@ -587,6 +625,17 @@ contract Handler is CommonBase, StdUtils {
         vm.warp(block.timestamp + bound(time, 1 minutes, 45 minutes));
     }
 
+    /// @dev A season in which nobody works; running tasks would all expire.
+    function rest(uint256 time) external {
+        for (uint256 taskId = 1; taskId <= _tasks.taskCount(); ++taskId) {
+            TaskState state = _tasks.task(taskId).state;
+            if (state == TaskState.Assigned || state == TaskState.Submitted || state == TaskState.Undecided) {
+                return;
+            }
+        }
+        vm.warp(block.timestamp + bound(time, 30 days, 200 days));
+    }
+
     /// @dev Whoever is no party tries everything; the rules give it nothing.
     function meddle(uint256 which, address who) external inOrder {
         uint256 taskId = _any(which);
@@ -617,11 +666,14 @@ contract Handler is CommonBase, StdUtils {
         try _tasks.collect(t.creator) {
             violation = "a stranger collected";
         } catch {}
-        try _services.release(1, Outcome.Completed) {
+        try _services.release(1, Outcome.Completed, 1 ether, who) {
             violation = "a stranger released a service";
         } catch {}
         try _services.updateService(1, 0, ServiceState.Retired) {
             violation = "a stranger retired a service";
+        } catch {}
+        try _services.recordOwner(who, address(0)) {
+            violation = "a stranger recorded an owner";
         } catch {}
         try _services.suspend(1) {
             violation = "a stranger suspended a service";
@@ -642,6 +694,16 @@ contract Handler is CommonBase, StdUtils {
         penalty = uint96(bound(penalty, 0, bond));
         vm.prank(_admin);
         _organization.setTerms(Terms(bond, penalty, maxFailures % 4));
+    }
+
+    /// @dev One provider turns out to be another participant's device.
+    function registerDevice(uint256 who, uint256 whose) external {
+        address provider = _providers[bound(who, 0, _providers.length - 1)];
+        if (_owners[provider] != address(0)) return;
+        address owner = _creators[bound(whose, 0, _creators.length - 1)];
+        vm.prank(_admin);
+        _organization.registerDevice(provider, "wallet", owner, bytes32(uint256(uint160(provider))));
+        _owners[provider] = owner;
     }
 
     function setAudit(bool executor) external {
@@ -789,7 +851,10 @@ contract Handler is CommonBase, StdUtils {
         if (t.attempt == t.maxAttempts) expected[t.creator] += t.reward;
         Ghost storage g = ghost[t.serviceId];
         address provider = _services.providerOf(t.serviceId);
-        if (blamed) ++failures[provider];
+        if (blamed) {
+            ++failures[provider];
+            _expectReputation(t, 0, t.price);
+        }
         if (blamed && (g.bond != 0 || g.maxFailures != 0)) {
             uint256 penalty = _min(g.penalty, g.bond);
             g.bond -= penalty;

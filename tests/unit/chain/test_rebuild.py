@@ -26,6 +26,7 @@ from rodeo.chain import (
     events,
     to_wei,
 )
+from rodeo.chain.reputation import Work
 from rodeo_testing.rebuild import ZERO_ADDRESS, rebuild
 from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
@@ -289,7 +290,10 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
         row = index.service(i)
         assert row is not None
         assert (row["place"], row["state"]) == (service.place, service.state.name.lower()), i
-        assert index.providers()[service.provider]["failures"] == service.failures, i
+        provider = index.providers()[service.provider]
+        assert provider["failures"] == service.failures, i
+        work = Work(provider["done"], provider["failed"], provider["day"])
+        assert work.reputation(time_s(logs[-1].block)) == service.reputation != 32, i
     for i in state.tasks:
         indexed_task = index.task(i)
         assert indexed_task is not None

@@ -264,6 +264,27 @@ def test_a_requeued_task_says_why_until_it_is_tried_again(chain: Chain) -> None:
     assert (task(chain)["verdict"], task(chain)["proof_sha256"], task(chain)["attempt"]) == (None, None, 2)
 
 
+def known_for(chain: Chain) -> tuple[int, int]:
+    provider = chain.index.providers()[ROBOT]
+    return provider["done"] // 10**9, provider["failed"] // 10**9
+
+
+def test_what_others_paid_for_and_what_was_rejected_make_the_reputation(chain: Chain) -> None:
+    chain.block(registered(), offered(), assigned(), proved())
+    chain.block(judged(False), events.TaskRequeued(1, 1, Cause.REJECTED))
+    assert known_for(chain) == (0, 100)
+    chain.block(assigned(2), proved(2))
+    chain.block(judged(True, 2), events.TaskSettled(1, ROBOT, 80 * IEC, 40 * IEC))
+    assert known_for(chain) == (80, 100)
+
+
+def test_what_an_owner_pays_its_robot_makes_no_reputation(chain: Chain) -> None:
+    chain.block(events.DeviceRegistered(ROBOT, "robot", CREATOR, "panther1", CREATOR))
+    chain.block(registered(), offered(), assigned(), proved())
+    chain.block(judged(True), events.TaskSettled(1, ROBOT, 80 * IEC, 40 * IEC))
+    assert known_for(chain) == (0, 0)
+
+
 def test_a_service_that_fell_asleep_is_paused_and_waits_nowhere(chain: Chain) -> None:
     chain.block(registered(), offered(), assigned())
     chain.block(

@@ -1,0 +1,179 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {IServiceManager, Outcome, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {Verdict} from "../src/interfaces/ITaskManager.sol";
+import {HighestReputation} from "../src/policies/HighestReputation.sol";
+import {Fixture} from "./Fixture.sol";
+
+/// @notice Reputation is what a provider did for others, by what they paid.
+contract ReputationTest is Fixture {
+    uint8 private constant NEWCOMER = 32;
+
+    function _of(uint256 serviceId) private view returns (uint8) {
+        return services.service(serviceId).reputation;
+    }
+
+    /// @dev A task of `creator` for the only service that waits.
+    function _work(address creator, bool accepted) private {
+        attempt(post(creator, 100 ether), accepted);
+    }
+
+    function _own(address device, address owner) private {
+        vm.prank(admin);
+        organization.registerDevice(device, "wallet", owner, bytes32(uint256(uint160(device))));
+    }
+
+    function test_acceptedWorkCountsByWhatWasPaid() public {
+        uint256 little = offer(robot1, 1 ether);
+        _work(alice, true);
+        assertEq(_of(little), 32, "101 of 201");
+        update(little, 60 ether, ServiceState.Active);
+        _work(alice, true);
+        assertEq(_of(little), 39, "161 of 261");
+    }
+
+    function test_workThatIsPaidInPartCountsInPart() public {
+        uint256 serviceId = offer(robot1, 60 ether);
+        submit(post(alice, 100 ether));
+        judgeAs(oracle, 1, Verdict.Accepted, 10 ether);
+        assertEq(_of(serviceId), 33, "110 of 210");
+    }
+
+    function test_rejectedAndLateWorkLowersItByThePrice() public {
+        uint256 serviceId = offer(robot1, 20 ether);
+        _work(alice, false);
+        assertEq(_of(serviceId), 29, "100 of 220");
+        vm.warp(block.timestamp + WINDOW + 1);
+        tasks.expireTask(1);
+        assertEq(_of(serviceId), 26, "100 of 240");
+    }
+
+    function test_workAtPriceZeroDoesNotCount() public {
+        uint256 serviceId = offer(robot1, 0);
+        for (uint256 i = 0; i < 5; ++i) {
+            _work(alice, true);
+        }
+        assertEq(services.service(serviceId).completed, 5);
+        assertEq(_of(serviceId), NEWCOMER);
+    }
+
+    function test_onesOwnTasksDoNotCount() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        _work(robot1, true);
+        assertEq(services.service(serviceId).completed, 1);
+        assertEq(_of(serviceId), NEWCOMER);
+    }
+
+    function test_whatAnOwnerPaysItsRobotDoesNotCount() public {
+        _own(robot1, alice);
+        uint256 serviceId = offer(robot1, 80 ether);
+        _work(alice, true);
+        assertEq(_of(serviceId), NEWCOMER);
+        _work(bob, true);
+        assertGt(_of(serviceId), NEWCOMER);
+    }
+
+    function test_whatARobotPaysItsOwnerDoesNotCount() public {
+        _own(robot1, alice);
+        uint256 serviceId = offer(alice, 80 ether);
+        _work(robot1, true);
+        assertEq(_of(serviceId), NEWCOMER);
+    }
+
+    function test_whatOneOwnersRobotsPayEachOtherDoesNotCount() public {
+        _own(robot1, alice);
+        _own(robot2, alice);
+        uint256 serviceId = offer(robot2, 80 ether);
+        _work(robot1, true);
+        assertEq(_of(serviceId), NEWCOMER);
+    }
+
+    function test_onlyTheOrganizationRecordsOwners() public {
+        vm.prank(robot1);
+        vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotOrganization.selector, robot1));
+        services.recordOwner(robot1, robot2);
+    }
+
+    function test_undecidedUnjudgedAndImpossibleWorkDoesNotCount() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        submit(post(alice, 100 ether));
+        judgeAs(oracle, 1, Verdict.Undecided, 0);
+        judgeAs(auditor, 1, Verdict.Accepted, 80 ether);
+        submit(post(alice, 100 ether));
+        judgeAs(oracle, 2, Verdict.Impossible, 0);
+        submit(post(alice, 100 ether));
+        vm.warp(block.timestamp + WINDOW + 1);
+        tasks.expireTask(3);
+        assertEq(_of(serviceId), NEWCOMER);
+    }
+
+    function test_aNewServiceHasTheReputationOfItsProvider() public {
+        uint256 first = offer(robot1, 20 ether);
+        _work(alice, false);
+        update(first, 20 ether, ServiceState.Retired);
+        assertEq(_of(offer(robot1, 20 ether)), 29, "100 of 220");
+        assertEq(_of(offer(robot2, 20 ether)), NEWCOMER);
+    }
+
+    function test_itDecaysByHalfInNinetyDays() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        _work(alice, true);
+        assertEq(_of(serviceId), 41, "180 of 280");
+        vm.warp(block.timestamp + 90 days);
+        assertEq(_of(serviceId), 37, "140 of 240");
+        vm.warp(block.timestamp + 90 days);
+        assertEq(_of(serviceId), 34, "120 of 220");
+        // What is added later is added to what is left.
+        update(serviceId, 20 ether, ServiceState.Active);
+        _work(alice, true);
+        assertEq(_of(serviceId), 37, "140 of 240");
+        vm.warp(block.timestamp + 36500 days);
+        assertEq(_of(serviceId), NEWCOMER);
+    }
+
+    function testFuzz_itDoesNotMatterHowOftenItIsComputed(uint256 price, uint256 first, uint256 second)
+        public
+    {
+        uint256 often = offer(robot1, bound(price, 1e9, 99e9) * 1 gwei);
+        attempt(post(alice, 100 ether), true);
+        uint256 seldom = offer(robot2, services.service(often).price);
+        update(often, services.service(often).price, ServiceState.Paused);
+        attempt(post(alice, 100 ether), true);
+        vm.warp(block.timestamp + bound(first, 0, 400 days));
+        update(often, 1 gwei, ServiceState.Active);
+        update(seldom, services.service(seldom).price, ServiceState.Paused);
+        // So little that only the computing matters.
+        attempt(post(alice, 100 ether), true);
+        vm.warp(block.timestamp + bound(second, 0, 400 days));
+        assertApproxEqAbs(_of(often), _of(seldom), 1);
+    }
+
+    function test_aWaitingServiceKeepsItsPlaceAndLeavesTheLineAllTheSame() public {
+        vm.startPrank(admin);
+        organization.setPolicy(new HighestReputation());
+        vm.stopPrank();
+        uint256 working = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        uint256 waiting = offer(robot1, 80 ether);
+        uint256 newcomer = offer(robot2, 80 ether);
+        attempt(taskId, true);
+        assertEq(_of(waiting), _of(working), "its provider's");
+        assertEq(services.mostReputableIdle(CLEANING, 80 ether), working);
+        update(waiting, 80 ether, ServiceState.Paused);
+        update(working, 80 ether, ServiceState.Paused);
+        assertEq(services.mostReputableIdle(CLEANING, 80 ether), newcomer);
+        update(waiting, 80 ether, ServiceState.Active);
+        assertEq(services.mostReputableIdle(CLEANING, 80 ether), waiting);
+    }
+
+    function test_itNeverOverflows() public {
+        uint256 serviceId = offer(robot1, 80 ether);
+        vm.startPrank(address(tasks));
+        for (uint256 i = 0; i < 3; ++i) {
+            services.release(serviceId, Outcome.Completed, type(uint256).max / 2, alice);
+        }
+        vm.stopPrank();
+        assertEq(_of(serviceId), 63);
+    }
+}

@@ -1,0 +1,60 @@
+"""What a provider is known for, computed from events as ServiceManager computes it.
+
+reputation = 64 * (done + PRIOR) / (done + failed + 2 * PRIOR)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+_DAY_S = 86_400
+_HALF_LIFE_DAYS = 90
+_DAILY = 18_305_219_661_902_323_056
+"""What a day leaves of work: 2 ** (-1 / 90), times 2 ** 64."""
+_UNIT_WEI = 10**9
+_PRIOR = 100 * 10**18 // _UNIT_WEI
+_MAX = 2**64 - 1
+
+
+@dataclass(frozen=True)
+class Work:
+    """Work of a provider for others, in 10^9 wei of its price, as of a day (from 1970-01-01 UTC)."""
+
+    done: int = 0
+    """What was paid for accepted work."""
+    failed: int = 0
+    """What would have been paid for work that was rejected or came too late."""
+    day: int = 0
+
+    def at(self, time_s: float) -> Work:
+        """What is left of it."""
+        today = int(time_s) // _DAY_S
+        halves, rest = divmod(today - self.day, _HALF_LIFE_DAYS)
+        done, failed, factor = self.done >> halves, self.failed >> halves, _DAILY
+        while rest:
+            if rest & 1:
+                done, failed = done * factor >> 64, failed * factor >> 64
+            factor = factor * factor >> 64
+            rest >>= 1
+        return Work(done, failed, today)
+
+    def plus(self, value_wei: int, accepted: bool, time_s: float) -> Work:
+        """With work that was judged, or that never came, at `time_s`. Less than a unit changes nothing."""
+        value = value_wei // _UNIT_WEI
+        if value == 0:
+            return self
+        now = self.at(time_s)
+        if accepted:
+            return Work(min(now.done + value, _MAX), now.failed, now.day)
+        return Work(now.done, min(now.failed + value, _MAX), now.day)
+
+    def reputation(self, time_s: float) -> int:
+        """In 64ths."""
+        now = self.at(time_s)
+        return (now.done + _PRIOR) * 64 // (now.done + now.failed + 2 * _PRIOR)
+
+
+def is_own(creator: str, provider: str, owners: Mapping[str, str]) -> bool:
+    """Whether both are one, or one owns the other, or somebody owns both. `owners`: device -> owner."""
+    return owners.get(creator, creator) == owners.get(provider, provider)

@@ -1,0 +1,34 @@
+from __future__ import annotations
+
+from rodeo.chain.reputation import Work, is_own
+
+IEC = 10**18
+DAY_S = 86_400
+
+
+def test_work_counts_half_after_ninety_days() -> None:
+    work = Work().plus(80 * IEC, True, 0).plus(40 * IEC, False, 0)
+    assert work.at(90 * DAY_S) == Work(40 * 10**9, 20 * 10**9, 90)
+
+
+def test_it_does_not_matter_how_often_decay_is_computed() -> None:
+    often = Work().plus(80 * IEC, True, 0)
+    for day in range(0, 400, 7):
+        often = often.at(day * DAY_S)
+    assert abs(often.at(400 * DAY_S).done - Work(80 * 10**9, 0, 0).at(400 * DAY_S).done) < 60
+
+
+def test_a_newcomer_has_half_and_much_work_never_a_whole() -> None:
+    assert Work().reputation(10**9) == 32
+    assert Work().plus(10**40, True, 0).plus(10**40, True, 0).reputation(0) == 63
+
+
+def test_less_than_a_unit_changes_nothing() -> None:
+    assert Work(1, 2, 3).plus(10**9 - 1, True, 100 * DAY_S) == Work(1, 2, 3)
+
+
+def test_who_has_the_same_owner_works_for_itself() -> None:
+    owners = {"robot": "owner", "other": "owner"}
+    assert is_own("robot", "robot", {}) and not is_own("robot", "other", {})
+    assert is_own("robot", "owner", owners) and is_own("owner", "robot", owners)
+    assert is_own("robot", "other", owners) and not is_own("stranger", "robot", owners)
