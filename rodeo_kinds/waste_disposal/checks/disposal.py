@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from rodeo.checks.case import Case, CaseError
+from rodeo.checks.case import Case, CaseError, OthersFailed
 from rodeo.checks.heads import fork, in_file, listed
 from rodeo.checks.kinematics import kinematics_of
 from rodeo.checks.phases import REST_M, phases_of
@@ -76,9 +76,18 @@ def _drop(case: Case) -> Drop:
 
 
 def expected_compartment(case: Case) -> str:
-    """By the site's compartments and costs, from what the bin attested. Raises CaseError."""
+    """By the site's compartments and costs, from what the bin attested.
+
+    Raises CaseError; and OthersFailed where the bin asked for another one, which the robot could only follow.
+    """
     said = _classification(case)
-    return case.bin.compartment_for(said.item_class, said.probabilities)
+    expected = case.bin.compartment_for(said.item_class, said.probabilities)
+    if said.compartment != expected:
+        raise OthersFailed(
+            f"it asked for {said.compartment}, and by the site's compartments and costs it is {expected}",
+            f"the bin {case.bin.name}",
+        )
+    return expected
 
 
 def bin_witnessed(case: Case) -> Finding:

@@ -72,9 +72,13 @@ def test_the_compartment_is_judged_by_the_costs_of_the_site(site: Site, cleaning
     assert judge(unsure, cleaning_chain_record(unsure)).accepted
     # Glass in yellow would cost 0.4 * 5, plastic in green 0.6.
     dear = site.bins[0].model_copy(update={"costs": {ItemClass.GLASS: {"yellow": 5.0}}})
-    report = judge(unsure, cleaning_chain_record(unsure), at=site.model_copy(update={"bins": [dear]}))
-    assert failed(report) in ("dropped", "compartment")
-    assert "green" in report.reason
+    costly = site.model_copy(update={"bins": [dear]})
+    misled = judge(unsure, cleaning_chain_record(unsure), at=costly)
+    # The bin asked for yellow: the robot could only follow.
+    assert (misled.outcome, misled.fault) == ("undecided", f"the bin {dear.name}")
+    told_right = told(unsure, "bin/classification", compartment="green")
+    report = judge(told_right, cleaning_chain_record(told_right), at=costly)
+    assert (report.outcome, failed(report)) == ("rejected", "compartment")
 
 
 def test_a_network_of_which_the_rules_know_nothing_leaves_honest_work_to_auditors(
