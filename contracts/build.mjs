@@ -18,6 +18,7 @@ const CONTRACTS = [
   "HighestReputation",
   "SecondPrice",
   "MemberVotes",
+  "WrappedVotes",
   "OrganizationTimelock",
   "OrganizationGovernor",
 ];

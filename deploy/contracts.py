@@ -132,12 +132,13 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
     if deployment is None:
         _require_gas_money(site, w3)
         deployment = _deploy(site, w3, administrator, say)
-    if deployment.decides_by_vote != (site.governance.kind == "vote"):
+    wanted = site.governance.votes if site.governance.kind == "vote" else None
+    if deployment.votes_by != wanted:
         raise OtherGovernance(
-            "the contracts on this chain were deployed with another [governance] kind: set that one in the "
-            "site file, or deploy for a new organization",
-            kind=site.governance.kind,
-            decides_by_vote=deployment.decides_by_vote,
+            "the contracts on this chain were deployed with another [governance] kind or votes: set those in "
+            "the site file, or deploy for a new organization",
+            wanted=wanted or "administrator",
+            found=deployment.votes_by or "administrator",
         )
     client = ChainClient(site.chain.url, deployment)
     sender = _Sender(client, administrator.address, names, say)
@@ -256,7 +257,8 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
         genesis_hash = w3.eth.get_block(0)["hash"].to_0x_hex()
         chain_id = w3.eth.chain_id
     by_vote = site.governance.kind == "vote"
-    names = (*artifacts.CONTRACTS, *(artifacts.GOVERNANCE if by_vote else ()))
+    governance = site.governance
+    names = (*artifacts.CONTRACTS, *(artifacts.governance(governance.votes) if by_vote else ()))
     addresses = {
         name: get_create_address(deployer.address, Nonce(nonce + offset)) for offset, name in enumerate(names)
     }
@@ -281,15 +283,16 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
     }
     if by_vote:
         timelock, governor = addresses["OrganizationTimelock"], addresses["OrganizationGovernor"]
-        votes, governance = addresses["MemberVotes"], site.governance
+        by_tokens = governance.votes == "tokens"
         arguments |= {
             "MemberVotes": (organization,),
+            "WrappedVotes": (coin,),
             "OrganizationTimelock": (0, [governor, deployer.address]),
             "OrganizationGovernor": (
-                votes,
+                addresses[artifacts.VOTES[governance.votes]],
                 timelock,
                 governance.voting_period_s,
-                1,
+                to_wei(governance.proposal_iec) if by_tokens else 1,
                 governance.quorum_percent,
             ),
         }

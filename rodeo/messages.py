@@ -444,8 +444,20 @@ class Propose(Command):
     description: Annotated[str, StringConstraints(min_length=1, max_length=4096)]
 
 
+class WrapTokens(Command):
+    """Set IEC of the wallet's own account aside to vote with. They vote on later proposals."""
+
+    amount_iec: Payment
+
+
+class UnwrapTokens(Command):
+    """Take IEC back that were set aside to vote. What was voted stays."""
+
+    amount_iec: Payment
+
+
 class CastVote(Command):
-    """Vote on a proposal, once and for all, as a member of the time when it was made."""
+    """Vote on a proposal, once and for all, with the votes of the time when it was made."""
 
     proposal: Id
     support: Support
@@ -547,6 +559,8 @@ COMMANDS: dict[str, type[Command]] = {
     "seat_judge": SeatJudge,
     "unseat_judge": UnseatJudge,
     "set_quorum": SetQuorum,
+    "wrap_tokens": WrapTokens,
+    "unwrap_tokens": UnwrapTokens,
     "propose": Propose,
     "cast_vote": CastVote,
     "queue_proposal": QueueProposal,

@@ -369,6 +369,8 @@ class Organization(Answer):
     paused_until_s: int = 0
     """Block time before which no new tasks are taken; in the past where they are."""
     decided_by: Literal["administrator", "vote"] = "administrator"
+    votes_by: Literal["members", "tokens"] | None = None
+    """What votes: each member once, or each wrapped IEC. None where an administrator decides."""
     judges: list[Judge] = []
     """Of the committee of oracles, by their seats."""
     roles: dict[str, list[Holder]]
@@ -386,11 +388,15 @@ class ProposedCall(Answer):
     args: dict[str, Any]
 
 
+Votes = Annotated[int, Field(strict=True)] | Amount
+"""A number of members, or where tokens vote an amount of IEC."""
+
+
 class Ballot(Answer):
     voter: str
     voter_name: str | None
     support: Support
-    weight: int
+    weight: Votes
 
 
 ProposalState = Literal[
@@ -413,7 +419,7 @@ class Proposal(Answer):
     """Last block time at which votes count."""
     ready_s: float | None
     """Block time from which it can be executed; None before it is queued."""
-    votes: dict[Support, int]
+    votes: dict[Support, Votes]
     ballots: list[Ballot]
 
 

@@ -60,7 +60,7 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
                 else "never suspended"
             ),
         ),
-        ("decided by", "the members, by vote" if state.decided_by == "vote" else "the administrator"),
+        ("decided by", _DECIDES[state.votes_by]),
         ("open to", "members" if state.members_only else "everybody"),
         ("new tasks", _pause_in_words(state, loaded)),
         *(
@@ -83,6 +83,13 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
     ]
     print_facts(state, as_json, told)
 
+
+_DECIDES = {
+    None: "the administrator",
+    "members": "the members, by vote",
+    "tokens": "whoever has wrapped tokens, by vote",
+}
+"""By what votes."""
 
 _ROLES = {
     "DEFAULT_ADMIN_ROLE": "administrators",
@@ -477,6 +484,26 @@ def judge_key(
     """Let a judge of the committee vote with another key, for every kind of work."""
     done = f"{judge} votes with the key {key} now. What it signed with the old key counts no more."
     send(site, participant, "change_judge_key", done, judge=judge, key=key)
+
+
+@organization.command("wrap")
+@reports_errors
+def wrap(
+    amount: AmountArgument, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
+) -> None:
+    """Set tokens aside to vote with, where tokens vote. They vote on proposals that are made later."""
+    done = f"{participant} votes with {amount} IEC more."
+    send(site, participant, "wrap_tokens", done, amount_iec=amount)
+
+
+@organization.command("unwrap")
+@reports_errors
+def unwrap(
+    amount: AmountArgument, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
+) -> None:
+    """Take tokens back that were set aside to vote."""
+    done = f"{participant} has {amount} IEC back."
+    send(site, participant, "unwrap_tokens", done, amount_iec=amount)
 
 
 @organization.command("seat")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextvars import ContextVar
+from decimal import Decimal
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,7 +23,7 @@ from rodeo_cli.common import (
 from rodeo_cli.formatting import moment
 from rodeo_cli.layout import Row
 from rodeo_cli.tasks import ParticipantOption
-from services.console.formatting import calls_in_words
+from services.console.formatting import calls_in_words, number
 
 ProposalArgument = Annotated[int, typer.Argument(help="Its number: `rodeo organization proposals`.")]
 
@@ -82,7 +83,7 @@ def proposals(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> N
             (
                 str(one.number),
                 one.state,
-                " / ".join(str(one.votes[support]) for support in ("for", "against", "abstain")),
+                " / ".join(number(Decimal(one.votes[support])) for support in ("for", "against", "abstain")),
                 when(one, loaded),
                 one.description,
             ),

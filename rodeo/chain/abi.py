@@ -450,3 +450,11 @@ class TaskManagerCalls(ContractCalls):
 
     def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
         return self._call("TaskManager", "submitProof", task_id, attempt, proof_hash, uri)
+
+
+class WrappedVotesCalls(ContractCalls):
+    def deposit_for(self, account: str, value: int) -> Call:
+        return self._call("WrappedVotes", "depositFor", account, value)
+
+    def withdraw_to(self, account: str, value: int) -> Call:
+        return self._call("WrappedVotes", "withdrawTo", account, value)

@@ -192,8 +192,10 @@ class ChainClient:
         return STATES[self._view("OrganizationGovernor", "state", proposal_id, block="pending")]
 
     def votes(self, account: str) -> int:
-        """What the account's vote weighs in proposals from now on."""
-        return self._view("MemberVotes", "getVotes", to_checksum_address(account))
+        """What the account's vote weighs in proposals from now on: 1 for a member, wei of wrapped tokens."""
+        return self._view(
+            artifacts.VOTES[self.deployment.votes_by or "members"], "getVotes", to_checksum_address(account)
+        )
 
     def decision_delay_s(self) -> int:
         """Between a decision's place in the queue and its execution, s; 0 while somebody sets it all up."""

@@ -27,7 +27,7 @@ class Deployment(BaseModel):
     """No event of the contracts is in an earlier block."""
     contracts: dict[str, str]
     """Contract name -> checksummed address; `artifacts.CONTRACTS` where it was made by this version, and
-    `artifacts.GOVERNANCE` if members decide by votes."""
+    those of `artifacts.governance` if it decides by votes."""
     sent: dict[str, int] = {}
     """Checksummed address of each wallet of the site -> transactions that it sent by itself or by the
     deployment step, and not by the bridge. The bridge's journal holds the rest."""
@@ -50,14 +50,20 @@ class Deployment(BaseModel):
         return to_checksum_address(self.contracts[contract])
 
     @property
+    def votes_by(self) -> str | None:
+        """What votes, one of `artifacts.VOTES`; None where an administrator decides."""
+        return next((by for by, name in artifacts.VOTES.items() if name in self.contracts), None)
+
+    @property
     def decides_by_vote(self) -> bool:
-        return set(artifacts.GOVERNANCE) <= self.contracts.keys()
+        return self.votes_by is not None
 
     @property
     def event_sources(self) -> list[ChecksumAddress]:
         """The contracts whose events tell the organization's state. The timelock has roles of its own, which
-        are not the organization's, and who has a vote is in the organization's events."""
-        others = ("MemberVotes", "OrganizationTimelock")
+        are not the organization's. Whether a member has a vote is in the organization's events, and wrapped
+        tokens are no payments."""
+        others = (*artifacts.VOTES.values(), "OrganizationTimelock")
         return [self.address(name) for name in self.contracts if name not in others]
 
     @staticmethod

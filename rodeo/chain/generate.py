@@ -27,6 +27,7 @@ BETWEEN_CONTRACTS = frozenset(
 
 OF_GOVERNANCE = {
     "MemberVotes": frozenset({"sync"}),
+    "WrappedVotes": frozenset({"depositFor", "withdrawTo"}),
     "OrganizationTimelock": frozenset({"scheduleBatch", "executeBatch", "updateDelay", "revokeRole"}),
     "OrganizationGovernor": frozenset(
         {

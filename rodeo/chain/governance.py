@@ -53,6 +53,8 @@ class GovernanceCalls:
         self._timelock = abi.OrganizationTimelockCalls(deployment)
         self._governor = abi.OrganizationGovernorCalls(deployment)
         self.votes = abi.MemberVotesCalls(deployment)
+        self.tokens = abi.WrappedVotesCalls(deployment)
+        """Where tokens vote, in place of `votes`."""
 
     def propose(self, calls: Sequence[Call], description: str) -> Call:
         return self._governor.propose(

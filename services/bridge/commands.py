@@ -80,8 +80,10 @@ from rodeo.messages import (
     SuspendService,
     Transfer,
     UnseatJudge,
+    UnwrapTokens,
     UpdateService,
     Withdraw,
+    WrapTokens,
 )
 from services.bridge.amounts import iec
 from services.bridge.errors import (
@@ -230,7 +232,7 @@ class Wallet:
             case RaiseReward():
                 task = self.index.task(command.task_id)
                 return to_wei(command.reward_iec) - (0 if task is None else task["reward"])
-            case Transfer() | Deposit() | Withdraw():
+            case Transfer() | Deposit() | Withdraw() | WrapTokens():
                 return to_wei(command.amount_iec)
             case RegisterService():
                 return self._bond()
@@ -619,10 +621,22 @@ class Wallet:
         self._require_votes()
         proposed, build = self._parse(command.command, command.request)
         calls = build(replace(self, participant=ORGANIZATION), proposed)
-        if isinstance(proposed, Admit | Dismiss):
+        if isinstance(proposed, Admit | Dismiss) and self.client.deployment.votes_by == "members":
             # Whoever becomes a member votes, and a dismissed one counts no more for the quorum.
             calls.append(self.client.governance_calls.votes.sync(self.names.address(proposed.account)))
         return [self.client.governance_calls.propose(calls, command.description)]
+
+    def _wrap_tokens(self, command: WrapTokens) -> list[Call]:
+        self._require_token_votes()
+        amount, wrapped = to_wei(command.amount_iec), self.client.deployment.address("WrappedVotes")
+        self._require_funds(self.key_address, amount)
+        wrap = self.client.governance_calls.tokens.deposit_for(self.key_address, amount)
+        return [*self._approval(wrapped, amount), wrap]
+
+    def _unwrap_tokens(self, command: UnwrapTokens) -> list[Call]:
+        self._require_token_votes()
+        amount = to_wei(command.amount_iec)
+        return [self.client.governance_calls.tokens.withdraw_to(self.key_address, amount)]
 
     def _cast_vote(self, command: CastVote) -> list[Call]:
         key = self._proposal(command.proposal)["id"]
@@ -637,6 +651,12 @@ class Wallet:
     def _require_votes(self) -> None:
         if not self.client.deployment.decides_by_vote:
             raise NoVotes("this organization has an administrator, and its members do not vote")
+
+    def _require_token_votes(self) -> None:
+        if self.client.deployment.votes_by != "tokens":
+            raise NoVotes(
+                "wrapped tokens have no vote in this organization", votes_by=self.client.deployment.votes_by
+            )
 
     def _proposal(self, number: int) -> Row:
         self._require_votes()
@@ -789,6 +809,8 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "seat_judge": (SeatJudge, Wallet._seat_judge),
     "unseat_judge": (UnseatJudge, Wallet._unseat_judge),
     "set_quorum": (SetQuorum, Wallet._set_quorum),
+    "wrap_tokens": (WrapTokens, Wallet._wrap_tokens),
+    "unwrap_tokens": (UnwrapTokens, Wallet._unwrap_tokens),
     "propose": (Propose, Wallet._propose),
     "cast_vote": (CastVote, Wallet._cast_vote),
     "queue_proposal": (QueueProposal, Wallet._queue_proposal),

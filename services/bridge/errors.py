@@ -18,7 +18,7 @@
     │   ├── FeeTooHigh            the chain asks for more than the wallet may pay
     │   ├── DailyLimitReached     the wallet has reached its daily spending limit
     │   ├── AssignmentChanged     the proof is for an assignment that the task does not have any more
-    │   ├── NoVotes               an administrator decides here, and nobody votes
+    │   ├── NoVotes               nobody votes here, or not in this way
     │   ├── UnknownProposal
     │   ├── WalletElsewhere       the participant signs for itself: prepare and broadcast
     │   └── NotThisWallets        what is to be broadcast was signed by another key, or is for another chain
@@ -120,7 +120,7 @@ class AssignmentChanged(RequestError):
 
 
 class NoVotes(RequestError):
-    """Members of this organization do not vote: it has an administrator."""
+    """Nobody votes in this organization, which has an administrator, or wrapped tokens do not."""
 
 
 class UnknownProposal(RequestError):

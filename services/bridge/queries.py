@@ -303,6 +303,7 @@ class Queries:
                 for row in self._index.judges()
             ],
             "decided_by": "vote" if self._deployment.decides_by_vote else "administrator",
+            "votes_by": self._deployment.votes_by,
             "roles": {
                 role: [{"address": holder, "name": self._names.key_name(holder)} for holder in holders]
                 for role, holders in self._index.roles().items()
@@ -328,17 +329,20 @@ class Queries:
             "created_s": row["created"],
             "vote_end_s": row["vote_end"],
             "ready_s": row["ready"],
-            "votes": {support: row[support] for support in SUPPORT},
+            "votes": {support: self._weight(row[support]) for support in SUPPORT},
             "ballots": [
                 {
                     "voter": one["voter"],
                     "voter_name": self._names.name(one["voter"]),
                     "support": one["support"],
-                    "weight": one["weight"],
+                    "weight": self._weight(one["weight"]),
                 }
                 for one in row["ballots"]
             ],
         }
+
+    def _weight(self, votes: int) -> int | str:
+        return iec(votes) if self._deployment.votes_by == "tokens" else votes
 
     def _chain(self, _request: Request) -> Json:
         position = self._index.position

@@ -207,6 +207,27 @@ def test_oracles_that_could_not_agree_are_an_error(tmp_path: Path, tables: str, 
     assert field in caught.value.details["fields"]
 
 
+@pytest.mark.parametrize(
+    ("table", "field"),
+    [
+        ('kind = "vote"', "governance.members"),
+        ('votes = "tokens"', "governance.votes"),
+        ('kind = "vote"\nvotes = "tokens"\nmembers = ["panther1"]', "governance.members"),
+        ('kind = "vote"\nvotes = "tokens"\nproposal_iec = 1_000_001', "governance.proposal_iec"),
+        ('kind = "vote"\nvotes = "tokens"', None),
+    ],
+)
+def test_votes_that_nobody_could_cast_are_an_error(tmp_path: Path, table: str, field: str | None) -> None:
+    path = tmp_path / "site.toml"
+    path.write_text(f'extends = "{LAB}"\n[governance]\ndelay_s = 60\n{table}\n')
+    if field is None:
+        assert Site.load(path).governance.votes == "tokens"
+        return
+    with pytest.raises(ConfigError) as caught:
+        Site.load(path)
+    assert field in caught.value.details["fields"]
+
+
 def test_of_several_oracles_more_than_half_of_the_panel_agree_unless_the_kind_says_more(
     tmp_path: Path,
 ) -> None:

@@ -20,8 +20,17 @@ CONTRACTS = (
     "OracleCommittee",
 )
 
-GOVERNANCE = ("MemberVotes", "OrganizationTimelock", "OrganizationGovernor")
-"""Contracts that an organization has, too, if its members decide by votes."""
+VOTES = {"members": "MemberVotes", "tokens": "WrappedVotes"}
+"""What votes -> the contract that counts it."""
+
+_GOVERNORS = ("OrganizationTimelock", "OrganizationGovernor")
+GOVERNANCE = (*VOTES.values(), *_GOVERNORS)
+"""Contracts that an organization has, too, if it decides by votes: one of VOTES, and all others."""
+
+
+def governance(votes: str) -> tuple[str, ...]:
+    """Contracts of an organization where this votes, one of VOTES."""
+    return VOTES[votes], *_GOVERNORS
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from decimal import Decimal
 from functools import partial
 from typing import get_args
 
@@ -10,7 +11,7 @@ from nicegui import ui
 from rodeo import queries
 from rodeo.errors import RodeoError
 from rodeo.messages import Support
-from services.console.formatting import calls_in_words, moment, party
+from services.console.formatting import calls_in_words, moment, number, party
 from services.console.pages.frame import Console, act, ask, follow_async, frame, problem_section, stale, user
 from services.console.pages.widgets import Section, Text, badge, card, confirm, empty, fact, facts
 from services.console.roles import Role
@@ -56,7 +57,7 @@ class ProposalsPage:
             fact("Proposed by", f"{party(one.proposer_name, one.proposer)}, {moment(one.created_s)}")
             for support in get_args(Support):
                 voters = [party(b.voter_name, b.voter) for b in one.ballots if b.support == support]
-                fact(support.capitalize(), f"{one.votes[support]} {', '.join(voters)}")
+                fact(support.capitalize(), f"{number(Decimal(one.votes[support]))} {', '.join(voters)}")
             fact("Votes count until", moment(one.vote_end_s))
             if one.ready_s is not None:
                 fact("Can be executed from", moment(one.ready_s))

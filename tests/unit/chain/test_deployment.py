@@ -123,7 +123,7 @@ def test_where_members_decide_nobody_else_does_from_the_beginning(tmp_path: Path
         alone = site.model_copy(update={"governance": GovernanceConfig()})
         with pytest.raises(contracts.OtherGovernance) as other:
             contracts.run(alone, threading.Event())
-        assert other.value.details == {"kind": "administrator", "decides_by_vote": True}
+        assert other.value.details == {"wanted": "administrator", "found": "members"}
 
 
 def test_a_quorum_that_was_changed_on_chain_stays(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

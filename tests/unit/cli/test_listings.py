@@ -42,7 +42,7 @@ ACTS = {
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
         "reinstate", "rescue", "deposit", "withdraw", "register-device", "revoke-device", "retire-rules",
         "budget", "pause", "resume", "vote", "queue", "execute", "judge-key",
-        "seat", "unseat", "quorum",
+        "seat", "unseat", "quorum", "wrap", "unwrap",
     )),
     *(f"rodeo organization propose {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
@@ -195,6 +195,23 @@ def test_a_task_says_which_service_it_names(
     monkeypatch.setitem(answered, "task/12", TASK | {"requested_service_id": named})
     lines = CliRunner().invoke(app, ["task", "show", "12"]).stdout.splitlines()
     assert [line.split() for line in lines if line.startswith("named service")] == shown
+
+
+@pytest.mark.parametrize(
+    ("votes", "shown"),
+    [
+        ({"for": 2, "against": 1, "abstain": 0}, "2 / 1 / 0"),
+        ({"for": "1500.5", "against": "100", "abstain": "0"}, "1,500.5 / 100 / 0"),
+    ],
+)
+def test_votes_are_members_or_amounts_of_iec(
+    answered: dict[str, dict[str, Any]], votes: dict[str, Any], shown: str
+) -> None:
+    answered["proposals"]["proposals"][0] |= {"votes": votes}
+    done = CliRunner().invoke(app, ["organization", "proposals"])
+    assert shown in done.stdout
+    told = json.loads(CliRunner().invoke(app, ["organization", "proposals", "--json"]).stdout)
+    assert told["proposals"][0]["votes"] == votes
 
 
 def test_what_others_wrote_does_not_steer_the_terminal(answered: dict[str, dict[str, Any]]) -> None:
