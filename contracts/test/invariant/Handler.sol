@@ -625,8 +625,12 @@ contract Handler is CommonBase, StdUtils {
         vm.warp(block.timestamp + bound(time, 1 minutes, 45 minutes));
     }
 
-    /// @dev A season in which nobody works; running tasks would all expire.
+    /// @dev What runs is done, and nobody works for a season; else running tasks would all expire.
     function rest(uint256 time) external {
+        for (uint256 i = 0; i < 10; ++i) {
+            this.submitProof(i, "");
+            this.postVerdict(i, true, NO_LIMIT);
+        }
         for (uint256 taskId = 1; taskId <= _tasks.taskCount(); ++taskId) {
             TaskState state = _tasks.task(taskId).state;
             if (state == TaskState.Assigned || state == TaskState.Submitted || state == TaskState.Undecided) {
