@@ -26,6 +26,8 @@ HELD_S = 1.0
 """For so long after the lift an item must stay in the gripper to count as picked up."""
 FALL_S = 1.0
 """From the opening of the fingers until the item lies, where nobody saw it."""
+LIES_S = 5.0
+"""An item that lies still for so long, so long after it was let go of, has come to rest."""
 HIDDEN_S = 2.5
 """An item that is not seen for so long at the end is behind walls; less is a run of lost messages."""
 REST_M = 0.02
@@ -41,7 +43,7 @@ class Phases:
     lifted_s: float
     """The item has left the floor."""
     rest_s: float
-    """The item lies still for good."""
+    """The item lies still."""
 
 
 def find_phases(item: Pose, joint_time_s: Array, gripper_m: Array) -> Phases:
@@ -66,11 +68,20 @@ def find_phases(item: Pose, joint_time_s: Array, gripper_m: Array) -> Phases:
     closing_s = float(times[closes][np.flatnonzero(gaps[closes] > gaps[closes].max() - 0.0005)[-1]])
     moved = np.linalg.norm(item.position_m - item.position_m[-1], axis=1) > REST_M
     rest_s = float(item.time_s[np.flatnonzero(moved)[-1]])
+    let_go = joint_time_s[np.flatnonzero(gripper_m <= gaps[-1] + CLOSED_M)[-1] + 1 :]
+    if len(let_go) and let_go[0] > lifted_s and _lies(item, float(let_go[0]) + LIES_S):
+        rest_s = min(rest_s, float(let_go[0]) + LIES_S)
     lost_s, end_s = item.unseen_s[-1] if item.unseen_s else (0.0, 0.0)
     if lost_s >= item.time_s[-1] and end_s - lost_s > HIDDEN_S:
         # Walls hide where it fell to.
         rest_s = float(item.time_s[-1]) + FALL_S
     return Phases(closing_s, lifted_s, rest_s)
+
+
+def _lies(item: Pose, from_s: float) -> bool:
+    """Whether the item lay still then. What stands on other things may tip over later: nobody's work."""
+    places_m = item.position_m[(item.time_s >= from_s) & (item.time_s <= from_s + LIES_S)]
+    return bool(len(places_m)) and bool((np.linalg.norm(places_m - places_m[0], axis=1) <= REST_M).all())
 
 
 @once_per_case

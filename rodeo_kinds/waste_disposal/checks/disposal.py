@@ -363,9 +363,10 @@ def _end(case: Case, drop: Drop) -> str:
         x_m, y_m, z_m = last_m
         above = z_m >= case.bin.rim_height_m - BELOW_RIM_M
         return _compartment(layout, np.array([x_m, y_m, 0.0 if above else z_m])) or "out of sight elsewhere"
-    still = item.time_s >= last_s - JUDGED_AFTER_DROP_S / 2
-    if (np.linalg.norm(item.position_m[still] - last_m, axis=1) > REST_M).any():
-        return "still moving"
+    lately_m = item.position_m[item.time_s >= last_s - JUDGED_AFTER_DROP_S / 2]
+    # What stands on other things may tip over long after it was let go of; it does not rise by that.
+    if (last_m[2] - lately_m[:, 2] > REST_M).any():
+        return "being lifted"
     return _compartment(layout, last_m) or "elsewhere"
 
 

@@ -439,7 +439,7 @@ def slowed_down(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(at_pace(shop.take, 0.5), proof_submitted=shop.take.end_s + 120)
 
 
-@HARNESS.forgery("cleaning_gaps", role="executor")
+@HARNESS.forgery("odometry", role="executor")
 def sped_up_at_the_right_rates(shop: CleaningWorkshop) -> Submission:
     """Played twice as fast, with every second message left out, beside the witnesses' own statements."""
     fast = robots_at_pace(shop.take, 2.0)

@@ -97,6 +97,17 @@ def test_a_network_of_which_the_rules_know_nothing_leaves_honest_work_to_auditor
     assert judge(asked_another, chain, at=listing).accepted
 
 
+@pytest.mark.parametrize(("rises_m", "outcome"), [(-0.01, "accepted"), (0.03, "rejected")])
+def test_what_tips_over_in_the_bin_late_is_nobodys_work_unless_it_rises(
+    cleaning: Take, judge: Judge, rises_m: float, outcome: str
+) -> None:
+    tips_ns = cleaning.of(ITEM_POSE)[-1].time_ns - 500_000_000
+    take = cleaning.edited(ITEM_POSE, lambda s: shifted(s, x=0.03, z=rises_m) if s.time_ns >= tips_ns else s)
+    report = judge(take, cleaning_chain_record(take))
+    assert report.outcome == outcome, report.reason
+    assert outcome == "accepted" or failed(report) == "stays_in_bin"
+
+
 @pytest.mark.parametrize("item_class", [ItemClass.PLASTIC, ItemClass.PAPER, ItemClass.GLASS])
 def test_every_kind_of_item_can_be_carried(site: Site, judge: Judge, item_class: ItemClass) -> None:
     from rodeo.lab.items import SHAPES
