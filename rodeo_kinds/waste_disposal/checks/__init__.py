@@ -45,6 +45,7 @@ CHECKS = Checks(
             disposal.presented,
             disposal.heard,
             disposal.pictured,
+            disposal.asked_rightly,
             disposal.nothing_left_out,
             disposal.stays_in_bin,
             disposal.weight,

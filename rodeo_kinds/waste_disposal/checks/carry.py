@@ -6,7 +6,7 @@ from rodeo.checks.case import Case, ordered
 from rodeo.checks.replay import compartment_at, replay_of
 from rodeo.checks.report import Finding, at_most, equal
 from rodeo.lab.place import JUDGED_LIMIT_M
-from rodeo_kinds.waste_disposal.checks.disposal import expected_compartment
+from rodeo_kinds.waste_disposal.checks.disposal import asked_compartment
 from rodeo_kinds.waste_disposal.params import CleaningParams
 
 
@@ -29,11 +29,11 @@ def item_place(case: Case) -> Finding:
 
 
 def compartment(case: Case) -> Finding:
-    """The item comes to rest in the compartment of the class that the bin attested."""
+    """The item comes to rest in the compartment that the bin asked for."""
     last = replay_of(case).item_m[-1]
     return equal(
         compartment_at(case, last) or f"outside the bin at {last[0]:.2f} {last[1]:.2f} {last[2]:.2f}",
-        expected_compartment(case),
+        asked_compartment(case),
         source="replay in physics and the bin's attestation",
         detail="where the item comes to rest",
     )

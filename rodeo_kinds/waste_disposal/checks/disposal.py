@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from rodeo.checks.case import Case, CaseError, OthersFailed
+from rodeo.checks.case import Case, CaseError
 from rodeo.checks.heads import fork, in_file, listed
 from rodeo.checks.kinematics import kinematics_of
 from rodeo.checks.phases import REST_M, phases_of
@@ -75,19 +75,9 @@ def _drop(case: Case) -> Drop:
     return drop
 
 
-def expected_compartment(case: Case) -> str:
-    """By the site's compartments and costs, from what the bin attested.
-
-    Raises CaseError; and OthersFailed where the bin asked for another one, which the robot could only follow.
-    """
-    said = _classification(case)
-    expected = case.bin.compartment_for(said.item_class, said.probabilities)
-    if said.compartment != expected:
-        raise OthersFailed(
-            f"it asked for {said.compartment}, and by the site's compartments and costs it is {expected}",
-            f"the bin {case.bin.name}",
-        )
-    return expected
+def asked_compartment(case: Case) -> str:
+    """Where the bin asked for it: the robot can only follow. Raises CaseError."""
+    return _classification(case).compartment
 
 
 def bin_witnessed(case: Case) -> Finding:
@@ -147,7 +137,7 @@ def dropped(case: Case) -> Finding:
         )
     return equal(
         drop.compartment,
-        expected_compartment(case),
+        asked_compartment(case),
         source="statement of the bin",
         detail=f"fell with {drop.weight_n} N into",
     )
@@ -235,6 +225,22 @@ def pictured(case: Case) -> Finding:
     assert case.kind is not None
     listed = kinds_of(case.site)[case.kind].models()
     return picture.shown(case.proof, case.bin.name, _classification(case), listed)
+
+
+def asked_rightly(case: Case) -> Finding:
+    """The bin asked for the compartment that follows from what it said, by the site's compartments and costs.
+
+    Undecided where it did not: the robot could only follow.
+    """
+    said = _classification(case)
+    right = case.bin.compartment_for(said.item_class, said.probabilities)
+    if said.compartment != right:
+        return undecided(
+            f"it asked for {said.compartment}, and by the site's compartments and costs it is {right}",
+            f"the bin {case.bin.name}",
+            source="statement of the bin",
+        )
+    return equal(said.compartment, right, source="statement of the bin", detail="asked for")
 
 
 def nothing_left_out(case: Case) -> Finding:

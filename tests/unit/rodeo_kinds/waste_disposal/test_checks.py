@@ -76,6 +76,10 @@ def test_the_compartment_is_judged_by_the_costs_of_the_site(site: Site, cleaning
     misled = judge(unsure, cleaning_chain_record(unsure), at=costly)
     # The bin asked for yellow: the robot could only follow.
     assert (misled.outcome, misled.fault) == ("undecided", f"the bin {dear.name}")
+    # With a bin that helps, nobody brings bad work before auditors by that.
+    feather = told(unsure, "bin/drop", weight_n=0.01)
+    refused = judge(feather, cleaning_chain_record(feather), at=costly)
+    assert (refused.outcome, failed(refused)) == ("rejected", "weight")
     told_right = told(unsure, "bin/classification", compartment="green")
     report = judge(told_right, cleaning_chain_record(told_right), at=costly)
     assert (report.outcome, failed(report)) == ("rejected", "compartment")
