@@ -105,6 +105,8 @@ class Holders:
         self._free_until_ns = 0
         """Until then nobody has to be looked at, unless something happens."""
         self._held_since_s: float | None = None
+        self._late_since_s: dict[Session, float] = {}
+        """Who holds the clock now, and since when (monotonic)."""
         self.waited_s = 0.0
         """Wall time for which the clock stood still for somebody."""
         self._there: set[Session] = set()
@@ -277,23 +279,34 @@ class Holders:
 
     def _count(self, passes: bool) -> None:
         now_s = time.monotonic()
-        text = ""
+        late: dict[Session, str] = {}
         if not passes:
             self._held_since_s = self._held_since_s or now_s
-            text = self._complaint() if now_s - self._held_since_s > LONG_S else ""
+            late = self._late()
         elif self._held_since_s is not None:
             self.waited_s += now_s - self._held_since_s
             self._held_since_s = None
+        self._late_since_s = {who: self._late_since_s.get(who, now_s) for who in late}
+        text = ""
+        if self._held_since_s is not None and now_s - self._held_since_s > LONG_S:
+            # Those who have only just been given something to do hold it up least.
+            since_s = min(self._late_since_s.values(), default=now_s)
+            longest = [who for who in late if self._late_since_s[who] - since_s < LONG_S]
+            names = {who.process for who in longest} | self._missing
+            text = f"the clock waits for {', '.join(sorted(names))}"
         if text != self._told:
-            log.warning("%s", text or "the clock runs again")
+            how = [f"{who.process} {why} (session {who.id})" for who, why in sorted(late.items())]
+            log.warning("%s", f"{text}: {', '.join(how)}" if text else "the clock runs again")
             self._warn(text)
             self._told = text
 
-    def _complaint(self) -> str:
+    def _late(self) -> dict[Session, str]:
+        """Who holds the clock now, and how."""
         with self._lock:
-            busy = {who.process for who, one in self._seen.items() if one.hold.busy}
-            late = busy | {who.process for who in self._awaited} | self._missing
-        return f"the clock waits for {', '.join(sorted(late))}"
+            late = dict.fromkeys(self._awaited, f"has not answered mark {self._asked}")
+            busy = {who: one.hold for who, one in self._seen.items() if one.hold.busy}
+            late |= {who: f"is busy since mark {hold.heard}" for who, hold in busy.items()}
+        return late
 
     def close(self) -> None:
         self._subscriber.undeclare()

@@ -435,11 +435,23 @@ def test_a_mark_that_is_none_is_left_out(simulator: Simulator, mind: Mind, site:
 
 
 def test_who_holds_it_for_long_is_named_until_it_goes_on(
-    simulator: Simulator, mind: Mind, monkeypatch: pytest.MonkeyPatch
+    simulator: Simulator,
+    mind: Mind,
+    connect: Callable[[], zenoh.Session],
+    site: Site,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(holders_module, "LONG_S", 0.2)
     done = threading.Event()
     begin(mind, simulator, lambda: (done.wait(SOON_S), mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S)))
+    brief = Mind(connect(), site, "itrash")
+
+    def come_and_go() -> None:
+        while not done.wait(0.03):
+            with brief.clock.hold():
+                done.wait(0.03)
+
+    threading.Thread(target=come_and_go, daemon=True).start()
     assert not simulator.may_pass(0.6)
     assert simulator.told == ["the clock waits for robot_agent"]
     done.set()
