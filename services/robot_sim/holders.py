@@ -111,15 +111,16 @@ class Holders:
         """Wall time for which the clock stood still for somebody."""
         self._there: set[Session] = set()
         """Whose token there is. A token's end may overtake what its session said last."""
-        everybody = topics.CLOCK_HOLD.name(org=site.org, process="*", session="*")
+        self._liveliness = bus.session.liveliness()
+        self._everybody = topics.CLOCK_HOLD.name(org=site.org, process="*", session="*")
         # Both in the receiving thread: in the order in which they came.
-        self._tokens = bus.session.liveliness().declare_subscriber(
-            everybody, zenoh.handlers.Callback(self._on_token, indirect=False)
+        self._tokens = self._liveliness.declare_subscriber(
+            self._everybody, zenoh.handlers.Callback(self._on_token, indirect=False)
         )
         self._subscriber = bus.session.declare_subscriber(
-            everybody, zenoh.handlers.Callback(self._on_hold, indirect=False)
+            self._everybody, zenoh.handlers.Callback(self._on_hold, indirect=False)
         )
-        for reply in bus.session.liveliness().get(everybody):
+        for reply in self._liveliness.get(self._everybody):
             if reply.ok is not None:
                 with self._lock:
                     self._there.add(Session.of(reply.ok.key_expr))
@@ -151,7 +152,7 @@ class Holders:
                 return
             seen = self._seen.get(session)
             if seen is None:
-                log.info("%s holds the clock when it works", session.process)
+                log.info("%s holds the clock when it works (session %s)", session.process, session.id)
                 self._seen[session] = _Seen(hold, 0)
             else:
                 seen.hold = hold
@@ -168,12 +169,44 @@ class Holders:
             if sample.kind == zenoh.SampleKind.PUT:
                 self._there.add(session)
                 return
+        self._left(session)
+
+    def _left(self, session: Session) -> None:
+        with self._lock:
             self._there.discard(session)
             if self._seen.pop(session, None) is not None:
-                log.info("%s is gone: the clock no longer waits for it", session.process)
+                log.info(
+                    "%s is gone: the clock no longer waits for it (session %s)", session.process, session.id
+                )
             self._awaited.discard(session)
             self._free_until_ns = 0
         self._wake()
+
+    def _ask_who_is_there(self) -> None:
+        """Whoever holds the clock up and has no token any more has left: its token's end was not heard.
+
+        Of a router that has just answered: without one, a question ends at once and finds nobody.
+        """
+        late = set(self._late())
+        there: set[Session] = set()
+        failures: list[str] = []
+
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                there.add(Session.of(reply.ok.key_expr))
+            elif reply.err is not None:
+                failures.append(reply.err.payload.to_string())
+
+        def on_end() -> None:
+            if failures:
+                # Without a whole answer nobody counts as gone. They are asked about again.
+                log.warning("the router did not say who is there: %s", failures[0])
+                return
+            for session in late - there:
+                log.warning("the end of %s was not heard (session %s)", session.process, session.id)
+                self._left(session)
+
+        self._liveliness.get(self._everybody, zenoh.handlers.Callback(on_reply, on_end, indirect=False))
 
     def _may_hold(self, session: Session) -> bool:
         return session.kind in self._kinds
@@ -256,8 +289,11 @@ class Holders:
         self._unsent = self._number
 
     def _put_mark(self, number: int) -> None:
-        if self._taken():
-            self._marks.put(json.dumps({"number": number}))
+        if not self._taken():
+            return
+        self._marks.put(json.dumps({"number": number}))
+        if number != self._asked:
+            self._ask_who_is_there()
 
     @property
     def next_ns(self) -> int:

@@ -8,6 +8,7 @@ the one that started it. Launchers, and with them `rodeo up` and `make demo`, st
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import importlib
 import json
@@ -80,6 +81,10 @@ class Fork:
     def send_signal(self, number: int) -> None:
         if self.poll() is None:
             os.kill(self.pid, number)
+
+    def tell_stacks(self) -> None:
+        """Have the process write where each of its threads is to its output."""
+        self.send_signal(signal.SIGUSR1)
 
     def terminate(self) -> None:
         self.send_signal(signal.SIGTERM)
@@ -198,6 +203,7 @@ def _become(asked: dict[str, Any], env: dict[str, str], parent: int, output: int
     os.dup2(output, 1)
     os.dup2(output, 2)
     os.close(output)
+    faulthandler.register(signal.SIGUSR1)
     os.chdir(asked["folder"])
     os.environ.clear()
     os.environ.update(env)

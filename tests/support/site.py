@@ -137,7 +137,14 @@ class RunningSite:
 
     def _whole_story(self, waiting: set[str]) -> str:
         """Who is not ready, and the ends of their logs and the simulator's, which may wait for one itself."""
-        told = [f"{name}:\n{self.log(name)}" for name in sorted(waiting | {"robot_sim"})]
+        names = sorted(waiting | {"robot_sim"})
+        for name in names:
+            if isinstance(child := self.children.get(name), Fork):
+                child.tell_stacks()
+                deadline_s, pause = time.monotonic() + STOP_S, threading.Event()
+                while "most recent call first" not in self.log(name) and time.monotonic() < deadline_s:
+                    pause.wait(PAUSE_S)
+        told = [f"{name}:\n{self.log(name, 20_000)}" for name in names]
         return "\n".join([f"not ready: {sorted(waiting)}", *told])
 
     def status(self, name: str) -> Status:
@@ -158,9 +165,10 @@ class RunningSite:
             assert time.monotonic() < deadline_s, f"{name}: {status}\n{self.log(name)}"
             pause.wait(PAUSE_S)
 
-    def log(self, name: str) -> str:
+    def log(self, name: str, length: int = 4000) -> str:
+        """The last `length` characters of what process `name` wrote."""
         path = self.site.data_dir / "logs" / f"{name}.log"
-        return path.read_text(errors="replace")[-4000:] if path.exists() else "(no log)"
+        return path.read_text(errors="replace")[-length:] if path.exists() else "(no log)"
 
     def stop(self) -> None:
         if self._bus is not None:

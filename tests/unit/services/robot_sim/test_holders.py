@@ -127,6 +127,11 @@ def begin(mind: Mind, simulator: Simulator, work: Callable[[], object]) -> threa
     return thread
 
 
+def begin_as_second(mind: Mind, simulator: Simulator, work: Callable[[], object]) -> None:
+    mind.start(work)
+    assert not wait_until(lambda: len(simulator.holders._seen) < 2)
+
+
 def wait_until(condition: Callable[[], bool]) -> bool:
     """Whether it stays false for SOON_S."""
     deadline_s = time.monotonic() + SOON_S
@@ -288,6 +293,30 @@ def test_who_dies_while_it_holds_the_clock_is_not_waited_for(simulator: Simulato
     mind.session.close()
     assert simulator.may_pass()
     done.set()
+
+
+def test_who_dies_busy_and_whose_end_is_not_heard_is_found_gone(
+    simulator: Simulator, mind: Mind, connect: Callable[[], zenoh.Session], site: Site
+) -> None:
+    done = threading.Event()
+    begin(mind, simulator, lambda: done.wait(SOON_S))
+    next_one = Mind(connect(), site)
+    begin_as_second(next_one, simulator, lambda: next_one.clock.wait_for(NEVER.is_set, wall_s=2 * SOON_S))
+    simulator.holders._tokens.undeclare()
+    mind.session.close()
+    assert simulator.may_pass()
+    done.set()
+    held_by = [one.id for one in simulator.holders._seen]
+    assert held_by == [str(next_one.session.info.zid())]
+
+
+def test_who_is_asked_about_and_there_is_waited_for(simulator: Simulator, mind: Mind) -> None:
+    done = threading.Event()
+    begin(mind, simulator, lambda: done.wait(2 * SOON_S))
+    assert not simulator.may_pass(3.5 * holders_module._REPEAT_S)
+    assert simulator.holders._number > 3  # asked again, and about
+    done.set()
+    assert simulator.may_pass()
 
 
 def test_who_comes_late_is_waited_for_from_then_on(
