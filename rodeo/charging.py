@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from decimal import Decimal
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from rodeo.config import Site
+from rodeo.config import RateConfig, Site
 from rodeo.lab.config import BatteryConfig, DockConfig
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -61,6 +63,17 @@ def dock_of(site: Site, named: object) -> DockConfig:
     """The dock of a charge: the one that its task names, by default the site's first. Raises ConfigError
     if the site has no such dock."""
     return site.dock(site.docks[0].name if named is None and site.docks else str(named))
+
+
+def most_due_iec(rates: Iterable[RateConfig], energy_wh: float) -> Decimal:
+    """What that much energy costs at the highest of the rates; 0 without rates."""
+    return max((rate.iec for rate in rates), default=Decimal(0)) * Decimal(str(energy_wh)) / 1000
+
+
+def costliest_iec(rates: Iterable[RateConfig], site: Site) -> Decimal:
+    """What the largest order of a robot of the site costs at the highest of the rates."""
+    orders = [order_wh(robot.battery, dock, 0.0, 1.0) for robot in site.robots for dock in site.docks]
+    return most_due_iec(rates, max(orders, default=0.0))
 
 
 def order_wh(battery: BatteryConfig, dock: DockConfig, soc_from: float, soc_target: float) -> float:

@@ -127,11 +127,23 @@ class ChainConfig(_Table):
     time. None for chains that mine a block only for a transaction."""
 
 
-class TariffConfig(_Table):
-    """Price of a kilowatt-hour for the organization, from an hour of the site's day (UTC) on."""
+class FromHour(_Table):
+    """What applies from an hour of the site's day (UTC) on, until that of the next in its list. Before the
+    first, the last applies."""
 
     from_hour: int = Field(ge=0, le=23)
+
+
+class TariffConfig(FromHour):
+    """Price of a kilowatt-hour for the organization."""
+
     eur_kwh: Decimal = Field(ge=0)
+
+
+class RateConfig(FromHour):
+    """What one unit of a kind's measure is paid."""
+
+    iec: Decimal = Field(gt=0, max_digits=28, decimal_places=18)
 
 
 class EconomyConfig(_Table):
@@ -148,7 +160,6 @@ class EconomyConfig(_Table):
     """Time for the organization's auditors to decide a task that the oracle could not, s."""
     max_attempts: int = Field(default=3, ge=1)
     electricity: list[TariffConfig] = [TariffConfig(from_hour=0, eur_kwh=Decimal("0.30"))]
-    """Before the first hour in this list, the price of the last one applies."""
 
 
 class BudgetConfig(_Table):
@@ -358,11 +369,16 @@ class KindConfig(_Table):
     models_sha256: list[Annotated[str, Field(pattern=r"^0x[0-9a-f]{64}$")]] = []
     """Networks whose word counts besides the installed one, by the hash of their weights. They are part of
     the kind's rules: where a witness asked any other, auditors judge the work."""
+    rates: list[RateConfig] = []
+    """Pay by quantity, at most the agreed price; without rates the price is for the whole task. Part of the
+    kind's rules."""
 
     @model_validator(mode="after")
     def _says_who_judges(self) -> KindConfig:
         if self.review is not None and self.models_sha256:
             raise ValueError(f"auditors judge {self.name}, and no network: remove models_sha256")
+        if self.review is not None and self.rates:
+            raise ValueError(f"auditors say what {self.name} is paid: remove rates")
         if self.review is None and (self.title or self.description or self.parameters):
             raise ValueError(
                 f'{self.name} is declared here: add review = "auditor" to set who judges it, '
@@ -856,12 +872,16 @@ def _oracles(site: Site) -> Iterator[tuple[Place, str]]:
 
 
 def _hours(site: Site) -> Iterator[tuple[Place, str]]:
-    hours: set[int] = set()
-    for number, tariff in enumerate(site.economy.electricity):
-        if tariff.from_hour in hours:
-            place = ("economy", "electricity", number, "from_hour")
-            yield place, f"two electricity tariffs begin at hour {tariff.from_hour}"
-        hours.add(tariff.from_hour)
+    lists: list[tuple[Place, str, Sequence[FromHour]]] = [
+        (("economy", "electricity"), "electricity tariffs", site.economy.electricity)
+    ]
+    lists += [(("kinds", number, "rates"), "rates", kind.rates) for number, kind in enumerate(site.kinds)]
+    for place, what, entries in lists:
+        hours: set[int] = set()
+        for number, one in enumerate(entries):
+            if one.from_hour in hours:
+                yield (*place, number, "from_hour"), f"two {what} begin at hour {one.from_hour}"
+            hours.add(one.from_hour)
 
 
 def _ports(site: Site) -> Iterator[tuple[Place, str]]:

@@ -20,7 +20,8 @@ from typing import Any, Literal
 import jsonschema_rs
 from pydantic import BaseModel, ValidationError
 
-from rodeo.config import KindConfig, Site
+from rodeo.charging import costliest_iec
+from rodeo.config import KindConfig, RateConfig, Site
 from rodeo.errors import InvalidRequest, RodeoError, wrong_fields
 from rodeo.lab.config import Pose2
 from rodeo.messages import Task
@@ -108,6 +109,11 @@ class Kind:
     """Topics in an executor's proof."""
     unit: str = "task"
     """Unit of the price."""
+    measure: str = ""
+    """Unit of what rates pay for; empty where the checks measure no quantity."""
+    rates: tuple[RateConfig, ...] = ()
+    """What a unit of the measure is paid, by the hour, up to the agreed price; without rates the price is for
+    the whole task."""
     provides: Literal["", "energy"] = ""
     """What a robot buys with a task of this kind."""
     behaviour: str = ""
@@ -124,6 +130,8 @@ class Kind:
     def __post_init__(self) -> None:
         if self.review == "oracle" and not self.checks:
             raise KindError("the oracle has no checks for this kind: let auditors judge it", kind=self.name)
+        if self.rates and not self.measure:
+            raise KindError("its checks measure no quantity: remove rates", kind=self.name)
 
     def lacks(self, site: Site) -> str:
         """What the site has none of, and a proof of this kind needs a statement of; empty if nothing."""
@@ -232,12 +240,19 @@ class Kinds(Mapping[str, Kind]):
 
 def kinds_of(site: Site) -> Kinds:
     """The kinds that the site file lists. Raises KindError, also for a kind for which the site has no bin or
-    dock."""
+    dock, and for rates by which a charge could cost more than is paid for it."""
     kinds = {one.name: _declared(one) for one in site.kinds}
     for kind in kinds.values():
         if missing := kind.lacks(site):
             raise KindError(
                 f"work of this kind needs what the site lacks: write [[{missing}]]", kind=kind.name
+            )
+        if kind.provides == "energy" and (most_iec := costliest_iec(kind.rates, site)) > kind.price_iec:
+            raise KindError(
+                "by its rates a full charge costs more than a task pays at most: raise price_iec",
+                kind=kind.name,
+                full_charge_iec=f"{most_iec:f}",
+                price_iec=f"{kind.price_iec:f}",
             )
     return Kinds(kinds)
 
@@ -285,6 +300,7 @@ def _declared(config: KindConfig) -> Kind:
         "execution_window_s": config.execution_window_s,
         "at_silence": config.at_silence,
         "models_sha256": tuple(config.models_sha256) or None,
+        "rates": tuple(config.rates) or None,
     }
     return replace(kind, **{name: value for name, value in said.items() if value is not None})
 

@@ -1,22 +1,50 @@
-"""What electricity costs, by the site file's tariffs and the site's time."""
+"""What applies by the hour of the site's time: what electricity costs, what a kind's rates pay."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from decimal import Decimal
+from typing import TypeVar
 
-from rodeo.config import TariffConfig
+from rodeo.config import FromHour, RateConfig, TariffConfig
 
 _HOUR_S = 3600
 _DAY_S = 24 * _HOUR_S
 
 
+_Entry = TypeVar("_Entry", bound=FromHour)
+
+
+def applying(entries: Iterable[_Entry], time_s: float) -> _Entry:
+    """The entry that applies at this site time; there is at least one."""
+    ordered = sorted(entries, key=lambda entry: entry.from_hour)
+    hour = int(time_s % _DAY_S // _HOUR_S)
+    begun = [entry for entry in ordered if entry.from_hour <= hour]
+    return (begun or ordered)[-1]
+
+
+def applying_between(entries: Iterable[_Entry], first_s: float, last_s: float) -> list[_Entry]:
+    """Every entry that applies at some time from `first_s` to `last_s`."""
+    entries = list(entries)
+    hours = {int(first_s // _HOUR_S) + number for number in range(min(24, _hours(first_s, last_s)))}
+    found = [applying(entries, hour * _HOUR_S) for hour in sorted(hours)]
+    return list({entry.from_hour: entry for entry in found}.values())
+
+
+def _hours(first_s: float, last_s: float) -> int:
+    """Hours that begin up to `last_s`, and the one in which `first_s` lies."""
+    return int(last_s // _HOUR_S) - int(first_s // _HOUR_S) + 1
+
+
+def hourly_mean_iec(rates: Iterable[RateConfig]) -> Decimal:
+    """Of the rates of a day's 24 hours."""
+    rates = list(rates)
+    return sum((applying(rates, hour * _HOUR_S).iec for hour in range(24)), Decimal(0)) / 24
+
+
 def price_at(tariffs: Iterable[TariffConfig], time_s: float) -> Decimal:
     """EUR/kWh at this site time."""
-    ordered = sorted(tariffs, key=lambda tariff: tariff.from_hour)
-    hour = int(time_s % _DAY_S // _HOUR_S)
-    begun = [tariff for tariff in ordered if tariff.from_hour <= hour]
-    return (begun or ordered)[-1].eur_kwh
+    return applying(tariffs, time_s).eur_kwh
 
 
 def prices(tariffs: list[TariffConfig], first_s: float, last_s: float) -> list[tuple[float, float]]:

@@ -102,7 +102,8 @@ def show(name: Name, site: SiteOption = DEFAULT_SITE, as_json: JsonOption = Fals
             ("judged by", "the oracle, by the checks below" if kind.review == "oracle" else "auditors"),
             ("time to do it", span(kind.execution_window_s)),
             ("if no auditor answers", f"the {kind.at_silence} wins"),
-            ("price", f"{iec(kind.price_iec)} for a {kind.unit}"),
+            ("price", f"{'at most ' * bool(kind.rates)}{iec(kind.price_iec)} for a {kind.unit}"),
+            ("rates", _rates_in_words(kind)),
             ("provides", kind.provides),
             ("rules", str(installed_rules or "")),
             ("networks that count", ", ".join(document["models_sha256"])),
@@ -183,6 +184,8 @@ def _document(kind: Kind) -> dict[str, Any]:
         "at_silence": kind.at_silence,
         "price_iec": str(kind.price_iec),
         "unit": kind.unit,
+        "measure": kind.measure,
+        "rates": [{"from_hour": one.from_hour, "iec": str(one.iec)} for one in kind.rates],
         "provides": kind.provides,
         "behaviour": kind.behaviour,
         "rules_hash": rules_hash(kind),
@@ -208,6 +211,12 @@ def _document(kind: Kind) -> dict[str, Any]:
             for check in stage
         ],
     }
+
+
+def _rates_in_words(kind: Kind) -> str:
+    """Empty where there are none: it is left out then."""
+    told = [f"{iec(one.iec)} for a {kind.measure} from {one.from_hour}:00 UTC" for one in kind.rates]
+    return ", ".join(told)
 
 
 def _type(schema: dict[str, Any]) -> str:

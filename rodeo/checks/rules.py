@@ -1,8 +1,8 @@
 """The rules by which a kind of work is judged, as one hash: everybody who has the same rules finds the same.
 
 The hash covers the schema of a task's parameters, the limits, the source of the kind's checks and of the
-shared ones that they import, the models whose word counts, and MuJoCo's major version. Comments, docstrings,
-line ends and where the files lie do not count.
+shared ones that they import, the models whose word counts, the rates, and MuJoCo's major version. Comments,
+docstrings, line ends and where the files lie do not count.
 """
 
 from __future__ import annotations
@@ -44,6 +44,7 @@ def rules(kind: Kind) -> dict[str, Any] | None:
         "limits": {module: source.limits for module, source in sources.items() if source.limits},
         "sources": {module: source.sha256 for module, source in sources.items()},
         "models_sha256": kind.models(),
+        "rates": {str(rate.from_hour): f"{rate.iec.normalize():f}" for rate in kind.rates},
         "mujoco": version(_PHYSICS).partition(".")[0] if physics else None,
     }
 

@@ -19,6 +19,7 @@ KIND = Kind(
     # The organization sells the energy: the silence of its own auditors must not earn it money.
     at_silence="creator",
     unit="charge",
+    measure="kWh",
     provides="energy",
     recorded=(
         *map(Recorded, (DOCK_OUTPUT, BATTERY_STATE)),

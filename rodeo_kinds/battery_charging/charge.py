@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from decimal import Decimal
+from itertools import pairwise
 
 import numpy as np
 
 from rodeo.charging import ChargingParams, dock_of
 from rodeo.checks.case import Case, CaseError, ordered
 from rodeo.checks.keys import counts_until_s
+from rodeo.checks.payment import Step
 from rodeo.checks.results import once_per_case
 from rodeo.checks.statements import Said, Testimony, joined
 from rodeo.checks.testimony import by_signer, keys_of
 from rodeo.errors import ConfigError
 from rodeo.evidence import Binding
 from rodeo.messages import Device
-from rodeo.metering import Reading, Readings, unpack
+from rodeo.metering import REGISTER_DIGITS, Reading, Readings, unpack
 from rodeo.topics import DOCK_OUTPUT
 from rodeo.witness import MeterRecord, Receipt, Scope
 
@@ -64,6 +67,19 @@ class Charge:
     def delivered_wh(self) -> float:
         """What both signed; 0 without a single receipt."""
         return round(self.end_wh - self.begin_wh, 4) if self.signed else 0.0
+
+    @property
+    def steps(self) -> list[Step]:
+        """The register's steps, in kWh; 2.5 Wh each from an honest meter."""
+        return [
+            Step(
+                # An opening may come before the first reading.
+                before.record.until_s if before.record.until_s > 0 else before.record.time_s,
+                after.record.until_s,
+                _wh(after.record) / 1000 - _wh(before.record) / 1000,
+            )
+            for before, after in pairwise(self.signed)
+        ]
 
     @property
     def closing_soc(self) -> float | None:
@@ -174,6 +190,10 @@ def _of(
     if keys is not None:
         return joined(found)
     return max((one for one in found if one.said), key=lambda one: len(one.said), default=None)
+
+
+def _wh(record: MeterRecord) -> Decimal:
+    return Decimal(str(round(record.register_wh, REGISTER_DIGITS)))
 
 
 def _is_record(one: Said) -> bool:

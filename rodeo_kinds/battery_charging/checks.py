@@ -18,6 +18,7 @@ from rodeo.charging import SOC_SLACK, SOC_USED, ChargingParams
 from rodeo.checks import completeness, provenance, witnesses
 from rodeo.checks.case import Case, CaseError, Checks, ordered
 from rodeo.checks.heads import fork, listed
+from rodeo.checks.payment import by_rates_iec
 from rodeo.checks.report import Finding, at_least, at_most, equal, skipped, undecided
 from rodeo.checks.stages import COUNTED, PROVENANCE
 from rodeo.checks.statements import Testimony
@@ -192,7 +193,8 @@ def soc_from(case: Case) -> Finding:
 
 
 def delivered(case: Case) -> Finding:
-    """What both signed was delivered; a complete session earns the price, an incomplete one its share."""
+    """What both signed was delivered, and is paid by the kind's rates. Without rates a complete session earns
+    the price, an incomplete one its share."""
     charge, source = charge_of(case), _BOTH
     if not charge.delivered_wh > 0:
         raise CaseError("no energy was delivered that both signed", register_wh=charge.begin_wh)
@@ -214,8 +216,11 @@ def delivered(case: Case) -> Finding:
 
 
 def amount_iec(case: Case) -> Decimal | None:
-    """What is due; None where it is the whole price."""
+    """What is due: by the kind's rates, else for a complete session the price, for another its share; None
+    where it is the whole price."""
     charge = charge_of(case)
+    if (due_iec := by_rates_iec(case, charge.steps)) is not None:
+        return due_iec
     if case.chain_record is None or (price := case.chain_record.task.price_iec) is None:
         return None
     params = _params(case)

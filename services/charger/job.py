@@ -11,7 +11,7 @@ from pathlib import Path
 from pydantic import BaseModel, ValidationError
 
 from rodeo import topics
-from rodeo.charging import SOC_USED, ChargingParams, dock_of, order_wh
+from rodeo.charging import SOC_USED, ChargingParams, dock_of, most_due_iec, order_wh
 from rodeo.config import Site
 from rodeo.dao import Assignment
 from rodeo.errors import ConfigError, RodeoError, unreadable
@@ -158,12 +158,16 @@ _MORE_SHARE = 1.1
 def wrong_order(task: Task, params: ChargingParams, site: Site, dock: DockConfig) -> str | None:
     """Why the dock would not be paid for what it delivers, if so; to be asked before it delivers anything.
 
-    A session is paid by the share of its order, so who orders a thousand times what a battery takes would pay
-    next to nothing for a full one. And none that costs more than the tariff is paid at all.
+    Without rates a session is paid by the share of its order, so who orders a thousand times what a battery
+    takes would pay next to nothing for a full one. And none that costs more than the tariff is paid at all.
     """
-    price_iec, tariff_iec = task.price_iec, providing_energy(site).price_iec
+    energy = providing_energy(site)
+    price_iec, tariff_iec = task.price_iec, energy.price_iec
     if price_iec is not None and price_iec > tariff_iec:
         return f"it pays {price_iec} IEC, but a session here costs {tariff_iec} IEC"
+    most_iec = most_due_iec(energy.rates, params.energy_wh)
+    if price_iec is not None and price_iec < most_iec:
+        return f"it pays at most {price_iec} IEC, but may cost {most_iec.normalize():f} IEC by the rates"
     soc_from = max(params.soc_from - SOC_USED, 0.0)
     most_wh = _MORE_SHARE * order_wh(site.robot(params.robot).battery, dock, soc_from, params.soc_target)
     if params.energy_wh > most_wh:

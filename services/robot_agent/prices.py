@@ -18,6 +18,7 @@ from rodeo.kinds import Kind, providing_energy
 from rodeo.lab.config import RobotConfig
 from rodeo.messages import Task
 from rodeo.pricing import CostPlus, Experience, Fixed, Learned, Moving, Situation
+from rodeo.tariff import hourly_mean_iec
 from services.robot_agent.participant import RobotParticipant
 from services.robot_agent.upkeep import Upkeep
 
@@ -126,7 +127,10 @@ class Prices:
         )
 
     def _iec_per_wh(self) -> float:
-        """What the energy that it bought last cost; before, what a usual charge would cost."""
+        """What the energy that it bought last cost; before, what a usual charge would cost. With rates, the
+        day's mean."""
+        if self._energy.rates:
+            return float(hourly_mean_iec(self._energy.rates)) / 1000
         bought = self._dao.tasks(kind=self._energy.name, creator=self._dao.name, state="settled")
         paid = [one for one in bought if float(one.params.get("energy_wh", 0)) > 0 and one.paid_iec > 0]
         if paid:

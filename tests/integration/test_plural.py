@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from decimal import Decimal
+from typing import Any
 
 import pytest
 
@@ -34,6 +36,14 @@ battery = {{ soc = 0.8 }}
 name = "seller"
 kinds = ["battery_charging"]
 """
+
+
+def assert_paid_by_the_rates(charge: dict[str, Any]) -> None:
+    """In one charge from 80 % to 95 %, which lies in one or two hours, all energy costs one of two rates."""
+    ordered_kwh = Decimal(str(charge["params"]["energy_wh"])) / 1000
+    paid_iec = Decimal(charge["paid_iec"])
+    assert Decimal("0.7") * ordered_kwh * 120 < paid_iec < Decimal("1.1") * ordered_kwh * 180
+    assert paid_iec < Decimal(charge["reward_iec"]) == Decimal(charge["price_iec"])
 
 
 @pytest.fixture
@@ -82,6 +92,7 @@ def test_a_task_names_the_second_bin_and_two_docks_charge_at_once(organization: 
         hired.add(charge["service_id"])
         docks.append(charge["params"]["dock"])
         assert charge["verdict"] == "accepted", f"{charge}\n{running.log(f'charger.{docks[-1]}')}"
+        assert_paid_by_the_rates(charge)
         proof = open_proof(Store(running.site).fetch(charge["proof_uri"], charge["proof_sha256"]))
         assert proof.binding is not None and proof.binding.device == docks[-1]
     assert sorted(docks) == ["dock_east", "dock_west"] and len(hired) == 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,37 @@ def test_a_kind_that_nobody_installed_is_refused_with_those_that_are(tmp_path: P
 def test_only_kinds_that_the_site_file_lists_are_known(tmp_path: Path) -> None:
     assert list(kinds_of(site_with(tmp_path, WATERING))) == ["plant_watering"]
     assert list(kinds_of(Site.load(LAB))) == ["waste_disposal", "battery_charging"]
+
+
+def test_no_charge_may_cost_more_by_the_rates_than_a_task_pays(tmp_path: Path) -> None:
+    """Nobody would deliver it, and the robot would stand still."""
+    charging = '[[kinds]]\nname = "battery_charging"\nrates = [{ from_hour = 0, iec = 250 }]\n'
+    with pytest.raises(KindError, match="raise price_iec") as refused:
+        kinds_of(site_with(tmp_path, charging))
+    assert Decimal(refused.value.details["full_charge_iec"]) > 200
+    (kind,) = kinds_of(site_with(tmp_path, charging + "price_iec = 400\n")).values()
+    assert [(one.from_hour, one.iec) for one in kind.rates] == [(0, 250)]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ("rates = [{ from_hour = 0, iec = 0 }]", "greater than 0"),
+        ("rates = [{ from_hour = 24, iec = 1 }]", "less than or equal to 23"),
+        ("rates = [{ from_hour = 6, iec = 1 }, { from_hour = 6, iec = 2 }]", "two rates begin at hour 6"),
+        ('review = "auditor"\nrates = [{ from_hour = 0, iec = 1 }]', "remove rates"),
+    ],
+)
+def test_wrong_rates_are_refused(tmp_path: Path, wrong: str, says: str) -> None:
+    with pytest.raises(ConfigError, match=says):
+        site_with(tmp_path, f'[[kinds]]\nname = "battery_charging"\n{wrong}\n')
+
+
+def test_a_kind_that_measures_no_quantity_has_no_rates(tmp_path: Path) -> None:
+    with pytest.raises(KindError, match="measure no quantity"):
+        kinds_of(
+            site_with(tmp_path, '[[kinds]]\nname = "waste_disposal"\nrates = [{ from_hour = 0, iec = 1 }]\n')
+        )
 
 
 def test_a_table_declares_a_kind_that_people_do_and_judge(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from pydantic import BaseModel
 
 from rodeo.checks import rules
 from rodeo.checks.rules import rules_hash
+from rodeo.config import RateConfig
 from rodeo.kinds import Kind, KindError, load
 from rodeo.vision.classification import model_sha256
 
@@ -161,3 +163,14 @@ def test_a_network_counts_where_the_kind_lists_it_and_that_makes_other_rules() -
     assert rules_hash(listing) != rules_hash(kind)
     with pytest.raises(KindError, match="ask no network"):
         rules_hash(replace(load("battery_charging"), models_sha256=(other,)))
+
+
+def test_other_rates_are_other_rules() -> None:
+    kind = load("battery_charging")
+    hashes = {rules_hash(kind)}
+    for rates in ([(6, "180")], [(6, "181")], [(7, "180")], [(6, "180"), (22, "120")]):
+        listed = tuple(RateConfig(from_hour=hour, iec=Decimal(iec)) for hour, iec in rates)
+        hashes.add(rules_hash(replace(kind, rates=listed)))
+        same = tuple(RateConfig(from_hour=hour, iec=Decimal(iec + ".0")) for hour, iec in rates)
+        hashes.add(rules_hash(replace(kind, rates=same)))
+    assert len(hashes) == 5

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from decimal import Decimal
+from itertools import pairwise
 from math import nan
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ import pytest
 from rodeo.checks.acts import Act, ConsumedActs, Spent
 from rodeo.checks.case import ChainRecord
 from rodeo.checks.report import Report
-from rodeo.config import Site
+from rodeo.config import KindConfig, RateConfig, Site
 from rodeo.evidence import open_proof
 from rodeo.evidence.recorder import RESUMED
 from rodeo.messages import DaoEvent
@@ -29,8 +30,10 @@ from rodeo_kinds.battery_charging.harness.film import (
 from rodeo_testing.assignments import CHARGE_BINDING, METER, ROBOT
 from rodeo_testing.recordings import (
     CHARGE_SIGNED,
+    METER_RECORD,
     REGISTER_WH,
     ROBOT_RECEIPT,
+    START_NS,
     Sample,
     Sides,
     Take,
@@ -50,6 +53,7 @@ def judged(
     take: Take,
     sides: Sides = HONEST,
     forks: Callable[[float], bool] = lambda time_s: False,
+    at: Site | None = None,
     **task: Any,
 ) -> Report:
     return judge(
@@ -58,6 +62,7 @@ def judged(
         binding=CHARGE_BINDING,
         device=METER,
         witnesses=Witnesses(charge=sides, forks=forks),
+        at=at,
     )
 
 
@@ -111,6 +116,47 @@ def test_what_ends_early_pays_its_share(charge: Take, judge: Judge, wh: float) -
     assert report.amount_iec is not None
     assert abs(report.amount_iec - share) < Decimal("0.1")
     assert wh - 2.6 < float(report.amount_iec) <= wh
+
+
+def with_rates(site: Site, *rates: tuple[int, int]) -> Site:
+    """The site with rates in IEC per kWh from an hour on."""
+    listed = [RateConfig(from_hour=hour, iec=Decimal(iec)) for hour, iec in rates]
+    kind = KindConfig(name="battery_charging", price_iec=Decimal(9999), rates=listed)
+    return site.model_copy(update={"kinds": [kind]})
+
+
+def kwh(before: Sample, after: Sample) -> Decimal:
+    """What the meter counted from one of its records to another."""
+    wh = Decimal(str(after.message["register_wh"])) - Decimal(str(before.message["register_wh"]))
+    return wh / 1000
+
+
+def test_by_rates_a_charge_costs_what_was_delivered_when(charge: Take, judge: Judge, site: Site) -> None:
+    """The charge is filmed from 17:46 to 18:09 UTC."""
+    report = judged(judge, charge, at=with_rates(site, (6, 500), (18, 300)))
+    assert report.accepted, report.reason
+    steps = list(pairwise(charge.of(METER_RECORD)))
+    six_s = START_NS // 10**9 // 86_400 * 86_400 + 18 * 3600
+    early = sum(kwh(*step) for step in steps if step[1].message["until_s"] < six_s)
+    late = sum(kwh(*step) for step in steps) - early
+    assert early > Decimal("0.02")
+    assert late > Decimal("0.02")
+    assert report.amount_iec == 500 * early + 300 * late
+
+
+def test_by_rates_no_charge_costs_more_than_its_price(charge: Take, judge: Judge, site: Site) -> None:
+    assert judged(judge, charge, at=with_rates(site, (6, 5000))).amount_iec == 100
+
+
+def test_a_seller_gains_nothing_by_a_step_that_ends_when_energy_is_dear(
+    charge: Take, judge: Judge, site: Site
+) -> None:
+    """It delivers all of it before, and has only the end signed."""
+    ends = receipts(lambda one: one if one["reason"] in ("opening", "close") else None)
+    report = judged(judge, charge, ends, at=with_rates(site, (6, 300), (18, 500)))
+    assert report.accepted, report.reason
+    samples = charge.of(METER_RECORD)
+    assert report.amount_iec == 300 * kwh(samples[0], samples[-1])
 
 
 def test_two_seconds_pay_two_seconds(charge: Take, judge: Judge) -> None:

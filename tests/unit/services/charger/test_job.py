@@ -10,7 +10,7 @@ import pytest
 from eth_account import Account
 
 from rodeo.charging import ChargingParams
-from rodeo.config import ClockConfig, Site
+from rodeo.config import ClockConfig, KindConfig, RateConfig, Site
 from rodeo.dao import ORGANIZATION, most_offers
 from rodeo.evidence import Binding, Recorder
 from rodeo.kinds import providing_energy
@@ -138,3 +138,18 @@ def test_what_would_not_be_paid_is_not_delivered(
     site = Site.load(LAB)
     problem = wrong_order(ordered, ChargingParams.model_validate(ordered.params), site, site.docks[0])
     assert problem is None if says is None else says in str(problem)
+
+
+def test_an_order_that_may_cost_more_than_its_price_is_not_delivered() -> None:
+    """By the highest rate: 100 Wh cost up to 20 IEC."""
+    kind = KindConfig(
+        name="battery_charging",
+        rates=[RateConfig(from_hour=0, iec=Decimal(120)), RateConfig(from_hour=6, iec=Decimal(200))],
+        price_iec=Decimal(300),
+    )
+    site = Site.load(LAB).model_copy(update={"kinds": [kind]})
+    moment = Take([Sample("", "", None, START_S * 10**9)])
+    for price_iec, says in ((20, None), (19, "may cost 20 IEC")):
+        ordered = charging_chain_record(moment, {"energy_wh": 100.0}, price_iec=Decimal(price_iec)).task
+        problem = wrong_order(ordered, ChargingParams.model_validate(ordered.params), site, site.docks[0])
+        assert problem is None if says is None else says in str(problem)
