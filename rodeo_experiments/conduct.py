@@ -39,7 +39,7 @@ from rodeo.stamps import stamp_s
 from rodeo.tariff import price_at
 from rodeo.tls import OPERATOR, identity
 from rodeo_experiments.arrivals import day_begins_s
-from rodeo_experiments.errors import ExperimentFailed
+from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
 from rodeo_experiments.lab import Lab, Point
 from rodeo_experiments.record import Arrival, Flow, Heard, Reading, Run, Sent
 
@@ -54,6 +54,8 @@ _LOOK_WALL_S = 2.0
 _MEANWHILE_S, _MEANWHILE_WALL_S = 0.5, 0.05
 _ROBOT_AT_WORK_S = 60.0
 """Site time after which a person who met a robot at work comes back."""
+_FULL_S = 3600.0
+"""Site time for which the floor may be so full that nothing can be put down."""
 _WEIGHED_S = 10.0
 """Site time for which a person stays beside the bin."""
 _LATE_S = 24 * 3600.0
@@ -209,7 +211,7 @@ class Conduct:
         with DaoEvents(self._bus, site.org, self._on_event, after_seq=after, clock=self._clock):
             for number, time_s in enumerate(self._arrivals):
                 if number >= self._progress.next_arrival:
-                    self._at(time_s, partial(self._arrive, number))
+                    self._at(time_s, partial(self._arrive, number, time_s))
             end_s = day_begins_s(site, self._experiment.days)
             self._until(end_s, lambda: False)
             self._until(end_s + _LATE_S, self._all_over)
@@ -332,16 +334,26 @@ class Conduct:
         """Whether `_follow_up` has looked at what came of it."""
         return event.seq <= self._followed_seq
 
-    def _arrive(self, number: int) -> None:
-        """Somebody leaves an item on the floor, and the organization posts a task for it."""
-        progress = self._progress
+    def _arrive(self, number: int, due_s: float) -> None:
+        """Somebody leaves an item on the floor, and the organization posts a task for it.
+
+        Raises NoFreePlace where the floor is full long after `due_s`.
+        """
+        progress, arrive = self._progress, partial(self._arrive, number, due_s)
         if progress.planned is None:
             item = next((one for one, where in progress.items.items() if where == "away"), None)
             if item is None:
                 # All there are lie about or are in the bin: wait for the person.
-                self._at(self._clock.now_s() + 600, partial(self._arrive, number))
+                self._at(self._clock.now_s() + 600, arrive)
                 return
-            x_m, y_m = self._lab.put_down(item, self._lying())
+            try:
+                x_m, y_m = self._lab.put_down(item, self._lying())
+            except NoFreePlace:
+                # Robots that are on their way may stand everywhere; not for hours.
+                if self._clock.now_s() > due_s + _FULL_S:
+                    raise
+                self._at(self._clock.now_s() + 60, arrive)
+                return
             progress.planned = item, x_m, y_m
             self._save()
         item, x_m, y_m = progress.planned

@@ -18,7 +18,7 @@ from rodeo.lab.layout import BUMPER_M, FOOTPRINT_RADIUS_M, HALF_WIDTH_M, BinLayo
 from rodeo.robot.errors import Unreachable
 from rodeo.robot.navigation import Floor
 from rodeo.ros2 import Node, types
-from rodeo_experiments.errors import ExperimentFailed
+from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
 from services.robot_sim.planner import Map, PlanningFailed, plan
 
 FREE_M = 0.62
@@ -70,7 +70,7 @@ class Lab:
     def put_down(self, item: str, lying: Collection[Point]) -> Point:
         """On free floor that each robot can reach, apart from the `lying` items and from where robots are.
 
-        Raises ExperimentFailed when there is no such place.
+        Raises NoFreePlace.
         """
         here = [(pose.x, pose.y) for pose in self._poses.values()]
         x_m, y_m = self.free_place([*lying, *here], lying)
@@ -85,7 +85,7 @@ class Lab:
         self._put(self._items[item], Pose2(x_m=place[0], y_m=place[1]))
 
     def free_place(self, taken: Collection[Point], lying: Collection[Point] = ()) -> Point:
-        """A random place (m) with a way to it, and from it to every bin. Raises ExperimentFailed."""
+        """A random place (m) with a way to it, and from it to every bin. Raises NoFreePlace."""
         return free_place(self._site, self._floor, self._chance, taken, lying)
 
     def _put(self, item: ItemConfig, pose: Pose2) -> None:
@@ -108,7 +108,7 @@ def free_place(
 ) -> Point:
     """A random place on the floor (m): clear of furniture, `apart_m` from what is `taken` and from where
     robots park, with a way for each robot to it and from it to every bin, around the `lying` items and the
-    other robots at their own places. Raises ExperimentFailed."""
+    other robots at their own places. Raises NoFreePlace."""
     length_m, width_m = site.lab.size_m
     parkings = [*(BinLayout(one).parking for one in site.bins), *map(dock_parking, site.docks)]
     avoided = [*taken, *((one.x_m, one.y_m) for one in parkings)]
@@ -120,7 +120,7 @@ def free_place(
             continue
         if is_reachable(site, floor, place, lying):
             return place
-    raise ExperimentFailed("found no free place on the floor", lying=len(lying), tries=_TRIES)
+    raise NoFreePlace("found no free place on the floor", lying=len(lying), tries=_TRIES)
 
 
 def is_reachable(site: Site, floor: Floor, place: Point, lying: Collection[Point]) -> bool:

@@ -18,7 +18,7 @@ from rodeo.files import begin_folder, replace_file
 from rodeo.lab.config import Pose2
 from rodeo.robot.navigation import Floor
 from rodeo.site_problems import toml
-from rodeo_experiments.errors import ExperimentFailed
+from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
 from rodeo_experiments.lab import ROBOTS_APART_M, Point, free_place, keep_clear
 
 _WRITTEN = "# Written by `rodeo experiment`."
@@ -134,17 +134,26 @@ def _robots(site: Site, tables: list[dict[str, Any]], vary: Variation) -> list[d
 
 
 def _places(site: Site, count: int) -> list[Pose2]:
-    """Where robots rest and are in nobody's way. Raises ExperimentFailed."""
+    """Where robots rest and are in nobody's way. Raises NoFreePlace."""
     chance = generator(site, "arrivals", "robots", repeatable=True)
     floor = Floor(site)
     for _ in range(_TRIES):
         places: list[Point] = []
-        for _robot in range(count):
-            places.append(free_place(site, floor, chance, places, apart_m=ROBOTS_APART_M))
+        try:
+            for _robot in range(count):
+                places.append(free_place(site, floor, chance, places, apart_m=ROBOTS_APART_M))
+        except NoFreePlace:
+            continue
         poses = [Pose2(x_m=x_m, y_m=y_m) for x_m, y_m in places]
         if keep_clear(site, poses):
             return poses
-    raise ExperimentFailed("the room is too small for so many robots", robots=count, tries=_TRIES)
+    raise NoFreePlace(
+        "found no places where so many robots leave each other's ways free: use fewer, or a site file "
+        "(--site) with a larger lab.size_m",
+        robots=count,
+        size_m=site.lab.size_m,
+        tries=_TRIES,
+    )
 
 
 def read_tariff(path: Path) -> list[dict[str, Any]]:

@@ -10,7 +10,8 @@ import pytest
 from rodeo.config import Site
 from rodeo.lab.config import Pose2
 from rodeo_cli.experiment import PAPER
-from rodeo_experiments.errors import ExperimentFailed
+from rodeo_experiments import site as experiment_site
+from rodeo_experiments.errors import ExperimentFailed, NoFreePlace
 from rodeo_experiments.lab import keep_clear
 from rodeo_experiments.site import Begun, Variation, write_site
 from tests.support.site import LAB
@@ -45,6 +46,15 @@ def test_robots_that_rest_leave_each_other_a_way_to_bin_and_dock(tmp_path: Path)
     for seed in range(3):
         site = Site.load(write_site(PAPER, tmp_path / str(seed), Variation(seed=seed, robots=2)))
         assert keep_clear(site, [robot.pose for robot in site.robots])
+
+
+def test_more_robots_than_the_room_holds_are_refused_with_what_to_do(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(experiment_site, "_TRIES", 3)
+    with pytest.raises(NoFreePlace, match=r"larger lab\.size_m") as refused:
+        write_site(PAPER, tmp_path / "run", Variation(robots=8))
+    assert refused.value.details["robots"] == 8
 
 
 def test_the_papers_pace_is_slower(tmp_path: Path) -> None:
