@@ -159,7 +159,9 @@ class EconomyConfig(_Table):
     audit_window_s: int = Field(default=7 * 24 * 3600, ge=60, le=30 * 24 * 3600)
     """Time for the organization's auditors to decide a task that the oracle could not, s."""
     max_attempts: int = Field(default=3, ge=1)
-    electricity: list[TariffConfig] = [TariffConfig(from_hour=0, eur_kwh=Decimal("0.30"))]
+    electricity: list[TariffConfig] = Field(
+        default=[TariffConfig(from_hour=0, eur_kwh=Decimal("0.30"))], min_length=1
+    )
 
 
 class BudgetConfig(_Table):
@@ -420,13 +422,20 @@ class ExperimentConfig(_Table):
     arrivals: int = Field(default=51, ge=0)
     """Items in all days. They arrive at random between the first and the last of `arrival_hours`."""
     arrival_hours: tuple[float, float] = (8.5, 17.5)
-    """Hours of the local day (the first robot's time zone)."""
+    """Hours of the local day (the first robot's time zone), the first before the last."""
     deposit_iec: Decimal = Field(default=Decimal(5000), ge=0)
     """The administrator adds this to the treasury before the first arrival."""
     gas_prices: list[GasPrices] = []
     eth_eur: Decimal = Field(default=Decimal(3700), ge=0)
     slow_limits: dict[str, float] = {}
     """Motion limits of the robots with `--pace paper`."""
+
+    @field_validator("arrival_hours")
+    @classmethod
+    def _in_a_day(cls, hours: tuple[float, float]) -> tuple[float, float]:
+        if not 0 <= hours[0] < hours[1] <= 24:
+            raise ValueError(f"not hours of a day, the first before the last: {hours[0]:g}, {hours[1]:g}")
+        return hours
 
 
 class ConsoleConfig(_Table):

@@ -29,7 +29,7 @@ def plan(site: Site, experiment: ExperimentConfig, source: str = "") -> list[flo
     ExperimentFailed.
     """
     if source and not source.startswith(_POISSON):
-        return _from_file(site, Path(source))
+        return _from_file(site, experiment, Path(source))
     chance = generator(site, "arrivals", "times")
     first_h, last_h = experiment.arrival_hours
     open_h = (last_h - first_h) * experiment.days
@@ -60,7 +60,7 @@ def _rate_h(source: str) -> float:
     return rate_h
 
 
-def _from_file(site: Site, path: Path) -> list[float]:
+def _from_file(site: Site, experiment: ExperimentConfig, path: Path) -> list[float]:
     try:
         with path.open(newline="") as file:
             hours = [float(row["hours"]) for row in csv.DictReader(file)]
@@ -70,4 +70,12 @@ def _from_file(site: Site, path: Path) -> list[float]:
             path=str(path),
             reason=str(error),
         ) from error
+    last_h = 24 * experiment.days
+    if wrong := [one for one in hours if not 0 <= one < last_h]:
+        raise ExperimentFailed(
+            "hours of arrivals count from the first midnight, up to the end of the last day",
+            path=str(path),
+            found=wrong[:5],
+            days=experiment.days,
+        )
     return sorted(day_begins_s(site, 0) + 3600 * one for one in hours)

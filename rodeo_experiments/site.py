@@ -13,7 +13,8 @@ from typing import Any
 from pydantic import BaseModel, Field, ValidationError
 
 from rodeo.chance import generator
-from rodeo.config import Site, overrides, read_tables
+from rodeo.config import Site, TariffConfig, overrides, read_tables
+from rodeo.errors import unreadable
 from rodeo.files import begin_folder, replace_file
 from rodeo.lab.config import Pose2
 from rodeo.robot.navigation import Floor
@@ -23,6 +24,7 @@ from rodeo_experiments.lab import ROBOTS_APART_M, Point, free_place, keep_clear
 
 _WRITTEN = "# Written by `rodeo experiment`."
 _BEGUN = "begun.json"
+_NO_TARIFF = "cannot read the tariff: a CSV file with columns `from_hour` and `eur_kwh` is needed"
 _TRIES = 100
 """To find places for all robots."""
 
@@ -48,7 +50,11 @@ def write_site(base: Path, folder: Path, vary: Variation) -> Path:
         raise ExperimentFailed("the site file needs an [experiment] table and clock.start", path=str(base))
     tables = read_tables(base)
     begin_folder(folder, _WRITTEN)
-    experiment = tables["experiment"] | ({} if vary.days is None else {"days": vary.days})
+    experiment = tables["experiment"]
+    if vary.days is not None:
+        # As many a day: the same experiment, only longer or shorter.
+        arrivals = round(site.experiment.arrivals * vary.days / site.experiment.days)
+        experiment = experiment | {"days": vary.days, "arrivals": arrivals}
     changes: dict[str, Any] = {
         "chain.url": f"http://127.0.0.1:{free_port()}",
         "console.port": 0,
@@ -160,16 +166,17 @@ def read_tariff(path: Path) -> list[dict[str, Any]]:
     """A CSV file with the columns `from_hour` (UTC) and `eur_kwh`. Raises ExperimentFailed."""
     try:
         with path.open(newline="") as file:
-            return [
-                {"from_hour": int(row["from_hour"]), "eur_kwh": float(row["eur_kwh"])}
+            rows = [
+                TariffConfig.model_validate({name: row[name] for name in TariffConfig.model_fields})
                 for row in csv.DictReader(file)
             ]
-    except (OSError, KeyError, TypeError, ValueError) as error:
-        raise ExperimentFailed(
-            "cannot read the tariff: a CSV file with columns `from_hour` and `eur_kwh` is needed",
-            path=str(path),
-            reason=str(error),
-        ) from error
+    except KeyError as error:
+        raise ExperimentFailed(_NO_TARIFF, path=str(path), lacks=str(error)) from error
+    except (OSError, ValueError) as error:
+        raise ExperimentFailed(_NO_TARIFF, path=str(path), reason=unreadable(error)) from error
+    if not rows:
+        raise ExperimentFailed(_NO_TARIFF, path=str(path), reason="it has no rows")
+    return [{"from_hour": row.from_hour, "eur_kwh": float(row.eur_kwh)} for row in rows]
 
 
 def free_port() -> int:

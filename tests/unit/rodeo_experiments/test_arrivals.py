@@ -7,6 +7,7 @@ from pathlib import Path
 from zoneinfo import ZoneInfo
 
 import pytest
+from pydantic import ValidationError
 
 from rodeo.config import ExperimentConfig, Site
 from rodeo_cli.experiment import PAPER
@@ -40,6 +41,20 @@ def test_a_file_names_hours_since_the_first_midnight(tmp_path: Path) -> None:
     path = tmp_path / "arrivals.csv"
     path.write_text("hours\n9.5\n8.25\n")
     assert plan(SITE, EXPERIMENT, str(path)) == [day_begins_s(SITE, 0) + 3600 * h for h in (8.25, 9.5)]
+
+
+@pytest.mark.parametrize("hours", ["nan", "inf", "-1", "72"])
+def test_an_hour_outside_the_days_is_refused(tmp_path: Path, hours: str) -> None:
+    path = tmp_path / "arrivals.csv"
+    path.write_text(f"hours\n9.5\n{hours}\n")
+    with pytest.raises(ExperimentFailed, match="up to the end of the last day"):
+        plan(SITE, EXPERIMENT, str(path))
+
+
+@pytest.mark.parametrize("hours", [(17.5, 8.5), (-1.0, 8.0), (8.0, 25.0)])
+def test_arrival_hours_are_hours_of_a_day(hours: tuple[float, float]) -> None:
+    with pytest.raises(ValidationError, match="not hours of a day"):
+        ExperimentConfig.model_validate(EXPERIMENT.model_dump() | {"arrival_hours": hours})
 
 
 @pytest.mark.parametrize("source", ["poisson:many", "poisson:0", "no-such-file.csv"])

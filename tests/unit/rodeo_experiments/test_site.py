@@ -32,11 +32,23 @@ def test_seed_days_robots_tariff_and_chain_are_varied(tmp_path: Path) -> None:
     site = Site.load(write_site(PAPER, tmp_path / "run", vary))
     assert site.experiment is not None
     assert (site.clock.seed, site.experiment.days, site.chain.backend) == (9, 1, "anvil")
+    assert site.experiment.arrivals == 17  # as many a day
     assert [one.from_hour for one in site.economy.electricity] == [0, 12]
     first, second = site.robots
     assert (first.name, second.name) == ("panther1", "panther2")
     assert second.working_hours == first.working_hours
     assert math.dist((first.pose.x_m, first.pose.y_m), (second.pose.x_m, second.pose.y_m)) > 1.2
+
+
+@pytest.mark.parametrize(
+    "rows",
+    ["", "0,nan\n", "25,0.1\n", "0,-1\n", "noon,0.1\n", "0\n"],
+    ids=lambda rows: rows.strip() or "none",
+)
+def test_what_is_no_tariff_is_refused(tmp_path: Path, rows: str) -> None:
+    (tmp_path / "tariff.csv").write_text(f"from_hour,eur_kwh\n{rows}")
+    with pytest.raises(ExperimentFailed, match="cannot read the tariff"):
+        write_site(PAPER, tmp_path / "run", Variation(tariff=tmp_path / "tariff.csv"))
 
 
 def test_robots_that_rest_leave_each_other_a_way_to_bin_and_dock(tmp_path: Path) -> None:
