@@ -3,12 +3,15 @@
 A vote is published again and again until there is a verdict, so that who was away hears it. Every oracle
 keeps at most one vote of each other oracle on each submission that waits, so nobody can fill its memory. The
 oracle whose own vote is the last that was needed posts the verdict at once. The others wait in their order,
-and post it themselves if nobody did.
+and post it themselves if nobody did. Votes of judges who are not in the panel yet are posted again when the
+panel has grown to them.
 """
 
 from __future__ import annotations
 
+import hashlib
 import logging
+import math
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -22,7 +25,7 @@ from rodeo.bus import Bus, validate
 from rodeo.clock import Clock
 from rodeo.config import Site, votes_needed
 from rodeo.dao import Participant
-from rodeo.errors import BusError, RemoteError
+from rodeo.errors import BusError, ClockUnavailable, RemoteError
 from rodeo.messages import PostVotes, SignedVote, Task, Vote
 
 log = logging.getLogger(__name__)
@@ -36,6 +39,8 @@ _FIRST_S = 0.25
 _LOOK_S = 1.0
 _REFUSED = frozenset({"judge_is_party", "not_a_judge", "not_in_panel", "judge_is_auditor"})
 """The contract does not count the vote of the judge that the error names, or not yet."""
+_UNKNOWN = "transaction_timeout"
+"""The votes may still be mined, so the same request is repeated rather than made anew."""
 
 Key = tuple[int, int]
 
@@ -50,6 +55,8 @@ class _Committee:
     """Oracle -> address of its key."""
     needed: Mapping[str, int]
     """Kind -> how many of them have to agree."""
+    panels: Mapping[str, tuple[int, int]]
+    """Kind -> how many may vote at once, and the time after which one more may, s; 0 for never."""
 
 
 @dataclass
@@ -57,9 +64,18 @@ class _Held:
     """The votes on one submission, by the oracle's name."""
 
     kind: str
+    submitted_s: float | None
+    """Block time of the proof."""
+    end_s: float
+    """Site time at which the verdict window ends."""
     votes: dict[str, SignedVote] = field(default_factory=dict)
     due_s: float | None = None
     """Wall (monotonic) time at which this oracle posts the verdict; None while the votes are too few."""
+    from_s: float = -math.inf
+    """Site time before which the panel is too small for these votes."""
+    refusals: int = 0
+    """How often a request to post was refused: the next one is another request."""
+    posted: bool = False
 
 
 class Votes:
@@ -108,7 +124,13 @@ class Votes:
                 except Exception:
                     # The next votes must be posted whatever happened to these.
                     log.exception("votes were not published or posted")
-                self._clock.wait_for(lambda: bool(self._due()), stop, wall_s=self._pause_s(), resting=True)
+                self._clock.wait_for(
+                    lambda: bool(self._due()),
+                    stop,
+                    until_s=self._next_panel_s(),
+                    wall_s=self._pause_s(),
+                    resting=True,
+                )
         subscription.undeclare()
 
     def cast(self, task: Task, vote: Vote, report_uri: str) -> None:
@@ -118,7 +140,8 @@ class Votes:
         signed = SignedVote(vote=vote, report_uri=report_uri, signature=signature)
         key = task.id, task.attempt
         with self._lock:
-            held = self._held[key] = _Held(task.kind, {self._name: signed})
+            end_s = math.inf if task.verdict_deadline is None else task.verdict_deadline
+            held = self._held[key] = _Held(task.kind, task.proof_submitted, end_s, {self._name: signed})
             for name in self._judges:
                 if (early := self._early.pop((name, key), None)) is not None:
                     held.votes[name] = early
@@ -213,7 +236,8 @@ class Votes:
         rules = self._wallet.ask(queries.ORGANIZATION)
         keys = {one.name: one.key for one in rules.judges if one.name is not None}
         needed = {one.kind: one.votes for one in rules.kinds if one.votes}
-        self._known = _Committee(chain.chain_id, chain.contracts.oracle_committee, keys, needed)
+        panels = {one.kind: (one.panel, one.rotation_s) for one in rules.kinds if one.votes}
+        self._known = _Committee(chain.chain_id, chain.contracts.oracle_committee, keys, needed, panels)
         return self._known
 
     # -- the verdict ---------------------------------------------------------------------------------------
@@ -237,54 +261,104 @@ class Votes:
     def _take_turn(self, held: _Held) -> None:
         """Post it in this oracle's turn, if the votes are enough."""
         agreed = self._agreed(held)
-        if agreed and held.due_s is None:
-            turn = sorted(agreed).index(self._name) if self._name in agreed else len(agreed)
-            held.due_s = time.monotonic() + _FIRST_S + TURN_S * turn
+        if held.due_s is not None and held.from_s > self._site_s():
+            held.due_s, held.from_s = None, -math.inf  # what is new may be the vote of a judge in the panel
+        if agreed and held.due_s is None and not held.posted:
+            held.due_s = time.monotonic() + _FIRST_S + self._turn_s(agreed)
+
+    def _turn_s(self, agreed: Mapping[str, SignedVote]) -> float:
+        """How long this oracle leaves the votes to others."""
+        return TURN_S * (sorted(agreed).index(self._name) if self._name in agreed else len(agreed))
 
     def _due(self) -> list[Key]:
-        now_s = time.monotonic()
+        now_s, site_s = time.monotonic(), self._site_s()
         with self._lock:
-            return [key for key, one in self._held.items() if one.due_s is not None and one.due_s <= now_s]
+            return [
+                key
+                for key, one in self._held.items()
+                if one.due_s is not None and one.due_s <= now_s and one.from_s <= site_s <= one.end_s
+            ]
 
     def _pause_s(self) -> float:
         """Wall time until something may be due."""
-        now_s = time.monotonic()
+        now_s, site_s = time.monotonic(), self._site_s()
         with self._lock:
-            due = (one.due_s - now_s for one in self._held.values() if one.due_s is not None)
+            due = (
+                one.due_s - now_s
+                for one in self._held.values()
+                if one.due_s is not None and one.from_s <= site_s <= one.end_s
+            )
             return min([_LOOK_S, *(max(0.0, in_s) for in_s in due)])
 
+    def _next_panel_s(self) -> float | None:
+        """Site time at which the next panel is large enough; None where no votes wait for one."""
+        site_s = self._site_s()
+        with self._lock:
+            waiting = (one.from_s for one in self._held.values() if one.due_s is not None)
+            return min((from_s for from_s in waiting if from_s > site_s), default=None)
+
+    def _site_s(self) -> float:
+        """Before the clock was heard no window has ended, and no panel has grown."""
+        try:
+            return self._clock.now_s()
+        except ClockUnavailable:
+            return -math.inf
+
     def _post(self, key: Key) -> None:
-        """Post the verdict; what the contract does not count is left out."""
+        """Post the verdict; what the contract does not count, or not yet, is left out."""
         without: frozenset[str] = frozenset()
+        later_s: list[float] = []
         while self._waits(*key):
             with self._lock:
                 held = self._held.get(key)
-                agreed = {} if held is None else self._agreed(held, without)
-                if held is not None:
-                    held.due_s = time.monotonic() + TURN_S if agreed else None
-            if not agreed:
-                return
-            first = next(iter(agreed.values()))
-            report_uri = agreed.get(self._name, first).report_uri
-            request = PostVotes(
-                vote=first.vote,
-                report_uri=report_uri,
-                signatures=[one.signature for one in agreed.values()],
-            )
+                if held is None:
+                    return
+                agreed = self._agreed(held, without)
+                held.due_s = time.monotonic() + TURN_S if agreed or later_s else None
+                if not agreed:
+                    held.from_s = min(later_s, default=-math.inf) + self._turn_s(self._agreed(held))
+                    held.from_s = min(held.from_s, held.end_s)
+                    return
             try:
-                self._wallet.command("post_votes", request)
+                self._wallet.command("post_votes", self._request(held, agreed))
                 log.info("task %d attempt %d: posted the verdict of %s", *key, ", ".join(agreed))
+                with self._lock:
+                    held.due_s, held.posted = None, True
                 return
             except RemoteError as error:
+                held.refusals += error.code != _UNKNOWN
                 refused = self._refused(error)
                 if error.code not in _REFUSED or refused not in agreed:
                     log.info("task %d attempt %d: the votes were not posted: %s", *key, error)
                     return
                 log.warning("task %d attempt %d: the vote of %s does not count: %s", *key, refused, error)
                 without |= {refused}
+                in_panel_s = self._in_panel_s(held, error)
+                if in_panel_s is not None and in_panel_s <= held.end_s:
+                    later_s.append(in_panel_s)
             except BusError as error:
                 log.warning("task %d attempt %d: the votes cannot be posted: %s", *key, error)
                 return
+
+    def _request(self, held: _Held, agreed: Mapping[str, SignedVote]) -> PostVotes:
+        """The same votes again are the same request, which the bridge sends once, until it was refused."""
+        first = next(iter(agreed.values()))
+        signatures = [one.signature for one in agreed.values()]
+        by = hashlib.sha256("".join(signatures).encode()).hexdigest()[:32]
+        return PostVotes(
+            request_id=f"votes-{first.vote.task_id}-{first.vote.attempt}-{by}-{held.refusals}",
+            vote=first.vote,
+            report_uri=agreed.get(self._name, first).report_uri,
+            signatures=signatures,
+        )
+
+    def _in_panel_s(self, held: _Held, error: RemoteError) -> float | None:
+        """Site time from which the judge that the error names is in the panel; None if it never is."""
+        committee = self._current()
+        panel, rotation_s = (0, 0) if committee is None else committee.panels.get(held.kind, (0, 0))
+        if error.code != "not_in_panel" or held.submitted_s is None or not rotation_s:
+            return None
+        return held.submitted_s + rotation_s * (int(error.details["place"]) - panel + 1)
 
     def _refused(self, error: RemoteError) -> str:
         """The oracle whose key the contract's error names."""

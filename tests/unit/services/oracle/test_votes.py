@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from eth_abi import encode
 from eth_account import Account
+from eth_utils.abi import function_signature_to_4byte_selector
 
 from rodeo import queries, topics, votes
+from rodeo.chain.errors import decode_revert
 from rodeo.clock import WallClock
 from rodeo.config import JudgeConfig, Site
 from rodeo.errors import RemoteError
@@ -43,6 +47,23 @@ def signed(name: str, said: Vote | None = None) -> SignedVote:
     return SignedVote(vote=said, report_uri=f"{name}.json", signature=signature)
 
 
+def not_in_panel(key: str, place: int, panel: int) -> RemoteError:
+    """The contract's error, as the bridge tells it."""
+    selector = function_signature_to_4byte_selector("NotInPanel(uint256,address,uint256,uint256)")
+    values = encode(["uint256", "address", "uint256", "uint256"], [1, key, place, panel])
+    reverted = decode_revert(selector + values)
+    return RemoteError(reverted.code, "refused", reverted.details)
+
+
+class Moved(WallClock):
+    """Wall time, later by what a test says."""
+
+    by_s = 0.0
+
+    def now_s(self) -> float:
+        return super().now_s() + self.by_s
+
+
 class Anna:
     """One of five oracles, of whom three have to agree, with bus and bridge in the test's hands."""
 
@@ -54,6 +75,11 @@ class Anna:
         self.waits = True
         self.asked: list[str] = []
         self.needed = 3
+        self.rotation_s = 600
+        self.clock = Moved()
+        self.submitted_s = float(int(self.clock.now_s()))
+        self.is_indexed = True
+        """Whether the oracle hears at once of the verdict that it has posted."""
         self.keys = {name: key.address for name, key in KEYS.items()}
         wallet = SimpleNamespace(ask=self._ask, command=self._command)
         site = Site.load(LAB).model_copy(update={"oracles": [JudgeConfig(name=name) for name in NAMES]})
@@ -67,25 +93,32 @@ class Anna:
             KEYS["anna"],
             bus,  # type: ignore[arg-type]
             wallet,  # type: ignore[arg-type]
-            WallClock(),
+            self.clock,
             lambda _task, _attempt: self.waits,
             lambda: None,
         )
         self.done = threading.Event()
+        self._until = math.inf
 
     def hear(self, name: str, one: SignedVote) -> None:
         key = topics.VOTE.name(org="lab", judge=name)
         self.votes._on_vote(key, one.model_dump(mode="json"))
 
     def vote(self) -> None:
-        self.votes.cast(task("submitted"), vote(), "anna.json")
+        window = {"proof_submitted": self.submitted_s, "verdict_deadline": self.submitted_s + 3600}
+        self.votes.cast(task("submitted").model_copy(update=window), vote(), "anna.json")
 
     def held(self) -> dict[str, str]:
         return {name: said for one in self.votes.held() for name, said in one["votes"].items()}
 
+    def later(self, by_s: float) -> None:
+        """The time since the proof."""
+        self.clock.by_s += self.submitted_s + by_s - self.clock.now_s()
+
     def run(self, until: int) -> None:
         """Let it work until it has posted so many times."""
         self._until = until
+        self.done.clear()
         worker = threading.Thread(target=self.votes.run, args=(self.done,), daemon=True)
         worker.start()
         assert self.done.wait(20), self.posted
@@ -97,7 +130,9 @@ class Anna:
             return CHAIN
         return SimpleNamespace(
             judges=[SimpleNamespace(name=name, key=key) for name, key in self.keys.items()],
-            kinds=[SimpleNamespace(kind="waste_disposal", votes=self.needed)],
+            kinds=[
+                SimpleNamespace(kind="waste_disposal", votes=self.needed, panel=3, rotation_s=self.rotation_s)
+            ],
         )
 
     def _command(self, name: str, request: PostVotes) -> None:
@@ -107,8 +142,10 @@ class Anna:
             self.done.set()
         for judge, code in self.refused.items():
             if signed(judge).signature in request.signatures:
+                if code == "not_in_panel":
+                    raise not_in_panel(KEYS[judge].address, place=3, panel=3)
                 raise RemoteError(code, "refused", {"judge": KEYS[judge].address})
-        self.waits = False
+        self.waits = not self.is_indexed
 
 
 @pytest.fixture
@@ -191,3 +228,74 @@ def test_nothing_is_kept_of_what_has_its_verdict(anna: Anna) -> None:
     anna.hear("bert", signed("bert"))
     anna.votes._forget()
     assert anna.votes.keys() == set() and anna.held() == {}
+
+
+def three_votes_of_which_one_is_early(anna: Anna) -> None:
+    """Bert is not in the panel for another 600 s, and the contract has said so."""
+    anna.refused["bert"] = "not_in_panel"
+    for name in ("bert", "carl"):
+        anna.hear(name, signed(name))
+    anna.vote()
+    anna.run(until=1)
+    assert anna.votes._due() == []
+
+
+def test_a_vote_that_came_too_early_is_posted_when_its_judge_is_in_the_panel(anna: Anna) -> None:
+    three_votes_of_which_one_is_early(anna)
+    anna.later(599)
+    assert anna.votes._due() == [] and anna.votes._pause_s() == 1.0
+    anna.later(600)
+    anna.refused.clear()
+    anna.run(until=2)
+    assert anna.posted[1].signatures == [signed(name).signature for name in ("anna", "bert", "carl")]
+    assert anna.posted[1].request_id != anna.posted[0].request_id  # the bridge repeats no refusal
+
+
+def test_a_panel_that_has_not_grown_as_said_is_asked_again_without_haste(anna: Anna) -> None:
+    three_votes_of_which_one_is_early(anna)
+    anna.later(600)
+    anna.votes._post((1, 1))
+    assert len(anna.posted) == 2 and anna.votes._due() == []
+    assert anna.votes._pause_s() > 0.5
+
+
+def test_votes_are_not_posted_after_the_window(anna: Anna) -> None:
+    three_votes_of_which_one_is_early(anna)
+    anna.later(3600.5)
+    assert anna.votes._due() == []
+
+
+@pytest.mark.parametrize("rotation_s", [0, 3601])
+def test_a_judge_who_is_never_in_the_panel_in_time_is_not_waited_for(anna: Anna, rotation_s: int) -> None:
+    anna.rotation_s = rotation_s
+    three_votes_of_which_one_is_early(anna)
+    anna.later(3599)
+    assert anna.votes._due() == [] and anna.votes._next_panel_s() is None
+
+
+def test_who_waits_for_the_panel_does_not_wait_for_it_once_others_in_it_agree(anna: Anna) -> None:
+    three_votes_of_which_one_is_early(anna)
+    anna.hear("dora", signed("dora"))
+    anna.run(until=3)
+    assert anna.posted[-1].signatures == [signed(name).signature for name in ("anna", "carl", "dora")]
+
+
+def test_votes_are_posted_once_however_late_the_oracle_hears_of_it(anna: Anna) -> None:
+    anna.is_indexed = False
+    for name in ("bert", "carl"):
+        anna.hear(name, signed(name))
+    anna.vote()
+    anna.votes._post((1, 1))
+    anna.hear("dora", signed("dora"))
+    assert anna.waits and len(anna.posted) == 1
+    assert anna.votes._due() == [] and anna.votes._pause_s() == 1.0
+
+
+def test_votes_that_may_still_be_mined_are_not_sent_a_second_time(anna: Anna) -> None:
+    anna.refused["bert"] = "transaction_timeout"
+    for name in ("bert", "carl"):
+        anna.hear(name, signed(name))
+    anna.vote()
+    for _ in range(2):
+        anna.votes._post((1, 1))
+    assert anna.posted[0] == anna.posted[1]  # the bridge answers the same request without sending it
