@@ -59,6 +59,10 @@ class Classification:
     label: str
     probabilities: dict[str, float]
     item_probability: float = 1.0
+    model_sha256: str = ""
+    """The network that was asked, and `thresholds_sha256`: of the bytes that it was loaded from. Empty where
+    the answer is computed from logits alone."""
+    thresholds_sha256: str = ""
 
     @property
     def told(self) -> dict[str, float]:
@@ -97,13 +101,18 @@ def load_preprocessing(model_dir: Path = MODEL_DIR) -> Preprocessing:
     return Preprocessing.model_validate_json((model_dir / PREPROCESSING).read_bytes())
 
 
+def digest(data: bytes) -> str:
+    """SHA-256 (0x)."""
+    return "0x" + sha256(data).hexdigest()
+
+
 @cache
 def model_sha256(model_dir: Path = MODEL_DIR) -> str:
-    """SHA-256 (0x) of the weights' file."""
-    return "0x" + sha256((model_dir / WEIGHTS).read_bytes()).hexdigest()
+    """SHA-256 (0x) of the weights' file when it was first asked for. What a `Classifier` loaded, it tells."""
+    return digest((model_dir / WEIGHTS).read_bytes())
 
 
 @cache
 def thresholds_sha256(model_dir: Path = MODEL_DIR) -> str:
-    """SHA-256 (0x) of the file with classes, preprocessing, temperature and threshold."""
-    return "0x" + sha256((model_dir / PREPROCESSING).read_bytes()).hexdigest()
+    """SHA-256 (0x) of the file with classes, preprocessing, temperature and threshold, as `model_sha256`."""
+    return digest((model_dir / PREPROCESSING).read_bytes())

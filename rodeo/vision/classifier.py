@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Collection
-from hashlib import sha256
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -12,11 +12,12 @@ import numpy as np
 
 from rodeo.vision.classification import (
     MODEL_DIR,
+    PREPROCESSING,
     WEIGHTS,
     Classification,
     Preprocessing,
     UnlistedModel,
-    load_preprocessing,
+    digest,
     verdict,
 )
 from rodeo.vision.images import IMAGE_LIMITS, ImageLimits, decode_image
@@ -49,11 +50,13 @@ class Classifier:
 
     def __init__(self, model_dir: Path = MODEL_DIR, listed: Collection[str] | None = None) -> None:
         """Raises UnlistedModel, before a parser sees them, for weights whose SHA-256 (0x) is not `listed`."""
-        self.preprocessing = load_preprocessing(model_dir)
-        weights = (model_dir / WEIGHTS).read_bytes()
-        found = "0x" + sha256(weights).hexdigest()
-        if listed is not None and found not in listed:
+        # Each file is read once: the hashes are of the bytes in use, also when a file is replaced meanwhile.
+        weights, thresholds = ((model_dir / name).read_bytes() for name in (WEIGHTS, PREPROCESSING))
+        self.model_sha256, self.thresholds_sha256 = digest(weights), digest(thresholds)
+        if listed is not None and self.model_sha256 not in listed:
+            found = self.model_sha256
             raise UnlistedModel("the network is not listed: not loaded", found=found, listed=[*listed])
+        self.preprocessing = Preprocessing.model_validate_json(thresholds)
         self._net = cv2.dnn.readNetFromONNX(np.frombuffer(weights, np.uint8))
         self._one_at_a_time = threading.Lock()  # a cv2.dnn.Net keeps its buffers between calls
 
@@ -62,7 +65,11 @@ class Classifier:
 
         Raises ImageTooLarge, UnsupportedImage or BrokenImage for what is no picture within `limits`.
         """
-        return verdict(self.logits(decode_image(data, limits)), self.preprocessing)
+        return replace(
+            verdict(self.logits(decode_image(data, limits)), self.preprocessing),
+            model_sha256=self.model_sha256,
+            thresholds_sha256=self.thresholds_sha256,
+        )
 
     def logits(self, image_bgr: np.ndarray) -> np.ndarray:
         """uint8 (h, w, 3) BGR -> float32 (classes + 1,): what the trained network is compared with."""

@@ -91,6 +91,9 @@ class ClassificationRecord(BaseModel):
     full: bool
     """Whether that compartment takes no more: nothing may be dropped."""
     image_sha256: str
+    model_sha256: str = ""
+    """What was loaded when it was asked: another may be when this is signed."""
+    thresholds_sha256: str = ""
     claimants: tuple[Claimant, ...] = ()
     shown_s: float
 
@@ -313,6 +316,8 @@ class Bin:
             compartment=compartment,
             full=self.fill[compartment] >= 1.0,
             image_sha256=image_sha256,
+            model_sha256=classification.model_sha256,
+            thresholds_sha256=classification.thresholds_sha256,
             claimants=self._claimants(time_s),
             shown_s=time_s,
         )

@@ -27,7 +27,6 @@ from rodeo.ros2 import MessageInfo, Node
 from rodeo.serving import served_by
 from rodeo.stamps import stamp_s
 from rodeo.tls import bus_is_closed
-from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo.vision.classifier import Classifier
 from rodeo.witness import Claimant, Classification, Drop, Header, Inputs, Presentation, Removal, Statement
 from rodeo.witness.devices import Device
@@ -56,6 +55,7 @@ _READING_S = 0.1
 """Site time between two looks while the bin is attentive: its sensors speak at 10 Hz (rodeo/topics.py)."""
 _SILENCE_S = 3.0
 """Wall time without a reading after which a sensor counts as missing."""
+_NOT_LOGGED = {"probabilities", "image_sha256", "model_sha256", "thresholds_sha256"}
 
 
 class Itrash:
@@ -243,14 +243,14 @@ class Itrash:
             self._bin.memory.unsigned.remove(record)
         self._remember()  # before it is told: a restart would sign it again
         self._witness.publish(attestation)
-        log.info("%s %s", kind, record.model_dump_json(exclude={"probabilities", "image_sha256"}))
+        log.info("%s %s", kind, record.model_dump_json(exclude=_NOT_LOGGED))
 
-    def _stated(self, record: Record) -> tuple[Kind, type[Header], dict[str, Any]]:
+    @staticmethod
+    def _stated(record: Record) -> tuple[Kind, type[Header], dict[str, Any]]:
         """What is signed of a record: how the journal calls it, the statement's model and its own fields."""
         fields = record.model_dump(by_alias=True)
         if isinstance(record, ClassificationRecord):
-            hashes = {"model_sha256": model_sha256(), "thresholds_sha256": thresholds_sha256()}
-            return "classification", Classification, fields | hashes
+            return "classification", Classification, fields
         if isinstance(record, DropRecord):
             return "disposal", Drop, fields
         return "removal", Removal, fields

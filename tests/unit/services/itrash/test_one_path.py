@@ -16,13 +16,13 @@ from starlette.testclient import TestClient
 from typer.testing import CliRunner
 
 from rodeo.lab.config import BinConfig, Pose2
-from rodeo.vision.classification import Classification
+from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Classification
 from rodeo.vision.classifier import Classifier
 from rodeo.vision.images import decode_image
 from rodeo_cli import app
 from rodeo_kinds.waste_disposal.checks import picture
 from rodeo_testing.recordings import RENDERINGS
-from services.itrash.behaviour import TakePhoto
+from services.itrash.behaviour import Attest, Bin, Memory, State, TakePhoto
 from services.itrash.pictures import Pictures
 from services.itrash.process import Itrash
 from services.itrash.training import metrics
@@ -92,6 +92,22 @@ def test_bin_command_line_page_oracle_bench_and_training_ask_one_function_and_ag
         metrics.softmax(answers.logits / classifier.preprocessing.temperature), shares, atol=1e-6
     )
     assert {data: asked.count(data) for data in encoded} == dict.fromkeys(encoded, 5)
+
+
+def test_a_bin_signs_which_network_it_loaded_whatever_lies_in_its_place_since(tmp_path: Path) -> None:
+    for name in (WEIGHTS, PREPROCESSING):
+        (tmp_path / name).write_bytes((MODEL_DIR / name).read_bytes())
+    classifier = Classifier(tmp_path)
+    (tmp_path / WEIGHTS).write_bytes(b"another network, put there after the start")
+    (tmp_path / PREPROCESSING).write_bytes(b"{}")
+    bin_ = Bin(BIN, Memory())
+    bin_.memory.state = State.CLASSIFYING
+    (can,) = RENDERINGS.glob("metal_1.jpg")
+    (action,) = bin_.photo(looked_at(classifier, can.read_bytes(), tmp_path / "pictures"), digest(b""), 1.0)
+    assert isinstance(action, Attest)
+    _, _, fields = Itrash._stated(action.record)
+    assert fields["model_sha256"] == digest((MODEL_DIR / WEIGHTS).read_bytes())
+    assert fields["thresholds_sha256"] == digest((MODEL_DIR / PREPROCESSING).read_bytes())
 
 
 def test_the_oracle_reports_what_the_bin_would_say_of_the_picture_in_a_proof(tmp_path: Path) -> None:
