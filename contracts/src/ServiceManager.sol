@@ -111,6 +111,8 @@ contract ServiceManager is IServiceManager {
     /// @dev Services of a provider that are not retired, in one word; 0 where there is room. Not the organization's.
     mapping(address provider => uint32[MAX_SERVICES]) private _live;
     mapping(address device => address) private _owners;
+    /// @dev The services that abandoned a task, 32 bits each, the last in the lowest; of more than eight the last eight.
+    mapping(uint256 taskId => uint256) private _abandoned;
 
     modifier onlyTaskManager() {
         if (msg.sender != address(tasks)) revert NotTaskManager(msg.sender);
@@ -264,6 +266,16 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
+    function countAbandoned(uint256 taskId, uint256 serviceId, address creator) external onlyTaskManager {
+        address able = _services[serviceId].provider;
+        if (_isOwn(able, _providers[able].owned, creator)) return;
+        for (uint256 by = _abandoned[taskId]; by != 0; by >>= 32) {
+            address provider = _services[uint32(by)].provider;
+            if (provider != able) _miss(provider, _providers[provider]);
+        }
+    }
+
+    /// @inheritdoc IServiceManager
     function offer(uint256 serviceId, uint64 level) external onlyTaskManager {
         Record storage s = _get(serviceId);
         if (!_isAvailable(s) || s.place != 0) revert ServiceNotIdle(serviceId);
@@ -379,18 +391,30 @@ contract ServiceManager is IServiceManager {
         returns (uint96 penalty)
     {
         Provider storage p = _providers[s.provider];
-        if (outcome != Outcome.Abandoned) {
-            _rate(p, outcome == Outcome.Completed, value, _isOwn(s.provider, p.owned, creator));
-        }
-        if (outcome == Outcome.Completed) {
-            if (p.missed | p.failures | p.naps != 0) _forgive(s.provider, p);
-            return 0;
-        }
-        if (outcome != Outcome.Abandoned) {
+        bool agreed = outcome != Outcome.Abandoned && outcome != Outcome.Missed;
+        if (agreed) {
+            bool own = _isOwn(s.provider, p.owned, creator);
+            _rate(p, outcome == Outcome.Completed, value, own);
+            if (outcome == Outcome.Completed) {
+                if (!own && p.missed | p.failures | p.naps != 0) _forgive(s.provider, p);
+                return 0;
+            }
             if (p.failures < type(uint8).max) ++p.failures;
             if (s.hasTerms) penalty = _applyTerms(serviceId, s, p.failures);
         }
-        if (outcome != Outcome.Rejected && s.provider != address(organization)) _miss(serviceId, s, p);
+        if (outcome == Outcome.Rejected || s.provider == address(organization)) return penalty;
+        if (outcome == Outcome.Abandoned) _remember(s.taskId, serviceId);
+        else _miss(s.provider, p);
+        if (p.asleepUntil != 0 && s.state == ServiceState.Active) {
+            s.state = ServiceState.Paused;
+            emit ServiceFellAsleep(serviceId);
+        }
+    }
+
+    /// @dev It counts for nothing unless somebody else can do the task. Once for a service that got it again and again.
+    function _remember(uint256 taskId, uint256 serviceId) private {
+        uint256 by = _abandoned[taskId];
+        if (uint32(by) != serviceId) _abandoned[taskId] = by << 32 | serviceId;
     }
 
     /// @dev What a provider is known for: work of others, by its value. Nobody pays oneself, or nothing, for a name.
@@ -410,7 +434,7 @@ contract ServiceManager is IServiceManager {
             (creatorsOwner == address(0) ? creator : creatorsOwner) == (owned ? _owners[provider] : provider);
     }
 
-    /// @dev A proof was accepted.
+    /// @dev A proof was accepted, of work for others.
     function _forgive(address provider, Provider storage p) private {
         if (p.asleepUntil != 0) emit ProviderWokeUp(provider);
         (p.missed, p.failures, p.naps, p.asleepUntil) = (0, 0, 0, 0);
@@ -448,18 +472,12 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @dev An attempt without a proof, whichever of the provider's services made it.
-    function _miss(uint256 serviceId, Record storage s, Provider storage p) private {
+    function _miss(address provider, Provider storage p) private {
         if (p.missed < MAX_MISSED) ++p.missed;
-        if (p.missed < MAX_MISSED) return;
-        if (p.asleepUntil == 0) {
-            p.asleepUntil = uint40(block.timestamp + (p.naps == 0 ? 0 : COOL_DOWN << (p.naps - 1)));
-            if (p.naps < MAX_NAPS) ++p.naps;
-            emit ProviderFellAsleep(s.provider, p.asleepUntil);
-        }
-        if (s.state == ServiceState.Active) {
-            s.state = ServiceState.Paused;
-            emit ServiceFellAsleep(serviceId);
-        }
+        if (p.missed < MAX_MISSED || p.asleepUntil != 0) return;
+        p.asleepUntil = uint40(block.timestamp + (p.naps == 0 ? 0 : COOL_DOWN << (p.naps - 1)));
+        if (p.naps < MAX_NAPS) ++p.naps;
+        emit ProviderFellAsleep(provider, p.asleepUntil);
     }
 
     /// @dev The service is over: its bond is for its provider.

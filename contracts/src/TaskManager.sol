@@ -163,7 +163,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function abandonTask(uint256 taskId, uint8 attempt) external nonReentrant {
         Record storage t = _get(taskId);
         _requireExecutor(taskId, t, attempt);
-        Cause cause = !t.accepted || block.timestamp <= _graceEnd(t) ? Cause.Abandoned : Cause.AbandonedLate;
+        Cause late = t.accepted ? Cause.AbandonedLate : Cause.NotAccepted;
+        Cause cause = block.timestamp <= _graceEnd(t) ? Cause.Abandoned : late;
         _failAttempt(taskId, t, _kinds.kinds[t.kindId], cause);
     }
 
@@ -456,6 +457,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         t.state = TaskState.Settled;
         t.deadline = 0;
         uint256 serviceId = t.serviceId;
+        if (outcome == Outcome.Completed && t.attempt != 1) {
+            services.countAbandoned(taskId, serviceId, t.creator);
+        }
         Release memory r = services.release(serviceId, outcome, amount, t.creator);
         emit TaskSettled(taskId, r.provider, amount, refund);
         if (r.available) _place(serviceId, t.kindId, kind, r.price, r.hired);
@@ -657,7 +661,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     function _outcome(Cause cause) private pure returns (Outcome) {
         if (cause == Cause.Rejected) return Outcome.Rejected;
         if (cause == Cause.VerdictExpired) return Outcome.Unjudged;
-        bool free = cause == Cause.NotAccepted || cause == Cause.Abandoned;
-        return free ? Outcome.Abandoned : Outcome.Expired;
+        if (cause == Cause.NotAccepted) return Outcome.Missed;
+        return cause == Cause.Abandoned ? Outcome.Abandoned : Outcome.Expired;
     }
 }

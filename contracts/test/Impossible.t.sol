@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
-import {Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {Cause, ITaskManager, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
+import {Cause, ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Tasks that nobody can do: what they cost, and whom.
@@ -129,15 +129,142 @@ contract ImpossibleTest is Fixture {
         tasks.abandonTask(taskId, 1);
     }
 
-    function test_whoAbandonsAgainAndAgainFallsAsleep() public {
+    function test_attack_impossibleTasksThatARobotAbandonsDoNotPutItToSleep() public {
         uint256 serviceId = offer(robot1, 80 ether);
-        uint256 taskId = post(alice, 100 ether);
-        for (uint8 n = 1; n <= ATTEMPTS; ++n) {
-            vm.prank(robot1);
-            tasks.abandonTask(taskId, n);
+        for (uint256 i = 0; i < 3; ++i) {
+            uint256 taskId = post(alice, 100 ether);
+            for (uint8 n = 1; n <= ATTEMPTS; ++n) {
+                _abandon(robot1, taskId);
+            }
+            assertState(taskId, TaskState.Failed);
         }
-        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Paused));
-        assertState(taskId, TaskState.Failed);
+        assertEq(services.asleepUntil(robot1), 0);
+        assertAssigned(post(bob, 100 ether), serviceId);
+    }
+
+    function test_attack_whoAbandonsWhatOthersCanDoFallsAsleep() public {
+        uint256 given = offer(robot1, 80 ether);
+        offer(robot2, 80 ether);
+        for (uint256 i = 0; i < 3; ++i) {
+            assertEq(services.asleepUntil(robot1), 0);
+            _abandonedAndDone(alice);
+        }
+        assertEq(services.asleepUntil(robot1), block.timestamp);
+        // Its service sleeps when it gives one more back.
+        uint256 taskId = post(alice, 100 ether);
+        assertAssigned(taskId, given);
+        vm.expectEmit(address(services));
+        emit IServiceManager.ServiceFellAsleep(given);
+        _abandon(robot1, taskId);
+        assertEq(uint8(services.service(given).state), uint8(ServiceState.Paused));
+    }
+
+    function test_attack_aCompetitorsOwnTasksShowNothingAboutOthers() public {
+        offer(robot1, 80 ether);
+        offer(robot2, 80 ether);
+        vm.prank(admin);
+        organization.registerDevice(robot2, "robot", alice, "robot2");
+        for (uint256 i = 0; i < 3; ++i) {
+            _abandonedAndDone(alice);
+        }
+        assertEq(services.asleepUntil(robot1), 0);
+    }
+
+    function test_whoAbandonsATaskAndDoesItAfterAllMissedNothing() public {
+        offer(robot1, 80 ether);
+        for (uint256 i = 0; i < 3; ++i) {
+            uint256 taskId = post(alice, 100 ether);
+            _abandon(robot1, taskId);
+            attempt(taskId, true);
+        }
+        assertEq(services.asleepUntil(robot1), 0);
+    }
+
+    function test_aTaskThatIsGivenBackAgainAndAgainCountsOnceForAService() public {
+        offer(robot1, 80 ether);
+        uint256 other = offer(robot2, 80 ether);
+        for (uint256 i = 0; i < 2; ++i) {
+            update(other, 80 ether, ServiceState.Paused);
+            uint256 taskId = post(alice, 100 ether);
+            _abandon(robot1, taskId);
+            update(other, 80 ether, ServiceState.Active);
+            _abandon(robot1, taskId);
+            assertAssigned(taskId, other);
+            attempt(taskId, true);
+        }
+        assertEq(services.asleepUntil(robot1), 0);
+    }
+
+    function test_attack_whoHasNotAcceptedMissesATaskThatItGivesBackLate() public {
+        _offerByHand(robot1, 80 ether);
+        for (uint8 n = 1; n <= ATTEMPTS; ++n) {
+            uint256 taskId = n == 1 ? post(alice, 100 ether) : 1;
+            vm.warp(block.timestamp + WINDOW / 4 + 1);
+            _abandon(robot1, taskId);
+        }
+        assertEq(services.asleepUntil(robot1), block.timestamp);
+        assertEq(services.service(1).failures, 0);
+    }
+
+    function test_attack_onesOwnTasksForgiveNothing() public {
+        setTerms(0, 0, 0);
+        uint256 serviceId = offer(robot1, 80 ether);
+        vm.prank(admin);
+        organization.registerDevice(robot1, "robot", bob, "robot1");
+        uint256 taskId = post(alice, 100 ether);
+        for (uint256 n = 0; n < ATTEMPTS; ++n) {
+            attempt(taskId, false);
+        }
+        address[2] memory own = [robot1, bob];
+        for (uint256 i = 0; i < own.length; ++i) {
+            taskId = post(own[i], 100 ether);
+            _abandon(robot1, taskId);
+            assertEq(services.service(serviceId).failures, ATTEMPTS, "abandoned");
+            attempt(taskId, true);
+            assertEq(services.service(serviceId).failures, ATTEMPTS, "accepted");
+        }
+        attempt(post(alice, 100 ether), true);
+        assertEq(services.service(serviceId).failures, 0);
+    }
+
+    function test_attack_onesOwnTasksDoNotWake() public {
+        setTerms(0, 0, 0);
+        offer(robot1, 80 ether);
+        uint256 other = offer(robot1, 80 ether);
+        TaskRequest memory r = request(100 ether);
+        r.executionWindow = 1 days;
+        vm.prank(robot1);
+        uint256 own = tasks.registerTask(r);
+        uint256 taskId = post(alice, 100 ether);
+        assertAssigned(taskId, other);
+        while (state(taskId) == TaskState.Assigned) {
+            vm.warp(tasks.task(taskId).deadline + 1);
+            tasks.expireTask(taskId);
+        }
+        uint256 until = services.asleepUntil(robot1);
+        assertGt(until, 0);
+        attempt(own, true);
+        assertEq(services.asleepUntil(robot1), until);
+    }
+
+    function test_onlyTheTaskManagerCountsWhatWasAbandoned() public {
+        vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, stranger));
+        vm.prank(stranger);
+        services.countAbandoned(1, 1, alice);
+    }
+
+    /// @dev The first service gives a task of `creator` back, and the other does it.
+    function _abandonedAndDone(address creator) private {
+        uint256 taskId = post(creator, 100 ether);
+        _abandon(robot1, taskId);
+        assertEq(services.providerOf(tasks.task(taskId).serviceId), robot2);
+        attempt(taskId, true);
+    }
+
+    function _abandon(address provider, uint256 taskId) private {
+        uint8 running = tasks.task(taskId).attempt;
+        vm.prank(provider);
+        tasks.abandonTask(taskId, running);
     }
 
     function test_anImpossibleTaskPaysItsExecutorATenthAndEnds() public {

@@ -377,6 +377,9 @@ class OrganizationTimelockCalls(ContractCalls):
 
 
 class ServiceManagerCalls(ContractCalls):
+    def count_abandoned(self, task_id: int, service_id: int, creator: str) -> Call:
+        return self._call("ServiceManager", "countAbandoned", task_id, service_id, creator)
+
     def register_service(
         self, kind: str, price: int, max_bond: int, auto_accept: bool, description: str
     ) -> Call:

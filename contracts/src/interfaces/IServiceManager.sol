@@ -12,12 +12,14 @@ enum ServiceState {
 }
 
 /// @notice How an attempt ended for the service that made it. Unjudged: nobody judged it in time, or a judge found it
-/// undecided or impossible. Abandoned: without a proof, and the provider had not agreed to it or gave it back early.
+/// undecided or impossible. Missed: without a proof, and the provider had not agreed to it. Abandoned: the provider gave
+/// it back early.
 enum Outcome {
     Completed,
     Rejected,
     Expired,
     Unjudged,
+    Missed,
     Abandoned
 }
 
@@ -240,6 +242,13 @@ interface IServiceManager {
     function release(uint256 serviceId, Outcome outcome, uint256 value, address creator)
         external
         returns (Release memory);
+
+    /// @notice A task that others abandoned was possible after all: each of them missed it. Only the task manager, before
+    /// it releases the service.
+    /// @param taskId the task
+    /// @param serviceId the service whose proof was accepted
+    /// @param creator who posted the task. What the provider's own owner posted proves nothing about others
+    function countAbandoned(uint256 taskId, uint256 serviceId, address creator) external;
 
     /// @notice Let an available service wait behind the others of its kind. Only the task manager.
     /// @param serviceId its number

@@ -25,8 +25,8 @@ enum Verdict {
 }
 
 /// @notice Why an attempt failed. NotAccepted: the executor did not accept it in the grace period. Abandoned: the
-/// executor gave it back at no cost. AbandonedLate: the executor had accepted it, and gave it back after the grace
-/// period.
+/// executor gave it back in the grace period. AbandonedLate: the executor had accepted it, and gave it back after the
+/// grace period.
 enum Cause {
     Rejected,
     ExecutionExpired,
@@ -227,7 +227,8 @@ interface ITaskManager {
 
     /// @notice The executor gives the assigned task back, and the attempt ends. This costs it nothing in the first
     /// quarter of the execution window, nor later if it has not accepted the task. Otherwise it counts as an attempt
-    /// without a proof. In any case it counts toward MAX_MISSED, see IServiceManager.
+    /// without a proof. In the grace period it counts toward MAX_MISSED only if another provider then does the task,
+    /// see IServiceManager.countAbandoned; later it does.
     /// @param taskId an assigned task
     /// @param attempt the running attempt
     function abandonTask(uint256 taskId, uint8 attempt) external;

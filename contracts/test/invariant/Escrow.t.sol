@@ -110,6 +110,14 @@ contract EscrowInvariants is Fixture {
         }
     }
 
+    /// @notice Who is asleep let attempts pass, or abandoned what others could do, since it last worked for others.
+    function invariant_whoIsNotThereSleeps() public view {
+        for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+            address provider = services.providerOf(serviceId);
+            assertEq(services.asleepUntil(provider), _handler.asleepUntil(provider));
+        }
+    }
+
     /// @notice A provider is known for what it did for others, by value, whichever of its services did it; less so with
     /// time.
     function invariant_reputationIsWorkForOthersByValue() public view {

@@ -82,8 +82,10 @@ contract Handler is CommonBase, StdUtils {
     mapping(address provider => uint256) private _naps;
     mapping(address provider => Work) private _work;
     mapping(address device => address) private _owners;
-    /// @dev When a provider that is asleep may wake up; 0 while it is awake.
-    mapping(address provider => uint256) private _asleepUntil;
+    /// @notice When a provider that is asleep may wake up; 0 while it is awake.
+    mapping(address provider => uint256) public asleepUntil;
+    /// @dev The services that gave a task back early, not twice in a row the same.
+    mapping(uint256 taskId => uint256[]) private _abandoned;
     /// @dev Attempts that their executor accepted by a call.
     mapping(uint256 taskId => mapping(uint8 attempt => bool)) private _accepted;
     mapping(uint256 taskId => uint8) private _attemptSeen;
@@ -268,7 +270,7 @@ contract Handler is CommonBase, StdUtils {
             expected[provider] -= terms.bond;
             ghost[serviceId] = Ghost(terms.bond, terms.penalty, terms.maxFailures, false, autoAccept);
         } catch {
-            bool right = _live(provider) < _services.MAX_SERVICES() && _asleepUntil[provider] == 0;
+            bool right = _live(provider) < _services.MAX_SERVICES() && asleepUntil[provider] == 0;
             if (right) violation = "a service could not be offered";
             return;
         }
@@ -305,7 +307,7 @@ contract Handler is CommonBase, StdUtils {
         ServiceState next = state % 10 == 0 ? ServiceState.Retired : ServiceState(1 + state % 2);
         vm.prank(s.provider);
         try _services.updateService(serviceId, _price(price), next) {
-            if (_asleepUntil[s.provider] != 0 && next == ServiceState.Active) violation = "an update woke";
+            if (asleepUntil[s.provider] != 0 && next == ServiceState.Active) violation = "an update woke";
             if (ghost[serviceId].suspended && next != ServiceState.Retired) violation = "left a suspension";
             if (next == ServiceState.Retired) {
                 ghost[serviceId].suspended = false;
@@ -313,19 +315,19 @@ contract Handler is CommonBase, StdUtils {
             }
         } catch {
             bool right =
-                !ghost[serviceId].suspended && (next != ServiceState.Active || _asleepUntil[s.provider] == 0);
+                !ghost[serviceId].suspended && (next != ServiceState.Active || asleepUntil[s.provider] == 0);
             if (right || next == ServiceState.Retired) violation = "locked in";
         }
     }
 
     function wakeUp(uint256 who) external inOrder {
         address provider = _providers[bound(who, 0, _providers.length - 1)];
-        uint256 until = _asleepUntil[provider];
+        uint256 until = asleepUntil[provider];
         bool right = until != 0 && block.timestamp >= until;
         vm.prank(provider);
         try _services.wakeUp() {
             if (!right) violation = "a provider woke up too early";
-            (missed[provider], _asleepUntil[provider]) = (0, 0);
+            (missed[provider], asleepUntil[provider]) = (0, 0);
         } catch {
             if (right) violation = "a provider could not wake up";
         }
@@ -353,12 +355,35 @@ contract Handler is CommonBase, StdUtils {
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         vm.warp(bound(time, block.timestamp, t.deadline));
-        bool late = _hasAccepted(taskId, t) && block.timestamp > _graceEnd(t);
+        bool late = block.timestamp > _graceEnd(t);
         Service memory s = _services.service(t.serviceId);
         vm.prank(s.provider);
         _tasks.abandonTask(taskId, t.attempt);
-        _expectMissed(t, s);
-        _expectFailure(t, late);
+        if (late) {
+            _expectMissed(s.provider);
+        } else {
+            uint256[] storage by = _abandoned[taskId];
+            if (by.length == 0 || by[by.length - 1] != t.serviceId) by.push(t.serviceId);
+        }
+        _expectAsleep(t, s);
+        _expectFailure(t, late && _hasAccepted(taskId, t));
+    }
+
+    /// @dev A provider that gives back, at once, whatever it gets of a few tasks that others can do.
+    function giveBack(uint256 who, uint256 which) external {
+        address provider = _providers[bound(who, 0, _providers.length - 1)];
+        for (uint256 i = 0; i < 4; ++i) {
+            this.registerTask(which, 200 ether, 3, 3);
+            for (uint256 taskId = 1; taskId <= _tasks.taskCount(); ++taskId) {
+                Task memory t = _tasks.task(taskId);
+                if (t.state != TaskState.Assigned || block.timestamp > _graceEnd(t)) continue;
+                if (_services.providerOf(t.serviceId) == provider) {
+                    this.abandonTask(taskId - 1, block.timestamp);
+                }
+            }
+            this.submitProof(_tasks.taskCount() - 1, "");
+            this.postVerdict(_tasks.taskCount() - 1, true, NO_LIMIT);
+        }
     }
 
     function _hasAccepted(uint256 taskId, Task memory t) private view returns (bool) {
@@ -402,7 +427,7 @@ contract Handler is CommonBase, StdUtils {
         _judge(_oracle, taskId, t, accepted ? Verdict.Accepted : Verdict.Rejected, amount);
         if (accepted) {
             _expectPayment(t, amount);
-            _expectForgiveness(_services.providerOf(t.serviceId));
+            _expectForgiveness(taskId, t);
             _expectReputation(t, amount, 0);
             _expectRelease(t.serviceId);
         } else {
@@ -521,7 +546,7 @@ contract Handler is CommonBase, StdUtils {
     function wakeAndStayAway(uint256 who) external inOrder {
         address provider = _providers[bound(who, 0, _providers.length - 1)];
         for (uint256 i = 0; i < 3; ++i) {
-            uint256 until = _asleepUntil[provider];
+            uint256 until = asleepUntil[provider];
             if (block.timestamp < until) {
                 vm.prank(provider);
                 try _services.wakeUp() {
@@ -532,7 +557,7 @@ contract Handler is CommonBase, StdUtils {
             if (until != 0 && bytes(violation).length == 0) {
                 vm.prank(provider);
                 _services.wakeUp();
-                (missed[provider], _asleepUntil[provider]) = (0, 0);
+                (missed[provider], asleepUntil[provider]) = (0, 0);
             }
             for (uint256 serviceId = 1; serviceId <= _services.serviceCount(); ++serviceId) {
                 Service memory s = _services.service(serviceId);
@@ -571,7 +596,8 @@ contract Handler is CommonBase, StdUtils {
         Service memory s = _services.service(t.serviceId);
         _tasks.expireTask(taskId);
         if (running == TaskState.Assigned) {
-            _expectMissed(t, s);
+            _expectMissed(s.provider);
+            _expectAsleep(t, s);
         }
         if (running == TaskState.Submitted && _silence[taskId] == Silence.Executor) {
             _expectPayment(t, t.price);
@@ -585,14 +611,16 @@ contract Handler is CommonBase, StdUtils {
         }
     }
 
+    function _expectMissed(address provider) private {
+        if (++missed[provider] < _services.MAX_MISSED() || asleepUntil[provider] != 0) return;
+        uint256 naps = _naps[provider]++;
+        // The first time not at all, then ten minutes, then twice that each time, at most 21 hours.
+        asleepUntil[provider] = block.timestamp + (naps == 0 ? 0 : 10 minutes * 2 ** _min(naps - 1, 7));
+    }
+
     /// @dev After an attempt without a proof of the service that was `s` before.
-    function _expectMissed(Task memory t, Service memory s) private {
-        bool off = ++missed[s.provider] >= _services.MAX_MISSED();
-        if (off && _asleepUntil[s.provider] == 0) {
-            uint256 naps = _naps[s.provider]++;
-            // The first time not at all, then ten minutes, then twice that each time, at most 21 hours.
-            _asleepUntil[s.provider] = block.timestamp + (naps == 0 ? 0 : 10 minutes * 2 ** _min(naps - 1, 7));
-        }
+    function _expectAsleep(Task memory t, Service memory s) private {
+        bool off = asleepUntil[s.provider] != 0;
         ServiceState after_ = _services.service(t.serviceId).state;
         bool active = after_ == ServiceState.Active;
         if (s.state == ServiceState.Active && after_ != ServiceState.Suspended && off == active) {
@@ -600,8 +628,15 @@ contract Handler is CommonBase, StdUtils {
         }
     }
 
-    function _expectForgiveness(address provider) private {
-        (failures[provider], missed[provider], _naps[provider], _asleepUntil[provider]) = (0, 0, 0, 0);
+    /// @dev Work for others was accepted: who did it is there, and those who abandoned it were wrong.
+    function _expectForgiveness(uint256 taskId, Task memory t) private {
+        address provider = _services.providerOf(t.serviceId);
+        if (_principal(t.creator) == _principal(provider)) return;
+        for (uint256 i = 0; i < _abandoned[taskId].length; ++i) {
+            address other = _services.providerOf(_abandoned[taskId][i]);
+            if (other != provider) _expectMissed(other);
+        }
+        (failures[provider], missed[provider], _naps[provider], asleepUntil[provider]) = (0, 0, 0, 0);
     }
 
     /// @dev Somebody sends the escrow tokens by mistake, and the administrator sends them on: to the last unit, and
