@@ -29,6 +29,7 @@ from rodeo.messages import (
     Vote,
 )
 from rodeo.topics import markdown
+from rodeo.witness.correction import Correction, Judged
 from rodeo.witness.statement import (
     Claimant,
     Classification,
@@ -164,6 +165,16 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "expected_compartment": "yellow",
         "correct": True,
     },
+    Correction: {
+        "chain_id": 31337,
+        "task_manager": _OTHER,
+        "organization": _ADDRESS,
+        "type": "bin.correction",
+        "bin": "itrash",
+        "image_sha256": _DIGEST,
+        "class": "glass",
+    },
+    Judged: {"address": _OTHER, "name": "anna", "items": 9, "right": 7},
     Removal: {**_HEADER, **_FELL, "type": "bin.removal", "device": "itrash"},
     Presentation: {
         **_HEADER,
@@ -417,8 +428,9 @@ _GROUPS: tuple[tuple[str, str, tuple[type[BaseModel], ...]], ...] = (
         f"`{topics.BIN_STATE.key}` answers with `bin`, `state`, `since_s`, `pending`, `presented`, "
         "`loads_n` and `fill`. `classification` and `disposal` are its last attestations, null "
         f"before the first one. `{topics.BIN_PICTURE.key}?sha256=0x...` answers with `sha256` and "
-        "`data_base64`.",
-        (),
+        f"`data_base64`. `{topics.BIN_CORRECTIONS.key}` takes an Attestation whose `payload` is a "
+        "Correction, or nothing, and answers with `bin` and a list `people` of Judged.",
+        (Correction, Judged),
     ),
     (
         "Orders to a robot",

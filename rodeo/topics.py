@@ -363,6 +363,13 @@ BIN_STATE = _dao(
     "itrash",
     "state of the bin, and its last attestations",
 )
+BIN_CORRECTIONS = _dao(
+    "rodeo/{org}/itrash/{bin}/corrections",
+    "per query",
+    Form.QUERY,
+    "itrash",
+    "how often the bin was right, by those who looked; a signed correction as payload is stored before",
+)
 ROBOT_ORDER = _dao(
     "rodeo/{org}/robot/{robot}/{order}",
     "per query",

@@ -4,6 +4,7 @@ import typer
 
 from rodeo_cli import (
     accounts,
+    bins,
     classify,
     demo,
     experiment,
@@ -45,6 +46,7 @@ app.add_typer(tasks.tasks, name="task")
 app.add_typer(tasks.services, name="service")
 app.add_typer(organization.organization, name="organization")
 app.add_typer(robot.robots, name="robot")
+app.add_typer(bins.bins, name="bin")
 app.add_typer(accounts.accounts, name="console")
 app.add_typer(sites.sites, name="site")
 app.add_typer(kinds.kinds, name="kind")

@@ -15,7 +15,7 @@ _NAME = re.compile(r"0x[0-9a-f]{64}")
 
 
 class NoSuchPicture(RequestError):
-    """The bin did not classify such a picture, or it was long ago."""
+    """The bin did not say anything of such a picture, or it was long ago."""
 
 
 class PictureNotKept(RodeoError):

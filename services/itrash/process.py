@@ -15,7 +15,7 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rodeo import topics
+from rodeo import queries, topics
 from rodeo.bus import Request
 from rodeo.config import Site, bin_process
 from rodeo.dao import ORGANIZATION, Participant
@@ -27,6 +27,7 @@ from rodeo.ros2 import MessageInfo, Node
 from rodeo.serving import served_by
 from rodeo.stamps import stamp_s
 from rodeo.tls import bus_is_closed
+from rodeo.vision.classification import UNKNOWN
 from rodeo.vision.classifier import Classifier
 from rodeo.witness import Claimant, Classification, Drop, Header, Inputs, Presentation, Removal, Statement
 from rodeo.witness.devices import Device
@@ -43,8 +44,9 @@ from services.itrash.behaviour import (
     TakePhoto,
 )
 from services.itrash.camera import open_camera
+from services.itrash.corrections import Corrections, NotYetKnown, read_correction
 from services.itrash.journal import Journal, Kind
-from services.itrash.pictures import Pictures
+from services.itrash.pictures import NoSuchPicture, Pictures
 from services.itrash.web import LIMITS, make_api
 
 log = logging.getLogger(__name__)
@@ -78,6 +80,7 @@ class Itrash:
         self._waiting: list[Record] = []
         """Decided while it was not known for which organization."""
         self._pictures = Pictures(process.data_dir / "pictures")
+        self._corrections = Corrections(process.data_dir / "corrections")
         # Its sensors speak over the bus: on an open one anybody may have said what they say.
         inputs: Inputs = "closed_bus" if bus_is_closed(site) else "open_bus"
         self._witness = Witness(
@@ -103,6 +106,8 @@ class Itrash:
         self._queryable = process.bus.serve(state_key, self._serve_state)
         picture_key = topics.BIN_PICTURE.name(org=site.org, bin=config.name)
         self._gallery = process.bus.serve(picture_key, self._serve_picture)
+        corrections_key = topics.BIN_CORRECTIONS.name(org=site.org, bin=config.name)
+        self._school = process.bus.serve(corrections_key, self._serve_corrections)
 
     # -- who shows something ---------------------------------------------------------------------------
 
@@ -300,6 +305,29 @@ class Itrash:
         wanted = request.parameters.get("sha256", "")
         data = self._pictures.find(wanted)
         return {"sha256": wanted, "data_base64": base64.b64encode(data).decode()}
+
+    def _serve_corrections(self, request: Request) -> dict[str, Any]:
+        roles = queries.ask(self._process.bus, self._process.site.org, queries.ORGANIZATION).roles
+        listed = roles.get("AUDITOR_ROLE", [])
+        auditors = {one.address.lower(): one.name or one.address for one in listed}
+        if request.payload:
+            self._correct(request.payload, auditors)
+        people = self._corrections.judged(auditors)
+        return {"bin": self._config.name, "people": [one.model_dump() for one in people]}
+
+    def _correct(self, payload: bytes, auditors: Mapping[str, str]) -> None:
+        chain = self._witness.chain
+        if chain is None:
+            raise NotYetKnown("the bin waits for the bridge to name the organization", bin=self._config.name)
+        signed, said = read_correction(payload, chain.scope, self._config.name)
+        with self._lock:
+            classification = self._journal.about(said.image_sha256)
+        if classification is None:
+            raise NoSuchPicture("the bin said nothing of such a picture lately", sha256=said.image_sha256)
+        picture = self._pictures.find(said.image_sha256)
+        classes = {*self.classifier.preprocessing.classes, UNKNOWN}
+        self._corrections.add(signed, said, classification, picture, classes, auditors)
+        log.info("%s says that it was %s", auditors[signed.signer.lower()], said.item_class)
 
     def _update_status(self) -> None:
         """Put readiness and activity into the process's status."""

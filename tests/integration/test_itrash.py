@@ -15,15 +15,18 @@ import httpx
 import numpy as np
 import pytest
 from eth_account import Account
+from typer.testing import CliRunner
 
 from rodeo import topics, wallets
 from rodeo.errors import RemoteError
-from rodeo.evidence import Attestation, verify_attestation
+from rodeo.evidence import Attestation, attest, verify_attestation
 from rodeo.ros2 import Node
 from rodeo.ros2.types import new
 from rodeo.vision.classification import model_sha256, thresholds_sha256
 from rodeo.witness import Claimant, Classification, Drop, HeadBook, Presentation, Scope, WitnessChain, parse
 from rodeo.witness import Journal as WitnessJournal
+from rodeo.witness.correction import Correction
+from rodeo_cli import app
 from rodeo_testing import answers
 from rodeo_testing.recordings import RENDERINGS
 from services.itrash.behaviour import DropRecord, Memory
@@ -103,7 +106,7 @@ class Hardware:
 
 
 SCOPE = Scope(chain_id=31337, task_manager="0x" + "12" * 20, organization="0x" + "34" * 20)
-ROBOT = Account.create()
+ROBOT, AUDITOR = Account.create(), Account.create()
 
 
 class Office:
@@ -115,7 +118,9 @@ class Office:
             "TaskManager": SCOPE.task_manager,
             "Organization": SCOPE.organization,
         }
+        listed = {"AUDITOR_ROLE": [{"address": AUDITOR.address, "name": "anna"}]}
         answered = {
+            "organization": answers.organization() | {"roles": listed},
             "chain": answers.chain(chain_id=SCOPE.chain_id, contracts=contracts),
             "devices": {"devices": [robot | {"registered": 0.0, "revoked": None, "revoked_because": None}]},
         }
@@ -193,9 +198,49 @@ def test_a_shown_item_is_classified_and_its_drop_confirmed_on_the_bus_and_over_h
         site.bus.query(key, parameters={"sha256": "../journal.json"})
     assert refusal.value.code == "no_such_picture"
 
+    corrections(site, classified, hardware.photo)
+
     key = topics.WITNESS_STATEMENTS.name(org=site.site.org, device=site.site.bins[0].name)
     again = site.bus.query(key, parameters={"after": dropped.seq - 1})["statements"]
     assert [parse(one["payload"]) for one in again] == [dropped]
+
+
+def corrections(site: RunningSite, classified: Classification, photo: bytes) -> None:
+    """What an auditor says of the item is kept and counted; what nobody may say is refused."""
+    key = topics.BIN_CORRECTIONS.name(org=site.site.org, bin=site.site.bins[0].name)
+    assert site.bus.query(key)["people"] == []
+    said = Correction(
+        **SCOPE.model_dump(),
+        bin=site.site.bins[0].name,
+        image_sha256=classified.image_sha256,
+        item_class="glass",
+    )
+    right = attest(said.model_dump(), AUDITOR)
+
+    def refused(signed: Attestation | dict[str, Any]) -> str:
+        with pytest.raises(RemoteError) as refusal:
+            site.bus.query(key, signed)
+        return refusal.value.code
+
+    def changed(**changes: Any) -> Attestation:
+        return attest(said.model_dump() | changes, AUDITOR)
+
+    assert refused(said.model_dump()) == "invalid_request"  # nobody signed it
+    assert refused(right.model_copy(update={"payload": changed(**{"class": "metal"}).payload})) == (
+        "bad_attestation"
+    )
+    assert refused(attest(said.model_dump(), ROBOT)) == "not_an_auditor"
+    assert refused(changed(organization="0x" + "77" * 20)) == "for_another_bin"
+    assert refused(changed(bin="another")) == "for_another_bin"
+    assert refused(changed(image_sha256="0x" + "77" * 32)) == "no_such_picture"
+    assert refused(changed(**{"class": "gold"})) == "no_such_class"
+    found = site.bus.query(key, right)
+    assert found["people"] == [{"address": AUDITOR.address.lower(), "name": "anna", "items": 1, "right": 0}]
+    assert refused(changed(**{"class": "metal"})) == "already_corrected"
+    folder = site.site.data_dir / "itrash" / "corrections"
+    assert (folder / classified.image_sha256).read_bytes() == photo
+    listing = CliRunner().invoke(app, ["bin", "corrections", "--site", str(site.path)])
+    assert "itrash was right in 0 of 1 (0%)" in listing.output
 
 
 def test_a_robot_that_presents_itself_is_named_and_a_stranger_is_not(

@@ -1,0 +1,39 @@
+"""What a person says that an item really was, and the count of it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from rodeo.queries import Answer
+from rodeo.witness.statement import Digest, Name, Scope
+
+
+class Correction(Scope):
+    """An auditor of the organization says what a picture that the bin classified shows."""
+
+    type: Literal["bin.correction"] = "bin.correction"
+    bin: Name
+    image_sha256: Digest
+    """Hash of the picture, as in the bin's statement."""
+    item_class: str = Field(alias="class", max_length=32)
+    """What it really was; what the bin said, where it was right; `unknown` if it was no item."""
+
+
+class Judged(Answer):
+    """The items of a bin that one person judged."""
+
+    address: str
+    name: str | None
+    """None for who is no auditor any more."""
+    items: int
+    right: int
+    """Those of which the bin had said the right class."""
+
+
+class Corrections(Answer):
+    """How often a bin was right in operation, by those who looked."""
+
+    bin: str
+    people: list[Judged]

@@ -1,0 +1,98 @@
+"""How often a bin was right, by the people who looked."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from rodeo import queries, topics
+from rodeo.bus import Bus
+from rodeo.config import Site
+from rodeo.errors import InvalidRequest
+from rodeo.witness.correction import Correction, Corrections
+from rodeo_cli.common import (
+    DEFAULT_SITE,
+    JsonOption,
+    SiteOption,
+    connected,
+    print_listing,
+    reports_errors,
+    say,
+)
+from rodeo_cli.layout import Row
+
+bins = typer.Typer(help="Tell a bin what items really were.", no_args_is_help=True)
+
+BinOption = Annotated[
+    str | None, typer.Option("--bin", help="The bin; the first of the site by default.", metavar="NAME")
+]
+
+
+@bins.command("correct")
+@reports_errors
+def correct(
+    item_class: Annotated[str, typer.Argument(help="What it really was, or unknown.", metavar="CLASS")],
+    picture: Annotated[
+        str | None,
+        typer.Option(help="SHA-256 of the picture; by default of the last item.", metavar="0x..."),
+    ] = None,
+    bin_name: BinOption = None,
+    participant: Annotated[str, typer.Option("--as", help="The auditor who signs.")] = "organization",
+    site: SiteOption = DEFAULT_SITE,
+) -> None:
+    """Sign what an item really was, also where the bin was right. A later training may learn from it.
+
+    A bin remembers the pictures of its last items only, and takes one correction of each person for each.
+    """
+    # Signing takes its time to import; the other commands should not wait for it.
+    from rodeo import wallets
+    from rodeo.evidence import attest
+
+    with connected(site) as (loaded, bus):
+        name, chain = _bin(loaded, bin_name), queries.ask(bus, loaded.org, queries.CHAIN)
+        said = Correction(
+            chain_id=chain.chain_id,
+            task_manager=chain.contracts.task_manager,
+            organization=chain.contracts.organization,
+            bin=name,
+            image_sha256=picture or _last_picture(loaded, bus, name),
+            item_class=item_class,
+        )
+        signed = attest(said.model_dump(), wallets.load(loaded, participant))
+        key = topics.BIN_CORRECTIONS.name(org=loaded.org, bin=name)
+        found = queries.fitting(Corrections, bus.query(key, signed), key)
+    say(f"{name} keeps that this was {item_class}. {_score(found)}")
+
+
+@bins.command("corrections")
+@reports_errors
+def corrections(
+    site: SiteOption = DEFAULT_SITE, bin_name: BinOption = None, as_json: JsonOption = False
+) -> None:
+    """Show how often the bin said the right class of the items that people looked at."""
+    with connected(site) as (loaded, bus):
+        key = topics.BIN_CORRECTIONS.name(org=loaded.org, bin=_bin(loaded, bin_name))
+        found = queries.fitting(Corrections, bus.query(key), key)
+    rows = (Row((one.name or one.address, str(one.items), str(one.right))) for one in found.people)
+    print_listing(found, as_json, ("person", "items", "right"), rows, after=_score(found))
+
+
+def _bin(site: Site, name: str | None) -> str:
+    if name is None and not site.bins:
+        raise InvalidRequest("the site has no bin", organization=site.org)
+    return (site.bins[0] if name is None else site.bin(name)).name
+
+
+def _last_picture(site: Site, bus: Bus, name: str) -> str:
+    last = bus.query(topics.BIN_STATE.name(org=site.org, bin=name)).get("classification")
+    if last is None:
+        raise InvalidRequest("the bin has classified nothing yet", bin=name)
+    return str(last["payload"]["image_sha256"])
+
+
+def _score(found: Corrections) -> str:
+    items, right = (sum(getattr(one, what) for one in found.people) for what in ("items", "right"))
+    if not items:
+        return f"Nobody has told {found.bin} yet what its items were."
+    return f"{found.bin} was right in {right} of {items} ({right / items:.0%})."

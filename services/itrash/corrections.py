@@ -1,0 +1,133 @@
+"""What people say that items really were, kept with picture and statement for a later training.
+
+RodeoError
+├── NotYetKnown           the bin does not know yet for which organization it speaks
+└── RequestError
+    ├── ForAnotherBin     it names another bin or organization
+    ├── NoSuchClass       the network knows no such class
+    ├── NotAnAuditor      the organization does not list the signer
+    └── AlreadyCorrected  the same person said so of the same picture
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Collection, Mapping
+from pathlib import Path
+
+from pydantic import BaseModel, ValidationError
+
+from rodeo.errors import InvalidRequest, RequestError, RodeoError, unreadable, wrong_fields
+from rodeo.evidence.attestation import Attestation, verify_attestation
+from rodeo.files import replace_file
+from rodeo.witness.correction import Correction, Judged
+from rodeo.witness.statement import Scope
+
+log = logging.getLogger(__name__)
+
+
+class NotYetKnown(RodeoError):
+    """The bin does not know yet for which organization it speaks."""
+
+
+class ForAnotherBin(RequestError):
+    """The correction names another bin or another organization."""
+
+
+class NoSuchClass(RequestError):
+    """The bin's network knows no such class."""
+
+
+class NotAnAuditor(RequestError):
+    """The organization does not list the signer as an auditor."""
+
+
+class AlreadyCorrected(RequestError):
+    """This person already said what the picture shows. What was said first stands."""
+
+
+class Kept(BaseModel):
+    """A correction as it lies in its file."""
+
+    correction: Attestation
+    classification: Attestation
+    """The bin's statement that is corrected, or confirmed."""
+
+    @property
+    def right(self) -> bool:
+        return bool(self.classification.payload["class"] == self.correction.payload["class"])
+
+
+def read_correction(payload: bytes, scope: Scope, bin_name: str) -> tuple[Attestation, Correction]:
+    """What somebody signed about this bin. Raises InvalidRequest, BadAttestation, ForAnotherBin."""
+    try:
+        signed = Attestation.model_validate_json(payload)
+        said = Correction.model_validate(signed.payload)
+    except ValidationError as error:
+        raise InvalidRequest("this is not a signed correction", fields=wrong_fields(error)) from error
+    verify_attestation(signed)
+    own = scope.model_dump().items()
+    for_us = all(str(getattr(said, name)).lower() == str(value).lower() for name, value in own)
+    if said.bin != bin_name or not for_us:
+        raise ForAnotherBin("the correction is for another bin or organization", bin=said.bin, own=bin_name)
+    return signed, said
+
+
+class Corrections:
+    """A folder with one file for each correction, and each corrected picture once. Thread-safe."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._lock = threading.Lock()
+        folder.mkdir(parents=True, exist_ok=True)
+        self._kept: dict[str, Kept] = {}
+        for path in sorted(folder.glob("*.json")):
+            try:
+                self._kept[path.stem] = Kept.model_validate_json(path.read_bytes())
+            except (OSError, ValidationError) as error:
+                log.warning("a correction is damaged and does not count: %s: %s", path, unreadable(error))
+
+    def add(
+        self,
+        signed: Attestation,
+        said: Correction,
+        classification: Attestation,
+        picture: bytes,
+        classes: Collection[str],
+        auditors: Mapping[str, str],
+    ) -> None:
+        """Keep what an auditor signed (`read_correction`) about `classification`, which has this picture.
+
+        `auditors` are names by lower-case address.
+
+        Raises NoSuchClass, NotAnAuditor, AlreadyCorrected, DiskFull.
+        """
+        address = signed.signer.lower()
+        if said.item_class not in classes:
+            raise NoSuchClass("there is no such class", given=said.item_class, classes=sorted(classes))
+        if address not in auditors:
+            raise NotAnAuditor("only auditors of the organization correct its bins", signer=signed.signer)
+        name = f"{said.image_sha256}-{address}"
+        with self._lock:
+            if name in self._kept:
+                first = self._kept[name].correction.payload["class"]
+                raise AlreadyCorrected(
+                    "this person already said what it was", image_sha256=said.image_sha256, said=first
+                )
+            kept = Kept(correction=signed, classification=classification)
+            # The picture first: a correction without one teaches nothing.
+            replace_file(self._folder / said.image_sha256, picture)
+            replace_file(self._folder / f"{name}.json", kept.model_dump_json())
+            self._kept[name] = kept
+
+    def judged(self, auditors: Mapping[str, str]) -> list[Judged]:
+        """How often the bin was right, by each person, those who are no auditors any more included."""
+        with self._lock:
+            kept = list(self._kept.values())
+        people = sorted({one.correction.signer.lower() for one in kept})
+        answers = {who: [one.right for one in kept if one.correction.signer.lower() == who] for who in people}
+        return [
+            Judged(address=who, name=auditors.get(who), items=len(right), right=sum(right))
+            for who, right in answers.items()
+        ]
