@@ -32,7 +32,7 @@ from tests.support.site import LAB, write_site
 ACTS = {
     "rodeo up", "rodeo down", "rodeo demo", "rodeo experiment paper",
     "rodeo experiment ablation",
-    "rodeo site prepare", "rodeo kind new",
+    "rodeo site prepare", "rodeo kind new", "rodeo bin correct",
     "rodeo task accept", "rodeo task abandon", "rodeo task submit", "rodeo task judge", "rodeo task cancel",
     "rodeo service offer", "rodeo service price", "rodeo service pause", "rodeo service resume",
     "rodeo service withdraw",
