@@ -1,4 +1,4 @@
-"""Members decide by vote, with real processes: propose, vote, queue, wait, execute."""
+"""Members, or owners of tokens, decide by vote, with real processes: propose, vote, queue, wait, execute."""
 
 from __future__ import annotations
 
@@ -24,9 +24,21 @@ members = ["alice", "bob", "panther1"]
 """
 
 
+OWNERS = SITE.replace('members = ["alice", "bob", "panther1"]', 'votes = "tokens"\nproposal_iec = 200')
+
+
 @pytest.fixture(scope="module")
 def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
-    running = RunningSite(write_site(tmp_path_factory.mktemp("vote"), chain_backend, SITE))
+    yield from running_site(tmp_path_factory, chain_backend, SITE)
+
+
+@pytest.fixture(scope="module")
+def owned(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
+    yield from running_site(tmp_path_factory, chain_backend, OWNERS)
+
+
+def running_site(tmp_path_factory: pytest.TempPathFactory, chain_backend: str, site: str) -> Iterator[Dao]:
+    running = RunningSite(write_site(tmp_path_factory.mktemp("vote"), chain_backend, site))
     organization = Dao(running)
     try:
         organization.start()
@@ -103,3 +115,48 @@ def test_the_members_change_a_price_and_admit_somebody(dao: Dao) -> None:
     assert dao.client().votes(carla) == 1
     (seated,) = dao.state("organization")["judges"]
     assert (seated["key"].lower(), seated["owner_name"]) == (judge, "carla")
+
+
+def test_only_tokens_that_were_wrapped_before_a_proposal_vote_on_it(owned: Dao) -> None:
+    now_s = float(owned.client().w3.eth.get_block("latest")["timestamp"])
+
+    def pass_time(s: float) -> None:
+        nonlocal now_s
+        now_s += s
+        owned.set_clock(now_s)
+
+    pass_time(10)
+    offer = owned.command("organization", "register_service", kind="battery_charging", price_iec="5")
+    price = ("propose", "--why", "a charge costs more", "price", str(offer["service_id"]), "8")
+    for name, amount in (("alice", "300"), ("bob", "500"), ("carla", "1000")):
+        owned.command("organization", "transfer", to=name, amount_iec=amount)
+    rodeo(owned, "wrap", "300", "--as", "alice")
+    rodeo(owned, "wrap", "100", "--as", "bob")
+    # Carla has more than they, but no votes: she took back what she had wrapped, and 700 are in escrow.
+    rodeo(owned, "wrap", "250", "--as", "carla")
+    rodeo(owned, "unwrap", "250", "--as", "carla")
+    owned.command("carla", "register_task", kind="waste_disposal", reward_iec="700", params={"item": "can"})
+    wallets = {one["name"]: one["address"] for one in owned.state("wallets")["wallets"]}
+    assert [owned.client().votes(wallets[name]) // 10**18 for name in ("alice", "bob", "carla")] == [
+        300,
+        100,
+        0,
+    ]
+    pass_time(10)
+    for who in ("bob", "carla"):  # too few, and none
+        rodeo(owned, *price, "--as", who, status=1)
+    rodeo(owned, *price, "--as", "alice")
+    pass_time(10)
+    rodeo(owned, "wrap", "300", "--as", "carla")  # too late for this one
+    pass_time(10)
+    for who, support in (("alice", "for"), ("bob", "against"), ("carla", "against")):
+        rodeo(owned, "vote", "1", support, "--as", who)
+    rodeo(owned, "unwrap", "300", "--as", "alice")  # what was counted stays
+    (proposal,) = proposals(owned).values()
+    assert proposal["votes"] == {"against": 100, "for": 300, "abstain": 0}
+    pass_time(PERIOD_S)
+    rodeo(owned, "queue", "1")
+    pass_time(DELAY_S + 1)
+    rodeo(owned, "execute", "1", "--as", "carla")
+    assert proposals(owned)[1]["state"] == "executed"
+    assert owned.state("services")["services"][0]["price_iec"] == "8"
