@@ -27,7 +27,7 @@ from web3 import Web3
 from web3.types import Nonce, TxReceipt, Wei
 from web3.utils import get_create_address
 
-from rodeo import wallets
+from rodeo import possession, wallets
 from rodeo.chain import (
     Call,
     ChainClient,
@@ -211,6 +211,20 @@ def _told(site: Site, name: str) -> str | None:
         return None
 
 
+def _possession(site: Site, client: ChainClient, keystore: str, owner: str) -> tuple[bytes, bytes] | None:
+    """By which the device key agrees to its owner; None where the keystore cannot be opened."""
+    try:
+        key = wallets.load(site, keystore)
+    except WalletError as error:
+        log.error(
+            "skipped %s, which is not registered: %s; run this step again with its key", keystore, error
+        )
+        return None
+    nonce, registry = client.device_nonce(key.address), client.organization
+    signed = bytes.fromhex(possession.sign(key, owner, nonce, client.w3.eth.chain_id, registry)[2:])
+    return signed[:32], signed[32:]
+
+
 def recorded(site: Site, w3: Web3) -> bool:
     """Whether the contracts are on the node's chain already. Raises ChainUnavailable."""
     return _recorded(site, w3) is not None
@@ -388,7 +402,8 @@ def _missing_rules(
         device = _told(site, keystore)
         if device is not None and not _is_registered(client, device):
             owner = _owner(site, client, device_role, name)
-            yield administrator, calls.register_device(device, device_role, owner, name)
+            if signature := _possession(site, client, keystore, owner):
+                yield administrator, calls.register_device(device, device_role, owner, name, *signature)
     for robot in site.robots:
         wallet = _told(site, robot.name)
         if wallet is not None and client.allowance(wallet, client.task_manager) < _UNLIMITED // 2:

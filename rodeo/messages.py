@@ -276,6 +276,8 @@ class RegisterDevice(Command):
     owner: Party
     name: DeviceName
     """Unique among the keys of this role that are not revoked."""
+    signature: Signature
+    """The key's own, by which it agrees to this owner (`rodeo organization sign-device`)."""
 
 
 class RevokeDevice(Command):

@@ -267,6 +267,7 @@ _VALUES: dict[str, Any] = {
     "report_uri": "https://store.example/" + "4c" * 32 + ".json",
     "vote": _VOTE,
     "signatures": ["0x" + "5b" * 64, "0x" + "6c" * 64],
+    "signature": "0x" + "5b" * 64,
     "price_iec": "40",
     "service_id": 2,
     "to": "panther1",

@@ -7,7 +7,7 @@ from typing import Annotated, get_args
 
 import typer
 
-from rodeo import queries
+from rodeo import possession, queries, wallets
 from rodeo.config import Site
 from rodeo.durations import span
 from rodeo.errors import InvalidRequest
@@ -608,10 +608,12 @@ def register_device(
     role: Annotated[str, typer.Option(help="What the device is: robot, bin, meter or mocap.")],
     owner: Annotated[str, typer.Option(help="A participant's name or an address.")],
     name: Annotated[str, typer.Option(help="Its name on the site, for example panther1 or dock1.")],
+    signature: Annotated[str, typer.Option(help="The key's own signature: `sign-device` makes it.")],
     site: SiteOption = DEFAULT_SITE,
     participant: ParticipantOption = "organization",
 ) -> None:
-    """Let a key sign evidence. If another key has this role and name, revoke that key first."""
+    """Let a key sign evidence. If another key has this role and name, revoke that key first. Registered again
+    with the same role and name, the key has another owner."""
     send(
         site,
         participant,
@@ -621,7 +623,25 @@ def register_device(
         role=role,
         owner=owner,
         name=name,
+        signature=signature,
     )
+
+
+@organization.command("sign-device")
+@reports_errors
+def sign_device(
+    keystore: Annotated[str, typer.Argument(help="The device's keystore in the site's folder of keys.")],
+    owner: Annotated[str, typer.Option(help="A participant's name or an address.")],
+    nonce: Annotated[int, typer.Option(min=0, help="How often the key was registered before.")] = 0,
+    site: SiteOption = DEFAULT_SITE,
+) -> None:
+    """Sign with a device's key that it belongs to an owner, and print the signature for `register-device`."""
+    with connected(site) as (loaded, bus):
+        chain = queries.ask(bus, loaded.org, queries.CHAIN)
+        people = queries.ask(bus, loaded.org, queries.PARTICIPANTS).participants
+    address = next((one.address for one in people if one.name == owner), owner)
+    key = wallets.load(loaded, keystore)
+    say(possession.sign(key, address, nonce, chain.chain_id, chain.contracts.organization))
 
 
 @organization.command("revoke-device")

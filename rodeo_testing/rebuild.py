@@ -198,6 +198,8 @@ class Rebuilt:
                     registrar=event.registrar,
                     revocation=Revocation.NONE,
                 )
+            case events.DeviceOwnerChanged():
+                self.devices[event.device] = replace(self.devices[event.device], owner=event.owner)
             case events.DeviceRevoked():
                 revoked = replace(self.devices[event.device], revoked_at=time_s, revocation=event.reason)
                 self.devices[event.device] = revoked

@@ -1,32 +1,57 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {ECDSA} from "@openzeppelin/contracts/utils/cryptography/ECDSA.sol";
+import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
 import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
 import {Device, IDeviceRegistry, Revocation} from "./interfaces/IDeviceRegistry.sol";
 import {Texts} from "./libraries/Texts.sol";
 
 /// @dev The inheriting contract decides who may register.
-abstract contract DeviceRegistry is IDeviceRegistry {
+abstract contract DeviceRegistry is IDeviceRegistry, EIP712 {
     using SafeCast for uint256;
+
+    bytes32 private constant POSSESSION_TYPEHASH =
+        keccak256("Possession(address device,address owner,uint256 nonce)");
 
     mapping(address device => Device) private _devices;
     /// @inheritdoc IDeviceRegistry
     mapping(bytes32 role => mapping(bytes32 name => address)) public deviceNamed;
     /// @inheritdoc IDeviceRegistry
     mapping(address device => mapping(uint64 day => bytes32)) public rootOf;
+    /// @inheritdoc IDeviceRegistry
+    mapping(address device => uint256) public deviceNonce;
+
+    constructor() EIP712("RODEO DeviceRegistry", "1") {}
 
     /// @inheritdoc IDeviceRegistry
     function device(address device_) external view returns (Device memory) {
         return _device(device_);
     }
 
-    function _registerDevice(address device_, bytes32 role, address owner, bytes32 name) internal {
+    function _registerDevice(
+        address device_,
+        bytes32 role,
+        address owner,
+        bytes32 name,
+        bytes32 r,
+        bytes32 vs
+    ) internal {
         if (device_ == address(0) || role == 0 || owner == address(0) || name == 0) {
             revert InvalidDevice(device_, role, owner, name);
         }
-        if (_devices[device_].registeredAt != 0) revert DeviceAlreadyRegistered(device_);
+        Device storage d = _devices[device_];
+        if (d.registeredAt != 0) {
+            bool another = d.role != role || d.name != name;
+            if (another || d.owner == owner || d.revokedAt != 0) revert DeviceAlreadyRegistered(device_);
+            _requirePossession(device_, owner, r, vs);
+            d.owner = owner;
+            emit DeviceOwnerChanged(device_, owner, msg.sender);
+            return;
+        }
         address holder = deviceNamed[role][name];
         if (holder != address(0)) revert DeviceNameTaken(role, name, holder);
+        _requirePossession(device_, owner, r, vs);
         deviceNamed[role][name] = device_;
         _devices[device_] = Device({
             role: role,
@@ -38,6 +63,15 @@ abstract contract DeviceRegistry is IDeviceRegistry {
             revocation: Revocation.None
         });
         emit DeviceRegistered(device_, role, owner, name, msg.sender);
+    }
+
+    /// @dev The key itself signed, and no earlier signature of it is used again.
+    function _requirePossession(address device_, address owner, bytes32 r, bytes32 vs) private {
+        bytes32 said = keccak256(abi.encode(POSSESSION_TYPEHASH, device_, owner, deviceNonce[device_]++));
+        // Where it fails the signer is 0, which is no device.
+        // slither-disable-next-line unused-return
+        (address signer,,) = ECDSA.tryRecover(_hashTypedDataV4(said), r, vs);
+        if (signer != device_) revert NotSignedByDevice(device_, owner);
     }
 
     function _revokeDevice(address device_, Revocation reason) internal {

@@ -213,11 +213,15 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IDeviceRegistry
-    function registerDevice(address device_, bytes32 role, address owner_, bytes32 name)
-        external
-        onlyRole(DEFAULT_ADMIN_ROLE)
-    {
-        _registerDevice(device_, role, owner_, name);
+    function registerDevice(
+        address device_,
+        bytes32 role,
+        address owner_,
+        bytes32 name,
+        bytes32 r,
+        bytes32 vs
+    ) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        _registerDevice(device_, role, owner_, name, r, vs);
         services.recordOwner(device_, owner_);
     }
 

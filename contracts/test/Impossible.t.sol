@@ -4,6 +4,7 @@ pragma solidity ^0.8.28;
 import {IServiceManager, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
 import {Cause, ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Fixture} from "./Fixture.sol";
+import {Possession} from "./Possession.sol";
 
 /// @notice Tasks that nobody can do: what they cost, and whom.
 contract ImpossibleTest is Fixture {
@@ -163,7 +164,7 @@ contract ImpossibleTest is Fixture {
         offer(robot1, 80 ether);
         offer(robot2, 80 ether);
         vm.prank(admin);
-        organization.registerDevice(robot2, "robot", alice, "robot2");
+        Possession.register(organization, robot2, "robot", alice, "robot2");
         for (uint256 i = 0; i < 3; ++i) {
             _abandonedAndDone(alice);
         }
@@ -210,7 +211,7 @@ contract ImpossibleTest is Fixture {
         setTerms(0, 0, 0);
         uint256 serviceId = offer(robot1, 80 ether);
         vm.prank(admin);
-        organization.registerDevice(robot1, "robot", bob, "robot1");
+        Possession.register(organization, robot1, "robot", bob, "robot1");
         uint256 taskId = post(alice, 100 ether);
         for (uint256 n = 0; n < ATTEMPTS; ++n) {
             attempt(taskId, false);

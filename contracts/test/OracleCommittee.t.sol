@@ -5,6 +5,7 @@ import {OracleCommittee} from "../src/OracleCommittee.sol";
 import {IOracleCommittee, Judge, Quorum, Vote} from "../src/interfaces/IOracleCommittee.sol";
 import {ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Committee} from "./Committee.sol";
+import {Possession} from "./Possession.sol";
 
 contract OracleCommitteeTest is Committee {
     string private constant REPORT_URI = "https://store/report.json";
@@ -218,15 +219,15 @@ contract OracleCommitteeTest is Committee {
     function test_aJudgeWhoseOwnerOwnsAPartyDoesNotJudge() public {
         address company = makeAddr("company");
         vm.startPrank(admin);
-        organization.registerDevice(robot1, "wallet", company, "robot1");
-        organization.registerDevice(alice, "wallet", company, "alice");
+        Possession.register(organization, robot1, "wallet", company, "robot1");
+        Possession.register(organization, alice, "wallet", company, "alice");
         vm.stopPrank();
         _refusedWithOwner(company);
     }
 
     function test_theJudgeOfAnybodyElseDoes() public {
         vm.prank(admin);
-        organization.registerDevice(robot1, "wallet", makeAddr("company"), "robot1");
+        Possession.register(organization, robot1, "wallet", makeAddr("company"), "robot1");
         Vote memory vote = accepting(submitted());
         committee.postVotes(vote, REPORT_URI, _withJudgeOf(bob, vote));
         assertState(vote.taskId, TaskState.Settled);

@@ -9,6 +9,7 @@ import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.s
 import {ITaskManager, Silence, Task, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Texts} from "../src/libraries/Texts.sol";
 import {Fixture} from "./Fixture.sol";
+import {Possession} from "./Possession.sol";
 
 /// @notice Policies that misbehave, each in its own way.
 contract BadPolicy is IMatchingPolicy {
@@ -151,7 +152,7 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         organization.reinstateService(1);
         vm.expectRevert(refusal);
-        organization.registerDevice(robot1, "robot", robot1, "panther1");
+        Possession.register(organization, robot1, "robot", robot1, "panther1");
         vm.expectRevert(refusal);
         organization.revokeDevice(robot1, Revocation.Superseded);
     }
@@ -377,9 +378,9 @@ contract OrganizationTest is Fixture {
         vm.startPrank(admin);
         vm.expectEmit(address(organization));
         emit IDeviceRegistry.DeviceRegistered(device, "robot", robot1, "panther1", admin);
-        organization.registerDevice(device, "robot", robot1, "panther1");
+        Possession.register(organization, device, "robot", robot1, "panther1");
         vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.DeviceAlreadyRegistered.selector, device));
-        organization.registerDevice(device, "bin", robot2, "itrash");
+        Possession.register(organization, device, "bin", robot2, "itrash");
 
         uint256 registeredAt = block.timestamp;
         vm.warp(registeredAt + 100);
@@ -418,42 +419,101 @@ contract OrganizationTest is Fixture {
             abi.encodeWithSelector(IDeviceRegistry.InvalidDevice.selector, device, role, owner, name)
         );
         vm.prank(admin);
-        organization.registerDevice(device, role, owner, name);
+        Possession.register(organization, device, role, owner, name);
     }
 
     function test_attack_aSecondKeyPosesAsTheBin() public {
         address bin = makeAddr("bin");
         vm.startPrank(admin);
-        organization.registerDevice(bin, "bin", address(organization), "itrash");
+        Possession.register(organization, bin, "bin", address(organization), "itrash");
         assertEq(organization.deviceNamed("bin", "itrash"), bin);
         vm.expectRevert(
             abi.encodeWithSelector(
                 IDeviceRegistry.DeviceNameTaken.selector, bytes32("bin"), bytes32("itrash"), bin
             )
         );
-        organization.registerDevice(stranger, "bin", stranger, "itrash");
+        Possession.register(organization, stranger, "bin", stranger, "itrash");
         // Another bin, and another device of that name, are others.
-        organization.registerDevice(robot1, "bin", address(organization), "itrash2");
-        organization.registerDevice(robot2, "meter", address(organization), "itrash");
+        Possession.register(organization, robot1, "bin", address(organization), "itrash2");
+        Possession.register(organization, robot2, "meter", address(organization), "itrash");
+    }
+
+    function test_attack_nobodyRegistersTheKeyOfAnother() public {
+        (bytes32 r, bytes32 vs) = _signed(block.chainid, stranger, robot1, 0);
+        _notSigned(robot2, robot1, r, vs);
+        _notSigned(robot2, robot1, 0, 0);
+    }
+
+    function test_attack_aSignatureIsForOneOwnerRegistryAndChain() public {
+        (bytes32 r, bytes32 vs) = _signed(block.chainid, robot2, robot1, 0);
+        _notSigned(robot2, alice, r, vs);
+        (r, vs) = _signed(block.chainid + 1, robot2, robot1, 0);
+        _notSigned(robot2, robot1, r, vs);
+        (r, vs) = Possession.sign(address(tasks), block.chainid, robot2, robot1, 0);
+        _notSigned(robot2, robot1, r, vs);
+        (r, vs) = _signed(block.chainid, robot2, robot1, 1);
+        _notSigned(robot2, robot1, r, vs);
+    }
+
+    function test_aKeyOfTheWrongOwnerIsRegisteredRightAndNoOldSignatureCountsAgain() public {
+        (bytes32 r0, bytes32 vs0) = _signed(block.chainid, robot2, alice, 0);
+        vm.startPrank(admin);
+        organization.registerDevice(robot2, "robot", alice, "panther1", r0, vs0);
+        assertEq(organization.deviceNonce(robot2), 1);
+        (bytes32 r1, bytes32 vs1) = _signed(block.chainid, robot2, robot1, 1);
+        vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.DeviceAlreadyRegistered.selector, robot2));
+        organization.registerDevice(robot2, "bin", robot1, "panther1", r1, vs1);
+        vm.expectEmit(address(organization));
+        emit IDeviceRegistry.DeviceOwnerChanged(robot2, robot1, admin);
+        organization.registerDevice(robot2, "robot", robot1, "panther1", r1, vs1);
+        vm.stopPrank();
+        assertEq(organization.device(robot2).owner, robot1);
+        vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.NotSignedByDevice.selector, robot2, alice));
+        vm.prank(admin);
+        organization.registerDevice(robot2, "robot", alice, "panther1", r0, vs0);
+        // What its owner pays it counts for nothing from now on.
+        uint256 serviceId = offer(robot2, 80 ether);
+        attempt(post(robot1, 100 ether), true);
+        assertEq(services.service(serviceId).reputation, 32);
+        vm.prank(admin);
+        organization.revokeDevice(robot2, Revocation.Superseded);
+        (r1, vs1) = _signed(block.chainid, robot2, alice, 2);
+        vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.DeviceAlreadyRegistered.selector, robot2));
+        vm.prank(admin);
+        organization.registerDevice(robot2, "robot", alice, "panther1", r1, vs1);
+    }
+
+    function _signed(uint256 chainId, address device, address owner, uint256 nonce)
+        private
+        view
+        returns (bytes32, bytes32)
+    {
+        return Possession.sign(address(organization), chainId, device, owner, nonce);
+    }
+
+    function _notSigned(address device, address owner, bytes32 r, bytes32 vs) private {
+        vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.NotSignedByDevice.selector, device, owner));
+        vm.prank(admin);
+        organization.registerDevice(device, "robot", owner, "panther1", r, vs);
     }
 
     function test_aNameIsFreeForTheNextKeyOnceTheOldOneIsRevoked() public {
         address next = makeAddr("next");
         vm.startPrank(admin);
-        organization.registerDevice(robot1, "bin", address(organization), "itrash");
+        Possession.register(organization, robot1, "bin", address(organization), "itrash");
         organization.revokeDevice(robot1, Revocation.Superseded);
         assertEq(organization.deviceNamed("bin", "itrash"), address(0));
-        organization.registerDevice(next, "bin", address(organization), "itrash");
+        Possession.register(organization, next, "bin", address(organization), "itrash");
         assertEq(organization.deviceNamed("bin", "itrash"), next);
         vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.DeviceAlreadyRegistered.selector, robot1));
-        organization.registerDevice(robot1, "bin", address(organization), "itrash2");
+        Possession.register(organization, robot1, "bin", address(organization), "itrash2");
     }
 
     function test_theRootOfADayIsPostedOnceByTheOwnerOrTheOperator() public {
         address bin = makeAddr("bin");
         vm.startPrank(admin);
-        organization.registerDevice(bin, "bin", address(organization), "itrash");
-        organization.registerDevice(robot2, "robot", robot1, "panther1");
+        Possession.register(organization, bin, "bin", address(organization), "itrash");
+        Possession.register(organization, robot2, "robot", robot1, "panther1");
         uint64 today = uint64(block.timestamp / 1 days);
         vm.expectEmit(address(organization));
         emit IDeviceRegistry.WitnessRoot(bin, today, "root", "store");
@@ -473,7 +533,7 @@ contract OrganizationTest is Fixture {
 
     function test_attack_strangersAndOtherDevicesPostNoRoots() public {
         vm.prank(admin);
-        organization.registerDevice(robot2, "robot", robot1, "panther1");
+        Possession.register(organization, robot2, "robot", robot1, "panther1");
         uint64 today = uint64(block.timestamp / 1 days);
         // Not even the device's own key: it signs evidence and sends nothing.
         address[3] memory others = [stranger, robot2, oracle];
@@ -492,7 +552,7 @@ contract OrganizationTest is Fixture {
     function test_aRootIsSomethingAndOfADayThatHasBegun() public {
         uint64 today = uint64(block.timestamp / 1 days);
         vm.startPrank(admin);
-        organization.registerDevice(robot2, "robot", robot1, "panther1");
+        Possession.register(organization, robot2, "robot", robot1, "panther1");
         vm.expectRevert(
             abi.encodeWithSelector(IDeviceRegistry.InvalidRoot.selector, robot2, today, bytes32(0), today)
         );
@@ -509,7 +569,7 @@ contract OrganizationTest is Fixture {
 
     function test_nobodyRevokesAKeyWithoutSayingWhy() public {
         vm.startPrank(admin);
-        organization.registerDevice(robot1, "bin", address(organization), "itrash");
+        Possession.register(organization, robot1, "bin", address(organization), "itrash");
         vm.expectRevert(abi.encodeWithSelector(IDeviceRegistry.RevocationWithoutReason.selector, robot1));
         organization.revokeDevice(robot1, Revocation.None);
     }

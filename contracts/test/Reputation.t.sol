@@ -5,6 +5,7 @@ import {IServiceManager, Outcome, ServiceState} from "../src/interfaces/IService
 import {Verdict} from "../src/interfaces/ITaskManager.sol";
 import {HighestReputation} from "../src/policies/HighestReputation.sol";
 import {Fixture} from "./Fixture.sol";
+import {Possession} from "./Possession.sol";
 
 /// @notice Reputation is what a provider did for others, by what they paid.
 contract ReputationTest is Fixture {
@@ -21,7 +22,7 @@ contract ReputationTest is Fixture {
 
     function _own(address device, address owner) private {
         vm.prank(admin);
-        organization.registerDevice(device, "wallet", owner, bytes32(uint256(uint160(device))));
+        Possession.register(organization, device, "wallet", owner, bytes32(uint256(uint160(device))));
     }
 
     function test_acceptedWorkCountsByWhatWasPaid() public {

@@ -259,8 +259,8 @@ class OrganizationCalls(ContractCalls):
     def post_root(self, device: str, day: int, root: bytes, uri: str) -> Call:
         return self._call("Organization", "postRoot", device, day, root, uri)
 
-    def register_device(self, device: str, role: str, owner: str, name: str) -> Call:
-        return self._call("Organization", "registerDevice", device, role, owner, name)
+    def register_device(self, device: str, role: str, owner: str, name: str, r: bytes, vs: bytes) -> Call:
+        return self._call("Organization", "registerDevice", device, role, owner, name, r, vs)
 
     def register_service(
         self, kind: str, price: int, max_bond: int, auto_accept: bool, description: str

@@ -116,6 +116,10 @@ class ChainClient:
         """Raises ContractReverted: UnknownDevice."""
         return self._view("Organization", "device", to_checksum_address(address))
 
+    def device_nonce(self, address: str) -> int:
+        """How often the key's own signature was used to register it."""
+        return int(self._view("Organization", "deviceNonce", to_checksum_address(address)))
+
     def root(self, device: str, day: int) -> bytes | None:
         """The root of what the device signed on `day`, counted from 1970-01-01 UTC; None: not posted."""
         found: bytes = self._view("Organization", "rootOf", to_checksum_address(device), day)

@@ -47,6 +47,13 @@ class Deposited(Event):
 
 
 @dataclass(frozen=True)
+class DeviceOwnerChanged(Event):
+    device: str
+    owner: str
+    registrar: str
+
+
+@dataclass(frozen=True)
 class DeviceRegistered(Event):
     device: str
     role: str

@@ -462,7 +462,8 @@ class Wallet:
         owner = self.names.address(command.owner)
         device = self.names.address(command.device)
         calls = self.client.organization_calls
-        return [calls.register_device(device, command.role, owner, command.name)]
+        r, vs = _bytes32(command.signature[:66]), _bytes32("0x" + command.signature[66:])
+        return [calls.register_device(device, command.role, owner, command.name, r, vs)]
 
     def _revoke_device(self, command: RevokeDevice) -> list[Call]:
         reason = Revocation[command.reason.upper()]

@@ -223,6 +223,8 @@ class Projection:
                     registrar=event.registrar,
                     registered=time_s,
                 )
+            case events.DeviceOwnerChanged():
+                rows.change(schema.devices, event.device, owner=event.owner)
             case events.DeviceRevoked():
                 because = event.reason.name.lower()
                 rows.change(schema.devices, event.device, revoked=time_s, revoked_because=because)

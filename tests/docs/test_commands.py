@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from eth_account import Account
 
 from rodeo.bus import Bus
 from rodeo.config import Site
@@ -127,7 +128,11 @@ def before(reader: Reader, command: str) -> str:
         revoke = f"rodeo organization revoke-device {old['address']} --reason superseded"
         done = reader.types(revoke)
         assert done.returncode == 0, done.stderr
-        return command.replace("0x...", "0x" + "1f" * 20)
+        new = Account.from_key("0x" + "1f" * 32)
+        sign = "rodeo organization sign-device new-device --owner organization"
+        signed = reader.types(f"RODEO_KEY_NEW_DEVICE={new.key.hex()} {sign}")
+        assert signed.returncode == 0, signed.stderr
+        return command.replace("0x...", new.address, 1).replace("0x...", signed.stdout.strip())
     return command
 
 

@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from eth_account import Account
 from web3 import Web3
 
-from rodeo import wallets
+from rodeo import possession, wallets
 from rodeo.bus import Bus, DaoEvents
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, QueryTimeout, RemoteError
@@ -455,12 +456,24 @@ def test_devices_are_known_with_their_roles_and_owners(dao: Dao) -> None:
 
 
 def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None:
-    device = "0x" + "12" * 20
-    request = {"device": device, "role": "mocap", "owner": "panther1"}
+    key = Account.from_key("0x" + "12" * 32)
+    device, client = key.address, dao.client()
+
+    def of(owner: str, nonce: int = 0) -> dict[str, str]:
+        of_chain = client.w3.eth.chain_id, client.organization
+        signature = possession.sign(key, wallets.address(dao.site, owner), nonce, *of_chain)
+        return {"device": device, "role": "mocap", "owner": owner, "signature": signature}
+
+    request = of("carla")
     with pytest.raises(RemoteError) as refused:
         dao.command("organization", "register_device", **request, name="mocap")
     assert refused.value.code == "device_name_taken"
+    with pytest.raises(RemoteError) as refused:
+        dao.command("organization", "register_device", **request | {"owner": "panther1"}, name="mocap2")
+    assert refused.value.code == "not_signed_by_device"
+    # It turns out to be panther1's.
     dao.command("organization", "register_device", **request, name="mocap2")
+    dao.command("organization", "register_device", **of("panther1", 1), name="mocap2")
     (known,) = [one for one in dao.state("devices")["devices"] if one["address"] == device]
     assert (known["role"], known["name"], known["owner_name"]) == ("mocap", "mocap2", "panther1")
     assert (known["revoked"], known["revoked_because"]) == (None, None)
@@ -495,7 +508,7 @@ def test_the_organization_keeps_its_devices_kinds_and_treasury(dao: Dao) -> None
     for command, fields in {
         "deposit": {"amount_iec": "1"},
         "withdraw": {"to": "panther1", "amount_iec": "1"},
-        "register_device": {"device": "0x" + "13" * 20, "role": "bin", "owner": "panther1", "name": "b"},
+        "register_device": of("panther1", 2) | {"name": "b"},
         "allow_kind": {"kind": "watering", "review": "auditor"},
     }.items():
         with pytest.raises(RemoteError) as refused:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from eth_account import Account
 from typer.testing import CliRunner
 
 from rodeo.config import Site
@@ -293,7 +294,7 @@ def test_a_task_that_cannot_be_posted_says_why(
     assert all(word in done.stderr for word in words), done.stderr
 
 
-def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
+def test_the_organization_is_run_from_a_terminal(up: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def organization(*arguments: str, status: int = 0) -> str:
         # In this process: the same code, without a second for each start of an interpreter.
         done = CliRunner().invoke(app, ["organization", *arguments, "--site", str(up)])
@@ -322,9 +323,15 @@ def test_the_organization_is_run_from_a_terminal(up: Path) -> None:
     organization("resume")
     assert "paused_recently" in organization("pause", "3600", status=1)
     rodeo(up, "task", "cancel", str(json.loads(rodeo(up, *create, "--json").stdout)["task_id"]))
-    device = "0x" + "Ab" * 20
-    about = ("--role", "bin", "--owner", "organization", "--name", "itrash2")
-    organization("register-device", device.lower(), *about)
+    key = Account.from_key("0x" + "ab" * 32)
+    device, owner = key.address, ("--owner", "organization")
+    monkeypatch.setenv("RODEO_KEY_ITRASH2_DEVICE", key.key.hex())
+    signature = organization("sign-device", "itrash2-device", *owner).strip()
+    about = ("--role", "bin", *owner, "--name", "itrash2")
+    assert "not_signed_by_device" in organization(
+        "register-device", device, *about, "--signature", "0x" + "12" * 64, status=1
+    )
+    organization("register-device", device.lower(), *about, "--signature", signature)
     now = state()
     assert (now["policy"], now["members_only"]) == ("lowest_price", True)
     assert now["terms"] == {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2}

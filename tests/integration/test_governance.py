@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from rodeo_cli import app
-from tests.support.dao import Dao
+from tests.support.dao import PARAMS, Dao
 from tests.support.site import RunningSite, write_site
 
 DELAY_S, PERIOD_S = 3600, 86_400
@@ -135,7 +135,7 @@ def test_only_tokens_that_were_wrapped_before_a_proposal_vote_on_it(owned: Dao) 
     # Carla has more than they, but no votes: she took back what she had wrapped, and 700 are in escrow.
     rodeo(owned, "wrap", "250", "--as", "carla")
     rodeo(owned, "unwrap", "250", "--as", "carla")
-    owned.command("carla", "register_task", kind="waste_disposal", reward_iec="700", params={"item": "can"})
+    owned.command("carla", "register_task", kind="waste_disposal", reward_iec="700", params=PARAMS)
     wallets = {one["name"]: one["address"] for one in owned.state("wallets")["wallets"]}
     assert [owned.client().votes(wallets[name]) // 10**18 for name in ("alice", "bob", "carla")] == [
         300,
@@ -153,7 +153,7 @@ def test_only_tokens_that_were_wrapped_before_a_proposal_vote_on_it(owned: Dao) 
         rodeo(owned, "vote", "1", support, "--as", who)
     rodeo(owned, "unwrap", "300", "--as", "alice")  # what was counted stays
     (proposal,) = proposals(owned).values()
-    assert proposal["votes"] == {"against": 100, "for": 300, "abstain": 0}
+    assert proposal["votes"] == {"against": "100", "for": "300", "abstain": "0"}
     pass_time(PERIOD_S)
     rodeo(owned, "queue", "1")
     pass_time(DELAY_S + 1)

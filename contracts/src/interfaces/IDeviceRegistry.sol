@@ -38,12 +38,17 @@ interface IDeviceRegistry {
         bytes32 deviceName,
         address registrar
     );
+    /// @notice It had been registered for the wrong one.
+    event DeviceOwnerChanged(address indexed device, address indexed owner, address registrar);
     event DeviceRevoked(address indexed device, Revocation reason);
     /// @param root of the statements that the device signed on `day`, counted from 1970-01-01 UTC
     /// @param uri location of the log of that day
     event WitnessRoot(address indexed device, uint64 indexed day, bytes32 root, string uri);
 
     error DeviceAlreadyRegistered(address device);
+    /// @notice The signature is of another key, or says something else: another owner, registry or chain, or what was
+    /// used before.
+    error NotSignedByDevice(address device, address owner);
     error UnknownDevice(address device);
     error DeviceAlreadyRevoked(address device, uint256 revokedAt);
     error InvalidDevice(address device, bytes32 role, address owner, bytes32 name);
@@ -55,8 +60,15 @@ interface IDeviceRegistry {
     error RootAlreadyPosted(address device, uint64 day, bytes32 root);
     error InvalidRoot(address device, uint64 day, bytes32 root, uint64 today);
 
-    /// @notice Let `device_` sign as the `role` called `name`, for `owner`. Only the administrator.
-    function registerDevice(address device_, bytes32 role, address owner, bytes32 name) external;
+    /// @notice Let `device_` sign as the `role` called `name`, for `owner`. The key itself has to agree to this owner.
+    /// Again, with the same role and name, it corrects the owner. Only the administrator.
+    /// @param r of the key's signature (EIP-712, EIP-2098) of Possession(device, owner, deviceNonce)
+    /// @param vs the rest of that signature
+    function registerDevice(address device_, bytes32 role, address owner, bytes32 name, bytes32 r, bytes32 vs)
+        external;
+
+    /// @notice How often the key's signature was used: the next one has to name this number.
+    function deviceNonce(address device_) external view returns (uint256);
 
     /// @notice Invalidate everything the device signs from now on. `reason` decides about earlier signatures.
     /// Only the administrator.

@@ -19,6 +19,7 @@ import {
     TaskState,
     Verdict
 } from "../../src/interfaces/ITaskManager.sol";
+import {Possession} from "../Possession.sol";
 
 /// @notice What a service agreed to and what should be left of it, from the rules alone.
 struct Ghost {
@@ -82,6 +83,8 @@ contract Handler is CommonBase, StdUtils {
     mapping(address provider => uint256) private _naps;
     mapping(address provider => Work) private _work;
     mapping(address device => address) private _owners;
+    /// @dev How often its signature was used.
+    mapping(address device => uint256) private _signatures;
     /// @notice When a provider that is asleep may wake up; 0 while it is awake.
     mapping(address provider => uint256) public asleepUntil;
     /// @dev The services that gave a task back early, not twice in a row the same.
@@ -735,14 +738,37 @@ contract Handler is CommonBase, StdUtils {
         _organization.setTerms(Terms(bond, penalty, maxFailures % 4));
     }
 
-    /// @dev One provider turns out to be another participant's device.
+    /// @dev One provider turns out to be another participant's device, or its owner to have been wrong. Signatures of
+    /// another key, for another owner, and of an earlier time, are tried before.
     function registerDevice(uint256 who, uint256 whose) external {
         address provider = _providers[bound(who, 0, _providers.length - 1)];
-        if (_owners[provider] != address(0)) return;
         address owner = _creators[bound(whose, 0, _creators.length - 1)];
-        vm.prank(_admin);
-        _organization.registerDevice(provider, "wallet", owner, bytes32(uint256(uint160(provider))));
+        uint256 nonce = _signatures[provider];
+        if (_owners[provider] == owner) return;
+        if (_register(provider, owner, _creators[0], owner, nonce)) {
+            violation = "another's key was registered";
+        }
+        if (_register(provider, owner, provider, _admin, nonce)) violation = "a key agreed to another owner";
+        if (nonce != 0 && _register(provider, owner, provider, owner, nonce - 1)) {
+            violation = "a signature counted again";
+        }
+        if (!_register(provider, owner, provider, owner, nonce)) violation = "a device was not registered";
         _owners[provider] = owner;
+        ++_signatures[provider];
+    }
+
+    /// @dev With a signature of `key` for `named`.
+    function _register(address device, address owner, address key, address named, uint256 nonce)
+        private
+        returns (bool)
+    {
+        (bytes32 r, bytes32 vs) = Possession.sign(address(_organization), block.chainid, key, named, nonce);
+        vm.prank(_admin);
+        try _organization.registerDevice(device, "wallet", owner, bytes32(uint256(uint160(device))), r, vs) {
+            return true;
+        } catch {
+            return false;
+        }
     }
 
     function setAudit(bool executor) external {

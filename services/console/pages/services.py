@@ -294,6 +294,7 @@ class ServicesPage:
                 "role": Field("Role", choices={name: name for name in ("robot", "bin", "meter", "mocap")}),
                 "name": Field("Name on its site"),
                 "owner": Field("Owner: a participant or an address"),
+                "signature": Field("The key's own signature: `rodeo organization sign-device`"),
             },
             "Register it",
             lambda answer: self._act("register_device", answer, "The key may sign evidence"),

@@ -55,6 +55,7 @@ SAMPLES: dict[str, Any] = {
     "name": "panther1",
     "r": bytes(32),
     "s": bytes(32),
+    "vs": bytes(32),
     "policy": Policy.LOWEST_PRICE,
     "vote": Vote(1, 1, bytes(32), bytes(32), bytes(32), Verdict.ACCEPTED, 1, "accepted"),
     "signatures": bytes(192),

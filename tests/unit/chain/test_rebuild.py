@@ -10,9 +10,12 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from eth_account import Account
 from eth_account.signers.local import LocalAccount
 
+from rodeo import possession
 from rodeo.chain import (
+    Call,
     Log,
     Policy,
     Review,
@@ -32,7 +35,8 @@ from services.bridge.index import Index, Position, TimedLog, sqlite_url
 from tests.support.organization import GENESIS_S, KIND, PROOF, REPORT, Organization, running_chain
 
 STEPS = 90
-DEVICE = "0x" + "00" * 19 + "01"
+DEVICE_KEY = Account.from_key("0x" + "11" * 32)
+DEVICE = DEVICE_KEY.address
 JUDGES = [f"0x{number:040}" for number in (11, 12, 13)]
 
 
@@ -69,7 +73,8 @@ class Life:
             calls.grant_role(Role.GUARDIAN, organization.operator.address),
             calls.pause_tasks(600),
             calls.resume_tasks(),
-            calls.register_device(DEVICE, "mocap", organization.robot.address, "mocap2"),
+            self.registered_device(organization.operator.address, 0),
+            self.registered_device(organization.robot.address, 1),
             *(calls.allow_kind(KIND, Review.ORACLE, rules) for rules in (PROOF, REPORT, PROOF)),
             calls.retire_rules(KIND, REPORT),
             calls.allow_kind("painting", Review.AUDITOR, PROOF),
@@ -83,6 +88,12 @@ class Life:
             organization.send(organization.operator, call)
         organization.send(organization.operator, calls.revoke_device(DEVICE, Revocation.COMPROMISED))
         organization.send(organization.operator, calls.revoke_role(Role.AUDITOR, organization.oracle.address))
+
+    def registered_device(self, owner: str, nonce: int) -> Call:
+        client = self.organization.client
+        signature = possession.sign(DEVICE_KEY, owner, nonce, client.w3.eth.chain_id, client.organization)
+        r, vs = bytes.fromhex(signature[2:66]), bytes.fromhex(signature[66:])
+        return client.organization_calls.register_device(DEVICE, "mocap", owner, "mocap2", r, vs)
 
     def step(self) -> None:
         often = [self.post, self.offer, self.prove, self.judge, self.audit]

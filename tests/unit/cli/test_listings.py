@@ -40,8 +40,8 @@ ACTS = {
     *(f"rodeo robot {order}" for order in robot.ORDERS),
     *(f"rodeo organization {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
-        "reinstate", "rescue", "deposit", "withdraw", "register-device", "revoke-device", "retire-rules",
-        "budget", "pause", "resume", "vote", "queue", "execute", "judge-key",
+        "reinstate", "rescue", "deposit", "withdraw", "register-device", "sign-device", "revoke-device",
+        "retire-rules", "budget", "pause", "resume", "vote", "queue", "execute", "judge-key",
         "seat", "unseat", "quorum", "wrap", "unwrap",
     )),
     *(f"rodeo organization propose {change}" for change in (

@@ -535,6 +535,13 @@ def test_a_device_is_kept_after_it_is_revoked(chain: Chain) -> None:
     assert (device["registered"], device["revoked"], device["revoked_because"]) == (5, 9, "superseded")
 
 
+def test_a_device_has_the_owner_that_it_was_registered_for_last(chain: Chain) -> None:
+    chain.block(events.DeviceRegistered(ROBOT, "robot", CREATOR, "panther1", CREATOR), time_s=5)
+    chain.block(events.DeviceOwnerChanged(ROBOT, ROBOT, CREATOR), time_s=9)
+    (device,) = chain.index.devices()
+    assert (device["owner"], device["registered"], device["revoked"]) == (ROBOT, 5, None)
+
+
 def test_what_was_published_is_remembered(chain: Chain, tmp_path: Path) -> None:
     chain.block(registered(), offered())
     chain.index.mark_published(1)
