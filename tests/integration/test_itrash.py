@@ -118,7 +118,8 @@ class Office:
             "TaskManager": SCOPE.task_manager,
             "Organization": SCOPE.organization,
         }
-        listed = {"AUDITOR_ROLE": [{"address": AUDITOR.address, "name": "anna"}]}
+        auditors = {"anna": AUDITOR.address, "organization": wallets.address(site.site, "organization")}
+        listed = {"AUDITOR_ROLE": [{"address": one, "name": name} for name, one in auditors.items()]}
         answered = {
             "organization": answers.organization() | {"roles": listed},
             "chain": answers.chain(chain_id=SCOPE.chain_id, contracts=contracts),
@@ -241,6 +242,8 @@ def corrections(site: RunningSite, classified: Classification, photo: bytes) -> 
     assert (folder / classified.image_sha256).read_bytes() == photo
     listing = CliRunner().invoke(app, ["bin", "corrections", "--site", str(site.path)])
     assert "itrash was right in 0 of 1 (0%)" in listing.output
+    confirmed = CliRunner().invoke(app, ["bin", "correct", "plastic", "--site", str(site.path)])
+    assert "itrash was right in 1 of 2 (50%)" in confirmed.output
 
 
 def test_a_robot_that_presents_itself_is_named_and_a_stranger_is_not(
