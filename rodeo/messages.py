@@ -400,6 +400,18 @@ class Dismiss(Command):
     account: Party
 
 
+class SuspendProvider(Command):
+    """None of its services gets a task, and it offers no other, until it is reinstated."""
+
+    account: Party
+
+
+class ReinstateProvider(Command):
+    """Let it offer services again. Those that it has are reinstated one by one."""
+
+    account: Party
+
+
 class SuspendService(Command):
     service_id: Id
 
@@ -428,9 +440,10 @@ class RevokeRole(Command):
 
 Proposable = Literal[
     "admit", "allow_kind", "change_judge_key", "dismiss", "grant_role", "register_device",
-    "reinstate_service", "rescue_tokens", "resume_tasks", "retire_rules", "revoke_device", "revoke_role",
+    "reinstate_provider", "reinstate_service", "rescue_tokens", "resume_tasks", "retire_rules",
+    "revoke_device", "revoke_role",
     "seat_judge", "set_budget", "set_members_only", "set_policy", "set_quorum", "set_terms",
-    "suspend_service", "unseat_judge", "update_service",
+    "suspend_provider", "suspend_service", "unseat_judge", "update_service",
 ]  # fmt: skip
 """Commands of the organization that its members can decide about."""
 
@@ -552,6 +565,8 @@ COMMANDS: dict[str, type[Command]] = {
     "resume_tasks": ResumeTasks,
     "admit": Admit,
     "dismiss": Dismiss,
+    "suspend_provider": SuspendProvider,
+    "reinstate_provider": ReinstateProvider,
     "suspend_service": SuspendService,
     "reinstate_service": ReinstateService,
     "rescue_tokens": RescueTokens,

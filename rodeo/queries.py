@@ -331,7 +331,7 @@ class Terms(Answer):
 
 
 class Holder(Answer):
-    """Account that holds a role."""
+    """Account that holds a role, or is suspended."""
 
     address: str
     name: str | None
@@ -364,6 +364,8 @@ class Organization(Answer):
     kinds: list[KindRules]
     terms: Terms
     members_only: bool
+    suspended_providers: list[Holder] = []
+    """They offer no services until the administrator reinstates them."""
     budgets: dict[str, Budget] = {}
     """By the contract's name of the role. A role without one has no limit."""
     paused_until_s: int = 0

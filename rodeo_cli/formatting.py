@@ -33,6 +33,8 @@ _SENTENCES = {
     "nothing_owed": "the organization owes this account nothing",
     "service_not_idle": "the service still has tasks to do",
     "provider_is_asleep": "too many attempts passed without a proof, and it is too early to offer work again",
+    "provider_is_suspended": "the organization has suspended the provider",
+    "provider_not_suspended": "the provider is not suspended",
     "service_is_retired": "the service was withdrawn for good",
     "service_is_suspended": "the organization has suspended the service",
     "device_name_taken": "another key has this role and name",

@@ -62,6 +62,7 @@ def show(site: SiteOption = DEFAULT_SITE, as_json: JsonOption = False) -> None:
         ),
         ("decided by", _DECIDES[state.votes_by]),
         ("open to", "members" if state.members_only else "everybody"),
+        *(("suspended provider", one.name or one.address) for one in state.suspended_providers),
         ("new tasks", _pause_in_words(state, loaded)),
         *(
             (f"budget of {_ROLES[role]}", f"{iec(one.amount_iec)} in {span(one.period_s)}")
@@ -402,6 +403,30 @@ def revoke(
     )
 
 
+@organization.command("suspend-provider")
+@reports_errors
+def suspend_provider(
+    account: AccountArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Give no service of a provider more tasks, and let it offer no others."""
+    done = f"{account} and its services are suspended. Running tasks go on."
+    send(site, participant, "suspend_provider", done, account=account)
+
+
+@organization.command("reinstate-provider")
+@reports_errors
+def reinstate_provider(
+    account: AccountArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+) -> None:
+    """Let a suspended provider offer services again. Reinstate those that it has one by one."""
+    done = f"{account} may offer services again. Those that it has stay suspended until you reinstate them."
+    send(site, participant, "reinstate_provider", done, account=account)
+
+
 @organization.command("suspend")
 @reports_errors
 def suspend(
@@ -682,6 +707,8 @@ register(
         "dismiss": dismiss,
         "grant": grant,
         "revoke": revoke,
+        "suspend-provider": suspend_provider,
+        "reinstate-provider": reinstate_provider,
         "suspend": suspend,
         "reinstate": reinstate,
         "rescue": rescue,

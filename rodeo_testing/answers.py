@@ -54,6 +54,7 @@ def organization(audited: Sequence[str] = (), measured: Sequence[str] = ()) -> d
         "decided_by": "administrator",
         "votes_by": None,
         "judges": [],
+        "suspended_providers": [],
         "budgets": {},
         "roles": {},
         "contracts": CONTRACTS,

@@ -43,6 +43,7 @@ class Rebuilt:
     """Provider -> failures in a row of all its services."""
     work: dict[str, Work] = field(default_factory=dict)
     """Provider -> what it is known for."""
+    suspended_providers: set[str] = field(default_factory=set)
     asleep: dict[str, int] = field(default_factory=dict)
     """Provider -> when it may wake up, of those that are asleep."""
     waiting: list[int] = field(default_factory=list)
@@ -172,6 +173,10 @@ class Rebuilt:
                 self._service(event.service_id, state=ServiceState.SUSPENDED)
             case events.ServiceFellAsleep():
                 self._service(event.service_id, state=ServiceState.PAUSED)
+            case events.ProviderSuspended():
+                self.suspended_providers.add(event.provider)
+            case events.ProviderReinstated():
+                self.suspended_providers.remove(event.provider)
             case events.ProviderFellAsleep():
                 self.asleep[event.provider] = event.until
             case events.ProviderWokeUp():

@@ -51,6 +51,8 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     bool public membersOnly;
     /// @inheritdoc IOrganization
     uint40 public pausedUntil;
+    /// @inheritdoc IOrganization
+    mapping(address provider => bool) public isSuspended;
     Terms private _terms;
     mapping(bytes32 kind => Kind) private _kinds;
     /// @dev The newest last.
@@ -180,7 +182,24 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     }
 
     /// @inheritdoc IOrganization
+    function suspendProvider(address provider) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        if (provider == address(this)) revert OrganizationIsProvider();
+        _requireNotSuspended(provider);
+        isSuspended[provider] = true;
+        emit ProviderSuspended(provider);
+        services.suspendServicesOf(provider);
+    }
+
+    /// @inheritdoc IOrganization
+    function reinstateProvider(address provider) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        if (!isSuspended[provider]) revert ProviderNotSuspended(provider);
+        isSuspended[provider] = false;
+        emit ProviderReinstated(provider);
+    }
+
+    /// @inheritdoc IOrganization
     function reinstateService(uint256 serviceId) external onlyRole(DEFAULT_ADMIN_ROLE) {
+        _requireNotSuspended(services.providerOf(serviceId));
         services.reinstate(serviceId);
     }
 
@@ -365,13 +384,14 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     /// @inheritdoc IOrganization
     function admitService(bytes32 kind, address provider) external view returns (Terms memory) {
         _admit(kind, provider);
+        _requireNotSuspended(provider);
         return _terms;
     }
 
     /// @dev Who may not take part any more gets no more tasks, however the role was lost.
     function _revokeRole(bytes32 role, address account) internal override returns (bool revoked) {
         revoked = super._revokeRole(role, account);
-        if (revoked && role == MEMBER_ROLE && membersOnly) services.suspendProvider(account);
+        if (revoked && role == MEMBER_ROLE && membersOnly) services.suspendServicesOf(account);
     }
 
     /// @dev The organization itself needs no membership.
@@ -381,6 +401,10 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
         if (membersOnly && participant != address(this) && !isMember(participant)) {
             revert NotMember(participant);
         }
+    }
+
+    function _requireNotSuspended(address provider) private view {
+        if (isSuspended[provider]) revert ProviderIsSuspended(provider);
     }
 
     /// @dev Take `amount` from the budget of `role` before it leaves the treasury.

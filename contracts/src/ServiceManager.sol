@@ -205,7 +205,7 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function suspendProvider(address provider) external onlyOrganization {
+    function suspendServicesOf(address provider) external onlyOrganization {
         _suspendAll(provider);
     }
 

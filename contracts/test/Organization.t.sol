@@ -152,6 +152,10 @@ contract OrganizationTest is Fixture {
         vm.expectRevert(refusal);
         organization.reinstateService(1);
         vm.expectRevert(refusal);
+        organization.suspendProvider(robot1);
+        vm.expectRevert(refusal);
+        organization.reinstateProvider(robot1);
+        vm.expectRevert(refusal);
         Possession.register(organization, robot1, "robot", robot1, "panther1");
         vm.expectRevert(refusal);
         organization.revokeDevice(robot1, Revocation.Superseded);

@@ -356,6 +356,65 @@ contract TermsTest is Fixture {
     function test_onlyTheOrganizationSuspendsAProvider() public {
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotOrganization.selector, stranger));
         vm.prank(stranger);
-        services.suspendProvider(robot1);
+        services.suspendServicesOf(robot1);
+    }
+
+    function test_aSuspendedProvidersServicesLeaveTheLineAtOnce() public {
+        uint256 first = offer(robot1, 1 ether);
+        uint256 second = offer(robot1, 2 ether);
+        uint256 other = offer(robot2, 80 ether);
+        vm.expectEmit(address(organization));
+        emit IOrganization.ProviderSuspended(robot1);
+        vm.prank(admin);
+        organization.suspendProvider(robot1);
+        assertTrue(organization.isSuspended(robot1));
+        assertEq(uint8(services.service(first).state), uint8(ServiceState.Suspended));
+        assertEq(uint8(services.service(second).state), uint8(ServiceState.Suspended));
+        assertAssigned(post(alice, 100 ether), other);
+        assertState(post(alice, 100 ether), TaskState.Open);
+    }
+
+    function test_aSuspendedProviderRegistersNoServiceUntilItIsReinstated() public {
+        uint256 serviceId = offer(robot1, 1 ether);
+        bytes memory refusal = abi.encodeWithSelector(IOrganization.ProviderIsSuspended.selector, robot1);
+        vm.startPrank(admin);
+        organization.suspendProvider(robot1);
+        vm.expectRevert(refusal);
+        organization.suspendProvider(robot1);
+        vm.expectRevert(refusal);
+        organization.reinstateService(serviceId);
+        vm.stopPrank();
+        vm.expectRevert(refusal);
+        offer(robot1, 1 ether);
+        vm.expectEmit(address(organization));
+        emit IOrganization.ProviderReinstated(robot1);
+        vm.startPrank(admin);
+        organization.reinstateProvider(robot1);
+        vm.expectRevert(abi.encodeWithSelector(IOrganization.ProviderNotSuspended.selector, robot1));
+        organization.reinstateProvider(robot1);
+        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Suspended));
+        organization.reinstateService(serviceId);
+        vm.stopPrank();
+        assertEq(uint8(services.service(serviceId).state), uint8(ServiceState.Paused));
+        assertAssigned(post(alice, 10 ether), offer(robot1, 1 ether));
+    }
+
+    function test_aSuspendedProviderFinishesItsTaskAndTakesItsBondBack() public {
+        setTerms(20 ether, 5 ether, 0);
+        uint256 serviceId = offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        uint256 before = coin.balanceOf(robot1);
+        vm.prank(admin);
+        organization.suspendProvider(robot1);
+        attempt(taskId, true);
+        assertState(taskId, TaskState.Settled);
+        update(serviceId, 80 ether, ServiceState.Retired);
+        assertEq(coin.balanceOf(robot1), before + 80 ether + 20 ether);
+    }
+
+    function test_theOrganizationIsNotSuspendedAsAProvider() public {
+        vm.expectRevert(IOrganization.OrganizationIsProvider.selector);
+        vm.prank(admin);
+        organization.suspendProvider(address(organization));
     }
 }

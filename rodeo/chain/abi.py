@@ -270,6 +270,9 @@ class OrganizationCalls(ContractCalls):
     def register_task(self, request: TaskRequest) -> Call:
         return self._call("Organization", "registerTask", request)
 
+    def reinstate_provider(self, provider: str) -> Call:
+        return self._call("Organization", "reinstateProvider", provider)
+
     def reinstate_service(self, service_id: int) -> Call:
         return self._call("Organization", "reinstateService", service_id)
 
@@ -317,6 +320,9 @@ class OrganizationCalls(ContractCalls):
 
     def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
         return self._call("Organization", "submitProof", task_id, attempt, proof_hash, uri)
+
+    def suspend_provider(self, provider: str) -> Call:
+        return self._call("Organization", "suspendProvider", provider)
 
     def suspend_service(self, service_id: int) -> Call:
         return self._call("Organization", "suspendService", service_id)
@@ -386,9 +392,6 @@ class ServiceManagerCalls(ContractCalls):
         return self._call(
             "ServiceManager", "registerService", kind, price, max_bond, auto_accept, description
         )
-
-    def suspend_provider(self, provider: str) -> Call:
-        return self._call("ServiceManager", "suspendProvider", provider)
 
     def update_service(self, service_id: int, price: int, state: ServiceState) -> Call:
         return self._call("ServiceManager", "updateService", service_id, price, state)

@@ -146,6 +146,9 @@ class ChainClient:
     def members_only(self) -> bool:
         return self._view("Organization", "membersOnly")
 
+    def is_suspended(self, provider: str) -> bool:
+        return self._view("Organization", "isSuspended", to_checksum_address(provider))
+
     def budget(self, role: Role) -> Budget:
         """What the holders of OPERATOR or TREASURER may spend; a period of 0 is no limit."""
         return self._view("Organization", "budgetOf", role.id)

@@ -97,6 +97,16 @@ class PolicyChanged(Event):
 
 
 @dataclass(frozen=True)
+class ProviderReinstated(Event):
+    provider: str
+
+
+@dataclass(frozen=True)
+class ProviderSuspended(Event):
+    provider: str
+
+
+@dataclass(frozen=True)
 class RoleGranted(Event):
     role: str
     account: str

@@ -20,7 +20,7 @@ from rodeo.errors import snake_case
 BETWEEN_CONTRACTS = frozenset(
     {
         *("acquire", "holdBond", "offer", "placeService", "recordOwner"),
-        *("reinstate", "release", "returnBond", "suspend"),
+        *("reinstate", "release", "returnBond", "suspend", "suspendServicesOf"),
     }
 )
 """Functions that refuse everybody but another of the contracts."""

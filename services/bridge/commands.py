@@ -64,6 +64,7 @@ from rodeo.messages import (
     RegisterDevice,
     RegisterService,
     RegisterTask,
+    ReinstateProvider,
     ReinstateService,
     RescueTokens,
     ResumeTasks,
@@ -77,6 +78,7 @@ from rodeo.messages import (
     SetQuorum,
     SetTerms,
     SubmitProof,
+    SuspendProvider,
     SuspendService,
     Transfer,
     UnseatJudge,
@@ -534,6 +536,12 @@ class Wallet:
     def _dismiss(self, command: Dismiss) -> list[Call]:
         return [self.client.organization_calls.dismiss(self.names.address(command.account))]
 
+    def _suspend_provider(self, command: SuspendProvider) -> list[Call]:
+        return [self.client.organization_calls.suspend_provider(self.names.address(command.account))]
+
+    def _reinstate_provider(self, command: ReinstateProvider) -> list[Call]:
+        return [self.client.organization_calls.reinstate_provider(self.names.address(command.account))]
+
     def _suspend_service(self, command: SuspendService) -> list[Call]:
         return [self.client.organization_calls.suspend_service(command.service_id)]
 
@@ -801,6 +809,8 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "resume_tasks": (ResumeTasks, Wallet._resume_tasks),
     "admit": (Admit, Wallet._admit),
     "dismiss": (Dismiss, Wallet._dismiss),
+    "suspend_provider": (SuspendProvider, Wallet._suspend_provider),
+    "reinstate_provider": (ReinstateProvider, Wallet._reinstate_provider),
     "suspend_service": (SuspendService, Wallet._suspend_service),
     "reinstate_service": (ReinstateService, Wallet._reinstate_service),
     "rescue_tokens": (RescueTokens, Wallet._rescue_tokens),

@@ -204,6 +204,10 @@ class Projection:
             case events.ServiceReinstated():
                 rows.change(schema.services, event.service_id, state="paused")
                 self._change_provider(rows.get(schema.services, event.service_id)["provider"], failures=0)
+            case events.ProviderSuspended():
+                self._change_provider(event.provider, suspended=True)
+            case events.ProviderReinstated():
+                self._change_provider(event.provider, suspended=False)
             case events.ProviderFellAsleep():
                 self._change_provider(event.provider, asleep_until=event.until)
             case events.ProviderWokeUp():
@@ -340,7 +344,15 @@ class Projection:
         self.rows.put(schema.providers, **{**self._provider(address), **values})
 
     def _provider(self, address: str) -> Mapping[str, Any]:
-        unknown = {"address": address, "failures": 0, "done": 0, "failed": 0, "day": 0, "asleep_until": None}
+        unknown = {
+            "address": address,
+            "failures": 0,
+            "done": 0,
+            "failed": 0,
+            "day": 0,
+            "asleep_until": None,
+            "suspended": False,
+        }
         return self.rows.find(schema.providers, address) or unknown
 
     def _change_kind(self, kind: str, **values: Any) -> None:

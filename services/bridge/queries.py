@@ -289,6 +289,11 @@ class Queries:
             "kinds": [{key: row[key] for key in _OF_KIND} for row in self._index.all_kinds()],
             "terms": self._index.setting("terms") or {"bond_iec": "0", "penalty_iec": "0", "max_failures": 0},
             "members_only": bool(self._index.setting("members_only")),
+            "suspended_providers": [
+                {"address": address, "name": self._names.name(address)}
+                for address, row in sorted(self._index.providers().items())
+                if row["suspended"]
+            ],
             "budgets": {
                 role: budget
                 for role in (Role.OPERATOR, Role.TREASURER)

@@ -179,7 +179,8 @@ providers = Table(
     Column("failed", Wei, nullable=False, doc="work that was rejected or came too late"),
     Column("day", Integer, nullable=False, doc="from 1970-01-01 UTC"),
     Column("asleep_until", BigInteger, doc="when it may wake up, s; null while it is awake"),
-    comment="accounts that offered a service",
+    Column("suspended", Boolean, nullable=False, doc="by the administrator: it offers no service"),
+    comment="accounts that offered a service, or were suspended",
 )
 
 devices = Table(

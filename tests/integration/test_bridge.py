@@ -884,6 +884,13 @@ def test_the_organization_sets_its_terms_and_its_members(dao: Dao) -> None:
     assert refused.value.code == "not_member"
     dao.command("organization", "dismiss", account="panther1")
     dao.command("organization", "set_members_only", enabled=False)
+    dao.command("organization", "suspend_provider", account="carla")
+    assert [one["name"] for one in dao.state("organization")["suspended_providers"]] == ["carla"]
+    with pytest.raises(RemoteError) as refused:
+        dao.command("carla", "register_service", kind="sweeping", price_iec="10")
+    assert refused.value.code == "provider_is_suspended"
+    dao.command("organization", "reinstate_provider", account="carla")
+    assert not dao.state("organization")["suspended_providers"]
     dao.command("organization", "grant_role", role="auditor", account="panther1")
     auditors = {one["name"] for one in dao.state("organization")["roles"]["AUDITOR_ROLE"]}
     assert auditors == {"organization", "panther1"}

@@ -425,7 +425,7 @@ def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) 
     for what, is_member in (("Admit somebody", True), ("Dismiss somebody", False)):
         page.get_by_role("button", name="Membership").click()
         choose(page, "What", what)
-        page.get_by_label("Who, to admit or dismiss").fill("eva")
+        page.get_by_label("Who, unless it is for all").fill("eva")
         answer(page, "Do it")
         shown = expect(eva.get_by_text("member"))
         shown.to_be_visible() if is_member else shown.to_have_count(0)

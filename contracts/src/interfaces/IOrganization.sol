@@ -69,6 +69,9 @@ interface IOrganization is IDeviceRegistry {
     event AuditChanged(bytes32 indexed kind, uint32 auditWindow, Silence silence);
     event TermsChanged(uint256 bond, uint256 penalty, uint8 maxFailures);
     event MembersOnlyChanged(bool membersOnly);
+    /// @notice Its services are suspended, too.
+    event ProviderSuspended(address indexed provider);
+    event ProviderReinstated(address indexed provider);
     event PolicyChanged(IMatchingPolicy indexed policy);
     /// @param role operators or treasurers
     /// @param period s; 0: no limit
@@ -94,6 +97,11 @@ interface IOrganization is IDeviceRegistry {
     error InvalidAudit(uint32 auditWindow, Silence silence, uint32 min, uint32 max);
     /// @notice The organization is for members only.
     error NotMember(address account);
+    /// @notice It offers no service until the administrator reinstates it.
+    error ProviderIsSuspended(address provider);
+    error ProviderNotSuspended(address provider);
+    /// @notice The organization suspends its own services one by one.
+    error OrganizationIsProvider();
     error WindowTooShort(bytes32 kind, uint32 window, uint32 min);
     error MinWindowTooLong(uint32 minWindow, uint32 max);
     /// @notice In a shorter one no honest judge can answer; a longer one freezes service and bond.
@@ -159,13 +167,24 @@ interface IOrganization is IDeviceRegistry {
     /// @notice Make `account` a member: it gets MEMBER_ROLE.
     function admit(address account) external;
 
-    /// @notice End the membership. What the account has registered goes on; see suspendService.
+    /// @notice End the membership. Where only members take part, its services are suspended. Running tasks go on.
     function dismiss(address account) external;
 
     /// @notice No new task for the service; a running one goes on.
     function suspendService(uint256 serviceId) external;
 
-    /// @notice Forgive a suspended service its failures. Its provider finds it paused.
+    /// @notice Suspend all services of a provider, and let it register none. A running task goes on, and a service
+    /// that the provider retires gives its bond back as always.
+    /// @param provider any account but the organization, also one that offers nothing yet
+    function suspendProvider(address provider) external;
+
+    /// @notice Let a suspended provider register services again. Those that it has stay suspended: see
+    /// reinstateService.
+    /// @param provider who was suspended
+    function reinstateProvider(address provider) external;
+
+    /// @notice Forgive a suspended service its failures. Its provider finds it paused. A provider that is suspended is
+    /// reinstated first.
     function reinstateService(uint256 serviceId) external;
 
     /// @notice Replace the matching policy. Queues and live tasks stay as they are.
@@ -233,6 +252,10 @@ interface IOrganization is IDeviceRegistry {
 
     function terms() external view returns (Terms memory);
     function membersOnly() external view returns (bool);
+
+    /// @notice Whether the administrator has suspended a provider.
+    /// @param provider any account
+    function isSuspended(address provider) external view returns (bool);
 
     /// @notice No new tasks are taken before this time; in the past where there is no pause, 0 if there was none.
     function pausedUntil() external view returns (uint40);

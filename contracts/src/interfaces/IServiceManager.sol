@@ -200,7 +200,7 @@ interface IServiceManager {
 
     /// @notice Suspend all services of a provider. Those of the organization itself stay. Only the organization.
     /// @param provider who offers them
-    function suspendProvider(address provider) external;
+    function suspendServicesOf(address provider) external;
 
     /// @notice Remember who owns a device: what one does for the other does not count for its reputation. Only the
     /// organization, which registers devices.

@@ -89,6 +89,7 @@ contract Handler is CommonBase, StdUtils {
     mapping(address provider => uint256) public asleepUntil;
     /// @dev The services that gave a task back early, not twice in a row the same.
     mapping(uint256 taskId => uint256[]) private _abandoned;
+    mapping(address provider => bool) private _suspended;
     /// @dev Attempts that their executor accepted by a call.
     mapping(uint256 taskId => mapping(uint8 attempt => bool)) private _accepted;
     mapping(uint256 taskId => uint8) private _attemptSeen;
@@ -270,10 +271,12 @@ contract Handler is CommonBase, StdUtils {
         try _services.registerService(CLEANING, _price(price), NO_LIMIT, autoAccept, "") returns (
             uint256 serviceId
         ) {
+            if (_suspended[provider]) violation = "a suspended provider offered a service";
             expected[provider] -= terms.bond;
             ghost[serviceId] = Ghost(terms.bond, terms.penalty, terms.maxFailures, false, autoAccept);
         } catch {
-            bool right = _live(provider) < _services.MAX_SERVICES() && asleepUntil[provider] == 0;
+            bool right = _live(provider) < _services.MAX_SERVICES() && asleepUntil[provider] == 0
+                && !_suspended[provider];
             if (right) violation = "a service could not be offered";
             return;
         }
@@ -890,11 +893,30 @@ contract Handler is CommonBase, StdUtils {
         ghost[serviceId].suspended = true;
     }
 
+    function suspendProvider(uint256 who) external {
+        // One in eight, else hardly any would work.
+        if (who % 8 != 0) return;
+        address provider = _providers[bound(who / 8, 0, _providers.length - 1)];
+        if (_suspended[provider]) return;
+        vm.prank(_admin);
+        _organization.suspendProvider(provider);
+        _suspended[provider] = true;
+        _expectAllSuspended(provider);
+    }
+
+    function reinstateProvider(uint256 who) external {
+        address provider = _providers[bound(who, 0, _providers.length - 1)];
+        if (!_suspended[provider]) return;
+        vm.prank(_admin);
+        _organization.reinstateProvider(provider);
+        _suspended[provider] = false;
+    }
+
     function reinstate(uint256 which) external {
         uint256 serviceId = _anyService(which);
         if (serviceId == 0 || _services.service(serviceId).state != ServiceState.Suspended) return;
         Ghost storage g = ghost[serviceId];
-        if (g.bond < g.penalty) return;
+        if (g.bond < g.penalty || _suspended[_services.providerOf(serviceId)]) return;
         vm.prank(_admin);
         _organization.reinstateService(serviceId);
         g.suspended = false;

@@ -46,7 +46,12 @@ Json = dict[str, Any]
 
 _UNSAID = "unsaid"
 """The choice that is none."""
-_MEMBERSHIP = {"admit": "is a member", "dismiss": "is no member any more"}
+_MEMBERSHIP = {
+    "admit": "is a member",
+    "dismiss": "is no member any more",
+    "suspend_provider": "is suspended, and its services are, too",
+    "reinstate_provider": "may offer services again",
+}
 POLICIES = {
     "first_come": "First come, first served",
     "lowest_price": "Lowest price",
@@ -481,6 +486,8 @@ class ServicesPage:
         choices = {
             "admit": "Admit somebody",
             "dismiss": "Dismiss somebody",
+            "suspend_provider": "Suspend a provider",
+            "reinstate_provider": "Reinstate a provider",
             "close": "Let only members in",
             "open": "Let everybody in",
         }
@@ -488,7 +495,7 @@ class ServicesPage:
             "Membership",
             {
                 "action": Field("What", choices=choices),
-                "account": Field("Who, to admit or dismiss: a participant or an address"),
+                "account": Field("Who, unless it is for all: a participant or an address"),
             },
             "Do it",
             change,

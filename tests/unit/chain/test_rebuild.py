@@ -73,6 +73,8 @@ class Life:
             calls.grant_role(Role.GUARDIAN, organization.operator.address),
             calls.pause_tasks(600),
             calls.resume_tasks(),
+            *(calls.suspend_provider(one) for one in (DEVICE, JUDGES[0])),
+            calls.reinstate_provider(DEVICE),
             self.registered_device(organization.operator.address, 0),
             self.registered_device(organization.robot.address, 1),
             *(calls.allow_kind(KIND, Review.ORACLE, rules) for rules in (PROOF, REPORT, PROOF)),
@@ -335,6 +337,8 @@ def test_the_whole_state_is_rebuilt_from_logs_alone(life: Life) -> None:
     assert client.members_only() == state.members_only
     robot = life.organization.robot.address
     assert client.asleep_until(robot) == state.asleep.get(robot, 0)
+    suspended = {one for one in (DEVICE, JUDGES[0], robot) if client.is_suspended(one)}
+    assert suspended == state.suspended_providers == {JUDGES[0]}
     assert client.policy() == state.policy
     budgets = {role: client.budget(role) for role in (Role.OPERATOR, Role.TREASURER)}
     assert {role: (one.amount, one.period) for role, one in budgets.items()} == state.budgets

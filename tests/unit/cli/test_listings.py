@@ -40,12 +40,14 @@ ACTS = {
     *(f"rodeo robot {order}" for order in robot.ORDERS),
     *(f"rodeo organization {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
+        "suspend-provider", "reinstate-provider",
         "reinstate", "rescue", "deposit", "withdraw", "register-device", "sign-device", "revoke-device",
         "retire-rules", "budget", "pause", "resume", "vote", "queue", "execute", "judge-key",
         "seat", "unseat", "quorum", "wrap", "unwrap",
     )),
     *(f"rodeo organization propose {change}" for change in (
         "policy", "kind", "terms", "members-only", "admit", "dismiss", "grant", "revoke", "suspend",
+        "suspend-provider", "reinstate-provider",
         "reinstate", "rescue", "register-device", "revoke-device", "retire-rules", "budget", "resume",
         "price", "judge-key", "seat", "unseat", "quorum",
     )),
@@ -224,6 +226,12 @@ def test_what_others_wrote_does_not_steer_the_terminal(answered: dict[str, dict[
 def test_a_role_that_nobody_has_says_so(answered: dict[str, dict[str, Any]]) -> None:
     shown = CliRunner().invoke(app, ["organization", "show"]).stdout.splitlines()
     assert ["auditors", "nobody"] in [line.split() for line in shown]
+
+
+def test_suspended_providers_are_named(answered: dict[str, dict[str, Any]]) -> None:
+    answered["organization"]["suspended_providers"] = [{"address": ALICE, "name": "carla"}]
+    shown = CliRunner().invoke(app, ["organization", "show"]).stdout.splitlines()
+    assert ["suspended", "provider", "carla"] in [line.split() for line in shown]
 
 
 @pytest.mark.parametrize(("terminal", "shown"), [(False, " 40%"), (True, "━━━━━━")])
