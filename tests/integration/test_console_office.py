@@ -29,7 +29,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 from websockets.typing import Origin
 
-from rodeo import wallets
+from rodeo import possession, queries, wallets
 from rodeo.errors import BusError
 from services.console.rest import make_api
 from services.console.roles import Role
@@ -430,9 +430,14 @@ def test_members_come_and_go_and_keys_sign_until_they_are_revoked(desk: Office) 
         shown = expect(eva.get_by_text("member"))
         shown.to_be_visible() if is_member else shown.to_have_count(0)
 
-    key = Account.create().address
+    account, dao = Account.create(), desk.dao
+    key = account.address
+    chain = queries.ask(dao.running.bus, dao.site.org, queries.CHAIN)
+    owner = wallets.address(dao.site, "eva")
+    agreed = possession.sign(account, owner, 0, chain.chain_id, chain.contracts.organization)
     page.get_by_role("button", name="Register a key").click()
     page.get_by_label("Address of the key").fill(key)
+    page.get_by_label("The key's own signature").fill(agreed)
     page.get_by_label("Name on its site").fill("panther9")
     page.get_by_label("Owner").fill("nobody")
     page.get_by_role("button", name="Register it").click()
