@@ -383,8 +383,8 @@ def test_an_administrator_changes_the_rules_of_a_kind(desk: Office) -> None:
         kinds = {one["kind"]: one for one in desk.dao.state("organization")["kinds"]}
         return list(kinds["waste_disposal"]["rules_sha256"])
 
-    (installed,) = current()
-    other = "0x" + "5e" * 32
+    installed, *before = current()
+    other = "0x" + secrets.token_hex(32)
     page = desk.page("ada")
     open_page(page, "/services")
     change = page.get_by_role("button", name="Change the rules of Waste disposal")
@@ -395,9 +395,10 @@ def test_an_administrator_changes_the_rules_of_a_kind(desk: Office) -> None:
     answer(page, "Do it")
     shown = row(page, "Kinds of work", "Waste disposal")
     expect(shown.get_by_text(other[:10])).to_be_visible()
-    assert current() == [installed, other]
+    assert current() == [installed, *before, other]
     open_page(page, "/tasks/new")
     page.get_by_label("Reward (IEC)").fill("0.25")
+    expect(page.get_by_text("The cheapest service")).to_be_visible()
     page.get_by_role("checkbox", name="Queue it if every service costs more").click()
     expect(page.get_by_text("The cheapest service")).to_have_count(0)
     choose(page, "Judged by the rules", installed[:10])
@@ -414,7 +415,7 @@ def test_an_administrator_changes_the_rules_of_a_kind(desk: Office) -> None:
     choose(page, "What to do", "Post no more tasks under them")
     answer(page, "Do it")
     expect(shown.get_by_text(other[:10])).to_have_count(0)
-    assert current() == [installed]
+    assert current() == [installed, *before]
     page.close()
 
 
