@@ -65,15 +65,18 @@ class _Body:
         self.seen_us: int | None = None
         self.samples: list[Sample] = []
         """Since the last statement, from the last pose at rest on."""
+        self.taken = False
+        """Whether the pose that was told last is among them."""
 
     def add(self, sample: Sample) -> None:
+        self.taken = False
         if self.seen_us is not None:
             if sample.time_us <= self.seen_us:
                 return
             if sample.time_us - self.seen_us > LOST_US:
                 # Its track begins anew where it is seen again.
                 self.lost, self.moved, self.samples = True, True, []
-        self.seen_us = sample.time_us
+        self.seen_us, self.taken = sample.time_us, True
         # What sleeps in a simulated lab does not differ by a bit from what was found at rest.
         known = self.samples and _same(self.samples[-1], sample)
         if not self.moved and self.signed is not None and (known or _rests(self.signed, sample)):
@@ -81,6 +84,16 @@ class _Body:
             return
         self.moved = True
         self.samples.append(sample)
+
+    def stays(self, time_us: int) -> bool:
+        if self.moved or self.signed is None or self.seen_us is None or not (self.taken and self.samples):
+            return False
+        if not 0 < time_us - self.seen_us <= LOST_US:
+            return False
+        self.seen_us = time_us
+        _, position_m, quaternion = self.samples[-1]
+        self.samples = [Sample(time_us, position_m, quaternion)]
+        return True
 
     def stood_still(self, from_us: int, to_us: int) -> None:
         """Nothing moved in this time, seen or not."""
@@ -138,6 +151,13 @@ class MotionLog:
         seen."""
         if max(map(abs, sample.position_m)) < LARGEST_M:
             self._bodies[body].add(sample)
+        else:
+            self._bodies[body].taken = False
+
+    def stays(self, body: str, time_us: int) -> bool:
+        """The body is seen in the pose that was told of it last, to the bit. False, and nothing done, where
+        that is more than a further moment of rest: it has to be added."""
+        return self._bodies[body].stays(time_us)
 
     def due(self, now_us: int, heads: bool) -> bool:
         """Whether a statement is due; `heads` tells whether heads of others were heard."""

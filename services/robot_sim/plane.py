@@ -154,11 +154,11 @@ class LabPlane:
         for stall in seen.stalls_ns:
             add(self._mocap.stall, *stall)
         if self._mocap_poses:
-            poses = list(seen.captured_poses())
-            for body, pose in poses:
+            bodies, poses = captured = seen.captured_poses()
+            for body, pose in zip(bodies, poses, strict=True):
                 if body in self._mocap_poses:
                     add(self._mocap_poses[body].publish_cdr, self._pose.encode(now_ns, (0, pose)), now_ns)
-            add(self._mocap.see, poses, now_ns)
+            add(self._mocap.see, captured, now_ns)
         if skipped or tick % SLOW_TICKS == 0:
             for bin_ in self._bins:
                 bin_.publish()

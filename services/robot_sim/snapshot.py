@@ -1,7 +1,6 @@
 """What is published of the world as it is at the end of a control period."""
 
 import math
-from collections.abc import Iterator
 
 import mujoco
 import numpy as np
@@ -90,14 +89,17 @@ class Snapshot:
         for robot in self.robots:
             robot.take_power()
 
-    def captured_poses(self) -> Iterator[tuple[str, np.ndarray]]:
-        """Each body that motion capture sees in the lab, and its pose (7,): x, y, z in m, qx, qy, qz, qw."""
+    def captured_poses(self) -> tuple[list[str], np.ndarray]:
+        """The n bodies that motion capture sees in the lab, and their poses (n, 7): x, y, z in m, qx, qy, qz,
+        qw."""
         poses = np.empty((len(self._tracked), 7))
         poses[:, :3] = self.data.xpos[self._tracked]
         poses[:, 3:] = self.data.xquat[self._tracked[:, None], XYZW]
-        for body, pose, height_m in zip(self._bodies, poses, poses[:, 2].tolist(), strict=True):
-            if height_m >= _UNDERGROUND_M:
-                yield body, pose
+        heights_m = poses[:, 2].tolist()
+        if min(heights_m, default=0.0) >= _UNDERGROUND_M:
+            return self._bodies, poses
+        seen = [row for row, height_m in enumerate(heights_m) if height_m >= _UNDERGROUND_M]
+        return [self._bodies[row] for row in seen], poses[seen]
 
     def weight_n(self, bin_name: str, compartment: str) -> float:
         return scale_weight_n(self.model, self.data, bin_name, compartment)

@@ -74,6 +74,40 @@ def test_a_body_that_creeps_is_never_said_to_rest() -> None:
     assert np.abs(seen.position_m[:, 0] - wanted).max() < 1.2e-3
 
 
+def test_what_stays_to_the_bit_is_signed_as_if_each_pose_had_been_added() -> None:
+    def x_m(t: float) -> float:
+        return min(max(t - 4.0, 0.0), 1.0)
+
+    def filmed_by(short: bool) -> list[Any]:
+        log, taken, before, stayed = MotionLog(["item1"], START_US), [], None, 0
+        for tick in range(1, 50 * 30):
+            now_us, place_m = START_US + tick * STEP_US, x_m(tick / 50)
+            if 12 < tick / 50 < 15:
+                continue  # out of view
+            if short and place_m == before and log.stays("item1", now_us):
+                stayed += 1
+            else:
+                log.add("item1", at(now_us, place_m))
+            before = place_m
+            if log.due(now_us, heads=tick % 3 == 0):
+                taken.append(log.take(now_us, len(taken) + 1))
+        assert (stayed > 1000) is short
+        return taken
+
+    assert filmed_by(short=True) == filmed_by(short=False)
+
+
+def test_a_pose_that_was_not_taken_does_not_stay() -> None:
+    log = MotionLog(["item1"], START_US)
+    log.add("item1", at(START_US + STEP_US, 1.0))
+    log.take(START_US + STEP_US, 1)
+    log.add("item1", at(START_US + 2 * STEP_US, 1.0))
+    log.add("item1", at(START_US + 3 * STEP_US, 1e6))
+    assert not log.stays("item1", START_US + 4 * STEP_US), "it is beyond what can be signed"
+    log.add("item1", at(START_US + 3 * STEP_US, 1.0))
+    assert log.stays("item1", START_US + 4 * STEP_US)
+
+
 def test_who_turns_on_the_spot_moves() -> None:
     log = MotionLog(["panther1"], START_US)
     log.add("panther1", at(START_US + STEP_US, 1.0))

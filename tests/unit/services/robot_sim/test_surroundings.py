@@ -97,7 +97,7 @@ def test_what_is_told_in_steps_and_late_is_seen_to_move_evenly() -> None:
 
     def x_m() -> float:
         seen.take()
-        return float(dict(seen.captured_poses())["arthur"][0])
+        return float(dict(zip(*seen.captured_poses(), strict=True))["arthur"][0])
 
     start_ns, way_m = simulation.time_ns, []
     for period in range(30):
