@@ -66,8 +66,9 @@ class Clock(TimeSource, Protocol):
         """What the calling thread does meanwhile takes no site time, but for its waits on this clock."""
         ...
 
-    def hold(self) -> AbstractContextManager[None]:
-        """What is done meanwhile, by whatever thread, takes no site time."""
+    def hold(self, within: bool = False) -> AbstractContextManager[None]:
+        """What is done meanwhile, by whatever thread, takes no site time. `within` says that nobody outside
+        of this process hears of it, as where something passes from one thread to another."""
         ...
 
 
@@ -119,7 +120,7 @@ class WallClock:
     def acting(self) -> AbstractContextManager[None]:
         return nullcontext()
 
-    def hold(self) -> AbstractContextManager[None]:
+    def hold(self, within: bool = False) -> AbstractContextManager[None]:
         return nullcontext()
 
 

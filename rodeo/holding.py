@@ -20,6 +20,9 @@ from rodeo import topics
 
 log = logging.getLogger(__name__)
 
+EVERYBODY = "all"
+"""To whom a mark goes that is not for one process."""
+
 
 class Waiter:
     """A thread that waits for something to happen, or for `until_ns` of site time."""
@@ -79,9 +82,12 @@ class Holder:
             express=True,
         )
         # In the receiving thread: an answer must not overtake what came before the mark.
-        self._marks = session.declare_subscriber(
-            topics.CLOCK_MARK.name(org=org), zenoh.handlers.Callback(self._on_mark, indirect=False)
-        )
+        self._marks = [
+            session.declare_subscriber(
+                topics.CLOCK_MARK.name(org=org, to=to), zenoh.handlers.Callback(self._on_mark, indirect=False)
+            )
+            for to in (EVERYBODY, process)
+        ]
 
     @contextmanager
     def acting(self) -> Iterator[None]:
@@ -97,10 +103,11 @@ class Holder:
                     self._actors.discard(thread)
 
     @contextmanager
-    def hold(self) -> Iterator[None]:
+    def hold(self, within: bool = False) -> Iterator[None]:
         with self._changed:
             self._held += 1
-            self._works += 1
+            # Whom a thread wakes counts its own work.
+            self._works += not within
             self._started = True
             self.tell()
         try:
@@ -157,7 +164,8 @@ class Holder:
             self.tell()
 
     def close(self) -> None:
-        self._marks.undeclare()
+        for mark in self._marks:
+            mark.undeclare()
         with self._changed:
             # Other threads may still work: one that says so in this moment must not find it borrowed.
             self._closed = True

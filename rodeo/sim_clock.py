@@ -220,8 +220,8 @@ class SimClock:
     def acting(self) -> AbstractContextManager[None]:
         return nullcontext() if self._holder is None else self._holder.acting()
 
-    def hold(self) -> AbstractContextManager[None]:
-        return nullcontext() if self._holder is None else self._holder.hold()
+    def hold(self, within: bool = False) -> AbstractContextManager[None]:
+        return nullcontext() if self._holder is None else self._holder.hold(within)
 
     def _waiter(self, until_ns: int | None, resting: bool, concerned: Callable[[], bool]) -> Waiter:
         if self._holder is None:

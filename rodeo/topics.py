@@ -394,11 +394,12 @@ SERVES = _dao(
     "one at a time",
 )
 CLOCK_MARK = _dao(
-    "rodeo/{org}/clock/mark",
+    "rodeo/{org}/clock/mark/{to}",
     "ClockMark",
     Form.TOPIC,
     "robot_sim",
-    "the simulator asks the holders of its clock whether they have received everything that it sent before",
+    "the simulator asks the holder of its clock that `to` names, or `all`, whether everything that it sent "
+    "before has been received",
 )
 BODY_MARK = _dao(
     "rodeo/{org}/clock/body/{robot}",

@@ -73,7 +73,7 @@ class Hardware:
     def now_s(self) -> float:
         return self._time_ns * 1e-9
 
-    def hold(self) -> AbstractContextManager[None]:
+    def hold(self, within: bool = False) -> AbstractContextManager[None]:
         return nullcontext()  # it waits for nobody
 
     @property

@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from collections import deque
+from functools import partial
 from typing import TypeVar, get_args
 
 from rodeo import topics
@@ -70,7 +71,7 @@ class SmartBin:
             ),
             self._on_statement,
             only=self._name,
-            hold=clock.hold,
+            hold=partial(clock.hold, within=True),
         )
 
     def close(self) -> None:

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -196,7 +197,7 @@ class Recording:
                 devices.known, members, lambda: scope, clock, slack_s, self._refusals, stated(path)
             ),
             self._on_statement,
-            hold=clock.hold,
+            hold=partial(clock.hold, within=True),
         )
         self._seals = SealPublisher(bus, site.org, robot.name)
         self._pictures_written = 0

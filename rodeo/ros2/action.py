@@ -269,7 +269,7 @@ class ClientGoal:
             try:
                 # From its arrival to whoever waits for it no time passes.
                 result = self._client.fetch_result(
-                    self.goal_id, lambda: arrived.enter_context(self._clock.hold())
+                    self.goal_id, lambda: arrived.enter_context(self._clock.hold(within=True))
                 )
                 self._outcome.set_result(result)
             except Exception as error:  # noqa: BLE001 - raised again where the result is asked for

@@ -10,7 +10,7 @@ import logging
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -21,6 +21,7 @@ from rodeo import topics
 from rodeo.bus import Bus, decode_json, validate
 from rodeo.config import Site, agent_process, bin_process, dock_process
 from rodeo.errors import RodeoError
+from rodeo.holding import EVERYBODY
 from rodeo.messages import ClockHold
 
 log = logging.getLogger(__name__)
@@ -65,6 +66,8 @@ class Holders:
     Args:
         wake: called when somebody said something, from Zenoh's threads.
         warn: hears who holds the clock for longer than LONG_S, and with an empty text that it goes on.
+        asking: a session that asks who is there, and subscribes to nothing. One that subscribes to tokens,
+            too, gets an empty answer to one question in a hundred (zenoh 1.10).
         missing: who of the simulation's own is not up yet, for an experiment that begins with everybody.
         taken: waits until the router has taken what was sent by other sessions than this bus's; False when it
             has not, and the mark is lost.
@@ -76,6 +79,7 @@ class Holders:
         site: Site,
         wake: Callable[[], None],
         warn: Callable[[str], None],
+        asking: zenoh.Session,
         missing: Callable[[], frozenset[str]] = frozenset,
         taken: Callable[[], bool] = lambda: True,
     ) -> None:
@@ -87,13 +91,12 @@ class Holders:
         self._kinds = frozenset(site.clock.holders)
         self._minds = frozenset(agent_process(site, robot.name) for robot in site.robots)
         self._seen: dict[Session, _Seen] = {}
-        self._mark_key = topics.CLOCK_MARK.name(org=site.org)
-        self._marks = bus.session.declare_publisher(
-            self._mark_key, congestion_control=zenoh.CongestionControl.BLOCK, express=True
-        )
+        self._bus, self._org = bus, site.org
+        self._marks: dict[str, zenoh.Publisher] = {}
+        """By whom they are for."""
         self._number = 0
-        self._unsent: int | None = None
-        """Number of a mark that is still to be sent."""
+        self._unsent: tuple[int, Sequence[str]] | None = None
+        """A mark that is still to be sent: its number, and to whom."""
         self._marked_ns = -1
         self._marked_s = -math.inf
         self._asked = 0
@@ -111,16 +114,17 @@ class Holders:
         """Wall time for which the clock stood still for somebody."""
         self._there: set[Session] = set()
         """Whose token there is. A token's end may overtake what its session said last."""
-        self._liveliness = bus.session.liveliness()
+        self._asking = asking
+        liveliness = bus.session.liveliness()
         self._everybody = topics.CLOCK_HOLD.name(org=site.org, process="*", session="*")
         # Both in the receiving thread: in the order in which they came.
-        self._tokens = self._liveliness.declare_subscriber(
+        self._tokens = liveliness.declare_subscriber(
             self._everybody, zenoh.handlers.Callback(self._on_token, indirect=False)
         )
         self._subscriber = bus.session.declare_subscriber(
             self._everybody, zenoh.handlers.Callback(self._on_hold, indirect=False)
         )
-        for reply in self._liveliness.get(self._everybody):
+        for reply in liveliness.get(self._everybody):
             if reply.ok is not None:
                 with self._lock:
                     self._there.add(Session.of(reply.ok.key_expr))
@@ -206,7 +210,8 @@ class Holders:
                 log.warning("the end of %s was not heard (session %s)", session.process, session.id)
                 self._left(session)
 
-        self._liveliness.get(self._everybody, zenoh.handlers.Callback(on_reply, on_end, indirect=False))
+        answer = zenoh.handlers.Callback(on_reply, on_end, indirect=False)
+        self._asking.liveliness().get(self._everybody, answer)
 
     def _may_hold(self, session: Session) -> bool:
         return session.kind in self._kinds
@@ -230,8 +235,8 @@ class Holders:
                 passes = self._settled(now_ns)
         if self._unsent is not None:
             # Not under the lock: until the mark is sent, the receiving thread may need it.
-            number, self._unsent = self._unsent, None
-            then(partial(self._put_mark, number))
+            (number, to), self._unsent = self._unsent, None
+            then(partial(self._put_mark, number, to))
         self._count(passes)
         return passes
 
@@ -265,33 +270,48 @@ class Holders:
             if time.monotonic() - self._marked_s > _REPEAT_S:
                 self._send_mark()
             return False
-        due = any(one.hold.until_ns is not None and one.hold.until_ns <= now_ns for one in seen)
-        worked = any(one.hold.works != one.worked_before for one in seen)
-        if seen and (self._asks or worked or (due and self._marked_ns != now_ns)):
+        if seen and (self._asks or any(one.hold.works != one.worked_before for one in seen)):
             self._mark(now_ns)
+            return False
+        if self._marked_ns != now_ns and (due := self._due(now_ns)):
+            # Nothing came for the others that they might act on: they need not answer.
+            self._mark(now_ns, due)
             return False
         self._free_until_ns = self._next_ns
         return True
 
-    def _mark(self, now_ns: int) -> None:
+    def _due(self, now_ns: int) -> set[Session]:
+        """Who has something to do now."""
+        holds = ((who, one.hold.until_ns) for who, one in self._seen.items())
+        return {who for who, until_ns in holds if until_ns is not None and until_ns <= now_ns}
+
+    def _mark(self, now_ns: int, whom: set[Session] | None = None) -> None:
+        """Ask `whom`, or everybody."""
         self._asks = False
         self._marked_ns = now_ns
-        self._awaited = set(self._seen)
+        self._awaited = set(self._seen) if whom is None else whom
         for one in self._seen.values():
             one.worked_before = one.hold.works
-        self._send_mark()
+        self._send_mark([EVERYBODY] if whom is None else sorted({session.process for session in whom}))
         self._asked = self._number
 
-    def _send_mark(self) -> None:
+    def _send_mark(self, to: Sequence[str] = (EVERYBODY,)) -> None:
         """Also again: who has answered and what was sent or worked since the mark stay as they are."""
         self._number += 1
         self._marked_s = time.monotonic()
-        self._unsent = self._number
+        self._unsent = self._number, to
 
-    def _put_mark(self, number: int) -> None:
+    def _put_mark(self, number: int, to: Sequence[str]) -> None:
         if not self._taken():
             return
-        self._marks.put(json.dumps({"number": number}))
+        for process in to:
+            if process not in self._marks:
+                self._marks[process] = self._bus.session.declare_publisher(
+                    topics.CLOCK_MARK.name(org=self._org, to=process),
+                    congestion_control=zenoh.CongestionControl.BLOCK,
+                    express=True,
+                )
+            self._marks[process].put(json.dumps({"number": number}))
         if number != self._asked:
             self._ask_who_is_there()
 
@@ -347,7 +367,8 @@ class Holders:
     def close(self) -> None:
         self._subscriber.undeclare()
         self._tokens.undeclare()
-        self._marks.undeclare()
+        for mark in self._marks.values():
+            mark.undeclare()
 
 
 _NEVER_NS = 2**63 - 1

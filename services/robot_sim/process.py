@@ -7,6 +7,8 @@ import time
 from collections.abc import Callable
 from functools import partial
 
+from rodeo import tls
+from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.process import Process
 from rodeo.ros2 import Node
@@ -19,7 +21,7 @@ from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.people import PeoplesTime
 from services.robot_sim.plane import LabPlane, RobotPlane
 from services.robot_sim.sessions import BodySessions
-from services.robot_sim.simulation import Simulation
+from services.robot_sim.simulation import PROCESS, Simulation
 from services.robot_sim.snapshot import Snapshot
 from services.robot_sim.state import StateFile, saved_time_ns
 
@@ -118,7 +120,11 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             mocap = MotionCapture(process.bus, site, process.data_dir / "mocap", list(simulation.captured))
             if not keeps_wall_time and site.clock.holders:
                 warn = partial(process.concern, "clock")
-                loop.holders = Holders(process.bus, site, loop.wake, warn, mocap.missing, sessions.taken)
+                shown = tls.identity(site, PROCESS)
+                asking = Bus.open(site.bus.router, process.stop, identity=shown)
+                loop.holders = Holders(
+                    process.bus, site, loop.wake, warn, asking.session, mocap.missing, sessions.taken
+                )
             domain_id = site.bus.domain_id
             lab_node = Node(process.bus.session, "lab", "", domain_id, simulation)
             snapshot = Snapshot(simulation)
@@ -140,6 +146,7 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
             people.close()
             if loop.holders is not None:
                 loop.holders.close()
+                asking.close()
             for node in nodes:
                 node.close()
             for commander in commanders:

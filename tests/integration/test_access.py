@@ -17,6 +17,7 @@ from rodeo import tls, topics
 from rodeo.bus import Bus
 from rodeo.config import Site, body_identity
 from rodeo.errors import BusUnavailable, NoResponder
+from rodeo.holding import EVERYBODY
 from rodeo.ros2 import ActionClient, Node
 from rodeo.ros2.errors import ActionServerUnavailable, GoalAborted, ServiceTimeout, ServiceUnavailable
 from rodeo.ros2.types import new
@@ -218,7 +219,7 @@ def test_the_simulators_mark_comes_after_what_its_bodies_said(running: RunningSi
     heard: list[tuple[str, bytes]] = []
     changed = threading.Condition()
     keys = [f"{site.bus.domain_id}/{topics.ODOM.name(ns=ns)}/sample" for ns in (ONE, OTHER)]
-    mark = topics.CLOCK_MARK.name(org=site.org)
+    mark = topics.CLOCK_MARK.name(org=site.org, to=EVERYBODY)
 
     def hear(key: str, payload: bytes) -> None:
         with changed:

@@ -25,7 +25,7 @@ class Held(WallClock):
     holders = 0
 
     @contextmanager
-    def hold(self) -> Iterator[None]:
+    def hold(self, within: bool = False) -> Iterator[None]:
         self.holders += 1
         yield
         self.holders -= 1

@@ -40,7 +40,7 @@ class HeldClock(WallClock):
         self._actors: set[int] = set()
 
     @contextmanager
-    def hold(self) -> Iterator[None]:
+    def hold(self, within: bool = False) -> Iterator[None]:
         self._count(1)
         try:
             yield

@@ -13,6 +13,7 @@ import zenoh
 from rodeo import topics
 from rodeo.bus import Bus, zenoh_config
 from rodeo.config import Site
+from rodeo.holding import EVERYBODY
 from rodeo.ros2 import Node
 from rodeo.sim_clock import SimClock
 from services.robot_sim import holders as holders_module
@@ -31,6 +32,7 @@ class Simulator:
         self,
         session: zenoh.Session,
         site: Site,
+        asking: zenoh.Session,
         missing: Callable[[], frozenset[str]] = frozenset,
     ) -> None:
         self.session = session
@@ -39,7 +41,7 @@ class Simulator:
         self.woken = threading.Event()
         node = Node(session, "lab", "", site.bus.domain_id, self)
         self._clock = node.publisher(topics.CLOCK.name(), topics.CLOCK.type)
-        self.holders = Holders(Bus(session), site, self.woken.set, self.told.append, missing)
+        self.holders = Holders(Bus(session), site, self.woken.set, self.told.append, asking, missing)
 
     def now_ns(self) -> int:
         return self.now_ns_
@@ -105,7 +107,7 @@ def connect() -> Iterator[Callable[[], zenoh.Session]]:
 
 @pytest.fixture
 def simulator(connect: Callable[[], zenoh.Session], site: Site) -> Simulator:
-    simulator = Simulator(connect(), site)
+    simulator = Simulator(connect(), site, connect())
     assert simulator.may_pass()  # nobody is there
     return simulator
 
@@ -167,6 +169,55 @@ def test_the_clock_stops_at_the_time_for_which_somebody_waits(simulator: Simulat
         simulator.advance(0.02)
     # At 0.06 s it is due. It is awake before the time goes on, whatever the machine does meanwhile.
     assert woken_ns == [passed_ns[3]]
+
+
+def test_only_who_has_something_to_do_is_asked_when_its_time_comes(
+    simulator: Simulator, mind: Mind, connect: Callable[[], zenoh.Session], site: Site
+) -> None:
+    other = Mind(connect(), site, "itrash")
+    until_s = simulator.now_ns_ * 1e-9 + 0.05
+    looks: list[int] = []
+
+    def timer() -> None:
+        # A check is no work of which others hear.
+        mind.clock.wait_for(
+            NEVER.is_set, until_s=until_s + SOON_S, wall_s=SOON_S, every_s=0.05, check=lambda: looks.append(1)
+        )
+
+    begin(mind, simulator, timer)
+    begin_as_second(other, simulator, lambda: other.clock.wait_for(NEVER.is_set, wall_s=SOON_S))
+    assert simulator.may_pass()
+    assert mind.clock._holder is not None
+    assert other.clock._holder is not None
+    asked, marks = other.clock._holder._heard, simulator.holders._number
+    for _ in range(10):
+        simulator.advance(0.02)
+        assert simulator.may_pass()
+    assert simulator.holders._number - marks >= 3
+    assert mind.clock._holder._heard == simulator.holders._number
+    assert other.clock._holder._heard == asked
+    simulator.holders.sent()
+    assert simulator.may_pass()
+    assert other.clock._holder._heard == simulator.holders._number
+
+
+def test_what_passes_between_threads_of_one_process_has_nobody_else_asked(
+    simulator: Simulator, mind: Mind
+) -> None:
+    begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S))
+    assert simulator.may_pass()
+
+    def asked_after(within: bool) -> int:
+        marks = simulator.holders._number
+        handing_over = mind.clock.hold(within)
+        with handing_over:
+            assert not wait_until(lambda: not any(one.hold.busy for one in simulator.holders._seen.values()))
+            assert not simulator.may_pass(0.1)
+        assert simulator.may_pass()
+        return simulator.holders._number - marks
+
+    assert asked_after(within=True) == 0
+    assert asked_after(within=False) == 1
 
 
 def test_what_was_sent_is_taken_before_the_time_goes_on(simulator: Simulator, mind: Mind) -> None:
@@ -341,7 +392,7 @@ def test_a_simulator_that_starts_again_waits_for_those_who_are_there(
     done = threading.Event()
     begin(mind, simulator, lambda: (done.wait(SOON_S), mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S)))
     simulator.holders.close()
-    again = Simulator(connect(), site)
+    again = Simulator(connect(), site, connect())
     assert not again.may_pass(0.3)
     done.set()
     assert again.may_pass()
@@ -458,7 +509,7 @@ def test_a_last_word_that_is_lost_is_asked_for_again(
 def test_a_mark_that_is_none_is_left_out(simulator: Simulator, mind: Mind, site: Site) -> None:
     begin(mind, simulator, lambda: mind.clock.wait_for(NEVER.is_set, wall_s=SOON_S))
     for nonsense in (b"", b"[]", b'{"number": null}', b"\xff"):
-        simulator.session.put(topics.CLOCK_MARK.name(org=site.org), nonsense)
+        simulator.session.put(topics.CLOCK_MARK.name(org=site.org, to=EVERYBODY), nonsense)
     simulator.holders.sent()
     assert simulator.may_pass()
 
@@ -495,7 +546,9 @@ def test_an_experiment_begins_when_everybody_has_come_and_motion_capture_can_sig
     holders = ["robot_agent", "oracle", "arrivals"]
     own = site.model_copy(update={"clock": site.clock.model_copy(update={"holders": holders})})
     enrolled = threading.Event()
-    simulator = Simulator(connect(), own, lambda: frozenset() if enrolled.is_set() else frozenset({"mocap"}))
+    simulator = Simulator(
+        connect(), own, connect(), lambda: frozenset() if enrolled.is_set() else frozenset({"mocap"})
+    )
     minds = [Mind(connect(), own, name) for name in ("robot_agent", "arrivals")]
     assert not simulator.may_pass(2 * holders_module._REPEAT_S)
     assert minds[0].clock.wait_ready(NEVER, SOON_S)  # who comes hears what time it is
