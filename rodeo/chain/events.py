@@ -246,6 +246,13 @@ class AuditRequested(Event):
 
 
 @dataclass(frozen=True)
+class CallFailed(Event):
+    caller: str
+    index: int
+    answer: bytes
+
+
+@dataclass(frozen=True)
 class PaymentCollected(Event):
     account: str
     amount: int

@@ -451,6 +451,42 @@ contract Handler is CommonBase, StdUtils {
         if (block.timestamp > t.deadline) return;
         amount = _amount(t, accepted, amount);
         _judge(_oracle, taskId, t, accepted ? Verdict.Accepted : Verdict.Rejected, amount);
+        _expectVerdict(taskId, t, accepted, amount);
+    }
+
+    /// @dev The same among others that fail, first with any amount of gas.
+    function postAmongOthers(uint256 which, bool accepted, uint256 amount, uint256 gas) external inOrder {
+        uint256 taskId = _find(which, TaskState.Submitted);
+        if (taskId == 0) return;
+        Task memory t = _tasks.task(taskId);
+        if (block.timestamp > t.deadline) return;
+        amount = _amount(t, accepted, amount);
+        bytes[] memory calls = new bytes[](3);
+        calls[0] = abi.encodeCall(ITaskManager.cancelTask, (0));
+        calls[1] = abi.encodeCall(
+            ITaskManager.postVerdict,
+            (
+                taskId,
+                t.attempt,
+                t.proofHash,
+                accepted ? Verdict.Accepted : Verdict.Rejected,
+                amount,
+                0,
+                "",
+                ""
+            )
+        );
+        calls[2] = calls[1];
+        vm.prank(_oracle);
+        try _tasks.callEach{gas: bound(gas, 50_000, 600_000)}(calls) {}
+        catch {
+            vm.prank(_oracle);
+            _tasks.callEach(calls);
+        }
+        _expectVerdict(taskId, t, accepted, amount);
+    }
+
+    function _expectVerdict(uint256 taskId, Task memory t, bool accepted, uint256 amount) private {
         if (accepted) {
             _expectPayment(t, amount);
             _expectForgiveness(taskId, t);
