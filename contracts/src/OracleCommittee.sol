@@ -5,10 +5,11 @@ import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol"
 import {ECDSA} from "@openzeppelin/contracts/utils/cryptography/ECDSA.sol";
 import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
 import {Device} from "./interfaces/IDeviceRegistry.sol";
-import {IOracleCommittee, Judge, Quorum, Vote} from "./interfaces/IOracleCommittee.sol";
+import {IOracleCommittee, Judge, Quorum} from "./interfaces/IOracleCommittee.sol";
 import {IOrganization} from "./interfaces/IOrganization.sol";
 import {IServiceManager} from "./interfaces/IServiceManager.sol";
-import {ITaskManager, Task, TaskState, Verdict} from "./interfaces/ITaskManager.sol";
+import {ITaskManager, Task, TaskState, Verdict, Vote} from "./interfaces/ITaskManager.sol";
+import {IVoteCounter} from "./interfaces/IVoteCounter.sol";
 
 contract OracleCommittee is IOracleCommittee, EIP712 {
     /// @dev Of a task, whose judges none of them may be: creator and executor, and who owns them in the registry.
@@ -94,13 +95,18 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
 
     /// @inheritdoc IOracleCommittee
     function postVotes(Vote calldata vote, string calldata reportUri, bytes calldata signatures) external {
-        Task memory t = tasks.task(vote.taskId);
-        if (t.state != TaskState.Submitted) {
-            revert ITaskManager.WrongState(vote.taskId, t.state, TaskState.Submitted);
-        }
-        uint64 voters = _voters(vote, t, signatures);
-        emit VotesCounted(vote.taskId, vote.attempt, vote.rulesHash, voters);
+        _countVotes(vote, digestOf(vote), signatures);
         _post(vote, reportUri);
+    }
+
+    /// @inheritdoc IVoteCounter
+    function countVotes(Vote calldata vote, bytes32 digest, bytes calldata signatures)
+        external
+        returns (bytes4)
+    {
+        if (msg.sender != address(tasks)) revert NotTaskManager(msg.sender);
+        _countVotes(vote, digest, signatures);
+        return this.countVotes.selector;
     }
 
     /// @inheritdoc IOracleCommittee
@@ -137,6 +143,15 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         );
     }
 
+    function _countVotes(Vote calldata vote, bytes32 digest, bytes calldata signatures) private {
+        Task memory t = tasks.task(vote.taskId);
+        if (t.state != TaskState.Submitted) {
+            revert ITaskManager.WrongState(vote.taskId, t.state, TaskState.Submitted);
+        }
+        uint64 voters = _voters(vote, t, digest, signatures);
+        emit VotesCounted(vote.taskId, vote.attempt, vote.rulesHash, voters);
+    }
+
     function _post(Vote calldata vote, string calldata reportUri) private {
         tasks.postVerdict(
             vote.taskId,
@@ -151,7 +166,7 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
     }
 
     /// @dev One bit for each seat that signed the vote, all of which may judge the task, and enough of them.
-    function _voters(Vote calldata vote, Task memory t, bytes calldata signatures)
+    function _voters(Vote calldata vote, Task memory t, bytes32 digest, bytes calldata signatures)
         private
         view
         returns (uint64 voters)
@@ -162,7 +177,6 @@ contract OracleCommittee is IOracleCommittee, EIP712 {
         uint256 votes = signatures.length / SIGNATURE_BYTES;
         if (votes < quorum.votes) revert TooFewVotes(vote.taskId, votes, quorum.votes);
         Parties memory parties = _parties(t);
-        bytes32 digest = digestOf(vote);
         for (uint256 i = 0; i < signatures.length; i += SIGNATURE_BYTES) {
             // Refuses the second signature that anybody can compute from a first. See EIP-2. Where it fails the
             // key is 0, which is no judge's.

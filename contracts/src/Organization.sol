@@ -57,6 +57,8 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     mapping(bytes32 kind => Kind) private _kinds;
     /// @dev The newest last.
     mapping(bytes32 kind => bytes32[]) private _rules;
+    /// @dev The last of them, or 0, so that most tasks find their rules in one word.
+    mapping(bytes32 kind => bytes32) private _newestRules;
     mapping(bytes32 role => Budget) private _budgets;
 
     /// @param handoverDelay s; that long everybody can see coming who administers the organization next
@@ -95,6 +97,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
             _remove(current, rules);
             if (current.length == MAX_RULES) revert TooManyRules(kind, MAX_RULES);
             current.push(rules);
+            _newestRules[kind] = rules;
         }
         emit KindAllowed(kind, review, rules);
     }
@@ -103,6 +106,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
     function retireRules(bytes32 kind, bytes32 rules) external onlyRole(DEFAULT_ADMIN_ROLE) {
         bytes32[] storage current = _rules[kind];
         if (!_remove(current, rules)) revert RulesNotCurrent(kind, rules);
+        _newestRules[kind] = current.length == 0 ? bytes32(0) : current[current.length - 1];
         if (current.length == 0 && _kinds[kind].review == Review.Oracle) revert KindWithoutRules(kind);
         emit RulesRetired(kind, rules);
     }
@@ -421,10 +425,10 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
 
     /// @dev What a task of `kind` is judged by whose creator wants `wanted`.
     function _rulesFor(bytes32 kind, bytes32 wanted) private view returns (bytes32) {
+        bytes32 newest = _newestRules[kind];
+        if (wanted == 0 || wanted == newest) return newest;
         bytes32[] storage current = _rules[kind];
-        uint256 count = current.length;
-        if (wanted == 0) return count == 0 ? bytes32(0) : current[count - 1];
-        for (uint256 i = count; i > 0; --i) {
+        for (uint256 i = current.length; i > 0; --i) {
             if (current[i - 1] == wanted) return wanted;
         }
         revert RulesNotCurrent(kind, wanted);
@@ -436,6 +440,7 @@ contract Organization is IOrganization, DeviceRegistry, AccessControlDefaultAdmi
             emit RulesRetired(kind, current[i - 1]);
             current.pop();
         }
+        _newestRules[kind] = 0;
     }
 
     /// @dev Whether `rules` was there. The others keep their order.

@@ -12,13 +12,17 @@ import {IServiceManager, Outcome, Release} from "./interfaces/IServiceManager.so
 import {
     Cause,
     ITaskManager,
+    SignedBy,
     Silence,
     Task,
     TaskRequest,
     TaskState,
-    Verdict
+    Verdict,
+    Vote
 } from "./interfaces/ITaskManager.sol";
+import {IVoteCounter} from "./interfaces/IVoteCounter.sol";
 import {KindTable} from "./libraries/KindTable.sol";
+import {SignedVerdicts} from "./libraries/SignedVerdicts.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
 import {WeightTree} from "./libraries/WeightTree.sol";
@@ -177,14 +181,26 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         nonReentrant
     {
         Record storage t = _get(taskId);
-        address executor = _requireExecutor(taskId, t, attempt);
-        if (proofHash == 0) revert EmptyProof(taskId);
-        Texts.requireText(uri);
+        _submit(taskId, t, attempt, proofHash, uri);
         _proofs[t.serviceId] = proofHash;
-        t.state = TaskState.Submitted;
-        uint256 deadline = block.timestamp + t.verdictWindow;
-        t.deadline = deadline.toUint32();
-        emit ProofSubmitted(taskId, attempt, executor, proofHash, uri, deadline);
+    }
+
+    /// @inheritdoc ITaskManager
+    function submitJudgedProof(Vote calldata vote, SignedBy calldata by, string calldata proofUri)
+        external
+        nonReentrant
+    {
+        uint256 taskId = vote.taskId;
+        Record storage t = _get(taskId);
+        // The proof is not kept: nobody looks for it after this call.
+        _submit(taskId, t, vote.attempt, vote.proofHash, proofUri);
+        _requireRight(taskId, t, by.judge, vote.verdict);
+        if (by.judge == msg.sender) revert JudgeIsParty(taskId, by.judge);
+        _requireContent(taskId, t, vote.verdict, vote.amount, by.reportUri, vote.reason);
+        _requireSigned(vote, by);
+        emit VerdictSigned(taskId, vote.attempt, by.judge, vote.rulesHash);
+        _emitVerdict(vote, by.reportUri);
+        _decide(taskId, t, by.judge, vote.verdict, vote.amount, vote.proofHash);
     }
 
     /// @inheritdoc ITaskManager
@@ -200,11 +216,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     ) external nonReentrant {
         Record storage t = _get(taskId);
         _requireJudge(taskId, t, attempt, proofHash, verdict);
-        _requireAmount(taskId, t, verdict, amount);
-        Texts.requireText(reportUri);
-        Texts.requireText(reason);
+        _requireContent(taskId, t, verdict, amount, reportUri, reason);
         emit VerdictPosted(taskId, attempt, proofHash, verdict, amount, reportHash, reportUri, reason);
-        _decide(taskId, t, verdict, amount, proofHash);
+        _decide(taskId, t, msg.sender, verdict, amount, proofHash);
     }
 
     /// @inheritdoc ITaskManager
@@ -444,10 +458,41 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return true;
     }
 
-    /// @dev What a verdict does; whether it may was checked.
-    function _decide(uint256 taskId, Record storage t, Verdict verdict, uint256 amount, bytes32 proofHash)
+    /// @dev The caller's proof of the running attempt waits for its verdict now.
+    function _submit(uint256 taskId, Record storage t, uint8 attempt, bytes32 proofHash, string calldata uri)
         private
     {
+        address executor = _requireExecutor(taskId, t, attempt);
+        if (proofHash == 0) revert EmptyProof(taskId);
+        Texts.requireText(uri);
+        t.state = TaskState.Submitted;
+        uint256 deadline = block.timestamp + t.verdictWindow;
+        t.deadline = deadline.toUint32();
+        emit ProofSubmitted(taskId, attempt, executor, proofHash, uri, deadline);
+    }
+
+    function _emitVerdict(Vote calldata vote, string calldata reportUri) private {
+        emit VerdictPosted(
+            vote.taskId,
+            vote.attempt,
+            vote.proofHash,
+            vote.verdict,
+            vote.amount,
+            vote.reportHash,
+            reportUri,
+            vote.reason
+        );
+    }
+
+    /// @dev What a verdict does; whether it may was checked.
+    function _decide(
+        uint256 taskId,
+        Record storage t,
+        address judge,
+        Verdict verdict,
+        uint256 amount,
+        bytes32 proofHash
+    ) private {
         bytes32 kind = _kinds.kinds[t.kindId];
         if (t.state == TaskState.Undecided) {
             // Its service was released when the attempt became undecided.
@@ -461,7 +506,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         } else if (verdict == Verdict.Rejected) {
             _failAttempt(taskId, t, kind, Cause.Rejected);
         } else {
-            _askAuditors(taskId, t, kind, proofHash);
+            _askAuditors(taskId, t, kind, judge, proofHash);
         }
     }
 
@@ -483,10 +528,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev The attempt waits for the auditors, and its service no longer: neither side failed.
-    function _askAuditors(uint256 taskId, Record storage t, bytes32 kind, bytes32 proofHash) private {
+    function _askAuditors(uint256 taskId, Record storage t, bytes32 kind, address judge, bytes32 proofHash)
+        private
+    {
         Kind memory rules = organization.kindOf(kind);
         // Kept as it is now: nobody changes who wins while the window runs.
-        _disputes[taskId] = Dispute(msg.sender, rules.silence, proofHash);
+        _disputes[taskId] = Dispute(judge, rules.silence, proofHash);
         uint256 deadline = block.timestamp + rules.auditWindow;
         t.state = TaskState.Undecided;
         t.deadline = deadline.toUint32();
@@ -628,25 +675,58 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bytes32 proofHash,
         Verdict verdict
     ) private view {
-        bytes32 kind = _kinds.kinds[t.kindId];
-        bool disputed = t.state == TaskState.Undecided;
-        bool mayJudge = disputed ? organization.mayAudit(msg.sender) : organization.mayJudge(msg.sender, kind);
-        if (!mayJudge) revert NotJudge(msg.sender, kind);
-        if (msg.sender == t.creator) revert JudgeIsParty(taskId, msg.sender);
+        bool disputed = _requireRight(taskId, t, msg.sender, verdict);
         _requireAttempt(taskId, t, attempt, disputed ? TaskState.Undecided : TaskState.Submitted);
         if (msg.sender == services.providerOf(t.serviceId)) revert JudgeIsParty(taskId, msg.sender);
         bytes32 submitted = _proof(taskId, t);
         if (proofHash != submitted) revert ProofMismatch(taskId, submitted, proofHash);
         if (disputed && msg.sender == _disputes[taskId].judge) revert JudgedBefore(taskId, msg.sender);
+    }
+
+    /// @dev Whether the attempt waits for the auditors, of whom the judge is one then.
+    function _requireRight(uint256 taskId, Record storage t, address judge, Verdict verdict)
+        private
+        view
+        returns (bool disputed)
+    {
+        bytes32 kind = _kinds.kinds[t.kindId];
+        disputed = t.state == TaskState.Undecided;
+        bool mayJudge = disputed ? organization.mayAudit(judge) : organization.mayJudge(judge, kind);
+        if (!mayJudge) revert NotJudge(judge, kind);
+        if (judge == t.creator) revert JudgeIsParty(taskId, judge);
         if (verdict == Verdict.Undecided && (disputed || organization.kindOf(kind).review != Review.Oracle)) {
-            revert AuditorMustDecide(taskId, msg.sender);
+            revert AuditorMustDecide(taskId, judge);
         }
     }
 
-    function _requireAmount(uint256 taskId, Record storage t, Verdict verdict, uint256 amount) private view {
+    /// @dev The judge, or enough of the committee's judges, signed the verdict.
+    function _requireSigned(Vote calldata vote, SignedBy calldata by) private {
+        if (block.timestamp > by.deadline) {
+            revert SignatureExpired(vote.taskId, by.deadline, block.timestamp);
+        }
+        bytes32 digest = SignedVerdicts.digestOf(vote, by.judge, by.deadline, address(this));
+        if (SignedVerdicts.isSignedBy(by.judge, digest, by.signatures)) return;
+        // The answer is compared, because the judge's code may be a wallet's that takes every call.
+        bool counted = by.judge.code.length != 0
+            && IVoteCounter(by.judge).countVotes(vote, digest, by.signatures)
+                == IVoteCounter.countVotes.selector;
+        if (!counted) revert NotSigned(vote.taskId, by.judge);
+    }
+
+    /// @dev The verdict says something, with an amount that it may carry.
+    function _requireContent(
+        uint256 taskId,
+        Record storage t,
+        Verdict verdict,
+        uint256 amount,
+        string calldata reportUri,
+        string calldata reason
+    ) private view {
         if (verdict == Verdict.None) revert NoVerdict(taskId);
         uint256 max = verdict == Verdict.Accepted ? t.price : 0;
         if (amount > max || (amount == 0 && max != 0)) revert InvalidAmount(taskId, amount, max);
+        Texts.requireText(reportUri);
+        Texts.requireText(reason);
     }
 
     /// @dev The proof that waits for its verdict; 0 if none does.

@@ -132,6 +132,14 @@ class Service(Struct):
 
 
 @dataclass(frozen=True)
+class SignedBy(Struct):
+    judge: str
+    deadline: int
+    report_uri: str
+    signatures: bytes
+
+
+@dataclass(frozen=True)
 class Task(Struct):
     creator: str
     reward: int
@@ -456,6 +464,9 @@ class TaskManagerCalls(ContractCalls):
 
     def rescue(self, token: str, to: str) -> Call:
         return self._call("TaskManager", "rescue", token, to)
+
+    def submit_judged_proof(self, vote: Vote, by: SignedBy, proof_uri: str) -> Call:
+        return self._call("TaskManager", "submitJudgedProof", vote, by, proof_uri)
 
     def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
         return self._call("TaskManager", "submitProof", task_id, attempt, proof_hash, uri)

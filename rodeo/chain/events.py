@@ -358,6 +358,14 @@ class VerdictPosted(Event):
 
 
 @dataclass(frozen=True)
+class VerdictSigned(Event):
+    task_id: int
+    attempt: int
+    judge: str
+    rules: bytes
+
+
+@dataclass(frozen=True)
 class JudgeKeyChanged(Event):
     seat: int
     old_key: str

@@ -19,7 +19,7 @@ from rodeo.errors import snake_case
 
 BETWEEN_CONTRACTS = frozenset(
     {
-        *("acquire", "holdBond", "offer", "placeService", "recordOwner"),
+        *("acquire", "countVotes", "holdBond", "offer", "placeService", "recordOwner"),
         *("reinstate", "release", "returnBond", "suspend", "suspendServicesOf"),
     }
 )

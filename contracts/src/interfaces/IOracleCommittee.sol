@@ -2,27 +2,8 @@
 pragma solidity ^0.8.28;
 
 import {IOrganization} from "./IOrganization.sol";
-import {ITaskManager, Verdict} from "./ITaskManager.sol";
-
-/// @notice What a judge signs (EIP-712): the whole verdict, but not where its report lies.
-/// @param taskId which task, of the organization's TaskManager
-/// @param attempt which attempt at it
-/// @param proofHash SHA-256 of the proof that was judged
-/// @param reportHash SHA-256 of the report; judges whose reports differ in one number do not agree
-/// @param rulesHash SHA-256 of the rules that were applied
-/// @param verdict what the judge says
-/// @param amount what an accepted proof is paid, in the token's smallest unit
-/// @param reason the verdict's reason, as people read it
-struct Vote {
-    uint256 taskId;
-    uint8 attempt;
-    bytes32 proofHash;
-    bytes32 reportHash;
-    bytes32 rulesHash;
-    Verdict verdict;
-    uint256 amount;
-    string reason;
-}
+import {ITaskManager, Vote} from "./ITaskManager.sol";
+import {IVoteCounter} from "./IVoteCounter.sol";
 
 /// @param owner for whom the judge works; a party's judge does not judge
 /// @param seat the bit that stands for it in Quorum.judges; it stays when the key changes
@@ -47,7 +28,7 @@ struct Quorum {
 /// @title Judges of whom several have to agree.
 /// @notice The organization gives ORACLE_ROLE to this contract, and to no single key. Judges sign votes and send
 /// nothing; whoever holds enough of them posts the verdict. The organization's administrator seats the judges.
-interface IOracleCommittee {
+interface IOracleCommittee is IVoteCounter {
     event JudgeSeated(uint8 indexed seat, address indexed key, address indexed owner);
     event JudgeKeyChanged(uint8 indexed seat, address indexed oldKey, address indexed key);
     event QuorumChanged(bytes32 indexed kind, uint8 votes, uint8 panel, uint32 rotation, uint64 judges);
@@ -71,6 +52,7 @@ interface IOracleCommittee {
     error VotedTwice(uint256 taskId, address key);
     /// @notice Not in the panel yet: `place` in line, while `panel` may vote.
     error NotInPanel(uint256 taskId, address key, uint256 place, uint256 panel);
+    error NotTaskManager(address caller);
     /// @notice An auditor would decide alone what it had left undecided with others.
     error JudgeIsAuditor(uint256 taskId, address key);
 

@@ -89,6 +89,37 @@ struct Task {
     bytes32 proofHash;
 }
 
+/// @notice What a judge signs (EIP-712): the whole verdict, but not where its report lies.
+/// @param taskId which task,
+/// @param attempt which attempt at it
+/// @param proofHash SHA-256 of the proof that was judged
+/// @param reportHash SHA-256 of the report; judges whose reports differ in one number do not agree
+/// @param rulesHash SHA-256 of the rules that were applied
+/// @param verdict what the judge says
+/// @param amount what an accepted proof is paid, in the token's smallest unit
+/// @param reason the verdict's reason, as people read it
+struct Vote {
+    uint256 taskId;
+    uint8 attempt;
+    bytes32 proofHash;
+    bytes32 reportHash;
+    bytes32 rulesHash;
+    Verdict verdict;
+    uint256 amount;
+    string reason;
+}
+
+/// @param judge who signed a verdict, or the committee whose judges did
+/// @param deadline until when the verdict can be used, block time in seconds; signed, too
+/// @param reportUri where the report can be fetched; only in the event
+/// @param signatures the judge's (64 bytes, EIP-2098), or those that the committee counts (IVoteCounter)
+struct SignedBy {
+    address judge;
+    uint256 deadline;
+    string reportUri;
+    bytes signatures;
+}
+
 /// @title Tasks and their escrow.
 /// @notice
 ///     Open ──match──> Assigned ──proof──> Submitted ──accepted──> Settled
@@ -143,6 +174,10 @@ interface ITaskManager {
         string reportUri,
         string reason
     );
+    /// @notice Precedes VerdictPosted where the executor brought the verdict along.
+    /// @param judge who signed it, or the committee whose judges did
+    /// @param rules by which the judge says that it judged
+    event VerdictSigned(uint256 indexed taskId, uint8 attempt, address indexed judge, bytes32 rules);
     /// @notice Follows an undecided verdict: auditors decide until `deadline`, else `silence` does.
     event AuditRequested(uint256 indexed taskId, uint8 attempt, uint256 deadline, Silence silence);
     /// @param refund the rest of the reward, which the creator has back
@@ -177,6 +212,9 @@ interface ITaskManager {
     error NotExecutor(uint256 taskId, address caller, address executor);
     /// @notice The organization lets others judge work of this kind. See IOrganization.allowKind.
     error NotJudge(address caller, bytes32 kind);
+    /// @notice Neither this account signed the verdict, nor enough of its judges.
+    error NotSigned(uint256 taskId, address judge);
+    error SignatureExpired(uint256 taskId, uint256 deadline, uint256 time);
     /// @notice Whoever could not decide does not decide afterwards.
     error JudgedBefore(uint256 taskId, address caller);
     /// @notice Only an oracle may leave a proof undecided, and only once: auditors accept or reject.
@@ -246,6 +284,13 @@ interface ITaskManager {
     /// @param proofHash SHA-256 of the recording
     /// @param uri where it can be fetched; only in the event
     function submitProof(uint256 taskId, uint8 attempt, bytes32 proofHash, string calldata uri) external;
+
+    /// @notice submitProof and postVerdict in one transaction: the executor brings the verdict along that a judge has
+    /// signed. Whoever may not post this verdict may not sign it either.
+    /// @param vote the verdict, with task, attempt and proof
+    /// @param by who signed it
+    /// @param proofUri where the proof can be fetched; only in the event
+    function submitJudgedProof(Vote calldata vote, SignedBy calldata by, string calldata proofUri) external;
 
     /// @notice A judge decides on the submitted proof in the verdict window. The organization names the judges of each
     /// kind: oracles or auditors. After an undecided verdict an auditor decides, in the audit window.

@@ -34,10 +34,13 @@ contract EscrowInvariants is Fixture {
         _handler = new Handler(coin, organization, admin, oracle, auditor, creators, providers, policies);
         // Whoever may not audit has the role all the same: what stops it is that it is a party, or has judged.
         address[5] memory others = [oracle, alice, robot1, robot2, robot3];
-        bytes32 role = organization.AUDITOR_ROLE();
+        (bytes32 role, bytes32 oracles) = (organization.AUDITOR_ROLE(), organization.ORACLE_ROLE());
         for (uint256 i = 0; i < others.length; ++i) {
             vm.prank(admin);
             organization.grantRole(role, others[i]);
+            // The same for whoever signs a verdict on its own task.
+            vm.prank(admin);
+            organization.grantRole(oracles, others[i]);
         }
         vm.prank(admin);
         organization.setVerdictWindows(CLEANING, 15 minutes, 7 days);

@@ -13,12 +13,15 @@ import {Kind, Review, Terms} from "../../src/interfaces/IOrganization.sol";
 import {Outcome, Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
 import {
     ITaskManager,
+    SignedBy,
     Silence,
     Task,
     TaskRequest,
     TaskState,
-    Verdict
+    Verdict,
+    Vote
 } from "../../src/interfaces/ITaskManager.sol";
+import {SignedVerdicts} from "../../src/libraries/SignedVerdicts.sol";
 import {Possession} from "../Possession.sol";
 
 /// @notice What a service agreed to and what should be left of it, from the rules alone.
@@ -454,36 +457,112 @@ contract Handler is CommonBase, StdUtils {
         _expectVerdict(taskId, t, accepted, amount);
     }
 
-    /// @dev The same among others that fail, first with any amount of gas.
+    /// @dev The same among others that fail. First alone, with any amount of gas and much to write.
     function postAmongOthers(uint256 which, bool accepted, uint256 amount, uint256 gas) external inOrder {
         uint256 taskId = _find(which, TaskState.Submitted);
         if (taskId == 0) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         amount = _amount(t, accepted, amount);
-        bytes[] memory calls = new bytes[](3);
-        calls[0] = abi.encodeCall(ITaskManager.cancelTask, (0));
-        calls[1] = abi.encodeCall(
+        Verdict verdict = accepted ? Verdict.Accepted : Verdict.Rejected;
+        bytes memory call_ = abi.encodeCall(
             ITaskManager.postVerdict,
-            (
-                taskId,
-                t.attempt,
-                t.proofHash,
-                accepted ? Verdict.Accepted : Verdict.Rejected,
-                amount,
-                0,
-                "",
-                ""
-            )
+            (taskId, t.attempt, t.proofHash, verdict, amount, 0, string(new bytes(8192)), "")
         );
-        calls[2] = calls[1];
+        bytes[] memory calls = new bytes[](1);
+        calls[0] = call_;
         vm.prank(_oracle);
-        try _tasks.callEach{gas: bound(gas, 50_000, 600_000)}(calls) {}
+        try _tasks.callEach{gas: bound(gas, 100_000, 500_000)}(calls) {}
         catch {
+            calls = new bytes[](3);
+            calls[0] = abi.encodeCall(ITaskManager.cancelTask, (0));
+            (calls[1], calls[2]) = (call_, call_);
             vm.prank(_oracle);
             _tasks.callEach(calls);
         }
         _expectVerdict(taskId, t, accepted, amount);
+    }
+
+    /// @dev The executor brings the oracle's signature along with the proof: after one that is of something else, or of
+    /// somebody who may not judge, was refused.
+    function submitJudgedProof(uint256 which, bool accepted, uint256 amount, uint256 forgery)
+        external
+        inOrder
+    {
+        uint256 taskId = _find(which, TaskState.Assigned);
+        if (taskId == 0) return;
+        Task memory t = _tasks.task(taskId);
+        if (block.timestamp > t.deadline) return;
+        amount = _amount(t, accepted, amount);
+        Vote memory vote = Vote(
+            taskId,
+            t.attempt,
+            "proof",
+            "report",
+            "rules",
+            accepted ? Verdict.Accepted : Verdict.Rejected,
+            amount,
+            ""
+        );
+        address executor = _services.providerOf(t.serviceId);
+        if (_submitForged(vote, executor, t.creator, bound(forgery, 0, 9))) {
+            violation = "a forged verdict was taken";
+            return;
+        }
+        SignedBy memory by = SignedBy(_oracle, block.timestamp, "", "");
+        by.signatures = _signed(vote, by);
+        vm.prank(executor);
+        _tasks.submitJudgedProof(vote, by, "");
+        _expectVerdict(taskId, t, accepted, amount);
+        vm.prank(executor);
+        try _tasks.submitJudgedProof(vote, by, "") {
+            violation = "a signed verdict was taken twice";
+        } catch {}
+    }
+
+    /// @dev Whether a verdict was taken that its judge did not sign like this, or that it may not sign.
+    function _submitForged(Vote memory vote, address executor, address creator, uint256 forgery)
+        private
+        returns (bool)
+    {
+        SignedBy memory by = SignedBy(_oracle, block.timestamp, "", "");
+        (uint256 taskId, uint8 attempt, uint256 amount) = (vote.taskId, vote.attempt, vote.amount);
+        uint256 chain = block.chainid;
+        if (forgery == 0) ++vote.taskId;
+        if (forgery == 1) ++vote.attempt;
+        if (forgery == 2) vote.proofHash = "another proof";
+        if (forgery == 3) vote.reportHash = "another report";
+        if (forgery == 4) ++vote.amount;
+        if (forgery == 5) vm.chainId(chain + 1);
+        if (forgery == 6) by.deadline = block.timestamp - 1;
+        if (forgery == 7) by.judge = executor;
+        if (forgery == 8) by.judge = creator;
+        if (forgery == 9) by.judge = _auditor;
+        by.signatures = _signed(vote, by);
+        (vote.taskId, vote.attempt, vote.amount) = (taskId, attempt, amount);
+        (vote.proofHash, vote.reportHash) = ("proof", "report");
+        vm.chainId(chain);
+        // Nor does anybody else sign in the oracle's name.
+        vm.prank(executor);
+        try _tasks.submitJudgedProof(vote, by, "") {
+            return true;
+        } catch {}
+        by = SignedBy(
+            _oracle, block.timestamp, "", _signed(vote, SignedBy(executor, block.timestamp, "", ""))
+        );
+        vm.prank(executor);
+        try _tasks.submitJudgedProof(vote, by, "") {
+            return true;
+        } catch {
+            return false;
+        }
+    }
+
+    /// @dev By `by.judge`, whose key its name gives.
+    function _signed(Vote memory vote, SignedBy memory by) private view returns (bytes memory) {
+        bytes32 digest = SignedVerdicts.digestOf(vote, by.judge, by.deadline, address(_tasks));
+        (bytes32 r, bytes32 vs) = vm.signCompact(uint256(keccak256(bytes(vm.getLabel(by.judge)))), digest);
+        return abi.encodePacked(r, vs);
     }
 
     function _expectVerdict(uint256 taskId, Task memory t, bool accepted, uint256 amount) private {

@@ -26,6 +26,7 @@ from rodeo.chain import (
     Vote,
     artifacts,
 )
+from rodeo.chain.abi import SignedBy
 from rodeo.chain.generate import BETWEEN_CONTRACTS, IGNORED_EVENTS, OF_GOVERNANCE, generated
 
 ADDRESS = "0x" + "00" * 19 + "01"
@@ -58,6 +59,7 @@ SAMPLES: dict[str, Any] = {
     "vs": bytes(32),
     "policy": Policy.LOWEST_PRICE,
     "vote": Vote(1, 1, bytes(32), bytes(32), bytes(32), Verdict.ACCEPTED, 1, "accepted"),
+    "by": SignedBy(ADDRESS, 1, "", bytes(64)),
     "signatures": bytes(192),
     "calls": [bytes(4), bytes(36)],
 }
