@@ -12,6 +12,7 @@ const CONTRACTS = [
   "Organization",
   "ServiceManager",
   "TaskManager",
+  "SignedRequests",
   "OracleCommittee",
   "FirstComeFirstServed",
   "LowestPrice",

@@ -272,10 +272,13 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
         chain_id = w3.eth.chain_id
     by_vote = site.governance.kind == "vote"
     governance = site.governance
-    names = (*artifacts.CONTRACTS, *(artifacts.governance(governance.votes) if by_vote else ()))
+    all_names = (*artifacts.CONTRACTS, *(artifacts.governance(governance.votes) if by_vote else ()))
+    names = [name for name in all_names if name != "SignedRequests"]
     addresses = {
         name: get_create_address(deployer.address, Nonce(nonce + offset)) for offset, name in enumerate(names)
     }
+    # TaskManager makes it in its constructor, and a contract's first nonce is 1.
+    addresses["SignedRequests"] = get_create_address(addresses["TaskManager"], Nonce(1))
     coin, organization = addresses["IECoin"], addresses["Organization"]
     services, tasks = addresses["ServiceManager"], addresses["TaskManager"]
     terms = site.governance.terms

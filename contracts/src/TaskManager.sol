@@ -6,6 +6,7 @@ import {IERC20Permit} from "@openzeppelin/contracts/token/ERC20/extensions/IERC2
 import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol";
 import {ReentrancyGuardTransient} from "@openzeppelin/contracts/utils/ReentrancyGuardTransient.sol";
 import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
+import {SignedRequests} from "./SignedRequests.sol";
 import {IMatchingPolicy} from "./interfaces/IMatchingPolicy.sol";
 import {IOrganization, Kind, Review} from "./interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Release} from "./interfaces/IServiceManager.sol";
@@ -94,6 +95,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     IERC20 public immutable token;
     IOrganization public immutable organization;
     IServiceManager public immutable services;
+    /// @notice Says for whom it calls, and is believed: it has seen that participant's signature.
+    SignedRequests public immutable signedRequests;
 
     Totals private _totals;
     KindTable.Table private _kinds;
@@ -123,11 +126,12 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         organization = organization_;
         services = services_;
         token = organization_.token();
+        signedRequests = new SignedRequests();
     }
 
     /// @inheritdoc ITaskManager
     function registerTask(TaskRequest calldata request) external nonReentrant returns (uint256) {
-        return _register(request);
+        return _register(_sender(), request);
     }
 
     /// @inheritdoc ITaskManager
@@ -142,13 +146,14 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         try IERC20Permit(address(token))
             .permit(msg.sender, address(this), request.reward, deadline, v, r, s) {}
             catch {}
-        return _register(request);
+        return _register(msg.sender, request);
     }
 
     /// @inheritdoc ITaskManager
     function cancelTask(uint256 taskId) external nonReentrant {
         Record storage t = _get(taskId);
-        if (msg.sender != t.creator) revert NotCreator(taskId, msg.sender, t.creator);
+        address caller = _sender();
+        if (caller != t.creator) revert NotCreator(taskId, caller, t.creator);
         _requireState(taskId, t, TaskState.Open);
         _open[_queue(t)].remove(uint64(taskId));
         t.state = TaskState.Cancelled;
@@ -335,9 +340,9 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         return _open[_kinds.ids[kind]].first(Units.levelFor(price));
     }
 
-    function _register(TaskRequest calldata request) private returns (uint256 taskId) {
+    function _register(address creator, TaskRequest calldata request) private returns (uint256 taskId) {
         (IMatchingPolicy policy, bytes32 rules, Silence silence) = organization.admitTask(
-            request.kind, msg.sender, request.executionWindow, request.verdictWindow, request.rules
+            request.kind, creator, request.executionWindow, request.verdictWindow, request.rules
         );
         _requireWindow(request.executionWindow);
         if (request.maxAttempts == 0 || request.maxAttempts > MAX_ATTEMPTS) {
@@ -346,7 +351,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         Texts.requireParams(request.params);
         taskId = ++_totals.tasks;
         Record storage t = _tasks[taskId];
-        t.creator = msg.sender;
+        t.creator = creator;
         t.reward = request.reward.toUint96();
         t.kindId = _kinds.idOf(request.kind);
         t.executionWindow = uint24(request.executionWindow);
@@ -356,7 +361,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         t.silence = silence;
         emit TaskRegistered(
             taskId,
-            msg.sender,
+            creator,
             request.kind,
             request.reward,
             request.executionWindow,
@@ -370,7 +375,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             emit ServiceRequested(taskId, request.serviceId);
         }
         _match(taskId, t, request.kind, policy);
-        _take(msg.sender, request.reward);
+        _take(creator, request.reward);
     }
 
     /// @dev Give an open task that is in no queue to a service, or let it wait in its place.
@@ -658,7 +663,18 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     {
         _requireAttempt(taskId, t, attempt, TaskState.Assigned);
         executor = services.providerOf(t.serviceId);
-        if (msg.sender != executor) revert NotExecutor(taskId, msg.sender, executor);
+        address caller = _sender();
+        if (caller != executor) revert NotExecutor(taskId, caller, executor);
+    }
+
+    /// @dev Who wants this: the caller, or whose signature SignedRequests has seen (ERC-2771).
+    function _sender() private view returns (address sender) {
+        sender = msg.sender;
+        if (sender != address(signedRequests)) return sender;
+        // By hand: 300 bytes less of code than a slice. That contract always appends an address.
+        assembly ("memory-safe") {
+            sender := shr(96, calldataload(sub(calldatasize(), 20)))
+        }
     }
 
     /// @dev Until then the executor of an assigned task may abandon it at no cost.

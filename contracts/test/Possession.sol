@@ -21,7 +21,7 @@ library Possession {
         pure
         returns (bytes32 r, bytes32 vs)
     {
-        return VM.signCompact(_keyOf(device), digest(registry, chainId, device, owner, nonce));
+        return VM.signCompact(keyOf(device), digest(registry, chainId, device, owner, nonce));
     }
 
     function digest(address registry, uint256 chainId, address device, address owner, uint256 nonce)
@@ -46,7 +46,7 @@ library Possession {
     }
 
     /// @dev Of those that the tests use; another one's signature is of nobody.
-    function _keyOf(address device) private pure returns (uint256) {
+    function keyOf(address device) internal pure returns (uint256) {
         string[9] memory names =
             ["robot1", "robot2", "robot3", "alice", "bob", "stranger", "device", "bin", "next"];
         for (uint256 i = 0; i < names.length; ++i) {

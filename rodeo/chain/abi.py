@@ -408,6 +408,41 @@ class ServiceManagerCalls(ContractCalls):
         return self._call("ServiceManager", "wakeUp")
 
 
+class SignedRequestsCalls(ContractCalls):
+    def cancel_task_for(self, creator: str, task_id: int, deadline: int, signature: bytes) -> Call:
+        return self._call("SignedRequests", "cancelTaskFor", creator, task_id, deadline, signature)
+
+    def register_task_for(
+        self, creator: str, request: TaskRequest, nonce: int, deadline: int, signature: bytes
+    ) -> Call:
+        return self._call("SignedRequests", "registerTaskFor", creator, request, nonce, deadline, signature)
+
+    def revoke_request(self, nonce: int) -> Call:
+        return self._call("SignedRequests", "revokeRequest", nonce)
+
+    def submit_proof_for(
+        self,
+        executor: str,
+        task_id: int,
+        attempt: int,
+        proof_hash: bytes,
+        uri: str,
+        deadline: int,
+        signature: bytes,
+    ) -> Call:
+        return self._call(
+            "SignedRequests",
+            "submitProofFor",
+            executor,
+            task_id,
+            attempt,
+            proof_hash,
+            uri,
+            deadline,
+            signature,
+        )
+
+
 class TaskManagerCalls(ContractCalls):
     def abandon_task(self, task_id: int, attempt: int) -> Call:
         return self._call("TaskManager", "abandonTask", task_id, attempt)

@@ -25,7 +25,13 @@ class ParticipantCalls(Protocol):
     def transfer(self, to: str, value: int) -> Call: ...
 
 
-class Calls(abi.TaskManagerCalls, abi.ServiceManagerCalls, abi.IECoinCalls, abi.OracleCommitteeCalls):
+class Calls(
+    abi.TaskManagerCalls,
+    abi.ServiceManagerCalls,
+    abi.SignedRequestsCalls,
+    abi.IECoinCalls,
+    abi.OracleCommitteeCalls,
+):
     """Calls of a participant in its own name, of an oracle, those that anyone may make, and those of the
     administrator to the committee of oracles.
 

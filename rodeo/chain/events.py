@@ -366,6 +366,20 @@ class VerdictSigned(Event):
 
 
 @dataclass(frozen=True)
+class RequestRevoked(Event):
+    signer: str
+    nonce: int
+
+
+@dataclass(frozen=True)
+class RequestUsed(Event):
+    signer: str
+    nonce: int
+    task_id: int
+    relayer: str
+
+
+@dataclass(frozen=True)
 class JudgeKeyChanged(Event):
     seat: int
     old_key: str

@@ -22,7 +22,9 @@ import {
     Vote
 } from "../../src/interfaces/ITaskManager.sol";
 import {SignedVerdicts} from "../../src/libraries/SignedVerdicts.sol";
+import {ISignedRequests} from "../../src/interfaces/ISignedRequests.sol";
 import {Possession} from "../Possession.sol";
+import {Signing} from "../Signing.sol";
 
 /// @notice What a service agreed to and what should be left of it, from the rules alone.
 struct Ghost {
@@ -61,6 +63,7 @@ contract Handler is CommonBase, StdUtils {
     /// @dev So many different rules are named; more than may be current.
     uint256 private constant RULES = 12;
     uint256 private constant NO_LIMIT = type(uint256).max;
+    bytes32 private constant PROOF = "relayed";
 
     IECoin private immutable _coin;
     Organization private immutable _organization;
@@ -102,6 +105,7 @@ contract Handler is CommonBase, StdUtils {
     /// @dev Who wins a proof that nobody judges, as it was when the task was posted.
     mapping(uint256 taskId => Silence) private _silence;
     mapping(bytes32 kind => Judged) private _judged;
+    mapping(address creator => mapping(uint256 nonce => bool)) private _usedNonces;
 
     /// @dev After every call: whoever was assigned was next in line.
     modifier inOrder() {
@@ -255,6 +259,98 @@ contract Handler is CommonBase, StdUtils {
             if (t.state == TaskState.Open) expected[t.creator] += t.reward;
         } catch {
             if (t.state == TaskState.Open) violation = "an open task could not be cancelled";
+        }
+    }
+
+    /// @dev Whoever relays it: the creator pays, once, what it signed, and nothing where anything is wrong with it.
+    function relayTask(uint256 who, uint256 reward, uint256 nonce, uint256 flaw) external inOrder {
+        address creator = _creators[bound(who, 0, _creators.length - 1)];
+        reward = bound(reward, 0, _min(expected[creator], 200 ether));
+        nonce = bound(nonce, 0, 9);
+        ISignedRequests requests = _tasks.signedRequests();
+        bool right = !_usedNonces[creator][nonce];
+        TaskRequest memory request = TaskRequest(CLEANING, reward, 1 hours, 1 hours, 3, 0, 0, "{}");
+        uint256 deadline = block.timestamp + 1 hours;
+        // Half of them are as they should be.
+        flaw = bound(flaw, 0, 7);
+        address key = flaw == 1 ? _creators[(who % _creators.length + 1) % _creators.length] : creator;
+        if (flaw == 2) deadline = block.timestamp - 1;
+        bytes memory signature =
+            Signing.registration(Possession.keyOf(key), address(requests), creator, request, nonce, deadline);
+        if (flaw == 3) request.maxAttempts = 2;
+        right = right && key == creator && flaw != 2 && flaw != 3;
+        try requests.registerTaskFor(creator, request, nonce, deadline, signature) {
+            if (!right) violation = "a request counted that should not";
+            expected[creator] -= reward;
+            _silence[_tasks.taskCount()] = _organization.kindOf(CLEANING).silence;
+            if (_tasks.task(_tasks.taskCount()).creator != creator) violation = "a relayer is the creator";
+            _usedNonces[creator][nonce] = true;
+        } catch {
+            if (right) violation = "a task could not be relayed";
+        }
+    }
+
+    /// @dev By its executor, and before by others, for other work, and too late.
+    function relayProof(uint256 which) external inOrder {
+        uint256 taskId = _find(which, TaskState.Assigned);
+        if (taskId == 0) return;
+        Task memory t = _tasks.task(taskId);
+        if (block.timestamp > t.deadline) return;
+        address executor = _services.providerOf(t.serviceId);
+        uint256 end = block.timestamp;
+        if (_relayProof(executor, _creators[0], taskId, t.attempt, PROOF, end)) {
+            violation = "anybody signs proofs";
+        }
+        if (_relayProof(_creators[0], _creators[0], taskId, t.attempt, PROOF, end)) {
+            violation = "another one's proof was taken";
+        }
+        if (_relayProof(executor, executor, taskId, t.attempt, "another", end)) {
+            violation = "another proof was taken than was signed";
+        }
+        if (_relayProof(executor, executor, taskId, t.attempt, PROOF, end - 1)) {
+            violation = "a proof was relayed too late";
+        }
+        if (!_relayProof(executor, executor, taskId, t.attempt, PROOF, end)) {
+            violation = "a proof could not be relayed";
+        }
+    }
+
+    /// @dev With a signature of `key` on PROOF.
+    function _relayProof(
+        address executor,
+        address key,
+        uint256 taskId,
+        uint8 attempt,
+        bytes32 proofHash,
+        uint256 deadline
+    ) private returns (bool) {
+        ISignedRequests requests = _tasks.signedRequests();
+        bytes memory signature = Signing.proof(
+            Possession.keyOf(key), address(requests), executor, taskId, attempt, PROOF, "", deadline
+        );
+        try requests.submitProofFor(executor, taskId, attempt, proofHash, "", deadline, signature) {
+            return true;
+        } catch {
+            return false;
+        }
+    }
+
+    /// @dev The task comes back to its creator, who signed that, and to nobody else's wish.
+    function relayCancellation(uint256 which, uint256 who) external inOrder {
+        uint256 taskId = _any(which);
+        if (taskId == 0) return;
+        Task memory t = _tasks.task(taskId);
+        address key = _creators[bound(who, 0, _creators.length - 1)];
+        ISignedRequests requests = _tasks.signedRequests();
+        bytes memory signature = Signing.cancellation(
+            Possession.keyOf(key), address(requests), t.creator, taskId, block.timestamp
+        );
+        bool right = key == t.creator && t.state == TaskState.Open;
+        try requests.cancelTaskFor(t.creator, taskId, block.timestamp, signature) {
+            if (!right) violation = "a task was cancelled that its creator did not cancel";
+            expected[t.creator] += t.reward;
+        } catch {
+            if (right) violation = "a cancellation could not be relayed";
         }
     }
 
@@ -834,6 +930,9 @@ contract Handler is CommonBase, StdUtils {
         try _tasks.submitProof(taskId, t.attempt, "meddled", "") {
             violation = "a stranger proved";
         } catch {}
+        bytes memory cancel = abi.encodeCall(ITaskManager.cancelTask, (taskId));
+        (bool believed,) = address(_tasks).call(bytes.concat(cancel, bytes20(t.creator)));
+        if (believed) violation = "a stranger spoke for the creator";
         try _tasks.postVerdict(taskId, t.attempt, t.proofHash, Verdict.Accepted, t.price, 0, "", "") {
             violation = "a stranger judged";
         } catch {}
@@ -1114,7 +1213,8 @@ contract Handler is CommonBase, StdUtils {
             if (who == _providers[i]) return true;
         }
         return who == _oracle || who == _auditor || who == _admin || who == address(_tasks)
-            || who == address(_services) || who == address(_organization);
+            || who == address(_services) || who == address(_organization)
+            || who == address(_tasks.signedRequests());
     }
 
     function _price(uint256 price) private pure returns (uint256) {

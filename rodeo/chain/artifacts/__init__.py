@@ -17,6 +17,7 @@ CONTRACTS = (
     "Organization",
     "ServiceManager",
     "TaskManager",
+    "SignedRequests",
     "OracleCommittee",
 )
 

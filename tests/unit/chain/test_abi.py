@@ -60,6 +60,7 @@ SAMPLES: dict[str, Any] = {
     "policy": Policy.LOWEST_PRICE,
     "vote": Vote(1, 1, bytes(32), bytes(32), bytes(32), Verdict.ACCEPTED, 1, "accepted"),
     "by": SignedBy(ADDRESS, 1, "", bytes(64)),
+    "signature": bytes(65),
     "signatures": bytes(192),
     "calls": [bytes(4), bytes(36)],
 }

@@ -1,0 +1,130 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {Address} from "@openzeppelin/contracts/utils/Address.sol";
+import {EIP712} from "@openzeppelin/contracts/utils/cryptography/EIP712.sol";
+import {SignatureChecker} from "@openzeppelin/contracts/utils/cryptography/SignatureChecker.sol";
+import {BitMaps} from "@openzeppelin/contracts/utils/structs/BitMaps.sol";
+import {ISignedRequests} from "./interfaces/ISignedRequests.sol";
+import {ITaskManager, TaskRequest} from "./interfaces/ITaskManager.sol";
+
+/// @dev The only contract from which TaskManager takes the caller's address from the end of the calldata (ERC-2771). It
+/// calls no functions but the three here: one that calls others by delegatecall would let a signer append somebody
+/// else's address.
+contract SignedRequests is ISignedRequests, EIP712 {
+    using BitMaps for BitMaps.BitMap;
+
+    bytes private constant TASK_TYPE =
+        "TaskRequest(bytes32 kind,uint256 reward,uint32 executionWindow,uint32 verdictWindow,uint8 maxAttempts,bytes32 rules,uint32 serviceId,string params)";
+    bytes32 private constant TASK_TYPEHASH = keccak256(TASK_TYPE);
+    bytes32 private constant REGISTER_TYPEHASH = keccak256(
+        bytes.concat(
+            "RegisterTask(address creator,TaskRequest request,uint256 nonce,uint256 deadline)", TASK_TYPE
+        )
+    );
+    bytes32 private constant CANCEL_TYPEHASH =
+        keccak256("CancelTask(address creator,uint256 taskId,uint256 deadline)");
+    bytes32 private constant PROOF_TYPEHASH = keccak256(
+        "SubmitProof(address executor,uint256 taskId,uint8 attempt,bytes32 proofHash,string uri,uint256 deadline)"
+    );
+
+    ITaskManager public immutable tasks;
+
+    mapping(address signer => BitMaps.BitMap) private _used;
+
+    /// @dev TaskManager makes this contract, so that neither of the two can be wired to another one.
+    constructor() EIP712("RODEO SignedRequests", "1") {
+        tasks = ITaskManager(msg.sender);
+    }
+
+    /// @inheritdoc ISignedRequests
+    function registerTaskFor(
+        address creator,
+        TaskRequest calldata request,
+        uint256 nonce,
+        uint256 deadline,
+        bytes calldata signature
+    ) external returns (uint256 taskId) {
+        // The signer is in what it signs, because the same key may sign for several contracts.
+        bytes32 said = keccak256(abi.encode(REGISTER_TYPEHASH, creator, _hashTask(request), nonce, deadline));
+        _requireSigned(creator, said, deadline, signature);
+        _useNonce(creator, nonce);
+        bytes memory answer = _callAs(creator, abi.encodeCall(ITaskManager.registerTask, (request)));
+        taskId = abi.decode(answer, (uint256));
+        emit RequestUsed(creator, nonce, taskId, msg.sender);
+    }
+
+    /// @inheritdoc ISignedRequests
+    function cancelTaskFor(address creator, uint256 taskId, uint256 deadline, bytes calldata signature)
+        external
+    {
+        bytes32 said = keccak256(abi.encode(CANCEL_TYPEHASH, creator, taskId, deadline));
+        _requireSigned(creator, said, deadline, signature);
+        _callAs(creator, abi.encodeCall(ITaskManager.cancelTask, (taskId)));
+    }
+
+    /// @inheritdoc ISignedRequests
+    function submitProofFor(
+        address executor,
+        uint256 taskId,
+        uint8 attempt,
+        bytes32 proofHash,
+        string calldata uri,
+        uint256 deadline,
+        bytes calldata signature
+    ) external {
+        bytes32 said = keccak256(
+            abi.encode(PROOF_TYPEHASH, executor, taskId, attempt, proofHash, keccak256(bytes(uri)), deadline)
+        );
+        _requireSigned(executor, said, deadline, signature);
+        _callAs(executor, abi.encodeCall(ITaskManager.submitProof, (taskId, attempt, proofHash, uri)));
+    }
+
+    /// @inheritdoc ISignedRequests
+    function revokeRequest(uint256 nonce) external {
+        _useNonce(msg.sender, nonce);
+        emit RequestRevoked(msg.sender, nonce);
+    }
+
+    /// @inheritdoc ISignedRequests
+    function isNonceUsed(address signer, uint256 nonce) external view returns (bool) {
+        return _used[signer].get(nonce);
+    }
+
+    /// @dev What fails there fails here, so that no relayer uses up a nonce with a call that fails for too little gas.
+    function _callAs(address signer, bytes memory call) private returns (bytes memory) {
+        return Address.functionCall(address(tasks), bytes.concat(call, bytes20(signer)));
+    }
+
+    function _useNonce(address signer, uint256 nonce) private {
+        if (_used[signer].get(nonce)) revert NonceUsed(signer, nonce);
+        _used[signer].set(nonce);
+    }
+
+    function _requireSigned(address signer, bytes32 said, uint256 deadline, bytes calldata signature)
+        private
+        view
+    {
+        if (block.timestamp > deadline) revert RequestExpired(deadline, block.timestamp);
+        bytes32 digest = _hashTypedDataV4(said);
+        if (!SignatureChecker.isValidSignatureNowCalldata(signer, digest, signature)) {
+            revert NotSignedBy(signer);
+        }
+    }
+
+    function _hashTask(TaskRequest calldata request) private pure returns (bytes32) {
+        return keccak256(
+            abi.encode(
+                TASK_TYPEHASH,
+                request.kind,
+                request.reward,
+                request.executionWindow,
+                request.verdictWindow,
+                request.maxAttempts,
+                request.rules,
+                request.serviceId,
+                keccak256(bytes(request.params))
+            )
+        );
+    }
+}

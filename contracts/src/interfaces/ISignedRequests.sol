@@ -1,0 +1,70 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {TaskRequest} from "./ITaskManager.sol";
+
+/// @title Calls of TaskManager that somebody else sends, and pays the gas for.
+/// @notice The participant signs what it wants (EIP-712). Anybody sends it, and TaskManager treats the signer as the
+/// caller: its allowance pays, its membership counts, it is the creator or the executor. A contract signs by ERC-1271.
+/// A request that fails changes nothing and may be sent again until its deadline.
+interface ISignedRequests {
+    /// @notice A task was registered by a request. Follows the events of the task.
+    event RequestUsed(address indexed signer, uint256 indexed nonce, uint256 indexed taskId, address relayer);
+    event RequestRevoked(address indexed signer, uint256 indexed nonce);
+
+    error RequestExpired(uint256 deadline, uint256 time);
+    /// @notice The signature is of somebody else, or of another request, organization or chain.
+    error NotSignedBy(address signer);
+    error NonceUsed(address signer, uint256 nonce);
+
+    /// @notice Register the task that its creator signed. The creator, not the caller, pays the reward, and has
+    /// approved TaskManager for it.
+    /// @param creator who signed
+    /// @param request the task
+    /// @param nonce any number that the creator has not used; 256 neighbours share one word of storage
+    /// @param deadline until when the request is valid, block time in seconds
+    /// @param signature of RegisterTask: 65 bytes, or what the creator's contract takes for one
+    /// @return taskId the number of the task, counted from 1
+    function registerTaskFor(
+        address creator,
+        TaskRequest calldata request,
+        uint256 nonce,
+        uint256 deadline,
+        bytes calldata signature
+    ) external returns (uint256 taskId);
+
+    /// @notice Cancel the open task whose creator signed this. A task is cancelled once, so no nonce is needed.
+    /// @param creator who signed
+    /// @param taskId an open task of the creator
+    /// @param deadline until when the request is valid, block time in seconds
+    /// @param signature of CancelTask
+    function cancelTaskFor(address creator, uint256 taskId, uint256 deadline, bytes calldata signature)
+        external;
+
+    /// @notice Submit the proof that the executor signed. An attempt has one proof, so no nonce is needed.
+    /// @param executor who signed
+    /// @param taskId the task that the executor does
+    /// @param attempt the running attempt
+    /// @param proofHash SHA-256 of the recording
+    /// @param uri where it can be fetched; only in the event
+    /// @param deadline until when the request is valid, block time in seconds
+    /// @param signature of SubmitProof
+    function submitProofFor(
+        address executor,
+        uint256 taskId,
+        uint8 attempt,
+        bytes32 proofHash,
+        string calldata uri,
+        uint256 deadline,
+        bytes calldata signature
+    ) external;
+
+    /// @notice The caller uses up a nonce, so that the request with it is void.
+    /// @param nonce of the caller
+    function revokeRequest(uint256 nonce) external;
+
+    /// @notice Returns whether a request with this nonce was used or revoked.
+    /// @param signer whose nonce
+    /// @param nonce the number
+    function isNonceUsed(address signer, uint256 nonce) external view returns (bool);
+}

@@ -1,0 +1,392 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.sol";
+import {SignedRequests} from "../src/SignedRequests.sol";
+import {IOrganization} from "../src/interfaces/IOrganization.sol";
+import {ISignedRequests} from "../src/interfaces/ISignedRequests.sol";
+import {ITaskManager, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {Fixture} from "./Fixture.sol";
+import {SignerWallet, Signing} from "./Signing.sol";
+
+/// @notice Alice and robot1 have no gas; a stranger sends what they sign.
+contract SignedRequestsTest is Fixture {
+    uint256 private constant NONCE = 7;
+
+    SignedRequests private requests;
+    uint256 private deadline;
+
+    function setUp() public override {
+        super.setUp();
+        requests = tasks.signedRequests();
+        deadline = block.timestamp + 1 hours;
+    }
+
+    // -- a relayer pays the gas, and nothing else -----------------------------------------------------------
+
+    function test_theSignerIsTheCreatorAndPaysTheReward() public {
+        offer(robot1, 80 ether);
+        vm.expectEmit(address(requests));
+        emit ISignedRequests.RequestUsed(alice, NONCE, 1, stranger);
+        uint256 taskId = _relay(alice, NONCE);
+        assertEq(tasks.task(taskId).creator, alice);
+        assertEq(coin.balanceOf(alice), 1900 ether);
+        assertAssigned(taskId, 1);
+        assertTrue(requests.isNonceUsed(alice, NONCE));
+    }
+
+    function test_aRelayedProofIsTheExecutorsAndIsPaid() public {
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        _relayProof(robot1, taskId, 1, PROOF);
+        assertState(taskId, TaskState.Submitted);
+        assertEq(tasks.task(taskId).proofHash, PROOF);
+        judge(taskId, true);
+        assertEq(coin.balanceOf(robot1), 2080 ether);
+    }
+
+    function test_aContractIsAMember() public {
+        SignerWallet wallet = _wallet(alice);
+        vm.startPrank(admin);
+        organization.setMembersOnly(true);
+        organization.admit(address(wallet));
+        vm.stopPrank();
+        uint256 taskId = _relayFor(address(wallet), alice, NONCE);
+        assertEq(tasks.task(taskId).creator, address(wallet));
+        assertEq(coin.balanceOf(address(wallet)), 400 ether);
+    }
+
+    function test_theCreatorCancelsWithoutGas() public {
+        uint256 taskId = post(alice, 100 ether);
+        bytes memory signature = Signing.cancellation(_key(alice), address(requests), alice, taskId, deadline);
+        vm.prank(stranger);
+        requests.cancelTaskFor(alice, taskId, deadline, signature);
+        assertState(taskId, TaskState.Cancelled);
+        assertEq(coin.balanceOf(alice), 2000 ether);
+    }
+
+    function test_requestsCountInAnyOrder() public {
+        _relay(alice, 300);
+        _relay(alice, 2);
+        _relay(alice, 1);
+        assertEq(tasks.taskCount(), 3);
+    }
+
+    // -- a signature says what it says, once ----------------------------------------------------------------
+
+    function test_attack_aRequestIsSentAgain() public {
+        _relay(alice, NONCE);
+        _mustFail(abi.encodeWithSelector(ISignedRequests.NonceUsed.selector, alice, NONCE));
+        assertEq(coin.balanceOf(alice), 1900 ether);
+    }
+
+    function test_attack_aRevokedRequestIsSent() public {
+        vm.expectEmit(address(requests));
+        emit ISignedRequests.RequestRevoked(alice, NONCE);
+        vm.prank(alice);
+        requests.revokeRequest(NONCE);
+        _mustFail(abi.encodeWithSelector(ISignedRequests.NonceUsed.selector, alice, NONCE));
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NonceUsed.selector, alice, NONCE));
+        vm.prank(alice);
+        requests.revokeRequest(NONCE);
+    }
+
+    function test_attack_aStrangerUsesUpANonce() public {
+        vm.prank(stranger);
+        requests.revokeRequest(NONCE);
+        _relay(alice, NONCE);
+    }
+
+    function test_attack_aRelayerKeepsARequestUntilItsDeadline() public {
+        vm.warp(deadline);
+        _relay(alice, NONCE);
+        vm.warp(deadline + 1);
+        bytes memory signature = _signature(alice, alice, NONCE + 1);
+        vm.expectRevert(
+            abi.encodeWithSelector(ISignedRequests.RequestExpired.selector, deadline, deadline + 1)
+        );
+        vm.prank(stranger);
+        requests.registerTaskFor(alice, request(100 ether), NONCE + 1, deadline, signature);
+    }
+
+    function test_attack_aRelayerChangesTheRequest() public {
+        bytes memory signature = _signature(alice, alice, NONCE);
+        for (uint256 i = 0; i < 10; ++i) {
+            (TaskRequest memory r, uint256 nonce, uint256 end) = (request(100 ether), NONCE, deadline);
+            if (i == 0) r.kind = CHARGING;
+            if (i == 1) r.reward += 1;
+            if (i == 2) r.executionWindow += 1;
+            if (i == 3) r.verdictWindow += 1;
+            if (i == 4) r.maxAttempts -= 1;
+            if (i == 5) r.rules = RULES;
+            if (i == 6) r.serviceId = 1;
+            if (i == 7) r.params = "{ }";
+            if (i == 8) nonce += 1;
+            if (i == 9) end += 1;
+            vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, alice));
+            vm.prank(stranger);
+            requests.registerTaskFor(alice, r, nonce, end, signature);
+        }
+    }
+
+    function test_attack_aRelayerChangesTheProof() public {
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        bytes memory signature = _proofSignature(robot1, taskId, 1, PROOF);
+        bytes memory reason = abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, robot1);
+        vm.startPrank(stranger);
+        vm.expectRevert(reason);
+        requests.submitProofFor(robot1, taskId, 1, REPORT, URI, deadline, signature);
+        vm.expectRevert(reason);
+        requests.submitProofFor(robot1, taskId, 1, PROOF, "elsewhere", deadline, signature);
+        vm.expectRevert(reason);
+        requests.submitProofFor(robot1, taskId, 1, PROOF, URI, deadline + 1, signature);
+        vm.expectRevert(reason);
+        requests.submitProofFor(robot1, taskId, 2, PROOF, URI, deadline, signature);
+        vm.expectRevert(reason);
+        requests.submitProofFor(robot1, taskId + 1, 1, PROOF, URI, deadline, signature);
+        vm.stopPrank();
+    }
+
+    function test_attack_onAnotherChainOrInAnotherOrganization() public {
+        bytes memory signature = _signature(alice, alice, NONCE);
+        vm.chainId(block.chainid + 1);
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, alice));
+        requests.registerTaskFor(alice, request(100 ether), NONCE, deadline, signature);
+        vm.chainId(block.chainid - 1);
+
+        found(coin);
+        vm.prank(alice);
+        coin.approve(address(tasks), type(uint256).max);
+        SignedRequests others = tasks.signedRequests();
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, alice));
+        others.registerTaskFor(alice, request(100 ether), NONCE, deadline, signature);
+    }
+
+    function test_attack_theSameKeySignsForAnotherContract() public {
+        SignerWallet one = _wallet(alice);
+        SignerWallet other = _wallet(alice);
+        bytes memory signature = _signature(alice, address(one), NONCE);
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, address(other)));
+        requests.registerTaskFor(address(other), request(100 ether), NONCE, deadline, signature);
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, alice));
+        requests.registerTaskFor(alice, request(100 ether), NONCE, deadline, signature);
+        requests.registerTaskFor(address(one), request(100 ether), NONCE, deadline, signature);
+    }
+
+    function testFuzz_attack_garbageIsNobodysSignature(bytes calldata garbage, address signer) public {
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, signer));
+        requests.registerTaskFor(signer, request(0), NONCE, deadline, garbage);
+    }
+
+    function test_attack_theContractsOfTheOrganizationSignNothing() public {
+        bytes memory signature = _signature(alice, address(organization), NONCE);
+        address[4] memory contracts =
+            [address(organization), address(tasks), address(services), address(requests)];
+        for (uint256 i = 0; i < contracts.length; ++i) {
+            vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, contracts[i]));
+            requests.registerTaskFor(contracts[i], request(100 ether), NONCE, deadline, signature);
+        }
+    }
+
+    // -- what fails uses nothing up -------------------------------------------------------------------------
+
+    function test_attack_aRequestThatFailsIsValidLater() public {
+        vm.prank(alice);
+        coin.approve(address(tasks), 0);
+        _mustFail(
+            abi.encodeWithSelector(
+                IERC20Errors.ERC20InsufficientAllowance.selector, address(tasks), 0, 100 ether
+            )
+        );
+        assertFalse(requests.isNonceUsed(alice, NONCE));
+        vm.prank(alice);
+        coin.approve(address(tasks), 100 ether);
+        _relay(alice, NONCE);
+    }
+
+    /// @dev With any amount, all of it happens, assignment by the policy included, or nothing.
+    function testFuzz_attack_aRelayerGivesLittleGas(uint256 gas) public {
+        offer(robot1, 80 ether);
+        bytes memory signature = _signature(alice, alice, NONCE);
+        gas = bound(gas, 20_000, 700_000);
+        vm.prank(stranger);
+        try requests.registerTaskFor{gas: gas}(
+            alice, request(100 ether), NONCE, deadline, signature
+        ) returns (
+            uint256 taskId
+        ) {
+            assertAssigned(taskId, 1);
+        } catch {
+            assertFalse(requests.isNonceUsed(alice, NONCE));
+            assertEq(tasks.taskCount(), 0);
+            assertEq(coin.balanceOf(alice), 2000 ether);
+        }
+    }
+
+    function testFuzz_attack_aRelayerGivesAProofLittleGas(uint256 gas) public {
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        bytes memory signature = _proofSignature(robot1, taskId, 1, PROOF);
+        gas = bound(gas, 20_000, 200_000);
+        try requests.submitProofFor{gas: gas}(robot1, taskId, 1, PROOF, URI, deadline, signature) {}
+        catch {
+            assertState(taskId, TaskState.Assigned);
+            requests.submitProofFor(robot1, taskId, 1, PROOF, URI, deadline, signature);
+        }
+        assertState(taskId, TaskState.Submitted);
+    }
+
+    // -- the signer's rights, as they are now ---------------------------------------------------------------
+
+    function test_attack_theSignerIsNoMemberAnyMore() public {
+        vm.startPrank(admin);
+        organization.setMembersOnly(true);
+        organization.admit(alice);
+        organization.admit(stranger);
+        organization.dismiss(alice);
+        vm.stopPrank();
+        _mustFail(abi.encodeWithSelector(IOrganization.NotMember.selector, alice));
+        assertFalse(requests.isNonceUsed(alice, NONCE));
+    }
+
+    function test_attack_anotherThanTheExecutorSigns() public {
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        bytes memory signature = _proofSignature(robot2, taskId, 1, PROOF);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotExecutor.selector, taskId, robot2, robot1));
+        vm.prank(robot1);
+        requests.submitProofFor(robot2, taskId, 1, PROOF, URI, deadline, signature);
+    }
+
+    function test_attack_aProofOfAnEarlierAttemptIsSent() public {
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        bytes memory signature = _proofSignature(robot1, taskId, 1, PROOF);
+        vm.prank(robot1);
+        tasks.abandonTask(taskId, 1);
+        assertAssigned(taskId, 1);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.WrongAttempt.selector, taskId, 2, 1));
+        requests.submitProofFor(robot1, taskId, 1, PROOF, URI, deadline, signature);
+    }
+
+    function test_attack_aRelayedProofIsReplaced() public {
+        offer(robot1, 80 ether);
+        uint256 taskId = post(alice, 100 ether);
+        bytes memory signature = _proofSignature(robot1, taskId, 1, REPORT);
+        _relayProof(robot1, taskId, 1, PROOF);
+        vm.expectRevert(
+            abi.encodeWithSelector(
+                ITaskManager.WrongState.selector, taskId, TaskState.Submitted, TaskState.Assigned
+            )
+        );
+        requests.submitProofFor(robot1, taskId, 1, REPORT, URI, deadline, signature);
+    }
+
+    function test_attack_aProofOrACancellationIsSentTooLate() public {
+        vm.warp(deadline + 1);
+        bytes memory reason =
+            abi.encodeWithSelector(ISignedRequests.RequestExpired.selector, deadline, deadline + 1);
+        vm.expectRevert(reason);
+        requests.submitProofFor(robot1, 1, 1, PROOF, URI, deadline, "");
+        vm.expectRevert(reason);
+        requests.cancelTaskFor(alice, 1, deadline, "");
+    }
+
+    function test_attack_anotherThanTheCreatorCancels() public {
+        uint256 taskId = post(alice, 100 ether);
+        bytes memory signature = Signing.cancellation(_key(bob), address(requests), bob, taskId, deadline);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.NotCreator.selector, taskId, bob, alice));
+        requests.cancelTaskFor(bob, taskId, deadline, signature);
+        vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, alice));
+        requests.cancelTaskFor(alice, taskId, deadline, signature);
+    }
+
+    function test_attack_aJudgeSignsATaskThatItJudges() public {
+        vm.startPrank(admin);
+        organization.grantRole(organization.ORACLE_ROLE(), alice);
+        organization.grantRole(organization.ORACLE_ROLE(), stranger);
+        vm.stopPrank();
+        offer(robot1, 80 ether);
+        uint256 taskId = _relay(alice, NONCE);
+        submit(taskId);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.JudgeIsParty.selector, taskId, alice));
+        vm.prank(alice);
+        tasks.postVerdict(taskId, 1, PROOF, Verdict.Rejected, 0, REPORT, "report", "because");
+        // Who relayed it is no party.
+        judgeAs(stranger, taskId, Verdict.Accepted, 80 ether);
+        assertState(taskId, TaskState.Settled);
+    }
+
+    // -- nobody else speaks for others ----------------------------------------------------------------------
+
+    function test_attack_aStrangerAppendsAnothersAddress() public {
+        bytes memory call = abi.encodeCall(ITaskManager.registerTask, (request(100 ether)));
+        vm.prank(bob);
+        (bool success,) = address(tasks).call(bytes.concat(call, bytes20(alice)));
+        assertTrue(success);
+        assertEq(tasks.task(1).creator, bob);
+        assertEq(coin.balanceOf(alice), 2000 ether);
+    }
+
+    function test_attack_anotherContractOfTheSameCodeIsNotBelieved() public {
+        SignedRequests copy = new SignedRequests();
+        assertEq(address(copy.tasks()), address(this));
+        assertEq(address(requests.tasks()), address(tasks));
+    }
+
+    // -- helpers --------------------------------------------------------------------------------------------
+
+    function _relay(address creator, uint256 nonce) private returns (uint256 taskId) {
+        return _relayFor(creator, creator, nonce);
+    }
+
+    function _relayFor(address creator, address signer, uint256 nonce) private returns (uint256 taskId) {
+        bytes memory signature = _signature(signer, creator, nonce);
+        vm.prank(stranger);
+        return requests.registerTaskFor(creator, request(100 ether), nonce, deadline, signature);
+    }
+
+    function _mustFail(bytes memory reason) private {
+        bytes memory signature = _signature(alice, alice, NONCE);
+        vm.expectRevert(reason);
+        vm.prank(stranger);
+        requests.registerTaskFor(alice, request(100 ether), NONCE, deadline, signature);
+    }
+
+    function _relayProof(address executor, uint256 taskId, uint8 attempt_, bytes32 proofHash) private {
+        bytes memory signature = _proofSignature(executor, taskId, attempt_, proofHash);
+        vm.prank(stranger);
+        requests.submitProofFor(executor, taskId, attempt_, proofHash, URI, deadline, signature);
+    }
+
+    function _signature(address signer, address creator, uint256 nonce) private returns (bytes memory) {
+        return
+            Signing.registration(
+                _key(signer), address(requests), creator, request(100 ether), nonce, deadline
+            );
+    }
+
+    function _proofSignature(address executor, uint256 taskId, uint8 attempt_, bytes32 proofHash)
+        private
+        returns (bytes memory)
+    {
+        return Signing.proof(
+            _key(executor), address(requests), executor, taskId, attempt_, proofHash, URI, deadline
+        );
+    }
+
+    function _wallet(address owner) private returns (SignerWallet wallet) {
+        wallet = new SignerWallet(owner, coin, address(tasks));
+        vm.prank(bob);
+        assertTrue(coin.transfer(address(wallet), 500 ether));
+    }
+
+    function _key(address who) private returns (uint256 key) {
+        string[4] memory names = ["alice", "bob", "robot1", "robot2"];
+        for (uint256 i = 0; i < names.length; ++i) {
+            (address account, uint256 found_) = makeAddrAndKey(names[i]);
+            if (account == who) return found_;
+        }
+    }
+}

@@ -1,0 +1,105 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {IERC1271} from "@openzeppelin/contracts/interfaces/IERC1271.sol";
+import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
+import {ECDSA} from "@openzeppelin/contracts/utils/cryptography/ECDSA.sol";
+import {Vm} from "forge-std/Vm.sol";
+import {TaskRequest} from "../src/interfaces/ITaskManager.sol";
+
+/// @notice A contract that owns tokens, for which one key signs (ERC-1271).
+contract SignerWallet is IERC1271 {
+    address private immutable _owner;
+
+    constructor(address owner, IERC20 token, address tasks) {
+        _owner = owner;
+        token.approve(tasks, type(uint256).max);
+    }
+
+    function isValidSignature(bytes32 hash, bytes calldata signature) external view returns (bytes4) {
+        (address signer,,) = ECDSA.tryRecoverCalldata(hash, signature);
+        return signer == _owner ? IERC1271.isValidSignature.selector : bytes4(0xffffffff);
+    }
+}
+
+/// @notice Signs requests as SignedRequests reads them; written down a second time, from its documentation.
+library Signing {
+    Vm private constant VM = Vm(address(uint160(uint256(keccak256("hevm cheat code")))));
+    string private constant TASK =
+        "TaskRequest(bytes32 kind,uint256 reward,uint32 executionWindow,uint32 verdictWindow,uint8 maxAttempts,bytes32 rules,uint32 serviceId,string params)";
+
+    function registration(
+        uint256 key,
+        address requests,
+        address creator,
+        TaskRequest memory r,
+        uint256 nonce,
+        uint256 deadline
+    ) internal view returns (bytes memory) {
+        bytes32 typehash = keccak256(
+            abi.encodePacked(
+                "RegisterTask(address creator,TaskRequest request,uint256 nonce,uint256 deadline)", TASK
+            )
+        );
+        bytes32 task = keccak256(
+            abi.encode(
+                keccak256(bytes(TASK)),
+                r.kind,
+                r.reward,
+                r.executionWindow,
+                r.verdictWindow,
+                r.maxAttempts,
+                r.rules,
+                r.serviceId,
+                keccak256(bytes(r.params))
+            )
+        );
+        return _sign(key, requests, abi.encode(typehash, creator, task, nonce, deadline));
+    }
+
+    function cancellation(uint256 key, address requests, address creator, uint256 taskId, uint256 deadline)
+        internal
+        view
+        returns (bytes memory)
+    {
+        bytes32 typehash = keccak256("CancelTask(address creator,uint256 taskId,uint256 deadline)");
+        return _sign(key, requests, abi.encode(typehash, creator, taskId, deadline));
+    }
+
+    function proof(
+        uint256 key,
+        address requests,
+        address executor,
+        uint256 taskId,
+        uint8 attempt,
+        bytes32 proofHash,
+        string memory uri,
+        uint256 deadline
+    ) internal view returns (bytes memory) {
+        bytes32 typehash = keccak256(
+            "SubmitProof(address executor,uint256 taskId,uint8 attempt,bytes32 proofHash,string uri,uint256 deadline)"
+        );
+        return _sign(
+            key,
+            requests,
+            abi.encode(typehash, executor, taskId, attempt, proofHash, keccak256(bytes(uri)), deadline)
+        );
+    }
+
+    function _sign(uint256 key, address requests, bytes memory said) private view returns (bytes memory) {
+        bytes32 domain = keccak256(
+            abi.encode(
+                keccak256(
+                    "EIP712Domain(string name,string version,uint256 chainId,address verifyingContract)"
+                ),
+                keccak256("RODEO SignedRequests"),
+                keccak256("1"),
+                block.chainid,
+                requests
+            )
+        );
+        bytes32 digest = keccak256(abi.encodePacked("\x19\x01", domain, keccak256(said)));
+        (uint8 v, bytes32 r, bytes32 s) = VM.sign(key, digest);
+        return abi.encodePacked(r, s, v);
+    }
+}
