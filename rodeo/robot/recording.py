@@ -247,6 +247,8 @@ class Recording:
         """Let site time pass until `done()`, which is looked at now and then; False after `wall_s`."""
         deadline_s = time.monotonic() + wall_s
         while True:
+            # What has arrived by now is looked at first, or on a busy machine the next look would find it.
+            self._listener.settle()
             with self._lock:
                 if done():
                     return True

@@ -79,7 +79,9 @@ class Witness:
         """Registered address -> number of its newest statement that was heard."""
         self._closed = threading.Event()
         self._endpoints: list[zenoh.Subscriber[None] | zenoh.Queryable[None]] = [
-            bus.subscribe_bytes(topics.SEAL.pattern(org=org), self._on_seal),
+            # In the receiving thread: a robot lets the time go on when its recording's first head is told. It
+            # must have been heard then, for the next statement to list it however busy the machine is.
+            bus.subscribe_bytes(topics.SEAL.pattern(org=org), self._on_seal, inline=True),
             bus.subscribe_bytes(topics.WITNESS_STATEMENT.pattern(org=org), self._on_statement),
             bus.serve(topics.WITNESS_STATEMENTS.name(org=org, device=device), self._serve),
         ]

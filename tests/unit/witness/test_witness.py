@@ -44,9 +44,12 @@ class Bus:
         self.slow = Event()
         self.contracts = CONTRACTS
         self.hear: dict[str, Callable[[str, Any], None]] = {}
+        self.in_order: dict[str, bool] = {}
+        """Whether it is heard before what its sender said afterwards."""
 
-    def subscribe_bytes(self, key: str, callback: Callable[[str, Any], None]) -> Any:
+    def subscribe_bytes(self, key: str, callback: Callable[[str, Any], None], inline: bool = False) -> Any:
         self.hear[key.split("/")[2]] = callback
+        self.in_order[key.split("/")[2]] = inline
         return self
 
     def serve(self, key: str, handler: Any) -> Any:
@@ -98,6 +101,10 @@ def test_the_head_of_a_registered_recorder_is_listed_once(bus: Bus, witness: Wit
     (head,) = witness.heads.take()
     assert (head.device, head.address, head.chain) == ("panther1", ROBOT.address, head.digest)
     assert witness.heads.take() == ()
+
+
+def test_a_recorders_head_is_heard_before_its_robot_lets_the_time_go_on(bus: Bus, witness: Witness) -> None:
+    assert bus.in_order["seal"]
 
 
 def test_a_stranger_costs_no_check_and_no_waiting_for_the_bridge(
