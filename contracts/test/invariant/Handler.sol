@@ -543,13 +543,20 @@ contract Handler is CommonBase, StdUtils {
 
     // -- judges -------------------------------------------------------------------------------------------
 
+    /// @dev After one on another proof was refused.
     function postVerdict(uint256 which, bool accepted, uint256 amount) external inOrder {
         uint256 taskId = _find(which, TaskState.Submitted);
         if (taskId == 0) return;
         Task memory t = _tasks.task(taskId);
         if (block.timestamp > t.deadline) return;
         amount = _amount(t, accepted, amount);
-        _judge(_oracle, taskId, t, accepted ? Verdict.Accepted : Verdict.Rejected, amount);
+        Verdict verdict = accepted ? Verdict.Accepted : Verdict.Rejected;
+        bytes32 proofHash = t.proofHash;
+        t.proofHash = ~proofHash;
+        _mustNot(_oracle, taskId, t, verdict, amount, "a verdict on another proof counted");
+        if (bytes(violation).length != 0) return;
+        t.proofHash = proofHash;
+        _judge(_oracle, taskId, t, verdict, amount);
         _expectVerdict(taskId, t, accepted, amount);
     }
 
