@@ -9,7 +9,7 @@ from typing import Any
 from eth_account.signers.local import LocalAccount
 from pydantic import BaseModel, ConfigDict
 
-from rodeo import queries, topics
+from rodeo import queries, signed_requests, topics
 from rodeo.bus import Bus
 from rodeo.config import Site, oracle_names
 from rodeo.errors import MalformedAnswer
@@ -26,6 +26,9 @@ from rodeo.messages import (
     Prepared,
     RaiseReward,
     RegisterService,
+    Sign,
+    Signable,
+    SignedRequest,
     SubmitProof,
     Task,
     UpdateService,
@@ -247,6 +250,16 @@ class Participant:
             mined = self._send("broadcast", self._signed(prepared, request), Mined)
             if not prepared.remaining:
                 return mined
+
+    def sign(self, name: Signable, request: Command, valid_s: int) -> SignedRequest:
+        """Sign a command that somebody else sends with `relay`, for so many seconds of block time."""
+        asked = Sign(
+            command=name,
+            request=request.model_dump(mode="json", exclude_defaults=True),
+            valid_s=valid_s,
+        )
+        signed = self._send("sign", asked, SignedRequest)
+        return signed if self._account is None else signed_requests.sign(signed, self._account)
 
     def _signed(self, prepared: Prepared, request: Command) -> Broadcast:
         """What `prepare` said, signed here; or signed before, where the request was made before."""

@@ -535,6 +535,58 @@ class Collect(Command):
     """Collect payments to the wallet that the token refused before."""
 
 
+# -- what one participant signs and another one sends -------------------------------------------------------
+
+
+Signable = Literal["register_task", "cancel_task", "submit_proof"]
+"""Commands that somebody else may send."""
+
+
+class Sign(Message):
+    """Sign a command for somebody else to send with `relay`, who pays its gas. Nothing is sent, and what is
+    signed cannot be taken back but by `revoke_request`. Of tasks with the same `request_id` one at most is
+    posted."""
+
+    command: Signable
+    request: dict[str, Any] = {}
+    valid_s: Annotated[int, Field(ge=60, le=30 * 86_400)] = 86_400
+    """For so long it may be sent, s of block time."""
+
+
+class TypedSignature(Message):
+    """EIP-712 typed data with its signature."""
+
+    typed_data: dict[str, Any]
+    """As `eth_signTypedData_v4` takes it."""
+    signature: Annotated[str, StringConstraints(pattern=r"^0x([0-9a-fA-F]{2})*$", max_length=8194)] | None = (
+        None
+    )
+    """None where the bridge does not have the key, because the wallet signs elsewhere. A contract signs by
+    ERC-1271."""
+
+
+class SignedRequest(Message):
+    """The answer to `sign`. Whoever has it may send it."""
+
+    request: TypedSignature
+    permit: TypedSignature | None = None
+    """Lets the contracts take the reward (ERC-2612), where they may not yet."""
+
+
+class Relay(Command):
+    """Send what another participant has signed, and pay its gas. What fails changes nothing, and may be sent
+    again."""
+
+    signed: SignedRequest
+
+
+class RevokeRequest(Command):
+    """Make a signed request to post a task void."""
+
+    nonce: Annotated[int, Field(ge=0, lt=2**256)]
+    """That of the request."""
+
+
 COMMANDS: dict[str, type[Command]] = {
     "register_task": RegisterTask,
     "cancel_task": CancelTask,
@@ -582,8 +634,10 @@ COMMANDS: dict[str, type[Command]] = {
     "cast_vote": CastVote,
     "queue_proposal": QueueProposal,
     "execute_proposal": ExecuteProposal,
+    "relay": Relay,
+    "revoke_request": RevokeRequest,
 }
-"""Commands of a wallet, by the last part of the key. `prepare` and `broadcast` exist, too."""
+"""Commands of a wallet, by the last part of the key. `sign`, `prepare` and `broadcast` exist, too."""
 
 
 # -- a wallet whose key is elsewhere ------------------------------------------------------------------------

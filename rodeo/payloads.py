@@ -23,6 +23,9 @@ from rodeo.messages import (
     Command,
     DaoEvent,
     Prepare,
+    Relay,
+    Sign,
+    SignedRequest,
     SignedVote,
     Status,
     Task,
@@ -104,6 +107,23 @@ _VOTE = {
     "amount_iec": "100",
     "reason": "accepted",
 }
+_SIGNED = {
+    "request": {
+        "typed_data": {
+            "types": {"EIP712Domain": [], "CancelTask": []},
+            "primaryType": "CancelTask",
+            "domain": {
+                "name": "RODEO SignedRequests",
+                "version": "1",
+                "chainId": 1337,
+                "verifyingContract": _ADDRESS,
+            },
+            "message": {"creator": _OTHER, "taskId": "7", "deadline": "1795406500"},
+        },
+        "signature": "0x" + "5b" * 65,
+    },
+}
+
 EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
     Attestation: {"payload": {"type": "bin.removal"}, "signer": _ADDRESS, "signature": "0x" + "5b" * 65},
     Head: _HEAD,
@@ -248,6 +268,8 @@ EXAMPLES: dict[type[BaseModel], dict[str, Any]] = {
         "resting": False,
     },
     Prepare: {"command": "cancel_task", "request": {"task_id": 7}},
+    Sign: {"command": "cancel_task", "request": {"task_id": 7}, "valid_s": 3600},
+    Relay: {"signed": _SIGNED},
     Broadcast: {"raw": "0x02f8b2", "request_id": "cancel-7", "content_sha256": "7a" * 32},
 }
 """Of the models whose fields need more than `_VALUES`."""
@@ -295,6 +317,7 @@ _VALUES: dict[str, Any] = {
     "command": "set_terms",
     "request": {"bond_iec": "50", "penalty_iec": "20", "max_failures": 2},
     "description": "a bond, so that robots take only what they can do",
+    "nonce": 4711,
     "proposal": 3,
     "votes": 3,
     "judges": ["anna", "bert", "carl", "dora"],
@@ -377,6 +400,13 @@ def _payloads() -> str:
     parts += ["If the bridge does not have a wallet's key, the owner signs elsewhere:", ""]
     parts += _section("prepare", Prepare, EXAMPLES[Prepare])
     parts += _section("broadcast", Broadcast, EXAMPLES[Broadcast])
+    parts += [
+        "A participant without gas money signs, and another one sends it with `relay`. The answer to `sign`",
+        "is a SignedRequest:",
+        "",
+    ]
+    parts += _section("sign", Sign, EXAMPLES[Sign])
+    parts += _section("SignedRequest", SignedRequest, _SIGNED)
     parts += ["### Queries", ""]
     parts += [
         f"The key is `{topics.STATE.key}`, with parameters in the selector: `?name=value;name=value`.",

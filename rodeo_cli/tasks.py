@@ -14,11 +14,12 @@ from rich.markup import escape
 from rich.text import Text
 
 from rodeo import queries, topics
-from rodeo.bus import Bus, DaoEvents, validate
+from rodeo.bus import Bus, DaoEvents, decode_json, validate
 from rodeo.config import Site
 from rodeo.durations import span
 from rodeo.errors import BusError, InvalidRequest, MalformedJson, RemoteError
-from rodeo.messages import DaoEvent, Task
+from rodeo.files import replace_file
+from rodeo.messages import DaoEvent, SignedRequest, Task
 from rodeo.person.photo_code import photo_code
 from rodeo.rewards import Rise
 from rodeo_cli import formatting
@@ -61,6 +62,21 @@ STATE_COLOURS = {
 RESULT_STYLES = {"passed": "green", "FAILED": "bold red", "undecided": "bold yellow", "skipped": "dim"}
 
 ParticipantOption = Annotated[str, typer.Option("--as", help="Whose wallet pays and signs.")]
+SignOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--sign",
+        metavar="FILE",
+        dir_okay=False,
+        help="Only sign, into this file. Whoever sends it with `rodeo task relay` pays the gas.",
+    ),
+]
+ValidOption = Annotated[
+    int, typer.Option("--valid", help="Seconds of block time for which what is signed may be sent.")
+]
+SignedArgument = Annotated[
+    Path, typer.Argument(metavar="FILE", exists=True, dir_okay=False, help="A signed request.")
+]
 
 
 @tasks.command("create", context_settings={"ignore_unknown_options": True, "allow_extra_args": True})
@@ -96,6 +112,8 @@ def create(
     ] = None,
     rise: Annotated[float, typer.Option(help="Part of the reward that each rise adds.")] = 0.1,
     rise_every: Annotated[float, typer.Option(help="Seconds of site time between two rises.")] = 3600.0,
+    sign: SignOption = None,
+    valid_s: ValidOption = 86_400,
     as_json: JsonOption = False,
 ) -> None:
     """Post a task, for example: rodeo task create KIND --reward 100
@@ -103,6 +121,8 @@ def create(
     Each parameter of the kind is an option of its own; `rodeo kind show KIND` lists them. To raise the
     reward, the task is posted again under another number.
     """
+    if sign is not None and up_to is not None:
+        raise InvalidRequest("the reward of a task that is only signed cannot rise: leave --reward-up-to out")
     rises = None if up_to is None else validate(Rise, {"up_to_iec": up_to, "by": rise, "every_s": rise_every})
     with connected(site) as (loaded, bus):
         request: dict[str, Any] = {
@@ -120,11 +140,10 @@ def create(
             request["service_id"] = service
         if doubt := _doubt(loaded, bus, kind, request["params"]):
             errors.print(f"[bold yellow]warning[/]: {escape(doubt)}", highlight=False, soft_wrap=True)
-        reply = bus.query(
-            topics.COMMAND.name(org=loaded.org, participant=participant, command="register_task"),
-            request,
-            timeout_s=30,
-        )
+        if sign is not None:
+            _sign(loaded, bus, participant, "register_task", request, valid_s, sign, as_json)
+            return
+        reply = _command(loaded, bus, participant, "register_task", **request)
         if not as_json:
             say(f"Task {reply['task_id']} is posted, and {iec(reward)} are in escrow for it.")
         if rises is not None:
@@ -292,16 +311,90 @@ def _left(site: Site, bus: Bus, task: Task) -> str | None:
 @tasks.command("cancel")
 @reports_errors
 def cancel(
-    task_id: int, site: SiteOption = DEFAULT_SITE, participant: ParticipantOption = "organization"
+    task_id: int,
+    site: SiteOption = DEFAULT_SITE,
+    participant: ParticipantOption = "organization",
+    sign: SignOption = None,
+    valid_s: ValidOption = 86_400,
 ) -> None:
     """Cancel a task that is not assigned. Its reward is refunded."""
     with connected(site) as (loaded, bus):
-        bus.query(
-            topics.COMMAND.name(org=loaded.org, participant=participant, command="cancel_task"),
-            {"task_id": task_id},
-            timeout_s=30,
-        )
+        if sign is not None:
+            _sign(loaded, bus, participant, "cancel_task", {"task_id": task_id}, valid_s, sign)
+            return
+        _command(loaded, bus, participant, "cancel_task", task_id=task_id)
     say(f"Task {task_id} is cancelled; {participant} got its reward back.")
+
+
+@tasks.command("relay")
+@reports_errors
+def relay(
+    file: SignedArgument,
+    site: SiteOption = DEFAULT_SITE,
+    participant: Annotated[str, typer.Option("--as", help="Whose wallet pays the gas.")] = "organization",
+    as_json: JsonOption = False,
+) -> None:
+    """Send what somebody else has signed with --sign, and pay the gas for it. It can be sent once."""
+    signed = _signed(file)
+    with connected(site) as (loaded, bus):
+        reply = _command(loaded, bus, participant, "relay", signed=signed)
+    if as_json:
+        print_json(reply)
+        return
+    posted = f": task {reply['task_id']} is posted" if "task_id" in reply else ""
+    say(f"{participant} sent it in block {reply['block']}{posted}.")
+
+
+@tasks.command("revoke")
+@reports_errors
+def revoke(
+    file: SignedArgument,
+    participant: Annotated[str, typer.Option("--as", help="Who signed it.")],
+    site: SiteOption = DEFAULT_SITE,
+) -> None:
+    """Make a task void that was signed with --sign, and was not sent yet. This costs its creator gas."""
+    nonce = _signed(file)["request"]["typed_data"]["message"].get("nonce")
+    if nonce is None:
+        raise InvalidRequest("only a signed task can be revoked", file=str(file))
+    with connected(site) as (loaded, bus):
+        _command(loaded, bus, participant, "revoke_request", nonce=int(nonce))
+    say(f"Nobody can post the task in {file} any more.")
+
+
+def _sign(
+    site: Site,
+    bus: Bus,
+    participant: str,
+    command: str,
+    request: dict[str, Any],
+    valid_s: int,
+    file: Path,
+    as_json: bool = False,
+) -> None:
+    """Have the participant's wallet sign, and write what `relay` takes into `file`."""
+    if not file.absolute().parent.is_dir():
+        raise InvalidRequest("there is no such folder to write into", file=str(file))
+    signed = _command(site, bus, participant, "sign", command=command, request=request, valid_s=valid_s)
+    replace_file(file, json.dumps(signed, indent=2) + "\n")
+    if as_json:
+        print_json(signed)
+    elif signed["request"]["signature"] is None:
+        say(
+            f"The bridge does not have {participant}'s key: sign each `typed_data` in {file} with the wallet,"
+        )
+        say("and write the results as `signature`.")
+    else:
+        say(f"{participant} signed it. Send it within {span(valid_s)}: rodeo task relay {file} --as SENDER")
+
+
+def _signed(file: Path) -> dict[str, Any]:
+    """What a file of `_sign` says. Raises MalformedJson or InvalidRequest."""
+    return validate(SignedRequest, decode_json(file.read_bytes())).model_dump(mode="json")
+
+
+def _command(site: Site, bus: Bus, participant: str, name: str, /, **request: Any) -> dict[str, Any]:
+    key = topics.COMMAND.name(org=site.org, participant=participant, command=name)
+    return bus.query(key, request, timeout_s=30)
 
 
 @services.command("list")

@@ -189,6 +189,17 @@ class ChainClient:
     def allowance(self, owner: str, spender: str) -> int:
         return self._view("IECoin", "allowance", to_checksum_address(owner), to_checksum_address(spender))
 
+    def token_name(self) -> str:
+        return self._view("IECoin", "name")
+
+    def permit_nonce(self, owner: str) -> int:
+        """Of the next permit that `owner` signs. Raises ContractReverted where the token takes none."""
+        return self._view("IECoin", "nonces", to_checksum_address(owner))
+
+    def is_request_nonce_used(self, signer: str, nonce: int) -> bool:
+        """Whether a signed request with this nonce was carried out or revoked."""
+        return self._view("SignedRequests", "isNonceUsed", to_checksum_address(signer), nonce)
+
     def total_supply(self) -> int:
         return self._view("IECoin", "totalSupply")
 

@@ -13,6 +13,7 @@ from typing import Any
 from eth_account import Account
 from eth_utils import is_address, to_checksum_address
 
+from rodeo import signed_requests
 from rodeo.bus import validate
 from rodeo.chain import (
     Call,
@@ -66,10 +67,12 @@ from rodeo.messages import (
     RegisterTask,
     ReinstateProvider,
     ReinstateService,
+    Relay,
     RescueTokens,
     ResumeTasks,
     RetireRules,
     RevokeDevice,
+    RevokeRequest,
     RevokeRole,
     SeatJudge,
     SetBudget,
@@ -77,22 +80,27 @@ from rodeo.messages import (
     SetPolicy,
     SetQuorum,
     SetTerms,
+    Sign,
+    SignedRequest,
     SubmitProof,
     SuspendProvider,
     SuspendService,
     Transfer,
+    TypedSignature,
     UnseatJudge,
     UnwrapTokens,
     UpdateService,
     Withdraw,
     WrapTokens,
 )
+from rodeo.signed_requests import UNLIMITED
 from services.bridge.amounts import iec
 from services.bridge.errors import (
     AlreadyOffered,
     AssignmentChanged,
     CannotDo,
     CannotRaise,
+    CannotSign,
     InsufficientFunds,
     InvalidQuorum,
     KindWithoutChecks,
@@ -114,9 +122,8 @@ from services.bridge.journal import decoded
 from services.bridge.names import ORGANIZATION, Names
 from services.bridge.orders import Order
 from services.bridge.projection import ZERO_ADDRESS
+from services.bridge.relaying import Requests, Said, nonce_of
 from services.bridge.transactions import Transactions
-
-_UNLIMITED = 2**256 - 1
 
 NO_RULES = "0x" + "00" * 32
 """Of a task that names none: the newest that are current, if there are any."""
@@ -170,6 +177,8 @@ class Wallet:
             return self._prepare(validate(Prepare, data))
         if name == "broadcast":
             return self._broadcast(validate(Broadcast, data))
+        if name == "sign":
+            return self._sign(validate(Sign, data))
         command, build = self._parse(name, data)
         if command.dry_run:
             orders = self._orders(name, command, build)
@@ -211,10 +220,17 @@ class Wallet:
 
     def _assignment(self, command: Command) -> tuple[int | None, str | None]:
         """Attempt and nonce of the assignment that a proof is for."""
-        if not isinstance(command, SubmitProof):
+        if isinstance(command, Relay):
+            said = self._requests.read(command.signed)
+            if not isinstance(said, signed_requests.SubmitProof):
+                return None, None
+            task_id, attempt, nonce = said.task_id, said.attempt, None
+        elif isinstance(command, SubmitProof):
+            task_id, attempt, nonce = command.task_id, command.attempt, command.nonce
+        else:
             return None, None
-        task = self.index.task(command.task_id)
-        return command.attempt, command.nonce or (None if task is None else task["nonce"])
+        task = self.index.task(task_id)
+        return attempt, nonce or (None if task is None else task["nonce"])
 
     def _before(self, name: str, command: Command) -> Order | None:
         """The order of the same request when it was made before: its checks do not hold any more."""
@@ -287,9 +303,73 @@ class Wallet:
             raw,
         )
 
+    # -- what somebody else sends ---------------------------------------------------------------------------
+
+    @property
+    def _requests(self) -> Requests:
+        return Requests(self.client)
+
+    def _sign(self, request: Sign) -> Reply:
+        """What `relay` sends; without signatures for a wallet that signs for itself."""
+        wallet = self.transactions.orders.wallets[self.participant]
+        if self.participant == ORGANIZATION:
+            raise CannotSign("the organization is a contract that signs nothing: its operators send")
+        if wallet.limits.has_daily:
+            raise CannotSign("what others send cannot be counted against the wallet's daily limit")
+        command, _ = self._parse(request.command, request.request)
+        deadline = int(self.index.position.block_time_s) + request.valid_s
+        said, permit = self._said(command, deadline), None
+        if isinstance(command, RegisterTask) and self._approval(
+            self.client.task_manager, to_wei(command.reward_iec)
+        ):
+            permit = self._requests.permit(self.address, deadline)
+        signed = SignedRequest(
+            request=TypedSignature(typed_data=self._requests.typed(said)),
+            permit=None if permit is None else TypedSignature(typed_data=permit),
+        )
+        if wallet.account is not None:
+            signed = signed_requests.sign(signed, wallet.account)
+        return signed.model_dump(mode="json")
+
+    def _said(self, command: Command, deadline: int) -> Said:
+        """The request of a command, whose checks are those of sending it. Raises RequestError."""
+        match command:
+            case RegisterTask():
+                return signed_requests.RegisterTask(
+                    creator=self.address,
+                    request=signed_requests.TypedTask.of(self._task_request(command)),
+                    nonce=nonce_of(command.request_id),
+                    deadline=deadline,
+                )
+            case SubmitProof():
+                return signed_requests.SubmitProof(
+                    executor=self.address,
+                    task_id=command.task_id,
+                    attempt=command.attempt,
+                    proof_hash=command.proof_sha256,
+                    uri=self._proof_uri(command),
+                    deadline=deadline,
+                )
+            case CancelTask():
+                return signed_requests.CancelTask(
+                    creator=self.address, task_id=command.task_id, deadline=deadline
+                )
+        raise UnknownCommand("nobody sends this for another", command=type(command).__name__)
+
+    def _relay(self, command: Relay) -> list[Call]:
+        return self._requests.calls(command.signed)
+
+    def _revoke_request(self, command: RevokeRequest) -> list[Call]:
+        return [self.client.calls.revoke_request(command.nonce)]
+
     # -- what each command becomes: transactions one after the other, the last is the command's own --
 
     def _register_task(self, command: RegisterTask) -> list[Call]:
+        request = self._task_request(command)
+        return [*self._escrow_approval(request.reward), self.calls.register_task(request)]
+
+    def _task_request(self, command: RegisterTask) -> TaskRequest:
+        """The task as it is registered. Raises RequestError where it would not be accepted."""
         self._require_kind(command.kind)
         kind = self.kinds.get(command.kind)
         if kind is not None:
@@ -306,7 +386,7 @@ class Wallet:
             self._require_affordable_service(command, reward)
         self._require_funds(self.address, reward)
         window_s = EXECUTION_WINDOW_S if kind is None else kind.execution_window_s
-        request = TaskRequest(
+        return TaskRequest(
             kind=command.kind,
             reward=reward,
             execution_window=command.execution_window_s or window_s,
@@ -316,7 +396,6 @@ class Wallet:
             service_id=command.service_id or 0,
             params=text,
         )
-        return [*self._escrow_approval(reward), self.calls.register_task(request)]
 
     def _cancel_task(self, command: CancelTask) -> list[Call]:
         return [self.calls.cancel_task(command.task_id)]
@@ -367,6 +446,13 @@ class Wallet:
         return [self.client.calls.match_task(command.task_id)]
 
     def _submit_proof(self, command: SubmitProof) -> list[Call]:
+        uri = self._proof_uri(command)
+        return [
+            self.calls.submit_proof(command.task_id, command.attempt, _bytes32(command.proof_sha256), uri)
+        ]
+
+    def _proof_uri(self, command: SubmitProof) -> str:
+        """Where the proof is, if it is for the assignment that the task has. Raises AssignmentChanged."""
         uri = self.store.check(command.proof_uri)
         task = self.index.task(command.task_id)
         if command.nonce is not None and task is not None and task["nonce"] != command.nonce:
@@ -376,9 +462,7 @@ class Wallet:
                 nonce=command.nonce,
                 nonce_now=task["nonce"],
             )
-        return [
-            self.calls.submit_proof(command.task_id, command.attempt, _bytes32(command.proof_sha256), uri)
-        ]
+        return uri
 
     def _post_verdict(self, command: PostVerdict) -> list[Call]:
         return [
@@ -772,8 +856,8 @@ class Wallet:
             return []
         allowance = self.client.allowance(self.key_address, spender)
         if allowance < needed:
-            return [self.client.calls.approve(spender, _UNLIMITED)]
-        if allowance > _UNLIMITED // 2:  # never used up
+            return [self.client.calls.approve(spender, UNLIMITED)]
+        if allowance > UNLIMITED // 2:  # never used up
             self._approved.add(spender)
         return []
 
@@ -827,10 +911,12 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "queue_proposal": (QueueProposal, Wallet._queue_proposal),
     "execute_proposal": (ExecuteProposal, Wallet._execute_proposal),
     "collect": (Collect, Wallet._collect),
+    "relay": (Relay, Wallet._relay),
+    "revoke_request": (RevokeRequest, Wallet._revoke_request),
 }
 
 
-KNOWN = frozenset({*_COMMANDS, "prepare", "broadcast"})
+KNOWN = frozenset({*_COMMANDS, "prepare", "broadcast", "sign"})
 """Names of all commands."""
 
 

@@ -20,6 +20,10 @@
     │   ├── AssignmentChanged     the proof is for an assignment that the task does not have any more
     │   ├── NoVotes               nobody votes here, or not in this way
     │   ├── UnknownProposal
+    │   ├── CannotSign            the participant signs nothing for others to send
+    │   ├── NoPermit              the payment token takes no signed permits
+    │   ├── NotSigned             the request to be sent for somebody lacks a signature
+    │   ├── OtherContracts        it was signed for other contracts or another chain
     │   ├── WalletElsewhere       the participant signs for itself: prepare and broadcast
     │   └── NotThisWallets        what is to be broadcast was signed by another key, or is for another chain
     ├── BridgeNotReady            no node, no contracts or not caught up yet; `reason` says which
@@ -133,6 +137,22 @@ class WalletElsewhere(RequestError):
 
 class NotThisWallets(RequestError):
     """What is to be broadcast was not signed by this participant's key for this chain and these contracts."""
+
+
+class CannotSign(RequestError):
+    """The participant's wallet signs nothing for others to send."""
+
+
+class NoPermit(RequestError):
+    """The payment token takes no signed permits (ERC-2612): its owner approves the contracts by itself."""
+
+
+class NotSigned(RequestError):
+    """A request to be sent for somebody lacks a signature, or has one that cannot be one."""
+
+
+class OtherContracts(RequestError):
+    """What somebody signed is for other contracts, or for another chain."""
 
 
 class BridgeNotReady(RodeoError):

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 import urllib.request
 from collections.abc import Iterator
 from decimal import Decimal
+from pathlib import Path
+from typing import Any
 
 import pytest
 from eth_account import Account
@@ -18,18 +21,30 @@ from web3.types import Wei
 from rodeo.dao import Participant
 from rodeo.errors import NoResponder, RemoteError
 from rodeo.instance import PARENT_VARIABLE
-from rodeo.messages import RegisterService, RegisterTask, Transfer
+from rodeo.messages import (
+    CancelTask,
+    RegisterService,
+    RegisterTask,
+    RevokeRequest,
+    SignedRequest,
+    SubmitProof,
+    Transfer,
+    TypedSignature,
+)
 from tests.support.dao import PARAMS, Dao
 from tests.support.site import RunningSite, readyz, write_site
 
 ALICE: LocalAccount = Account.from_key("0x" + "a1" * 32)
+CAROL: LocalAccount = Account.from_key("0x" + "ca" * 32)
+"""Has IEC and no gas money."""
 LIMITS = '[bridge.limits.oracle]\ndaily_iec = "10"\n'
 
 
 @pytest.fixture(scope="module")
 def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
     alice, bob = f'name = "alice", address = "{ALICE.address}"', 'name = "bob", kinds = ["waste_disposal"]'
-    extra = f"participants = [{{ {alice} }}, {{ {bob} }}]\n{LIMITS}"
+    carol = f'name = "carol", address = "{CAROL.address}"'
+    extra = f"participants = [{{ {alice} }}, {{ {bob} }}, {{ {carol} }}]\n{LIMITS}"
     running = RunningSite(write_site(tmp_path_factory.mktemp("wallets"), chain_backend, extra))
     organization = Dao(running)
     try:
@@ -39,7 +54,7 @@ def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterato
             {"from": w3.eth.accounts[0], "to": ALICE.address, "value": Wei(10**18)}
         )
         w3.eth.wait_for_transaction_receipt(paid)
-        for name in ("alice", "bob", "oracle"):
+        for name in ("alice", "bob", "carol", "oracle"):
             organization.command("organization", "transfer", to=name, amount_iec="200")
         yield organization
     finally:
@@ -107,6 +122,137 @@ def test_a_wallet_spends_no_more_in_a_day_than_the_site_file_says(dao: Dao) -> N
         dao.command("oracle", "transfer", to="bob", amount_iec="6", dry_run=True)
     assert refused.value.code == "daily_limit_reached"
     dao.command("oracle", "transfer", to="bob", amount_iec="4")
+
+
+def task(request_id: str, **fields: Any) -> RegisterTask:
+    wanted = {"kind": "waste_disposal", "reward_iec": "50", "params": PARAMS, "allow_wait": True}
+    return RegisterTask.model_validate(wanted | {"request_id": request_id} | fields)
+
+
+def signed_by_carol(dao: Dao, request: RegisterTask, valid_s: int = 3600) -> SignedRequest:
+    carol = Participant(dao.running.bus, dao.site.org, "carol", CAROL)
+    return carol.sign("register_task", request, valid_s)
+
+
+def relay(dao: Dao, participant: str, signed: SignedRequest) -> dict[str, Any]:
+    # As somebody reads it from a file.
+    return dao.command(participant, "relay", signed=json.loads(signed.model_dump_json()))
+
+
+def relay_fails(dao: Dao, signed: SignedRequest) -> RemoteError:
+    before = dao.balances()
+    with pytest.raises(RemoteError) as refused:
+        relay(dao, "bob", signed)
+    assert dao.balances() == before
+    return refused.value
+
+
+def test_who_has_no_gas_money_signs_and_another_one_sends(dao: Dao) -> None:
+    w3, before = Web3(HTTPProvider(dao.site.chain.url)), dao.balances()
+    signed = signed_by_carol(dao, task("carols"))
+    assert signed.permit is not None and dao.client().allowance(CAROL.address, dao.client().task_manager) == 0
+    task_id = relay(dao, "bob", signed)["task_id"]
+    assert (dao.task(task_id)["creator_name"], dao.task(task_id)["state"]) == ("carol", "open")
+    assert dao.balances() == {**before, "carol": before["carol"] - 50}
+    assert relay_fails(dao, signed).code == "nonce_used"
+    # The same request once more is the same, and another one needs no permit.
+    again = signed_by_carol(dao, task("carols"))
+    assert again.request.typed_data["message"]["nonce"] == signed.request.typed_data["message"]["nonce"]
+    assert again.permit is None and relay_fails(dao, again).code == "nonce_used"
+
+    carol = Participant(dao.running.bus, dao.site.org, "carol", CAROL)
+    relay(dao, "bob", carol.sign("cancel_task", CancelTask(task_id=task_id), 3600))
+    assert dao.task(task_id)["state"] == "cancelled" and dao.balances() == before
+    assert w3.eth.get_balance(CAROL.address) == 0
+
+
+def test_nobody_sends_what_was_not_signed(dao: Dao) -> None:
+    signed = signed_by_carol(dao, task("carols other"))
+
+    def with_request(signature: str | None = signed.request.signature, **typed: Any) -> SignedRequest:
+        data = signed.request.typed_data | typed
+        return SignedRequest(
+            request=TypedSignature(typed_data=data, signature=signature), permit=signed.permit
+        )
+
+    message = signed.request.typed_data["message"]
+    dearer = message | {"request": message["request"] | {"reward": "199000000000000000000"}}
+    for changed in (dearer, message | {"creator": ALICE.address}, message | {"deadline": "99999999999"}):
+        refused = relay_fails(dao, with_request(message=changed))
+        assert refused.code == "not_signed_by", refused
+    domain = signed.request.typed_data["domain"]
+    for elsewhere in (domain | {"chainId": 1}, domain | {"verifyingContract": ALICE.address}, None):
+        assert relay_fails(dao, with_request(domain=elsewhere)).code == "other_contracts"
+    assert relay_fails(dao, with_request(primaryType="Permit")).code == "invalid_request"
+    assert relay_fails(dao, with_request(message=message | {"more": "1"})).code == "invalid_request"
+    assert relay_fails(dao, with_request(message=message | {"nonce": str(2**256)})).code == "invalid_request"
+    assert relay_fails(dao, with_request(signature=None)).code == "not_signed"
+    assert relay_fails(dao, with_request(signature="0x")).code == "not_signed_by"
+    relay(dao, "bob", signed)
+
+
+def test_a_signed_request_is_revoked_or_expires(dao: Dao) -> None:
+    asked = task("alices other")
+    signed = alice(dao).sign("register_task", asked, 3600)
+    nonce = int(signed.request.typed_data["message"]["nonce"])
+    alice(dao).command("revoke_request", RevokeRequest(nonce=nonce))
+    assert dao.client().is_request_nonce_used(ALICE.address, nonce)
+    assert relay_fails(dao, signed).code == "nonce_used"
+    late = alice(dao).sign("register_task", task("alices late"), 60)
+    dao.set_clock(Web3(HTTPProvider(dao.site.chain.url)).eth.get_block("pending")["timestamp"] + 120)
+    assert relay_fails(dao, late).code == "request_expired"
+
+
+def test_a_proof_is_sent_by_somebody_who_is_not_its_executor(dao: Dao) -> None:
+    (service,) = dao.state("services", provider="bob")["services"]
+    task_id = dao.post("100", service_id=service["id"])
+    bob = Participant(dao.running.bus, dao.site.org, "bob")
+    proof = SubmitProof(
+        task_id=task_id,
+        attempt=1,
+        proof_sha256="0x" + "a" * 64,
+        proof_uri=f"{dao.site.store_url}/{'a' * 64}.mcap",
+    )
+    relay(dao, "oracle", bob.sign("submit_proof", proof, 3600))
+    assert dao.task(task_id)["state"] == "submitted" and dao.task(task_id)["executor_name"] == "bob"
+    with pytest.raises(RemoteError) as refused:
+        bob.sign("submit_proof", proof.model_copy(update={"nonce": "0x" + "7" * 64}), 3600)
+    assert refused.value.code == "assignment_changed"
+
+
+@pytest.mark.parametrize("who", ["organization", "oracle"])
+def test_a_contract_and_a_limited_wallet_sign_nothing_for_others(dao: Dao, who: str) -> None:
+    with pytest.raises(RemoteError) as refused:
+        Participant(dao.running.bus, dao.site.org, who).sign("register_task", task("theirs"), 3600)
+    assert refused.value.code == "cannot_sign"
+
+
+def test_the_command_line_signs_into_a_file_and_sends_it(dao: Dao, tmp_path: Path) -> None:
+    file, path = tmp_path / "task.json", dao.running.path
+
+    def rodeo(*arguments: str, status: int = 0) -> str:
+        done = subprocess.run(
+            [sys.executable, "-m", "rodeo_cli", "task", *arguments, "--site", str(path)],
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == status, done.stderr
+        return done.stdout + done.stderr
+
+    create = ["create", "waste_disposal", "--reward", "40", "--wait", "--params", json.dumps(PARAMS)]
+    before = dao.balances()
+    assert f"rodeo task relay {file}" in rodeo(*create, "--as", "bob", "--sign", str(file))
+    assert dao.balances() == before
+    assert "is posted" in rodeo("relay", str(file), "--as", "oracle")
+    assert dao.balances() == {**before, "bob": before["bob"] - 40}
+
+    rodeo(*create, "--as", "bob", "--sign", str(file))
+    assert "any more" in rodeo("revoke", str(file), "--as", "bob")
+    assert "sign each `typed_data`" in rodeo(*create, "--as", "carol", "--sign", str(file))
+    assert "not_signed" in rodeo("relay", str(file), status=1)
+    file.write_text("{}")
+    assert "invalid_request" in rodeo("relay", str(file), status=1)
+    assert "no such folder" in rodeo(*create, "--sign", str(tmp_path / "none" / "task.json"), status=1)
 
 
 def test_health_and_metrics_are_served_over_http(dao: Dao) -> None:

@@ -1,0 +1,136 @@
+"""Requests that one wallet signs and another one sends (decision 55)."""
+
+from __future__ import annotations
+
+import secrets
+from typing import TypeVar
+
+from eth_utils import keccak
+from pydantic import BaseModel
+
+from rodeo import signed_requests
+from rodeo.bus import validate
+from rodeo.chain import Call, ChainClient, ContractReverted, TaskRequest
+from rodeo.errors import InvalidRequest
+from rodeo.messages import SignedRequest, TypedSignature
+from rodeo.signed_requests import UNLIMITED, CancelTask, Permit, RegisterTask, SubmitProof, Typed
+from services.bridge.errors import NoPermit, NotSigned, OtherContracts
+
+_NONCE_BYTES = 6
+"""So that JSON numbers hold a nonce in every language."""
+
+_SIGNATURE_BYTES = 65
+
+Said = RegisterTask | CancelTask | SubmitProof
+Model = TypeVar("Model", bound=BaseModel)
+
+
+class Requests:
+    """Signed requests of one deployment."""
+
+    def __init__(self, client: ChainClient) -> None:
+        self._client = client
+
+    def typed(self, said: Said) -> Typed:
+        """What is signed."""
+        return said.typed_data(self._domain)
+
+    def permit(self, owner: str, deadline: int) -> Typed:
+        """What lets the contracts take the rewards of `owner`. Raises NoPermit."""
+        client = self._client
+        try:
+            nonce = client.permit_nonce(owner)
+        except ContractReverted as error:
+            raise NoPermit(
+                "the payment token takes no signed permits: approve the contracts first",
+                owner=owner,
+                spender=client.task_manager,
+            ) from error
+        said = Permit(
+            owner=owner, spender=client.task_manager, value=UNLIMITED, nonce=nonce, deadline=deadline
+        )
+        return said.typed_data(self._token_domain)
+
+    def calls(self, signed: SignedRequest) -> list[Call]:
+        """What carries it out. Raises NotSigned, OtherContracts or InvalidRequest."""
+        said = self.read(signed)
+        signature = _bytes(signed.request)
+        calls = self._client.calls
+        match said:
+            case RegisterTask():
+                request = said.request.request
+                call = calls.register_task_for(said.creator, request, said.nonce, said.deadline, signature)
+                return [*self._permitted(signed, said.creator, request), call]
+            case CancelTask():
+                return [calls.cancel_task_for(said.creator, said.task_id, said.deadline, signature)]
+            case SubmitProof():
+                proof_hash = bytes.fromhex(said.proof_hash[2:])
+                return [
+                    calls.submit_proof_for(
+                        said.executor,
+                        said.task_id,
+                        said.attempt,
+                        proof_hash,
+                        said.uri,
+                        said.deadline,
+                        signature,
+                    )
+                ]
+
+    def read(self, signed: SignedRequest) -> Said:
+        """What its participant wants. Raises OtherContracts or InvalidRequest."""
+        typed = signed.request.typed_data
+        kind = signed_requests.SAID.get(str(typed.get("primaryType")))
+        if kind is None:
+            raise InvalidRequest(
+                "not a request that can be sent for somebody", known=sorted(signed_requests.SAID)
+            )
+        return _message(kind, typed, self._domain)
+
+    def _permitted(self, signed: SignedRequest, creator: str, request: TaskRequest) -> list[Call]:
+        """What has to be sent first: the permit, unless it or another one has done its work."""
+        allowance = self._client.allowance(creator, self._client.task_manager)
+        if signed.permit is None or allowance >= request.reward:
+            return []
+        said = _message(Permit, signed.permit.typed_data, self._token_domain)
+        raw = _bytes(signed.permit)
+        if len(raw) != _SIGNATURE_BYTES:
+            raise NotSigned("a permit is signed by a key, in 65 bytes", owner=said.owner, bytes=len(raw))
+        r, s, v = raw[:32], raw[32:64], raw[64]
+        return [self._client.calls.permit(said.owner, said.spender, said.value, said.deadline, v, r, s)]
+
+    @property
+    def _domain(self) -> Typed:
+        deployment = self._client.deployment
+        return signed_requests.domain(
+            "RODEO SignedRequests", deployment.chain_id, deployment.address("SignedRequests")
+        )
+
+    @property
+    def _token_domain(self) -> Typed:
+        deployment = self._client.deployment
+        return signed_requests.domain(
+            self._client.token_name(), deployment.chain_id, deployment.address("IECoin")
+        )
+
+
+def nonce_of(request_id: str | None) -> int:
+    """Of a new request; of the same one again the same, so that it counts once."""
+    if request_id is None:
+        return secrets.randbits(8 * _NONCE_BYTES)
+    return int.from_bytes(keccak(text=request_id)[:_NONCE_BYTES])
+
+
+def _message(model: type[Model], typed: Typed, domain: Typed) -> Model:
+    found = typed.get("domain")
+    if found != domain:
+        raise OtherContracts(
+            "signed for other contracts, or for another chain", signed_for=found, expected=domain
+        )
+    return validate(model, typed.get("message"))
+
+
+def _bytes(signature: TypedSignature) -> bytes:
+    if signature.signature is None:
+        raise NotSigned("nobody has signed this yet: sign `typed_data` with the participant's wallet")
+    return bytes.fromhex(signature.signature[2:])
