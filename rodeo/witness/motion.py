@@ -29,6 +29,9 @@ LOST_US = 2_000_000
 that skips idle time shows its bodies once a second."""
 STEP_US = 200_000
 """Between two poses of a moving body: more shows nothing of the way."""
+SEEN_US = 50_000
+"""A body at rest that was seen so shortly before counts as seen: cameras take some ten to a hundred poses a
+second."""
 
 
 class Sample(NamedTuple):
@@ -160,12 +163,16 @@ class MotionLog:
         return self._bodies[body].stays(time_us)
 
     def due(self, now_us: int, heads: bool) -> bool:
-        """Whether a statement is due; `heads` tells whether heads of others were heard."""
+        """Whether a statement is due; `heads` tells whether heads of others were heard.
+
+        At rest it is due at whole periods of the time, not of the witness: who waits for it, such as a
+        recording that begins with it, waits as long whenever the witness was started.
+        """
         lasted_us = now_us - self._start_us
-        if lasted_us >= REST_PERIOD_US:
-            return True
         if any(body.moved for body in self._bodies.values()):
             return lasted_us >= PERIOD_US
+        if now_us // REST_PERIOD_US > self._start_us // REST_PERIOD_US:
+            return True
         return heads and lasted_us >= LISTENING_PERIOD_US
 
     def take(self, now_us: int, seq: int) -> MotionFields:
@@ -203,7 +210,7 @@ class MotionLog:
                     resting[name] = body.signed_in
             else:
                 resting[name] = body.signed_in
-                if now_us - newest.time_us > STEP_US:
+                if now_us - newest.time_us > SEEN_US:
                     unseen_us[name] = now_us - newest.time_us
             body.keep(ahead)
         fields = MotionFields(start_us, now_us, tracks, resting, unseen_us, tuple(self._stalls_us))

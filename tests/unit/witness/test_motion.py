@@ -50,7 +50,7 @@ def moving(t: float) -> float:
 
 def test_everything_at_rest_is_signed_once_in_ten_seconds() -> None:
     statements = filmed(lambda _t: 0.5, 40.0)
-    assert len(statements) == 4, "one for the first poses, then one each ten seconds"
+    assert len(statements) == 5, "one for the first poses, then one at each ten seconds"
     assert all(set(s.tracks) | set(s.resting) == {"item1", "panther1"} for s in statements)
 
 
