@@ -14,6 +14,7 @@ const CONTRACTS = [
   "TaskManager",
   "SignedRequests",
   "OracleCommittee",
+  "Disputes",
   "FirstComeFirstServed",
   "LowestPrice",
   "HighestReputation",

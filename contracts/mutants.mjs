@@ -50,7 +50,7 @@ function broken() {
 const missed = [];
 try {
   for (const path of ["foundry.toml", "package.json", "contracts/src", "contracts/test/Fixture.sol"]) source(path);
-  for (const path of ["contracts/test/Committee.sol", "contracts/test/Possession.sol", "contracts/test/Signing.sol", "contracts/test/invariant", "contracts/forge.mjs", "contracts/solc.mjs"]) source(path);
+  for (const path of ["contracts/test/Committee.sol", "contracts/test/Instances.sol", "contracts/test/Possession.sol", "contracts/test/Signing.sol", "contracts/test/invariant", "contracts/forge.mjs", "contracts/solc.mjs"]) source(path);
   symlinkSync(join(root, "node_modules"), join(copy, "node_modules"));
   const found = broken();
   if (found.length > 0) throw new Error(`without a planted bug the invariants fail: ${found}`);

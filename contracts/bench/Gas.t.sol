@@ -10,6 +10,7 @@ import {SignedVerdicts} from "../src/libraries/SignedVerdicts.sol";
 import {Units} from "../src/libraries/Units.sol";
 import {Committee} from "../test/Committee.sol";
 import {Fixture} from "../test/Fixture.sol";
+import {Instances} from "../test/Instances.sol";
 
 /// @notice An oracle that accepts every first attempt.
 contract Judge {
@@ -258,5 +259,35 @@ contract QuorumGasBench is Committee {
         }
         // The fourth, when everybody's balance, service and line have their words.
         vm.snapshotValue("contracts", "gas_verdict_quorum_3_of_5", vm.lastCallGas().gasTotalUsed);
+    }
+}
+
+/// @notice What a dispute costs: the challenge, four votes of seven, and the payment.
+contract DisputeGasBench is Instances {
+    function test_dispute() public {
+        uint256 used;
+        for (uint256 i = 0; i < 4; ++i) {
+            Vote memory vote = ruled(Verdict.Accepted);
+            challenge(alice, vote.taskId);
+            used = vm.lastCallGas().gasTotalUsed;
+            vote = decide(second, secondKeys, 4, vote.taskId, Verdict.Rejected);
+            used += vm.lastCallGas().gasTotalUsed;
+            skip(CHALLENGE + 1);
+            disputes.close(vote, REPORT_URI);
+            used += vm.lastCallGas().gasTotalUsed;
+        }
+        vm.snapshotValue("contracts", "gas_dispute", used);
+    }
+
+    function test_unchallenged() public {
+        uint256 used;
+        for (uint256 i = 0; i < 4; ++i) {
+            Vote memory vote = ruled(Verdict.Accepted);
+            used = vm.lastCallGas().gasTotalUsed;
+            skip(CHALLENGE + 1);
+            disputes.close(vote, REPORT_URI);
+            used += vm.lastCallGas().gasTotalUsed;
+        }
+        vm.snapshotValue("contracts", "gas_verdict_with_window", used);
     }
 }

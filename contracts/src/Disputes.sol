@@ -1,0 +1,370 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {IAccessControl} from "@openzeppelin/contracts/access/IAccessControl.sol";
+import {IERC20} from "@openzeppelin/contracts/token/ERC20/IERC20.sol";
+import {SafeERC20} from "@openzeppelin/contracts/token/ERC20/utils/SafeERC20.sol";
+import {SafeCast} from "@openzeppelin/contracts/utils/math/SafeCast.sol";
+import {IDisputes, Instance, Ruling} from "./interfaces/IDisputes.sol";
+import {IOracleCommittee, Quorum} from "./interfaces/IOracleCommittee.sol";
+import {IOrganization} from "./interfaces/IOrganization.sol";
+import {IServiceManager} from "./interfaces/IServiceManager.sol";
+import {ITaskManager, Task, TaskState, Verdict, Vote} from "./interfaces/ITaskManager.sol";
+import {Texts} from "./libraries/Texts.sol";
+
+contract Disputes is IDisputes {
+    using SafeCast for uint256;
+    using SafeERC20 for IERC20;
+
+    /// @param attempt of the task
+    /// @param version which of the kind's lists of instances the case began with, counted from 1
+    /// @param count how many instances have ruled
+    /// @param challenged the last ruling is before the next instance
+    /// @param until end of the running window, block time in s
+    struct Case {
+        uint8 attempt;
+        uint32 version;
+        uint8 count;
+        bool challenged;
+        uint40 until;
+        Ruling[3] rulings;
+    }
+
+    /// @notice A committee, the one above it, and one appeal: as many as a Case has rulings.
+    uint256 public constant MAX_INSTANCES = 3;
+    /// @notice In a shorter window nobody can answer.
+    uint32 public constant MIN_WINDOW = 1 minutes;
+    /// @notice A longer one freezes service and bond.
+    uint32 public constant MAX_WINDOW = 7 days;
+
+    bytes32 private constant ADMINISTRATOR = 0;
+
+    /// @inheritdoc IDisputes
+    IOrganization public immutable organization;
+    /// @inheritdoc IDisputes
+    ITaskManager public immutable tasks;
+    IServiceManager private immutable _services;
+    IERC20 private immutable _token;
+
+    mapping(bytes32 kind => Instance[][]) private _instances;
+    mapping(uint256 taskId => Case) private _cases;
+    /// @inheritdoc IDisputes
+    mapping(address account => uint256) public pendingPayments;
+
+    constructor(IOrganization organization_) {
+        organization = organization_;
+        tasks = organization_.tasks();
+        _services = organization_.services();
+        _token = organization_.token();
+    }
+
+    /// @inheritdoc IDisputes
+    function setInstances(bytes32 kind, Instance[] calldata instances) external {
+        if (!IAccessControl(address(organization)).hasRole(ADMINISTRATOR, msg.sender)) {
+            revert NotAdministrator(msg.sender);
+        }
+        if (instances.length == 0 || instances.length > MAX_INSTANCES) {
+            revert InvalidInstances(kind, instances.length);
+        }
+        Instance[] storage all = _instances[kind].push();
+        for (uint256 i = 0; i < instances.length; ++i) {
+            _requireInstance(kind, instances, i);
+            all.push(instances[i]);
+        }
+        uint256 longest = _longest(all);
+        uint32 window = organization.kindOf(kind).minVerdictWindow;
+        if (longest != 0 && window <= longest) revert VerdictWindowTooShort(kind, window, longest);
+        emit InstancesChanged(kind, instances);
+    }
+
+    /// @inheritdoc IDisputes
+    function postVotes(Vote calldata vote, string calldata reportUri, bytes calldata signatures) external {
+        Task memory t = tasks.task(vote.taskId);
+        Case storage c = _cases[vote.taskId];
+        if (c.count != 0 && _isOver(t, c)) _void(vote.taskId, c);
+        _requireVote(vote, reportUri, t);
+        Instance[] storage all = c.count == 0 ? _begin(vote.taskId, t, c) : _go(vote, c, t.kind);
+        uint8 number = c.count;
+        IOracleCommittee committee = all[number].committee;
+        committee.countVotes(vote, committee.digestOf(vote), signatures);
+        if (number + 1 == all.length || vote.verdict == Verdict.Undecided || t.verdictWindow < _longest(all))
+        {
+            _end(vote, reportUri, t, c, all);
+            return;
+        }
+        uint256 until = block.timestamp + all[number].window;
+        c.rulings[number] =
+            Ruling(_content(vote, reportUri), vote.verdict, vote.amount.toUint96(), address(0));
+        (c.count, c.challenged, c.until) = (number + 1, false, until.toUint40());
+        emit Ruled(vote.taskId, number, vote, reportUri, until);
+    }
+
+    /// @inheritdoc IDisputes
+    function challenge(uint256 taskId, string calldata reason) external {
+        Task memory t = tasks.task(taskId);
+        Case storage c = _cases[taskId];
+        if (c.count == 0 || _isOver(t, c)) revert NoCase(taskId);
+        uint8 number = c.count - 1;
+        Ruling storage ruling = c.rulings[number];
+        if (c.challenged) revert ChallengedBefore(taskId, ruling.challenger);
+        if (block.timestamp > c.until) revert WindowOver(taskId, c.until, block.timestamp);
+        Texts.requireText(reason);
+        Instance[] storage all = _instances[t.kind][c.version - 1];
+        if (!_isParty(t, msg.sender) && !_isJudge(t.kind, all, msg.sender)) {
+            revert NeitherPartyNorJudge(taskId, msg.sender);
+        }
+        uint256 until = block.timestamp + all[number + 1].decision;
+        (c.challenged, c.until, ruling.challenger) = (true, until.toUint40(), msg.sender);
+        uint256 stake = all[number].stake;
+        emit Challenged(taskId, number, msg.sender, stake, until, reason);
+        _token.safeTransferFrom(msg.sender, address(this), stake);
+    }
+
+    /// @inheritdoc IDisputes
+    function close(Vote calldata vote, string calldata reportUri) external {
+        uint256 taskId = vote.taskId;
+        Task memory t = tasks.task(taskId);
+        Case storage c = _cases[taskId];
+        if (c.count == 0) revert NoCase(taskId);
+        if (_isOver(t, c)) {
+            _void(taskId, c);
+            return;
+        }
+        if (block.timestamp <= c.until) revert WindowNotOver(taskId, c.until, block.timestamp);
+        Ruling storage standing = c.rulings[c.count - 1];
+        bytes32 content = _content(vote, reportUri);
+        if (content != standing.content) revert OtherVerdict(taskId, content, standing.content);
+        Instance[] storage all = _instances[t.kind][c.version - 1];
+        if (c.challenged) {
+            // Who should have decided was silent, which is not the challenger's fault.
+            address challenger = standing.challenger;
+            (c.challenged, standing.challenger) = (false, address(0));
+            _pay(taskId, challenger, all[c.count - 1].stake);
+        }
+        _end(vote, reportUri, t, c, all);
+    }
+
+    /// @inheritdoc IDisputes
+    function withdrawPayments(address account) external {
+        uint256 amount = pendingPayments[account];
+        if (amount == 0) revert NothingOwed(account);
+        pendingPayments[account] = 0;
+        _token.safeTransfer(account, amount);
+    }
+
+    /// @inheritdoc IDisputes
+    function instancesOf(bytes32 kind) external view returns (Instance[] memory none) {
+        uint256 versions = _instances[kind].length;
+        return versions == 0 ? none : _instances[kind][versions - 1];
+    }
+
+    /// @inheritdoc IDisputes
+    function longestCase(bytes32 kind) external view returns (uint256) {
+        uint256 versions = _instances[kind].length;
+        return versions == 0 ? 0 : _longest(_instances[kind][versions - 1]);
+    }
+
+    /// @inheritdoc IDisputes
+    function caseOf(uint256 taskId)
+        external
+        view
+        returns (Ruling[] memory rulings, bool challenged, uint256 until)
+    {
+        Case storage c = _cases[taskId];
+        rulings = new Ruling[](c.count);
+        for (uint256 i = 0; i < c.count; ++i) {
+            rulings[i] = c.rulings[i];
+        }
+        return (rulings, c.challenged, c.until);
+    }
+
+    /// @dev The first ruling on an attempt, early enough for all that may follow. A task that was posted when its kind
+    /// had shorter verdict windows is judged as then, at once.
+    function _begin(uint256 taskId, Task memory t, Case storage c) private returns (Instance[] storage all) {
+        uint256 version = _instances[t.kind].length;
+        if (version == 0) revert KindWithoutInstances(t.kind);
+        all = _instances[t.kind][version - 1];
+        uint256 longest = _longest(all);
+        uint256 end = block.timestamp + longest;
+        if (end > t.deadline && t.verdictWindow >= longest) revert TooLate(taskId, end, t.deadline);
+        (c.attempt, c.version) = (t.attempt, version.toUint32());
+    }
+
+    /// @dev A later ruling, on a challenge.
+    function _go(Vote calldata vote, Case storage c, bytes32 kind)
+        private
+        view
+        returns (Instance[] storage all)
+    {
+        if (!c.challenged) revert NotChallenged(vote.taskId);
+        if (block.timestamp > c.until) revert WindowOver(vote.taskId, c.until, block.timestamp);
+        if (vote.verdict == Verdict.Undecided) revert MustDecide(vote.taskId);
+        return _instances[kind][c.version - 1];
+    }
+
+    /// @dev Post the verdict; who was wrong pays.
+    function _end(
+        Vote calldata vote,
+        string calldata reportUri,
+        Task memory t,
+        Case storage c,
+        Instance[] storage all
+    ) private {
+        uint256 count = c.count;
+        address[] memory challengers = new address[](count);
+        bool[] memory right = new bool[](count);
+        address winner;
+        for (uint256 i = 0; i < count; ++i) {
+            Ruling storage ruling = c.rulings[i];
+            challengers[i] = ruling.challenger;
+            right[i] = ruling.verdict != vote.verdict || ruling.amount != vote.amount;
+            if (right[i] && challengers[i] != address(0)) winner = challengers[i];
+        }
+        _forget(c);
+        for (uint256 i = 0; i < count; ++i) {
+            address challenger = challengers[i];
+            if (challenger == address(0)) continue;
+            address to = challenger;
+            if (!right[i]) to = winner == address(0) ? _against(t, challenger) : winner;
+            _pay(vote.taskId, to, all[i].stake);
+        }
+        emit CaseClosed(vote.taskId, vote.attempt, vote.verdict, vote.amount);
+        _post(vote, reportUri);
+    }
+
+    function _post(Vote calldata vote, string calldata reportUri) private {
+        tasks.postVerdict(
+            vote.taskId,
+            vote.attempt,
+            vote.proofHash,
+            vote.verdict,
+            vote.amount,
+            vote.reportHash,
+            reportUri,
+            vote.reason
+        );
+    }
+
+    /// @dev The attempt is over without a verdict from here.
+    function _void(uint256 taskId, Case storage c) private {
+        Instance[] storage all = _instances[tasks.task(taskId).kind][c.version - 1];
+        uint256 count = c.count;
+        address[] memory challengers = new address[](count);
+        for (uint256 i = 0; i < count; ++i) {
+            challengers[i] = c.rulings[i].challenger;
+        }
+        emit CaseVoided(taskId, c.attempt);
+        _forget(c);
+        for (uint256 i = 0; i < count; ++i) {
+            if (challengers[i] != address(0)) _pay(taskId, challengers[i], all[i].stake);
+        }
+    }
+
+    function _forget(Case storage c) private {
+        for (uint256 i = 0; i < c.count; ++i) {
+            delete c.rulings[i];
+        }
+        (c.attempt, c.version, c.count, c.challenged, c.until) = (0, 0, 0, false, 0);
+    }
+
+    /// @dev A token that refuses holds up no case.
+    function _pay(uint256 taskId, address to, uint256 amount) private {
+        emit StakePaid(taskId, to, amount);
+        if (_token.trySafeTransfer(to, amount)) return;
+        pendingPayments[to] += amount;
+        emit PaymentDeferred(to, amount);
+    }
+
+    /// @dev What the task manager would refuse at the end is refused now.
+    function _requireVote(Vote calldata vote, string calldata reportUri, Task memory t) private view {
+        uint256 taskId = vote.taskId;
+        if (t.state != TaskState.Submitted) {
+            revert ITaskManager.WrongState(taskId, t.state, TaskState.Submitted);
+        }
+        if (vote.attempt != t.attempt) revert ITaskManager.WrongAttempt(taskId, t.attempt, vote.attempt);
+        if (block.timestamp > t.deadline) {
+            revert ITaskManager.DeadlinePassed(taskId, t.deadline, block.timestamp);
+        }
+        if (vote.proofHash != t.proofHash) {
+            revert ITaskManager.ProofMismatch(taskId, t.proofHash, vote.proofHash);
+        }
+        if (vote.verdict == Verdict.None) revert ITaskManager.NoVerdict(taskId);
+        uint256 max = vote.verdict == Verdict.Accepted ? t.price : 0;
+        if (vote.amount > max || (vote.amount == 0 && max != 0)) {
+            revert ITaskManager.InvalidAmount(taskId, vote.amount, max);
+        }
+        Texts.requireText(reportUri);
+        Texts.requireText(vote.reason);
+    }
+
+    function _requireInstance(bytes32 kind, Instance[] calldata instances, uint256 i) private view {
+        Instance calldata one = instances[i];
+        bool last = i + 1 == instances.length;
+        bool windows = last
+            ? one.window == 0 && one.stake == 0
+            : one.stake != 0 && one.window >= MIN_WINDOW && one.window <= MAX_WINDOW;
+        bool decision = i == 0 ? one.decision == 0 : one.decision >= MIN_WINDOW && one.decision <= MAX_WINDOW;
+        bool ours = one.committee.organization() == organization;
+        if (!windows || !decision || !ours) revert InvalidInstances(kind, i);
+        Quorum memory quorum = one.committee.quorumOf(kind);
+        if (i == 0) return;
+        Instance calldata below = instances[i - 1];
+        if (quorum.votes <= below.committee.quorumOf(kind).votes || (!last && one.stake <= below.stake)) {
+            revert InvalidInstances(kind, i);
+        }
+        for (uint256 j = 0; j < i; ++j) {
+            _requireOthers(kind, one.committee, quorum.judges, instances[j].committee);
+        }
+    }
+
+    /// @dev None of the seats `judges` of one committee is held by a judge of the other.
+    function _requireOthers(bytes32 kind, IOracleCommittee one, uint64 judges, IOracleCommittee other)
+        private
+        view
+    {
+        for (uint8 seat = 0; judges >> seat != 0; ++seat) {
+            if ((judges >> seat) & 1 == 0) continue;
+            address key = one.keyOf(seat);
+            if (other.judge(key).owner != address(0)) revert JudgesTwice(kind, key);
+        }
+    }
+
+    /// @dev Whether the attempt that the case is about waits for a verdict no more.
+    function _isOver(Task memory t, Case storage c) private view returns (bool) {
+        return t.state != TaskState.Submitted || t.attempt != c.attempt || block.timestamp > t.deadline;
+    }
+
+    function _isParty(Task memory t, address account) private view returns (bool) {
+        return account == t.creator || account == _services.providerOf(t.serviceId);
+    }
+
+    function _isJudge(bytes32 kind, Instance[] storage all, address account) private view returns (bool) {
+        for (uint256 i = 0; i < all.length; ++i) {
+            IOracleCommittee committee = all[i].committee;
+            uint64 judges = committee.quorumOf(kind).judges;
+            if (committee.judge(account).owner != address(0)) {
+                if ((judges >> committee.judge(account).seat) & 1 == 1) return true;
+            }
+        }
+        return false;
+    }
+
+    /// @dev Whom a challenge of `challenger` kept waiting: the other party, or both where it was a judge's.
+    function _against(Task memory t, address challenger) private view returns (address) {
+        address executor = _services.providerOf(t.serviceId);
+        if (challenger == t.creator) return executor;
+        return challenger == executor ? t.creator : address(organization);
+    }
+
+    /// @dev All windows after the first verdict, and the first one again, in which somebody calls close.
+    function _longest(Instance[] storage all) private view returns (uint256 time) {
+        for (uint256 i = 0; i < all.length; ++i) {
+            time += uint256(all[i].window) + all[i].decision;
+        }
+        time += all[0].window;
+    }
+
+    function _content(Vote calldata vote, string calldata reportUri) private pure returns (bytes32) {
+        return keccak256(abi.encode(vote, reportUri));
+    }
+}

@@ -1,0 +1,135 @@
+// SPDX-License-Identifier: Apache-2.0
+pragma solidity ^0.8.28;
+
+import {IOracleCommittee} from "./IOracleCommittee.sol";
+import {IOrganization} from "./IOrganization.sol";
+import {ITaskManager, Verdict, Vote} from "./ITaskManager.sol";
+
+/// @notice One committee of those that judge a kind one after the other.
+/// @param committee whose judges vote
+/// @param window how long its verdict can be challenged, s; of the last one 0
+/// @param decision how long it may take over a challenge, s; of the first one 0
+/// @param stake what a challenge of its verdict costs whoever is wrong, in the token's smallest unit; of the last one 0
+struct Instance {
+    IOracleCommittee committee;
+    uint32 window;
+    uint32 decision;
+    uint96 stake;
+}
+
+/// @param content hash of the whole vote and of where its report lies; see close
+/// @param verdict what the instance said
+/// @param amount what it pays
+/// @param challenger who staked against it; 0 if nobody did
+struct Ruling {
+    bytes32 content;
+    Verdict verdict;
+    uint96 amount;
+    address challenger;
+}
+
+/// @title Verdicts that can be challenged before they settle.
+/// @notice The organization gives ORACLE_ROLE to this contract instead of to its committee. A verdict of the first
+/// instance waits for a window. In it a party to the task or one of the kind's judges may challenge it with a stake;
+/// then the next instance decides, and so on to the last. What stands at the end is posted to the task manager. A
+/// challenger whom the end proves right has the stake back, and the stake of one whom it proves wrong.
+/// @dev Every case ends: each step has an end in block time, close can be called by anybody, and the last end comes
+/// before the task's own deadline. If nobody calls close, the task expires as one without verdict, and all stakes go
+/// back.
+interface IDisputes {
+    event InstancesChanged(bytes32 indexed kind, Instance[] instances);
+    /// @notice The verdict stands at `until`, unless somebody challenges it.
+    event Ruled(uint256 indexed taskId, uint8 indexed instance, Vote vote, string reportUri, uint256 until);
+    /// @notice The next instance decides until `until`, else the verdict stands.
+    event Challenged(
+        uint256 indexed taskId,
+        uint8 indexed instance,
+        address indexed challenger,
+        uint256 stake,
+        uint256 until,
+        string reason
+    );
+    event CaseClosed(uint256 indexed taskId, uint8 attempt, Verdict verdict, uint256 amount);
+    /// @notice The attempt ended in another way. Nobody was wrong.
+    event CaseVoided(uint256 indexed taskId, uint8 attempt);
+    event StakePaid(uint256 indexed taskId, address indexed account, uint256 amount);
+    /// @notice The token refused it; see withdrawPayments.
+    event PaymentDeferred(address indexed account, uint256 amount);
+
+    error NotAdministrator(address account);
+    error InvalidInstances(bytes32 kind, uint256 index);
+    /// @notice The same key would decide about its own verdict.
+    error JudgesTwice(bytes32 kind, address key);
+    /// @notice A creator could choose a window in which no case ends: set the kind's shortest one first.
+    error VerdictWindowTooShort(bytes32 kind, uint32 window, uint256 longestCase);
+    error KindWithoutInstances(bytes32 kind);
+    /// @notice Too little of the verdict window is left for challenges.
+    error TooLate(uint256 taskId, uint256 needed, uint256 deadline);
+    /// @notice A verdict stands already, and nobody has challenged it.
+    error NotChallenged(uint256 taskId);
+    /// @notice The verdict is before the next instance.
+    error ChallengedBefore(uint256 taskId, address challenger);
+    /// @notice Whoever decides a challenge has to.
+    error MustDecide(uint256 taskId);
+    error NoCase(uint256 taskId);
+    error WindowOver(uint256 taskId, uint256 until, uint256 time);
+    error WindowNotOver(uint256 taskId, uint256 until, uint256 time);
+    error NeitherPartyNorJudge(uint256 taskId, address account);
+    /// @notice Not what the instance said.
+    error OtherVerdict(uint256 taskId, bytes32 content, bytes32 expected);
+    error NothingOwed(address account);
+
+    // -- administrator ------------------------------------------------------------------------------------
+
+    /// @notice Say who judges `kind` from now on. Cases that run keep what they began with.
+    /// @param kind what is to be done, ASCII
+    /// @param instances one to three, in their order, of different judges; each later one needs more votes and a
+    /// greater stake than the one before. Each committee needs its quorum for the kind first, and the kind a shortest
+    /// verdict window above longestCase.
+    function setInstances(bytes32 kind, Instance[] calldata instances) external;
+
+    // -- anybody ------------------------------------------------------------------------------------------
+
+    /// @notice Bring the verdict of the instance whose turn it is. An undecided one goes to the auditors at once.
+    /// @param vote what its judges signed
+    /// @param reportUri where the report lies
+    /// @param signatures of different judges in any order, 64 bytes each (EIP-2098)
+    function postVotes(Vote calldata vote, string calldata reportUri, bytes calldata signatures) external;
+
+    /// @notice Post the verdict that stands, or end the case of an attempt that is over.
+    /// @param vote as the event Ruled has it
+    /// @param reportUri as the event Ruled has it
+    function close(Vote calldata vote, string calldata reportUri) external;
+
+    /// @notice Pay `account` what the token refused before.
+    function withdrawPayments(address account) external;
+
+    // -- a party or a judge -------------------------------------------------------------------------------
+
+    /// @notice Have the next instance decide. The caller's stake is taken by its allowance for this contract.
+    /// @param taskId whose verdict
+    /// @param reason why it is wrong, as people read it
+    function challenge(uint256 taskId, string calldata reason) external;
+
+    // -- views --------------------------------------------------------------------------------------------
+
+    function organization() external view returns (IOrganization);
+    function tasks() external view returns (ITaskManager);
+    function instancesOf(bytes32 kind) external view returns (Instance[] memory);
+
+    /// @notice How long a case of this kind lasts at most after the first verdict, s. It has to fit into the verdict
+    /// window together with the judges' work.
+    function longestCase(bytes32 kind) external view returns (uint256);
+
+    /// @notice The verdicts so far on the running case; none where there is none.
+    /// @return rulings in the order of the instances
+    /// @return challenged whether the last of them is before the next instance
+    /// @return until the end of the running window
+    function caseOf(uint256 taskId)
+        external
+        view
+        returns (Ruling[] memory rulings, bool challenged, uint256 until);
+
+    /// @notice What waits for `account` in withdrawPayments.
+    function pendingPayments(address account) external view returns (uint256);
+}
