@@ -35,6 +35,7 @@ from rodeo.chain import (
     ContractReverted,
     Deployment,
     DeploymentMismatch,
+    Instance,
     NotDeployed,
     Policy,
     Review,
@@ -46,7 +47,7 @@ from rodeo.chain import (
 )
 from rodeo.chain.client import connect, require_chain
 from rodeo.chain.errors import translated
-from rodeo.config import ORACLE, Site, panel, votes_needed
+from rodeo.config import ORACLE, Site, min_verdict_window_s, panel, votes_needed
 from rodeo.errors import RodeoError, WalletError
 from rodeo.kinds import Kind, kinds_of
 from rodeo.process import main
@@ -58,10 +59,16 @@ _NODE_S = {"external": 15.0, "anvil": 60.0, "eth-tester": 60.0}
 _RETRY_S = 0.1
 _GAS_MONEY = Wei(10 * 10**18)
 _UNLIMITED = 2**256 - 1
+_LONGEST_VERDICT_S = 7 * 24 * 3600
+"""The contracts' default for the longest verdict window."""
 
 
 class OtherGovernance(RodeoError):
     """Who decides is another on chain than in the site file, and neither is changed by this step."""
+
+
+class WithoutDisputes(RodeoError):
+    """The contracts by which verdicts are challenged are not on chain, and this step does not add them."""
 
 
 class WithoutGasMoney(RodeoError):
@@ -139,6 +146,11 @@ def run(site: Site, stop: threading.Event, say: Say = log.info) -> None:
             "the site file, or deploy for a new organization",
             wanted=wanted or "administrator",
             found=deployment.votes_by or "administrator",
+        )
+    if site.disputes is not None and not deployment.has_disputes:
+        raise WithoutDisputes(
+            "the contracts on this chain were deployed without [disputes]: take that table out, or deploy "
+            "for a new organization"
         )
     client = ChainClient(site.chain.url, deployment)
     sender = _Sender(client, administrator.address, names, say)
@@ -272,7 +284,11 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
         chain_id = w3.eth.chain_id
     by_vote = site.governance.kind == "vote"
     governance = site.governance
-    all_names = (*artifacts.CONTRACTS, *(artifacts.governance(governance.votes) if by_vote else ()))
+    all_names = (
+        *artifacts.CONTRACTS,
+        *(artifacts.governance(governance.votes) if by_vote else ()),
+        *(artifacts.DISPUTES if site.disputes is not None else ()),
+    )
     names = [name for name in all_names if name != "SignedRequests"]
     addresses = {
         name: get_create_address(deployer.address, Nonce(nonce + offset)) for offset, name in enumerate(names)
@@ -297,6 +313,8 @@ def _deploy(site: Site, w3: Web3, deployer: LocalAccount, say: Say) -> Deploymen
         "ServiceManager": (organization, tasks),
         "TaskManager": (organization, services),
         "OracleCommittee": (organization,),
+        "DisputeCommittee": (organization,),
+        "Disputes": (organization,),
     }
     if by_vote:
         timelock, governor = addresses["OrganizationTimelock"], addresses["OrganizationGovernor"]
@@ -366,13 +384,13 @@ def _missing_rules(
         (Role.OPERATOR, administrator.address),
         (Role.TREASURER, administrator.address),
         # Nobody who alone judges may beside those who have to agree.
-        (Role.ORACLE, client.committee if site.oracles else _told(site, ORACLE)),
+        (Role.ORACLE, _judge(site, client)),
         (Role.AUDITOR, administrator.address),
     ]
     if client.deployment.decides_by_vote:
         # So that decisions set the prices of the organization's services.
         roles.append((Role.OPERATOR, client.deployment.address("OrganizationTimelock")))
-    if former := _former_oracle(site, client):
+    for former in _former_oracles(site, client):
         yield administrator, calls.revoke_role(Role.ORACLE, former)
     for role, account in roles:
         if account is not None and not client.has_role(role, account):
@@ -401,6 +419,8 @@ def _missing_rules(
                 yield administrator, call
             for call in _missing_judges(site, client, kind):
                 yield administrator, call
+            for call in _missing_instances(site, client, kind):
+                yield administrator, call
     for keystore, (device_role, name) in wallets.device_names(site).items():
         device = _told(site, keystore)
         if device is not None and not _is_registered(client, device):
@@ -425,12 +445,19 @@ def _missing_members(site: Site, client: ChainClient) -> Iterator[Call]:
             yield client.governance_calls.votes.sync(account)
 
 
-def _former_oracle(site: Site, client: ChainClient) -> str | None:
+def _judge(site: Site, client: ChainClient) -> str | None:
+    """Who alone judges what oracles judge; None if its keystore cannot be read."""
+    if site.disputes is not None:
+        return client.disputes
+    return client.committee if site.oracles else _told(site, ORACLE)
+
+
+def _former_oracles(site: Site, client: ChainClient) -> Iterator[str]:
     """Who judges on chain, but by the site file no longer does."""
-    former: str | None = client.committee
-    if site.oracles:
-        former = _told(site, ORACLE) if wallets.keystore_path(site, ORACLE).exists() else None
-    return former if former is not None and client.has_role(Role.ORACLE, former) else None
+    oracle = _told(site, ORACLE) if wallets.keystore_path(site, ORACLE).exists() else None
+    for former in (client.committee, client.disputes, oracle):
+        if former not in (None, _judge(site, client)) and client.has_role(Role.ORACLE, former):
+            yield former
 
 
 def _missing_judges(site: Site, client: ChainClient, kind: str) -> Iterator[Call]:
@@ -462,6 +489,36 @@ def _missing_judges(site: Site, client: ChainClient, kind: str) -> Iterator[Call
         assert seated is not None
         seats |= 1 << seated.seat
     yield client.calls.set_quorum(kind, votes, panel(site), site.oracle.rotation_s, seats)
+
+
+def _missing_instances(site: Site, client: ChainClient, kind: str) -> Iterator[Call]:
+    """What lets verdicts on `kind` be challenged. What is on chain stays, as a quorum does."""
+    wanted = site.disputes
+    if wanted is None or client.instances(kind) or not client.quorum(kind).votes:
+        return
+    seats = 0
+    for name in wanted.judges:
+        key = wallets.wallets_elsewhere(site).get(name) or _told(site, name)
+        if key is None:
+            return
+        if client.dispute_judge(key) is None:
+            yield client.dispute_committee_calls.seat(key, key)
+        seated = client.dispute_judge(key)
+        assert seated is not None
+        seats |= 1 << seated.seat
+    yield client.dispute_committee_calls.set_quorum(kind, wanted.votes, len(wanted.judges), 0, seats)
+    shortest_s, rules = min_verdict_window_s(site), client.kind(kind)
+    if rules.min_verdict_window < shortest_s:
+        longest_s = max(rules.max_verdict_window, site.economy.verdict_window_s, _LONGEST_VERDICT_S)
+        yield client.organization_calls.set_verdict_windows(kind, shortest_s, longest_s)
+    address = client.deployment.address
+    yield client.dispute_calls.set_instances(
+        kind,
+        [
+            Instance(address("OracleCommittee"), wanted.window_s, 0, to_wei(wanted.stake_iec)),
+            Instance(address("DisputeCommittee"), 0, wanted.decision_s, 0),
+        ],
+    )
 
 
 def _missing_hash(client: ChainClient, kind: Kind, known: Sequence[str]) -> Iterator[Call]:

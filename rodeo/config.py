@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 import os
 import time
 import tomllib
@@ -221,6 +222,26 @@ class GovernanceConfig(_Table):
     limit."""
     terms: TermsConfig = TermsConfig()
     """Terms at the deployment. Later `rodeo organization terms` changes them."""
+
+
+class DisputesConfig(_Table):
+    """How verdicts of the site's oracles can be challenged. It counts when the contracts are deployed."""
+
+    judges: list[str] = Field(min_length=1, max_length=64)
+    """Participants who decide about challenges."""
+    votes: int = Field(ge=1)
+    """How many of them have to agree: more than half of them, and more than the oracles that have to."""
+    window_s: int = Field(default=3600, ge=60, le=7 * 24 * 3600)
+    """For how long a verdict can be challenged, s."""
+    decision_s: int = Field(default=24 * 3600, ge=60, le=7 * 24 * 3600)
+    """How long the judges may take, s. After it the verdict stands."""
+    stake_iec: Decimal = Field(default=Decimal(20), gt=0, max_digits=36, decimal_places=18)
+    """What a challenge costs whoever is wrong."""
+
+    @property
+    def longest_s(self) -> int:
+        """From the first verdict to the payment, s: as `Disputes.longestCase` says."""
+        return 2 * self.window_s + self.decision_s
 
 
 class WalletLimits(_Table):
@@ -483,6 +504,8 @@ class Site(BaseSettings):
     chain: ChainConfig = ChainConfig()
     economy: EconomyConfig = EconomyConfig()
     governance: GovernanceConfig = GovernanceConfig()
+    disputes: DisputesConfig | None = None
+    """By default what the oracles say is final."""
     disk: DiskConfig = DiskConfig()
     store: StoreConfig = StoreConfig()
     oracle: OracleConfig = OracleConfig()
@@ -651,6 +674,11 @@ def oracle_process(site: Site, name: str) -> str:
     return f"{ORACLE}.{name}" if site.oracles else ORACLE
 
 
+def min_verdict_window_s(site: Site) -> int:
+    """The shortest verdict window where verdicts can be challenged, s: there is time for the oracles, too."""
+    return 0 if site.disputes is None else site.disputes.longest_s + math.ceil(site.oracle.verdict_within_s)
+
+
 def panel(site: Site) -> int:
     """How many oracles may vote at once."""
     return site.oracle.panel or len(site.oracles)
@@ -747,7 +775,7 @@ _SLACK_M = 1e-6
 def faults(site: Site) -> dict[Place, str]:
     """Where -> what is wrong there; empty for a site that can be."""
     found: dict[Place, str] = {}
-    rules = (_outside, _rooms, _names, _wallets, _governance, _oracles, _hours, _ports)
+    rules = (_outside, _rooms, _names, _wallets, _governance, _oracles, _disputes, _hours, _ports)
     for place, text in (one for rule in rules for one in rule(site)):
         found.setdefault(place, text)
     return found
@@ -878,6 +906,34 @@ def _oracles(site: Site) -> Iterator[tuple[Place, str]]:
                 f"{kind.votes} votes are not more than half of a panel of {panel(site)} oracles, or are more "
                 "than all of them",
             )
+
+
+def _disputes(site: Site) -> Iterator[tuple[Place, str]]:
+    wanted = site.disputes
+    if wanted is None:
+        return
+    if not site.oracles:
+        yield ("disputes",), "verdicts of one oracle cannot be challenged: name several [[oracles]]"
+    known = [*(r.name for r in site.robots), *(p.name for p in site.participants)]
+    for number, name in enumerate(wanted.judges):
+        if name not in known:
+            yield ("disputes", "judges", number), f"nobody on this site is called {name}{close(name, known)}"
+    listed = len(set(wanted.judges))
+    if not listed < 2 * wanted.votes <= 2 * listed:
+        yield (
+            ("disputes", "votes"),
+            f"{wanted.votes} votes are not more than half of {listed} judges, or are more than all of them",
+        )
+    first = max((votes_needed(site, one.name) for one in site.kinds), default=votes_needed(site, ""))
+    if site.oracles and wanted.votes <= first:
+        yield ("disputes", "votes"), f"a verdict of {first} oracles is overturned by more than {first} judges"
+    needed_s = min_verdict_window_s(site)
+    if site.economy.verdict_window_s < needed_s:
+        yield (
+            ("economy", "verdict_window_s"),
+            f"verdicts that can be challenged need {needed_s} s: the oracles' time, and all windows of "
+            "[disputes]",
+        )
 
 
 def _hours(site: Site) -> Iterator[tuple[Place, str]]:

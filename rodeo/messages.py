@@ -227,6 +227,48 @@ class PostVotes(Command):
     signatures: list[Signature] = Field(min_length=1, max_length=64)
 
 
+class ChallengeVerdict(Command):
+    """Challenge the verdict on a task, with a stake that is lost to whoever is right at the end. Creator,
+    executor and judges may."""
+
+    task_id: Id
+    reason: str = Field(max_length=500)
+
+
+class CloseDispute(Command):
+    """Post the verdict that stands when its window is over, or end the case of an attempt that is over."""
+
+    task_id: Id
+
+
+class SignVote(Message):
+    """Sign a vote on the challenged verdict of a task, as a judge of challenges. Nothing is sent."""
+
+    task_id: Id
+    outcome: Literal["accepted", "rejected", "impossible"]
+    amount_iec: Iec | None = None
+    """What an accepted proof is paid; by default the agreed price."""
+    reason: str | None = Field(default=None, max_length=500)
+    """Only equal votes count together, and the reason is part of them. By default it names the judges."""
+
+
+class Dispute(Message):
+    """A verdict that can be, or was, challenged."""
+
+    instance: int
+    """Whose verdict it is: 0 for the oracles', 1 for that of the judges of challenges."""
+    vote: Vote
+    """What stands until somebody overturns it."""
+    report_uri: str
+    until: float
+    """End of the window in which it can be challenged, or of the time to decide about a challenge."""
+    challenger: str | None = None
+    """Who challenged it."""
+    stake_iec: Amount | None = None
+    because: str | None = None
+    """The challenger's reason."""
+
+
 class RegisterService(Command):
     kind: Kind
     price_iec: Iec
@@ -596,6 +638,8 @@ COMMANDS: dict[str, type[Command]] = {
     "submit_proof": SubmitProof,
     "post_verdict": PostVerdict,
     "post_votes": PostVotes,
+    "challenge_verdict": ChallengeVerdict,
+    "close_dispute": CloseDispute,
     "expire_task": ExpireTask,
     "match_task": MatchTask,
     "register_service": RegisterService,
@@ -637,7 +681,8 @@ COMMANDS: dict[str, type[Command]] = {
     "relay": Relay,
     "revoke_request": RevokeRequest,
 }
-"""Commands of a wallet, by the last part of the key. `sign`, `prepare` and `broadcast` exist, too."""
+"""Commands of a wallet, by the last part of the key. `sign`, `sign_vote`, `prepare` and `broadcast`
+exist, too."""
 
 
 # -- a wallet whose key is elsewhere ------------------------------------------------------------------------
@@ -775,6 +820,8 @@ class Task(Message):
     reason: str | None
     report_sha256: str | None
     report_uri: str | None
+    dispute: Dispute | None = None
+    """The verdict that waits for its window. It is in `verdict` when it is final."""
 
 
 class Origin(Message):

@@ -27,6 +27,7 @@ from rodeo.messages import (
     Sign,
     SignedRequest,
     SignedVote,
+    SignVote,
     Status,
     Task,
     Vote,
@@ -337,6 +338,7 @@ _SHOWN: dict[str, tuple[str, ...]] = {
 """Optional fields that the example of a command has, too."""
 _OWN: dict[str, dict[str, Any]] = {
     "set_budget": {"role": "treasurer"},
+    "challenge_verdict": {"reason": "the item lies beside the bin"},
     "revoke_device": {"reason": "superseded"},
     "grant_role": {"role": "auditor"},
     "revoke_role": {"role": "auditor"},
@@ -407,6 +409,8 @@ def _payloads() -> str:
     ]
     parts += _section("sign", Sign, EXAMPLES[Sign])
     parts += _section("SignedRequest", SignedRequest, _SIGNED)
+    parts += ["A judge of challenges signs a vote for `post_votes`. The answer is a SignedVote:", ""]
+    parts += _section("sign_vote", SignVote, {"task_id": 7, "outcome": "rejected"})
     parts += ["### Queries", ""]
     parts += [
         f"The key is `{topics.STATE.key}`, with parameters in the selector: `?name=value;name=value`.",

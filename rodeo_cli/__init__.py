@@ -7,6 +7,7 @@ from rodeo_cli import (
     bins,
     classify,
     demo,
+    disputes,
     experiment,
     kinds,
     organization,
@@ -42,6 +43,7 @@ tasks.tasks.command()(people.submit)
 tasks.tasks.command()(people.review)
 tasks.tasks.command()(people.judge)
 tasks.services.command()(people.offer)
+tasks.tasks.add_typer(disputes.disputes, name="dispute")
 app.add_typer(tasks.tasks, name="task")
 app.add_typer(tasks.services, name="service")
 app.add_typer(organization.organization, name="organization")

@@ -143,7 +143,7 @@ def create(
         if sign is not None:
             _sign(loaded, bus, participant, "register_task", request, valid_s, sign, as_json)
             return
-        reply = _command(loaded, bus, participant, "register_task", **request)
+        reply = send_command(loaded, bus, participant, "register_task", **request)
         if not as_json:
             say(f"Task {reply['task_id']} is posted, and {iec(reward)} are in escrow for it.")
         if rises is not None:
@@ -322,7 +322,7 @@ def cancel(
         if sign is not None:
             _sign(loaded, bus, participant, "cancel_task", {"task_id": task_id}, valid_s, sign)
             return
-        _command(loaded, bus, participant, "cancel_task", task_id=task_id)
+        send_command(loaded, bus, participant, "cancel_task", task_id=task_id)
     say(f"Task {task_id} is cancelled; {participant} got its reward back.")
 
 
@@ -337,7 +337,7 @@ def relay(
     """Send what somebody else has signed with --sign, and pay the gas for it. It can be sent once."""
     signed = _signed(file)
     with connected(site) as (loaded, bus):
-        reply = _command(loaded, bus, participant, "relay", signed=signed)
+        reply = send_command(loaded, bus, participant, "relay", signed=signed)
     if as_json:
         print_json(reply)
         return
@@ -357,7 +357,7 @@ def revoke(
     if nonce is None:
         raise InvalidRequest("only a signed task can be revoked", file=str(file))
     with connected(site) as (loaded, bus):
-        _command(loaded, bus, participant, "revoke_request", nonce=int(nonce))
+        send_command(loaded, bus, participant, "revoke_request", nonce=int(nonce))
     say(f"Nobody can post the task in {file} any more.")
 
 
@@ -374,7 +374,7 @@ def _sign(
     """Have the participant's wallet sign, and write what `relay` takes into `file`."""
     if not file.absolute().parent.is_dir():
         raise InvalidRequest("there is no such folder to write into", file=str(file))
-    signed = _command(site, bus, participant, "sign", command=command, request=request, valid_s=valid_s)
+    signed = send_command(site, bus, participant, "sign", command=command, request=request, valid_s=valid_s)
     replace_file(file, json.dumps(signed, indent=2) + "\n")
     if as_json:
         print_json(signed)
@@ -392,7 +392,7 @@ def _signed(file: Path) -> dict[str, Any]:
     return validate(SignedRequest, decode_json(file.read_bytes())).model_dump(mode="json")
 
 
-def _command(site: Site, bus: Bus, participant: str, name: str, /, **request: Any) -> dict[str, Any]:
+def send_command(site: Site, bus: Bus, participant: str, name: str, /, **request: Any) -> dict[str, Any]:
     key = topics.COMMAND.name(org=site.org, participant=participant, command=name)
     return bus.query(key, request, timeout_s=30)
 

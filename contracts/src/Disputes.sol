@@ -38,6 +38,7 @@ contract Disputes is IDisputes {
     uint32 public constant MAX_WINDOW = 7 days;
 
     bytes32 private constant ADMINISTRATOR = 0;
+    bytes32 private constant OPERATOR = keccak256("OPERATOR_ROLE");
 
     /// @inheritdoc IDisputes
     IOrganization public immutable organization;
@@ -272,7 +273,7 @@ contract Disputes is IDisputes {
         emit StakePaid(taskId, to, amount);
         if (_token.trySafeTransfer(to, amount)) return;
         pendingPayments[to] += amount;
-        emit PaymentDeferred(to, amount);
+        emit StakeDeferred(to, amount);
     }
 
     /// @dev What the task manager would refuse at the end is refused now.
@@ -334,8 +335,12 @@ contract Disputes is IDisputes {
         return t.state != TaskState.Submitted || t.attempt != c.attempt || block.timestamp > t.deadline;
     }
 
+    /// @dev An operator stands for the organization.
     function _isParty(Task memory t, address account) private view returns (bool) {
-        return account == t.creator || account == _services.providerOf(t.serviceId);
+        address executor = _services.providerOf(t.serviceId);
+        if (account == t.creator || account == executor) return true;
+        bool ours = t.creator == address(organization) || executor == address(organization);
+        return ours && IAccessControl(address(organization)).hasRole(OPERATOR, account);
     }
 
     function _isJudge(bytes32 kind, Instance[] storage all, address account) private view returns (bool) {
@@ -349,11 +354,14 @@ contract Disputes is IDisputes {
         return false;
     }
 
-    /// @dev Whom a challenge of `challenger` kept waiting: the other party, or both where it was a judge's.
+    /// @dev Whom a challenge of `challenger` kept waiting: the other party. A judge or an operator pays the party that
+    /// is not the organization, and the organization if it is none.
     function _against(Task memory t, address challenger) private view returns (address) {
+        address ours = address(organization);
         address executor = _services.providerOf(t.serviceId);
-        if (challenger == t.creator) return executor;
-        return challenger == executor ? t.creator : address(organization);
+        if (challenger == executor) return t.creator;
+        if (challenger == t.creator || t.creator == ours) return executor;
+        return executor == ours ? t.creator : ours;
     }
 
     /// @dev All windows after the first verdict, and the first one again, in which somebody calls close.

@@ -213,6 +213,34 @@ contract DisputesTest is Instances {
         assertEq(coin.balanceOf(address(organization)), before + STAKE);
     }
 
+    function test_anOperatorStandsForTheOrganization() public {
+        offer(robot1, 80 ether);
+        TaskRequest memory wanted = request(100 ether);
+        wanted.verdictWindow = VERDICT_WINDOW;
+        vm.prank(admin);
+        uint256 taskId = organization.registerTask(wanted);
+        submit(taskId);
+        Vote memory vote = voteOf(taskId, Verdict.Accepted);
+        disputes.postVotes(vote, REPORT_URI, signatures(vote, 3));
+        vm.prank(bob);
+        coin.transfer(admin, STAKE);
+        vm.prank(admin);
+        coin.approve(address(disputes), STAKE);
+        challenge(admin, taskId);
+        decide(second, secondKeys, 4, taskId, Verdict.Accepted);
+        uint256 before = coin.balanceOf(robot1);
+        skip(CHALLENGE + 1);
+        disputes.close(vote, REPORT_URI);
+        assertEq(coin.balanceOf(robot1), before + 80 ether + STAKE);
+    }
+
+    function test_anOperatorStandsForNobodyElse() public {
+        Vote memory vote = ruled(Verdict.Accepted);
+        vm.prank(admin);
+        vm.expectRevert(abi.encodeWithSelector(IDisputes.NeitherPartyNorJudge.selector, vote.taskId, admin));
+        disputes.challenge(vote.taskId, "wrong");
+    }
+
     function test_anotherAmountIsAnotherVerdict() public {
         Vote memory vote = ruled(Verdict.Accepted);
         uint256 before = coin.balanceOf(alice);

@@ -87,6 +87,14 @@ class Device(Struct):
 
 
 @dataclass(frozen=True)
+class Instance(Struct):
+    committee: str
+    window: int
+    decision: int
+    stake: int
+
+
+@dataclass(frozen=True)
 class Judge(Struct):
     owner: str
     seat: int
@@ -110,6 +118,14 @@ class Quorum(Struct):
     rotation: int
     count: int
     judges: int
+
+
+@dataclass(frozen=True)
+class Ruling(Struct):
+    content: bytes
+    verdict: Verdict
+    amount: int
+    challenger: str
 
 
 @dataclass(frozen=True)
@@ -186,6 +202,23 @@ class Vote(Struct):
     verdict: Verdict
     amount: int
     reason: str
+
+
+class DisputesCalls(ContractCalls):
+    def challenge(self, task_id: int, reason: str) -> Call:
+        return self._call("Disputes", "challenge", task_id, reason)
+
+    def close(self, vote: Vote, report_uri: str) -> Call:
+        return self._call("Disputes", "close", vote, report_uri)
+
+    def post_votes(self, vote: Vote, report_uri: str, signatures: bytes) -> Call:
+        return self._call("Disputes", "postVotes", vote, report_uri, signatures)
+
+    def set_instances(self, kind: str, instances: list[Instance]) -> Call:
+        return self._call("Disputes", "setInstances", kind, instances)
+
+    def withdraw_payments(self, account: str) -> Call:
+        return self._call("Disputes", "withdrawPayments", account)
 
 
 class IECoinCalls(ContractCalls):

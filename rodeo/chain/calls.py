@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from dataclasses import replace
+from typing import Any, Protocol
 
 from rodeo.chain import abi
 from rodeo.chain.abi import ServiceState, TaskRequest
@@ -38,6 +39,15 @@ class Calls(
     The sender of `register_task` must have approved the TaskManager for the reward, and that of
     `register_service` for the bond, where the organization asks for one.
     """
+
+
+class DisputeCommitteeCalls(abi.OracleCommitteeCalls):
+    """Calls of the administrator to the committee that decides about challenges."""
+
+    def _call(self, contract: str, function: str, *args: Any) -> Call:
+        return replace(
+            super()._call(contract, function, *args), to=self._deployment.address("DisputeCommittee")
+        )
 
 
 class OrganizationCalls(abi.OrganizationCalls):

@@ -12,8 +12,19 @@ from web3.contract import Contract
 from web3.types import BlockIdentifier, TxReceipt
 
 from rodeo.chain import artifacts, transactions
-from rodeo.chain.abi import Budget, Device, Judge, KindRules, Quorum, Service, Task, Terms
-from rodeo.chain.calls import Calls, OrganizationCalls
+from rodeo.chain.abi import (
+    Budget,
+    Device,
+    DisputesCalls,
+    Instance,
+    Judge,
+    KindRules,
+    Quorum,
+    Service,
+    Task,
+    Terms,
+)
+from rodeo.chain.calls import Calls, DisputeCommitteeCalls, OrganizationCalls
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import WrongChain, translated
@@ -56,6 +67,9 @@ class ChainClient:
         self.deployment = deployment
         self.calls = Calls(deployment)
         self.organization_calls = OrganizationCalls(deployment)
+        self.dispute_calls = DisputesCalls(deployment)
+        """Where verdicts can be challenged, as is `dispute_committee_calls`."""
+        self.dispute_committee_calls = DisputeCommitteeCalls(deployment)
         self.governance_calls = GovernanceCalls(deployment)
         """Where members decide by votes."""
         self._contracts: dict[str, Contract] = {
@@ -79,6 +93,11 @@ class ChainClient:
     def committee(self) -> ChecksumAddress:
         """Judges in place of an oracle where several have to agree."""
         return self.deployment.address("OracleCommittee")
+
+    @property
+    def disputes(self) -> ChecksumAddress | None:
+        """Judges in place of the committee where verdicts can be challenged."""
+        return self.deployment.address("Disputes") if self.deployment.has_disputes else None
 
     # -- views ---------------------------------------------------------------------------------------------
 
@@ -178,6 +197,19 @@ class ChainClient:
     def quorum(self, kind: str) -> Quorum:
         """Which judges vote on proofs of `kind`; 0 votes where none do."""
         return self._view("OracleCommittee", "quorumOf", kind_to_bytes32(kind))
+
+    def dispute_judge(self, key: str) -> Judge | None:
+        """The judge of challenges who signs with `key`."""
+        found: Judge = self._view("DisputeCommittee", "judge", to_checksum_address(key))
+        return None if found.owner == NOBODY else found
+
+    def dispute_quorum(self, kind: str) -> Quorum:
+        """Which judges decide about challenges of verdicts on `kind`; 0 votes where none do."""
+        return self._view("DisputeCommittee", "quorumOf", kind_to_bytes32(kind))
+
+    def instances(self, kind: str) -> list[Instance]:
+        """Who judges `kind` one after the other; none where its verdicts cannot be challenged."""
+        return self._view("Disputes", "instancesOf", kind_to_bytes32(kind))
 
     def policy(self) -> ChecksumAddress:
         return self._view("Organization", "policy")

@@ -26,8 +26,8 @@ class Deployment(BaseModel):
     block: int
     """No event of the contracts is in an earlier block."""
     contracts: dict[str, str]
-    """Contract name -> checksummed address; `artifacts.CONTRACTS` where it was made by this version, and
-    those of `artifacts.governance` if it decides by votes."""
+    """Contract name -> checksummed address; `artifacts.CONTRACTS` where it was made by this version, those of
+    `artifacts.governance` if it decides by votes, and `artifacts.DISPUTES` if verdicts can be challenged."""
     sent: dict[str, int] = {}
     """Checksummed address of each wallet of the site -> transactions that it sent by itself or by the
     deployment step, and not by the bridge. The bridge's journal holds the rest."""
@@ -59,11 +59,16 @@ class Deployment(BaseModel):
         return self.votes_by is not None
 
     @property
+    def has_disputes(self) -> bool:
+        """Whether the contracts are there by which verdicts can be challenged."""
+        return "Disputes" in self.contracts
+
+    @property
     def event_sources(self) -> list[ChecksumAddress]:
         """The contracts whose events tell the organization's state. The timelock has roles of its own, which
         are not the organization's. Whether a member has a vote is in the organization's events, and wrapped
-        tokens are no payments."""
-        others = (*artifacts.VOTES.values(), "OrganizationTimelock")
+        tokens are no payments. The committee that decides about challenges has seats of its own."""
+        others = (*artifacts.VOTES.values(), "OrganizationTimelock", "DisputeCommittee")
         return [self.address(name) for name in self.contracts if name not in others]
 
     @staticmethod
@@ -102,7 +107,8 @@ class Deployment(BaseModel):
                     recorded_chain_id=self.chain_id,
                     recorded_genesis_hash=self.genesis_hash,
                 )
-            expected = {*artifacts.CONTRACTS, *(self.contracts.keys() & set(artifacts.GOVERNANCE))}
+            optional = {*artifacts.GOVERNANCE, *artifacts.DISPUTES}
+            expected = {*artifacts.CONTRACTS, *(self.contracts.keys() & optional)}
             if self.contracts.keys() != expected:
                 raise DeploymentMismatch(
                     "other contracts", expected=sorted(expected), recorded=sorted(self.contracts)

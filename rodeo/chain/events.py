@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rodeo.chain.abi import Cause, Review, Revocation, ServiceState, Silence, Verdict
+from rodeo.chain.abi import Cause, Instance, Review, Revocation, ServiceState, Silence, Verdict, Vote
 from rodeo.chain.types import Event
 
 
@@ -408,6 +408,58 @@ class VotesCounted(Event):
     attempt: int
     rules: bytes
     judges: int
+
+
+@dataclass(frozen=True)
+class CaseClosed(Event):
+    task_id: int
+    attempt: int
+    verdict: Verdict
+    amount: int
+
+
+@dataclass(frozen=True)
+class CaseVoided(Event):
+    task_id: int
+    attempt: int
+
+
+@dataclass(frozen=True)
+class Challenged(Event):
+    task_id: int
+    instance: int
+    challenger: str
+    stake: int
+    until: int
+    reason: str
+
+
+@dataclass(frozen=True)
+class InstancesChanged(Event):
+    kind: str
+    instances: list[Instance]
+
+
+@dataclass(frozen=True)
+class Ruled(Event):
+    task_id: int
+    instance: int
+    vote: Vote
+    report_uri: str
+    until: int
+
+
+@dataclass(frozen=True)
+class StakeDeferred(Event):
+    account: str
+    amount: int
+
+
+@dataclass(frozen=True)
+class StakePaid(Event):
+    task_id: int
+    account: str
+    amount: int
 
 
 @dataclass(frozen=True)

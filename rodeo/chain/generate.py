@@ -57,7 +57,9 @@ Amounts are wei, times block time in seconds, kinds, device roles and names text
 
 def generated() -> dict[str, str]:
     """File in this folder -> what is in it."""
-    entries = [(name, entry) for name in artifacts.CONTRACTS for entry in artifacts.load(name).abi]
+    entries = [
+        (name, entry) for name in (*artifacts.CONTRACTS, "Disputes") for entry in artifacts.load(name).abi
+    ]
     entries += [
         (name, entry)
         for name, used in OF_GOVERNANCE.items()
@@ -81,7 +83,10 @@ def generated() -> dict[str, str]:
     for contract, entry in functions:
         if entry["stateMutability"] in ("nonpayable", "payable"):
             calls.setdefault(contract, []).append(_method(contract, entry))
-    event_enums = sorted({_type(p) for entry in events for p in entry["inputs"]} & set(enums))
+    in_events = [_type(p) for entry in events for p in entry["inputs"]]
+    event_types = sorted(
+        {one.removeprefix("list[").removesuffix("]") for one in in_events} & {*enums, *structs}
+    )
     return {
         "abi.py": _formatted(
             f'"""The contracts\' enums, structs and calls.\n\n{_NOTE}"""\n',
@@ -97,7 +102,7 @@ def generated() -> dict[str, str]:
             f'"""One record per event of the contracts.\n\n{_NOTE}"""\n',
             "from __future__ import annotations\n",
             "from dataclasses import dataclass\n",
-            f"from rodeo.chain.abi import {', '.join(event_enums)}",
+            f"from rodeo.chain.abi import {', '.join(event_types)}",
             "from rodeo.chain.types import Event\n",
             *(_record(entry["name"], "Event", entry["inputs"]) for entry in events),
         ),
@@ -107,18 +112,20 @@ def generated() -> dict[str, str]:
 def _structs(parameters: list[Mapping[str, Any]]) -> Iterator[tuple[str, list[Mapping[str, Any]]]]:
     for parameter in parameters:
         # Those of a library are OpenZeppelin's own.
-        if parameter["type"] == "tuple" and "." not in parameter["internalType"]:
-            yield _type(parameter), parameter["components"]
+        if parameter["type"] in ("tuple", "tuple[]") and "." not in parameter["internalType"]:
+            yield _type(parameter).removeprefix("list[").removesuffix("]"), parameter["components"]
 
 
 def _type(parameter: Mapping[str, Any], function: str = "") -> str:
-    sort, _, name = parameter.get("internalType", "").partition(" ")
+    kind, internal = parameter["type"], parameter.get("internalType", "")
+    if kind.endswith("[]"):
+        inner = {**parameter, "type": kind[:-2], "internalType": internal.removesuffix("[]")}
+        return f"list[{_type(inner, function)}]"
+    sort, _, name = internal.partition(" ")
     if sort in ("enum", "struct"):
         return RENAMED.get(name, name)
-    kind = parameter["type"]
-    if kind.endswith("[]"):
-        inner = {**parameter, "type": kind[:-2], "internalType": sort.removesuffix("[]")}
-        return f"list[{_type(inner, function)}]"
+    if sort == "contract":
+        return "str"
     if kind == "bytes32" and parameter["name"] in TEXTS:
         return "Role" if function.endswith("Role") else "str"
     if kind.startswith("bytes"):

@@ -63,7 +63,7 @@ def _declarations() -> dict[bytes, _Declaration]:
         event_abi_to_log_topic(entry): _Declaration(  # type: ignore[arg-type]
             record, tuple(entry["inputs"]), tuple(map(field_name, entry["inputs"]))
         )
-        for name in (*artifacts.CONTRACTS, *artifacts.GOVERNANCE)
+        for name in artifacts.TOLD
         for entry in artifacts.load(name).abi
         if entry["type"] == "event" and (record := getattr(events, entry["name"], None)) is not None
     }

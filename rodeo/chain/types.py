@@ -136,7 +136,9 @@ def value(parameter: Mapping[str, Any], raw: Any) -> Any:
     Other bytes stay bytes.
     """
     if parameter["type"].endswith("[]"):
-        return [value({**parameter, "type": parameter["type"][:-2]}, one) for one in raw]
+        internal = parameter.get("internalType", "").removesuffix("[]")
+        inner = {**parameter, "type": parameter["type"][:-2], "internalType": internal}
+        return [value(inner, one) for one in raw]
     known = _class(parameter.get("internalType", ""))
     if known is not None:
         return known(**values(parameter["components"], raw)) if issubclass(known, Struct) else known(raw)
@@ -163,13 +165,17 @@ def _raw(parameter: Mapping[str, Any], given: Any) -> Any:
     if isinstance(given, Struct):
         parts = parameter["components"]
         return raw_values(parts, [getattr(given, field_name(part)) for part in parts])
+    if isinstance(given, list):
+        return [_raw(parameter, one) for one in given]
     if isinstance(given, Role):
         return given.id
     return kind_to_bytes32(given) if parameter["type"] == "bytes32" and isinstance(given, str) else given
 
 
 def to_json(decoded: Any) -> Any:
-    """A decoded value for JSON: bytes as 0x hex, enums as lower-case names."""
+    """A decoded value for JSON: bytes as 0x hex, enums as lower-case names, structs as objects."""
+    if isinstance(decoded, Struct):
+        return {name: to_json(one) for name, one in vars(decoded).items()}
     if isinstance(decoded, IntEnum):
         return decoded.name.lower()
     if isinstance(decoded, list | tuple):

@@ -13,7 +13,7 @@ from typing import Any
 from eth_account import Account
 from eth_utils import is_address, to_checksum_address
 
-from rodeo import signed_requests
+from rodeo import messages, signed_requests, votes
 from rodeo.bus import validate
 from rodeo.chain import (
     Call,
@@ -30,6 +30,7 @@ from rodeo.chain import (
     Terms,
     Verdict,
     Vote,
+    from_wei,
     to_wei,
 )
 from rodeo.chain.governance import Proposed
@@ -45,11 +46,14 @@ from rodeo.messages import (
     Broadcast,
     CancelTask,
     CastVote,
+    ChallengeVerdict,
     ChangeJudgeKey,
+    CloseDispute,
     Collect,
     Command,
     Deposit,
     Dismiss,
+    Dispute,
     ExecuteProposal,
     ExpireTask,
     GrantRole,
@@ -82,6 +86,8 @@ from rodeo.messages import (
     SetTerms,
     Sign,
     SignedRequest,
+    SignedVote,
+    SignVote,
     SubmitProof,
     SuspendProvider,
     SuspendService,
@@ -105,6 +111,7 @@ from services.bridge.errors import (
     InvalidQuorum,
     KindWithoutChecks,
     KindWithoutRules,
+    NoDispute,
     NotAJudge,
     NotThisWallets,
     NoVotes,
@@ -179,6 +186,8 @@ class Wallet:
             return self._broadcast(validate(Broadcast, data))
         if name == "sign":
             return self._sign(validate(Sign, data))
+        if name == "sign_vote":
+            return self._sign_vote(validate(SignVote, data))
         command, build = self._parse(name, data)
         if command.dry_run:
             orders = self._orders(name, command, build)
@@ -254,6 +263,8 @@ class Wallet:
                 return to_wei(command.amount_iec)
             case RegisterService():
                 return self._bond()
+            case ChallengeVerdict():
+                return self._stake(self._dispute(command.task_id), command.task_id)
         return 0
 
     # -- a wallet that lives elsewhere ---------------------------------------------------------------------
@@ -479,19 +490,67 @@ class Wallet:
         ]
 
     def _post_votes(self, command: PostVotes) -> list[Call]:
-        said = command.vote
-        vote = Vote(
-            task_id=said.task_id,
-            attempt=said.attempt,
-            proof_hash=_bytes32(said.proof_sha256),
-            report_hash=_bytes32(said.report_sha256),
-            rules_hash=_bytes32(said.rules_sha256),
-            verdict=Verdict[said.outcome.upper()],
-            amount=to_wei(said.amount_iec),
-            reason=said.reason,
-        )
         signatures = b"".join(_bytes32(one) for one in command.signatures)
-        return [self.client.calls.post_votes(vote, command.report_uri, signatures)]
+        disputes = self.client.disputes
+        held_back = disputes is not None and self.client.has_role(Role.ORACLE, disputes)
+        calls = self.client.dispute_calls if held_back else self.client.calls
+        return [calls.post_votes(_vote(command.vote), command.report_uri, signatures)]
+
+    def _challenge_verdict(self, command: ChallengeVerdict) -> list[Call]:
+        dispute, disputes = self._dispute(command.task_id), self.client.disputes
+        assert disputes is not None
+        stake = self._stake(dispute, command.task_id)
+        self._require_funds(self.key_address, stake)
+        return [
+            *self._approval(disputes, stake),
+            self.client.dispute_calls.challenge(command.task_id, command.reason),
+        ]
+
+    def _close_dispute(self, command: CloseDispute) -> list[Call]:
+        dispute = self._dispute(command.task_id)
+        return [self.client.dispute_calls.close(_vote(dispute.vote), dispute.report_uri)]
+
+    def _sign_vote(self, request: SignVote) -> Reply:
+        """A vote of a judge of challenges, who relies on the report of the verdict that stands."""
+        account = self.transactions.orders.wallets[self.participant].account
+        if account is None:
+            raise CannotSign("this participant signs for itself: its vote is EIP-712 typed data")
+        dispute, task = self._dispute(request.task_id), self.index.task(request.task_id)
+        assert task is not None
+        accepted = request.outcome == "accepted"
+        amount = request.amount_iec
+        if not accepted and amount is not None:
+            raise InvalidRequest("only an accepted proof is paid an amount", outcome=request.outcome)
+        if accepted and amount is None:
+            amount = from_wei(task["price"])
+        vote = dispute.vote.model_copy(
+            update={
+                "outcome": request.outcome,
+                "amount_iec": amount or Decimal(0),
+                "reason": request.reason or "decided by the judges of challenges",
+            }
+        )
+        deployment = self.client.deployment
+        signature = votes.sign(vote, account, deployment.chain_id, deployment.address("DisputeCommittee"))
+        signed = SignedVote(vote=vote, report_uri=dispute.report_uri, signature=signature)
+        return signed.model_dump(mode="json")
+
+    def _dispute(self, task_id: int) -> Dispute:
+        """The verdict that waits for its window. Raises NoDispute."""
+        task = self.index.task(task_id)
+        if task is None:
+            raise UnknownTask("no such task", task_id=task_id)
+        if task["dispute"] is None:
+            raise NoDispute("no verdict waits here to be challenged", task_id=task_id, state=task["state"])
+        return Dispute.model_validate(task["dispute"])
+
+    def _stake(self, dispute: Dispute, task_id: int) -> int:
+        """What a challenge of the verdict costs whoever is wrong, wei. Raises NoDispute."""
+        task = self.index.task(task_id)
+        instances = [] if task is None else self.client.instances(task["kind"])
+        if dispute.challenger is not None or dispute.instance + 1 >= len(instances):
+            raise NoDispute("this verdict was challenged before", task_id=task_id, by=dispute.challenger)
+        return instances[dispute.instance].stake
 
     def _expire_task(self, command: ExpireTask) -> list[Call]:
         return [self.client.calls.expire_task(command.task_id)]
@@ -873,6 +932,8 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
     "submit_proof": (SubmitProof, Wallet._submit_proof),
     "post_verdict": (PostVerdict, Wallet._post_verdict),
     "post_votes": (PostVotes, Wallet._post_votes),
+    "challenge_verdict": (ChallengeVerdict, Wallet._challenge_verdict),
+    "close_dispute": (CloseDispute, Wallet._close_dispute),
     "expire_task": (ExpireTask, Wallet._expire_task),
     "register_service": (RegisterService, Wallet._register_service),
     "update_service": (UpdateService, Wallet._update_service),
@@ -916,8 +977,22 @@ _COMMANDS: dict[str, tuple[type[Command], Build]] = {
 }
 
 
-KNOWN = frozenset({*_COMMANDS, "prepare", "broadcast", "sign"})
+KNOWN = frozenset({*_COMMANDS, "prepare", "broadcast", "sign", "sign_vote"})
 """Names of all commands."""
+
+
+def _vote(said: messages.Vote) -> Vote:
+    """As the contracts take it."""
+    return Vote(
+        task_id=said.task_id,
+        attempt=said.attempt,
+        proof_hash=_bytes32(said.proof_sha256),
+        report_hash=_bytes32(said.report_sha256),
+        rules_hash=_bytes32(said.rules_sha256),
+        verdict=Verdict[said.outcome.upper()],
+        amount=to_wei(said.amount_iec),
+        reason=said.reason,
+    )
 
 
 def _bytes32(value: str) -> bytes:

@@ -20,6 +20,7 @@
     │   ├── AssignmentChanged     the proof is for an assignment that the task does not have any more
     │   ├── NoVotes               nobody votes here, or not in this way
     │   ├── UnknownProposal
+    │   ├── NoDispute             no verdict waits to be challenged, or it was challenged before
     │   ├── CannotSign            the participant signs nothing for others to send
     │   ├── NoPermit              the payment token takes no signed permits
     │   ├── NotSigned             the request to be sent for somebody lacks a signature
@@ -137,6 +138,10 @@ class WalletElsewhere(RequestError):
 
 class NotThisWallets(RequestError):
     """What is to be broadcast was not signed by this participant's key for this chain and these contracts."""
+
+
+class NoDispute(RequestError):
+    """No verdict waits to be challenged, or it was challenged before."""
 
 
 class CannotSign(RequestError):

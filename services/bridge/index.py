@@ -407,6 +407,11 @@ class Index:
         )
         return [row["id"] for row in self._rows(late)]
 
+    def closable(self, now_s: float) -> list[int]:
+        """Ids of the tasks whose verdict could be challenged, or decided, before `now_s`."""
+        tasks = schema.tasks.c
+        return [row["id"] for row in self._rows(select(tasks.id).where(tasks.dispute_until < now_s))]
+
     def next_end_s(self, now_s: float) -> float | None:
         """When the first window that runs at `now_s` ends; None where none does."""
         tasks = schema.tasks.c
@@ -418,6 +423,7 @@ class Index:
                 ("undecided", tasks.audit_deadline),
             )
         ]
+        ends.append(select(func.min(tasks.dispute_until).label("end")).where(tasks.dispute_until >= now_s))
         found = [row["end"] for one in ends for row in self._rows(one)]
         return min((float(end) for end in found if end is not None), default=None)
 

@@ -469,17 +469,21 @@ class Bridge:
         now_s = int(self._clock.now_s())
         wall_s = time.monotonic()
         wallet = attachment.wallets[ORGANIZATION]
-        overdue = attachment.chain.index.overdue(now_s)
+        index = attachment.chain.index
+        closable = index.closable(now_s)
+        overdue = list(dict.fromkeys([*closable, *index.overdue(now_s)]))
         self._expiring = {id: retry_s for id, retry_s in self._expiring.items() if id in overdue}
         jobs = []
         for task_id in overdue:
             if self._expiring.get(task_id, -math.inf) <= wall_s:
                 log.info("its window is over; expiring it", extra={"task": task_id})
                 self._expiring[task_id] = wall_s + _EXPIRY_RETRY_S
-                jobs.append(self._threads[ORGANIZATION].submit(_expire, wallet, task_id))
+                # A verdict that stands is posted before the task could expire.
+                name = "close_dispute" if task_id in closable else "expire_task"
+                jobs.append(self._threads[ORGANIZATION].submit(_end, wallet, name, task_id))
         ended, _ = futures.wait(jobs, _EXPIRY_RETRY_S)
         futures.wait([mined for job in ended if (mined := job.result()) is not None], _EXPIRY_RETRY_S)
-        end_s = attachment.chain.index.next_end_s(now_s)
+        end_s = index.next_end_s(now_s)
         return None if end_s is None else end_s + 1
 
     def _hand_back(self, attachment: _Attachment) -> None:
@@ -552,21 +556,21 @@ class _Asked:
             )
 
 
-def _expire(wallet: Wallet, task_id: int) -> Future[Any] | None:
+def _end(wallet: Wallet, command: str, task_id: int) -> Future[Any] | None:
     """A job of our own, whose failure nobody else would hear of. None where it was refused."""
     try:
-        reply = wallet.execute("expire_task", {"task_id": task_id})
+        reply = wallet.execute(command, {"task_id": task_id})
     except RodeoError as error:
-        log.warning("not expired: %s", error, extra={"task": task_id})
+        log.warning("not done: %s: %s", command, error, extra={"task": task_id})
         return None
     assert isinstance(reply, Future)
-    reply.add_done_callback(lambda done: _warn(done, task_id))
+    reply.add_done_callback(lambda done: _warn(done, command, task_id))
     return reply
 
 
-def _warn(done: Future[Any], task_id: int) -> None:
+def _warn(done: Future[Any], command: str, task_id: int) -> None:
     if (error := done.exception()) is not None:
-        log.warning("not expired: %s", error, extra={"task": task_id})
+        log.warning("not done: %s: %s", command, error, extra={"task": task_id})
 
 
 def run(site: Site, stop: threading.Event) -> None:

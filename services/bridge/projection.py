@@ -10,7 +10,7 @@ from typing import Any
 from eth_utils import keccak
 
 from rodeo.bus import decode_json
-from rodeo.chain import Cause, Log, events
+from rodeo.chain import Cause, Log, Vote, events
 from rodeo.chain.governance import SUPPORT
 from rodeo.chain.reputation import Work, is_own
 from rodeo.errors import MalformedJson
@@ -24,6 +24,20 @@ ZERO_ADDRESS = "0x" + "00" * 20
 def proposal_key(proposal_id: int) -> str:
     """How the index writes the governor's number of a proposal."""
     return f"0x{proposal_id:064x}"
+
+
+def vote_json(vote: Vote) -> dict[str, Any]:
+    """`rodeo.messages.Vote`."""
+    return {
+        "task_id": vote.task_id,
+        "attempt": vote.attempt,
+        "proof_sha256": "0x" + vote.proof_hash.hex(),
+        "report_sha256": "0x" + vote.report_hash.hex(),
+        "rules_sha256": "0x" + vote.rules_hash.hex(),
+        "outcome": vote.verdict.name.lower(),
+        "amount_iec": iec(vote.amount),
+        "reason": vote.reason,
+    }
 
 
 @dataclass
@@ -271,6 +285,24 @@ class Projection:
                     rotation_s=event.rotation,
                     seats=[seat for seat in range(64) if event.judges >> seat & 1],
                 )
+            case events.Ruled():
+                dispute = {
+                    "instance": event.instance,
+                    "vote": vote_json(event.vote),
+                    "report_uri": event.report_uri,
+                    "until": event.until,
+                }
+                self._change_task(event.task_id, dispute=dispute, dispute_until=event.until)
+            case events.Challenged():
+                dispute = rows.get(schema.tasks, event.task_id)["dispute"] | {
+                    "until": event.until,
+                    "challenger": event.challenger,
+                    "stake_iec": iec(event.stake),
+                    "because": event.reason,
+                }
+                self._change_task(event.task_id, dispute=dispute, dispute_until=event.until)
+            case events.CaseClosed() | events.CaseVoided():
+                self._change_task(event.task_id, dispute=None, dispute_until=None)
             case events.TermsChanged():
                 terms = {
                     "bond_iec": iec(event.bond),
@@ -476,6 +508,12 @@ class Projection:
                 return [_Reason("bond_returned", None, tasks, event.provider, event.amount)]
             case events.PaymentCollected():
                 return [_Reason("collected", None, tasks, event.account, event.amount)]
+            case events.Challenged():
+                disputes = self.contracts.get("Disputes")
+                return [_Reason("stake", event.task_id, event.challenger, disputes, event.stake)]
+            case events.StakePaid():
+                disputes = self.contracts.get("Disputes")
+                return [_Reason("stake_paid", event.task_id, disputes, event.account, event.amount)]
             case events.Deposited():
                 return [_Reason("deposit", None, event.sender, organization, event.amount)]
             case events.Withdrawn():

@@ -387,7 +387,11 @@ def task_json(row: Mapping[str, Any], names: Names) -> Json:
     """`rodeo.messages.Task`."""
     amounts = {"reward", "price", "paid", "refunded"}
     return {
-        **{key: value for key, value in row.items() if key not in {*amounts, "text", "ended"}},
+        **{
+            key: value
+            for key, value in row.items()
+            if key not in {*amounts, "text", "ended", "dispute_until"}
+        },
         **{f"{key}_iec": None if row[key] is None else iec(row[key]) for key in sorted(amounts)},
         "creator_name": names.name(row["creator"]),
         "executor_name": names.name(row["executor"]),

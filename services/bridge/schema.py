@@ -147,6 +147,8 @@ tasks = Table(
     Column("reason", Written),
     Column("report_sha256", String(66)),
     Column("report_uri", Written),
+    Column("dispute", JSON, doc="a verdict that can be challenged: rodeo.messages.Dispute"),
+    Column("dispute_until", BigInteger, index=True),
     Index("tasks_by_state_and_kind", "state", "kind"),
 )
 

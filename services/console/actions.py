@@ -24,6 +24,7 @@ from rodeo.messages import (
     AllowKind,
     CancelTask,
     CastVote,
+    ChallengeVerdict,
     Deposit,
     Dismiss,
     Id,
@@ -82,6 +83,10 @@ class OfferService(RegisterService):
 
 
 class ChangeService(UpdateService):
+    participant: Name = ORGANIZATION
+
+
+class Challenge(ChallengeVerdict):
     participant: Name = ORGANIZATION
 
 
@@ -240,7 +245,7 @@ def _of_organization(command: str) -> Perform:
 
 
 def _of_participant(command: str) -> Perform:
-    def perform(actions: Actions, user: User, request: OfferService | ChangeService) -> Json:
+    def perform(actions: Actions, user: User, request: OfferService | ChangeService | Challenge) -> Json:
         if not speaks_for(user, request.participant):
             raise Forbidden("your account may not act for this participant", participant=request.participant)
         return actions.command(request.participant, command, request)
@@ -349,6 +354,8 @@ def _command(name: str, summary: str, model: type[BaseModel], roles: frozenset[R
 _TABLE = (
     Action("post_task", "Post a task; its reward goes into escrow", RegisterTask, _OPERATOR, _post_task),
     _command("cancel_task", "Cancel a task that is not assigned; refund its reward", CancelTask, _OPERATOR),
+    Action("challenge_verdict", "Challenge a verdict before it settles; this takes a stake", Challenge,
+           _PROVIDER, _of_participant("challenge_verdict")),
     _command("match_task", "Match an open task with a service again", MatchTask, _OPERATOR),
     Action("register_service", "Offer a service", OfferService, _PROVIDER,
            _of_participant("register_service")),

@@ -39,6 +39,8 @@ _FIRST_S = 0.25
 _LOOK_S = 1.0
 _REFUSED = frozenset({"judge_is_party", "not_a_judge", "not_in_panel", "judge_is_auditor"})
 """The contract does not count the vote of the judge that the error names, or not yet."""
+_RULED = "not_challenged"
+"""Another oracle has posted the votes, and the verdict can still be challenged."""
 _UNKNOWN = "transaction_timeout"
 """The votes may still be mined, so the same request is repeated rather than made anew."""
 
@@ -172,6 +174,7 @@ class Votes:
                     "attempt": attempt,
                     "needed": self._needed(held.kind),
                     "votes": {name: one.vote.outcome for name, one in sorted(held.votes.items())},
+                    "posted": held.posted,
                 }
                 for (task_id, attempt), held in sorted(self._held.items())
             ]
@@ -182,6 +185,7 @@ class Votes:
             f"task {one['task_id']} attempt {one['attempt']} has {len(one['votes'])} votes, and "
             f"{one['needed']} equal ones are needed"
             for one in self.held()
+            if not one["posted"]
         ]
 
     # -- votes of others ---------------------------------------------------------------------------------
@@ -322,12 +326,15 @@ class Votes:
             try:
                 self._wallet.command("post_votes", self._request(held, agreed))
                 log.info("task %d attempt %d: posted the verdict of %s", *key, ", ".join(agreed))
-                with self._lock:
-                    held.due_s, held.posted = None, True
+                self._is_posted(held)
                 return
             except RemoteError as error:
                 held.refusals += error.code != _UNKNOWN
                 refused = self._refused(error)
+                if error.code == _RULED:
+                    log.info("task %d attempt %d: the verdict waits for its window", *key)
+                    self._is_posted(held)
+                    return
                 if error.code not in _REFUSED or refused not in agreed:
                     log.info("task %d attempt %d: the votes were not posted: %s", *key, error)
                     return
@@ -339,6 +346,11 @@ class Votes:
             except BusError as error:
                 log.warning("task %d attempt %d: the votes cannot be posted: %s", *key, error)
                 return
+
+    def _is_posted(self, held: _Held) -> None:
+        with self._lock:
+            held.due_s, held.posted = None, True
+        self._tell()
 
     def _request(self, held: _Held, agreed: Mapping[str, SignedVote]) -> PostVotes:
         """The same votes again are the same request, which the bridge sends once, until it was refused."""

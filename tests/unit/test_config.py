@@ -186,6 +186,11 @@ def three(tables: str) -> str:
     return tables + "".join(f'[[oracles]]\nname = "{name}"\n' for name in ("anna", "bert", "carl"))
 
 
+def disputed(table: str) -> str:
+    people = "".join(f'[[participants]]\nname = "{name}"\n' for name in "pqr")
+    return f"{people}[disputes]\n{table}\n"
+
+
 @pytest.mark.parametrize(
     ("tables", "field"),
     [
@@ -196,6 +201,14 @@ def three(tables: str) -> str:
         (three('[[kinds]]\nname = "waste_disposal"\nvotes = 1\n'), "kinds.0.votes"),
         (three('[[kinds]]\nname = "waste_disposal"\nvotes = 4\n'), "kinds.0.votes"),
         ('[[kinds]]\nname = "waste_disposal"\nvotes = 1\n', "kinds.0.votes"),
+        (disputed('judges = ["p", "q", "r"]\nvotes = 3'), "disputes"),
+        (three(disputed('judges = ["p", "q", "nobody"]\nvotes = 3')), "disputes.judges.2"),
+        (three(disputed('judges = ["p", "q", "r"]\nvotes = 4')), "disputes.votes"),
+        (three(disputed('judges = ["p", "q", "r"]\nvotes = 2')), "disputes.votes"),  # as many as oracles
+        (
+            three(disputed('judges = ["p", "q", "r"]\nvotes = 3\nwindow_s = 90000')),
+            "economy.verdict_window_s",
+        ),
     ],
 )
 def test_oracles_that_could_not_agree_are_an_error(tmp_path: Path, tables: str, field: str) -> None:

@@ -30,7 +30,8 @@ struct Ruling {
 
 /// @title Verdicts that can be challenged before they settle.
 /// @notice The organization gives ORACLE_ROLE to this contract instead of to its committee. A verdict of the first
-/// instance waits for a window. In it a party to the task or one of the kind's judges may challenge it with a stake;
+/// instance waits for a window. In it a party to the task (for the organization an operator) or one of the kind's judges may
+/// challenge it with a stake;
 /// then the next instance decides, and so on to the last. What stands at the end is posted to the task manager. A
 /// challenger whom the end proves right has the stake back, and the stake of one whom it proves wrong.
 /// @dev Every case ends: each step has an end in block time, close can be called by anybody, and the last end comes
@@ -54,7 +55,7 @@ interface IDisputes {
     event CaseVoided(uint256 indexed taskId, uint8 attempt);
     event StakePaid(uint256 indexed taskId, address indexed account, uint256 amount);
     /// @notice The token refused it; see withdrawPayments.
-    event PaymentDeferred(address indexed account, uint256 amount);
+    event StakeDeferred(address indexed account, uint256 amount);
 
     error NotAdministrator(address account);
     error InvalidInstances(bytes32 kind, uint256 index);

@@ -21,6 +21,12 @@ CONTRACTS = (
     "OracleCommittee",
 )
 
+DISPUTES = ("DisputeCommittee", "Disputes")
+"""Contracts that an organization has, too, if verdicts can be challenged."""
+
+_BUILT_FROM = {"DisputeCommittee": "OracleCommittee"}
+"""Contract that is there a second time -> its artifact."""
+
 VOTES = {"members": "MemberVotes", "tokens": "WrappedVotes"}
 """What votes -> the contract that counts it."""
 
@@ -32,6 +38,10 @@ GOVERNANCE = (*VOTES.values(), *_GOVERNORS)
 def governance(votes: str) -> tuple[str, ...]:
     """Contracts of an organization where this votes, one of VOTES."""
     return VOTES[votes], *_GOVERNORS
+
+
+TOLD = (*CONTRACTS, "Disputes", *GOVERNANCE)
+"""Contracts whose events and errors are read."""
 
 
 @dataclass(frozen=True)
@@ -64,8 +74,8 @@ def enums() -> dict[str, list[str]]:
 
 @cache
 def load(name: str) -> Artifact:
-    """The artifact of contract `name`, one of CONTRACTS or GOVERNANCE."""
-    text = (resources.files(__name__) / f"{name}.json").read_text()
+    """The artifact of contract `name`, one of CONTRACTS, DISPUTES or GOVERNANCE."""
+    text = (resources.files(__name__) / f"{_BUILT_FROM.get(name, name)}.json").read_text()
     built = json.loads(text)
     return Artifact(
         name=name,

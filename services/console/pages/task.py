@@ -14,12 +14,13 @@ from rodeo.durations import span
 from rodeo.errors import RodeoError
 from rodeo.evidence import open_proof
 from rodeo.kinds import Kinds
-from rodeo.messages import LIVE_STATES, Task
+from rodeo.messages import LIVE_STATES, Dispute, Task
 from rodeo.person.pace import running_out_s
 from rodeo.person.photo_code import photo_code
 from rodeo.queries import DEVICES, TRANSACTIONS, OwnedDevice, Transaction
 from rodeo.verdicts import is_peoples_verdict, judge_of, verdict_words
-from services.console.accounts import workers
+from services.console.accounts import User, workers
+from services.console.actions import speaks_for
 from services.console.attempts import Attempt, attempts, ended_s
 from services.console.formatting import explain, iec, kind, moment, number, parameter, party, phrase, short
 from services.console.lab_map import LabMap
@@ -39,8 +40,10 @@ from services.console.pages.frame import (
     user,
 )
 from services.console.pages.widgets import (
+    Field,
     Section,
     Text,
+    ask_form,
     badge,
     card,
     confirm,
@@ -270,6 +273,8 @@ class TaskPage:
                     cancel = ui.button("Cancel", on_click=lambda: self._cancel(task))
                     cancel.props("outline color=negative")
                 ui.button("Post again").props(f'outline href="/tasks/new?like={task.id}"')
+            if (challenger := _may_challenge(task, user())) is not None:
+                ui.button("Challenge", on_click=lambda: self._challenge(task, challenger)).props("outline")
         if task.description:
             Text("p", task.description, "soft wrap")
 
@@ -281,6 +286,22 @@ class TaskPage:
         ]
         if await confirm("Cancel this task?", lines, "Cancel the task", danger=True):
             await act(self._console, "cancel_task", {"task_id": task.id}, f"Task {task.id} is cancelled")
+
+    @on_page
+    async def _challenge(self, task: Task, participant: str) -> None:
+        async def perform(answer: dict[str, str]) -> bool:
+            request = {"participant": participant, "task_id": task.id, **answer}
+            done = f"The verdict on task {task.id} is challenged"
+            return await act(self._console, "challenge_verdict", request, done) is not None
+
+        disputes = self._console.site.disputes
+        stake = "its stake" if disputes is None else iec(disputes.stake_iec)
+        await ask_form(
+            f"Challenge the verdict on task {task.id}? {participant} loses {stake} if it is right",
+            {"reason": Field("Why it is wrong")},
+            "Challenge",
+            perform,
+        )
 
     async def _load_replay(self) -> None:
         if self._shown is None:
@@ -410,7 +431,25 @@ def _audit_step(task: Task) -> list[tuple[str, float | None, str]]:
     return [("No auditor answered" if silent else "An auditor decided", None, "bad" if silent else "done")]
 
 
+def _may_challenge(task: Task, user: User) -> str | None:
+    """The party to the task that this person speaks for, if its verdict can be challenged now."""
+    if task.dispute is None or task.dispute.challenger is not None or task.dispute.instance != 0:
+        return None
+    parties = (one for one in (task.creator_name, task.executor_name) if one is not None)
+    return next((one for one in parties if speaks_for(user, one)), None)
+
+
+def _dispute(dispute: Dispute) -> str:
+    """What waits, and until when."""
+    until = moment(dispute.until)
+    if dispute.challenger is None:
+        return f"{dispute.vote.outcome}; it can be challenged until {until}"
+    return f"{dispute.vote.outcome}, challenged: {dispute.because}; the judges decide until {until}"
+
+
 def _deadline(task: Task) -> str:
+    if task.dispute is not None:
+        return f"; the verdict waits until {moment(task.dispute.until)}"
     if task.state == "assigned" and task.execution_deadline:
         return f"; the proof is due by {moment(task.execution_deadline)}"
     if task.state == "submitted" and task.verdict_deadline:
@@ -426,6 +465,8 @@ def _draw_agreement(kinds: Kinds, task: Task) -> None:
     with facts():
         fact("Creator", party(task.creator_name, task.creator))
         fact("Executor", party(task.executor_name, task.executor) if task.executor else "nobody yet")
+        if task.dispute is not None:
+            fact("Verdict that waits", _dispute(task.dispute), "wrap")
         if task.requested_service_id is not None:
             fact("Only service", str(task.requested_service_id))
         if task.nonce and kinds.by_people(task.kind):

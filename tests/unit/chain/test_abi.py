@@ -26,7 +26,7 @@ from rodeo.chain import (
     Vote,
     artifacts,
 )
-from rodeo.chain.abi import SignedBy
+from rodeo.chain.abi import DisputesCalls, Instance, SignedBy
 from rodeo.chain.generate import BETWEEN_CONTRACTS, IGNORED_EVENTS, OF_GOVERNANCE, generated
 
 ADDRESS = "0x" + "00" * 19 + "01"
@@ -35,7 +35,8 @@ DEPLOYMENT = Deployment(
     genesis_hash="0x00",
     block=0,
     contracts={
-        name: "0x" + "00" * 19 + f"{index:02}" for index, name in enumerate(artifacts.CONTRACTS, start=1)
+        name: "0x" + "00" * 19 + f"{index:02}"
+        for index, name in enumerate((*artifacts.CONTRACTS, *artifacts.DISPUTES), start=1)
     },
 )
 
@@ -63,13 +64,14 @@ SAMPLES: dict[str, Any] = {
     "signature": bytes(65),
     "signatures": bytes(192),
     "calls": [bytes(4), bytes(36)],
+    "instances": [Instance(ADDRESS, 60, 0, 1), Instance(ADDRESS, 0, 60, 0)],
 }
 
 
 def _entries(kind: str) -> list[tuple[str, dict[str, Any]]]:
     return [
         (name, entry)
-        for name in artifacts.CONTRACTS
+        for name in (*artifacts.CONTRACTS, "Disputes")
         for entry in artifacts.load(name).abi
         if entry["type"] == kind
     ]
@@ -110,8 +112,10 @@ def test_every_event_has_a_record_or_is_ignored_on_purpose() -> None:
     assert declared >= IGNORED_EVENTS
 
 
-@pytest.mark.parametrize("calls", [Calls(DEPLOYMENT), OrganizationCalls(DEPLOYMENT)])
-def test_every_call_encodes(calls: Calls | OrganizationCalls) -> None:
+@pytest.mark.parametrize(
+    "calls", [Calls(DEPLOYMENT), OrganizationCalls(DEPLOYMENT), DisputesCalls(DEPLOYMENT)]
+)
+def test_every_call_encodes(calls: Calls | OrganizationCalls | DisputesCalls) -> None:
     for name in _methods(calls):
         method = getattr(calls, name)
         parameters = method.__annotations__
@@ -123,7 +127,7 @@ def test_every_call_encodes(calls: Calls | OrganizationCalls) -> None:
 
 def test_every_transaction_has_a_call() -> None:
     encoded = set()
-    for calls in (Calls(DEPLOYMENT), OrganizationCalls(DEPLOYMENT)):
+    for calls in (Calls(DEPLOYMENT), OrganizationCalls(DEPLOYMENT), DisputesCalls(DEPLOYMENT)):
         for name in _methods(calls):
             method = getattr(calls, name)
             arguments = [_sample(p, k) for p, k in method.__annotations__.items() if p != "return"]

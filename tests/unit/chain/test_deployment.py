@@ -19,6 +19,7 @@ from rodeo.chain import (
     ContractReverted,
     Deployment,
     DeploymentMismatch,
+    Instance,
     NotDeployed,
     Review,
     Role,
@@ -28,11 +29,11 @@ from rodeo.chain import (
 )
 from rodeo.chain.client import connect
 from rodeo.chain.events import Transfer
-from rodeo.config import GovernanceConfig, JudgeConfig, ParticipantConfig
+from rodeo.config import DisputesConfig, GovernanceConfig, JudgeConfig, ParticipantConfig
 from rodeo.kinds import kinds_of
 from tests.support.organization import CHAIN_ID, Organization, running_chain
 
-CONTRACTS = (*artifacts.CONTRACTS, *artifacts.GOVERNANCE)
+CONTRACTS = (*artifacts.CONTRACTS, "Disputes", *artifacts.GOVERNANCE)
 
 
 def test_the_organization_is_set_up_as_the_site_says(organization: Organization) -> None:
@@ -143,6 +144,45 @@ def test_a_quorum_that_was_changed_on_chain_stays(tmp_path: Path, caplog: pytest
         assert client.quorum(kind) == changed and client.judge(bert) is None
         assert client.w3.eth.block_number == block
         assert f"2 of 2 oracles judge {kind} on chain, and 2 of 3 in the site file" in caplog.text
+
+
+def test_verdicts_can_be_challenged_where_the_site_says_so(tmp_path: Path) -> None:
+    with running_chain("eth-tester", tmp_path) as lab:
+        people = [
+            ParticipantConfig(name="alice", address="0x" + "a1" * 20),
+            ParticipantConfig(name="bob", address="0x" + "b0" * 20),
+        ]
+        wanted = DisputesConfig(judges=["alice", "bob", "panther1"], votes=3, window_s=600, decision_s=900)
+        without = lab.model_copy(
+            update={"oracles": [JudgeConfig(name=name) for name in ("anna", "bert")], "participants": people}
+        )
+        site = without.model_copy(update={"disputes": wanted})
+        organization = Organization(site)
+        organization.deploy()
+        client, (kind, *_) = organization.client, kinds_of(site)
+        deployment, disputes = client.deployment, client.disputes
+        assert disputes is not None and client.has_role(Role.ORACLE, disputes)
+        assert not client.has_role(Role.ORACLE, client.committee)
+        assert client.instances(kind) == [
+            Instance(deployment.address("OracleCommittee"), 600, 0, to_wei(Decimal(20))),
+            Instance(deployment.address("DisputeCommittee"), 0, 900, 0),
+        ]
+        quorum = client.dispute_quorum(kind)
+        assert (quorum.votes, quorum.panel, quorum.judges) == (3, 3, 0b111)
+        assert client.dispute_judge("0x" + "a1" * 20) is not None and client.judge("0x" + "a1" * 20) is None
+        assert client.kind(kind).min_verdict_window == 2 * 600 + 900 + site.oracle.verdict_within_s
+        block = client.w3.eth.block_number
+        organization.deploy()
+        assert client.w3.eth.block_number == block
+        # Without the table, the oracles' word is final again; the contracts stay.
+        contracts.run(without, threading.Event())
+        assert client.has_role(Role.ORACLE, client.committee) and not client.has_role(Role.ORACLE, disputes)
+
+
+def test_disputes_are_not_added_to_an_organization_that_has_none(organization: Organization) -> None:
+    site = organization.site.model_copy(update={"disputes": DisputesConfig(judges=["panther1"], votes=1)})
+    with pytest.raises(contracts.WithoutDisputes):
+        contracts.run(site, threading.Event())
 
 
 def test_deploying_again_sends_nothing(organization: Organization) -> None:

@@ -34,6 +34,7 @@ ACTS = {
     "rodeo experiment ablation",
     "rodeo site prepare", "rodeo kind new", "rodeo bin correct",
     "rodeo task accept", "rodeo task abandon", "rodeo task submit", "rodeo task judge", "rodeo task cancel",
+    "rodeo task revoke", "rodeo task dispute challenge", "rodeo task dispute vote",
     "rodeo service offer", "rodeo service price", "rodeo service pause", "rodeo service resume",
     "rodeo service withdraw",
     "rodeo console create-admin", "rodeo console create", "rodeo console passphrase", "rodeo console token",
@@ -67,7 +68,7 @@ TASK: dict[str, Any] = {
     "registered": 1.0, "assigned": None, "proof_submitted": None, "settled": None,
     "execution_window_s": 60, "verdict_window_s": 60, "at_silence": None, "proof_sha256": None,
     "rules_sha256": None,
-    "proof_uri": None, "report_sha256": None, "report_uri": None, "nonce": None,
+    "proof_uri": None, "report_sha256": None, "report_uri": None, "nonce": None, "dispute": None,
 }  # fmt: skip
 OFFER = {
     "id": 1, "kind": "waste_disposal", "provider": ALICE, "provider_name": "alice", "price_iec": "5",

@@ -1,0 +1,222 @@
+"""A verdict of several oracles that is challenged, through the bridge and from the command line."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from rodeo import votes, wallets
+from rodeo.errors import RemoteError
+from rodeo.messages import Vote
+from rodeo_cli import app
+from tests.support.dao import Dao
+from tests.support.executor import Executor, Film, stored
+from tests.support.site import RunningSite, write_site
+
+ORACLES = ("olga", "otto", "omar")
+JUDGES = ("anna", "bert", "carl", "dora")
+WINDOW_S, DECISION_S, STAKE = 600, 900, 20.0
+SITE = (
+    "".join(f'\n[[oracles]]\nname = "{name}"\n' for name in ORACLES)
+    + "".join(f'\n[[participants]]\nname = "{name}"\n' for name in (*JUDGES, "mallory"))
+    + f"\n[disputes]\njudges = {list(JUDGES)!r}\nvotes = 3\nstake_iec = {STAKE}\n"
+    + f"window_s = {WINDOW_S}\ndecision_s = {DECISION_S}\n"
+)
+REPORT = {"report_sha256": "0x" + "b" * 64, "report_uri": "file:///srv/store/report.json"}
+
+
+@pytest.fixture(scope="module")
+def dao(tmp_path_factory: pytest.TempPathFactory, chain_backend: str) -> Iterator[Dao]:
+    running = RunningSite(write_site(tmp_path_factory.mktemp("disputes"), chain_backend, SITE))
+    organization = Dao(running)
+    try:
+        organization.start()
+        organization.command("panther1", "register_service", kind="waste_disposal", price_iec="100")
+        yield organization
+    finally:
+        organization.stop()
+        running.stop()
+
+
+class Clock:
+    """The site's time goes on with each test."""
+
+    now_s = 2_000_000_000.0
+
+
+def pass_time(dao: Dao, seconds: float) -> None:
+    Clock.now_s += seconds
+    dao.set_clock(Clock.now_s)
+
+
+def proven(dao: Dao, **task: Any) -> int:
+    pass_time(dao, 10)
+    task_id = dao.post(**task)
+    dao.prove(task_id)
+    return task_id
+
+
+def rule(dao: Dao, task_id: int, outcome: str = "accepted") -> dict[str, Any]:
+    """What two of the three oracles say, posted by a bystander."""
+    task = dao.task(task_id)
+    vote = Vote(
+        task_id=task_id,
+        attempt=task["attempt"],
+        proof_sha256=task["proof_sha256"],
+        report_sha256=REPORT["report_sha256"],
+        rules_sha256=task["rules_sha256"],
+        outcome=outcome,
+        amount_iec=task["price_iec"] if outcome == "accepted" else "0",
+        reason=outcome,
+    )
+    chain = dao.state("chain")
+    signatures = [
+        votes.sign(
+            vote,
+            wallets.load(dao.site, f"{name}-device"),
+            chain["chain_id"],
+            chain["contracts"]["OracleCommittee"],
+        )
+        for name in ORACLES[:2]
+    ]
+    request = {"vote": vote.model_dump(mode="json"), "report_uri": REPORT["report_uri"]}
+    dao.command("mallory", "post_votes", signatures=signatures, **request)
+    return dao.task(task_id)
+
+
+def rodeo(dao: Dao, *arguments: str, status: int = 0) -> str:
+    done = CliRunner().invoke(
+        app, ["task", "dispute", *arguments], env={"RODEO_SITE": str(dao.running.path), "COLUMNS": "300"}
+    )
+    assert done.exit_code == status, done.output
+    return done.output
+
+
+def fund(dao: Dao, name: str) -> None:
+    to = wallets.address(dao.site, name)
+    dao.command("panther1", "transfer", to=to, amount_iec="50")
+
+
+def ended(dao: Dao, task_id: int, name: str) -> None:
+    dao.wait_for(lambda: name in dao.names_of(task_id), name)
+
+
+def test_oracles_that_agree_leave_time_to_object(dao: Dao, tmp_path: Path) -> None:
+    """Real oracles, real work."""
+    dao.running.start("oracle.olga", "oracle.otto")
+    executor = Executor(dao, Film(dao), tmp_path)
+    task_id = executor.assigned()
+    attempt = executor.submit(task_id, *stored(executor, task_id))
+    dao.wait_for(lambda: "Ruled" in dao.names_of(task_id), "the votes")
+    for name in ("oracle.olga", "oracle.otto"):  # neither tries again and again
+        dao.running.wait_for_status(
+            name, lambda one: [held["posted"] for held in one.details["votes"]] == [True]
+        )
+    task = dao.task(task_id)
+    assert (task["state"], task["dispute"]["vote"]["outcome"]) == ("submitted", "accepted")
+    assert dao.names_of(task_id).count("Ruled") == 1
+    dao.set_clock(executor.take.end_s + 5 + WINDOW_S + 10)
+    assert executor.verdict(task_id, attempt)["verdict"] == "accepted"
+    dao.wait_for(lambda: "TaskSettled" in dao.names_of(task_id), "the payment")
+    for name in ("oracle.olga", "oracle.otto"):
+        dao.running.kill(name)
+
+
+def test_a_verdict_is_paid_when_its_window_is_over(dao: Dao) -> None:
+    task_id = proven(dao)
+    task = rule(dao, task_id)
+    assert (task["state"], task["verdict"]) == ("submitted", None)
+    assert task["dispute"]["vote"]["outcome"] == "accepted"
+    assert task["dispute"]["until"] == pytest.approx(Clock.now_s + WINDOW_S, abs=5)
+    assert "TaskSettled" not in dao.names_of(task_id)
+    pass_time(dao, WINDOW_S + 10)
+    ended(dao, task_id, "TaskSettled")  # the bridge closes the case; nobody asks
+    task = dao.task(task_id)
+    assert (task["state"], task["verdict"], task["dispute"]) == ("settled", "accepted", None)
+
+
+def test_a_verdict_is_overturned_from_the_command_line(dao: Dao, tmp_path: Path) -> None:
+    task_id = proven(dao)
+    rule(dao, task_id, "rejected")
+    before = dao.balances()["panther1"]
+    shown = rodeo(dao, "show", str(task_id))
+    assert "rejected, by the oracles" in shown and "report.json" in shown and "rodeo verify" in shown
+    rodeo(dao, "challenge", str(task_id), "--reason", "it is in the bin", "--as", "panther1")
+    assert dao.balances()["panther1"] == before - STAKE
+    shown = rodeo(dao, "show", str(task_id))
+    assert "it is in the bin" in shown and "20 IEC at stake" in shown
+
+    file = str(tmp_path / "votes.json")
+    rodeo(dao, "vote", str(task_id), "accepted", "--as", "anna", "--votes", file)
+    rodeo(dao, "vote", str(task_id), "rejected", "--as", "bert", "--votes", file)  # alone
+    said = rodeo(dao, "vote", str(task_id), "accepted", "--as", "carl", "--votes", file)
+    assert "1 equal votes are missing" in said
+    assert dao.task(task_id)["dispute"]["instance"] == 0
+    said = rodeo(dao, "vote", str(task_id), "accepted", "--as", "dora", "--votes", file)
+    assert "That was enough" in said
+    ended(dao, task_id, "TaskSettled")
+    task = dao.task(task_id)
+    assert (task["verdict"], task["reason"]) == ("accepted", "decided by the judges of challenges")
+    assert dao.balances()["panther1"] == before + 100
+    transfers = {one["reason"] for one in dao.state("transfers", task_id=task_id)["transfers"]}
+    assert {"stake", "stake_paid"} <= transfers
+    assert "no verdict on this task waits" in rodeo(dao, "show", str(task_id), status=1)
+
+
+def test_who_challenges_what_is_right_pays_the_other(dao: Dao, tmp_path: Path) -> None:
+    task_id = proven(dao)
+    rule(dao, task_id)
+    before = dao.balances()["panther1"]
+    # An operator stands for the organization, which posted the task; its key pays.
+    fund(dao, "anna")
+    rodeo(dao, "challenge", str(task_id), "--reason", "I do not believe it", "--as", "anna")
+    assert dao.task(task_id)["dispute"]["challenger"] == wallets.address(dao.site, "anna")
+    file = str(tmp_path / "votes.json")
+    for name in ("bert", "carl", "dora"):
+        rodeo(dao, "vote", str(task_id), "accepted", "--as", name, "--votes", file)
+    ended(dao, task_id, "TaskSettled")
+    assert dao.balances()["panther1"] == before - 50 + STAKE + 100
+
+
+def test_silent_judges_leave_the_verdict_and_give_the_stake_back(dao: Dao) -> None:
+    task_id = proven(dao)
+    rule(dao, task_id)
+    fund(dao, "bert")
+    before = dao.balances()["bert"]
+    rodeo(dao, "challenge", str(task_id), "--reason", "no", "--as", "bert")
+    pass_time(dao, DECISION_S + 10)
+    ended(dao, task_id, "TaskSettled")
+    assert dao.balances()["bert"] == before
+
+
+def test_what_cannot_be_challenged_is_refused(dao: Dao) -> None:
+    task_id = proven(dao)
+
+    def refused(who: str, name: str, **request: Any) -> str:
+        with pytest.raises(RemoteError) as caught:
+            dao.command(who, name, **request)
+        return caught.value.code
+
+    assert refused("panther1", "challenge_verdict", task_id=task_id, reason="no") == "no_dispute"
+    assert refused("panther1", "challenge_verdict", task_id=4711, reason="no") == "unknown_task"
+    rule(dao, task_id)
+    assert refused("mallory", "challenge_verdict", task_id=task_id, reason="no") == "insufficient_funds"
+    fund(dao, "mallory")
+    assert refused("mallory", "challenge_verdict", task_id=task_id, reason="no") == "neither_party_nor_judge"
+    assert refused("mallory", "close_dispute", task_id=task_id) == "window_not_over"
+    assert refused("anna", "sign_vote", task_id=task_id, outcome="undecided") == "invalid_request"
+    signed = dao.command("anna", "sign_vote", task_id=task_id, outcome="rejected")
+    early = {"vote": signed["vote"], "report_uri": "", "signatures": [signed["signature"]]}
+    assert refused("anna", "post_votes", **early) == "not_challenged"
+    dao.command("panther1", "challenge_verdict", task_id=task_id, reason="more")
+    assert refused("panther1", "challenge_verdict", task_id=task_id, reason="no") == "no_dispute"
+    assert refused("anna", "post_votes", **early) == "too_few_votes"
+    mallory = dao.command("mallory", "sign_vote", task_id=task_id, outcome="rejected")
+    false = {**early, "signatures": [signed["signature"], mallory["signature"], signed["signature"]]}
+    assert refused("anna", "post_votes", **false) == "not_a_judge"
+    pass_time(dao, DECISION_S + 10)
+    ended(dao, task_id, "TaskSettled")
