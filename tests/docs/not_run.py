@@ -8,9 +8,13 @@ _ROS = "needs a robot that runs ROS 2"
 _SHELL = "sets the reader's shell up"
 _FOREIGN = "tests/integration/test_foreign_bin.py starts the page's bin and the others beside it"
 _JUDGES = "needs a site with several oracles: tests/integration/test_quorum.py runs such commands"
+_DISPUTES = "needs a verdict that waits: tests/integration/test_disputes.py runs such commands"
 _CHAIN = "needs an Ethereum node of one's own: tests/integration/test_another_chain.py starts one and runs it"
 
 NOT_RUN: dict[str, str] = {
+    "rodeo task dispute show 7": _DISPUTES,
+    'rodeo task dispute challenge 7 --as panther1 --reason "the can is in the bin"': _DISPUTES,
+    "rodeo task dispute vote 7 accepted --as dora --votes votes.json": _DISPUTES,
     "make demo": f"{_MINUTES}: tests/integration/test_demo.py runs what it runs",
     "make experiment": f"{_MINUTES}: tests/integration/test_experiment.py runs a short one",
     "rodeo experiment paper": f"{_MINUTES}: tests/integration/test_experiment.py runs a short one",

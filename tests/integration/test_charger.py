@@ -230,10 +230,11 @@ def test_a_charger_killed_while_charging_goes_on_and_its_register_too(
     proof = dao.proof_of(task_id)
     said = records(proof)
     assert [one.page for one in said] == list(range(1, len(said) + 1))
-    assert said[0].begin_wh > 0, "the register of the session before"
+    register_wh = [said[0].begin_wh, *(one.register_wh for one in said)]
+    assert register_wh == sorted(register_wh), "the register goes on where it stood when the charger died"
     times = readings(proof)
     gap_s = max(after - before for before, after in pairwise(times))
-    assert gap_s > 5.0
+    assert gap_s >= 2.0, "readings are a second apart: one is missing at least"
     unmetered_wh = gap_s * 42.0 * 11.5 / 3600
     assert hardware.energy_wh - unmetered_wh - 2.0 < delivered_wh(proof) < hardware.energy_wh
     assert "recording_resumed" in {event.get("event") for event in proof.events()}
