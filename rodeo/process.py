@@ -6,6 +6,7 @@ import argparse
 import ctypes
 import faulthandler
 import logging
+import math
 import os
 import signal
 import threading
@@ -61,6 +62,9 @@ CLOCK_OFF_S = 1.5
 within half a second, and the rest is a busy machine's."""
 
 
+STATUS_WALL_S = 0.1
+"""Wall time between two statuses of a process that does the same as before."""
+
 RIVAL_SHOWN_S = 600.0
 """Wall time for which a process's state tells of another that wanted to serve the same."""
 
@@ -103,6 +107,7 @@ class Process:
         self._activity = "starting"
         self._progress: float | None = None
         self._details: dict[str, Any] = {}
+        self._published_s = -math.inf
         self._warnings: list[str] = []
         self._claim: Claim | None = None
         self._rivals: dict[Holder, dict[Thing, float]] = {}
@@ -253,12 +258,19 @@ class Process:
             self._ready, self._reason = False, reason
 
     def activity(self, text: str, progress: float | None = None, **details: Any) -> None:
-        """Say what the process is doing, for the terminal and the console."""
+        """Say what the process is doing, for the terminal and the console.
+
+        What is new is published at once, other details every STATUS_WALL_S at most: at a thousand times real
+        time a dock reads its meter, and says so, a thousand times a second.
+        """
         with self._lock:
-            if text != self._activity:
+            news = text != self._activity
+            if news:
                 log.info("%s", text)
             self._activity, self._progress, self._details = text, progress, details
-        self._publish_status()
+            due = news or time.monotonic() - self._published_s >= STATUS_WALL_S
+        if due:
+            self._publish_status()
 
     def warn(self, text: str) -> None:
         """Show `text` wherever the process's state is shown, for as long as it runs."""
@@ -366,6 +378,7 @@ class Process:
         return self.status().model_dump()
 
     def _publish_status(self) -> None:
+        self._published_s = time.monotonic()
         self.bus.put_json(topics.STATUS.name(org=self.site.org, process=self.name), self.status())
 
     def _beat(self, key: str) -> None:

@@ -84,3 +84,23 @@ def test_a_malformed_signature_is_refused(signature: str) -> None:
 def test_what_json_cannot_say_exactly_is_not_signed(value: object) -> None:
     with pytest.raises(BadAttestation):
         attest({"value": value}, Account.create())
+
+
+def test_a_signature_is_the_one_that_other_wallets_make_and_accept() -> None:
+    account, payload = Account.create(), {"class": "glass", "index": 3}
+    message = encode_defunct(canonical_json(payload))
+    signed = attest(payload, account)
+    assert signed.signature == "0x" + account.sign_message(message).signature.hex()
+    assert Account.recover_message(message, signature=signed.signature) == account.address
+
+
+@pytest.mark.parametrize("v", range(256))
+def test_the_last_byte_of_a_signature_has_one_of_four_values(v: int) -> None:
+    signed = attest({"a": 1}, Account.create())
+    right = int(signed.signature[-2:], 16)
+    other = signed.model_copy(update={"signature": f"{signed.signature[:-2]}{v:02x}"})
+    if v in (right, right - 27):
+        assert verify_attestation(other) == signed.signer
+    else:
+        with pytest.raises(BadAttestation):
+            verify_attestation(other)
