@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,7 +10,6 @@ from rodeo import queries, topics
 from rodeo.bus import Bus
 from rodeo.config import Site
 from rodeo.errors import InvalidRequest
-from rodeo.witness.correction import Correction, Corrections
 from rodeo_cli.common import (
     DEFAULT_SITE,
     JsonOption,
@@ -21,6 +20,9 @@ from rodeo_cli.common import (
     say,
 )
 from rodeo_cli.layout import Row
+
+if TYPE_CHECKING:
+    from rodeo.witness.correction import Corrections
 
 bins = typer.Typer(help="Tell a bin what items really were.", no_args_is_help=True)
 
@@ -48,6 +50,7 @@ def correct(
     # Signing takes its time to import; the other commands should not wait for it.
     from rodeo import wallets
     from rodeo.evidence import attest
+    from rodeo.witness.correction import Correction, Corrections
 
     with connected(site) as (loaded, bus):
         name, chain = _bin(loaded, bin_name), queries.ask(bus, loaded.org, queries.CHAIN)
@@ -71,6 +74,8 @@ def corrections(
     site: SiteOption = DEFAULT_SITE, bin_name: BinOption = None, as_json: JsonOption = False
 ) -> None:
     """Show how often the bin said the right class of the items that people looked at."""
+    from rodeo.witness.correction import Corrections  # takes its time to import
+
     with connected(site) as (loaded, bus):
         key = topics.BIN_CORRECTIONS.name(org=loaded.org, bin=_bin(loaded, bin_name))
         found = queries.fitting(Corrections, bus.query(key), key)

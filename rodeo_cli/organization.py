@@ -7,7 +7,7 @@ from typing import Annotated, get_args
 
 import typer
 
-from rodeo import possession, queries, wallets
+from rodeo import queries
 from rodeo.config import Site
 from rodeo.durations import span
 from rodeo.errors import InvalidRequest
@@ -661,6 +661,8 @@ def sign_device(
     site: SiteOption = DEFAULT_SITE,
 ) -> None:
     """Sign with a device's key that it belongs to an owner, and print the signature for `register-device`."""
+    from rodeo import possession, wallets  # take their time to import
+
     with connected(site) as (loaded, bus):
         chain = queries.ask(bus, loaded.org, queries.CHAIN)
         people = queries.ask(bus, loaded.org, queries.PARTICIPANTS).participants

@@ -48,8 +48,8 @@ _WITNESS_WALL_S = 20.0
 _MOST_EARLY = 1000
 """Statements of a downtime that the recording which goes on takes up."""
 _LOOK_S = 0.5
-"""Site time between two looks for what the site tells, which it does at whole seconds. The clock stands still for each
-look."""
+"""Site time between two looks for what the site tells, which it does at whole seconds. The clock stands still
+for each look."""
 STALLED = "stalled"
 """Event: {"event", "from_s", "to_s"}, site time over which the robot's odometry was silent, and none was
 lost."""
