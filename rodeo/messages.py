@@ -118,6 +118,8 @@ class RegisterTask(Command):
     newest that the bridge knows."""
     service_id: Id | None = None
     """The only service that may do the task, at its own price. Default: the organization's policy chooses."""
+    provider: Party | None = None
+    """The only provider that may do the task, with any of its services. Name a service or a provider."""
     allow_wait: bool = False
     """Queue the task even if every offered service costs more than its reward."""
 
@@ -787,6 +789,9 @@ class Task(Message):
     service_id: int | None
     requested_service_id: int | None = None
     """The only service that may do the task, if its creator named one."""
+    requested_provider: str | None = None
+    """The only provider that may do the task, if its creator named one: its address."""
+    requested_provider_name: str | None = None
     reward_iec: Amount
     price_iec: Amount | None
     paid_iec: Amount

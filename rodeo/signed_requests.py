@@ -60,6 +60,7 @@ class TypedTask(_Said):
     max_attempts: _Number
     rules: _Bytes32
     service_id: _Number
+    provider: _Address
     params: str
 
     @classmethod
@@ -85,7 +86,7 @@ class RegisterTask(_Said):
     types = {
         "RegisterTask": "address creator,TaskRequest request,uint256 nonce,uint256 deadline",
         "TaskRequest": "bytes32 kind,uint256 reward,uint32 executionWindow,uint32 verdictWindow,"
-        "uint8 maxAttempts,bytes32 rules,uint32 serviceId,string params",
+        "uint8 maxAttempts,bytes32 rules,uint32 serviceId,address provider,string params",
     }
     creator: _Address
     request: TypedTask

@@ -102,6 +102,12 @@ def create(
         int | None,
         typer.Option(help="The only service that may do it. By default the policy chooses."),
     ] = None,
+    provider: Annotated[
+        str | None,
+        typer.Option(
+            help="The only provider that may do it, with any of its services: a name or an address."
+        ),
+    ] = None,
     wait: Annotated[bool, typer.Option("--wait", help="Queue it even if every service costs more.")] = False,
     up_to: Annotated[
         str | None,
@@ -138,6 +144,8 @@ def create(
             request["rules_sha256"] = rules_sha256
         if service is not None:
             request["service_id"] = service
+        if provider is not None:
+            request["provider"] = provider
         if doubt := _doubt(loaded, bus, kind, request["params"]):
             errors.print(f"[bold yellow]warning[/]: {escape(doubt)}", highlight=False, soft_wrap=True)
         if sign is not None:
@@ -211,6 +219,12 @@ def _task_row(task: Task) -> Row:
     return Row(cells, {2: STATE_COLOURS.get(task.state, "")}, _why(task))
 
 
+def _named_provider(task: Task) -> list[tuple[str, str]]:
+    if task.requested_provider is None:
+        return []
+    return [("named provider", _party(task.requested_provider_name, task.requested_provider))]
+
+
 def _why(task: Task) -> str:
     """Why the last attempt did not succeed, where it did not."""
     if task.verdict in ("rejected", "undecided", "impossible", "abandoned") and task.reason:
@@ -264,6 +278,7 @@ def _told(task: Task, site: Site, left: str | None = None, judged: str = "") -> 
         ("executor", _party(task.executor_name, task.executor)),
         ("service", "" if task.service_id is None else str(task.service_id)),
         *([] if task.requested_service_id is None else [("named service", str(task.requested_service_id))]),
+        *_named_provider(task),
         ("price", iec(task.price_iec) if task.price_iec is not None else ""),
         ("paid", iec(task.paid_iec) if ended else ""),
         ("refunded", iec(task.refunded_iec) if ended else ""),

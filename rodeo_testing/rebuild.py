@@ -9,8 +9,10 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 
 from rodeo.chain import (
+    NOBODY,
     Cause,
     Device,
+    Hire,
     Judge,
     KindRules,
     Log,
@@ -90,11 +92,14 @@ class Rebuilt:
                     max_attempts=event.max_attempts,
                     state=TaskState.OPEN,
                     accepted=False,
-                    hired=False,
+                    provider=NOBODY,
+                    hired=Hire.NONE,
                     proof_hash=NO_PROOF,
                 )
             case events.ServiceRequested():
-                self._task(event.task_id, service_id=event.service_id, hired=True)
+                self._task(event.task_id, service_id=event.service_id, hired=Hire.SERVICE)
+            case events.ProviderRequested():
+                self._task(event.task_id, provider=event.provider, hired=Hire.PROVIDER)
             case events.TaskAssigned():
                 self._task(
                     event.task_id,
@@ -132,7 +137,7 @@ class Rebuilt:
                 self._task(
                     event.task_id,
                     state=TaskState.OPEN,
-                    service_id=task.service_id if task.hired else 0,
+                    service_id=task.service_id if task.hired is Hire.SERVICE else 0,
                     price=0,
                     deadline=0,
                     proof_hash=NO_PROOF,

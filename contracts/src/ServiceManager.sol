@@ -4,7 +4,7 @@ pragma solidity ^0.8.28;
 import {Math} from "@openzeppelin/contracts/utils/math/Math.sol";
 import {IOrganization, Terms} from "./interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Release, Service, ServiceState} from "./interfaces/IServiceManager.sol";
-import {ITaskManager} from "./interfaces/ITaskManager.sol";
+import {Hire, ITaskManager} from "./interfaces/ITaskManager.sol";
 import {KindTable} from "./libraries/KindTable.sol";
 import {Texts} from "./libraries/Texts.sol";
 import {Units} from "./libraries/Units.sol";
@@ -33,8 +33,8 @@ contract ServiceManager is IServiceManager {
         uint40 place;
         /// @dev The key of the line in which it waits: its provider's reputation may change meanwhile.
         uint24 line;
-        /// @dev A task has named it and waited for it, so that its own queue has to be looked at.
-        bool hired;
+        /// @dev A task has named it, or its provider, and waited, so that its own queue, or both, have to be looked at.
+        Hire hired;
     }
 
     /// @dev What a service agreed to, and what came of it. Only where `hasTerms`.
@@ -57,6 +57,8 @@ contract ServiceManager is IServiceManager {
         uint152 work;
         /// @dev It is somebody's device (see _owners).
         bool owned;
+        /// @dev A task has named it and waited for it: each of its services has to look at its queue.
+        bool hired;
     }
 
     /// @dev Idle services of one kind, price and reputation, in order of their places: a linked list, because
@@ -154,13 +156,14 @@ contract ServiceManager is IServiceManager {
         s.kindId = _kinds.idOf(kind);
         s.state = ServiceState.Active;
         s.autoAccept = autoAccept;
+        if (p.hired) s.hired = Hire.Provider;
         emit ServiceRegistered(serviceId, msg.sender, kind, price, autoAccept, description);
         if (terms.bond != 0 || terms.maxFailures != 0) {
             s.hasTerms = true;
             _agreements[serviceId] = Agreement(terms.bond, terms.penalty, terms.maxFailures);
             emit TermsAgreed(serviceId, terms.bond, terms.penalty, terms.maxFailures);
         }
-        tasks.placeService(serviceId, kind, price);
+        tasks.placeService(serviceId, kind, price, _named(serviceId, s));
         if (terms.bond != 0) tasks.holdBond(msg.sender, terms.bond);
     }
 
@@ -180,7 +183,7 @@ contract ServiceManager is IServiceManager {
         s.state = state;
         emit ServiceUpdated(serviceId, price, state);
         if (_isAvailable(s)) {
-            tasks.placeService(serviceId, _kinds.kinds[s.kindId], price);
+            tasks.placeService(serviceId, _kinds.kinds[s.kindId], price, _named(serviceId, s));
         } else if (state == ServiceState.Retired && s.taskId == 0) {
             uint96 bond = _leave(serviceId, s);
             if (bond != 0) tasks.returnBond(msg.sender, bond);
@@ -233,20 +236,24 @@ contract ServiceManager is IServiceManager {
         uint256 maxPrice,
         uint256 wanted,
         uint256 taskId,
-        bool hired
-    ) external onlyTaskManager returns (address provider, uint256 price, bool accepted) {
+        Hire hired
+    ) external onlyTaskManager returns (uint256 taker, address provider, uint256 price, bool accepted) {
         Record storage s = _services[serviceId];
+        if (hired == Hire.Provider && !(_isAvailable(s) && s.price <= maxPrice)) {
+            uint256 other = _serviceOf(s.provider, s.kindId, maxPrice);
+            if (other != 0) (serviceId, s) = (other, _services[other]);
+        }
         bool ofKind = s.kindId == _kinds.ids[kind];
-        if (hired && s.state == ServiceState.None) revert UnknownService(serviceId);
-        if (hired && !ofKind) revert ServiceOfOtherKind(serviceId, kind);
+        if (hired != Hire.None && s.state == ServiceState.None) revert UnknownService(serviceId);
+        if (hired != Hire.None && !ofKind) revert ServiceOfOtherKind(serviceId, kind);
         price = Math.max(s.price, wanted);
         if (!_isAvailable(s) || price > Math.min(maxPrice, Units.MAX) || !ofKind) {
-            if (hired) s.hired = true;
-            return (address(0), 0, false);
+            if (hired > s.hired) _hire(s, hired);
+            return (serviceId, address(0), 0, false);
         }
         _leaveLine(serviceId, s);
         s.taskId = uint40(taskId);
-        return (s.provider, price, s.autoAccept);
+        return (serviceId, s.provider, price, s.autoAccept);
     }
 
     /// @inheritdoc IServiceManager
@@ -262,7 +269,8 @@ contract ServiceManager is IServiceManager {
         if (outcome != Outcome.Unjudged) r.penalty = _count(serviceId, s, outcome, value, creator);
         s.taskId = 0;
         if (s.state == ServiceState.Retired) r.bond = _leave(serviceId, s);
-        (r.provider, r.available, r.price, r.hired) = (s.provider, _isAvailable(s), s.price, s.hired);
+        (r.provider, r.available, r.price, r.named) =
+        (s.provider, _isAvailable(s), s.price, _named(serviceId, s));
     }
 
     /// @inheritdoc IServiceManager
@@ -331,6 +339,16 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
+    function serviceOf(address provider, bytes32 kind, uint256 maxPrice)
+        external
+        view
+        returns (uint32 serviceId)
+    {
+        serviceId = _serviceOf(provider, _kinds.ids[kind], maxPrice);
+        if (serviceId == 0) revert ProviderWithoutService(provider, kind);
+    }
+
+    /// @inheritdoc IServiceManager
     function serviceCount() external view returns (uint256) {
         return _serviceCount;
     }
@@ -361,6 +379,44 @@ contract ServiceManager is IServiceManager {
     function mostReputableIdle(bytes32 kind, uint256 maxPrice) external view returns (uint256) {
         Idle storage idle = _idle[_kinds.ids[kind]];
         return idle.line[idle.lines.greatestMinor(_lastKey(maxPrice))].first;
+    }
+
+    /// @dev The cheapest of the provider's services that is free, else any; 0 if it has none.
+    function _serviceOf(address provider, uint8 kindId, uint256 maxPrice)
+        private
+        view
+        returns (uint32 serviceId)
+    {
+        uint32[MAX_SERVICES] memory live = _live[provider];
+        uint256 lowest = maxPrice + 1;
+        for (uint256 i = 0; i < MAX_SERVICES; ++i) {
+            Record storage s = _services[live[i]];
+            if (live[i] == 0 || s.kindId != kindId) continue;
+            bool better = _isAvailable(s) && s.price < lowest;
+            if (better) lowest = s.price;
+            if (better || serviceId == 0) serviceId = live[i];
+        }
+    }
+
+    /// @dev A task waits for this service, or for any of its provider: for these at most MAX_SERVICES, and later ones.
+    function _hire(Record storage s, Hire hired) private {
+        if (hired == Hire.Service) {
+            s.hired = hired;
+            return;
+        }
+        address provider = s.provider;
+        _providers[provider].hired = true;
+        uint32[MAX_SERVICES] memory live = _live[provider];
+        for (uint256 i = 0; i < MAX_SERVICES; ++i) {
+            if (live[i] != 0) _services[live[i]].hired = hired;
+        }
+    }
+
+    /// @dev See Release.
+    function _named(uint256 serviceId, Record storage s) private view returns (uint160) {
+        Hire hired = s.hired;
+        if (hired == Hire.None) return 0;
+        return hired == Hire.Service ? uint160(serviceId) : uint160(s.provider);
     }
 
     /// @dev Out of its line, wherever it stands, if it waits.

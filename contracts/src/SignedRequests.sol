@@ -15,7 +15,7 @@ contract SignedRequests is ISignedRequests, EIP712 {
     using BitMaps for BitMaps.BitMap;
 
     bytes private constant TASK_TYPE =
-        "TaskRequest(bytes32 kind,uint256 reward,uint32 executionWindow,uint32 verdictWindow,uint8 maxAttempts,bytes32 rules,uint32 serviceId,string params)";
+        "TaskRequest(bytes32 kind,uint256 reward,uint32 executionWindow,uint32 verdictWindow,uint8 maxAttempts,bytes32 rules,uint32 serviceId,address provider,string params)";
     bytes32 private constant TASK_TYPEHASH = keccak256(TASK_TYPE);
     bytes32 private constant REGISTER_TYPEHASH = keccak256(
         bytes.concat(
@@ -123,6 +123,7 @@ contract SignedRequests is ISignedRequests, EIP712 {
                 request.maxAttempts,
                 request.rules,
                 request.serviceId,
+                request.provider,
                 keccak256(bytes(request.params))
             )
         );

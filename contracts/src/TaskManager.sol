@@ -12,6 +12,7 @@ import {IOrganization, Kind, Review} from "./interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Release} from "./interfaces/IServiceManager.sol";
 import {
     Cause,
+    Hire,
     ITaskManager,
     SignedBy,
     Silence,
@@ -40,7 +41,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint96 reward;
         /// @dev Enough for Units.MAX.
         uint88 price;
-        /// @dev While a task is open, the service that it names, if it names one.
+        /// @dev While a task is open, the service that it names, or one of the provider that it names, or 0.
         uint32 serviceId;
         uint32 deadline;
         uint24 executionWindow;
@@ -53,8 +54,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         bool accepted;
         /// @dev Who wins a proof that nobody judges, as the kind had it when the task was posted.
         Silence silence;
-        /// @dev Only `serviceId` may do the task, because its creator named it.
-        bool hired;
+        /// @dev Only `serviceId`, or only its provider, may do the task, because its creator named it.
+        Hire hired;
     }
 
     /// @dev In one word, because a registration writes both.
@@ -102,7 +103,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     KindTable.Table private _kinds;
     mapping(uint256 taskId => Record) private _tasks;
     /// @dev Ids grow with time, so the key of an open task is its id: a requeued one is back in its old place. Its
-    /// weight is its reward. Each kind has a queue, and each service one of the tasks that name it (see _queue).
+    /// weight is its reward. Each kind has a queue, and each service and provider one of the tasks that name it (see _queue).
     mapping(uint256 queue => WeightTree.Tree) private _open;
     /// @dev The proof of what a service does now. A service does one task at a time, and its word is written over
     /// with the next: a quarter of the gas of a word per task.
@@ -277,13 +278,13 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function placeService(uint256 serviceId, bytes32 kind, uint256 price)
+    function placeService(uint256 serviceId, bytes32 kind, uint256 price, uint160 named)
         external
         nonReentrant
         onlyServiceManager
     {
         if (_proofs[serviceId] == 0) _proofs[serviceId] = NO_PROOF;
-        _place(serviceId, _kinds.ids[kind], kind, price, true);
+        _place(serviceId, _kinds.ids[kind], kind, price, named);
     }
 
     /// @inheritdoc ITaskManager
@@ -307,12 +308,16 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @inheritdoc ITaskManager
     function task(uint256 taskId) external view returns (Task memory) {
         Record storage t = _get(taskId);
+        bool ofProvider = t.hired == Hire.Provider;
         return Task({
             creator: t.creator,
             reward: t.reward,
             kind: _kinds.kinds[t.kindId],
             price: t.price,
-            serviceId: t.serviceId,
+            serviceId: ofProvider && (t.state == TaskState.Open || t.state == TaskState.Cancelled)
+                ? 0
+                : t.serviceId,
+            provider: ofProvider ? services.providerOf(t.serviceId) : address(0),
             deadline: t.deadline,
             executionWindow: t.executionWindow,
             verdictWindow: t.verdictWindow,
@@ -371,8 +376,13 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             request.params
         );
         if (request.serviceId != 0) {
-            (t.serviceId, t.hired) = (request.serviceId, true);
+            if (request.provider != address(0)) revert TwoNamed(request.serviceId, request.provider);
+            (t.serviceId, t.hired) = (request.serviceId, Hire.Service);
             emit ServiceRequested(taskId, request.serviceId);
+        } else if (request.provider != address(0)) {
+            t.hired = Hire.Provider;
+            t.serviceId = services.serviceOf(request.provider, request.kind, request.reward);
+            emit ProviderRequested(taskId, request.provider);
         }
         _match(taskId, t, request.kind, policy);
         _take(creator, request.reward);
@@ -381,7 +391,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     /// @dev Give an open task that is in no queue to a service, or let it wait in its place.
     function _match(uint256 taskId, Record storage t, bytes32 kind, IMatchingPolicy policy) private {
         (uint256 serviceId, uint256 price, bool failed) = (t.serviceId, 0, false);
-        bool hired = t.hired;
+        bool hired = t.hired != Hire.None;
         if (!hired) (serviceId, price, failed) = _ask(policy, kind, t.reward);
         if (serviceId != 0) {
             if (_assign(taskId, t, kind, serviceId, price)) return;
@@ -410,15 +420,16 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @dev Give an available service that is in no line the oldest task it can do, or let it wait.
-    /// @param hired whether a task may wait that names this service
-    function _place(uint256 serviceId, uint8 kindId, bytes32 kind, uint256 price, bool hired) private {
+    /// @param named of whom the queue is, too, and the service's own: its number or its provider's; 0 for neither
+    function _place(uint256 serviceId, uint8 kindId, bytes32 kind, uint256 price, uint256 named) private {
         uint64 minimum = Units.levelFor(price);
         uint256 queue = kindId;
         uint64 taskId = _open[queue].first(minimum);
-        if (hired) {
-            uint256 own = _queueOf(serviceId, kindId);
-            uint64 named = _open[own].first(minimum);
-            if (named != 0 && (taskId == 0 || named < taskId)) (taskId, queue) = (named, own);
+        while (named != 0) {
+            uint256 own = _queueOf(named, kindId);
+            uint64 first = _open[own].first(minimum);
+            if (first != 0 && (taskId == 0 || first < taskId)) (taskId, queue) = (first, own);
+            named = named == serviceId ? 0 : serviceId;
         }
         if (taskId == 0) {
             services.offer(serviceId, minimum);
@@ -436,7 +447,8 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     {
         address executor;
         bool accepted;
-        (executor, price, accepted) = services.acquire(serviceId, kind, t.reward, price, taskId, t.hired);
+        (serviceId, executor, price, accepted) =
+            services.acquire(serviceId, kind, t.reward, price, taskId, t.hired);
         if (executor == address(0)) return false;
         uint8 attempt = t.attempt + 1;
         uint256 deadline = block.timestamp + t.executionWindow;
@@ -527,7 +539,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         }
         Release memory r = services.release(serviceId, outcome, amount, t.creator);
         emit TaskSettled(taskId, r.provider, amount, refund);
-        if (r.available) _place(serviceId, t.kindId, kind, r.price, r.hired);
+        if (r.available) _place(serviceId, t.kindId, kind, r.price, r.named);
         _pay(r.provider, amount + r.bond);
         _pay(t.creator, refund);
     }
@@ -545,7 +557,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         emit AuditRequested(taskId, t.attempt, deadline, rules.silence);
         uint256 serviceId = t.serviceId;
         Release memory r = services.release(serviceId, Outcome.Unjudged, 0, t.creator);
-        if (r.available) _place(serviceId, t.kindId, kind, r.price, r.hired);
+        if (r.available) _place(serviceId, t.kindId, kind, r.price, r.named);
         _pay(r.provider, r.bond);
     }
 
@@ -577,7 +589,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         uint256 price = t.price;
         bool last = _endAttempt(taskId, t, kind, cause);
         Release memory r = services.release(serviceId, _outcome(cause), price, t.creator);
-        if (r.available) _place(serviceId, t.kindId, kind, r.price, r.hired);
+        if (r.available) _place(serviceId, t.kindId, kind, r.price, r.named);
         _pay(r.provider, r.bond);
         _pay(address(organization), r.penalty);
         if (last) _pay(t.creator, t.reward);
@@ -595,7 +607,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             emit TaskFailed(taskId, t.reward, t.attempt, cause);
         } else {
             t.state = TaskState.Open;
-            if (!t.hired) t.serviceId = 0;
+            if (t.hired == Hire.None) t.serviceId = 0;
             t.price = 0;
             emit TaskRequeued(taskId, t.attempt, cause);
             _match(taskId, t, kind, organization.policy());
@@ -753,12 +765,15 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
 
     /// @dev The queue of an open task.
     function _queue(Record storage t) private view returns (uint256) {
-        return t.hired ? _queueOf(t.serviceId, t.kindId) : t.kindId;
+        if (t.hired == Hire.None) return t.kindId;
+        bool any = t.hired == Hire.Provider;
+        return _queueOf(any ? uint160(services.providerOf(t.serviceId)) : t.serviceId, t.kindId);
     }
 
-    /// @dev Where the tasks wait that name this service.
-    function _queueOf(uint256 serviceId, uint8 kindId) private pure returns (uint256) {
-        return serviceId << 8 | kindId;
+    /// @dev Where the tasks wait that name this service, or this provider. No provider's address is as small as a
+    /// service's number: whoever has services has signed for them.
+    function _queueOf(uint256 named, uint8 kindId) private pure returns (uint256) {
+        return named << 8 | kindId;
     }
 
     function _requireWindow(uint32 window) private pure {

@@ -5,7 +5,14 @@ import {IERC20Errors} from "@openzeppelin/contracts/interfaces/draft-IERC6093.so
 import {Vm} from "forge-std/Vm.sol";
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, Silence, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
+import {
+    Hire,
+    ITaskManager,
+    Silence,
+    TaskRequest,
+    TaskState,
+    Verdict
+} from "../src/interfaces/ITaskManager.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice What was done to the reference contracts of this field, each by its name, and what happens here.
@@ -500,6 +507,6 @@ contract AttackTest is Fixture {
         offer(robot1, 80 ether);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, stranger));
         vm.prank(stranger);
-        services.acquire(1, CLEANING, 100 ether, 0, 7, false);
+        services.acquire(1, CLEANING, 100 ether, 0, 7, Hire.None);
     }
 }

@@ -509,8 +509,9 @@ contract DisputesTest is Instances {
         vm.prank(robot1);
         services.registerService(CHARGING, 1 ether, NO_LIMIT, true, "");
         vm.prank(alice);
-        uint256 taskId =
-            tasks.registerTask(TaskRequest(CHARGING, 2 ether, WINDOW, WINDOW, ATTEMPTS, 0, 0, "{}"));
+        uint256 taskId = tasks.registerTask(
+            TaskRequest(CHARGING, 2 ether, WINDOW, WINDOW, ATTEMPTS, 0, 0, address(0), "{}")
+        );
         submit(taskId);
         Vote memory vote = voteOf(taskId, Verdict.Accepted);
         vm.expectRevert(abi.encodeWithSelector(IDisputes.KindWithoutInstances.selector, CHARGING));

@@ -100,7 +100,7 @@ abstract contract Fixture is Test {
     }
 
     function request(uint256 reward) internal pure returns (TaskRequest memory) {
-        return TaskRequest(CLEANING, reward, WINDOW, WINDOW, ATTEMPTS, 0, 0, "{}");
+        return TaskRequest(CLEANING, reward, WINDOW, WINDOW, ATTEMPTS, 0, 0, address(0), "{}");
     }
 
     function post(address creator, uint256 reward) internal returns (uint256 taskId) {

@@ -3,7 +3,7 @@ pragma solidity ^0.8.28;
 
 import {IMatchingPolicy} from "../src/interfaces/IMatchingPolicy.sol";
 import {IServiceManager, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {ITaskManager, TaskRequest, TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Hire, ITaskManager, Task, TaskRequest, TaskState, Verdict} from "../src/interfaces/ITaskManager.sol";
 import {Fixture} from "./Fixture.sol";
 
 /// @notice Names a service and a price.
@@ -19,13 +19,29 @@ contract FixedPolicy is IMatchingPolicy {
     }
 }
 
-/// @notice Tasks that name the service that is to do them.
+/// @notice Tasks that name the service, or the provider, that is to do them.
 contract HireTest is Fixture {
     function _hire(uint256 serviceId, uint256 reward) private returns (uint256) {
         TaskRequest memory r = request(reward);
         r.serviceId = uint32(serviceId);
         vm.prank(alice);
         return tasks.registerTask(r);
+    }
+
+    function _hireFrom(address provider, uint256 reward) private returns (uint256) {
+        TaskRequest memory r = request(reward);
+        r.provider = provider;
+        vm.prank(alice);
+        return tasks.registerTask(r);
+    }
+
+    /// @dev robot1 has two services, and both are at work.
+    function _twoBusy() private returns (uint256 first, uint256 second) {
+        (first, second) = (offer(robot1, 80 ether), offer(robot1, 60 ether));
+        post(bob, 100 ether);
+        post(bob, 100 ether);
+        assertAssigned(1, first);
+        assertAssigned(2, second);
     }
 
     function test_theNamedServiceGetsTheTaskWhoeverIsCheaperAndWaitedLonger() public {
@@ -35,7 +51,7 @@ contract HireTest is Fixture {
         emit ITaskManager.ServiceRequested(1, second);
         uint256 taskId = _hire(second, 100 ether);
         assertAssigned(taskId, second);
-        assertTrue(tasks.task(taskId).hired);
+        assertTrue(tasks.task(taskId).hired == Hire.Service);
         assertEq(tasks.task(taskId).price, 80 ether, "its own price");
     }
 
@@ -119,6 +135,130 @@ contract HireTest is Fixture {
         );
         tasks.registerTask(r);
         vm.stopPrank();
+    }
+
+    function test_theCheapestFreeServiceOfTheNamedProviderGetsTheTask() public {
+        offer(robot2, 1 ether);
+        offer(robot1, 80 ether);
+        uint256 cheap = offer(robot1, 60 ether);
+        vm.expectEmit();
+        emit ITaskManager.ProviderRequested(1, robot1);
+        uint256 taskId = _hireFrom(robot1, 100 ether);
+        assertAssigned(taskId, cheap);
+        Task memory t = tasks.task(taskId);
+        assertTrue(t.hired == Hire.Provider);
+        assertEq(t.provider, robot1);
+        assertEq(t.price, 60 ether, "its own price");
+    }
+
+    function test_whicheverServiceOfTheNamedProviderIsFreeFirstTakesTheWaitingTask() public {
+        (, uint256 second) = _twoBusy();
+        uint256 taskId = _hireFrom(robot1, 100 ether);
+        uint256 other = offer(robot2, 1 ether);
+        Task memory t = tasks.task(taskId);
+        assertState(taskId, TaskState.Open);
+        assertEq(t.serviceId, 0, "it names no service");
+        assertEq(t.provider, robot1);
+        assertEq(services.service(other).taskId, 0);
+        attempt(2, true);
+        assertAssigned(taskId, second);
+        attempt(taskId, true);
+        assertState(taskId, TaskState.Settled);
+    }
+
+    function test_aServiceTakesTheOldestOfItsThreeQueues() public {
+        (uint256 first,) = _twoBusy();
+        uint256 fromProvider = _hireFrom(robot1, 100 ether);
+        uint256 named = _hire(first, 100 ether);
+        uint256 any = post(bob, 100 ether);
+        uint256 last = _hireFrom(robot1, 100 ether);
+        uint256[4] memory order = [fromProvider, named, any, last];
+        uint256 running = 1;
+        for (uint256 i = 0; i < 4; ++i) {
+            attempt(running, true);
+            running = order[i];
+            assertAssigned(running, first);
+        }
+    }
+
+    function test_aFailedAttemptGoesToAnotherServiceOfTheNamedProviderOrWaitsForOne() public {
+        uint256 first = offer(robot1, 60 ether);
+        uint256 taskId = _hireFrom(robot1, 100 ether);
+        assertAssigned(taskId, first);
+        uint256 second = offer(robot1, 80 ether);
+        offer(robot2, 1 ether);
+        attempt(taskId, false);
+        assertAssigned(taskId, second);
+        assertEq(tasks.task(taskId).price, 80 ether);
+        update(first, 60 ether, ServiceState.Paused);
+        attempt(taskId, false);
+        assertAssigned(taskId, second);
+    }
+
+    function test_aTaskWaitsForAProviderWhoRetiredWhileItsProofWasAudited() public {
+        uint256 first = offer(robot1, 60 ether);
+        uint256 taskId = _hireFrom(robot1, 100 ether);
+        submit(taskId);
+        judgeAs(oracle, taskId, Verdict.Undecided, 0);
+        update(first, 60 ether, ServiceState.Retired);
+        judgeAs(auditor, taskId, Verdict.Rejected, 0);
+        assertState(taskId, TaskState.Open);
+        vm.prank(stranger);
+        tasks.matchTask(taskId);
+        assertState(taskId, TaskState.Open);
+        assertAssigned(taskId, offer(robot1, 90 ether));
+    }
+
+    function test_aServiceOfTheNamedProviderThatComesLaterTakesWaitingTasksToo() public {
+        _twoBusy();
+        uint256 taskId = _hireFrom(robot1, 100 ether);
+        uint256 cancelled = _hireFrom(robot1, 100 ether);
+        uint256 later = _hireFrom(robot1, 100 ether);
+        vm.prank(alice);
+        tasks.cancelTask(cancelled);
+        assertEq(tasks.task(cancelled).serviceId, 0, "nobody has done it");
+        uint256 third = offer(robot1, 70 ether);
+        assertAssigned(taskId, third);
+        attempt(taskId, true);
+        assertAssigned(later, third);
+        attempt(later, true);
+        assertEq(services.service(third).taskId, 0, "the cancelled task is gone");
+    }
+
+    function test_aTaskThatPaysANamedProviderTooLittleWaitsUntilOneIsCheaper() public {
+        offer(robot1, 80 ether);
+        uint256 second = offer(robot1, 90 ether);
+        uint256 taskId = _hireFrom(robot1, 50 ether);
+        assertState(taskId, TaskState.Open);
+        update(second, 50 ether, ServiceState.Active);
+        assertAssigned(taskId, second);
+    }
+
+    function test_whoDoesNoSuchWorkAndTheOrganizationAreNotHired() public {
+        vm.prank(robot1);
+        services.registerService(CHARGING, 1 ether, NO_LIMIT, true, "");
+        uint256 retired = offer(robot2, 1 ether);
+        update(retired, 1 ether, ServiceState.Retired);
+        vm.prank(admin);
+        organization.registerService(CLEANING, 1 ether, NO_LIMIT, true, "");
+        address[4] memory named = [robot1, robot2, address(organization), stranger];
+        for (uint256 i = 0; i < 4; ++i) {
+            TaskRequest memory r = request(100 ether);
+            r.provider = named[i];
+            vm.prank(alice);
+            vm.expectRevert(
+                abi.encodeWithSelector(IServiceManager.ProviderWithoutService.selector, named[i], CLEANING)
+            );
+            tasks.registerTask(r);
+        }
+    }
+
+    function test_aTaskNamesAServiceOrAProviderNotBoth() public {
+        TaskRequest memory r = request(100 ether);
+        (r.serviceId, r.provider) = (uint32(offer(robot1, 1 ether)), robot1);
+        vm.prank(alice);
+        vm.expectRevert(abi.encodeWithSelector(ITaskManager.TwoNamed.selector, 1, robot1));
+        tasks.registerTask(r);
     }
 
     function test_aPolicyPaysAtLeastTheServicesPriceAndAtMostTheReward() public {

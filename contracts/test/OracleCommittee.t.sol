@@ -99,8 +99,9 @@ contract OracleCommitteeTest is Committee {
         vm.prank(robot1);
         services.registerService(CHARGING, 1 ether, NO_LIMIT, true, "");
         vm.prank(alice);
-        uint256 taskId =
-            tasks.registerTask(TaskRequest(CHARGING, 2 ether, WINDOW, WINDOW, ATTEMPTS, 0, 0, "{}"));
+        uint256 taskId = tasks.registerTask(
+            TaskRequest(CHARGING, 2 ether, WINDOW, WINDOW, ATTEMPTS, 0, 0, address(0), "{}")
+        );
         submit(taskId);
         Vote memory vote = accepting(taskId);
         _refused(

@@ -3,7 +3,7 @@ pragma solidity ^0.8.28;
 
 import {IOrganization} from "../src/interfaces/IOrganization.sol";
 import {IServiceManager, Outcome, Service, ServiceState} from "../src/interfaces/IServiceManager.sol";
-import {TaskState} from "../src/interfaces/ITaskManager.sol";
+import {Hire, TaskState} from "../src/interfaces/ITaskManager.sol";
 import {Fixture} from "./Fixture.sol";
 
 contract ServiceManagerTest is Fixture {
@@ -115,7 +115,7 @@ contract ServiceManagerTest is Fixture {
         bytes memory refusal = abi.encodeWithSelector(IServiceManager.NotTaskManager.selector, robot1);
         vm.startPrank(robot1);
         vm.expectRevert(refusal);
-        services.acquire(serviceId, CLEANING, 100 ether, 0, 1, false);
+        services.acquire(serviceId, CLEANING, 100 ether, 0, 1, Hire.None);
         vm.expectRevert(refusal);
         services.release(serviceId, Outcome.Completed, 80 ether, alice);
         vm.expectRevert(refusal);
@@ -126,7 +126,7 @@ contract ServiceManagerTest is Fixture {
         uint256 serviceId = offer(robot1, 80 ether);
         uint256 taskId = post(alice, 100 ether);
         vm.startPrank(address(tasks));
-        (address provider,,) = services.acquire(serviceId, CLEANING, 100 ether, 0, 2, false);
+        (, address provider,,) = services.acquire(serviceId, CLEANING, 100 ether, 0, 2, Hire.None);
         assertEq(provider, address(0), "refused");
         assertAssigned(taskId, serviceId);
         vm.expectRevert(abi.encodeWithSelector(IServiceManager.ServiceNotIdle.selector, serviceId));

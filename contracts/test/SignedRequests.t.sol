@@ -111,7 +111,7 @@ contract SignedRequestsTest is Fixture {
 
     function test_attack_aRelayerChangesTheRequest() public {
         bytes memory signature = _signature(alice, alice, NONCE);
-        for (uint256 i = 0; i < 10; ++i) {
+        for (uint256 i = 0; i < 11; ++i) {
             (TaskRequest memory r, uint256 nonce, uint256 end) = (request(100 ether), NONCE, deadline);
             if (i == 0) r.kind = CHARGING;
             if (i == 1) r.reward += 1;
@@ -123,6 +123,7 @@ contract SignedRequestsTest is Fixture {
             if (i == 7) r.params = "{ }";
             if (i == 8) nonce += 1;
             if (i == 9) end += 1;
+            if (i == 10) r.provider = bob;
             vm.expectRevert(abi.encodeWithSelector(ISignedRequests.NotSignedBy.selector, alice));
             vm.prank(stranger);
             requests.registerTaskFor(alice, r, nonce, end, signature);

@@ -26,7 +26,7 @@ contract SignerWallet is IERC1271 {
 library Signing {
     Vm private constant VM = Vm(address(uint160(uint256(keccak256("hevm cheat code")))));
     string private constant TASK =
-        "TaskRequest(bytes32 kind,uint256 reward,uint32 executionWindow,uint32 verdictWindow,uint8 maxAttempts,bytes32 rules,uint32 serviceId,string params)";
+        "TaskRequest(bytes32 kind,uint256 reward,uint32 executionWindow,uint32 verdictWindow,uint8 maxAttempts,bytes32 rules,uint32 serviceId,address provider,string params)";
 
     function registration(
         uint256 key,
@@ -51,6 +51,7 @@ library Signing {
                 r.maxAttempts,
                 r.rules,
                 r.serviceId,
+                r.provider,
                 keccak256(bytes(r.params))
             )
         );

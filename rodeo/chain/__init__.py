@@ -18,6 +18,7 @@ from rodeo.chain.abi import (
     Budget,
     Cause,
     Device,
+    Hire,
     Instance,
     Judge,
     KindRules,
@@ -35,7 +36,7 @@ from rodeo.chain.abi import (
     Vote,
 )
 from rodeo.chain.calls import Calls, OrganizationCalls, ParticipantCalls
-from rodeo.chain.client import ChainClient
+from rodeo.chain.client import NOBODY, ChainClient
 from rodeo.chain.deployment import Deployment
 from rodeo.chain.encoding import Call
 from rodeo.chain.errors import (
@@ -53,6 +54,7 @@ from rodeo.chain.logs import Log
 from rodeo.chain.types import Event, Policy, Role, from_wei, to_wei
 
 __all__ = [
+    "NOBODY",
     "Budget",
     "Call",
     "Calls",
@@ -65,6 +67,7 @@ __all__ = [
     "DeploymentMismatch",
     "Device",
     "Event",
+    "Hire",
     "Instance",
     "Judge",
     "KindRules",

@@ -22,6 +22,12 @@ class Cause(ContractEnum):
     ABANDONED_LATE = 6
 
 
+class Hire(ContractEnum):
+    NONE = 0
+    SERVICE = 1
+    PROVIDER = 2
+
+
 class Review(ContractEnum):
     NONE = 0
     ORACLE = 1
@@ -162,6 +168,7 @@ class Task(Struct):
     kind: str
     price: int
     service_id: int
+    provider: str
     deadline: int
     execution_window: int
     verdict_window: int
@@ -169,7 +176,7 @@ class Task(Struct):
     max_attempts: int
     state: TaskState
     accepted: bool
-    hired: bool
+    hired: Hire
     proof_hash: bytes
 
 
@@ -182,6 +189,7 @@ class TaskRequest(Struct):
     max_attempts: int
     rules: bytes
     service_id: int
+    provider: str
     params: str
 
 

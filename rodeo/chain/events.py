@@ -280,6 +280,12 @@ class ProofSubmitted(Event):
 
 
 @dataclass(frozen=True)
+class ProviderRequested(Event):
+    task_id: int
+    provider: str
+
+
+@dataclass(frozen=True)
 class ServiceRequested(Event):
     task_id: int
     service_id: int

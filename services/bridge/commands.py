@@ -115,6 +115,7 @@ from services.bridge.errors import (
     NotAJudge,
     NotThisWallets,
     NoVotes,
+    ProviderWithoutService,
     RewardBelowPrice,
     RulesNotCurrent,
     UnknownCommand,
@@ -405,8 +406,23 @@ class Wallet:
             max_attempts=command.max_attempts or self.economy.max_attempts,
             rules=_bytes32(self._rules_of(command)),
             service_id=command.service_id or 0,
+            provider=self._provider_of(command),
             params=text,
         )
+
+    def _provider_of(self, command: RegisterTask) -> str:
+        if command.provider is None:
+            return ZERO_ADDRESS
+        if command.service_id is not None:
+            raise InvalidRequest("name a service or a provider, not both")
+        provider = self.names.address(command.provider)
+        if provider == self.names.addresses[ORGANIZATION]:
+            raise InvalidRequest("name one of the organization's services instead of the organization")
+        if not self.index.offers(provider, command.kind):
+            raise ProviderWithoutService(
+                f"{command.provider} offers no {command.kind}", provider=provider, kind=command.kind
+            )
+        return provider
 
     def _cancel_task(self, command: CancelTask) -> list[Call]:
         return [self.calls.cancel_task(command.task_id)]
@@ -448,6 +464,7 @@ class Wallet:
             max_attempts=max(1, task["max_attempts"] - task["attempt"]),
             rules=_bytes32(task["rules_sha256"] or NO_RULES),
             service_id=task["requested_service_id"] or 0,
+            provider=task["requested_provider"] or ZERO_ADDRESS,
             params=json.dumps(params, separators=(",", ":")),
         )
         cancel = [self.calls.cancel_task(command.task_id)] if is_open else []
@@ -876,7 +893,11 @@ class Wallet:
             )
 
     def _require_affordable_service(self, command: RegisterTask, reward: int) -> None:
-        if command.service_id is None:
+        if command.provider is not None:
+            offers = self.index.offers(self.names.address(command.provider), command.kind)
+            prices = [offer["price"] for offer in offers if offer["state"] == "active"]
+            which = f"every service of {command.provider}"
+        elif command.service_id is None:
             prices, which = self.index.active_prices(command.kind), "every service of this kind"
         else:
             service = self.index.service(command.service_id)

@@ -8,6 +8,7 @@
     │   ├── UnknownKind           the organization does not accept this kind of work
     │   ├── UnknownTask
     │   ├── UnknownService
+    │   ├── ProviderWithoutService
     │   ├── CannotDo              the participant has nothing that does this kind of work
     │   ├── AlreadyOffered        the participant has a service of this kind
     │   ├── UnknownParticipant
@@ -78,6 +79,10 @@ class RulesNotCurrent(RequestError):
 
 class UnknownService(RequestError):
     """No such service was ever registered."""
+
+
+class ProviderWithoutService(RequestError):
+    """A task names a provider that offers no work of its kind."""
 
 
 class CannotDo(RequestError):

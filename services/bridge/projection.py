@@ -97,6 +97,8 @@ class Projection:
                 )
             case events.ServiceRequested():
                 self._change_task(event.task_id, requested_service_id=event.service_id)
+            case events.ProviderRequested():
+                self._change_task(event.task_id, requested_provider=event.provider)
             case events.TaskAssigned():
                 self._change_task(
                     event.task_id,

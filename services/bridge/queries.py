@@ -394,6 +394,7 @@ def task_json(row: Mapping[str, Any], names: Names) -> Json:
         },
         **{f"{key}_iec": None if row[key] is None else iec(row[key]) for key in sorted(amounts)},
         "creator_name": names.name(row["creator"]),
+        "requested_provider_name": names.name(row["requested_provider"]),
         "executor_name": names.name(row["executor"]),
     }
 

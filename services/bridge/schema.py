@@ -120,6 +120,7 @@ tasks = Table(
     Column("executor", String(42), index=True),
     Column("service_id", BigInteger),
     Column("requested_service_id", BigInteger, doc="the only service that may do it; null where any may"),
+    Column("requested_provider", String(42), doc="the only provider that may do it; null where any may"),
     Column("reward", Wei, nullable=False),
     Column("price", Wei),
     Column("paid", Wei, nullable=False),

@@ -245,6 +245,39 @@ def test_a_task_waits_for_the_service_that_it_names(dao: Dao) -> None:
     assert unknown.value.code == "unknown_service"
 
 
+def test_a_task_waits_for_the_provider_that_it_names(dao: Dao) -> None:
+    busy = dao.post()
+    waiting = dao.post(provider="panther1")
+    waits = dao.task(waiting)
+    assert (waits["state"], waits["service_id"], waits["requested_service_id"]) == ("open", None, None)
+    assert (waits["requested_provider"], waits["requested_provider_name"]) == (
+        dao.task(busy)["executor"],
+        "panther1",
+    )
+    assert_index_equals_contracts(dao)
+    raised = dao.command("organization", "raise_reward", task_id=waiting, reward_iec="110")["task_id"]
+    dao.prove(busy)
+    dao.judge(busy, accepted=True)
+    done = dao.task(raised)
+    assert (done["state"], done["executor_name"]) == ("assigned", "panther1")
+    dao.prove(raised, digit="b")
+    dao.judge(raised, accepted=True)
+    assert_index_equals_contracts(dao)
+
+
+def test_a_task_names_a_service_or_a_provider_that_does_such_work(dao: Dao) -> None:
+    for wrong, code in (
+        ({"provider": "0x" + "5e" * 20}, "provider_without_service"),
+        ({"provider": "nobody"}, "unknown_participant"),
+        ({"provider": "organization"}, "invalid_request"),
+        ({"provider": "panther1", "service_id": 1}, "invalid_request"),
+        ({"provider": "panther1", "reward_iec": "1"}, "reward_below_price"),
+    ):
+        with pytest.raises(RemoteError) as refused:
+            dao.post(**wrong)
+        assert refused.value.code == code
+
+
 def test_overdue_tasks_are_expired_by_the_bridge(dao: Dao) -> None:
     before = dao.balances()
     task_id = dao.post(max_attempts=2, execution_window_s=600, verdict_window_s=900)

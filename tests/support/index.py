@@ -8,7 +8,7 @@ from decimal import Decimal
 from enum import Enum
 from typing import Any
 
-from rodeo.chain import ChainClient, Policy, Revocation, Role, from_wei
+from rodeo.chain import NOBODY, ChainClient, Hire, Policy, Revocation, Role, from_wei
 from rodeo.messages import Task
 
 _PAGE = 500
@@ -27,10 +27,13 @@ def index_differences(state: Callable[..., dict[str, Any]], client: ChainClient)
         Task.model_validate(indexed)
         what, kept = f"task {task_id}", client.task(task_id)
         # The contracts keep the deadline that runs, and of the proof only one that waits.
-        apart = {"deadline", "proof_hash", "price", "hired", "service_id"}
+        apart = {"deadline", "proof_hash", "price", "hired", "service_id", "provider"}
         found.check_record(what, indexed, kept, without=apart)
         named = indexed["requested_service_id"]
-        found.check(f"{what}: hired", named is not None, kept.hired)
+        provider = indexed["requested_provider"]
+        hired = Hire.SERVICE if named else Hire.PROVIDER if provider else Hire.NONE
+        found.check(f"{what}: hired", hired, kept.hired)
+        found.check(f"{what}: provider", provider or NOBODY, kept.provider)
         found.check(f"{what}: service", indexed["service_id"] or named or 0, kept.service_id)
         running = {
             "assigned": "execution_deadline",

@@ -20,7 +20,7 @@ from deploy.chain.methods import Methods
 from deploy.chain.server import RpcServer
 from deploy.chain.store import Store
 from rodeo import wallets
-from rodeo.chain import Call, ChainClient, Deployment, Event, Log, TaskRequest, events, to_wei
+from rodeo.chain import NOBODY, Call, ChainClient, Deployment, Event, Log, TaskRequest, events, to_wei
 from rodeo.config import Site
 from tests.support.site import write_site
 
@@ -69,7 +69,7 @@ class Organization:
 
     def request(self, reward_iec: int = 100, kind: str = KIND) -> TaskRequest:
         return TaskRequest(
-            kind, to_wei(Decimal(reward_iec)), 3600, 3600, 3, bytes(32), 0, '{"item_id":"item1"}'
+            kind, to_wei(Decimal(reward_iec)), 3600, 3600, 3, bytes(32), 0, NOBODY, '{"item_id":"item1"}'
         )
 
     def post(self, reward_iec: int = 100) -> list[Event]:

@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 pragma solidity ^0.8.28;
 
+import {Hire} from "./ITaskManager.sol";
+
 /// @notice The provider sets Active, Paused and Retired. Only Active services get new tasks, and Retired is final. The
 /// organization, or the terms after repeated failures, set Suspended; the provider can only retire the service then.
 enum ServiceState {
@@ -59,14 +61,15 @@ struct Service {
 /// @param price what that one costs
 /// @param penalty taken from the bond for the attempt that ended
 /// @param bond to be returned, because the service retired while it was at work
-/// @param hired whether a task may wait that names the service
+/// @param named if a task may wait that names the service, its number; if one may that names its provider, the
+/// provider's address as a number; else 0
 struct Release {
     address provider;
     bool available;
     uint96 price;
     uint96 penalty;
     uint96 bond;
-    bool hired;
+    uint160 named;
 }
 
 /// @title Services: who does which work at which price, and which services wait for a task.
@@ -102,6 +105,9 @@ interface IServiceManager {
     error UnknownService(uint256 serviceId);
     /// @notice A task names a service that does other work.
     error ServiceOfOtherKind(uint256 serviceId, bytes32 kind);
+    /// @notice A task names a provider that does no such work. The organization cannot be named: it has any number of
+    /// services, so that a task names the service.
+    error ProviderWithoutService(address provider, bytes32 kind);
     error NotProvider(uint256 serviceId, address caller, address provider);
     error ServiceIsRetired(uint256 serviceId);
     /// @notice The provider can only retire it.
@@ -166,6 +172,17 @@ interface IServiceManager {
     /// @param provider who offers services
     function asleepUntil(address provider) external view returns (uint256);
 
+    /// @notice Returns a provider's service: the cheapest that is free and costs at most `maxPrice`, else any. Reverts
+    /// with ProviderWithoutService.
+    /// @param provider who offers it; the organization's services are not found
+    /// @param kind what is done, ASCII
+    /// @param maxPrice the most it may cost, in the token's smallest unit
+    /// @return serviceId its number
+    function serviceOf(address provider, bytes32 kind, uint256 maxPrice)
+        external
+        view
+        returns (uint32 serviceId);
+
     /// @notice Returns how many services were ever registered, which is the last id.
     function serviceCount() external view returns (uint256);
 
@@ -219,8 +236,9 @@ interface IServiceManager {
     /// @param maxPrice the most it may cost, in the token's smallest unit
     /// @param wanted what it is to be paid, if that is more than its own price
     /// @param taskId the task that it gets
-    /// @param hired whether the task names the service. It then waits for it, and `release` says so. Reverts with
-    /// UnknownService or ServiceOfOtherKind if it would wait forever.
+    /// @param hired whether the task names the service, or its provider. It then waits for it, and `release` says so.
+    /// Reverts with UnknownService or ServiceOfOtherKind if it would wait forever.
+    /// @return taker the service; where the task names a provider maybe another one of it
     /// @return provider who is paid for the task; 0 if the service does not fit, and nothing happened
     /// @return price the price of this task
     /// @return accepted whether the service accepts each task
@@ -230,8 +248,8 @@ interface IServiceManager {
         uint256 maxPrice,
         uint256 wanted,
         uint256 taskId,
-        bool hired
-    ) external returns (address provider, uint256 price, bool accepted);
+        Hire hired
+    ) external returns (uint256 taker, address provider, uint256 price, bool accepted);
 
     /// @notice End the service's task. Only the task manager, which pays what this returns, and places the service.
     /// @param serviceId the service that did the task

@@ -44,6 +44,13 @@ enum Silence {
     Creator
 }
 
+/// @notice Whom a task names: nobody, so that the policy chooses, one service, or one provider.
+enum Hire {
+    None,
+    Service,
+    Provider
+}
+
 /// @param kind what is to be done, ASCII
 /// @param reward the most it may cost, in the token's smallest unit; all of it goes to escrow
 /// @param executionWindow seconds from assignment to proof
@@ -51,7 +58,9 @@ enum Silence {
 /// @param maxAttempts how many assignments before the reward goes back
 /// @param rules SHA-256 of the rules by which it is to be judged, so that none that came meanwhile surprises the
 /// creator; 0 for the newest that are current. See IOrganization.allowKind.
-/// @param serviceId the only service that may do it, at its own price; 0 for whichever the policy chooses
+/// @param serviceId the only service that may do it, at its own price; 0 if it names none
+/// @param provider the only provider whose services of this kind may do it, each at its own price; 0 if it names none.
+/// A task that names neither goes to whichever service the policy chooses
 /// @param params JSON; only in the event
 struct TaskRequest {
     bytes32 kind;
@@ -61,15 +70,17 @@ struct TaskRequest {
     uint8 maxAttempts;
     bytes32 rules;
     uint32 serviceId;
+    address provider;
     string params;
 }
 
 /// @param price what the executor of the running (or last) attempt is paid at most
 /// @param serviceId the service of the running (or last) attempt; while open the one that the task names, or 0
+/// @param provider the provider that the task names; 0 if it names none
 /// @param deadline end of the running window, block time in seconds; 0 when none runs
 /// @param attempt 1 for the first assignment
 /// @param accepted the executor of the running (or last) attempt agreed to it; see acceptTask
-/// @param hired the creator named the service
+/// @param hired whether the creator named the service, or the provider
 /// @param proofHash SHA-256 of the proof that waits for its verdict; 0 unless Submitted or Undecided, earlier ones
 /// are in events
 struct Task {
@@ -78,6 +89,7 @@ struct Task {
     bytes32 kind;
     uint96 price;
     uint32 serviceId;
+    address provider;
     uint40 deadline;
     uint32 executionWindow;
     uint32 verdictWindow;
@@ -85,7 +97,7 @@ struct Task {
     uint8 maxAttempts;
     TaskState state;
     bool accepted;
-    bool hired;
+    Hire hired;
     bytes32 proofHash;
 }
 
@@ -146,6 +158,8 @@ interface ITaskManager {
     );
     /// @notice Follows TaskRegistered where the creator named a service.
     event ServiceRequested(uint256 indexed taskId, uint256 indexed serviceId);
+    /// @notice Follows TaskRegistered where the creator named a provider.
+    event ProviderRequested(uint256 indexed taskId, address indexed provider);
     /// @param nonce could not be known before this assignment; a proof has to contain it
     event TaskAssigned(
         uint256 indexed taskId,
@@ -228,6 +242,8 @@ interface ITaskManager {
     error NotOrganization(address caller);
     error InvalidWindow(uint32 window, uint32 min, uint32 max);
     error InvalidAttempts(uint8 attempts, uint8 max);
+    /// @notice A task names a service or a provider, not both.
+    error TwoNamed(uint32 serviceId, address provider);
     error NothingOwed(address account);
     /// @notice The token took a fee, or moved nothing: escrow must hold what it owes.
     error WrongAmountReceived(uint256 expected, uint256 received);
@@ -239,7 +255,7 @@ interface ITaskManager {
     error NotWired(address organization, address services);
 
     /// @notice Register a task, and pay its reward into escrow. The policy's service is assigned at once, if there is
-    /// one. A task that names a service waits for that one instead; its creator may cancel it meanwhile.
+    /// one. A task that names a service or a provider waits for that one instead; its creator may cancel it meanwhile.
     /// @param request the task; the caller approves this contract for its reward before
     /// @return taskId the number of the task, counted from 1
     function registerTask(TaskRequest calldata request) external returns (uint256 taskId);
@@ -336,7 +352,7 @@ interface ITaskManager {
     /// @notice Returns how many tasks were ever registered, which is the last id.
     function taskCount() external view returns (uint256);
 
-    /// @notice Returns the oldest open task that pays enough and names no service.
+    /// @notice Returns the oldest open task that pays enough and names nobody.
     /// @param kind what is to be done, ASCII
     /// @param price the least that it pays, in the token's smallest unit
     /// @return taskId 0 if there is none
@@ -355,7 +371,9 @@ interface ITaskManager {
     /// @param serviceId the service
     /// @param kind what it does, ASCII
     /// @param price what one task costs, in the token's smallest unit
-    function placeService(uint256 serviceId, bytes32 kind, uint256 price) external;
+    /// @param named if a task may wait that names the service, its number; if one may that names its provider, the
+    /// provider's address as a number; else 0
+    function placeService(uint256 serviceId, bytes32 kind, uint256 price, uint160 named) external;
 
     /// @notice Returns what this contract owes, in the token's smallest unit: rewards of live tasks, bonds and `owed`.
     function held() external view returns (uint256);

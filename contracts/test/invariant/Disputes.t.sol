@@ -37,7 +37,8 @@ contract DisputesInvariants is Instances {
 
     function dispute(uint256 seed) external {
         _random = seed;
-        TaskRequest memory wanted = TaskRequest(CLEANING, 1 gwei, WINDOW, 2 hours + 1, 1, 0, 0, "{}");
+        TaskRequest memory wanted =
+            TaskRequest(CLEANING, 1 gwei, WINDOW, 2 hours + 1, 1, 0, 0, address(0), "{}");
         vm.prank(alice);
         uint256 taskId = tasks.registerTask(wanted);
         submit(taskId);

@@ -4,7 +4,7 @@ pragma solidity ^0.8.28;
 import {IMatchingPolicy} from "../../src/interfaces/IMatchingPolicy.sol";
 import {Kind, Review} from "../../src/interfaces/IOrganization.sol";
 import {Service, ServiceState} from "../../src/interfaces/IServiceManager.sol";
-import {Task, TaskState} from "../../src/interfaces/ITaskManager.sol";
+import {Hire, Task, TaskState} from "../../src/interfaces/ITaskManager.sol";
 import {HighestReputation} from "../../src/policies/HighestReputation.sol";
 import {LowestPrice} from "../../src/policies/LowestPrice.sol";
 import {SecondPrice} from "../../src/policies/SecondPrice.sol";
@@ -93,11 +93,24 @@ contract EscrowInvariants is Fixture {
         }
     }
 
+    /// @notice No task waits for a service that it names, or for a service of the provider that it names, which is free.
+    function invariant_nobodyWaitsForWhoIsFree() public view {
+        for (uint256 taskId = 1; taskId <= tasks.taskCount(); ++taskId) {
+            Task memory t = tasks.task(taskId);
+            if (t.state != TaskState.Open || t.hired == Hire.None) continue;
+            for (uint256 serviceId = 1; serviceId <= services.serviceCount(); ++serviceId) {
+                Service memory s = services.service(serviceId);
+                bool named = t.serviceId == serviceId || t.provider == s.provider;
+                assertFalse(named && s.place != 0 && s.price <= t.reward, "it could do the task");
+            }
+        }
+    }
+
     /// @notice What waits can be found, and the oldest comes first.
     function invariant_theOldestOpenTaskIsNext() public view {
         uint256 oldest = 0;
         for (uint256 taskId = 1; taskId <= tasks.taskCount() && oldest == 0; ++taskId) {
-            if (state(taskId) == TaskState.Open && !tasks.task(taskId).hired) oldest = taskId;
+            if (state(taskId) == TaskState.Open && tasks.task(taskId).hired == Hire.None) oldest = taskId;
         }
         assertEq(tasks.oldestOpen(CLEANING, 0), oldest);
     }

@@ -101,6 +101,8 @@ contract Handler is CommonBase, StdUtils {
     mapping(uint256 taskId => uint8) private _attemptSeen;
     /// @dev The service that the task names.
     mapping(uint256 taskId => uint256) private _hired;
+    /// @dev The provider that the task names.
+    mapping(uint256 taskId => address) private _hiredFrom;
     mapping(uint256 taskId => Disputed) private _disputes;
     /// @dev Who wins a proof that nobody judges, as it was when the task was posted.
     mapping(uint256 taskId => Silence) private _silence;
@@ -119,6 +121,10 @@ contract Handler is CommonBase, StdUtils {
             if (_hired[taskId] != 0 && _hired[taskId] != t.serviceId) {
                 violation = "another service was hired";
             }
+            address provider = _services.providerOf(t.serviceId);
+            if (_hiredFrom[taskId] != address(0) && _hiredFrom[taskId] != provider) {
+                violation = "another provider was hired";
+            }
             if (t.price < _services.service(t.serviceId).price) {
                 violation = "a service works below its price";
             }
@@ -126,7 +132,9 @@ contract Handler is CommonBase, StdUtils {
             for (uint256 older = 1; older < taskId; ++older) {
                 Task memory o = _tasks.task(older);
                 if (o.state != TaskState.Open || o.reward < t.price) continue;
-                if (!o.hired || o.serviceId == t.serviceId) violation = "a task was overtaken";
+                bool mayTake = _hired[older] == 0 && _hiredFrom[older] == address(0);
+                if (_hired[older] == t.serviceId || _hiredFrom[older] == provider) mayTake = true;
+                if (mayTake) violation = "a task was overtaken";
             }
         }
     }
@@ -198,8 +206,9 @@ contract Handler is CommonBase, StdUtils {
         // Three in four leave it to the organization.
         bytes32 wanted = wish % 4 == 0 ? _rulesAt(wish / 4) : bytes32(0);
         bytes32[] memory current = _judged[CLEANING].rules;
-        TaskRequest memory request =
-            TaskRequest(CLEANING, reward, 1 hours, 1 hours, attempts, wanted, _named(wish), "{}");
+        TaskRequest memory request = TaskRequest(
+            CLEANING, reward, 1 hours, 1 hours, attempts, wanted, _named(wish), _namedProvider(wish), "{}"
+        );
         if (wanted != 0 && !_isCurrent(current, wanted)) {
             vm.prank(creator);
             try _tasks.registerTask(request) {
@@ -216,11 +225,15 @@ contract Handler is CommonBase, StdUtils {
         try _tasks.registerTask(request) {
             if (!right) violation = "a verdict window was too short or too long";
         } catch {
-            if (right) violation = "a task could not be posted";
+            // Whoever has no service left cannot be named.
+            if (right && (request.provider == address(0) || _live(request.provider) != 0)) {
+                violation = "a task could not be posted";
+            }
             return;
         }
         expected[creator] -= reward;
         _hired[_tasks.taskCount()] = request.serviceId;
+        _hiredFrom[_tasks.taskCount()] = request.provider;
         _silence[_tasks.taskCount()] = k.silence;
         if (_rulesPosted() != (wanted == 0 ? current[current.length - 1] : wanted)) {
             violation = "a task was posted under other rules";
@@ -231,6 +244,11 @@ contract Handler is CommonBase, StdUtils {
     function _named(uint256 wish) private view returns (uint32) {
         uint256 count = _services.serviceCount();
         return count == 0 || wish % 5 > 1 ? 0 : uint32(1 + (wish / 5) % count);
+    }
+
+    /// @dev Another one in five names a provider.
+    function _namedProvider(uint256 wish) private view returns (address) {
+        return wish % 5 == 2 ? _providers[wish / 5 % _providers.length] : address(0);
     }
 
     /// @dev One in eight is none in which anybody should agree to work.
@@ -269,7 +287,8 @@ contract Handler is CommonBase, StdUtils {
         nonce = bound(nonce, 0, 9);
         ISignedRequests requests = _tasks.signedRequests();
         bool right = !_usedNonces[creator][nonce];
-        TaskRequest memory request = TaskRequest(CLEANING, reward, 1 hours, 1 hours, 3, 0, 0, "{}");
+        TaskRequest memory request =
+            TaskRequest(CLEANING, reward, 1 hours, 1 hours, 3, 0, 0, address(0), "{}");
         uint256 deadline = block.timestamp + 1 hours;
         // Half of them are as they should be.
         flaw = bound(flaw, 0, 7);
@@ -943,7 +962,7 @@ contract Handler is CommonBase, StdUtils {
         try _tasks.postVerdict(taskId, t.attempt, t.proofHash, Verdict.Accepted, t.price, 0, "", "") {
             violation = "a stranger judged";
         } catch {}
-        try _tasks.placeService(1, CLEANING, 0) {
+        try _tasks.placeService(1, CLEANING, 0, 0) {
             violation = "a stranger placed a service";
         } catch {}
         try _tasks.returnBond(who, 1) {

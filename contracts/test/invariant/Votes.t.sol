@@ -54,7 +54,8 @@ contract VotesInvariants is Committee {
 
     function postVotes(uint256 seed, uint256 number, uint256 alteration, uint256 waited) external {
         vm.prank(alice);
-        uint256 taskId = tasks.registerTask(TaskRequest(CLEANING, 1 gwei, WINDOW, WINDOW, 1, 0, 0, "{}"));
+        uint256 taskId =
+            tasks.registerTask(TaskRequest(CLEANING, 1 gwei, WINDOW, WINDOW, 1, 0, 0, address(0), "{}"));
         submit(taskId);
         uint256 submitted = block.timestamp;
         skip(bound(waited, 0, WINDOW));

@@ -469,6 +469,8 @@ def _draw_agreement(kinds: Kinds, task: Task) -> None:
             fact("Verdict that waits", _dispute(task.dispute), "wrap")
         if task.requested_service_id is not None:
             fact("Only service", str(task.requested_service_id))
+        if task.requested_provider is not None:
+            fact("Only provider", party(task.requested_provider_name, task.requested_provider))
         if task.nonce and kinds.by_people(task.kind):
             fact("Code to show in a photo", photo_code(task.nonce))
         fact("Reward", iec(task.reward_iec))

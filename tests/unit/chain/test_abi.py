@@ -41,7 +41,7 @@ DEPLOYMENT = Deployment(
 )
 
 SAMPLES: dict[str, Any] = {
-    "request": TaskRequest("cleaning", 1, 60, 60, 1, bytes(32), 0, "{}"),
+    "request": TaskRequest("cleaning", 1, 60, 60, 1, bytes(32), 0, "0x" + "00" * 20, "{}"),
     "role": "robot",
     "kind": "cleaning",
     "state": ServiceState.ACTIVE,

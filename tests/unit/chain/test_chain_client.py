@@ -9,6 +9,7 @@ import pytest
 from eth_account import Account
 
 from rodeo.chain import (
+    NOBODY,
     Call,
     ChainClient,
     ChainUnavailable,
@@ -207,7 +208,7 @@ def test_a_wrong_state_comes_with_both_states_by_name(organization: Organization
 def test_an_error_from_a_contract_further_down_arrives_as_well(organization: Organization) -> None:
     client, robot = organization.client, organization.robot.address
     balance = client.balance(robot)
-    request = TaskRequest(KIND, balance + 1, 3600, 3600, 3, bytes(32), 0, "{}")
+    request = TaskRequest(KIND, balance + 1, 3600, 3600, 3, bytes(32), 0, NOBODY, "{}")
     error = _refusal(organization, robot, client.calls.register_task(request))
     assert error.code == "erc20_insufficient_balance"
     assert error.args_by_name == {"sender": robot, "balance": balance, "needed": balance + 1}

@@ -108,6 +108,10 @@ class Life:
         services = range(1, client.service_count() + 1)
         if services and self.random.random() < 0.1:
             request = replace(request, service_id=self.random.choice(services))
+        elif services and self.random.random() < 0.1:
+            named = client.service(self.random.choice(services))
+            if named.state is not ServiceState.RETIRED:
+                request = replace(request, provider=named.provider)
         self.organization.send(self.organization.operator, client.organization_calls.register_task(request))
 
     def offer(self) -> None:

@@ -64,7 +64,8 @@ TASK: dict[str, Any] = {
     "accepted": None, "verdict": "rejected", "reason": "the item does not rise in the gripper, " * 6,
     "description": DESCRIPTION,
     "params": {}, "execution_deadline": None, "verdict_deadline": None, "audit_deadline": None,
-    "service_id": None, "requested_service_id": None,
+    "service_id": None, "requested_service_id": None, "requested_provider": None,
+    "requested_provider_name": None,
     "registered": 1.0, "assigned": None, "proof_submitted": None, "settled": None,
     "execution_window_s": 60, "verdict_window_s": 60, "at_silence": None, "proof_sha256": None,
     "rules_sha256": None,
@@ -198,6 +199,16 @@ def test_a_task_says_which_service_it_names(
     monkeypatch.setitem(answered, "task/12", TASK | {"requested_service_id": named})
     lines = CliRunner().invoke(app, ["task", "show", "12"]).stdout.splitlines()
     assert [line.split() for line in lines if line.startswith("named service")] == shown
+
+
+@pytest.mark.parametrize(("name", "shown"), [("alice", "alice"), (None, f"{ALICE[:8]}…")])
+def test_a_task_says_which_provider_it_names(
+    answered: dict[str, dict[str, Any]], monkeypatch: pytest.MonkeyPatch, name: str | None, shown: str
+) -> None:
+    named = {"requested_provider": ALICE, "requested_provider_name": name}
+    monkeypatch.setitem(answered, "task/12", TASK | named)
+    lines = CliRunner().invoke(app, ["task", "show", "12"]).stdout.splitlines()
+    assert [line.split()[2] for line in lines if line.startswith("named provider")] == [shown]
 
 
 @pytest.mark.parametrize(
