@@ -87,6 +87,12 @@ class Network(nn.Module):
         return [self._pooled[block] for block in self.pooled_blocks]
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
+        last = self.features(x)
+        pools = [self._pooled[index] for index in self.pooled_blocks]
+        return self.body._fc(self.body._dropout(torch.cat([last, *pools], dim=1)))
+
+    def features(self, x: torch.Tensor) -> torch.Tensor:
+        """What the last layer before the head finds, (batch, channels)."""
         body, blocks = self.body, self.body._blocks
         with torch.no_grad():
             x = body._swish(body._bn0(body._conv_stem(x)))
@@ -95,8 +101,7 @@ class Network(nn.Module):
         for index, block in enumerate(blocks[FROZEN_BLOCKS:], FROZEN_BLOCKS):
             x = block(x, drop_connect_rate=self._drop_connect * index / len(blocks))
         x = body._swish(body._bn1(body._conv_head(x)))
-        pools = [self._pooled[index] for index in self.pooled_blocks]
-        return body._fc(body._dropout(torch.cat([body._avg_pooling(x).flatten(1), *pools], dim=1)))
+        return body._avg_pooling(x).flatten(1)
 
     def _pool_of(self, index: int) -> nn.Module:
         """The layer whose input is pooled."""

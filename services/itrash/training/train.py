@@ -11,12 +11,14 @@ from __future__ import annotations
 import argparse
 import ctypes
 import importlib.util
+import json
 import logging
+import math
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 if __name__ == "__main__" and importlib.util.find_spec("torch") is None:
     sys.exit(
@@ -32,6 +34,7 @@ from torch import nn
 from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Preprocessing
 from rodeo.vision.classifier import Classifier, to_input
 from services.itrash.training import metrics, renderings, scenery
+from services.itrash.training.abstention import RISK
 from services.itrash.training.augment import CHANCES, SELDOM, Chances, augment
 from services.itrash.training.card import TRAINING, Training, held_out_samples, write_card
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
@@ -83,7 +86,7 @@ class Recipe:
     pretrained_share: float = 0.2
     """In the end so much of each weight before the head is ImageNet's again: between what was learnt before
     and after lie networks that know new photos better (Wortsman et al., 2022, arXiv:2109.01903)."""
-    known_rejected: float = 0.02
+    known_rejected: float = RISK
     """Share of known photos that may be called unknown; sets the threshold."""
 
     def shortened(self, times: int) -> Recipe:
@@ -111,6 +114,15 @@ class Draws:
         self._items = [sample for sample in rendered if sample.label is not None]
         self._empty = [sample for sample in rendered if sample.label is None]
         self._photo_weights, self._item_weights = _balanced(self._photos), _balanced(self._items)
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """Where in its random numbers it is."""
+        return dict(self._rng.bit_generator.state)
+
+    @state.setter
+    def state(self, state: dict[str, Any]) -> None:
+        self._rng.bit_generator.state = state
 
     def batch(self, side: int) -> tuple[np.ndarray, np.ndarray]:
         """Inputs (batch, 3, side, side) and target distributions (batch, OUTPUTS), both float32."""
@@ -187,18 +199,66 @@ def _groups(network: Network, decay: float) -> list[dict[str, Any]]:
     ]
 
 
+class Stateful(Protocol):
+    """A network or an optimizer."""
+
+    def state_dict(self) -> dict[str, Any]:
+        """All that it must not forget."""
+
+    def load_state_dict(self, state_dict: dict[str, Any], /) -> Any:
+        """Be as it was when `state_dict` was taken."""
+
+
+class Checkpoint:
+    """A file from which a stage of training that was killed goes on, to the same weights bit for bit."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def save(self, step: int, draws: Draws, *parts: Stateful) -> None:
+        """After `step` steps. A kill at any moment leaves this one or the one before."""
+        state = {
+            "step": step,
+            "draws": json.dumps(draws.state),  # its integers are longer than torch writes
+            "torch": torch.get_rng_state(),
+            "parts": [part.state_dict() for part in parts],
+        }
+        beside = self._path.with_suffix(".new")
+        torch.save(state, beside)
+        beside.replace(self._path)
+
+    def load(self, draws: Draws, *parts: Stateful) -> int:
+        """How many steps were done; 0 and nothing changed where there is no file."""
+        if not self._path.exists():
+            return 0
+        state = torch.load(self._path, weights_only=True)
+        draws.state = json.loads(state["draws"])
+        torch.set_rng_state(state["torch"])
+        for part, kept in zip(parts, state["parts"], strict=True):
+            part.load_state_dict(kept)
+        return int(state["step"])
+
+
 def fit(
-    network: Network, draws: Draws, schedule: Schedule, recipe: Recipe, ema_decay: float
+    network: Network,
+    draws: Draws,
+    schedule: Schedule,
+    recipe: Recipe,
+    ema_decay: float,
+    checkpoint: Checkpoint | None = None,
 ) -> Iterator[tuple[int, float, Network]]:
     """Yields (step, mean loss since the last, averaged network) now and then and at the end. The averaged
-    network is the exponential moving average of the weights."""
+    network is the exponential moving average of the weights. Goes on from the checkpoint, if there is one."""
     network = network.to(memory_format=torch.channels_last).train()
     average = torch.optim.swa_utils.AveragedModel(
         network, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(ema_decay), use_buffers=True
     )
     optimizer = torch.optim.AdamW(_groups(network, recipe.rate_decay), weight_decay=recipe.weight_decay)
     losses: list[float] = []
-    for step, (side, rate) in enumerate(schedule, 1):
+    done = checkpoint.load(draws, network, average, optimizer) if checkpoint else 0
+    if done == len(schedule):
+        yield done, math.nan, average.module
+    for step, (side, rate) in enumerate(schedule[done:], done + 1):
         for group in optimizer.param_groups:
             group["lr"] = rate * group["share"]
         inputs, targets = draws.batch(side)
@@ -212,6 +272,8 @@ def fit(
         average.update_parameters(network)
         losses.append(loss.item())
         if step % LOG_EVERY_STEPS == 0 or step == len(schedule):
+            if checkpoint:
+                checkpoint.save(step, draws, network, average, optimizer)
             yield step, float(np.mean(losses)), average.module
             losses.clear()
 
@@ -235,21 +297,36 @@ def prepare() -> None:
             libc.mallopt(parameter, value)
 
 
-def train(photos: list[Sample], rendered: list[Sample], recipe: Recipe) -> Network:
-    """Train to the end; the averaged network in evaluation mode."""
+def train(
+    photos: list[Sample], rendered: list[Sample], recipe: Recipe, checkpoints: Path | None = None
+) -> Network:
+    """Train to the end; the averaged network in evaluation mode. Goes on from what is in the folder
+    `checkpoints`."""
     torch.manual_seed(recipe.seed)
     often = Draws(photos, rendered, recipe, recipe.seed, CHANCES)
     network = Network(OUTPUTS, recipe.drop_connect)
-    network = _last(fit(network, often, beginning(recipe), recipe, recipe.ema_decay))
-    return finished(network, photos, rendered, recipe)
+    kept = _checkpoint(checkpoints, "beginning")
+    network = _last(fit(network, often, beginning(recipe), recipe, recipe.ema_decay, kept))
+    return finished(network, photos, rendered, recipe, checkpoints)
 
 
-def finished(network: Network, photos: list[Sample], rendered: list[Sample], recipe: Recipe) -> Network:
+def finished(
+    network: Network,
+    photos: list[Sample],
+    rendered: list[Sample],
+    recipe: Recipe,
+    checkpoints: Path | None = None,
+) -> Network:
     """After the last steps."""
     torch.manual_seed(recipe.seed + 1)  # these steps can be repeated alone
     seldom = Draws(photos, rendered, recipe, recipe.seed + 1, SELDOM)
-    network = _last(fit(network, seldom, finish(recipe), recipe, recipe.finish_ema_decay))
+    kept = _checkpoint(checkpoints, "finish")
+    network = _last(fit(network, seldom, finish(recipe), recipe, recipe.finish_ema_decay, kept))
     return settled(network, photos, rendered, recipe)
+
+
+def _checkpoint(folder: Path | None, stage: str) -> Checkpoint | None:
+    return None if folder is None else Checkpoint(folder / f"{stage}.pt")
 
 
 def settled(network: Network, photos: list[Sample], rendered: list[Sample], recipe: Recipe) -> Network:
@@ -275,11 +352,27 @@ def calibrate(
 ) -> Preprocessing:
     """Temperature that minimises the photos' log loss, and the threshold that rejects at most `rejected` of
     the photos and of the renderings."""
+    best = best_temperature(photos)
+    threshold = min(float(np.quantile(known.confidence(best), rejected)) for known in (photos, rendered))
+    return preprocessing.model_copy(update={"temperature": best, "unknown_below": round(threshold, 4)})
+
+
+def best_temperature(photos: metrics.Outputs) -> float:
+    """The temperature that minimises the log loss."""
     temperatures = np.geomspace(0.2, 3.0, 200)
     best = min(temperatures, key=lambda t: metrics.log_loss(photos.probabilities(t), photos.truth))
-    threshold = min(float(np.quantile(known.confidence(best), rejected)) for known in (photos, rendered))
-    return preprocessing.model_copy(
-        update={"temperature": round(float(best), 4), "unknown_below": round(threshold, 4)}
+    return round(float(best), 4)
+
+
+def uncalibrated(recipe: Recipe) -> Preprocessing:
+    """Before anything is measured: probabilities as they come, nothing is unknown."""
+    return Preprocessing(
+        classes=list(CLASSES),
+        input_px=recipe.input_px,
+        mean=MEAN,
+        scale=SCALE,
+        temperature=1.0,
+        unknown_below=0.0,
     )
 
 
@@ -298,24 +391,18 @@ def publish(network: Network, data: Path, out: Path, recipe: Recipe) -> None:
     training = Training(architecture=ARCHITECTURE, recipe=asdict(recipe))
     (out / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
     export(network, out / WEIGHTS, recipe.input_px)
-    preprocessing = Preprocessing(
-        classes=list(CLASSES),
-        input_px=recipe.input_px,
-        mean=MEAN,
-        scale=SCALE,
-        temperature=1.0,
-        unknown_below=0.0,
-    )
-    _write(out, preprocessing)
+    preprocessing = uncalibrated(recipe)
+    write_preprocessing(out, preprocessing)
     classifier = Classifier(out)
     _assert_same(network, classifier, val_photos[0])
     on_photos = metrics.answers_to_files(classifier, data / "val", val_photos)
     on_rendered = metrics.answers_to_samples(classifier, held_out_samples(training.recipe, val_photos)[0])
-    _write(out, calibrate(on_photos, on_rendered, preprocessing, recipe.known_rejected))
+    write_preprocessing(out, calibrate(on_photos, on_rendered, preprocessing, recipe.known_rejected))
     log.info("%s", write_card(out, data))
 
 
-def _write(out: Path, preprocessing: Preprocessing) -> None:
+def write_preprocessing(out: Path, preprocessing: Preprocessing) -> None:
+    """Beside the weights in `out`."""
     (out / PREPROCESSING).write_text(preprocessing.model_dump_json(indent=2) + "\n")
 
 

@@ -1,0 +1,164 @@
+"""How good a recipe is on photos that it did not see: five networks, each measured on the fold it was not
+shown.
+
+    python -m services.itrash.training.cross_validate --data ../shared/data/trashnet --out FOLDER
+
+One core for five times as long as `train`. A run that was killed goes on where it was when it is started
+again; `--fold K` does one of them. Each network learns from the photos of the other folds but for a tenth of
+their groups, which chooses its temperature and threshold: nothing is chosen on the photos that measure it.
+Needs the `train` extra (torch, onnx).
+"""
+
+from __future__ import annotations
+
+import argparse
+import logging
+from collections.abc import Iterable
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from rodeo.vision.classification import WEIGHTS
+from rodeo.vision.classifier import Classifier, to_input
+from services.itrash.training import crossed, metrics, renderings
+from services.itrash.training.abstention import threshold
+from services.itrash.training.card import TRAINING, Training
+from services.itrash.training.compact import compact
+from services.itrash.training.crossed import Division
+from services.itrash.training.dataset import Sample
+from services.itrash.training.folds import FOLDS, SEED, divided, groups
+from services.itrash.training.network import ARCHITECTURE, Network, export
+from services.itrash.training.train import (
+    OUTPUTS,
+    Recipe,
+    best_temperature,
+    prepare,
+    train,
+    uncalibrated,
+    write_preprocessing,
+)
+
+log = logging.getLogger("itrash.cross_validate")
+
+RECIPES = {"shipped": Recipe()}
+"""By name, so that a figure can say which recipe it is of."""
+INNER = 10
+"""One in so many groups of the photos to learn from chooses temperature and threshold instead."""
+
+
+def main(data: Path, out: Path, recipe: Recipe, only: Iterable[int]) -> None:
+    """Train the folds that are not there yet, and say what all that are there answer."""
+    out.mkdir(parents=True, exist_ok=True)
+    photos = crossed.all_photos(data)
+    division = _division(photos, out)
+    for fold in only:
+        folder = crossed.folder_of(out, fold)
+        if crossed.is_there(out, fold):
+            log.info("fold %d is there", fold)
+        else:
+            one_fold(photos, division, fold, data, folder, recipe)
+    for line in crossed.table(crossed.measured(out, data)):
+        log.info("%s", line)
+
+
+def one_fold(
+    photos: list[Sample], division: Division, fold: int, data: Path, folder: Path, recipe: Recipe
+) -> None:
+    """Train, export and calibrate the network that has not seen `fold`. What is in the folder tells how far
+    an earlier run got; the recipe is written last."""
+    folder.mkdir(parents=True, exist_ok=True)
+    learnt, inner = split(photos, division, fold)
+    log.info("fold %d: %d photos to learn from, %d to calibrate on", fold, len(learnt), len(inner))
+    rendered = renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class)
+    network = train(learnt, rendered, recipe, folder)
+    export(network, folder / WEIGHTS, recipe.input_px)
+    calibrate(folder, data, inner, recipe)
+    training = Training(architecture=ARCHITECTURE, recipe=asdict(recipe))
+    (folder / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
+    for stage in folder.glob("*.pt"):
+        stage.unlink()
+
+
+def pack(data: Path, out: Path, into: Path) -> None:
+    """Write the networks of `out` with weights of 8 bits into `into`, each calibrated anew as it is there."""
+    into.mkdir(parents=True, exist_ok=True)
+    photos = crossed.all_photos(data)
+    division = _division(photos, out)
+    (into / crossed.DIVISION).write_text(division.model_dump_json() + "\n")
+    for fold in range(FOLDS):
+        source, folder = crossed.folder_of(out, fold), crossed.folder_of(into, fold)
+        if not crossed.is_there(out, fold):
+            continue
+        folder.mkdir(exist_ok=True)
+        training = (source / TRAINING).read_text()
+        recipe = Recipe(**Training.model_validate_json(training).recipe)
+        (folder / WEIGHTS).write_bytes(compact((source / WEIGHTS).read_bytes()))
+        calibrate(folder, data, split(photos, division, fold)[1], recipe)
+        (folder / TRAINING).write_text(training)
+    for line in crossed.table(crossed.measured(into, data)):
+        log.info("%s", line)
+
+
+def split(photos: list[Sample], division: Division, fold: int) -> tuple[list[Sample], list[Sample]]:
+    """The photos that the network of `fold` learns from, and those that choose its threshold."""
+    others = [photo for photo in photos if division.of(photo.name).fold != fold]
+    group = np.array([division.of(photo.name).group for photo in others])
+    part = divided([str(photo.label) for photo in others], group, INNER, SEED + 1 + fold)
+    learnt = [photo for photo, number in zip(others, part, strict=True) if number != 0]
+    return learnt, [photo for photo, number in zip(others, part, strict=True) if number == 0]
+
+
+def calibrate(folder: Path, data: Path, inner: list[Sample], recipe: Recipe) -> None:
+    """Write the temperature of the least log loss, and the threshold that risks a named share of items."""
+    preprocessing = uncalibrated(recipe)
+    write_preprocessing(folder, preprocessing)
+    found = metrics.answers_to_files(Classifier(folder), data, inner)
+    temperature = best_temperature(found)
+    below = threshold(found.confidence(temperature), recipe.known_rejected)
+    changed = {"temperature": temperature, "unknown_below": below}
+    write_preprocessing(folder, preprocessing.model_copy(update=changed))
+
+
+def _division(photos: list[Sample], out: Path) -> Division:
+    """As it lies in `out`, else made now."""
+    names = [photo.name for photo in photos]
+    if (found := crossed.division_in(out)) is not None:
+        found.check(names)
+        return found
+    group = groups(photos, seen_by_imagenet(photos))
+    fold = divided([str(photo.label) for photo in photos], group)
+    division = Division.of_arrays(names, fold, group)
+    (out / crossed.DIVISION).write_text(division.model_dump_json(indent=1) + "\n")
+    log.info("%d photos in %d groups", len(photos), len(np.unique(group)))
+    return division
+
+
+def seen_by_imagenet(photos: list[Sample]) -> np.ndarray:
+    """What the network finds in each photo before it learns anything of waste, (n, channels)."""
+    network, preprocessing = Network(OUTPUTS, 0.0).eval(), uncalibrated(Recipe())
+    with torch.inference_mode():
+        return np.concatenate([
+            network.features(torch.from_numpy(to_input(photo.image_bgr, preprocessing))).numpy()
+            for photo in photos
+        ])  # fmt: skip
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="Cross-validate a recipe for the bin's classifier.")
+    parser.add_argument("--data", type=Path, required=True, help="folder of train/<class>/ and val/<class>/")
+    parser.add_argument("--out", type=Path, required=True, help="where networks and checkpoints are kept")
+    parser.add_argument("--fold", type=int, choices=range(FOLDS), help="this one; all without it")
+    parser.add_argument("--recipe", choices=RECIPES, default="shipped")
+    parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="fewer steps, to try it out")
+    parser.add_argument("--pack", type=Path, metavar="FOLDER", help="train nothing: write small files there")
+    arguments = parser.parse_args()
+    logging.basicConfig(level=logging.INFO, format="%(message)s")
+    prepare()
+    chosen = RECIPES[arguments.recipe].shortened(arguments.shorten)
+    if arguments.pack is not None:
+        pack(arguments.data, arguments.out, arguments.pack)
+    else:
+        folds = range(FOLDS) if arguments.fold is None else [arguments.fold]
+        main(arguments.data, arguments.out, chosen, folds)

@@ -1,0 +1,135 @@
+"""Cross-validation: what a fold learns from, how it is resumed, and that it is exported and calibrated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="needs the train extra: pip install -e '.[train]'")
+
+from rodeo.vision.classification import MODEL_DIR, WEIGHTS, load_preprocessing  # noqa: E402
+from rodeo.vision.classifier import Classifier  # noqa: E402
+from rodeo_testing.recordings import RENDERINGS  # noqa: E402
+from services.itrash.training import cross_validate, crossed, renderings  # noqa: E402
+from services.itrash.training import train as training  # noqa: E402
+from services.itrash.training.compact import compact  # noqa: E402
+from services.itrash.training.crossed import Division  # noqa: E402
+from services.itrash.training.dataset import CLASSES, Sample  # noqa: E402
+
+TINY = replace(
+    training.Recipe(), stable_steps=2, cooldown_steps=1, finish_steps=2, batch=2, stable_px=64,
+    cooldown_px=64, input_px=64, known_rejected=0.2,
+)  # fmt: skip
+EACH = 12
+"""Photos of each class."""
+
+
+def picture(number: int, colour: int) -> np.ndarray:
+    rng = np.random.default_rng(number)
+    drawn = np.full((96, 128, 3), 210, np.uint8)
+    cv2.circle(drawn, (64, 48), 20 + number % 9, tuple(map(int, rng.integers(0, 200, 3))), -1)
+    drawn[:8] = colour * 30
+    return drawn
+
+
+def drawn(each: int = EACH) -> list[Sample]:
+    return [
+        Sample(picture(100 * colour + number, colour), label, f"train/{label}/{label}{number}.png")
+        for colour, label in enumerate(CLASSES)
+        for number in range(each)
+    ]
+
+
+@pytest.fixture
+def photos(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Sample]:
+    """In memory, in files, and as what is rendered."""
+    empty = [Sample(np.full((64, 64, 3), 90, np.uint8), None)]
+    monkeypatch.setattr(renderings, "render_samples", lambda _seed, _each: [*drawn(2), *empty])
+    for photo in drawn():
+        path = tmp_path / "data" / photo.name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), photo.image_bgr)
+    (tmp_path / "data" / "val").mkdir()
+    for label in CLASSES:
+        (tmp_path / "data" / "val" / label).mkdir()
+    return drawn()
+
+
+@pytest.fixture
+def division(photos: list[Sample]) -> Division:
+    fold = np.arange(len(photos)) % 5
+    return Division.of_arrays([photo.name for photo in photos], fold, np.arange(len(photos)))
+
+
+def test_a_fold_never_learns_from_its_own_photos_nor_calibrates_on_what_it_learnt(
+    photos: list[Sample], division: Division
+) -> None:
+    for fold in range(5):
+        learnt, inner = ({one.name for one in part} for part in cross_validate.split(photos, division, fold))
+        own = {photo.name for photo in photos if division.of(photo.name).fold == fold}
+        assert not own & learnt and not own & inner and not learnt & inner
+        assert len(own | learnt | inner) == len(photos)
+        assert inner
+
+
+def test_training_that_was_killed_goes_on_to_the_same_weights(
+    photos: list[Sample], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(training, "LOG_EVERY_STEPS", 1)
+    rendered = renderings.render_samples(0, 2)
+    whole = training.train(photos, rendered, TINY)
+    save, steps = training.Checkpoint.save, []
+
+    def killed(self: training.Checkpoint, step: int, *state: training.Draws) -> None:
+        save(self, step, *state)
+        steps.append(step)
+        if len(steps) in (2, 4):
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(training.Checkpoint, "save", killed)
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            training.train(photos, rendered, TINY, tmp_path)
+    resumed = training.train(photos, rendered, TINY, tmp_path)
+    assert steps == [1, 2, 3, 1, 2]
+    for name, value in whole.state_dict().items():
+        assert torch.equal(value, resumed.state_dict()[name]), name
+
+
+def test_a_fold_is_trained_once_and_measured_from_its_files(
+    photos: list[Sample], division: Division, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data, out = tmp_path / "data", tmp_path / "out"
+    out.mkdir()
+    (out / crossed.DIVISION).write_text(division.model_dump_json())
+    cross_validate.main(data, out, TINY, [3])
+    found = crossed.measured(out, data)
+    own = sum(place.fold == 3 for place in division.photos.values())
+    assert (found.folds, len(found.group)) == ((3,), own)
+    calibrated = load_preprocessing(out / "fold3")
+    assert calibrated.unknown_below > 0
+    assert not list((out / "fold3").glob("*.pt"))
+
+    def again(*_: object) -> None:
+        raise AssertionError("trained again")
+
+    monkeypatch.setattr(cross_validate, "train", again)
+    cross_validate.main(data, out, TINY, [3])
+    cross_validate.pack(data, out, tmp_path / "small")
+    assert crossed.measured(tmp_path / "small", data).folds == (3,)
+
+
+def test_weights_of_8_bits_take_half_the_room_and_answer_alike(tmp_path: Path) -> None:
+    weights = (MODEL_DIR / WEIGHTS).read_bytes()
+    small = compact(weights)
+    assert len(small) < 0.55 * len(weights)
+    (tmp_path / WEIGHTS).write_bytes(small)
+    (tmp_path / "preprocessing.json").write_text(load_preprocessing().model_dump_json())
+    picture = (RENDERINGS / "metal_1.jpg").read_bytes()
+    before, after = Classifier().classify(picture), Classifier(tmp_path).classify(picture)
+    assert after.best_class == before.best_class
+    assert all(abs(p - before.probabilities[name]) < 0.1 for name, p in after.probabilities.items())
