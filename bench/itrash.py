@@ -22,16 +22,19 @@ from rodeo.lab.render import RendererUnavailable
 from rodeo.vision.classification import MODEL_DIR, UNKNOWN, WEIGHTS
 from rodeo.vision.classifier import Classifier
 from rodeo.vision.images import decode_image
+from rodeo_testing.recordings import RENDERINGS
 from services.itrash.training import evaluation, metrics, renderings
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
+from services.itrash.training.looks import said_of
 from services.itrash.web import LIMITS, make_api
 
 TRASHNET = Path("../shared/data/trashnet")
-FRAME = Path("tests/unit/services/itrash/renderings/metal_1.jpg")
+FRAME = RENDERINGS / "metal_1.jpg"
 RENDERED_PER_CLASS = 50
 RENDERING_SEED = 1000
 """Neither the training's nor its held-out seed."""
 NOTHING = 150
+VIEWED_PER_CLASS = 20
 CORRUPTED_EVERY = 3
 REPEATS = 500
 PHOTO_PX = (512, 384)
@@ -63,6 +66,7 @@ def run() -> dict[str, float]:
         figures["itrash_render_accuracy"] = rendered.accuracy()
         known.append(rendered)
         nothing = [sample for sample in samples if sample.label is None]
+        figures["itrash_multi_view_gain"] = _multi_view_gain(classifier)
     nothing += evaluation.nothing_samples(RENDERING_SEED, NOTHING, photos)
     figures["itrash_unknown_recall"] = metrics.answers_to_samples(classifier, nothing).unknown_share()
     if known:
@@ -87,6 +91,19 @@ def _photo_figures(
     corrupted = evaluation.corrupted_accuracy(classifier, photos, every=CORRUPTED_EVERY)
     figures["itrash_corrupted_accuracy_val"] = float(np.mean(list(corrupted.values())))
     return answers
+
+
+def _multi_view_gain(classifier: Classifier) -> float:
+    """How much more of rendered items the bin names rightly when it may ask for two more angles."""
+    right = []
+    for views in renderings.render_views(RENDERING_SEED + 1, VIEWED_PER_CLASS):
+        encoded = [cv2.imencode(".png", view.image_bgr)[1].tobytes() for view in views]
+        said = said_of(classifier, encoded)
+        right.append([one.item_class == views[0].label for one in (said[0], said[-1])])
+    first, last = np.mean(right, axis=0)
+    print(f"itrash: {first:.4f} of {len(right)} rendered items are named rightly from one angle, {last:.4f} "
+          "from up to three")  # fmt: skip
+    return float(last - first)
 
 
 def _printed(photos: list[Sample]) -> np.ndarray:

@@ -18,13 +18,14 @@ from rodeo.errors import BusError, RemoteError
 from rodeo.ros2 import types
 from rodeo.stamps import set_stamp
 from rodeo.witness import Classification
+from rodeo.witness.statement import Look
 
 log = logging.getLogger(__name__)
 
 _RETRY_WALL_S = 1.0
 _ANSWER_WALL_S = 5.0
-_MOST = 20
-"""Of one recording: a robot shows its item a few times."""
+_MOST = 30
+"""Of one recording: a robot shows its item a few times, and each time a few pictures are taken."""
 _MAX_BYTES = 8 << 20
 """Of one picture, as the bin reads them."""
 
@@ -39,7 +40,8 @@ class PictureFetcher:
         self._bus = bus
         self._org = org
         self._write = write
-        self._wanted: deque[Classification] = deque()
+        self._wanted: deque[tuple[str, Look]] = deque()
+        """The bin's name and the picture."""
         self._asked: set[str] = set()
         self._changed = threading.Condition()
         self._closed = False
@@ -47,11 +49,13 @@ class PictureFetcher:
         self._thread.start()
 
     def want(self, classification: Classification) -> None:
+        """All pictures that were combined. The last one first: without it there is no classification."""
         with self._changed:
-            if classification.image_sha256 in self._asked or len(self._asked) >= _MOST:
-                return
-            self._asked.add(classification.image_sha256)
-            self._wanted.append(classification)
+            for look in reversed(classification.looks):
+                if look.image_sha256 in self._asked or len(self._asked) >= _MOST:
+                    continue
+                self._asked.add(look.image_sha256)
+                self._wanted.append((classification.device, look))
             self._changed.notify_all()
 
     def wait(self, timeout_s: float) -> bool:
@@ -71,11 +75,11 @@ class PictureFetcher:
                 self._changed.wait_for(lambda: self._wanted or self._closed)
                 if self._closed:
                     return
-                next_one = self._wanted[0]
-            picture = self._fetch(next_one.device, next_one.image_sha256)
+                bin_name, look = self._wanted[0]
+            picture = self._fetch(bin_name, look.image_sha256)
             if picture is not None:
-                time_ns = round(next_one.shown_s * 1e9)
-                self._write(next_one.device, _message(picture, time_ns), time_ns)
+                time_ns = round(look.taken_s * 1e9)
+                self._write(bin_name, _message(picture, time_ns), time_ns)
             with self._changed:
                 if picture is not None:
                     self._wanted.popleft()

@@ -10,6 +10,7 @@ stand in what the bin signs: who judges a picture later knows which network and 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from hashlib import sha256
@@ -24,6 +25,8 @@ MODEL_DIR = Path(__file__).parent / "model"
 WEIGHTS = "trash.onnx"
 PREPROCESSING = "preprocessing.json"
 
+_LEAST = 1e-4
+"""No picture rules anything out further than the probabilities that are signed can tell."""
 UNKNOWN = "unknown"
 """The label of a photo the model is not sure about. Never a class of the model."""
 
@@ -63,6 +66,8 @@ class Classification:
     """The network that was asked, and `thresholds_sha256`: of the bytes that it was loaded from. Empty where
     the answer is computed from logits alone."""
     thresholds_sha256: str = ""
+    unknown_below: float = 0.0
+    """The threshold that the label was decided by."""
 
     @property
     def told(self) -> dict[str, float]:
@@ -88,12 +93,44 @@ def verdict(logits: np.ndarray, preprocessing: Preprocessing) -> Classification:
     item = float(shares[:-1].sum())
     # Scaled again on their own: where no item is all but certain, `item` may vanish.
     classes = np.exp(scaled[:-1] - scaled[:-1].max())
-    found = Classification(
-        label=preprocessing.classes[int(classes.argmax())],
-        probabilities=dict(zip(preprocessing.classes, map(float, classes / classes.sum()), strict=True)),
-        item_probability=item,
+    return _decided(
+        Classification(
+            label=UNKNOWN,
+            probabilities=dict(zip(preprocessing.classes, map(float, classes / classes.sum()), strict=True)),
+            item_probability=item,
+            unknown_below=preprocessing.unknown_below,
+        )
     )
-    return found if found.confidence >= preprocessing.unknown_below else replace(found, label=UNKNOWN)
+
+
+def combined(looks: Sequence[Classification]) -> Classification:
+    """What several pictures of one thing say together, decided by the threshold of the last.
+
+    The log-probabilities are averaged, those of "none of them" included. Pictures of one thing err together,
+    so their sum would be surer than they are right.
+    """
+    if len(looks) == 1:
+        return looks[0]
+    names = list(looks[-1].probabilities)
+    shares = np.array([
+        [*(look.probabilities[name] * look.item_probability for name in names), 1 - look.item_probability]
+        for look in looks
+    ])  # fmt: skip
+    means = np.log(np.maximum(shares, _LEAST)).mean(axis=0)
+    joint = np.exp(means - means.max())
+    classes = joint[:-1]
+    return _decided(
+        replace(
+            looks[-1],
+            probabilities=dict(zip(names, map(float, classes / classes.sum()), strict=True)),
+            item_probability=float(classes.sum() / joint.sum()),
+        )
+    )
+
+
+def _decided(found: Classification) -> Classification:
+    sure = found.confidence >= found.unknown_below
+    return replace(found, label=found.best_class if sure else UNKNOWN)
 
 
 def load_preprocessing(model_dir: Path = MODEL_DIR) -> Preprocessing:

@@ -10,7 +10,7 @@ from __future__ import annotations
 from hashlib import sha256
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, model_validator
 
 from rodeo.evidence.attestation import Attestation, canonical_json
 from rodeo.evidence.errors import BadStatement
@@ -26,6 +26,8 @@ MAX_STALLS = 64
 """In one statement of motion capture; of a second or two there are a handful."""
 MAX_OCMF = 24_000
 """Characters of a record's text with `MAX_HEADS` heads."""
+MAX_LOOKS = 9
+"""Pictures that one classification combines."""
 MAX_CLAIMANTS = 8
 """Of one showing: more robots than can stand around a bin."""
 
@@ -112,6 +114,15 @@ class Claimant(_Model):
     attempt: int = Field(ge=1)
 
 
+class Look(_Model):
+    """A picture of the item, taken before the last one."""
+
+    image_sha256: Digest
+    """Hash of the picture as the camera encoded it."""
+    taken_s: float
+    """Site time of the picture."""
+
+
 class Classification(Header):
     """The item that the bin was shown."""
 
@@ -132,6 +143,25 @@ class Classification(Header):
     at the bin."""
     shown_s: float
     """Site time of the picture."""
+    earlier: tuple[Look, ...] = Field(default=(), max_length=MAX_LOOKS - 1)
+    """The other pictures that were combined with it, the oldest first. Each is another picture."""
+    another_angle: bool = False
+    """True if the bin is not sure and would like to see the item from another side."""
+
+    @model_validator(mode="after")
+    def _each_picture_counts_once(self) -> Classification:
+        hashes = [*(look.image_sha256 for look in self.earlier), self.image_sha256]
+        if len(set(hashes)) < len(hashes):
+            raise ValueError("a picture is named twice")
+        times_s = [*(look.taken_s for look in self.earlier), self.shown_s]
+        if times_s != sorted(times_s):
+            raise ValueError("the pictures are not in the order of their times")
+        return self
+
+    @property
+    def looks(self) -> tuple[Look, ...]:
+        """All pictures that were combined, the oldest first."""
+        return (*self.earlier, Look(image_sha256=self.image_sha256, taken_s=self.shown_s))
 
 
 class Drop(Header):

@@ -344,9 +344,9 @@ class WasteDisposal(Behaviour):
     def _present(self, held: Held, item: ItemConfig, station: Station, claimant: Claimant) -> Classification:
         """Hold the item where the camera looks until the bin says what it is, and that this robot shows it.
 
-        What the bin does not know is turned and shown again before its word counts, also that its
-        compartment is full; what it takes for somebody else's is shown again. Raises NoAnswer, and TaskFailed
-        when the compartment takes no more.
+        What the bin does not know, or wants to see from another angle, is turned and shown again before its
+        word counts, also that its compartment is full; what it takes for somebody else's is shown again.
+        Raises NoAnswer, and TaskFailed when the compartment takes no more.
         """
         turn_rad = 0.0
         after_s = 0.0
@@ -373,13 +373,13 @@ class WasteDisposal(Behaviour):
                     log.warning(
                         "the bin's statement does not name %s; showing the item again", claimant.device
                     )
-                elif said.item_class != UNKNOWN or attempt == _SHOWS:
+                elif attempt == _SHOWS or not (said.item_class == UNKNOWN or said.another_angle):
                     if said.full:
                         raise TaskFailed("the compartment is full", compartment=said.compartment)
                     return said
                 else:
                     turn_rad = _OTHER_VIEWS_RAD[attempt - 1]
-                    log.info("the bin does not recognize %s; showing another side", item.id)
+                    log.info("the bin is not sure what %s is; showing another side", item.id)
             self._body.carry()
             self._body.wait(_LOOK_AWAY_S)
         raise AssertionError("unreachable")

@@ -18,8 +18,8 @@ from enum import StrEnum
 from pydantic import BaseModel, ConfigDict, Field
 
 from rodeo.lab.config import BinConfig
-from rodeo.vision.classification import UNKNOWN, Classification
-from rodeo.witness.statement import MAX_CLAIMANTS, Claimant
+from rodeo.vision.classification import UNKNOWN, Classification, combined
+from rodeo.witness.statement import MAX_CLAIMANTS, MAX_LOOKS, Claimant, Look
 from services.itrash.load import LOAD_LIMITS, Cell, LoadCell, LoadLimits, Step
 
 
@@ -60,7 +60,11 @@ class BinLimits:
     another_gone_s: float = 60.0
     """What comes after the view was clear for so long is another item, whatever is still awaited."""
     looks: int = 3
-    """Photos taken of an item before it is called unknown."""
+    """Photos taken of an item from one angle while the bin is not sure."""
+    angles: int = 3
+    """From so many angles an item is looked at; after the last the bin asks for no other."""
+    sure_at: float = 0.7
+    """Below this confidence the bin takes further photos, and then asks for another angle."""
     retry_s: float = 1.0
     """Pause after a photo that could not be taken."""
     drop_timeout_s: float = 180.0
@@ -96,6 +100,9 @@ class ClassificationRecord(BaseModel):
     thresholds_sha256: str = ""
     claimants: tuple[Claimant, ...] = ()
     shown_s: float
+    earlier: tuple[Look, ...] = ()
+    """The other pictures that were combined."""
+    another_angle: bool = False
 
 
 class DropRecord(BaseModel):
@@ -171,6 +178,12 @@ class Memory(BaseModel):
     cells: dict[str, Cell] = {}
 
 
+@dataclass(frozen=True)
+class _Seen:
+    look: Look
+    answer: Classification
+
+
 class Bin:
     """The state machine. Not thread-safe: one thread feeds it."""
 
@@ -192,6 +205,13 @@ class Bin:
         """(time, distance) since something is present."""
         self._absent_since_s: float | None = None
         self._look = 0
+        """Photos taken from this angle."""
+        self._angle = 0
+        """Angles before this one."""
+        self._seen: list[_Seen] = []
+        """The pictures of the item that differ, from all angles."""
+        self._shown_by: tuple[Claimant, ...] = ()
+        """Who presented themselves before the last angle."""
         self._another = False
         """Whether what is looked at cannot be what the pending classification is about."""
         self._held_after: State | None = None
@@ -275,8 +295,8 @@ class Bin:
         elif present and (
             state is State.IDLE or (state is State.AWAITING_DROP and absent_s >= limits.again_gone_s)
         ):
-            self._see_item(time_s)
             self._another = absent_s >= limits.another_gone_s
+            self._see_item(time_s)
         if (
             self.memory.state is State.ITEM_SEEN
             and still
@@ -293,8 +313,11 @@ class Bin:
         if self.memory.state is not State.CLASSIFYING:
             return []
         self._look += 1
-        unknown = classification.label == UNKNOWN
-        if unknown and self._look < self._limits.looks:
+        self._combine(classification, Look(image_sha256=image_sha256, taken_s=time_s))
+        found = combined([one.answer for one in self._seen])
+        unknown = found.label == UNKNOWN
+        unsure = unknown or found.confidence < self._limits.sure_at
+        if unsure and self._look < self._limits.looks:
             self._retry_at_s = time_s + self._limits.still_s
             self._enter(State.ITEM_SEEN, time_s)
             return []
@@ -307,19 +330,23 @@ class Bin:
             # A worse view does not take back what a better one showed.
             self._enter(State.AWAITING_DROP, time_s)
             return []
-        compartment = self._config.compartment_for(classification.label, classification.told)
+        compartment = self._config.compartment_for(found.label, found.told)
         self.memory.classifications += 1
+        self._shown_by = self._claimants(time_s)
+        *earlier, last = (one.look for one in self._seen)
         record = ClassificationRecord(
             number=self.memory.classifications,
-            item_class=classification.label,
-            probabilities=classification.told,
+            item_class=found.label,
+            probabilities=found.told,
             compartment=compartment,
             full=self.fill[compartment] >= 1.0,
-            image_sha256=image_sha256,
-            model_sha256=classification.model_sha256,
-            thresholds_sha256=classification.thresholds_sha256,
-            claimants=self._claimants(time_s),
-            shown_s=time_s,
+            image_sha256=last.image_sha256,
+            model_sha256=found.model_sha256,
+            thresholds_sha256=found.thresholds_sha256,
+            claimants=self._shown_by,
+            shown_s=last.taken_s,
+            earlier=tuple(earlier),
+            another_angle=unsure and self._angle + 1 < self._limits.angles,
         )
         self.memory.pending = None if record.full else record
         self._enter(State.FULL if record.full else State.AWAITING_DROP, time_s)
@@ -450,8 +477,25 @@ class Bin:
         self.memory.state = state
         self.memory.since_s = time_s
 
+    def _combine(self, answer: Classification, look: Look) -> None:
+        """Take a picture to the others of the item. One that is there already, from a camera that hangs,
+        counts once, as seen last."""
+        others = [one for one in self._seen if one.look.image_sha256 != look.image_sha256]
+        # A camera's clock may step back; what is signed stands in the order of its times.
+        self._seen = sorted([*others, _Seen(look, answer)], key=lambda one: one.look.taken_s)[-MAX_LOOKS:]
+
+    def _goes_on(self, time_s: float) -> bool:
+        """Whether what is shown now is the other angle that was asked for, by the same robots."""
+        pending = self.memory.pending
+        asked = pending is not None and pending.another_angle and bool(self._seen) and not self._another
+        return asked and _addresses(self._claimants(time_s)) == _addresses(self._shown_by)
+
     def _see_item(self, time_s: float, held_after: State | None = None) -> None:
         self._look = 0
+        if self._goes_on(time_s):
+            self._angle += 1
+        else:
+            self._angle, self._seen = 0, []
         self._held_after = held_after
         self._retry_at_s = time_s
         self._enter(State.ITEM_SEEN, time_s)
@@ -465,3 +509,8 @@ class Bin:
             return False
         distances_m = [distance_m for _, distance_m in self._ranges]
         return max(distances_m) - min(distances_m) <= self._limits.still_m
+
+
+def _addresses(claimants: Collection[Claimant]) -> set[tuple[str, int, int]]:
+    """Who they are and for which attempt of which task."""
+    return {(one.address.lower(), one.task_id, one.attempt) for one in claimants}

@@ -57,7 +57,7 @@ _READING_S = 0.1
 """Site time between two looks while the bin is attentive: its sensors speak at 10 Hz (rodeo/topics.py)."""
 _SILENCE_S = 3.0
 """Wall time without a reading after which a sensor counts as missing."""
-_NOT_LOGGED = {"probabilities", "image_sha256", "model_sha256", "thresholds_sha256"}
+_NOT_LOGGED = {"probabilities", "image_sha256", "earlier", "model_sha256", "thresholds_sha256"}
 
 
 class Itrash:

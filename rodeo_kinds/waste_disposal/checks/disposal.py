@@ -102,6 +102,13 @@ def classified(case: Case) -> Finding:
     """The item was shown to the bin between grasp and release."""
     statement = _classification(case)
     phases, release_s = replay_of(case).phases, replay_of(case).release_s
+    if any(look.taken_s < phases.closing_s for look in statement.earlier):
+        # The executor did not choose what the bin combined.
+        return undecided(
+            "it combined pictures that it took before the grasp: they show something else",
+            f"the bin {case.bin.name}",
+            source="statement of the bin",
+        )
     return Finding(
         passed=phases.closing_s <= statement.shown_s <= release_s,
         measured=statement.shown_s - phases.closing_s,

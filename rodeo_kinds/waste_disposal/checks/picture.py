@@ -5,7 +5,7 @@ that is deployed here says of it is shown to judges, and decides nothing: the bi
 class.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from functools import cache
 from hashlib import sha256
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ from rodeo.checks.report import Finding, at_most, undecided
 from rodeo.evidence import Proof
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
-from rodeo.vision.classification import UnlistedModel, model_sha256, thresholds_sha256
+from rodeo.vision.classification import UnlistedModel, combined, model_sha256, thresholds_sha256
 from rodeo.vision.images import ImageError
 from rodeo.witness.statement import Classification
 
@@ -26,11 +26,13 @@ if TYPE_CHECKING:
 MAX_PICTURES = 1000
 """In one proof: far more than a bin takes while a robot works."""
 
+_ROUNDING = 0.02
+"""Between two machines' probabilities of the same pictures."""
 _SOURCE = "the picture in the proof, and the bin's signed statement"
 
 
 def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[str]) -> Finding:
-    """The picture whose hash the bin signed is in the proof; and what the network says of it.
+    """All pictures whose hashes the bin signed are in the proof; and what the network says of them together.
 
     Undecided where the bin asked a network that is not `listed`: its word does not count, and the executor
     did not choose it; also where the network's file here is not the one in the rules any more. Raises
@@ -40,9 +42,9 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
     count = proof.count(topic)
     if count > MAX_PICTURES:
         return at_most(count, MAX_PICTURES, "", source="limit of pictures in a proof", detail="pictures")
-    picture = _picture(proof, topic, said.image_sha256)
+    pictures = _pictures(proof, topic, [look.image_sha256 for look in said.looks])
     try:
-        found = network().classify(picture)
+        found = combined([network().classify(picture) for picture in pictures])
     except ImageError as error:
         return Finding(passed=False, source=_SOURCE, detail=f"the bin signed no picture: {error.message}")
     except UnlistedModel as error:
@@ -60,22 +62,30 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
         told = f"it used other thresholds; with this oracle's thresholds the answer is {answer}"
     else:
         told = f"the same network says {answer}"
+        if _differs(found.told, said.probabilities):
+            told += ", with other probabilities than the bin signed"
+    of_several = f" of {len(pictures)} pictures" if len(pictures) > 1 else ""
     sure = max(said.probabilities.values(), default=0.0)
     return Finding(
         passed=True,
         measured=found.label,
         source=_SOURCE,
-        detail=f"the bin said {said.item_class} ({sure:.2f}); {told}; for information only",
+        detail=f"the bin said {said.item_class} ({sure:.2f}){of_several}; {told}; for information only",
     )
 
 
-def _picture(proof: Proof, topic: str, image_sha256: str) -> bytes:
-    """The encoded picture of this hash. Raises CaseError."""
+def _differs(own: dict[str, float], signed: dict[str, float]) -> bool:
+    return any(abs(own.get(name, 0.0) - signed.get(name, 0.0)) > _ROUNDING for name in {*own, *signed})
+
+
+def _pictures(proof: Proof, topic: str, hashes: Sequence[str]) -> list[bytes]:
+    """The encoded pictures of these hashes, in their order. Raises CaseError."""
     column = proof.topics.get(topic)
     if column is None:
         raise CaseError("the picture that the bin classified is not in the recording", topic=topic)
     if column.ros_type != topics.BIN_IMAGE.type:
         raise CaseError("the picture's topic has another type", topic=topic, found=column.ros_type[:200])
+    found: dict[str, bytes] = {}
     for index, message in enumerate(column.data):
         try:
             picture = types.deserialize(message, column.ros_type).data.tobytes()
@@ -83,13 +93,17 @@ def _picture(proof: Proof, topic: str, image_sha256: str) -> bytes:
             raise CaseError(
                 "a message on the picture's topic is not an image", topic=topic, index=index
             ) from error
-        if "0x" + sha256(picture).hexdigest() == image_sha256:
-            return picture
-    raise CaseError(
-        "no picture in the recording has the hash that the bin signed",
-        image_sha256=image_sha256,
-        pictures=len(column),
-    )
+        name = "0x" + sha256(picture).hexdigest()
+        if name in hashes:
+            found[name] = picture
+    for name in hashes:
+        if name not in found:
+            raise CaseError(
+                "no picture in the recording has the hash that the bin signed",
+                image_sha256=name,
+                pictures=len(column),
+            )
+    return [found[name] for name in hashes]
 
 
 @cache

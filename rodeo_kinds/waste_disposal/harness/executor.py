@@ -1102,6 +1102,21 @@ def the_hash_of_an_empty_picture(shop: CleaningWorkshop) -> Submission:
     return shop.submitted(told(empty, "bin/classification", image_sha256="0x" + sha256(b"").hexdigest()))
 
 
+@HARNESS.forgery("pictured", "no picture in the recording", role="holder of two keys")
+def a_picture_that_nobody_has(shop: CleaningWorkshop) -> Submission:
+    """The bin of somebody who holds its key claims to have combined a further picture."""
+    shown_s = shop.take.of("bin/classification")[0].message["shown_s"]
+    more = {"image_sha256": "0x" + sha256(b"a clearer one").hexdigest(), "taken_s": shown_s - 0.5}
+    return shop.submitted(told(shop.take, "bin/classification", earlier=[more]))
+
+
+@HARNESS.forgery("classified", "before the grasp", role="holder of two keys")
+def a_picture_of_another_task(shop: CleaningWorkshop) -> Submission:
+    """The bin of somebody who holds its key combined a picture of the item before this one."""
+    more = {"image_sha256": "0x" + sha256(b"the last item").hexdigest(), "taken_s": shop.take.start_s}
+    return shop.submitted(told(shop.take, "bin/classification", earlier=[more]))
+
+
 @HARNESS.forgery("pictured", "the rules do not list", role="holder of two keys")
 def the_word_of_its_own_network(shop: CleaningWorkshop) -> Submission:
     """The bin of somebody who holds its key asked a network that says what its owner likes."""

@@ -41,6 +41,9 @@ BY_HAND_SHARE = 0.25
 AS_SHOWN_SHARE = 0.5
 """Of the frames with the gripper: it points straight down with its fingers left and right, as robots show."""
 
+OTHER_VIEWS_RAD = (0.6, -0.6)
+"""How far an item is turned for another angle, as robots turn it."""
+
 _IK_STEPS, _IK_DAMPING, _IK_TOLERANCE_M = 80, 1e-3, 0.02
 
 
@@ -96,6 +99,12 @@ def render_samples(seed: int, per_class: int) -> list[Sample]:
     return list(studio.samples(per_class))
 
 
+def render_views(seed: int, per_class: int) -> list[list[Sample]]:
+    """`per_class` items of each class, each as it is shown first and turned as robots turn it; all else
+    stays. The same for the same seed and driver."""
+    return list(_Studio(seed).views(per_class))
+
+
 class _Studio:
     def __init__(self, seed: int) -> None:
         self._rng = np.random.default_rng(seed)
@@ -124,6 +133,36 @@ class _Studio:
                 yield Sample(self._frame(camera, None), None)
         finally:
             camera.close()
+
+    def views(self, per_class: int) -> Iterator[list[Sample]]:
+        by_class = {c: [item for item in self._site.items if item.item_class == c] for c in ItemClass}
+        camera = Camera(self._model, f"{self._site.bins[0].name}/camera")
+        try:
+            for item_class, items in by_class.items():
+                for number in range(per_class):
+                    item = items[number % len(items)]
+                    first = Sample(self._frame(camera, item), item_class.value)
+                    pose = self._data.joint(item.id).qpos.copy()
+                    turned = [
+                        Sample(self._turned(camera, item, pose, turn_rad), item_class.value)
+                        for turn_rad in OTHER_VIEWS_RAD
+                    ]
+                    yield [first, *turned]
+        finally:
+            camera.close()
+
+    def _turned(self, camera: Camera, item: ItemConfig, pose: np.ndarray, turn_rad: float) -> np.ndarray:
+        """The last frame with the item turned by so much about the vertical, and the gripper with it."""
+        turn = Rotation.from_rotvec([0.0, 0.0, turn_rad])
+        wrist = self._arm[-1].qposadr[0]
+        before_rad = self._data.qpos[wrist]
+        self._data.qpos[wrist] = before_rad + turn_rad
+        start = Rotation.from_quat(pose[3:], scalar_first=True)
+        self._set_pose(item.id, pose[:3], turn * start)
+        mujoco.mj_forward(self._model, self._data)
+        seen = decode_image(encode(camera.image(self._data), quality=int(self._rng.integers(75, 96))))
+        self._data.qpos[wrist] = before_rad
+        return seen
 
     def _frame(self, camera: Camera, item: ItemConfig | None) -> np.ndarray:
         self._scatter()

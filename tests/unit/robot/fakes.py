@@ -301,8 +301,9 @@ class Notes:
 
 class AnsweringBin:
     """A bin that classifies at once. `silent`: number of times it says nothing; `unsure`: that it knows
-    nothing; `mistaken`: that it takes the robot for another; `full`: the compartments that take no more;
-    `thefts`: number of drops after which something is taken out."""
+    nothing; `wondering`: that it asks for another angle; `mistaken`: that it takes the robot for another;
+    `full`: the compartments that take no more; `thefts`: number of drops after which something is taken out.
+    """
 
     def __init__(self, clock: ManualClock, compartment: str, interrupts: Interrupts) -> None:
         self._interrupts = interrupts
@@ -311,6 +312,7 @@ class AnsweringBin:
         self._number = 0
         self.silent = 0
         self.unsure = 0
+        self.wondering = 0
         self.mistaken = 0
         self.thefts = 0
         self.full: set[str] = set()
@@ -345,6 +347,7 @@ class AnsweringBin:
             self.shown += 1
             if self.shown <= self.unsure:
                 more |= {"class": "unknown", "compartment": "grey"}
+            more["another_angle"] = self.shown <= self.wondering
             more["full"] = more["compartment"] in self.full
             named = CLAIMANT.model_copy(update={"task_id": 99}) if self.mistaken else CLAIMANT
             more |= {"claimants": [named.model_dump()], "shown_s": now_s}

@@ -322,6 +322,29 @@ def test_nonsense_is_left_out_and_told_of_at_the_end(lab: Lab, session: Session)
     assert nonsense not in session.proof.attestations()
 
 
+def test_all_pictures_that_the_bin_combined_are_in_the_recording(lab: Lab, session: Session) -> None:
+    pictures = [b"\xff\xd8 the first", b"\xff\xd8 from another side"]
+    by_hash = {"0x" + sha256(picture).hexdigest(): picture for picture in pictures}
+    first, last = by_hash
+    lab.bus.serve(
+        topics.BIN_PICTURE.name(org=SITE.org, bin="itrash"),
+        lambda asked: {"data_base64": base64.b64encode(by_hash[asked.parameters["sha256"]]).decode()},
+    )
+    session.begin()
+    now_s = lab.clock.now_s()
+    more = {
+        "image_sha256": last, "claimants": [session.recording.claimant.model_dump()], "shown_s": now_s,
+        "earlier": [{"image_sha256": first, "taken_s": now_s - 1}],
+    }  # fmt: skip
+    fields = payload_of(Classification, 1, BIN, **more)
+    own = {key: fields[key] for key in fields if key not in Header.model_fields and key != "type"}
+    lab.tell(lab.itrash.sign(Classification, now_s, **own), "itrash")
+    lab.move()
+    session.end()
+    kept = session.proof.topics["/" + topics.BIN_IMAGE.name(bin="itrash")].data
+    assert [types.deserialize(one, topics.BIN_IMAGE.type).data.tobytes() for one in kept] == pictures[::-1]
+
+
 def test_the_picture_that_the_bin_classified_is_in_the_recording(lab: Lab, session: Session) -> None:
     picture = b"\xff\xd8 what the camera encoded"
     name = "0x" + sha256(picture).hexdigest()

@@ -18,6 +18,7 @@ from rodeo.vision.classification import (
     WEIGHTS,
     Preprocessing,
     UnlistedModel,
+    combined,
     load_preprocessing,
     model_sha256,
     thresholds_sha256,
@@ -137,3 +138,19 @@ def test_a_large_photo_is_seen_as_training_saw_it(classifier: Classifier) -> Non
     large = cv2.resize(decode_image(RENDERINGS[0].read_bytes()), (1024, 768), interpolation=cv2.INTER_CUBIC)
     assert np.array_equal(classifier.logits(large), classifier.logits(shrink(large)))
     assert shrink(large).shape == (256, 341, 3)
+
+
+def test_pictures_of_one_thing_are_combined_by_the_mean_of_their_log_probabilities() -> None:
+    sure, unsure = (verdict(np.array(logits), SMALL) for logits in ([6.0, 0.0, -8.0], [0.0, 1.0, -8.0]))
+    both = combined([unsure, sure])
+    assert both == combined([sure, unsure])
+    assert both.label == "a"
+    assert both.probabilities["a"] == pytest.approx(1 / (1 + np.exp(-1.25)))
+    assert combined([sure]) is sure
+    again = combined([sure, sure])
+    assert again.probabilities == pytest.approx(sure.probabilities)  # no surer of the same
+
+
+def test_pictures_of_nothing_make_nothing_together() -> None:
+    nothing, item = (verdict(np.array(logits), SMALL) for logits in ([0.0, 0.0, 6.0], [2.0, 0.0, 0.0]))
+    assert combined([nothing, nothing, item]).label == UNKNOWN

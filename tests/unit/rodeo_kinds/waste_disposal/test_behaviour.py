@@ -173,6 +173,13 @@ def test_a_bin_that_says_nothing_is_shown_the_item_again(scene: Scene) -> None:
     assert scene.body.dropped_in == "yellow"
 
 
+@pytest.mark.parametrize(("wondering", "shown"), [(0, 1), (1, 2), (9, 3)])
+def test_the_bin_is_shown_the_other_angles_that_it_asks_for(scene: Scene, wondering: int, shown: int) -> None:
+    scene.bin.wondering = wondering
+    scene.dispose()
+    assert (scene.bin.shown, scene.body.dropped_in) == (shown, "yellow")
+
+
 @pytest.mark.parametrize(
     ("unsure", "shown", "compartment"), [(1, 2, "yellow"), (2, 3, "yellow"), (9, 3, "grey")]
 )

@@ -859,6 +859,15 @@ def test_a_classification_from_before_the_grasp_is_refused(cleaning: Take, judge
     assert failed(judge(take, cleaning_chain_record(take))) == "classified"
 
 
+def test_pictures_from_before_the_grasp_leave_the_work_to_auditors_at_the_bins_fault(
+    site: Site, cleaning: Take, judge: Judge
+) -> None:
+    more = {"image_sha256": "0x" + "77" * 32, "taken_s": cleaning.start_s}
+    take = told(cleaning, "bin/classification", earlier=[more])
+    report = judge(take, cleaning_chain_record(take))
+    assert (report.outcome, report.fault) == ("undecided", f"the bin {site.bins[0].name}")
+
+
 def test_a_truncated_file_is_a_report_not_a_crash(
     cleaning: Take, judge: Judge, tmp_path: Any, site: Site
 ) -> None:

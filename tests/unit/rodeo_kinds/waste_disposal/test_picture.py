@@ -6,9 +6,11 @@ import subprocess
 import sys
 from hashlib import sha256
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from rodeo import topics
 from rodeo.checks.case import CaseError
@@ -31,7 +33,7 @@ def digest(picture: bytes) -> str:
     return "0x" + sha256(picture).hexdigest()
 
 
-def said(image_sha256: str, label: str = "metal", **changed: str) -> Classification:
+def said(image_sha256: str, label: str = "metal", **changed: Any) -> Classification:
     address = "0x" + "11" * 20
     fields = {
         "chain_id": 1, "task_manager": address, "organization": address, "device": "itrash", "seq": 1,
@@ -146,3 +148,41 @@ def test_a_malformed_message_on_the_pictures_topic_is_a_finding(tmp_path: Path) 
     recorder.write_ros(TOPIC, topics.BIN_IMAGE.type, b"\0\1\0\0", NOW_NS, NOW_NS)
     with pytest.raises(CaseError):
         shown(open_proof(recorder.close().path), "itrash", said(digest(CAN)))
+
+
+def look(picture: bytes, taken_s: float = 0.5) -> dict[str, Any]:
+    return {"image_sha256": digest(picture), "taken_s": taken_s}
+
+
+def test_all_pictures_that_were_combined_must_be_in_the_proof(tmp_path: Path) -> None:
+    both = said(digest(CAN), earlier=[look(PAPER)])
+    found = shown(proof(tmp_path, PAPER, CAN), "itrash", both)
+    assert found.passed and "of 2 pictures; the same network says" in found.detail
+    (tmp_path / "other").mkdir()
+    with pytest.raises(CaseError) as refused:
+        shown(proof(tmp_path / "other", CAN), "itrash", both)
+    assert refused.value.details["image_sha256"] == digest(PAPER)
+
+
+def test_judges_see_that_the_named_pictures_do_not_make_the_signed_probabilities(tmp_path: Path) -> None:
+    file = proof(tmp_path, PAPER, CAN)
+    honest = picture.network().classify(CAN).told
+    assert "other probabilities" not in shown(file, "itrash", said(digest(CAN), probabilities=honest)).detail
+    padded = said(digest(CAN), probabilities=honest, earlier=[look(PAPER)])
+    assert "with other probabilities than the bin signed" in shown(file, "itrash", padded).detail
+
+
+@pytest.mark.parametrize(
+    ("earlier", "problem"),
+    [
+        ([look(CAN)], "named twice"),
+        ([look(PAPER), look(PAPER)], "named twice"),
+        ([look(PAPER, 1.5)], "order of their times"),
+        ([look(bytes([n])) for n in range(9)], "at most 8"),
+    ],
+)
+def test_a_statement_names_each_picture_once_in_their_order(
+    earlier: list[dict[str, Any]], problem: str
+) -> None:
+    with pytest.raises(ValidationError, match=problem):
+        said(digest(CAN), earlier=earlier)

@@ -31,6 +31,14 @@ def verdict(label: str) -> Classification:
     return Classification(label, {"plastic": 0.9, "paper": 0.1})
 
 
+def seen(plastic: float, item: float = 1.0) -> Classification:
+    """What the network makes of a picture that is plastic with this probability, if it shows an item."""
+    probabilities = {"plastic": plastic, "paper": 1 - plastic}
+    best = max(probabilities, key=probabilities.__getitem__)
+    sure = probabilities[best] * item >= 0.5
+    return Classification(best if sure else UNKNOWN, probabilities, item, unknown_below=0.5)
+
+
 class Bench:
     """A bin on a bench: sensors at 10 Hz, a camera that answers at once."""
 
@@ -827,3 +835,96 @@ def test_a_container_that_is_put_back_removes_nothing() -> None:
     bench.drop("yellow", 5.0)
     bench.run(3.0)
     assert sum(isinstance(record, RemovalRecord) for record in bench.attested) == 1
+
+
+class Looks(Bench):
+    """A bin whose network says what is in `answers`, each of another picture unless its hash is given."""
+
+    def __init__(self, *answers: Classification, hashes: tuple[str, ...] = ()) -> None:
+        super().__init__()
+        self.answers = list(answers)
+        self.hashes = hashes or tuple(f"0x{number:064x}" for number in range(20))
+        self.run(2.0)
+
+    def _do(self, actions: list[Action]) -> None:
+        for action in actions:
+            if isinstance(action, Attest):
+                self.attested.append(action.record)
+                continue
+            sha256 = self.hashes[self.photos]
+            answer = self.answers[min(self.photos, len(self.answers) - 1)]
+            self.photos += 1
+            self._do(self.bin.photo(answer, sha256, self.time_s))
+
+    def show(self) -> ClassificationRecord:
+        """Show an item from some angle for as long as it takes, then draw back; what was said last."""
+        self.run(5.0, SHOWN_M)
+        self.run(2.0)
+        said = self.attested[-1]
+        assert isinstance(said, ClassificationRecord)
+        return said
+
+
+def test_a_sure_answer_takes_one_picture() -> None:
+    bench = Looks(seen(0.95))
+    said = bench.show()
+    assert (bench.photos, said.item_class, said.earlier, said.another_angle) == (1, "plastic", (), False)
+
+
+def test_unsure_pictures_are_combined_as_they_come_and_all_are_named() -> None:
+    bench = Looks(seen(0.4), seen(0.7), seen(0.95))
+    said = bench.show()
+    assert (bench.photos, said.item_class) == (3, "plastic")
+    assert [look.image_sha256 for look in said.earlier] == [*bench.hashes[:2]]
+    assert said.image_sha256 == bench.hashes[2]
+    # The geometric means of 0.4, 0.7, 0.95 and of 0.6, 0.3, 0.05, scaled to one.
+    assert said.probabilities["plastic"] == pytest.approx(0.7556, abs=1e-4)
+    assert not said.another_angle
+
+
+def test_a_picture_that_comes_again_counts_once() -> None:
+    bench = Looks(seen(0.6), hashes=(SHA,) * 9)
+    said = bench.show()
+    assert (bench.photos, said.earlier, said.image_sha256) == (3, (), SHA)
+    assert said.probabilities["plastic"] == 0.6
+
+
+def test_what_stays_unsure_is_asked_for_from_another_angle_up_to_a_named_number() -> None:
+    bench = Looks(seen(0.55))
+    asked = [bench.show() for _ in range(4)]
+    assert [one.another_angle for one in asked[:3]] == [True, True, False]
+    assert [len(one.earlier) for one in asked] == [2, 5, 8, 2]  # the fourth is looked at afresh
+
+
+def test_another_angle_is_combined_with_the_first() -> None:
+    bench = Looks(*[seen(0.45)] * 3, seen(0.99))
+    first, second = bench.show(), bench.show()
+    assert (first.item_class, first.another_angle) == ("paper", True)
+    assert (second.item_class, len(second.earlier)) == ("plastic", 3)
+
+
+def test_what_another_robot_shows_is_not_combined_with_what_was_shown_before() -> None:
+    bench = Looks(seen(0.55))
+    other = Claimant(device="b", address="0x" + "22" * 20, recording="0x" + "33" * 32, task_id=9, attempt=1)
+    bench.show()
+    bench.bin.presented(other, bench.time_s)
+    assert [look.taken_s > bench.time_s - 8 for look in bench.show().earlier] == [True, True]
+
+
+def test_what_is_shown_after_a_drop_is_not_combined_with_what_fell() -> None:
+    bench = Looks(seen(0.55))
+    said = bench.show()
+    bench.drop(said.compartment)
+    bench.run(5.0)
+    assert len(bench.show().earlier) == 2
+
+
+def test_pictures_are_named_in_the_order_of_their_times_although_the_cameras_clock_steps_back() -> None:
+    bin_ = Bench().bin
+    for offset_s in (0.0, 5.0, 3.0):
+        bin_.memory.state = State.CLASSIFYING
+        told = bin_.photo(seen(0.55), f"0x{int(offset_s):064x}", 1000.0 + offset_s)
+    (action,) = told
+    assert isinstance(action, Attest) and isinstance(action.record, ClassificationRecord)
+    assert [look.taken_s for look in action.record.earlier] == [1000.0, 1003.0]
+    assert action.record.shown_s == 1005.0
