@@ -7,6 +7,7 @@ an even size; the export puts those pads into the ONNX convolutions. Needs the `
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
@@ -53,10 +54,16 @@ class Network(nn.Module):
         self.frozen = nn.ModuleList([self.body._conv_stem, self.body._bn0, *first])
         self.frozen.requires_grad_(False)
         self._drop_connect = drop_connect
+        self.fixed_statistics = False
+        """Whether batch norms keep their statistics while it learns: those of exported weights are gone."""
 
     def train(self, mode: bool = True) -> Network:
         super().train(mode)
         self.frozen.eval()  # frozen statistics too
+        if self.fixed_statistics:
+            for layer in self.modules():
+                if isinstance(layer, nn.BatchNorm2d):
+                    layer.eval()
         return self
 
     def towards_pretrained(self, share: float) -> None:
@@ -109,6 +116,47 @@ class Network(nn.Module):
 
     def _pool(self, index: int, _layer: nn.Module, inputs: tuple[torch.Tensor]) -> None:
         self._pooled[index] = inputs[0].mean((2, 3))
+
+
+@torch.no_grad()
+def exported(path: Path, drop_connect: float = 0.0) -> Network:
+    """The network of a file that `export` wrote, its weights of 16 or of 8 bits: what answers alike, and can
+    learn on. Its batch norms do nothing yet."""
+    stored = {one.name: numpy_helper.to_array(one) for one in onnx.load(path).graph.initializer}
+
+    def values(name: str) -> torch.Tensor:
+        if f"{name}_i8" in stored:
+            scale = stored[f"{name}_scale"]
+            integers = stored[f"{name}_i8"]
+            weights = integers * scale.reshape(-1, *[1] * (integers.ndim - 1))
+        else:
+            weights = stored[f"{name}_fp16"] if f"{name}_fp16" in stored else stored[name]
+        return torch.from_numpy(weights.astype(np.float32))
+
+    def conv(name: str, layer: nn.Module, norm: nn.BatchNorm2d, taken: int = 1, given: int = 1) -> None:
+        layer.weight.copy_(values(f"{name}_w") * given / taken)
+        norm.bias.copy_(values(f"{name}_b") * given)
+        norm.running_mean.zero_()
+        norm.running_var.fill_(1.0)
+        norm.weight.fill_(math.sqrt(1 + norm.eps))
+
+    head = values("fc_w") / 6
+    network = Network(len(head), drop_connect)
+    body = network.body
+    conv("stem_conv", body._conv_stem, body._bn0, given=6)
+    for index, block in enumerate(body._blocks):
+        name = f"block{index}"
+        if hasattr(block, "_expand_conv"):
+            conv(f"{name}_expand_conv", block._expand_conv, block._bn0, given=6)
+        conv(f"{name}_depthwise_conv", block._depthwise_conv, block._bn1, taken=6, given=6)
+        conv(f"{name}_project", block._project_conv, block._bn2, taken=6)
+    conv("head_conv", body._conv_head, body._bn1, given=6)
+    network.pooled_blocks = KEPT_POOLS
+    body._fc = nn.Linear(head.shape[1], len(head))
+    body._fc.weight.copy_(head)
+    body._fc.bias.copy_(values("fc_b"))
+    network.fixed_statistics = True
+    return network
 
 
 def export(network: Network, path: Path, input_px: int) -> None:

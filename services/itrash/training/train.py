@@ -306,7 +306,7 @@ def train(
     often = Draws(photos, rendered, recipe, recipe.seed, CHANCES)
     network = Network(OUTPUTS, recipe.drop_connect)
     kept = _checkpoint(checkpoints, "beginning")
-    network = _last(fit(network, often, beginning(recipe), recipe, recipe.ema_decay, kept))
+    network = last(fit(network, often, beginning(recipe), recipe, recipe.ema_decay, kept))
     return finished(network, photos, rendered, recipe, checkpoints)
 
 
@@ -321,7 +321,7 @@ def finished(
     torch.manual_seed(recipe.seed + 1)  # these steps can be repeated alone
     seldom = Draws(photos, rendered, recipe, recipe.seed + 1, SELDOM)
     kept = _checkpoint(checkpoints, "finish")
-    network = _last(fit(network, seldom, finish(recipe), recipe, recipe.finish_ema_decay, kept))
+    network = last(fit(network, seldom, finish(recipe), recipe, recipe.finish_ema_decay, kept))
     return settled(network, photos, rendered, recipe)
 
 
@@ -338,7 +338,7 @@ def settled(network: Network, photos: list[Sample], rendered: list[Sample], reci
     return network
 
 
-def _last(progress: Iterator[tuple[int, float, Network]]) -> Network:
+def last(progress: Iterator[tuple[int, float, Network]]) -> Network:
     """The network of the last step; each is logged."""
     trained: list[Network] = []
     for step, loss, network in progress:

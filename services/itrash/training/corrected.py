@@ -1,0 +1,240 @@
+"""Learns from what people said that items really were.
+
+    python -m services.itrash.train --data ../shared/data/trashnet --add-corrections SITE --out FOLDER
+
+Fine-tunes the installed weights with the corrections that the bins of a site keep, and writes another model,
+which no bin uses yet: its word counts once the organization lists its hash in the kind's rules. Each
+signature is verified again; whose they are is shown, because a file does not tell who was an auditor.
+
+The same fine-tuning is done to each cross-validated network. Where these name fewer of the photos of their
+own folds rightly than before, no model is written.
+
+    RodeoError
+    ├── NoCorrections         there is nothing to learn from
+    ├── NotCrossValidated     a network is missing whose photos would tell whether it gets worse
+    └── WorseThanBefore       it does
+"""
+
+from __future__ import annotations
+
+import logging
+from collections import Counter, defaultdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from hashlib import sha256
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from rodeo.config import Site, bin_process
+from rodeo.errors import RodeoError
+from rodeo.evidence.attestation import verify_attestation
+from rodeo.evidence.errors import BadAttestation
+from rodeo.vision.classification import MODEL_DIR, UNKNOWN, WEIGHTS, digest, load_preprocessing
+from rodeo.vision.classifier import Classifier, shrink
+from rodeo.vision.images import ImageError, decode_image
+from rodeo.witness.correction import Correction
+from services.itrash.corrections import Kept
+from services.itrash.training import crossed
+from services.itrash.training.abstention import threshold
+from services.itrash.training.augment import SELDOM
+from services.itrash.training.card import TRAINING, Training
+from services.itrash.training.crossed import Crossed
+from services.itrash.training.dataset import CLASSES, Sample
+from services.itrash.training.folds import FOLDS
+from services.itrash.training.network import ARCHITECTURE, Network, export, exported
+from services.itrash.training.train import (
+    Draws,
+    Recipe,
+    best_temperature,
+    finish,
+    fit,
+    last,
+    write_preprocessing,
+)
+
+log = logging.getLogger("itrash.corrected")
+
+CORRECTED_SHARE = 0.1
+"""Of the pictures to learn from; a correction is repeated as often as that takes."""
+
+GENTLE = replace(Recipe(), finish_rate=5e-5)
+"""A low rate: what the network knows is worth more than a few pictures."""
+
+
+class NoCorrections(RodeoError):
+    """No bin of the site keeps a correction that is sound."""
+
+
+class NotCrossValidated(RodeoError):
+    """Not all cross-validated networks are there."""
+
+
+class WorseThanBefore(RodeoError):
+    """The corrections cost more right answers than they are worth."""
+
+
+@dataclass(frozen=True)
+class Corrected:
+    """A picture and what people say that it shows."""
+
+    picture: bytes
+    label: str | None
+    """None where it was no item."""
+    name: str
+    people: tuple[str, ...]
+    """Addresses of those who signed."""
+
+    @property
+    def sample(self) -> Sample:
+        return Sample(shrink(decode_image(self.picture)), self.label, self.name)
+
+
+def gather(site: Site) -> tuple[list[Corrected], list[str]]:
+    """The sound corrections of all bins of the site, and why others are left out."""
+    found: dict[str, list[tuple[str, str, bytes]]] = defaultdict(list)
+    left_out: list[str] = []
+    for config in site.bins:
+        folder = site.data_dir / bin_process(site, config.name) / "corrections"
+        for path in sorted(folder.glob("*.json")):
+            try:
+                said, signer, picture = _sound(path, config.name)
+            except (OSError, ValidationError, BadAttestation, ImageError, _Unsound) as error:
+                left_out.append(f"{config.name}/{path.name}: {error}")
+            else:
+                found[said.image_sha256].append((said.item_class, signer, picture))
+    corrected = []
+    for name, words in sorted(found.items()):
+        if len({label for label, _, _ in words}) > 1:
+            left_out.append(f"{name}: people disagree")
+            continue
+        label, _, picture = words[0]
+        people = tuple(signer for _, signer, _ in words)
+        corrected.append(Corrected(picture, None if label == UNKNOWN else label, name, people))
+    return corrected, left_out
+
+
+class _Unsound(Exception):
+    """What is in the file does not belong together."""
+
+
+def _sound(path: Path, bin_name: str) -> tuple[Correction, str, bytes]:
+    kept = Kept.model_validate_json(path.read_bytes())
+    signer = verify_attestation(kept.correction)
+    verify_attestation(kept.classification)
+    said, told = Correction.model_validate(kept.correction.payload), kept.classification.payload
+    if said.bin != bin_name or told.get("device") != bin_name:
+        raise _Unsound("it is about another bin")
+    for field in ("chain_id", "task_manager", "organization", "image_sha256"):
+        if str(told.get(field)).lower() != str(getattr(said, field)).lower():
+            raise _Unsound(f"it and the bin's statement differ in {field}")
+    picture = (path.parent / said.image_sha256).read_bytes()
+    if "0x" + sha256(picture).hexdigest() != said.image_sha256:
+        raise _Unsound("the picture has another hash")
+    decode_image(picture)
+    if said.item_class not in (*CLASSES, UNKNOWN):
+        raise _Unsound("the network knows no such class")
+    return said, signer, picture
+
+
+def add_corrections(
+    site: Site, data: Path, folds: Path, rendered: list[Sample], out: Path, recipe: Recipe
+) -> list[str]:
+    """Write the model that learnt from them into `out`; the report as lines.
+
+    `folds` holds the cross-validated networks. Raises NoCorrections, NotCrossValidated, WorseThanBefore.
+    """
+    corrected, left_out = gather(site)
+    if not corrected:
+        raise NoCorrections("no bin keeps a sound correction", org=site.org, left_out=left_out)
+    there = [fold for fold in range(FOLDS) if crossed.is_there(folds, fold)]
+    if len(there) < FOLDS or not (folds / crossed.DIVISION).exists():
+        raise NotCrossValidated("cross-validated networks are missing", folder=str(folds), there=there)
+    out.mkdir(parents=True, exist_ok=True)
+    photos = crossed.all_photos(data)
+    before = crossed.measured(folds, data)
+    after = _cross_validated(photos, corrected, rendered, data, folds, out / "folds", recipe)
+    was, now = before.answers.accuracy(), after.answers.accuracy()
+    if now < was:
+        raise WorseThanBefore("fewer photos are named rightly than before", before=was, after=now)
+    network = tuned(MODEL_DIR / WEIGHTS, photos, corrected, rendered, recipe)
+    export(network, out / WEIGHTS, recipe.input_px)
+    own = [load_preprocessing(crossed.folder_of(out / "folds", fold)).temperature for fold in there]
+    changed = calibrated(after, float(np.exp(np.mean(np.log(own)))), recipe)
+    write_preprocessing(out, load_preprocessing().model_copy(update=changed))
+    training = Training(architecture=ARCHITECTURE, recipe=asdict(recipe))
+    (out / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
+    people = Counter(person for one in corrected for person in one.people)
+    return [
+        *(f"left out: {reason}" for reason in left_out),
+        *(f"{person} judged {count} pictures" for person, count in sorted(people.items())),
+        *answers_table(corrected, Classifier(), Classifier(out)),
+        f"cross-validated: {was:.4f} of {len(photos)} photos were named rightly, now {now:.4f}",
+        f"model_sha256 {digest((out / WEIGHTS).read_bytes())}",
+        "It counts once the organization lists this hash in models_sha256 of its kind of task.",
+    ]
+
+
+def tuned(
+    weights: Path,
+    photos: list[Sample],
+    corrected: Sequence[Corrected],
+    rendered: list[Sample],
+    recipe: Recipe,
+) -> Network:
+    """The network of `weights` after the recipe's last steps with the corrected pictures among the photos."""
+    times = max(round(CORRECTED_SHARE * len(photos) / len(corrected)), 1)
+    draws = Draws(
+        [*photos, *[one.sample for one in corrected] * times], rendered, recipe, recipe.seed, SELDOM
+    )
+    network = exported(weights, recipe.drop_connect)
+    return last(fit(network, draws, finish(recipe), recipe, recipe.finish_ema_decay)).eval()
+
+
+def calibrated(found: Crossed, temperature: float, recipe: Recipe) -> dict[str, float]:
+    """Temperature and threshold from answers to photos that each network did not learn from; `temperature` is
+    the one by which they are divided already."""
+    further = best_temperature(found.answers)
+    return {
+        "temperature": round(temperature * further, 4),
+        "unknown_below": threshold(found.answers.confidence(further), recipe.known_rejected),
+    }
+
+
+def answers_table(corrected: Sequence[Corrected], before: Classifier, after: Classifier) -> list[str]:
+    """What each model says of the pictures that people corrected."""
+    rows = ["| picture | people say | before | after |", "|---|---|---|---|"]
+    for one in corrected:
+        was, now = before.classify(one.picture), after.classify(one.picture)
+        rows.append(
+            f"| {one.name[:12]} | {one.label or UNKNOWN} | {was.label} ({was.confidence:.2f}) "
+            f"| {now.label} ({now.confidence:.2f}) |"
+        )
+    return rows
+
+
+def _cross_validated(
+    photos: list[Sample],
+    corrected: Sequence[Corrected],
+    rendered: list[Sample],
+    data: Path,
+    folds: Path,
+    out: Path,
+    recipe: Recipe,
+) -> Crossed:
+    """The answers of the cross-validated networks after the same fine-tuning, by their own thresholds."""
+    division = crossed.division_in(folds)
+    assert division is not None
+    out.mkdir(exist_ok=True)
+    (out / crossed.DIVISION).write_text(division.model_dump_json())
+    for fold in range(FOLDS):
+        source, folder = crossed.folder_of(folds, fold), crossed.folder_of(out, fold)
+        folder.mkdir(exist_ok=True)
+        others = [photo for photo in photos if division.of(photo.name).fold != fold]
+        log.info("fold %d learns from the corrections", fold)
+        network = tuned(source / WEIGHTS, others, corrected, rendered, recipe)
+        export(network, folder / WEIGHTS, recipe.input_px)
+        write_preprocessing(folder, load_preprocessing(source))
+        (folder / TRAINING).write_text((source / TRAINING).read_text())
+    return crossed.measured(out, data)
