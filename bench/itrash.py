@@ -23,7 +23,7 @@ from rodeo.vision.classification import MODEL_DIR, UNKNOWN, WEIGHTS
 from rodeo.vision.classifier import Classifier
 from rodeo.vision.images import decode_image
 from rodeo_testing.recordings import RENDERINGS
-from services.itrash.training import evaluation, metrics, renderings
+from services.itrash.training import crossed, evaluation, metrics, others, renderings
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
 from services.itrash.training.looks import said_of
 from services.itrash.web import LIMITS, make_api
@@ -34,6 +34,8 @@ RENDERED_PER_CLASS = 50
 RENDERING_SEED = 1000
 """Neither the training's nor its held-out seed."""
 NOTHING = 150
+FOLDS = Path("bench/itrash_folds")
+"""The networks of `services.itrash.training.cross_validate --pack`."""
 VIEWED_PER_CLASS = 20
 CORRUPTED_EVERY = 3
 REPEATS = 500
@@ -68,6 +70,8 @@ def run() -> dict[str, float]:
         nothing = [sample for sample in samples if sample.label is None]
         figures["itrash_multi_view_gain"] = _multi_view_gain(classifier)
     nothing += evaluation.nothing_samples(RENDERING_SEED, NOTHING, photos)
+    figures |= _real_unknown(classifier)
+    figures |= _crossed_figures()
     figures["itrash_unknown_recall"] = metrics.answers_to_samples(classifier, nothing).unknown_share()
     if known:
         figures["itrash_known_rejected"] = max(one.unknown_share() for one in known)
@@ -91,6 +95,29 @@ def _photo_figures(
     corrupted = evaluation.corrupted_accuracy(classifier, photos, every=CORRUPTED_EVERY)
     figures["itrash_corrupted_accuracy_val"] = float(np.mean(list(corrupted.values())))
     return answers
+
+
+def _real_unknown(classifier: Classifier) -> dict[str, float]:
+    """The share of real photos of other things that is called unknown. No threshold was chosen on them."""
+    try:
+        photos = list(others.real_photos().values())
+    except others.NoSamples as error:
+        print(f"itrash: {error}, so no itrash_unknown_recall_real")
+        return {}
+    answers = metrics.answers_to(classifier, photos, [None] * len(photos))
+    print(f"itrash: {len(photos)} real photos of no waste")
+    return {"itrash_unknown_recall_real": answers.unknown_share()}
+
+
+def _crossed_figures() -> dict[str, float]:
+    """What each cross-validated network answers to the photos that it did not learn from."""
+    if not crossed.complete(FOLDS):
+        print(f"itrash: not all cross-validated networks are in {FOLDS}, so no itrash_cv_said_accuracy")
+        return {}
+    if not TRASHNET.is_dir():
+        return {}
+    found = crossed.figures(crossed.measured(FOLDS, TRASHNET))
+    return {f"itrash_cv_{name}": share for name, share in found.items()}
 
 
 def _multi_view_gain(classifier: Classifier) -> float:

@@ -24,7 +24,6 @@ from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from pathlib import Path
 
-import numpy as np
 from pydantic import ValidationError
 
 from rodeo.config import Site, bin_process
@@ -37,7 +36,6 @@ from rodeo.vision.images import ImageError, decode_image
 from rodeo.witness.correction import Correction
 from services.itrash.corrections import Kept
 from services.itrash.training import crossed
-from services.itrash.training.abstention import threshold
 from services.itrash.training.augment import SELDOM
 from services.itrash.training.card import TRAINING, Training
 from services.itrash.training.crossed import Crossed
@@ -47,7 +45,7 @@ from services.itrash.training.network import ARCHITECTURE, Network, export, expo
 from services.itrash.training.train import (
     Draws,
     Recipe,
-    best_temperature,
+    calibrated,
     finish,
     fit,
     last,
@@ -160,8 +158,7 @@ def add_corrections(
         raise WorseThanBefore("fewer photos are named rightly than before", before=was, after=now)
     network = tuned(MODEL_DIR / WEIGHTS, photos, corrected, rendered, recipe)
     export(network, out / WEIGHTS, recipe.input_px)
-    own = [load_preprocessing(crossed.folder_of(out / "folds", fold)).temperature for fold in there]
-    changed = calibrated(after, float(np.exp(np.mean(np.log(own)))), recipe)
+    changed = calibrated(after, out / "folds", recipe.known_rejected)
     write_preprocessing(out, load_preprocessing().model_copy(update=changed))
     training = Training(architecture=ARCHITECTURE, recipe=asdict(recipe))
     (out / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
@@ -190,16 +187,6 @@ def tuned(
     )
     network = exported(weights, recipe.drop_connect)
     return last(fit(network, draws, finish(recipe), recipe, recipe.finish_ema_decay)).eval()
-
-
-def calibrated(found: Crossed, temperature: float, recipe: Recipe) -> dict[str, float]:
-    """Temperature and threshold from answers to photos that each network did not learn from; `temperature` is
-    the one by which they are divided already."""
-    further = best_temperature(found.answers)
-    return {
-        "temperature": round(temperature * further, 4),
-        "unknown_below": threshold(found.answers.confidence(further), recipe.known_rejected),
-    }
 
 
 def answers_table(corrected: Sequence[Corrected], before: Classifier, after: Classifier) -> list[str]:

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from rodeo.vision.classification import WEIGHTS
+from rodeo.vision.classification import WEIGHTS, load_preprocessing
 from rodeo.vision.classifier import Classifier, to_input
 from services.itrash.training import crossed, metrics, renderings
 from services.itrash.training.abstention import threshold
@@ -34,6 +34,7 @@ from services.itrash.training.train import (
     OUTPUTS,
     Recipe,
     best_temperature,
+    calibrated,
     prepare,
     train,
     uncalibrated,
@@ -101,6 +102,16 @@ def pack(data: Path, out: Path, into: Path) -> None:
         log.info("%s", line)
 
 
+def choose(data: Path, out: Path, model: Path, risk: float) -> None:
+    """Write temperature and threshold that the networks of `out` choose together into the preprocessing of
+    `model`, which learnt from all photos by the same recipe. Raises Unfinished."""
+    if not crossed.complete(out):
+        raise crossed.Unfinished("a threshold is chosen by all networks", folder=str(out))
+    changed = calibrated(crossed.measured(out, data), out, risk)
+    write_preprocessing(model, load_preprocessing(model).model_copy(update=changed))
+    log.info("%s", changed)
+
+
 def split(photos: list[Sample], division: Division, fold: int) -> tuple[list[Sample], list[Sample]]:
     """The photos that the network of `fold` learns from, and those that choose its threshold."""
     others = [photo for photo in photos if division.of(photo.name).fold != fold]
@@ -153,11 +164,16 @@ if __name__ == "__main__":
     parser.add_argument("--recipe", choices=RECIPES, default="shipped")
     parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="fewer steps, to try it out")
     parser.add_argument("--pack", type=Path, metavar="FOLDER", help="train nothing: write small files there")
+    parser.add_argument(
+        "--choose", type=Path, metavar="MODEL", help="train nothing: write the threshold of all folds there"
+    )
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     prepare()
     chosen = RECIPES[arguments.recipe].shortened(arguments.shorten)
-    if arguments.pack is not None:
+    if arguments.choose is not None:
+        choose(arguments.data, arguments.out, arguments.choose, chosen.known_rejected)
+    elif arguments.pack is not None:
         pack(arguments.data, arguments.out, arguments.pack)
     else:
         folds = range(FOLDS) if arguments.fold is None else [arguments.fold]

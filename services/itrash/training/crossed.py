@@ -4,7 +4,8 @@ The networks lie in a folder, one each in `fold0` ... `fold4`, and `division.jso
 out of which. All figures are measured here and now, through the code that runs in the bin.
 
     RodeoError
-    └── OtherPhotos           the division is of other photos
+    ├── OtherPhotos           the division is of other photos
+    └── Unfinished            not all networks are there
 """
 
 from __future__ import annotations
@@ -33,6 +34,10 @@ _SEED = 5
 
 class OtherPhotos(RodeoError):
     """The division is of other photos than those that are here."""
+
+
+class Unfinished(RodeoError):
+    """Not all networks are there."""
 
 
 class Place(BaseModel):

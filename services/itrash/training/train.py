@@ -31,10 +31,10 @@ import numpy as np
 import torch
 from torch import nn
 
-from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Preprocessing
+from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Preprocessing, load_preprocessing
 from rodeo.vision.classifier import Classifier, to_input
-from services.itrash.training import metrics, renderings, scenery
-from services.itrash.training.abstention import RISK
+from services.itrash.training import crossed, metrics, renderings, scenery
+from services.itrash.training.abstention import RISK, threshold
 from services.itrash.training.augment import CHANCES, SELDOM, Chances, augment
 from services.itrash.training.card import TRAINING, Training, held_out_samples, write_card
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
@@ -353,8 +353,8 @@ def calibrate(
     """Temperature that minimises the photos' log loss, and the threshold that rejects at most `rejected` of
     the photos and of the renderings."""
     best = best_temperature(photos)
-    threshold = min(float(np.quantile(known.confidence(best), rejected)) for known in (photos, rendered))
-    return preprocessing.model_copy(update={"temperature": best, "unknown_below": round(threshold, 4)})
+    below = min(float(np.quantile(known.confidence(best), rejected)) for known in (photos, rendered))
+    return preprocessing.model_copy(update={"temperature": best, "unknown_below": round(below, 4)})
 
 
 def best_temperature(photos: metrics.Outputs) -> float:
@@ -362,6 +362,17 @@ def best_temperature(photos: metrics.Outputs) -> float:
     temperatures = np.geomspace(0.2, 3.0, 200)
     best = min(temperatures, key=lambda t: metrics.log_loss(photos.probabilities(t), photos.truth))
     return round(float(best), 4)
+
+
+def calibrated(found: crossed.Crossed, folds: Path, risk: float) -> dict[str, float]:
+    """Temperature and threshold for a network of the same recipe as those in `folds`, from their answers to
+    photos that they did not learn from."""
+    own = [load_preprocessing(crossed.folder_of(folds, fold)).temperature for fold in found.folds]
+    further = best_temperature(found.answers)
+    return {
+        "temperature": round(float(np.exp(np.mean(np.log(own)))) * further, 4),
+        "unknown_below": threshold(found.answers.confidence(further), risk),
+    }
 
 
 def uncalibrated(recipe: Recipe) -> Preprocessing:

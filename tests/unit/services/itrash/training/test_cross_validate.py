@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +15,10 @@ torch = pytest.importorskip("torch", reason="needs the train extra: pip install 
 from rodeo.vision.classification import MODEL_DIR, WEIGHTS, load_preprocessing  # noqa: E402
 from rodeo.vision.classifier import Classifier  # noqa: E402
 from rodeo_testing.recordings import RENDERINGS  # noqa: E402
-from services.itrash.training import cross_validate, crossed, renderings  # noqa: E402
+from services.itrash.training import cross_validate, crossed, metrics, renderings  # noqa: E402
 from services.itrash.training import train as training  # noqa: E402
 from services.itrash.training.compact import compact  # noqa: E402
-from services.itrash.training.crossed import Division  # noqa: E402
+from services.itrash.training.crossed import Division, Unfinished  # noqa: E402
 from services.itrash.training.dataset import CLASSES, Sample  # noqa: E402
 
 TINY = replace(
@@ -133,3 +134,22 @@ def test_weights_of_8_bits_take_half_the_room_and_answer_alike(tmp_path: Path) -
     before, after = Classifier().classify(picture), Classifier(tmp_path).classify(picture)
     assert after.best_class == before.best_class
     assert all(abs(p - before.probabilities[name]) < 0.1 for name, p in after.probabilities.items())
+
+
+def test_all_networks_together_choose_the_threshold_of_the_model(
+    photos: list[Sample], division: Division, tmp_path: Path
+) -> None:
+    data, out, model = (tmp_path / name for name in ("data", "out", "model"))
+    for fold in range(5):
+        shutil.copytree(MODEL_DIR, out / f"fold{fold}")
+    shutil.copytree(MODEL_DIR, model)
+    (out / crossed.DIVISION).write_text(division.model_dump_json())
+    cross_validate.choose(data, out, model, 0.1)
+    classifier = Classifier(model)
+    said = metrics.answers_to_files(classifier, data, photos)
+    rank = int(0.1 * (len(photos) + 1))
+    # All five are the installed network, so the threshold lies just at its own rank.
+    assert round(said.unknown_share() * len(photos)) in (rank - 1, rank)
+    shutil.rmtree(out / "fold2")
+    with pytest.raises(Unfinished):
+        cross_validate.choose(data, out, model, 0.1)
