@@ -24,6 +24,7 @@ from rodeo.vision.classifier import Classifier
 from rodeo.vision.images import decode_image
 from rodeo_testing.recordings import RENDERINGS
 from services.itrash.training import crossed, evaluation, metrics, others, renderings
+from services.itrash.training.card import FOLDS_DIR
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
 from services.itrash.training.looks import said_of
 from services.itrash.web import LIMITS, make_api
@@ -34,8 +35,6 @@ RENDERED_PER_CLASS = 50
 RENDERING_SEED = 1000
 """Neither the training's nor its held-out seed."""
 NOTHING = 150
-FOLDS = Path("bench/itrash_folds")
-"""The networks of `services.itrash.training.cross_validate --pack`."""
 VIEWED_PER_CLASS = 20
 CORRUPTED_EVERY = 3
 REPEATS = 500
@@ -111,12 +110,12 @@ def _real_unknown(classifier: Classifier) -> dict[str, float]:
 
 def _crossed_figures() -> dict[str, float]:
     """What each cross-validated network answers to the photos that it did not learn from."""
-    if not crossed.complete(FOLDS):
-        print(f"itrash: not all cross-validated networks are in {FOLDS}, so no itrash_cv_said_accuracy")
+    if not crossed.complete(FOLDS_DIR):
+        print(f"itrash: not all cross-validated networks are in {FOLDS_DIR}, so no itrash_cv_said_accuracy")
         return {}
     if not TRASHNET.is_dir():
         return {}
-    found = crossed.figures(crossed.measured(FOLDS, TRASHNET))
+    found = crossed.figures(crossed.measured(FOLDS_DIR, TRASHNET))
     return {f"itrash_cv_{name}": share for name, share in found.items()}
 
 

@@ -22,11 +22,9 @@ if __name__ == "__main__" and importlib.util.find_spec("torch") is None:
 from rodeo.config import Site
 from rodeo.errors import RodeoError
 from services.itrash.training import renderings
+from services.itrash.training.card import FOLDS_DIR
 from services.itrash.training.corrected import GENTLE, add_corrections
 from services.itrash.training.train import Recipe, main, prepare
-
-FOLDS = Path("bench/itrash_folds")
-"""Where the cross-validated networks of the installed recipe lie, seen from the project."""
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Train the bin's classifier.")
@@ -38,7 +36,9 @@ if __name__ == "__main__":
         metavar="SITE",
         help="site file: learn from what people corrected there",
     )
-    parser.add_argument("--folds", type=Path, default=FOLDS, help="folder of the cross-validated networks")
+    parser.add_argument(
+        "--folds", type=Path, default=FOLDS_DIR, help="folder of the cross-validated networks"
+    )
     parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="fewer steps, to try it out")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")

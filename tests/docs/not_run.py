@@ -41,6 +41,15 @@ NOT_RUN: dict[str, str] = {
     "python -m services.itrash.training.train --data ../shared/data/trashnet": (
         f"{_MINUTES}, and needs the extra"
     ),
+    "python -m services.itrash.training.cross_validate --data ../shared/data/trashnet --out ~/itrash-folds": (
+        "takes hours, and needs the extra: tests/unit/services/itrash/training/test_cross_validate.py"
+    ),
+    "python -m services.itrash.training.cross_validate --data ../shared/data/trashnet --out ~/itrash-folds "
+    "--pack bench/itrash_folds": (
+        "needs trained networks: tests/unit/services/itrash/training/test_cross_validate.py"
+    ),
+    "python -m services.itrash.train --data ../shared/data/trashnet --add-corrections site.toml "
+    "--out ~/itrash-model": ("needs trained networks: tests/unit/services/itrash/training/test_corrected.py"),
     "export RODEO_KEYSTORE_PASSPHRASE=...": _SHELL,
     "rodeo up --site my-site.toml": _CHAIN,
     "rodeo site prepare --site my-site.toml": _CHAIN,

@@ -37,8 +37,7 @@ from rodeo.witness.correction import Correction
 from services.itrash.corrections import Kept
 from services.itrash.training import crossed
 from services.itrash.training.augment import SELDOM
-from services.itrash.training.card import TRAINING, Training
-from services.itrash.training.crossed import Crossed
+from services.itrash.training.crossed import TRAINING, Crossed, Training
 from services.itrash.training.dataset import CLASSES, Sample
 from services.itrash.training.folds import FOLDS
 from services.itrash.training.network import ARCHITECTURE, Network, export, exported

@@ -24,9 +24,8 @@ from rodeo.vision.classification import WEIGHTS, load_preprocessing
 from rodeo.vision.classifier import Classifier, to_input
 from services.itrash.training import crossed, metrics, renderings
 from services.itrash.training.abstention import threshold
-from services.itrash.training.card import TRAINING, Training
 from services.itrash.training.compact import compact
-from services.itrash.training.crossed import Division
+from services.itrash.training.crossed import TRAINING, Division, Training
 from services.itrash.training.dataset import Sample
 from services.itrash.training.folds import FOLDS, SEED, divided, groups
 from services.itrash.training.network import ARCHITECTURE, Network, export

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydantic import BaseModel
@@ -20,12 +21,12 @@ from pydantic import BaseModel
 from rodeo.errors import RodeoError
 from rodeo.vision.classifier import Classifier
 from services.itrash.training import metrics
-from services.itrash.training.card import TRAINING
 from services.itrash.training.dataset import Sample, load_photos
 from services.itrash.training.folds import FOLDS
 from services.itrash.training.metrics import Answers
 
 DIVISION = "division.json"
+TRAINING = "training.json"
 PARTS = ("train", "val")
 """The folders that TrashNet's lists made. Cross-validation takes all photos alike."""
 RESAMPLES = 2000
@@ -38,6 +39,13 @@ class OtherPhotos(RodeoError):
 
 class Unfinished(RodeoError):
     """Not all networks are there."""
+
+
+class Training(BaseModel):
+    """What weights were made by, kept beside them."""
+
+    architecture: str
+    recipe: dict[str, Any]
 
 
 class Place(BaseModel):

@@ -36,7 +36,8 @@ from rodeo.vision.classifier import Classifier, to_input
 from services.itrash.training import crossed, metrics, renderings, scenery
 from services.itrash.training.abstention import RISK, threshold
 from services.itrash.training.augment import CHANCES, SELDOM, Chances, augment
-from services.itrash.training.card import TRAINING, Training, held_out_samples, write_card
+from services.itrash.training.card import held_out_samples, write_card
+from services.itrash.training.crossed import TRAINING, Training
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
 from services.itrash.training.evaluation import bare_board
 from services.itrash.training.network import ARCHITECTURE, KEPT_POOLS, MEAN, SCALE, Network, export

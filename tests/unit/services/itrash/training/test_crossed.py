@@ -12,8 +12,7 @@ import pytest
 from rodeo.vision.classification import MODEL_DIR
 from rodeo_testing.recordings import RENDERINGS
 from services.itrash.training import crossed
-from services.itrash.training.card import TRAINING
-from services.itrash.training.crossed import Crossed, Division, OtherPhotos
+from services.itrash.training.crossed import TRAINING, Crossed, Division, OtherPhotos
 from services.itrash.training.dataset import CLASSES
 from services.itrash.training.metrics import Answers
 
