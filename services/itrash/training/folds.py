@@ -90,7 +90,8 @@ def divided(labels: Sequence[str], group: np.ndarray, folds: int = FOLDS, seed: 
         raise TooFewGroups("there are fewer groups than folds", groups=len(names), folds=folds)
     classes = sorted(set(labels))
     counts = np.zeros((len(names), len(classes)))
-    np.add.at(counts, (np.searchsorted(names, group), [classes.index(label) for label in labels]), 1)
+    of_class = np.array([classes.index(label) for label in labels], int)
+    np.add.at(counts, (np.searchsorted(names, group), of_class), 1)
     share = counts.sum(axis=0) / folds
     filled = np.zeros((folds, len(classes)))
     fold_of = np.zeros(len(names), int)
