@@ -223,6 +223,12 @@ def replay_of(case: Case) -> Replay:
     known_s = kinematics_of(case).time_s
     start_s = max(phases.closing_s - BEFORE_CLOSING_S, known_s[0])
     end_s = min(phases.rest_s + SETTLE_S, known_s[-1])
+    if start_s > phases.lifted_s:
+        raise CaseError(
+            "where the robot stood is not recorded before the item is lifted",
+            lifted_s=phases.lifted_s,
+            recorded_from_s=round(float(start_s), 2),
+        )
     if not 0 < end_s - start_s <= COUNTS.carried_s:
         raise CaseError(
             "the carry is not recorded, or is longer than a proof may hold",

@@ -160,6 +160,7 @@ class Recording:
         self._node = node
         self._binding = binding
         self._device = device
+        self._robot = robot.name
         self._watches = site.lab.mocap
         self._failure: EvidenceError | None = None
         self._open = False
@@ -357,12 +358,13 @@ class Recording:
             raise EvidenceHole("messages of the robot were lost", lost_s=self._hole_ns * 1e-9)
 
     def await_witness(self, item: str) -> None:
-        """Wait until motion capture listed this recording and showed where `item` lies: what is moved before
-        proves nothing. Raises NoAnswer; returns at once on a site without motion capture."""
+        """Wait until motion capture listed this recording and showed where `item` lies and the robot stands:
+        what is moved before proves nothing, and a robot that begins beside the item may grasp it without a drive.
+        Raises NoAnswer; returns at once on a site without motion capture."""
         deadline_s = time.monotonic() + _WITNESS_WALL_S
         while self._watches:
             with self._lock:
-                listed, shown = self._listed, item in self._shown
+                listed, shown = self._listed, {item, self._robot} <= self._shown
             if listed and shown:
                 return
             self._clock.wait_until(self._clock.now_s() + _LOOK_S)
