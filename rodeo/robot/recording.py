@@ -359,7 +359,7 @@ class Recording:
 
     def await_witness(self, item: str) -> None:
         """Wait until motion capture listed this recording and showed where `item` lies and the robot stands:
-        what is moved before proves nothing, and a robot that begins beside the item may grasp it without a drive.
+        what is moved before proves nothing. A robot that begins beside the item may grasp it without a drive.
         Raises NoAnswer; returns at once on a site without motion capture."""
         deadline_s = time.monotonic() + _WITNESS_WALL_S
         while self._watches:
