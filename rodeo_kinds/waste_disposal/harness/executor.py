@@ -523,8 +523,8 @@ def invented_motion(shop: CleaningWorkshop) -> Submission:
         tracks["panther1"] = tracks.get(ITEM, tracks.get("panther1", ""))
         return attestation.model_copy(update={"payload": attestation.payload | {"tracks": tracks}})
 
-    begin_s = middle_s(shop.take, 0.45)
-    return shop.restated(shop.take, _motion_between(begin_s, begin_s + 4.0, alter))
+    begin_s = middle_s(shop.take, 0.35)
+    return shop.restated(shop.take, _motion_between(begin_s, begin_s + 3.0, alter))
 
 
 @HARNESS.forgery("witnessed", "nothing signed by this witness", role="executor")
