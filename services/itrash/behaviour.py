@@ -485,10 +485,11 @@ class Bin:
         self._seen = sorted([*others, _Seen(look, answer)], key=lambda one: one.look.taken_s)[-MAX_LOOKS:]
 
     def _goes_on(self, time_s: float) -> bool:
-        """Whether what is shown now is the other angle that was asked for, by the same robots."""
+        """Whether what is shown now is the other angle that was asked for, by the same robots for the same
+        recordings: a robot that begins again proves nothing with pictures from before."""
         pending = self.memory.pending
         asked = pending is not None and pending.another_angle and bool(self._seen) and not self._another
-        return asked and _addresses(self._claimants(time_s)) == _addresses(self._shown_by)
+        return asked and _recordings(self._claimants(time_s)) == _recordings(self._shown_by)
 
     def _see_item(self, time_s: float, held_after: State | None = None) -> None:
         self._look = 0
@@ -511,6 +512,6 @@ class Bin:
         return max(distances_m) - min(distances_m) <= self._limits.still_m
 
 
-def _addresses(claimants: Collection[Claimant]) -> set[tuple[str, int, int]]:
-    """Who they are and for which attempt of which task."""
-    return {(one.address.lower(), one.task_id, one.attempt) for one in claimants}
+def _recordings(claimants: Collection[Claimant]) -> set[tuple[str, str]]:
+    """Whose they are, and which; each is of one attempt of one task."""
+    return {(one.address.lower(), one.recording.lower()) for one in claimants}

@@ -911,6 +911,14 @@ def test_what_another_robot_shows_is_not_combined_with_what_was_shown_before() -
     assert [look.taken_s > bench.time_s - 8 for look in bench.show().earlier] == [True, True]
 
 
+def test_what_a_robot_shows_that_began_again_is_not_combined_with_pictures_of_its_last_recording() -> None:
+    bench = Looks(seen(0.55))
+    bench.bin.presented(claimant("panther1", "ab"), bench.time_s)
+    bench.show()
+    bench.bin.presented(claimant("panther1", "cd"), bench.time_s)
+    assert [look.taken_s > bench.time_s - 8 for look in bench.show().earlier] == [True, True]
+
+
 def test_what_is_shown_after_a_drop_is_not_combined_with_what_fell() -> None:
     bench = Looks(seen(0.55))
     said = bench.show()
