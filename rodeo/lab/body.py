@@ -1,7 +1,7 @@
 """The robot's motors and encoders in a MuJoCo world: what its drivers command, what its sensors read."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -31,8 +31,7 @@ _GRIP_STIFFNESS_N_M = 2000.0
 """kp of the gripper actuator."""
 
 
-@dataclass(frozen=True)
-class Twist2:
+class Twist2(NamedTuple):
     linear_m_s: float = 0.0
     angular_rad_s: float = 0.0
 
@@ -51,17 +50,20 @@ class Body:
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: str, limits: MotionLimits) -> None:
         self.model, self.data, self.name, self.limits = model, data, robot, limits
-        self._base = model.body(f"{robot}/base_link").id
+        self.base = model.body(f"{robot}/base_link").id
+        """MuJoCo's number of base_link."""
         self.arm_model = arm = ArmModel.of(model, f"{robot}/")
         joints = [model.joint(f"{robot}/{name}") for name in joint_names(arm)]
         count = len(arm.joints)
         self.arm_columns, self.finger_columns = slice(0, count), slice(count, count + 2)
         """Of `positions`, `velocities` and `efforts`."""
-        self._qpos = np.array([joint.qposadr[0] for joint in joints])
-        self._dof = np.array([joint.dofadr[0] for joint in joints])
-        self._arm_qpos, self._finger_qpos = self._qpos[self.arm_columns], self._qpos[self.finger_columns]
-        self._wheel_qpos, self._wheel_dof = self._qpos[count + 2 :], self._dof[count + 2 :]
-        self._finger_dof = self._dof[self.finger_columns]
+        self.positions_at = qpos = np.array([joint.qposadr[0] for joint in joints])
+        """(n,) of `positions` in `mjData.qpos`."""
+        self.velocities_at = dof = np.array([joint.dofadr[0] for joint in joints])
+        """(n,) of `velocities` and `efforts` in `mjData.qvel` and the like."""
+        self._arm_qpos, self._finger_qpos = qpos[self.arm_columns], qpos[self.finger_columns]
+        self._wheel_qpos, self._wheel_dof = qpos[count + 2 :], dof[count + 2 :]
+        self._finger_dof = dof[self.finger_columns]
         self._wheels = np.array([model.actuator(f"{robot}/{name}").id for name in WHEEL_JOINTS])
         self._arm = np.array([model.actuator(f"{robot}/{name}").id for name in arm.joints])
         self._arm_act = np.array([model.actuator(f"{robot}/{name}").actadr[0] for name in arm.joints])
@@ -71,9 +73,9 @@ class Body:
         self._position, self._velocity, self._force = data.qpos, data.qvel, data.qfrc_actuator
         self._control, self._activation, self._sensed = data.ctrl, data.act, data.sensordata
         self._stand_rad: list[float] | None = None
-        self.position_m = data.xpos[self._base]
+        self.position_m = data.xpos[self.base]
         """(3,) of base_link in the map frame; a view."""
-        self.quat_wxyz = data.xquat[self._base]
+        self.quat_wxyz = data.xquat[self.base]
         """(4,) of base_link in the map frame; a view."""
 
     # -- sensors -----------------------------------------------------------------------------------
@@ -93,17 +95,17 @@ class Body:
     @property
     def positions(self) -> np.ndarray:
         """(n,) joint positions in the order of `joint_names`: rad, m for the fingers."""
-        return self._position[self._qpos]
+        return self._position[self.positions_at]
 
     @property
     def velocities(self) -> np.ndarray:
         """(n,) rad/s, m/s for the fingers."""
-        return self._velocity[self._dof]
+        return self._velocity[self.velocities_at]
 
     @property
     def efforts(self) -> np.ndarray:
         """(n,) what the motors give: N m, N for the fingers."""
-        return self._force[self._dof]
+        return self._force[self.velocities_at]
 
     @property
     def arm(self) -> np.ndarray:

@@ -88,6 +88,16 @@ class _Body:
         self.moved = True
         self.samples.append(sample)
 
+    def add_all(self, samples: list[Sample]) -> None:
+        if self.moved and self.seen_us is not None:
+            first_us, last_us = samples[0].time_us, samples[-1].time_us
+            if self.seen_us < first_us and last_us - self.seen_us <= LOST_US:
+                self.seen_us, self.taken = last_us, True
+                self.samples += samples
+                return
+        for sample in samples:
+            self.add(sample)
+
     def stays(self, time_us: int) -> bool:
         if self.moved or self.signed is None or self.seen_us is None or not (self.taken and self.samples):
             return False
@@ -157,10 +167,24 @@ class MotionLog:
         else:
             self._bodies[body].taken = False
 
+    def add_all(self, body: str, samples: list[Sample]) -> None:
+        """Poses at rising times; like `add`, and faster for a moving body."""
+        if all(max(map(abs, sample.position_m)) < LARGEST_M for sample in samples):
+            self._bodies[body].add_all(samples)
+        else:
+            for sample in samples:
+                self.add(body, sample)
+
     def stays(self, body: str, time_us: int) -> bool:
         """The body is seen in the pose that was told of it last, to the bit. False, and nothing done, where
         that is more than a further moment of rest: it has to be added."""
         return self._bodies[body].stays(time_us)
+
+    @property
+    def undue_until_us(self) -> int:
+        """No statement is due before."""
+        whole_us = (self._start_us // REST_PERIOD_US + 1) * REST_PERIOD_US
+        return min(self._start_us + PERIOD_US, whole_us)
 
     def due(self, now_us: int, heads: bool) -> bool:
         """Whether a statement is due; `heads` tells whether heads of others were heard.

@@ -15,7 +15,7 @@ from rodeo.errors import RodeoError
 from rodeo.lab.arm import ArmModel
 from rodeo.lab.body import Body
 from rodeo.lab.config import MotionLimits
-from rodeo.lab.world import GRIPPER_OPEN_M
+from rodeo.lab.world import CONTROL_PERIOD_S, GRIPPER_OPEN_M
 
 PATH_TOLERANCE_RAD = 0.2
 GOAL_TOLERANCE_RAD = 0.02
@@ -23,6 +23,8 @@ GOAL_TIME_TOLERANCE_S = 1.0
 GRIPPER_TOLERANCE_M = 0.001
 STALL_SPEED_M_S = 0.001
 STALL_TIME_S = 0.3
+_AHEAD = 64
+"""Set-points that are taken from a spline at once: one alone costs as much as all of them."""
 
 
 class TrajectoryError(IntEnum):
@@ -67,13 +69,25 @@ class Motion:
     started_s: float | None = None
     spline: BPoly | None = None
     desired_rad: np.ndarray = field(init=False)
+    _ahead: tuple[int, np.ndarray] = field(init=False)
+    """The first period, and the (n, joints) set-points from there on."""
 
     def __post_init__(self) -> None:
         self.desired_rad = np.zeros_like(self.path_tolerance_rad)
+        self._ahead = 0, np.empty((0, len(self.path_tolerance_rad)))
 
     @property
     def end_s(self) -> float:
         return self.waypoints[-1].time_s
+
+    def at(self, spline: BPoly, period: int) -> np.ndarray:
+        """(joints,) where they are wanted so many control periods after the start, rad."""
+        first, ahead_rad = self._ahead
+        if not 0 <= period - first < len(ahead_rad):
+            first, times_s = period, CONTROL_PERIOD_S * np.arange(period, period + _AHEAD)
+            ahead_rad = spline(np.minimum(times_s, self.end_s))
+            self._ahead = first, ahead_rad
+        return ahead_rad[period - first]
 
 
 def check(waypoints: Sequence[Waypoint], arm: ArmModel, limits: MotionLimits) -> None:
@@ -162,7 +176,7 @@ class ArmDriver:
         if motion.started_s is None or motion.spline is None:
             motion.started_s, motion.spline = now_s, self._spline(motion)
         elapsed_s = now_s - motion.started_s
-        motion.desired_rad = motion.spline(min(elapsed_s, motion.end_s))
+        motion.desired_rad = motion.at(motion.spline, round(elapsed_s / CONTROL_PERIOD_S))
         self._hold_rad = motion.desired_rad
         error = np.abs(self._body.arm - motion.desired_rad)
         if (error > motion.path_tolerance_rad).any():

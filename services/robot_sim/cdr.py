@@ -93,25 +93,75 @@ class StampedSequence:
         return bytes(self._buffer)
 
 
-class Transforms:
+class Rows:
+    """The same message of several times: a template once for each, with stamps and numbers written for all.
+
+    A call of numpy costs more than what it does for one message.
+    """
+
+    def __init__(self, template: Any) -> None:
+        self._template = np.frombuffer(types.serialize(template), np.uint8)
+        self._reserve(1)
+
+    def _reserve(self, count: int) -> None:
+        """Make room for so many."""
+        size = len(self._template)
+        self._buffer = np.tile(self._template, (count, 1))
+        # Numbers are aligned to 8 bytes from the end of the encapsulation header, stamps to 4.
+        self._numbers, self._words = (
+            np.ndarray((count, (size - _STAMP_AT) // wide), kind, self._buffer, _STAMP_AT, (size, wide))
+            for kind, wide in (("<f8", 8), ("<u4", 4))
+        )
+
+    def _begin(self, time_ns: np.ndarray, stamp_words: np.ndarray) -> np.ndarray:
+        """Stamp one message for each time (k,), at these words of 4 bytes; the numbers (k, n) to write."""
+        count = len(time_ns)
+        if count > len(self._buffer):
+            self._reserve(count)
+        seconds, nanoseconds = np.divmod(time_ns, 1_000_000_000)
+        self._words[:count, stamp_words] = seconds[:, None]
+        self._words[:count, stamp_words + 1] = nanoseconds[:, None]
+        return self._numbers[:count]
+
+    def _messages(self, count: int) -> list[bytes]:
+        size, joined = len(self._template), self._buffer[:count].tobytes()
+        return [joined[start : start + size] for start in range(0, count * size, size)]
+
+
+_FIRST_WORD = np.array([0])
+
+
+class DoublesRows(Rows):
+    """Of a message as `StampedDoubles` writes it."""
+
+    def __init__(self, template: Any, count: int) -> None:
+        super().__init__(template)
+        self._first = self._numbers.shape[1] - count
+
+    def encode(self, time_ns: np.ndarray, *blocks: tuple[int, np.ndarray]) -> list[bytes]:
+        """CDR for each time (k,), with each block (index of the first number, numbers (k, n)) written over
+        what was there."""
+        numbers = self._begin(time_ns, _FIRST_WORD)
+        for first, values in blocks:
+            start = self._first + first
+            numbers[:, start : start + values.shape[1]] = values
+        return self._messages(len(time_ns))
+
+
+class Transforms(Rows):
     """tf2_msgs/TFMessage of always the same frames, stamped alike."""
 
     def __init__(self, template: Any) -> None:
-        self._buffer = bytearray(types.serialize(template))
+        super().__init__(template)
         marked = [_marked(template, k) for k in range(len(template.transforms))]
-        # Numbers are aligned to 8 bytes from the end of the encapsulation header, stamps to 4.
-        self._numbers = np.frombuffer(self._buffer, "<f8", offset=_STAMP_AT, count=len(self._buffer[4:]) // 8)
-        self._words = np.frombuffer(self._buffer, "<u4", offset=_STAMP_AT, count=len(self._buffer[4:]) // 4)
-        self._first_number = np.array([number for _, number in marked])
-        self._stamp_word = np.array([word for word, _ in marked])
-        self._index = self._first_number[:, None] + np.arange(7)
+        self._stamp_words = np.array([word for word, _ in marked])
+        self._index = np.array([number for _, number in marked])[:, None] + np.arange(7)
 
-    def encode(self, time_ns: int, poses: np.ndarray) -> bytes:
-        """`poses` (n, 7): x, y, z in m and qx, qy, qz, qw of each frame in its parent."""
-        seconds, nanoseconds = sec_nanosec(time_ns)
-        self._words[self._stamp_word], self._words[self._stamp_word + 1] = seconds, nanoseconds
-        self._numbers[self._index] = poses
-        return bytes(self._buffer)
+    def encode(self, time_ns: np.ndarray, poses: np.ndarray) -> list[bytes]:
+        """CDR for each time (k,); `poses` (k, n, 7): x, y, z in m and qx, qy, qz, qw of each frame in its
+        parent."""
+        self._begin(time_ns, self._stamp_words)[:, self._index] = poses
+        return self._messages(len(time_ns))
 
 
 def _marked(template: Any, k: int) -> tuple[int, int]:
@@ -124,24 +174,23 @@ def _marked(template: Any, k: int) -> tuple[int, int]:
     return body.index(struct.pack("<i", marks[0])) // 4, body.index(struct.pack("<d", marks[1])) // 8
 
 
-class JointStates:
+class JointStates(Rows):
     """sensor_msgs/JointState of always the same joints."""
 
     def __init__(self, template: Any) -> None:
-        self._buffer = bytearray(types.serialize(template))
-        count = len(template.name)
+        super().__init__(template)
         # A length (4 bytes, then 4 to align) precedes each sequence.
-        step = _DOUBLE_BYTES * count + 8
-        ends = [len(self._buffer) - step * k for k in (2, 1, 0)]
-        self._sequences = [
-            np.frombuffer(self._buffer, "<f8", count, end - _DOUBLE_BYTES * count) for end in ends
-        ]
+        count, end = len(template.name), self._numbers.shape[1]
+        self._places = [slice(end - (count + 1) * k - count, end - (count + 1) * k) for k in (2, 1, 0)]
 
-    def encode(self, time_ns: int, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray) -> bytes:
-        _STAMP.pack_into(self._buffer, _STAMP_AT, *sec_nanosec(time_ns))
-        for sequence, values in zip(self._sequences, (position, velocity, effort), strict=True):
-            sequence[:] = values
-        return bytes(self._buffer)
+    def encode(
+        self, time_ns: np.ndarray, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray
+    ) -> list[bytes]:
+        """CDR for each time (k,); the others are (k, joints)."""
+        numbers = self._begin(time_ns, _FIRST_WORD)
+        for place, values in zip(self._places, (position, velocity, effort), strict=True):
+            numbers[:, place] = values
+        return self._messages(len(time_ns))
 
 
 class ControllerStates:

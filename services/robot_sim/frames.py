@@ -1,6 +1,5 @@
 """The robot's coordinate frames for tf: REP 105's map, odom and base_link, then its links and sensors."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -25,8 +24,8 @@ class Transform:
 class RobotFrames:
     """Frames of one robot in a world, named `<namespace>/<body or site>`."""
 
-    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, robot: str, namespace: str) -> None:
-        self._model, self._data = model, data
+    def __init__(self, model: mujoco.MjModel, robot: str, namespace: str) -> None:
+        self._model = model
         self._prefix, self._namespace = f"{robot}/", namespace
         root = model.body(f"{robot}/base_link").id
         links = [b for b in range(model.nbody) if b != root and self._owns(model.body(b).name)]
@@ -76,15 +75,16 @@ class RobotFrames:
             for parent, body in zip(self._parents, self._moving, strict=True)
         ]
 
-    def poses(self) -> np.ndarray:
-        """(n, 7) x, y, z, qx, qy, qz, qw of `moving` in their parents' frames, as the joints are now."""
-        data, parents, moving = self._data, self._parents, self._moving
-        poses = np.empty((len(moving), 7))
-        place, quat = data.xpos, data.xquat
-        offset = place[moving] - place[parents]
-        np.matmul(offset[:, None], data.xmat[parents].reshape(-1, 3, 3), out=poses[:, None, :3])
-        conjugates = quat.ravel()[self._conjugates] * _CONJUGATE_SIGN
-        np.matmul(conjugates, quat[moving][:, :, None], out=poses[:, 3:, None])
+    def poses(self, places_m: np.ndarray, quaternions: np.ndarray, turns: np.ndarray) -> np.ndarray:
+        """(k, n, 7) x, y, z, qx, qy, qz, qw of `moving` in their parents' frames, from all bodies at k times:
+        `mjData.xpos` (k, bodies, 3), `xquat` (k, bodies, 4) and `xmat` (k, bodies, 9)."""
+        parents, moving = self._parents, self._moving
+        poses = np.empty((len(places_m), len(moving), 7))
+        offset_m = places_m[:, moving] - places_m[:, parents]
+        parent_turns = turns[:, parents].reshape(*offset_m.shape, 3)
+        np.matmul(offset_m[:, :, None], parent_turns, out=poses[:, :, None, :3])
+        conjugates = quaternions.reshape(len(poses), -1)[:, self._conjugates] * _CONJUGATE_SIGN
+        np.matmul(conjugates, quaternions[:, moving, :, None], out=poses[:, :, 3:, None])
         return poses
 
 
@@ -95,16 +95,20 @@ def lab_frames(model: mujoco.MjModel, names: Sequence[str]) -> list[Transform]:
 
 
 def odom_in_map(
-    base_m: np.ndarray, base_quat: np.ndarray, x_m: float, y_m: float, yaw_rad: float
-) -> tuple[float, ...]:
-    """Pose (x, y, z, qx, qy, qz, qw) in the map of the frame that has the base at x, y, yaw."""
-    c, s = math.cos(yaw_rad / 2), -math.sin(yaw_rad / 2)
-    w, x, y, z = base_quat.tolist()
+    base_m: np.ndarray, base_quat: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, yaw_rad: np.ndarray
+) -> np.ndarray:
+    """(k, 7) poses (x, y, z, qx, qy, qz, qw) in the map of the frame that has the base at x, y, yaw, each
+    (k,), where it is at `base_m` (k, 3) with `base_quat` (k, 4) w, x, y, z."""
+    c, s = np.cos(yaw_rad / 2), -np.sin(yaw_rad / 2)
+    w, x, y, z = base_quat.T
     w, x, y, z = w * c - z * s, x * c + y * s, y * c - x * s, z * c + w * s
-    base_x, base_y, base_z = base_m.tolist()
-    return (
-        base_x - (1 - 2 * (y * y + z * z)) * x_m - 2 * (x * y - w * z) * y_m,
-        base_y - 2 * (x * y + w * z) * x_m - (1 - 2 * (x * x + z * z)) * y_m,
-        base_z - 2 * (x * z - w * y) * x_m - 2 * (y * z + w * x) * y_m,
-        *(x, y, z, w),
+    base_x, base_y, base_z = base_m.T
+    return np.stack(
+        [
+            base_x - (1 - 2 * (y * y + z * z)) * x_m - 2 * (x * y - w * z) * y_m,
+            base_y - 2 * (x * y + w * z) * x_m - (1 - 2 * (x * x + z * z)) * y_m,
+            base_z - 2 * (x * z - w * y) * x_m - 2 * (y * z + w * x) * y_m,
+            *(x, y, z, w),
+        ],
+        axis=1,
     )

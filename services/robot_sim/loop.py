@@ -42,7 +42,7 @@ class SimulationStopped(RodeoError):
 
 
 class Publisher(Protocol):
-    """What shows the world to others, after the state that it shows was saved."""
+    """What shows the world to others."""
 
     def publish(self, skipped: bool) -> None:
         """Add what is to be shown to the publish queue, between two control periods."""
@@ -103,7 +103,7 @@ class Loop:
         self._turns: set[Turn] = set()
         self._turns_lock = threading.Lock()
         self.simulation = simulation
-        self.publish_queue = PublishQueue()
+        self.publish_queue = PublishQueue(self._save)
         self._state = state
         self._clock = clock
         self._limited = limited
@@ -193,7 +193,6 @@ class Loop:
                 self.simulation.skip(self._stride_ns)
             else:
                 self.simulation.step()
-            self._state.save(self.simulation.time_ns, self.simulation.row())
             if power_only:
                 show = partial(publisher.publish_power, self._due or not self.simulation.parked)
             else:
@@ -256,6 +255,9 @@ class Loop:
             return True
         self._do(function, done)
         return True
+
+    def _save(self) -> None:
+        self._state.save(self.simulation.time_ns, self.simulation.row())
 
     def _then(self, send: Callable[[], None]) -> None:
         """Send the time, and what follows it, after everything until now."""

@@ -16,6 +16,7 @@ from rodeo.ros2 import types
 from rodeo.stamps import sec_nanosec
 from services.robot_sim.cdr import (
     ControllerStates,
+    DoublesRows,
     JointStates,
     StampedDoubles,
     StampedFields,
@@ -85,7 +86,7 @@ def pose_stamped(time_ns: int, pose_in_map: Any) -> Any:
     return _PoseStamped(header=header(time_ns, "map"), pose=pose_in_map)
 
 
-def odometry_template(namespace: str, noise: NoiseConfig) -> StampedDoubles:
+def odometry_template(namespace: str, noise: NoiseConfig) -> DoublesRows:
     """Numbers: pose (x, y, z, qx, qy, qz, qw), its covariance, twist (linear, angular), its covariance.
 
     The covariance of the pose is that of one second of driving, as robot_localization expects of a pose that
@@ -100,12 +101,12 @@ def odometry_template(namespace: str, noise: NoiseConfig) -> StampedDoubles:
         pose=_PoseWithCovariance(pose=planar_pose(0.0, 0.0, 0.0), covariance=moving.ravel()),
         twist=_TwistWithCovariance(twist=types.new("geometry_msgs/msg/Twist"), covariance=moving.ravel()),
     )
-    return StampedDoubles(template, ODOMETRY_NUMBERS)
+    return DoublesRows(template, ODOMETRY_NUMBERS)
 
 
-def pose_template() -> StampedDoubles:
+def pose_template() -> DoublesRows:
     """Numbers: x, y, z, qx, qy, qz, qw."""
-    return StampedDoubles(pose_stamped(0, planar_pose(0.0, 0.0, 0.0)), 7)
+    return DoublesRows(pose_stamped(0, planar_pose(0.0, 0.0, 0.0)), 7)
 
 
 def joint_state_template(joints: Sequence[str]) -> JointStates:

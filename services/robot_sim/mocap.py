@@ -6,6 +6,7 @@ It works without its key (a simulator needs no organization); then poses go out 
 from __future__ import annotations
 
 import logging
+from bisect import bisect_left
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from rodeo.config import Site
 from rodeo.dao import ORGANIZATION, Participant
 from rodeo.errors import DiskFull, KeystoreMissing
 from rodeo.witness import Motion
+from rodeo.witness.chain import WitnessChain
 from rodeo.witness.motion import MotionLog, Sample
 from rodeo.witness.roots import DailyRoots
 from rodeo.witness.witness import Witness
@@ -44,52 +46,67 @@ class MotionCapture:
         self._witness: Witness | None = None
         self._roots: DailyRoots | None = None
         self._log: MotionLog | None = None
-        self._bodies_seen: list[str] = []
-        self._poses_seen = np.empty((0, 7))
-        """What was in view the last time, and its poses."""
+        self._poses_seen = np.full((len(bodies), 7), np.nan)
+        """The last ones."""
         self._ask_ns = 0
         self._said = False
         self._full = False
         """The disk has no room for its statements."""
 
-    def see(self, captured: tuple[list[str], np.ndarray], time_ns: int) -> None:
-        """The n bodies that are in view, and their poses (n, 7): x, y, z in m, qx, qy, qz, qw.
+    def see(self, bodies: list[str], poses: np.ndarray, seen: np.ndarray, time_ns: np.ndarray) -> None:
+        """n bodies at k times (k,): their poses (k, n, 7), x, y, z in m, qx, qy, qz, qw; which of them are in
+        view (k, n).
 
-        Signs and publishes the statement that is due. Raises WalletError and BrokenJournal.
+        Signs and publishes the statements that are due. Raises WalletError and BrokenJournal.
         """
-        witness = self._witness or self._enroll(time_ns)
+        witness = self._witness or self._enroll(int(time_ns[-1]))
         chain = None if witness is None else witness.chain
         if witness is None or chain is None:
             return  # nobody knows yet for which organization it sees
-        now_us = time_ns // 1000
-        if self._log is None:
-            self._log = MotionLog(self._bodies, now_us)
-        self._note(self._log, *captured, now_us)
-        if self._log.due(now_us, heads=bool(witness.heads)):
-            motion = self._log
-            try:
-                attestation = chain.sign_next(
-                    Motion, time_ns * 1e-9, lambda seq: motion.take(now_us, seq)._asdict()
-                )
-            except DiskFull as error:
-                # The world goes on. What nobody vouches for is seen to be missing.
-                if not self._full:
-                    log.error("motion capture publishes no statements: %s", error)
-                self._full = True
-                return
-            self._full = False
-            witness.publish(attestation)
+        time_us = (time_ns // 1000).tolist()
+        motion = self._log = self._log or MotionLog(self._bodies, time_us[0])
+        first = 0
+        while first < len(time_us):
+            # Nothing is due before its time, so all until then is noted at once.
+            end = max(bisect_left(time_us, motion.undue_until_us, first), first + 1)
+            self._note(motion, bodies, poses[first:end], seen[first:end], time_us[first:end])
+            now_us, first = time_us[end - 1], end
+            if motion.due(now_us, heads=bool(witness.heads)):
+                self._sign(motion, witness, chain, now_us)
 
-    def _note(self, motion: MotionLog, bodies: list[str], poses: np.ndarray, now_us: int) -> None:
+    def _sign(self, motion: MotionLog, witness: Witness, chain: WitnessChain, now_us: int) -> None:
+        try:
+            attestation = chain.sign_next(
+                Motion, now_us * 1e-6, lambda seq: motion.take(now_us, seq)._asdict()
+            )
+        except DiskFull as error:
+            # The world goes on. What nobody vouches for is seen to be missing.
+            if not self._full:
+                log.error("motion capture publishes no statements: %s", error)
+            self._full = True
+            return
+        self._full = False
+        witness.publish(attestation)
+
+    def _note(
+        self, motion: MotionLog, bodies: list[str], poses: np.ndarray, seen: np.ndarray, time_us: list[int]
+    ) -> None:
         # Most bodies lie or stand where they were: to find that for all at once is several times cheaper.
-        known = bodies == self._bodies_seen
-        stayed = (poses == self._poses_seen).all(axis=1).tolist() if known else [False] * len(bodies)
-        self._bodies_seen, self._poses_seen = bodies, poses
-        for body, stays, pose in zip(bodies, stayed, poses, strict=True):
-            if stays and motion.stays(body, now_us):
+        stays = (np.concatenate((self._poses_seen[None], poses[:-1])) == poses).all(axis=2) & seen
+        self._poses_seen = poses[-1].copy()
+        for number, stays_through in enumerate(stays.all(axis=0).tolist()):
+            body = bodies[number]
+            if stays_through and motion.stays(body, time_us[-1]):
                 continue
-            x, y, z, qx, qy, qz, qw = pose.tolist()
-            motion.add(body, Sample(now_us, (x, y, z), (qw, qx, qy, qz)))
+            samples = [
+                Sample(now_us, (x, y, z), (qw, qx, qy, qz))
+                for now_us, in_view, (x, y, z, qx, qy, qz, qw) in zip(
+                    time_us, seen[:, number].tolist(), poses[:, number].tolist(), strict=True
+                )
+                if in_view
+            ]
+            if samples:
+                motion.add_all(body, samples)
 
     def missing(self) -> frozenset[str]:
         """Its name while it cannot sign yet; empty once it can."""

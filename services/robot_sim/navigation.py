@@ -101,8 +101,8 @@ class BaseDriver:
         """From where the base is along the rest of its route; empty without a route."""
         if self._drive is None:
             return []
-        pose = self._body.pose
-        return [(pose.x_m, pose.y_m), *self._drive.ahead]
+        x_m, y_m, _ = self._body.place
+        return [(x_m, y_m), *self._drive.ahead]
 
     def block(self) -> None:
         """End the route under way because something stands on it."""
@@ -214,23 +214,23 @@ class BaseDriver:
         # A slight bend is driven through; for a sharp one the robot stops and turns.
         passing = beyond is not None and abs(wrap(_bearing(b, beyond) - _bearing(a, b))) < TURN_FIRST_RAD
         while True:
-            pose = self._body.pose
-            ahead = _bearing((pose.x_m, pose.y_m), b)
-            if abs(wrap(ahead - pose.yaw_rad)) > TURN_FIRST_RAD:
+            x_m, y_m, yaw_rad = self._body.place
+            ahead = _bearing((x_m, y_m), b)
+            if abs(wrap(ahead - yaw_rad)) > TURN_FIRST_RAD:
                 yield from self._turn(ahead)
-                pose = self._body.pose
-            along = (pose.x_m - a[0]) * ux + (pose.y_m - a[1]) * uy
+                x_m, y_m, yaw_rad = self._body.place
+            along = (x_m - a[0]) * ux + (y_m - a[1]) * uy
             left_m = length_m - along
             drive.remaining_m = rest_m + max(0.0, left_m)
             if left_m < (0.1 if passing else WAYPOINT_TOLERANCE_M):
                 return
             reach = min(along + LOOKAHEAD_M, length_m)
-            yield self._pursue(pose, (a[0] + ux * reach, a[1] + uy * reach), math.inf if passing else left_m)
+            dx, dy = a[0] + ux * reach - x_m, a[1] + uy * reach - y_m
+            yield self._pursue(dx, dy, yaw_rad, math.inf if passing else left_m)
 
-    def _pursue(self, pose: Pose2, target: Point2, left_m: float) -> Twist2:
-        """Arc through the target, slower in bends and near the end."""
-        dx, dy = target[0] - pose.x_m, target[1] - pose.y_m
-        error = wrap(math.atan2(dy, dx) - pose.yaw_rad)
+    def _pursue(self, dx: float, dy: float, yaw_rad: float, left_m: float) -> Twist2:
+        """Arc through what is dx, dy away in the map, slower in bends and near the end."""
+        error = wrap(math.atan2(dy, dx) - yaw_rad)
         curvature = 2 * math.sin(error) / max(math.hypot(dx, dy), 0.15)
         speed = min(self._limits.cruise_m_s, math.sqrt(2 * 0.6 * self._limits.acceleration_m_s2 * left_m))
         speed = max(SLOWEST_M_S, min(speed, self._limits.cruise_rad_s / max(abs(curvature), 1e-6)))
@@ -240,8 +240,8 @@ class BaseDriver:
         """Straight forwards or backwards along the goal's heading until level with it."""
         c, s = math.cos(goal.yaw_rad), math.sin(goal.yaw_rad)
         while True:
-            pose = self._body.pose
-            dx, dy = goal.x_m - pose.x_m, goal.y_m - pose.y_m
+            x_m, y_m, yaw_rad = self._body.place
+            dx, dy = goal.x_m - x_m, goal.y_m - y_m
             left_m, aside_m = c * dx + s * dy, c * dy - s * dx
             drive.remaining_m = rest_m + abs(left_m)
             if abs(left_m) < POSITION_TOLERANCE_M:
@@ -251,7 +251,7 @@ class BaseDriver:
             speed = min(fastest, math.sqrt(0.8 * self._limits.acceleration_m_s2 * abs(left_m)))
             # Steer onto the line, as far as there is still way to do so.
             aim = math.atan2(aside_m, max(abs(left_m), 0.25)) if abs(left_m) > 0.1 else 0.0
-            error = wrap(goal.yaw_rad + sign * aim - pose.yaw_rad)
+            error = wrap(goal.yaw_rad + sign * aim - yaw_rad)
             yield Twist2(sign * max(SLOWEST_M_S, speed), self._rate(1.5 * error))
 
     def _rate(self, wanted_rad_s: float) -> float:
@@ -259,7 +259,7 @@ class BaseDriver:
 
     def _turn(self, yaw_rad: float) -> Iterator[Twist2]:
         while True:
-            error = wrap(yaw_rad - self._body.pose.yaw_rad)
+            error = wrap(yaw_rad - self._body.place[2])
             if abs(error) < YAW_TOLERANCE_RAD:
                 return
             speed = min(self._limits.cruise_rad_s, math.sqrt(self._limits.acceleration_rad_s2 * abs(error)))

@@ -3,6 +3,7 @@
 import logging
 import math
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,8 @@ from services.robot_sim.entities import EntityState, UnknownEntity
 from services.robot_sim.frames import RobotFrames, odom_in_map
 from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
+from services.robot_sim.periods import Periods
 from services.robot_sim.simulation import SimRobot
-from services.robot_sim.snapshot import XYZW, RobotSnapshot, Snapshot
 
 log = logging.getLogger(__name__)
 
@@ -37,12 +38,15 @@ _SHOWN_M, _FELL_N = 0.02, 0.05
 _NOTHING_SHOWN = -1e3
 _FINGER_SIDES = np.array([1.0, -1.0])
 
+Column = tuple[Publisher, list[bytes | None]]
+"""What one topic shows, in CDR, for each of the last periods; None where nothing is shown."""
+
 
 class BinPlane:
     """One bin's sensors and its camera."""
 
-    def __init__(self, node: Node, loop: Loop, snapshot: Snapshot, config: BinConfig) -> None:
-        self._loop, self._simulation, self._snapshot = loop, loop.simulation, snapshot
+    def __init__(self, node: Node, loop: Loop, config: BinConfig) -> None:
+        self._loop, self._simulation = loop, loop.simulation
         self._name = config.name
         self._camera = open_camera(self._simulation, config)
         presence, load, image = topics.BIN_PRESENCE, topics.BIN_LOAD, topics.BIN_IMAGE
@@ -60,7 +64,7 @@ class BinPlane:
         node.service(topics.BIN_CAPTURE.name(bin=self._name), topics.BIN_CAPTURE.type, self._capture)
 
     def publish(self) -> None:
-        seen, add = self._snapshot, self._loop.publish_queue.add
+        seen, add = self._simulation, self._loop.publish_queue.add
         now_ns, presence_m = seen.time_ns, seen.presence_m(self._name)
         add(self._presence.publish_cdr, self._presence_cdr.encode(now_ns, presence_m), now_ns)
         weights_n = {name: seen.weight_n(self._name, name) for name in self._loads}
@@ -90,8 +94,8 @@ class BinPlane:
 class DockPlane:
     """One dock's terminals and its contactor."""
 
-    def __init__(self, node: Node, loop: Loop, snapshot: Snapshot, name: str) -> None:
-        self._loop, self._snapshot, self._name = loop, snapshot, name
+    def __init__(self, node: Node, loop: Loop, name: str) -> None:
+        self._loop, self._simulation = loop, loop.simulation
         self._supply = loop.simulation.supplies[name]
         self._told = False, False
         self._output_cdr = messages.DockOutput(name)
@@ -101,7 +105,7 @@ class DockPlane:
 
     def publish(self) -> None:
         """What the dock reads at its terminals."""
-        now_ns, supply = self._snapshot.time_ns, self._snapshot.supplies[self._name]
+        now_ns, supply = self._simulation.time_ns, self._supply
         self._loop.publish_queue.add(
             self._output.publish_cdr, self._output_cdr.encode(now_ns, supply), now_ns
         )
@@ -122,8 +126,8 @@ class DockPlane:
 class LabPlane:
     """Clock, motion capture, bins and docks."""
 
-    def __init__(self, node: Node, loop: Loop, snapshot: Snapshot, mocap: MotionCapture) -> None:
-        self._loop, self._simulation, self._snapshot = loop, loop.simulation, snapshot
+    def __init__(self, node: Node, loop: Loop, mocap: MotionCapture) -> None:
+        self._loop, self._simulation = loop, loop.simulation
         site = self._simulation.site
 
         def publisher(topic: topics.Topic, **names: str) -> Publisher:
@@ -139,8 +143,8 @@ class LabPlane:
             if "/" not in body  # of a gripper only what is signed is of use
         }
         self._pose = messages.pose_template()
-        self._bins = [BinPlane(node, loop, snapshot, config) for config in site.bins]
-        self._docks = [DockPlane(node, loop, snapshot, config.name) for config in site.docks]
+        self._bins = [BinPlane(node, loop, config) for config in site.bins]
+        self._docks = [DockPlane(node, loop, config.name) for config in site.docks]
         node.service(topics.SET_ENTITY_STATE.name(), topics.SET_ENTITY_STATE.type, self._set_entity_state)
         static = node.publisher(topics.TF_STATIC.name(), topics.TF_STATIC.type, LATCHED)
         static.publish(
@@ -148,38 +152,51 @@ class LabPlane:
             self._simulation.time_ns,
         )
 
-    def publish(self, tick: int, skipped: bool) -> None:
-        seen, add = self._snapshot, self._loop.publish_queue.add
-        now_ns = seen.time_ns
-        for stall in seen.stalls_ns:
-            add(self._mocap.stall, *stall)
-        if self._mocap_poses:
-            bodies, poses = captured = seen.captured_poses()
-            for body, pose in zip(bodies, poses, strict=True):
-                if body in self._mocap_poses:
-                    add(self._mocap_poses[body].publish_cdr, self._pose.encode(now_ns, (0, pose)), now_ns)
-            add(self._mocap.see, captured, now_ns)
-        if skipped or tick % SLOW_TICKS == 0:
+    def stall(self, stalls_ns: Sequence[tuple[int, int]]) -> None:
+        """Time was skipped. What is stamped afterwards must not reach anybody before the time does."""
+        for stall_ns in stalls_ns:
+            self._mocap.stall(*stall_ns)
+        self.publish_clock(at_once=True)
+
+    def publish(self, tick: int, everything: bool) -> None:
+        """What is not shown in each period, unless `everything` is to be shown now."""
+        if everything or tick % SLOW_TICKS == 0:
             for bin_ in self._bins:
                 bin_.publish()
-        if skipped or seen.stalls_ns or tick % _SECOND_TICKS == 0:
+        if everything or tick % _SECOND_TICKS == 0:
             self.publish_power()
+
+    def columns(self, periods: Periods) -> list[Column]:
+        """The poses of what motion capture sees."""
+        if not self._mocap_poses:
+            return []
+        bodies, poses, seen = periods.captured()
+        shown = [number for number, body in enumerate(bodies) if body in self._mocap_poses]
+        stamps = np.repeat(periods.time_ns, len(shown))
+        messages_ = self._pose.encode(stamps, (0, poses[:, shown].reshape(-1, 7)))
+        columns: list[Column] = []
+        for place, number in enumerate(shown):
+            poses_cdr: list[bytes | None] = [*messages_[place :: len(shown)]]
+            for row in np.flatnonzero(~seen[:, number]).tolist():
+                poses_cdr[row] = None
+            columns.append((self._mocap_poses[bodies[number]], poses_cdr))
+        return columns
+
+    def see(self, periods: Periods) -> None:
+        """Have motion capture sign what it saw."""
+        if self._mocap_poses:
+            self._mocap.see(*periods.captured(), periods.time_ns)
 
     def publish_power(self) -> None:
         for dock in self._docks:
             dock.publish()
 
-    @property
-    def stalled(self) -> bool:
-        """Whether time was skipped before what is shown now."""
-        return bool(self._snapshot.stalls_ns)
-
     def publish_clock(self, at_once: bool = False) -> None:
         """At most every _CLOCK_WALL_PERIOD_S, as whoever reads the clock needs no more. But no message is
         stamped more than _CLOCK_PERIOD_NS after the time that was told last: recorders would leave it out."""
-        now_s, now_ns = time.monotonic(), self._snapshot.time_ns
+        now_s, now_ns = time.monotonic(), self._simulation.time_ns
         due = now_s - self._clock_sent_s >= _CLOCK_WALL_PERIOD_S
-        if at_once or self.stalled or due or now_ns - self._clock_sent_ns > _CLOCK_PERIOD_NS:
+        if at_once or due or now_ns - self._clock_sent_ns > _CLOCK_PERIOD_NS:
             self._clock_sent_s, self._clock_sent_ns = now_s, now_ns
             self._loop.publish_queue.add(self._clock.publish_cdr, self._clock_cdr.encode(now_ns), now_ns)
 
@@ -231,13 +248,12 @@ class RobotPlane:
         self,
         node: Node,
         loop: Loop,
-        snapshot: Snapshot,
         robot: SimRobot,
-        seen: RobotSnapshot,
         commander: Commander,
     ) -> None:
         self._loop, self._simulation, self._robot = loop, loop.simulation, robot
-        self._snapshot, self._seen, self._commander = snapshot, seen, commander
+        self._commander = commander
+        self._number = list(loop.simulation.robots.values()).index(robot)
         name, self._ns = robot.config.name, robot.config.namespace
 
         def publisher(topic: topics.Topic) -> Publisher:
@@ -260,14 +276,14 @@ class RobotPlane:
             publisher(topics.WRIST_DEPTH),
             publisher(topics.WRIST_DEPTH_INFO),
         )
-        self._depth_cdr = messages.depth_image_template(self._ns, seen.depth.lens)
-        self._depth_info_cdr = messages.camera_info_template(self._ns, seen.depth.lens)
+        self._depth_cdr = messages.depth_image_template(self._ns, robot.depth.lens)
+        self._depth_info_cdr = messages.camera_info_template(self._ns, robot.depth.lens)
         self._image, self._camera = (
             publisher(topics.WRIST_IMAGE),
-            WristCamera(snapshot.model, f"{name}/wrist_camera"),
+            WristCamera(self._simulation.model, f"{name}/wrist_camera"),
         )
         self._tf = publisher(topics.TF)
-        self._frames = RobotFrames(snapshot.model, snapshot.data, name, self._ns)
+        self._frames = RobotFrames(self._simulation.model, name, self._ns)
         odom, base = f"{self._ns}/odom", f"{self._ns}/base_link"
         self._transforms = messages.transforms_template([("map", odom), (odom, base), *self._frames.moving])
         now_ns = self._simulation.time_ns
@@ -281,68 +297,65 @@ class RobotPlane:
         node.service(power.name(ns=self._ns), power.type, self._on_motor_power)
 
     def publish(self, tick: int, skipped: bool) -> None:
-        now_ns, seen, add = self._snapshot.time_ns, self._seen, self._loop.publish_queue.add
-        self._publish_motion(now_ns)
+        """What is not shown in each period, unless time was `skipped`."""
+        now_ns, robot, add = self._simulation.time_ns, self._robot, self._loop.publish_queue.add
         if tick % SLOW_TICKS == 0:
             self._publish_controllers(now_ns)
         if skipped or tick % _SECOND_TICKS == 0:
             self.publish_power()
-        if self._tf.matched:
-            add(self._tf.publish_cdr, self._transforms.encode(now_ns, self._frame_poses()), now_ns)
         if (skipped or tick % SLOW_TICKS == 0) and self._scan.matched:
-            add(self._scan.publish_cdr, self._scan_cdr.encode(now_ns, seen.scan_m()), now_ns)
+            add(self._scan.publish_cdr, self._scan_cdr.encode(now_ns, robot.scan_m(now_ns)), now_ns)
         if (skipped or tick % _DEPTH_TICKS == 0) and self._depth_image.matched:
             add(self._depth_info.publish_cdr, self._depth_info_cdr.encode(now_ns), now_ns)
-            depth = seen.depth_m().astype("<f4").view(np.uint8).ravel()
+            depth = robot.depth_m(now_ns).astype("<f4").view(np.uint8).ravel()
             add(self._depth_image.publish_cdr, self._depth_cdr.encode(now_ns, depth), now_ns)
             self._loop.sent()
         if (skipped or tick % _SECOND_TICKS == 0) and self._image.matched:
-            jpeg = self._camera.jpeg(self._snapshot.data)
+            jpeg = self._camera.jpeg(self._simulation.data)
             if jpeg is not None:
                 frame = f"{self._ns}/{CAMERA_SITE}"
                 add(self._image.publish, messages.compressed_image(now_ns, frame, jpeg), now_ns)
 
     def publish_power(self) -> None:
-        now_ns = self._snapshot.time_ns
-        state = self._battery_state.encode(now_ns, self._seen.battery)
+        now_ns = self._simulation.time_ns
+        state = self._battery_state.encode(now_ns, self._robot.battery)
         self._loop.publish_queue.add(self._battery.publish_cdr, state, now_ns)
 
-    def _publish_motion(self, now_ns: int) -> None:
-        seen, add = self._seen, self._loop.publish_queue.add
-        half = seen.yaw_rad / 2
-        odometry = self._odometry.encode(
-            now_ns,
-            (0, (seen.x_m, seen.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))),
-            (
-                messages.ODOMETRY_TWIST,
-                (seen.twist.linear_m_s, 0.0, 0.0, 0.0, 0.0, seen.twist.angular_rad_s),
-            ),
+    def columns(self, periods: Periods) -> list[Column]:
+        """How the robot moved: odometry, joint states, its pose where no motion capture has it, and tf."""
+        time_ns, body = periods.time_ns, self._robot.body
+        x_m, y_m, yaw_rad, linear_m_s, angular_rad_s = periods.reckoned[:, self._number].T
+        zero = np.zeros(len(time_ns))
+        odometry = np.stack([x_m, y_m, zero, zero, zero, np.sin(yaw_rad / 2), np.cos(yaw_rad / 2)], axis=1)
+        twist = np.stack([linear_m_s, zero, zero, zero, zero, angular_rad_s], axis=1)
+        odom = self._odometry.encode(time_ns, (0, odometry), (messages.ODOMETRY_TWIST, twist))
+        joints = self._joint_states.encode(
+            time_ns,
+            periods.positions[:, body.positions_at],
+            periods.velocities[:, body.velocities_at],
+            periods.efforts[:, body.velocities_at],
         )
-        add(self._odom.publish_cdr, odometry, now_ns)
-        body = seen.body
+        columns: list[Column] = [(self._odom, [*odom]), (self._joints, [*joints])]
         if self._pose is not None:
-            pose = self._pose_cdr.encode(now_ns, (0, body.position_m), (3, body.quat_wxyz[XYZW]))
-            add(self._pose.publish_cdr, pose, now_ns)
-        joints = self._joint_states.encode(now_ns, body.positions, body.velocities, body.efforts)
-        add(self._joints.publish_cdr, joints, now_ns)
+            poses = periods.poses(np.array([body.base]))[:, 0]
+            columns.append((self._pose, [*self._pose_cdr.encode(time_ns, (0, poses))]))
+        if self._tf.matched:
+            base_m, base_quat = periods.places_m[:, body.base], periods.quaternions[:, body.base]
+            odom_poses = odom_in_map(base_m, base_quat, x_m, y_m, yaw_rad)
+            links = self._frames.poses(periods.places_m, periods.quaternions, periods.turns)
+            frames = np.concatenate((odom_poses[:, None], odometry[:, None], links), axis=1)
+            columns.append((self._tf, [*self._transforms.encode(time_ns, frames)]))
+        return columns
 
     def _publish_controllers(self, now_ns: int) -> None:
-        seen, add, body = self._seen, self._loop.publish_queue.add, self._seen.body
+        robot, add, body = self._robot, self._loop.publish_queue.add, self._robot.body
         position = body.positions
-        arm = self._arm_state.encode(now_ns, seen.arm_reference_rad, position[body.arm_columns])
+        arm = self._arm_state.encode(now_ns, robot.arm.reference_rad, position[body.arm_columns])
         add(self._arm.publish_cdr, arm, now_ns)
         fingers = self._gripper_state.encode(
-            now_ns, seen.gripper_reference_m * _FINGER_SIDES, position[body.finger_columns]
+            now_ns, robot.gripper.position_m * _FINGER_SIDES, position[body.finger_columns]
         )
         add(self._gripper.publish_cdr, fingers, now_ns)
-
-    def _frame_poses(self) -> np.ndarray:
-        """(n, 7): odom in the map (localisation is the motion capture's), base_link in odom, the links."""
-        seen, body = self._seen, self._seen.body
-        half = seen.yaw_rad / 2
-        odom = odom_in_map(body.position_m, body.quat_wxyz, seen.x_m, seen.y_m, seen.yaw_rad)
-        base = (seen.x_m, seen.y_m, 0.0, 0.0, 0.0, math.sin(half), math.cos(half))
-        return np.concatenate(((odom, base), self._frames.poses()))
 
     def _on_cmd_vel(self, twist: Any, info: MessageInfo) -> None:
         if not self._commander.follows(info.gid):

@@ -4,7 +4,6 @@ import gc
 import logging
 import threading
 import time
-from collections.abc import Callable
 from functools import partial
 
 from rodeo import tls
@@ -19,10 +18,10 @@ from services.robot_sim.holders import Holders
 from services.robot_sim.loop import Loop
 from services.robot_sim.mocap import MotionCapture
 from services.robot_sim.people import PeoplesTime
-from services.robot_sim.plane import LabPlane, RobotPlane
+from services.robot_sim.periods import Periods
+from services.robot_sim.plane import Column, LabPlane, RobotPlane
 from services.robot_sim.sessions import BodySessions
-from services.robot_sim.simulation import PROCESS, Simulation
-from services.robot_sim.snapshot import Snapshot
+from services.robot_sim.simulation import PERIOD_NS, PROCESS, Simulation
 from services.robot_sim.state import StateFile, saved_time_ns
 
 log = logging.getLogger(__name__)
@@ -38,31 +37,52 @@ class WorldPublisher:
     def __init__(
         self,
         process: Process,
-        snapshot: Snapshot,
+        loop: Loop,
         lab: LabPlane,
         robots: list[RobotPlane],
         people: PeoplesTime,
-        waited_s: Callable[[], float],
     ) -> None:
-        self._process, self._snapshot, self._lab, self._robots = process, snapshot, lab, robots
-        self._waited_s = waited_s
+        self._process, self._loop, self._lab, self._robots = process, loop, lab, robots
+        self._simulation, self._queue = loop.simulation, loop.publish_queue
         self._people = people
-        self._tick = 0
-        self._reported = (time.monotonic(), snapshot.time_ns)
+        self._periods = Periods(self._simulation)
+        self._columns: list[Column] = []
+        """Of the periods that are being sent."""
+        self._reported = (time.monotonic(), self._simulation.time_ns)
 
     def publish(self, skipped: bool) -> None:
-        self._snapshot.take()
-        self._tick += 1
-        if self._lab.stalled:  # what is stamped after a stall must not reach anybody before its time does
-            self._lab.publish_clock()
+        stalls_ns = self._simulation.take_stalls()
+        if stalls_ns:
+            self._queue.flush()
+            self._lab.stall(stalls_ns)
+        elif self._periods.full:
+            self._queue.flush()
+        now_ns = self._simulation.time_ns
+        self._queue.add(self._send, self._periods.take(), now_ns)
+        # By the site's time, so that the lidar's scans are those that the base's driver looks at.
+        tick = now_ns // PERIOD_NS
         for robot in self._robots:
-            robot.publish(self._tick, skipped)
-        self._lab.publish(self._tick, skipped)
+            robot.publish(tick, skipped)
+        self._lab.publish(tick, skipped or bool(stalls_ns))
         self._lab.publish_clock()
         self._report("skipping idle time" if skipped else "simulating")
 
+    def _send(self, row: int, time_ns: int) -> None:
+        """Send what moved in one period. With the first one the messages of all are made; with the last one
+        motion capture sees them."""
+        periods = self._periods
+        if row == 0:
+            self._columns = [column for robot in self._robots for column in robot.columns(periods)]
+            self._columns += self._lab.columns(periods)
+        for publisher, messages in self._columns:
+            message = messages[row]
+            if message is not None:
+                publisher.publish_cdr(message, time_ns)
+        if row == periods.count - 1:
+            self._lab.see(periods)
+            periods.clear()
+
     def publish_power(self, due: bool) -> None:
-        self._snapshot.take_power()
         self._lab.publish_clock(at_once=due)
         for robot in self._robots:
             robot.publish_power()
@@ -72,14 +92,14 @@ class WorldPublisher:
     def _report(self, activity: str) -> None:
         wall_s, before_ns = self._reported
         if (passed_s := time.monotonic() - wall_s) >= _REPORT_WALL_S:
-            speed = (self._snapshot.time_ns - before_ns) * 1e-9 / passed_s
-            self._reported = (time.monotonic(), self._snapshot.time_ns)
+            speed = (self._simulation.time_ns - before_ns) * 1e-9 / passed_s
+            self._reported = (time.monotonic(), self._simulation.time_ns)
             self._process.activity(
                 self._people.activity(activity),
                 speed=round(speed, 2),
-                site_time_s=self._snapshot.time_ns * 1e-9,
+                site_time_s=self._simulation.time_s,
                 measured_s=time.time(),
-                waited_s=round(self._waited_s(), 3),
+                waited_s=round(self._loop.waited_s, 3),
             )
 
 
@@ -127,22 +147,21 @@ def run(site: Site, stop: threading.Event, fresh: bool = False) -> None:
                 )
             domain_id = site.bus.domain_id
             lab_node = Node(process.bus.session, "lab", "", domain_id, simulation)
-            snapshot = Snapshot(simulation)
-            lab = LabPlane(lab_node, loop, snapshot, mocap)
+            lab = LabPlane(lab_node, loop, mocap)
             loop.tell_time = lab.tell_time
             nodes, robots, commanders = [lab_node], [], []
-            for robot, seen in zip(simulation.robots.values(), snapshot.robots, strict=True):
+            for robot in simulation.robots.values():
                 session = sessions.of(robot.config.name)
                 node = Node(session, "body", robot.config.namespace, domain_id, simulation)
                 nodes.append(node)
                 commander = Commander(session, domain_id, robot.config.namespace, partial(_warn, process))
-                robots.append(RobotPlane(node, loop, snapshot, robot, seen, commander))
+                robots.append(RobotPlane(node, loop, robot, commander))
                 Actions(node, loop, robot, commander)
                 commanders.append(commander)
             # What was made until now is not garbage before the process ends.
             gc.freeze()
             process.ready()
-            loop.run(WorldPublisher(process, snapshot, lab, robots, people, lambda: loop.waited_s))
+            loop.run(WorldPublisher(process, loop, lab, robots, people))
             people.close()
             if loop.holders is not None:
                 loop.holders.close()

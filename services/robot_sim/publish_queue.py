@@ -18,9 +18,15 @@ _BATCH_WALL_S = 0.005
 
 
 class PublishQueue:
-    """For the simulation's thread alone. Whatever sends raises what the send raised."""
+    """For the simulation's thread alone. Whatever sends raises what the send raised.
 
-    def __init__(self) -> None:
+    Args:
+        save: puts the simulation's state where a restart finds it. What is sent was saved before, so that a
+            simulator that is killed goes on no earlier than others have seen it.
+    """
+
+    def __init__(self, save: Callable[[], object]) -> None:
+        self._save = save
         self._batch: list[tuple[Send, Any, int]] = []
         self._since_s = 0.0
 
@@ -43,6 +49,9 @@ class PublishQueue:
 
     def flush(self) -> None:
         """Send what was added."""
+        if not self._batch:
+            return
+        self._save()
         batch, self._batch = self._batch, []
         for send, message, time_ns in batch:
             send(message, time_ns)

@@ -12,14 +12,16 @@ from rodeo.lab.battery import Battery, Supply
 from rodeo.lab.body import Body, Twist2
 from rodeo.lab.config import DockConfig, RobotConfig, gripper_body
 from rodeo.lab.layout import BUMPER_M, BinLayout, on_contacts
-from rodeo.lab.sensors import Lidar
+from rodeo.lab.sensors import DepthCamera, Lidar
 from rodeo.lab.urdf import to_urdf
 from rodeo.lab.world import (
+    CAMERA_SITE,
     CONTROL_PERIOD_S,
     LIDAR_SITE,
     arm_model,
     begin,
     robot_model,
+    scale_weight_n,
     world_spec,
 )
 from services.robot_sim.arm import ArmDriver, GripperDriver
@@ -42,6 +44,7 @@ _LOOK_PERIODS = 10
 """Control periods between two looks for obstacles on the way."""
 _MJ_STATE = mujoco.mjtState.mjSTATE_INTEGRATION
 _ON_FLOOR_M = 0.15
+_PRESENCE_MAX_M = 2.0
 
 
 class SimRobot:
@@ -73,7 +76,11 @@ class SimRobot:
         self.powered = True
         """The motors have power. Without it a real arm lies where it was folded; the simulated one stays."""
         self._lidar = Lidar(model, f"{config.name}/{LIDAR_SITE}", f"{config.name}/base_link")
-        self.lidar_chance = Moments(site, PROCESS, f"lidar of {config.name}")
+        self._lidar_chance = Moments(site, PROCESS, f"lidar of {config.name}")
+        self._scan: tuple[int, np.ndarray] | None = None
+        """When it was taken, and its ranges: what is published is what the base's driver looks at."""
+        self.depth = DepthCamera(model, f"{config.name}/{CAMERA_SITE}")
+        self._depth_chance = Moments(site, PROCESS, f"depth of {config.name}")
 
     @property
     def idle(self) -> bool:
@@ -132,8 +139,20 @@ class SimRobot:
 
     def scan_m(self, time_ns: int) -> np.ndarray:
         """(Lidar.BEAMS,) ranges as the lidar measures them, noise included."""
-        noise_m = self.config.noise.lidar_m * self.lidar_chance.at(time_ns).standard_normal(Lidar.BEAMS)
-        return self._lidar.ranges(self.body.data) + noise_m
+        if self._scan is None or self._scan[0] != time_ns:
+            noise_m = self.config.noise.lidar_m * self._lidar_chance.at(time_ns).standard_normal(Lidar.BEAMS)
+            self._scan = time_ns, self._lidar.ranges(self.body.data) + noise_m
+        return self._scan[1]
+
+    def look_again(self) -> None:
+        """Something was put somewhere: what was seen before is not what is there now."""
+        self._scan = None
+
+    def depth_m(self, time_ns: int) -> np.ndarray:
+        """(height, width) depths as the wrist's camera measures them, noise included."""
+        depth_m = self.depth.image(self.body.data)
+        share, chance = self.config.noise.depth_share, self._depth_chance.at(time_ns)
+        return depth_m * (1 + share * chance.standard_normal(depth_m.shape, np.float32))
 
     def watch(self, lab: Map, time_ns: int) -> None:
         """Stop the drive under way if the lidar shows something on its route that `lab` has not."""
@@ -188,6 +207,7 @@ class Simulation:
         self.map = Map.of(site)
         self.supplies = {dock.name: Supply(dock) for dock in site.docks}
         self._bins = [BinLayout(bin_) for bin_ in site.bins]
+        self._presence = {one.name: self.model.site(f"{one.name}/presence").id for one in site.bins}
         self._items = {item.id: self.model.body(item.id).id for item in site.items}
         self.captured = {
             **self._items,
@@ -296,6 +316,18 @@ class Simulation:
                 return robot
         return None
 
+    def weight_n(self, bin_name: str, compartment: str) -> float:
+        """What the scale under a compartment shows."""
+        return scale_weight_n(self.model, self.data, bin_name, compartment)
+
+    def presence_m(self, bin_name: str) -> float:
+        """Distance from the bin's camera to the first thing in front of it; infinite beyond 2 m."""
+        sensor = self._presence[bin_name]
+        eye = self.data.site_xpos[sensor]
+        beam = self.data.site_xmat[sensor].reshape(3, 3)[:, 2].copy()
+        distance_m = mujoco.mj_ray(self.model, self.data, eye, beam, None, True, -1, None)
+        return distance_m if 0 <= distance_m <= _PRESENCE_MAX_M else math.inf
+
     def item_pose(self, item: str) -> tuple[np.ndarray, np.ndarray]:
         """Position (3,) in m and quaternion (4,) w, x, y, z, in the map frame."""
         body = self._items[item]
@@ -309,6 +341,8 @@ class Simulation:
     def place(self, entity: str, state: EntityState) -> None:
         """Put an item, an obstacle or a robot that is not simulated somewhere. Raises UnknownEntity."""
         self.entities.place(self.model, self.data, entity, state, self.time_ns)
+        for robot in self.robots.values():
+            robot.look_again()
 
     def items_on_floor(self) -> list[tuple[float, float]]:
         """Where items lie that a base has to drive around."""

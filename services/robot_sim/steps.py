@@ -84,7 +84,8 @@ class Steps:
                 self._still[model.joint(f"{robot}/{name}").dofadr[0]] = most
             fingers[k] = [model.joint(f"{robot}/{name}").qposadr[0] for name in arm.fingers]
         self._base_dofs, self._fingers = base_dofs, fingers
-        self._bases = np.array([model.body(f"{robot}/base_link").id for robot in robots], int)
+        bases = [model.body(f"{robot}/base_link").id for robot in robots]
+        self._near = np.array([*self._items, *bases], int)
         self._hands = np.array([model.site(f"{robot}/{GRASP_SITE}").id for robot in robots], int)
 
     @property
@@ -97,20 +98,15 @@ class Steps:
         """Of all steps of the next control period but its last."""
         if self._gripping():
             return TIMESTEP_S
-        # Places are from before the last step: by a few millimetres of a moving base.
-        aside_m = self._bodies_m[self._items, None, :2] - self._bodies_m[self._bases, :2]
-        aside_m *= aside_m
-        aside_m2 = aside_m[..., 0] + aside_m[..., 1]
         speed, still, held = np.abs(self._velocity), self._still, []
-        for item, robot in np.argwhere(aside_m2 < HAND_REACHES_M * HAND_REACHES_M).tolist():
+        for item, robot, base_m in self._within_reach():
             hand_m = math.dist(
                 self._bodies_m[self._items[item]].tolist(), self._sites_m[self._hands[robot]].tolist()
             )
             if hand_m < HELD_M and self._closed(robot):
                 held.append(item)
             elif hand_m < HAND_NEAR_M or (
-                aside_m2[item, robot] < BASE_NEAR_M * BASE_NEAR_M
-                and speed[self._base_dofs[robot]].max() > STANDING_SPEED
+                base_m < BASE_NEAR_M and speed[self._base_dofs[robot]].max() > STANDING_SPEED
             ):
                 return TIMESTEP_S
         if held:
@@ -119,6 +115,23 @@ class Steps:
         if (speed > still).any():
             return TIMESTEP_S
         return HOLDING_S if held else WIDE_S
+
+    def _within_reach(self) -> list[tuple[int, int, float]]:
+        """(item, robot, distance in m over the floor) of what a hand may reach.
+
+        Places are from before the last step: by a few millimetres of a moving base. They are few, so that
+        plain numbers are faster than arrays.
+        """
+        places_m = self._bodies_m[self._near].tolist()
+        count = len(self._items)
+        near = []
+        for robot, (base_x_m, base_y_m, _) in enumerate(places_m[count:]):
+            for item, (x_m, y_m, _) in enumerate(places_m[:count]):
+                if abs(x_m - base_x_m) < HAND_REACHES_M:
+                    base_m = math.hypot(x_m - base_x_m, y_m - base_y_m)
+                    if base_m < HAND_REACHES_M:
+                        near.append((item, robot, base_m))
+        return near
 
     def _closed(self, robot: int) -> bool:
         """Whether the robot's fingers may hold something."""

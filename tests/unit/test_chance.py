@@ -16,7 +16,6 @@ from rodeo.config import ClockConfig, Site, agent_process
 from rodeo.errors import ConfigError
 from rodeo.lab.body import Twist2
 from services.robot_sim.simulation import Simulation
-from services.robot_sim.snapshot import Snapshot
 from tests.support.site import LAB
 
 ROOT = Path(__file__).parents[2]
@@ -99,12 +98,11 @@ def driven(seed: int | None, _run: int = 1) -> Simulation:
 
 
 def sensed(simulation: Simulation) -> list[np.ndarray]:
-    robot, seen = simulation.robots["panther1"], Snapshot(simulation).robots[0]
+    robot = simulation.robots["panther1"]
     return [
         np.array([robot.odometry.x_m, robot.odometry.y_m, robot.odometry.yaw_rad]),
         robot.scan_m(simulation.time_ns),
-        seen.scan_m(),
-        seen.depth_m(),
+        robot.depth_m(simulation.time_ns),
     ]
 
 
@@ -121,19 +119,13 @@ def test_without_a_seed_a_simulated_robot_is_the_same_after_each_start() -> None
 
 
 def test_a_picture_is_the_same_however_many_were_taken_before() -> None:
-    simulation = driven(7)
-    quiet, busy = Snapshot(simulation), Snapshot(simulation)
-    for _ in range(3):
-        busy.robots[0].depth_m()
-        busy.robots[0].scan_m()
-    assert np.array_equal(quiet.robots[0].depth_m(), busy.robots[0].depth_m(), equal_nan=True)
-    assert np.array_equal(quiet.robots[0].scan_m(), busy.robots[0].scan_m())
-
-
-def test_what_is_published_of_the_lidar_is_what_the_driver_saw() -> None:
-    simulation = driven(7)
-    seen = simulation.robots["panther1"].scan_m(simulation.time_ns)
-    assert Snapshot(simulation).robots[0].scan_m() == pytest.approx(seen, abs=1e-9)
+    quiet, busy = driven(7, 1), driven(7, 2)
+    time_ns, robot = busy.time_ns, busy.robots["panther1"]
+    for earlier_ns in range(time_ns - 3, time_ns):
+        robot.depth_m(earlier_ns)
+        robot.scan_m(earlier_ns)
+    for one, same in zip(sensed(quiet), sensed(busy), strict=True):
+        assert np.array_equal(one, same, equal_nan=True)
 
 
 def test_two_robots_have_minds_and_sensors_of_their_own() -> None:

@@ -71,7 +71,7 @@ NO_TOPICS = {
     "deploy/chain/methods.py": "rodeo/eth-tester/{}/py-evm/{}",  # what web3_clientVersion answers
     "deploy/chain/local_chain.py": "rodeo/{}/",  # what the development keys are derived from
     "rodeo/lab/world.py": "{}/presence",  # a site of the MuJoCo model
-    "services/robot_sim/snapshot.py": "{}/presence",  # the same
+    "services/robot_sim/simulation.py": "{}/presence",  # the same
     "services/robot_sim/messages.py": "{}/odom",  # a frame of TF
     "services/robot_sim/plane.py": "{}/odom",  # the same
 }

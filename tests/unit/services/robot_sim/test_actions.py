@@ -214,7 +214,8 @@ class TestAnotherArm:
         assert names == (*joints, "left_finger", "right_finger", *WHEEL_JOINTS)
         template = messages.joint_state_template(names)
         positions = body.positions.copy()  # the simulation goes on in its thread
-        cdr = template.encode(1, positions, body.velocities, body.efforts)
+        numbers = (column[None] for column in (positions, body.velocities, body.efforts))
+        (cdr,) = template.encode(np.array([1]), *numbers)
         message = types.deserialize(cdr, "sensor_msgs/msg/JointState")
         assert message.name == list(names)
         assert (message.position == positions).all()

@@ -34,16 +34,25 @@ def test_a_pose_written_into_its_template_is_the_serialised_pose() -> None:
     pose = messages.pose((1.0, 2.0, 3.0), (0.5, 0.1, 0.2, 0.3))
     expected = types.serialize(messages.pose_stamped(TIME_NS, pose))
     template = messages.pose_template()
-    template.encode(1, (0, [9.0] * 7))
-    assert template.encode(TIME_NS, (0, (1.0, 2.0, 3.0)), (3, (0.1, 0.2, 0.3, 0.5))) == expected
+    template.encode(np.array([1]), (0, np.full((1, 7), 9.0)))
+    place_m, quat_xyzw = np.array([[1.0, 2.0, 3.0]]), np.array([[0.1, 0.2, 0.3, 0.5]])
+    assert template.encode(np.array([TIME_NS]), (0, place_m), (3, quat_xyzw)) == [expected]
+
+
+def test_poses_of_several_times_are_as_many_messages_one_after_the_other() -> None:
+    times_ns, poses = TIME_NS + np.arange(40) * 20_000_000, np.random.default_rng(2).normal(size=(40, 7))
+    template = messages.pose_template()
+    alone = [template.encode(times_ns[k : k + 1], (0, poses[k : k + 1]))[0] for k in range(len(times_ns))]
+    assert template.encode(times_ns, (0, poses)) == alone
+    assert len(set(alone)) == len(alone)
 
 
 def test_odometry_written_into_its_template_reads_back() -> None:
     template = messages.odometry_template("robots/one", NoiseConfig())
-    cdr = template.encode(
-        TIME_NS,
-        (0, (1.0, 2.0, 0.0, 0.0, 0.0, 0.6, 0.8)),
-        (messages.ODOMETRY_TWIST, (0.3, 0.0, 0.0, 0.0, 0.0, -0.2)),
+    (cdr,) = template.encode(
+        np.array([TIME_NS]),
+        (0, np.array([[1.0, 2.0, 0.0, 0.0, 0.0, 0.6, 0.8]])),
+        (messages.ODOMETRY_TWIST, np.array([[0.3, 0.0, 0.0, 0.0, 0.0, -0.2]])),
     )
     message = types.deserialize(cdr, "nav_msgs/msg/Odometry")
     assert (message.header.frame_id, message.child_frame_id) == ("robots/one/odom", "robots/one/base_link")
@@ -58,7 +67,8 @@ def test_joint_states_written_into_their_template_read_back() -> None:
     joints = joint_names(arm_model())
     count = len(joints)
     position, velocity, effort = (np.arange(count) + offset for offset in (0.0, 100.0, 200.0))
-    cdr = messages.joint_state_template(joints).encode(TIME_NS, position, velocity, effort)
+    template = messages.joint_state_template(joints)
+    (cdr,) = template.encode(np.array([TIME_NS]), position[None], velocity[None], effort[None])
     message = types.deserialize(cdr, "sensor_msgs/msg/JointState")
     assert message.name == list(joints)
     assert (message.position == position).all()
@@ -107,10 +117,11 @@ def test_the_frames_lead_from_the_base_to_where_the_hand_is() -> None:
     for _ in range(5):
         simulation.step()
     model, data = simulation.model, simulation.data
-    frames = RobotFrames(model, data, "panther1", "ns")
+    frames = RobotFrames(model, "panther1", "ns")
+    poses = frames.poses(data.xpos[None], data.xquat[None], data.xmat[None])[0]
     moving = [
         Transform(*names, pose[:3], np.roll(pose[3:], 1))
-        for names, pose in zip(frames.moving, frames.poses(), strict=True)
+        for names, pose in zip(frames.moving, poses, strict=True)
     ]
     tree = {t.child: t for t in (*frames.fixed(), *moving)}
     frame, position, quat = "ns/grasp", np.zeros(3), np.array([1.0, 0, 0, 0])
@@ -126,19 +137,25 @@ def test_the_frames_lead_from_the_base_to_where_the_hand_is() -> None:
 def test_transforms_written_into_their_template_are_the_serialised_transforms() -> None:
     chance = np.random.default_rng(3)
     names = [("map", "a/odom"), ("a/odom", "a/base_link"), ("a/base_link", "a/left_finger_link")]
-    poses = chance.normal(size=(3, 7))
-    frames = [
-        Transform(*name, pose[:3], np.roll(pose[3:], 1)) for name, pose in zip(names, poses, strict=True)
+    times_ns, poses = np.array([TIME_NS, TIME_NS + 20_000_000]), chance.normal(size=(2, 3, 7))
+    expected = [
+        messages.transforms(
+            int(time_ns),
+            [Transform(*name, pose[:3], np.roll(pose[3:], 1)) for name, pose in zip(names, row, strict=True)],
+        )
+        for time_ns, row in zip(times_ns, poses, strict=True)
     ]
     template = messages.transforms_template(names)
-    template.encode(1, np.ones((3, 7)))
-    assert template.encode(TIME_NS, poses) == types.serialize(messages.transforms(TIME_NS, frames))
+    template.encode(np.array([1]), np.ones((1, 3, 7)))
+    assert template.encode(times_ns, poses) == [types.serialize(message) for message in expected]
 
 
 def test_what_wheels_reckon_in_odom_is_where_the_base_is_in_the_map() -> None:
     base_m, base_quat = np.array([1.0, 2.0, 3.0]), np.array([0.4, 0.2, -0.4, 0.8])
     x_m, y_m, yaw_rad = 0.7, -0.3, 2.1
-    odom = np.array(odom_in_map(base_m, base_quat, x_m, y_m, yaw_rad))
+    (odom,) = odom_in_map(
+        base_m[None], base_quat[None], np.array([x_m]), np.array([y_m]), np.array([yaw_rad])
+    )
     reckoned_quat = np.array([math.cos(yaw_rad / 2), 0.0, 0.0, math.sin(yaw_rad / 2)])
     there_m, there_quat = compose(odom[:3], np.roll(odom[3:], 1), np.array([x_m, y_m, 0.0]), reckoned_quat)
     assert there_m == pytest.approx(base_m)

@@ -15,7 +15,6 @@ from services.robot_sim.arm import Grip
 from services.robot_sim.camera import RENDERINGS, StoredCamera
 from services.robot_sim.entities import EntityState
 from services.robot_sim.simulation import IDLE_PERIOD_NS, PERIOD_NS, SimRobot, Simulation
-from services.robot_sim.snapshot import Snapshot
 from tests.support.site import LAB
 
 START_NS = 1_800_000_000_000_000_000
@@ -185,14 +184,12 @@ def test_a_robot_beside_the_dock_gets_nothing() -> None:
 
 def test_the_presence_sensor_sees_what_is_held_before_the_camera() -> None:
     simulation = Simulation(Site.load(LAB), START_NS)
-    assert Snapshot(simulation).presence_m("itrash") == math.inf
+    assert simulation.presence_m("itrash") == math.inf
     layout = BinLayout(simulation.site.bins[0])
     qpos = simulation.data.joint("item1").qpos
     qpos[:3] = layout.show_point
     simulation.step()
-    assert Snapshot(simulation).presence_m("itrash") == pytest.approx(
-        simulation.site.bins[0].show_distance_m, abs=0.04
-    )
+    assert simulation.presence_m("itrash") == pytest.approx(simulation.site.bins[0].show_distance_m, abs=0.04)
 
 
 def test_without_opengl_the_camera_shows_the_kind_of_thing_that_is_there() -> None:
@@ -223,8 +220,8 @@ def test_each_dock_charges_who_stands_on_it_and_each_bin_sees_what_it_is_shown()
     simulation.step()
     assert simulation.supplies["dock_east"].connected
     assert not simulation.supplies["dock_west"].connected
-    seen = Snapshot(simulation)
-    assert math.isfinite(seen.presence_m("bin_east")) and not math.isfinite(seen.presence_m("bin_north"))
+    assert math.isfinite(simulation.presence_m("bin_east"))
+    assert not math.isfinite(simulation.presence_m("bin_north"))
     again = Simulation(simulation.site, START_NS)
     again.restore(simulation.time_ns, simulation.row())
     assert all(supply.enabled for supply in again.supplies.values())

@@ -9,9 +9,9 @@ from rodeo.config import Site
 from rodeo.lab.config import Pose2, RobotConfig
 from services.robot_sim.entities import EntityState, UnknownEntity
 from services.robot_sim.navigation import Drive
+from services.robot_sim.periods import Periods
 from services.robot_sim.planner import Map, plan
 from services.robot_sim.simulation import SimRobot, Simulation
-from services.robot_sim.snapshot import Snapshot
 from services.robot_sim.surroundings import blocked
 from tests.support.site import LAB
 
@@ -93,11 +93,13 @@ def test_what_is_told_in_steps_and_late_is_seen_to_move_evenly() -> None:
     """Motion capture sees a robot that says only now and then, and late, where it was."""
     arthur = RobotConfig(name="arthur", body="ros2", pose=Pose2(x_m=3.0, y_m=1.5))
     simulation = Simulation(Site.load(LAB).model_copy(update={"robots": [arthur]}), 10**18)
-    seen = Snapshot(simulation)
+    periods = Periods(simulation)
 
     def x_m() -> float:
-        seen.take()
-        return float(dict(zip(*seen.captured_poses(), strict=True))["arthur"][0])
+        row = periods.take()
+        bodies, poses, _ = periods.captured()
+        periods.clear()
+        return float(poses[row, bodies.index("arthur"), 0])
 
     start_ns, way_m = simulation.time_ns, []
     for period in range(30):
@@ -120,6 +122,14 @@ def test_a_time_of_another_clock_counts_as_now(simulation: Simulation) -> None:
     assert simulation.item_pose("item1")[0] == pytest.approx((3.0, 1.0, 0.5))
     simulation.step()
     assert simulation.item_pose("item1")[0][2] > 0.51, "it flies on upwards"
+
+
+def test_the_lidar_looks_again_at_what_was_put_somewhere_within_a_period(simulation: Simulation) -> None:
+    robot, now_ns = next(iter(simulation.robots.values())), simulation.time_ns
+    before_m = robot.scan_m(now_ns)
+    assert robot.scan_m(now_ns) is before_m, "one scan for who drives and who listens"
+    simulation.place("obstacle1", EntityState(np.array([2.6, 1.6, 0.0]), UPRIGHT))
+    assert (robot.scan_m(now_ns) < before_m - 0.1).any()
 
 
 def test_only_what_can_be_moved_can_be_put_somewhere(simulation: Simulation) -> None:
