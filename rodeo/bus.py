@@ -39,6 +39,7 @@ from rodeo.errors import (
 )
 from rodeo.messages import DaoEvent
 from rodeo.metrics import REQUESTS
+from rodeo.receiving import direct
 from rodeo.tls import Identity
 
 log = logging.getLogger(__name__)
@@ -218,7 +219,7 @@ class Bus:
                 # The subscription's thread must outlive one message.
                 log.exception("the handler of %s failed", sample.key_expr)
 
-        return self.session.declare_subscriber(key, zenoh.handlers.Callback(on_sample, indirect=not inline))
+        return self.session.declare_subscriber(key, direct(on_sample) if inline else on_sample)
 
     # -- query and serve -------------------------------------------------------------------------------
 

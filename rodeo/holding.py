@@ -17,6 +17,7 @@ from typing import Any
 import zenoh
 
 from rodeo import topics
+from rodeo.receiving import direct
 
 log = logging.getLogger(__name__)
 
@@ -83,9 +84,7 @@ class Holder:
         )
         # In the receiving thread: an answer must not overtake what came before the mark.
         self._marks = [
-            session.declare_subscriber(
-                topics.CLOCK_MARK.name(org=org, to=to), zenoh.handlers.Callback(self._on_mark, indirect=False)
-            )
+            session.declare_subscriber(topics.CLOCK_MARK.name(org=org, to=to), direct(self._on_mark))
             for to in (EVERYBODY, process)
         ]
 

@@ -16,6 +16,7 @@ from rodeo import topics
 from rodeo.clock import WALL_SLICE_S, unlocked
 from rodeo.errors import ClockUnavailable
 from rodeo.holding import Holder, Waiter
+from rodeo.receiving import direct
 from rodeo.stamps import SECOND_NS
 
 log = logging.getLogger(__name__)
@@ -76,7 +77,7 @@ class SimClock:
             self._waiters = self._holder.waiters
         # In the receiving thread: the time must not be heard after the mark that follows it.
         self._subscriber = session.declare_subscriber(
-            f"{domain_id}/{topics.CLOCK.name()}/**", zenoh.handlers.Callback(self._on_clock, indirect=False)
+            f"{domain_id}/{topics.CLOCK.name()}/**", direct(self._on_clock)
         )
 
     def _on_graph(self, sample: zenoh.Sample) -> None:

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import json
 import os
-import struct
 import threading
 from array import array
 from collections.abc import Callable
@@ -21,7 +20,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from eth_account.signers.local import LocalAccount
-from mcap.writer import Writer
 
 from rodeo.clock import TimeSource
 from rodeo.evidence.errors import (
@@ -33,6 +31,7 @@ from rodeo.evidence.errors import (
 )
 from rodeo.evidence.reader import SealedReader
 from rodeo.evidence.seal import SEAL_PERIOD_NS, Binding, RunningHash, SealAudit, SealChain, channel_digest
+from rodeo.evidence.writer import McapWriter
 from rodeo.ros2.types import schema_text
 from rodeo.topics import ATTESTATION_CHANNEL, EVENT_CHANNEL, SEAL_CHANNEL
 
@@ -49,10 +48,8 @@ _AT_ONCE_NS = 100_000_000
 OnSeal = Callable[[bytes], None]
 """Gets a seal message's bytes."""
 
-_LENGTH = struct.Struct("<Q")
-_TAIL = struct.Struct("<IQQ")
-_MESSAGE_HEADER_BYTES = 22
-"""Channel id, sequence, log time, publish time: what an MCAP message record's length counts before data."""
+_LENGTH_FIELD, _TAIL = slice(1, 9), slice(11, None)
+"""Of an MCAP message record: its length, and what follows the channel's number."""
 
 
 @dataclass(frozen=True)
@@ -338,8 +335,7 @@ class _SealedFile:
         self._chain = chain
         self._on_seal = on_seal
         self._stream = path.open("wb")
-        self._writer = Writer(self._stream)
-        self._writer.start(profile="ros2", library="rodeo")
+        self._writer = McapWriter(self._stream, profile="ros2", library="rodeo")
         self._schemas: dict[str, tuple[int, bytes]] = {}
         self._channels: dict[str, tuple[int, bytes]] = {}
         self._tallies: dict[str, Tally] = {}
@@ -392,7 +388,6 @@ class _SealedFile:
                 _Entry(SEAL_CHANNEL, "", self.running.messages, self._last_log_ns, self._last_log_ns, data)
             )
         self._writer.finish()
-        self._stream.flush()
         os.fsync(self._stream.fileno())
         self._stream.close()
 
@@ -415,14 +410,13 @@ class _SealedFile:
 
     def _flush(self) -> None:
         self._writer.flush()
-        self._stream.flush()
 
     def _write(self, entry: _Entry) -> None:
         channel_id, digest = self._channels.get(entry.topic) or self._register(entry.topic, entry.schema_name)
-        self._writer.add_message(channel_id, entry.log_ns, entry.data, entry.publish_ns, entry.sequence)
-        length = _LENGTH.pack(_MESSAGE_HEADER_BYTES + len(entry.data))
-        tail = _TAIL.pack(entry.sequence, entry.log_ns, entry.publish_ns) + entry.data
-        self.running.add(digest, length, tail)
+        record = memoryview(
+            self._writer.add_message(channel_id, entry.sequence, entry.log_ns, entry.publish_ns, entry.data)
+        )
+        self.running.add(digest, record[_LENGTH_FIELD], record[_TAIL])
         if entry.schema_name:
             self._tallies.setdefault(entry.topic, Tally()).add(entry.sequence)
         self._last_log_ns = max(self._last_log_ns, entry.log_ns)

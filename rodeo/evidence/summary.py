@@ -2,7 +2,7 @@
 
 Tools that seek read the summary and the indexes instead of the data section, so whoever edits those shows
 them other messages than are sealed. Everything there follows from the data section: it is computed again,
-in the layout of `mcap.writer`, and has to be the same bytes. Record layouts: https://mcap.dev/spec.
+in the layout of `mcap.writer` and `McapWriter`, and has to be the same bytes. Record layouts: https://mcap.dev/spec.
 """
 
 from __future__ import annotations

@@ -11,6 +11,7 @@ import zenoh
 import zenoh.ext
 
 from rodeo.errors import DiskFull
+from rodeo.receiving import direct
 from rodeo.ros2 import types, wire
 from rodeo.ros2.errors import MalformedMessage
 from rodeo.ros2.service import Client, Service
@@ -100,7 +101,7 @@ class Subscription:
         self._callback = callback
         self._closed = False
         key = wire.data_key(node.domain_id, topic, typename)
-        handler = zenoh.handlers.Callback(self._on_sample, indirect=not inline)
+        handler = direct(self._on_sample) if inline else self._on_sample
         self._subscriber: Any
         if qos.durability == "transient_local":
             self._subscriber = zenoh.ext.declare_advanced_subscriber(

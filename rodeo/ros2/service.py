@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import zenoh
 
 from rodeo.errors import RodeoError
+from rodeo.receiving import direct
 from rodeo.ros2 import types, wire
 from rodeo.ros2.errors import MalformedMessage, ServiceFailed, ServiceTimeout, ServiceUnavailable
 
@@ -172,7 +173,7 @@ class Client:
 
         self._session.get(
             self._key,
-            zenoh.handlers.Callback(take, lambda: replies.put(None), indirect=False),
+            direct(take, lambda: replies.put(None)),
             target=zenoh.QueryTarget.ALL_COMPLETE,
             consolidation=zenoh.ConsolidationMode.NONE,
             timeout=timeout_s,

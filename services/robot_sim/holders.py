@@ -23,6 +23,7 @@ from rodeo.config import Site, agent_process, bin_process, dock_process
 from rodeo.errors import RodeoError
 from rodeo.holding import EVERYBODY
 from rodeo.messages import ClockHold
+from rodeo.receiving import direct
 
 log = logging.getLogger(__name__)
 
@@ -118,12 +119,8 @@ class Holders:
         liveliness = bus.session.liveliness()
         self._everybody = topics.CLOCK_HOLD.name(org=site.org, process="*", session="*")
         # Both in the receiving thread: in the order in which they came.
-        self._tokens = liveliness.declare_subscriber(
-            self._everybody, zenoh.handlers.Callback(self._on_token, indirect=False)
-        )
-        self._subscriber = bus.session.declare_subscriber(
-            self._everybody, zenoh.handlers.Callback(self._on_hold, indirect=False)
-        )
+        self._tokens = liveliness.declare_subscriber(self._everybody, direct(self._on_token))
+        self._subscriber = bus.session.declare_subscriber(self._everybody, direct(self._on_hold))
         for reply in liveliness.get(self._everybody):
             if reply.ok is not None:
                 with self._lock:
@@ -210,8 +207,7 @@ class Holders:
                 log.warning("the end of %s was not heard (session %s)", session.process, session.id)
                 self._left(session)
 
-        answer = zenoh.handlers.Callback(on_reply, on_end, indirect=False)
-        self._asking.liveliness().get(self._everybody, answer)
+        self._asking.liveliness().get(self._everybody, direct(on_reply, on_end))
 
     def _may_hold(self, session: Session) -> bool:
         return session.kind in self._kinds

@@ -166,7 +166,7 @@ def test_a_full_disk_is_told_to_the_next_caller(
     def fail(_writer: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("mcap.writer.Writer.flush", fail)
+    monkeypatch.setattr("rodeo.evidence.writer.McapWriter.flush", fail)
     with pytest.raises(RecorderFailed) as caught:
         drive(recorder, 0, 60)  # the writing thread may have failed before the last of them
         recorder.close()
