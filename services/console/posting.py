@@ -1,10 +1,16 @@
-"""What is wrong with a task before it costs anything: for the form, and for programs."""
+"""What is wrong with a task before it costs anything, for the form and for programs, and who can be named."""
 
 from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
 
 from rodeo.config import Site
 from rodeo.kinds import Kinds
 from rodeo.messages import RegisterTask
+from rodeo.queries import Offer
+from services.console.formatting import iec, party
 
 MIN_WINDOW_S = 60
 
@@ -23,3 +29,25 @@ def problems(site: Site, kinds: Kinds, request: RegisterTask) -> dict[str, str]:
     if kind is not None:
         wrong |= {f"params.{field}": text for field, text in kind.wrong_params(site, request.params).items()}
     return wrong
+
+
+def hireable(services: Sequence[Offer], of_kind: str | None) -> dict[str, str]:
+    """Who can be named for a task of this kind, as the form's value and its text: each service that still
+    takes tasks, and each provider that has several."""
+    there = [one for one in services if one.kind == of_kind and one.state in ("active", "paused")]
+    count = Counter(one.provider for one in there)
+    several = {
+        one.provider: f"any of {party(one.provider_name, one.provider)} ({count[one.provider]} services)"
+        for one in there
+        if count[one.provider] > 1
+    }
+    return several | {
+        str(one.id): f"{one.id}: {party(one.provider_name, one.provider)}, {iec(one.price_iec)}"
+        + (", paused" if one.state == "paused" else "")
+        for one in there
+    }
+
+
+def hired(value: str) -> dict[str, Any]:
+    """What a request says for a value of `hireable`."""
+    return {"provider": value} if value.startswith("0x") else {"service_id": int(value)}

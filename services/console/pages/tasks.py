@@ -33,7 +33,7 @@ from services.console.pages.frame import (
 )
 from services.console.pages.parameters import Parameters
 from services.console.pages.widgets import Link, Section, Text, badge, card, confirm, empty, notice, table
-from services.console.posting import problems
+from services.console.posting import hireable, hired, problems
 from services.console.roles import Role
 
 Json = dict[str, Any]
@@ -262,8 +262,9 @@ class PostForm:
         self.attempts.value = task.max_attempts
         self.description.value = task.description
         self._offer_services()
-        if str(task.requested_service_id) in self.service.options:
-            self.service.value = str(task.requested_service_id)
+        for named in (str(task.requested_service_id), task.requested_provider):
+            if named in self.service.options:
+                self.service.value = named
         self._changed()
 
     def _shown(self) -> Parameters:
@@ -290,13 +291,8 @@ class PostForm:
         self.rules.visible = len(current) > 1
 
     def _offer_services(self) -> None:
-        """Let one of the kind's services be named, unless it takes no tasks any more."""
-        offered = {_ANY: _ANY_SERVICE} | {
-            str(one.id): f"{one.id}: {party(one.provider_name, one.provider)}, {iec(one.price_iec)}"
-            + (", paused" if one.state == "paused" else "")
-            for one in self._console.live.summary.services
-            if one.kind == self.kind.value and one.state in ("active", "paused")
-        }
+        """Let one of the kind's services be named, or a provider of several."""
+        offered = {_ANY: _ANY_SERVICE, **hireable(self._console.live.summary.services, self.kind.value)}
         if offered != self.service.options:
             chosen = self.service.value
             self.service.set_options(offered, value=chosen if chosen in offered else _ANY)
@@ -376,7 +372,7 @@ class PostForm:
         if self.rules.value:
             request["rules_sha256"] = self.rules.value
         if self.service.value:
-            request["service_id"] = int(self.service.value)
+            request |= hired(self.service.value)
         return validate(RegisterTask, request)
 
     def _problems(self) -> list[str]:
@@ -395,11 +391,12 @@ class PostForm:
         prices = [
             one.price_iec
             for one in summary.services
-            if (one.kind == request.kind and one.state == "active" and request.service_id is None)
-            or one.id == request.service_id
-        ]
+            if one.id == request.service_id
+            or (one.kind == request.kind and one.state == "active" and request.service_id is None
+                and request.provider in (None, one.provider))
+        ]  # fmt: skip
         if not request.allow_wait and prices and min(prices) > request.reward_iec:
-            which = "The cheapest service of this kind" if request.service_id is None else "This service"
+            which = "The cheapest such service" if request.service_id is None else "This service"
             wrong.append(f"{which} costs {iec(min(prices))}")
         balance = self._balance()
         if balance is not None and balance < request.reward_iec:

@@ -10,6 +10,7 @@ import pytest
 from rodeo.config import Site
 from rodeo.kinds import kinds_of
 from rodeo.messages import RegisterTask
+from rodeo.queries import Offer
 from services.console import posting
 from tests.support.site import LAB
 
@@ -82,3 +83,35 @@ def test_a_site_without_robots_and_items_says_so(site: Site) -> None:
     bare = site.model_copy(update={"robots": [], "items": []})
     assert problems(bare, cleaning())["params.item_id"] == "this site has no item"
     assert problems(bare, charging())["params.robot"] == "this site has no robot"
+
+
+def offer(number: int, provider: str, **fields: Any) -> Offer:
+    """With what the form reads of it."""
+    common = {"id": number, "provider": provider, "provider_name": None, "kind": "battery_charging"}
+    return Offer.model_construct(**{**common, "price_iec": Decimal(10 + number), "state": "active", **fields})
+
+
+def test_a_provider_can_be_named_who_has_several_services_that_take_the_kind() -> None:
+    one, other = f"0x{'1' * 40}", f"0x{'2' * 40}"
+    services = [
+        offer(1, one, provider_name="east"),
+        offer(2, one, provider_name="east", state="paused"),
+        offer(3, one, kind="waste_disposal"),
+        offer(4, other, provider_name="west"),
+        offer(5, other, state="retired"),
+    ]
+    assert posting.hireable(services, "battery_charging") == {
+        one: "any of east (2 services)",
+        "1": "1: east, 11 IEC",
+        "2": "2: east, 12 IEC, paused",
+        "4": "4: west, 14 IEC",
+    }
+    assert posting.hireable(services, None) == {}
+
+
+@pytest.mark.parametrize(("value", "said"), [(f"0x{'1' * 40}", "provider"), ("12", "service_id")])
+def test_what_is_chosen_is_what_the_request_says(value: str, said: str) -> None:
+    request = cleaning(**posting.hired(value))
+    named = {"provider": request.provider, "service_id": request.service_id}
+    assert str(named.pop(said)) == value
+    assert list(named.values()) == [None]
