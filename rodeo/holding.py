@@ -51,6 +51,7 @@ class Holder:
     Args:
         changed: guards the waiters; the clock's.
         now_ns: the site's time as it was heard last, None before.
+        starting: whether the process still gets ready, see `started`.
     """
 
     def __init__(
@@ -60,7 +61,9 @@ class Holder:
         process: str,
         changed: threading.Condition,
         now_ns: Callable[[], int | None],
+        starting: bool = False,
     ) -> None:
+        self._starting = starting
         self._session = session
         self._changed = changed
         self._now_ns = now_ns
@@ -116,6 +119,13 @@ class Holder:
                 self._held -= 1
                 self.tell()
 
+    def started(self) -> None:
+        """The process is ready. Before, it may have nothing to do and still does not rest: a clock that jumps
+        would not show it what it waits for."""
+        with self._changed:
+            self._starting = False
+            self.tell()
+
     def waiter(self, until_ns: int | None, resting: bool, concerned: Callable[[], bool]) -> Waiter:
         return Waiter(until_ns, threading.get_ident() in self._actors, resting, concerned)
 
@@ -139,7 +149,7 @@ class Holder:
             "busy": busy,
             "until_ns": min(until, default=None),
             "works": self._works,
-            "resting": not busy and all(one.resting for one in idle),
+            "resting": not busy and not self._starting and all(one.resting for one in idle),
         }
         # A busy process answers a mark once it is done: until then the clock waits anyway.
         if state != self._told and not (busy and was_busy):

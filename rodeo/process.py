@@ -138,7 +138,7 @@ class Process:
         self.clock = (
             WallClock()
             if self.site.clock.source == "wall"
-            else SimClock(self.bus.session, self.site.bus.domain_id, self._holder())
+            else SimClock(self.bus.session, self.site.bus.domain_id, self._holder(), starting=True)
         )
         metrics = self.site.metrics
         self._metrics = metrics_server(metrics.host, metrics.ports.get(self.name, 0), self.status)
@@ -246,6 +246,8 @@ class Process:
             if self._activity == "starting":
                 self._activity = "idle"
         if news:
+            if isinstance(self.clock, SimClock):
+                self.clock.started()
             # Whoever waits for it need not wait for the next heartbeat.
             self._publish_status()
 

@@ -41,6 +41,7 @@ class SimClock:
 
     Args:
         holder: organization and process for which the clock waits (`rodeo.holding`); None follows it only.
+        starting: whether the process still gets ready, and says so by `started`.
     """
 
     _CDR = struct.Struct("<H2xiI")
@@ -48,7 +49,13 @@ class SimClock:
     _LITTLE_ENDIAN = 0x0100
     """The header's first two bytes, 00 01, as `_CDR` reads them."""
 
-    def __init__(self, session: zenoh.Session, domain_id: int, holder: tuple[str, str] | None = None) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        domain_id: int,
+        holder: tuple[str, str] | None = None,
+        starting: bool = False,
+    ) -> None:
         self._now_ns: int | None = None
         # Imported here: ROS types take half a second, and a command about a wall clock needs none.
         from rodeo.ros2 import wire
@@ -73,7 +80,7 @@ class SimClock:
         self._waiters: list[Waiter] = []
         self._holder: Holder | None = None
         if holder is not None:
-            self._holder = Holder(session, *holder, self._changed, lambda: self._now_ns)
+            self._holder = Holder(session, *holder, self._changed, lambda: self._now_ns, starting)
             self._waiters = self._holder.waiters
         # In the receiving thread: the time must not be heard after the mark that follows it.
         self._subscriber = session.declare_subscriber(
@@ -217,6 +224,11 @@ class SimClock:
             if concerned:
                 self._publish_hold()
                 self._changed.notify_all()
+
+    def started(self) -> None:
+        """A process that was `starting` is ready."""
+        if self._holder is not None:
+            self._holder.started()
 
     def acting(self) -> AbstractContextManager[None]:
         return nullcontext() if self._holder is None else self._holder.acting()

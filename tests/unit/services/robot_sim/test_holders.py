@@ -12,7 +12,7 @@ import zenoh
 
 from rodeo import topics
 from rodeo.bus import Bus, zenoh_config
-from rodeo.config import Site
+from rodeo.config import Site, agent_process
 from rodeo.holding import EVERYBODY
 from rodeo.ros2 import Node
 from rodeo.sim_clock import SimClock
@@ -70,9 +70,11 @@ class Simulator:
 class Mind:
     """A process that follows and holds the clock; `work` runs in its acting thread."""
 
-    def __init__(self, session: zenoh.Session, site: Site, name: str = "robot_agent") -> None:
+    def __init__(
+        self, session: zenoh.Session, site: Site, name: str = "robot_agent", starting: bool = False
+    ) -> None:
         self.session = session
-        self.clock = SimClock(session, site.bus.domain_id, (site.org, name))
+        self.clock = SimClock(session, site.bus.domain_id, (site.org, name), starting)
 
     def start(self, work: Callable[[], object]) -> threading.Thread:
         def run() -> None:
@@ -454,6 +456,22 @@ def test_who_is_not_to_hold_the_clock_does_not(
     simulator.holders.sent()
     assert simulator.may_pass(2.0)
     token.undeclare()
+
+
+def test_nothing_is_jumped_over_before_a_mind_is_ready(
+    connect: Callable[[], zenoh.Session], site: Site, simulator: Simulator
+) -> None:
+    """It may have looked at something that arrived, and have nothing to do until its sensors are heard."""
+    name = agent_process(site, site.robots[0].name)
+    mind = Mind(connect(), site, name, starting=True)
+    with mind.clock.hold():
+        pass
+    assert not wait_until(lambda: simulator.holders._seen == {})
+    assert simulator.may_pass()
+    assert not simulator.holders.resting
+    mind.clock.started()
+    assert not wait_until(lambda: simulator.holders.resting)
+    assert simulator.may_pass()
 
 
 def test_the_last_word_of_who_has_gone_holds_nothing(
