@@ -677,7 +677,7 @@ class Lab:
         need(open_ones == left, f"tasks that did not end: {sorted(open_ones - left)}")
         escrow = client.balance(client.task_manager)
         held = sum(task.reward for number, task in tasks.items() if number in open_ones)
-        owed = sum(client.owed(entry["address"]) for entry in self.state("wallets")["wallets"])
+        owed = sum(client.pending_payments(entry["address"]) for entry in self.state("wallets")["wallets"])
         need(
             escrow == held + owed,
             f"the escrow holds {from_wei(escrow)} IEC instead of {from_wei(held + owed)}",

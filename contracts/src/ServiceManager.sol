@@ -163,7 +163,7 @@ contract ServiceManager is IServiceManager {
             _agreements[serviceId] = Agreement(terms.bond, terms.penalty, terms.maxFailures);
             emit TermsAgreed(serviceId, terms.bond, terms.penalty, terms.maxFailures);
         }
-        tasks.placeService(serviceId, kind, price, _named(serviceId, s));
+        tasks.onServiceFree(serviceId, kind, price, _named(serviceId, s));
         if (terms.bond != 0) tasks.holdBond(msg.sender, terms.bond);
     }
 
@@ -183,7 +183,7 @@ contract ServiceManager is IServiceManager {
         s.state = state;
         emit ServiceUpdated(serviceId, price, state);
         if (_isAvailable(s)) {
-            tasks.placeService(serviceId, _kinds.kinds[s.kindId], price, _named(serviceId, s));
+            tasks.onServiceFree(serviceId, _kinds.kinds[s.kindId], price, _named(serviceId, s));
         } else if (state == ServiceState.Retired && s.taskId == 0) {
             uint96 bond = _leave(serviceId, s);
             if (bond != 0) tasks.returnBond(msg.sender, bond);
@@ -230,7 +230,7 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function acquire(
+    function reserve(
         uint256 serviceId,
         bytes32 kind,
         uint256 maxPrice,
@@ -284,7 +284,7 @@ contract ServiceManager is IServiceManager {
     }
 
     /// @inheritdoc IServiceManager
-    function offer(uint256 serviceId, uint64 level) external onlyTaskManager {
+    function enqueue(uint256 serviceId, uint64 level) external onlyTaskManager {
         Record storage s = _get(serviceId);
         if (!_isAvailable(s) || s.place != 0) revert ServiceNotIdle(serviceId);
         Idle storage idle = _idle[s.kindId];

@@ -110,7 +110,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     mapping(uint256 serviceId => bytes32) private _proofs;
     mapping(uint256 taskId => Dispute) private _disputes;
     /// @inheritdoc ITaskManager
-    mapping(address account => uint256) public owed;
+    mapping(address account => uint256) public pendingPayments;
 
     modifier onlyServiceManager() {
         if (msg.sender != address(services)) revert NotServiceManager(msg.sender);
@@ -268,17 +268,17 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
     }
 
     /// @inheritdoc ITaskManager
-    function collect(address account) external nonReentrant {
-        uint256 amount = owed[account];
+    function withdrawPayments(address account) external nonReentrant {
+        uint256 amount = pendingPayments[account];
         if (amount == 0) revert NothingOwed(account);
-        owed[account] = 0;
+        pendingPayments[account] = 0;
         _totals.held -= uint192(amount);
         emit PaymentCollected(account, amount);
         token.safeTransfer(account, amount);
     }
 
     /// @inheritdoc ITaskManager
-    function placeService(uint256 serviceId, bytes32 kind, uint256 price, uint160 named)
+    function onServiceFree(uint256 serviceId, bytes32 kind, uint256 price, uint160 named)
         external
         nonReentrant
         onlyServiceManager
@@ -432,7 +432,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
             named = named == serviceId ? 0 : serviceId;
         }
         if (taskId == 0) {
-            services.offer(serviceId, minimum);
+            services.enqueue(serviceId, minimum);
         } else {
             _open[queue].remove(taskId);
             bool assigned = _assign(taskId, _tasks[taskId], kind, serviceId, 0);
@@ -448,7 +448,7 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         address executor;
         bool accepted;
         (serviceId, executor, price, accepted) =
-            services.acquire(serviceId, kind, t.reward, price, taskId, t.hired);
+            services.reserve(serviceId, kind, t.reward, price, taskId, t.hired);
         if (executor == address(0)) return false;
         uint8 attempt = t.attempt + 1;
         uint256 deadline = block.timestamp + t.executionWindow;
@@ -624,14 +624,14 @@ contract TaskManager is ITaskManager, ReentrancyGuardTransient {
         _totals.held += amount.toUint192();
     }
 
-    /// @dev A token that refuses `to` holds up neither the task nor the service: the amount waits for `collect`.
+    /// @dev A token that refuses `to` holds up neither the task nor the service: the amount waits for `withdrawPayments`.
     function _pay(address to, uint256 amount) private {
         if (amount == 0) return;
         if (_transfer(to, amount)) {
             _totals.held -= uint192(amount);
             return;
         }
-        owed[to] += amount;
+        pendingPayments[to] += amount;
         emit PaymentDeferred(to, amount);
     }
 

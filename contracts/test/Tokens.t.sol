@@ -150,16 +150,16 @@ contract TokenTest is Fixture {
             assertState(taskId, TaskState.Settled);
             assertAssigned(next, serviceId);
             assertEq(_token.balanceOf(alice), 920 ether, "the surplus came back");
-            assertEq(tasks.owed(robot1), 80 ether);
+            assertEq(tasks.pendingPayments(robot1), 80 ether);
 
             _refuse(WeirdToken.Way.Well, address(0));
             vm.expectEmit(address(tasks));
             emit ITaskManager.PaymentCollected(robot1, 80 ether);
             vm.prank(stranger);
-            tasks.collect(robot1);
+            tasks.withdrawPayments(robot1);
             assertEq(_token.balanceOf(robot1), 1080 ether);
             vm.expectRevert(abi.encodeWithSelector(ITaskManager.NothingOwed.selector, robot1));
-            tasks.collect(robot1);
+            tasks.withdrawPayments(robot1);
             vm.revertToState(snapshot);
         }
     }
@@ -174,7 +174,7 @@ contract TokenTest is Fixture {
         }
         assertState(taskId, TaskState.Failed);
         assertAssigned(next, serviceId);
-        assertEq(tasks.owed(alice), 100 ether);
+        assertEq(tasks.pendingPayments(alice), 100 ether);
     }
 
     function test_aTreasuryThatTheTokenRefusesHoldsUpNobody() public {
@@ -184,9 +184,9 @@ contract TokenTest is Fixture {
         _refuse(WeirdToken.Way.Reverts, address(organization));
         attempt(taskId, false);
         assertAssigned(taskId, serviceId);
-        assertEq(tasks.owed(address(organization)), 20 ether);
+        assertEq(tasks.pendingPayments(address(organization)), 20 ether);
         _refuse(WeirdToken.Way.Well, address(0));
-        tasks.collect(address(organization));
+        tasks.withdrawPayments(address(organization));
         assertEq(_token.balanceOf(address(organization)), 20 ether);
     }
 
@@ -196,8 +196,8 @@ contract TokenTest is Fixture {
         vm.prank(alice);
         tasks.cancelTask(taskId);
         vm.expectRevert(WeirdToken.Refused.selector);
-        tasks.collect(alice);
-        assertEq(tasks.owed(alice), 100 ether);
+        tasks.withdrawPayments(alice);
+        assertEq(tasks.pendingPayments(alice), 100 ether);
     }
 
     function test_aRecipientThatBurnsAllGasHoldsUpNoVerdict() public {
@@ -210,7 +210,7 @@ contract TokenTest is Fixture {
             taskId, 1, PROOF, Verdict.Accepted, 80 ether, REPORT, "report", "because"
         );
         assertState(taskId, TaskState.Settled);
-        assertEq(tasks.owed(robot1), 80 ether);
+        assertEq(tasks.pendingPayments(robot1), 80 ether);
         assertEq(_token.balanceOf(alice), 920 ether, "the surplus came back");
     }
 
@@ -237,7 +237,7 @@ contract TokenTest is Fixture {
         vm.stopPrank();
         assertEq(_token.balanceOf(bob), 1000 ether);
         assertEq(_token.balanceOf(address(tasks)), 230 ether);
-        tasks.collect(robot1);
+        tasks.withdrawPayments(robot1);
         assertEq(tasks.held(), 150 ether);
         assertEq(_token.balanceOf(address(tasks)), 150 ether);
     }
@@ -276,7 +276,7 @@ contract TokenTest is Fixture {
         calls[1] = abi.encodeCall(ITaskManager.registerTask, (request(1 ether)));
         calls[2] = abi.encodeCall(ITaskManager.expireTask, (open));
         calls[3] = abi.encodeCall(ITaskManager.matchTask, (running));
-        calls[4] = abi.encodeCall(ITaskManager.collect, (alice));
+        calls[4] = abi.encodeCall(ITaskManager.withdrawPayments, (alice));
         calls[5] = abi.encodeCall(ITaskManager.submitProof, (running, 1, PROOF, URI));
         for (uint256 i = 0; i < calls.length; ++i) {
             uint256 snapshot = vm.snapshotState();

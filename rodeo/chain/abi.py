@@ -497,9 +497,6 @@ class TaskManagerCalls(ContractCalls):
     def cancel_task(self, task_id: int) -> Call:
         return self._call("TaskManager", "cancelTask", task_id)
 
-    def collect(self, account: str) -> Call:
-        return self._call("TaskManager", "collect", account)
-
     def expire_task(self, task_id: int) -> Call:
         return self._call("TaskManager", "expireTask", task_id)
 
@@ -546,6 +543,9 @@ class TaskManagerCalls(ContractCalls):
 
     def submit_proof(self, task_id: int, attempt: int, proof_hash: bytes, uri: str) -> Call:
         return self._call("TaskManager", "submitProof", task_id, attempt, proof_hash, uri)
+
+    def withdraw_payments(self, account: str) -> Call:
+        return self._call("TaskManager", "withdrawPayments", account)
 
 
 class WrappedVotesCalls(ContractCalls):

@@ -127,9 +127,9 @@ class ChainClient:
         """The service of `kind` that has waited longest among those that cost at most `max_price`."""
         return self._view("ServiceManager", "longestIdle", kind_to_bytes32(kind), max_price) or None
 
-    def owed(self, account: str) -> int:
-        """What the token refused to `account` and `collect` pays, wei."""
-        return self._view("TaskManager", "owed", to_checksum_address(account))
+    def pending_payments(self, account: str) -> int:
+        """What the token refused to `account` and `withdrawPayments` pays, wei."""
+        return self._view("TaskManager", "pendingPayments", to_checksum_address(account))
 
     def device(self, address: str) -> Device:
         """Raises ContractReverted: UnknownDevice."""

@@ -19,7 +19,7 @@ from rodeo.errors import snake_case
 
 BETWEEN_CONTRACTS = frozenset(
     {
-        *("acquire", "countVotes", "holdBond", "offer", "placeService", "recordOwner"),
+        *("countVotes", "enqueue", "holdBond", "onServiceFree", "recordOwner", "reserve"),
         *("reinstate", "release", "returnBond", "suspend", "suspendServicesOf"),
     }
 )

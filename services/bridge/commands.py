@@ -835,7 +835,7 @@ class Wallet:
         return found
 
     def _collect(self, _command: Collect) -> list[Call]:
-        return [self.client.calls.collect(self.address)]
+        return [self.client.calls.withdraw_payments(self.address)]
 
     # -- checks --------------------------------------------------------------------------------------------
 

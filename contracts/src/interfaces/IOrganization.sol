@@ -153,7 +153,7 @@ interface IOrganization is IDeviceRegistry {
     function setVerdictWindows(bytes32 kind, uint32 min, uint32 max) external;
 
     /// @notice Send on what reached the task manager or this contract by mistake, and nothing else: of the token of
-    /// the organization what neither escrow, bonds nor anybody's `owed` accounts for, of any other token all.
+    /// the organization what neither escrow, bonds nor anybody's `pendingPayments` accounts for, of any other token all.
     /// @param token_ the contract that it is of
     /// @param to who gets it
     function rescueTokens(IERC20 token_, address to) external;

@@ -242,7 +242,7 @@ interface IServiceManager {
     /// @return provider who is paid for the task; 0 if the service does not fit, and nothing happened
     /// @return price the price of this task
     /// @return accepted whether the service accepts each task
-    function acquire(
+    function reserve(
         uint256 serviceId,
         bytes32 kind,
         uint256 maxPrice,
@@ -271,5 +271,5 @@ interface IServiceManager {
     /// @notice Let an available service wait behind the others of its kind. Only the task manager.
     /// @param serviceId its number
     /// @param level that of its price
-    function offer(uint256 serviceId, uint64 level) external;
+    function enqueue(uint256 serviceId, uint64 level) external;
 }

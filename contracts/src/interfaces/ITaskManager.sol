@@ -206,7 +206,7 @@ interface ITaskManager {
     /// @notice The organization's policy reverted or chose an unfit service; the task waits. See matchTask.
     event PolicyFailed(uint256 indexed taskId);
     /// @notice The token refused the transfer, or wanted more gas than PAYMENT_GAS; the amount is kept until
-    /// `collect`, so that it holds up nobody else.
+    /// `withdrawPayments`, so that it holds up nobody else.
     event PaymentDeferred(address indexed account, uint256 amount);
     event PaymentCollected(address indexed account, uint256 amount);
 
@@ -360,11 +360,11 @@ interface ITaskManager {
 
     /// @notice Anyone has the amount paid that the token refused to transfer before. The account gets it.
     /// @param account who is owed something
-    function collect(address account) external;
+    function withdrawPayments(address account) external;
 
     /// @notice Returns the amount that the token refused to transfer.
     /// @param account who is owed it
-    function owed(address account) external view returns (uint256);
+    function pendingPayments(address account) external view returns (uint256);
 
     /// @notice Give an available service the oldest open task that it can do, or let it wait. Only the service
     /// manager.
@@ -373,9 +373,9 @@ interface ITaskManager {
     /// @param price what one task costs, in the token's smallest unit
     /// @param named if a task may wait that names the service, its number; if one may that names its provider, the
     /// provider's address as a number; else 0
-    function placeService(uint256 serviceId, bytes32 kind, uint256 price, uint160 named) external;
+    function onServiceFree(uint256 serviceId, bytes32 kind, uint256 price, uint160 named) external;
 
-    /// @notice Returns what this contract owes, in the token's smallest unit: rewards of live tasks, bonds and `owed`.
+    /// @notice Returns what this contract owes, in the token's smallest unit: rewards of live tasks, bonds and `pendingPayments`.
     function held() external view returns (uint256);
 
     /// @notice Send on what reached this contract by mistake. Only the organization.

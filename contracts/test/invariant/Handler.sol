@@ -962,13 +962,13 @@ contract Handler is CommonBase, StdUtils {
         try _tasks.postVerdict(taskId, t.attempt, t.proofHash, Verdict.Accepted, t.price, 0, "", "") {
             violation = "a stranger judged";
         } catch {}
-        try _tasks.placeService(1, CLEANING, 0, 0) {
+        try _tasks.onServiceFree(1, CLEANING, 0, 0) {
             violation = "a stranger placed a service";
         } catch {}
         try _tasks.returnBond(who, 1) {
             violation = "a stranger took a bond";
         } catch {}
-        try _tasks.collect(t.creator) {
+        try _tasks.withdrawPayments(t.creator) {
             violation = "a stranger collected";
         } catch {}
         try _services.release(1, Outcome.Completed, 1 ether, who) {
