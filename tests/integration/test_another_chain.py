@@ -7,7 +7,6 @@ import os
 import re
 import signal
 import subprocess
-import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ from web3 import HTTPProvider, Web3
 
 from rodeo import wallets
 from rodeo.sim_clock import SimClock
+from tests.support import command
 from tests.support.dao import Dao
 from tests.support.foundry import program
 from tests.support.site import RunningSite, free_port, write_site
@@ -59,13 +59,8 @@ def node() -> Iterator[str]:
 
 def rodeo(path: Path, *arguments: str, status: int = 0) -> str:
     """What the command line says in a terminal of 80 columns."""
-    done = subprocess.run(
-        [sys.executable, "-m", "rodeo_cli", *arguments, "--site", str(path)],
-        capture_output=True,
-        text=True,
-        timeout=240,
-        env={**os.environ, "COLUMNS": "80"},
-    )
+    env = {**os.environ, "COLUMNS": "80"}
+    done = command.rodeo(*arguments, "--site", str(path), env=env, timeout_s=240)
     assert done.returncode == status, done.stdout + done.stderr
     return done.stdout + done.stderr
 

@@ -31,8 +31,9 @@ from rodeo.messages import (
     Transfer,
     TypedSignature,
 )
+from tests.support import command
 from tests.support.dao import PARAMS, Dao
-from tests.support.site import RunningSite, readyz, write_site
+from tests.support.site import WAIT_S, RunningSite, readyz, write_site
 
 ALICE: LocalAccount = Account.from_key("0x" + "a1" * 32)
 CAROL: LocalAccount = Account.from_key("0x" + "ca" * 32)
@@ -231,11 +232,7 @@ def test_the_command_line_signs_into_a_file_and_sends_it(dao: Dao, tmp_path: Pat
     file, path = tmp_path / "task.json", dao.running.path
 
     def rodeo(*arguments: str, status: int = 0) -> str:
-        done = subprocess.run(
-            [sys.executable, "-m", "rodeo_cli", "task", *arguments, "--site", str(path)],
-            capture_output=True,
-            text=True,
-        )
+        done = command.rodeo("task", *arguments, "--site", str(path), env=os.environ, timeout_s=WAIT_S)
         assert done.returncode == status, done.stderr
         return done.stdout + done.stderr
 

@@ -21,6 +21,7 @@ from rodeo.config import Site
 from rodeo.instance import lock_holder
 from rodeo.processes import PROCESSES
 from rodeo_cli import app
+from tests.support import command
 from tests.support.site import RunningSite, free_port, write_site
 
 RODEO = (sys.executable, "-m", "rodeo_cli")
@@ -37,15 +38,7 @@ def rodeo(
     site: Path, *arguments: str, status: int = 0, cwd: Path | None = None
 ) -> subprocess.CompletedProcess[str]:
     """Run a command that must end with `status`."""
-    done = subprocess.run(
-        [*RODEO, *arguments],
-        env=environment(site),
-        cwd=cwd,
-        capture_output=True,
-        text=True,
-        timeout=WAIT_S,
-        check=False,
-    )
+    done = command.rodeo(*arguments, env=environment(site), timeout_s=WAIT_S, folder=cwd)
     assert done.returncode == status, done.stdout + done.stderr
     assert "Traceback" not in done.stderr
     return done

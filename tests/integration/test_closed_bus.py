@@ -6,7 +6,6 @@ import json
 import os
 import struct
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ from rodeo.messages import Status
 from rodeo.sim_clock import SimClock
 from rodeo.tls import bus_is_closed
 from tests.integration.test_itrash import Office
+from tests.support import command
 from tests.support.browser import chromium, log_in
 from tests.support.console import PASSPHRASE, WAIT_MS, Desk
 from tests.support.site import LAB, WAIT_S, RunningSite, free_port, write_site
@@ -99,14 +99,8 @@ def test_a_router_does_not_listen_where_others_could_be_it(running: RunningSite)
 
 
 def status(path: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
-        [sys.executable, "-m", "rodeo_cli", "status", "--site", str(path)],
-        capture_output=True,
-        text=True,
-        timeout=WAIT_S,
-        cwd=ROOT,
-        env={**os.environ, "COLUMNS": "300"},
-    )
+    env = {**os.environ, "COLUMNS": "300"}
+    return command.rodeo("status", "--site", str(path), env=env, timeout_s=WAIT_S, folder=ROOT)
 
 
 @pytest.mark.parametrize("router", ["tcp/127.0.0.1:7447", "tcp/192.168.1.10:7447"])

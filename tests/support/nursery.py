@@ -4,6 +4,9 @@ A run of the tests starts some hundred processes. Importing takes most of the pr
 seconds where it signs, and a fork takes milliseconds. From there on it is as `python -m MODULE` is: a process
 and a session of its own, with its arguments, environment, output, signals and exit status, and it ends with
 the one that started it. Launchers, and with them `rodeo up` and `make demo`, start theirs anew, in tests too.
+
+Commands of `rodeo` are forks as well (`tests.support.command`): most only ask the bridge something, and take
+ten times as long to import.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ import socket
 import struct
 import subprocess
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any
@@ -33,6 +36,7 @@ _IMPORTED = {
     "deploy.chain": "deploy.chain.process",
     "deploy.contracts": "deploy.contracts",
     "deploy.router": "deploy.router",
+    "rodeo_cli": "rodeo_cli",
     "services.bridge": "services.bridge.process",
     "services.charger": "services.charger.process",
     "services.console": "services.console.process",
@@ -42,6 +46,9 @@ _IMPORTED = {
     "services.robot_sim": "services.robot_sim.process",
 }
 """Module that is run -> what is imported before the fork; one that is not here imports everything itself."""
+
+_IMPORTED_LATER = {"rodeo_cli": ("rodeo.dao", "rodeo.checks.verify", "rodeo_kinds.waste_disposal.checks")}
+"""What it imports only once it is needed, which is imported before the fork, too."""
 
 _MESSAGE_BYTES = 1 << 17
 """Room for the arguments and the environment of a process (Linux gives one string of them as much)."""
@@ -110,14 +117,33 @@ class Nursery:
             self._control.close()
             self._process.wait()
 
-    def start(self, module: str, arguments: list[str], output: IO[bytes], env: Mapping[str, str]) -> Fork:
-        """`python -m module arguments`, with the output to `output` and nothing to read."""
+    def start(
+        self,
+        module: str,
+        arguments: Sequence[str],
+        output: IO[bytes],
+        env: Mapping[str, str],
+        *,
+        errors: IO[bytes] | None = None,
+        folder: Path | None = None,
+    ) -> Fork:
+        """`python -m module arguments`, with the output to `output` and nothing to read.
+
+        Its standard error goes to `errors`, by default to `output`, too. It runs in `folder`, by default in
+        the folder of the test.
+        """
         if self._process is None:
             self._begin()
         reader, writer = os.pipe()
-        asked = {"module": module, "arguments": arguments, "env": dict(env), "folder": os.getcwd()}
+        asked = {
+            "module": module,
+            "arguments": list(arguments),
+            "env": dict(env),
+            "folder": str(folder or Path.cwd()),
+        }
+        told = [output.fileno(), (errors or output).fileno(), writer]
         try:
-            socket.send_fds(self._control, [json.dumps(asked).encode()], [output.fileno(), writer])
+            socket.send_fds(self._control, [json.dumps(asked).encode()], told)
         finally:
             os.close(writer)
         return Fork(reader)
@@ -152,14 +178,16 @@ def main(control: socket.socket) -> None:
             _report(reporting)
         if control.fileno() not in ready:
             continue
-        message, descriptors, _, _ = socket.recv_fds(control, _MESSAGE_BYTES, 2)
+        message, descriptors, _, _ = socket.recv_fds(control, _MESSAGE_BYTES, 3)
         if not message:
             return
-        output, news = descriptors
+        output, errors, news = descriptors
         asked = json.loads(message)
         # A module that cannot be imported is the child's to tell of.
         with suppress(ImportError):
             importlib.import_module(_IMPORTED.get(asked["module"], "rodeo.process"))
+            for name in _IMPORTED_LATER.get(asked["module"], ()):
+                importlib.import_module(name)
         gc.collect()
         # What is imported is not looked at again: pages that nobody touches stay shared.
         gc.freeze()
@@ -173,9 +201,10 @@ def main(control: socket.socket) -> None:
                 os.close(descriptor)
             # MuJoCo's importers choose its OpenGL back end so.
             imports = {name: value for name, value in os.environ.items() if given.get(name) != value}
-            _become(asked, {**imports, **asked["env"]}, parent, output)
+            _become(asked, {**imports, **asked["env"]}, parent, output, errors)
             return
         os.close(output)
+        os.close(errors)
         reporting[pid] = news
         _send(news, pid)
 
@@ -197,12 +226,13 @@ def _send(news: int, number: int) -> None:
         os.write(news, _NUMBER.pack(number))
 
 
-def _become(asked: dict[str, Any], env: dict[str, str], parent: int, output: int) -> None:
+def _become(asked: dict[str, Any], env: dict[str, str], parent: int, output: int, errors: int) -> None:
     """Run the module in this process."""
     os.setsid()
     os.dup2(output, 1)
-    os.dup2(output, 2)
+    os.dup2(errors, 2)
     os.close(output)
+    os.close(errors)
     faulthandler.register(signal.SIGUSR1)
     os.chdir(asked["folder"])
     os.environ.clear()
@@ -213,6 +243,9 @@ def _become(asked: dict[str, Any], env: dict[str, str], parent: int, output: int
     # Run, it is `__main__`, and not imported as well.
     if module in _IMPORTED.values():
         sys.modules.pop(module, None)
+    # The command line looks at its terminal and at its folder while it is imported.
+    for name in [name for name in sys.modules if name.startswith("rodeo_cli.")]:
+        del sys.modules[name]
     sys.argv = [module, *asked["arguments"]]
     runpy.run_module(module, run_name="__main__", alter_sys=True)
 

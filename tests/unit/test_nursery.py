@@ -13,8 +13,11 @@ from pathlib import Path
 import pytest
 
 from rodeo.instance import lock_holder
+from tests.support import command
 from tests.support.nursery import Fork, Nursery
 from tests.support.site import READY_S, RunningSite, write_site
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +39,22 @@ def test_it_gets_its_arguments_and_its_exit_status_and_output_are_its_own(
     assert (refused.wait(READY_S), helped.wait(READY_S)) == (2, 0)
     assert "required: --site" in (tmp_path / "refused.log").read_text()
     assert "usage: charger" in (tmp_path / "helped.log").read_text()
+
+
+@pytest.mark.parametrize("folder", [ROOT, ROOT / "docs"])
+@pytest.mark.parametrize("arguments", [("site", "check"), ("wallet", "--site", "none.toml"), ("tasks",)])
+def test_a_command_says_what_it_says_when_it_is_started_anew(
+    nursery: Nursery, folder: Path, arguments: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Its folder decides which site is meant where none is named, and that while it is imported.
+    env = {name: value for name, value in os.environ.items() if name != "RODEO_SITE"}
+    said = []
+    for forks in (None, nursery):
+        monkeypatch.setattr(RunningSite, "nursery", forks)
+        done = command.rodeo(*arguments, env=env, timeout_s=READY_S, folder=folder)
+        said.append((done.returncode, done.stdout, done.stderr))
+    anew, fork = said
+    assert fork == anew and any(anew)
 
 
 def test_it_has_its_folder_and_its_session_and_is_gone_once_killed(
