@@ -7,7 +7,7 @@ CHAIN ?= eth-tester
 # Test files that run at the same time.
 JOBS ?= 2
 
-.PHONY: help setup postgresql demo test test-long experiment bench lint contracts clean
+.PHONY: help setup postgresql demo test test-contracts test-python test-long experiment bench lint contracts clean
 
 help:  ## show the targets
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F ':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
@@ -45,8 +45,16 @@ demo: $(VENV)/stamp  ## one cleaning task and one charging session, end to end
 PYTEST = $(BIN)/python -m pytest --chain $(CHAIN) --forks --numprocesses $(JOBS) --dist loadfile --no-loadscope-reorder \
 	--durations 25 --durations-min 5
 
+# The contracts beside the rest: their compiler keeps one core busy for minutes, while tests of sites wait for processes
+# and for time that passes.
 test: $(VENV)/stamp node_modules/.stamp postgresql  ## everything that checks the project, but for what takes minutes
-	@npm run --silent contracts:test
+	@$(MAKE) --no-print-directory --jobs=2 --keep-going test-contracts test-python
+
+test-contracts: node_modules/.stamp
+	@mkdir -p out; npm run --silent contracts:test >out/test-contracts.log 2>&1; status=$$?; \
+		cat out/test-contracts.log; exit $$status
+
+test-python: $(VENV)/stamp
 	@$(PYTEST) -m "not long"
 
 test-long: $(VENV)/stamp node_modules/.stamp postgresql  ## the rest: the forgeries, and whole sites that are killed, kept busy, or do without
