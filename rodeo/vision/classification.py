@@ -5,6 +5,7 @@ Preprocessing, classes and thresholds are data beside the weights (`model/prepro
 stand in what the bin signs: who judges a picture later knows which network and which thresholds spoke.
 
     RodeoError
+    ├── BrokenModel           the file of weights is no network of this shape
     └── UnlistedModel         the file of weights is none of those that may be loaded
 """
 
@@ -29,6 +30,10 @@ _LEAST = 1e-4
 """No picture rules anything out further than the probabilities that are signed can tell."""
 UNKNOWN = "unknown"
 """The label of a photo the model is not sure about. Never a class of the model."""
+
+
+class BrokenModel(RodeoError):
+    """The file of weights is no network that turns a picture into one number for each class and one more."""
 
 
 class UnlistedModel(RodeoError):

@@ -1,4 +1,9 @@
-"""What is in the photo: EfficientNet-Lite by OpenCV's DNN module, offline."""
+"""What is in the photo: EfficientNet-Lite by onnxruntime, offline, on one thread.
+
+A network is data from outside until its hash is listed: a file may ask for as much memory and time as it
+likes. It cannot do more: nothing but onnxruntime's own operators is registered, and weights in further files
+are refused, because it is loaded from bytes.
+"""
 
 from __future__ import annotations
 
@@ -9,11 +14,14 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import onnxruntime
+from onnxruntime.capi import onnxruntime_pybind11_state as refusals
 
 from rodeo.vision.classification import (
     MODEL_DIR,
     PREPROCESSING,
     WEIGHTS,
+    BrokenModel,
     Classification,
     Preprocessing,
     UnlistedModel,
@@ -41,15 +49,33 @@ def to_input(image_bgr: np.ndarray, preprocessing: Preprocessing) -> np.ndarray:
     # In two steps, as training did it: the network knows pictures that were averaged twice, and gets 316
     # instead of 312 of 327 val photos right.
     square = cv2.resize(shrink(image_bgr), (side, side), interpolation=cv2.INTER_AREA)
-    mean = (preprocessing.mean,) * 3
-    return cv2.dnn.blobFromImage(square, preprocessing.scale, (side, side), mean, swapRB=True)
+    planes = np.empty((1, 3, side, side), np.float32)
+    planes[0] = cv2.split(square)[::-1]
+    planes -= preprocessing.mean
+    planes *= preprocessing.scale
+    return planes
+
+
+_IMAGE, _LOGITS = "image", "logits"
+_FATAL = 4
+"""Of onnxruntime's severities."""
+_REFUSALS = (
+    refusals.Fail,
+    refusals.InvalidArgument,
+    refusals.InvalidGraph,
+    refusals.InvalidProtobuf,
+    refusals.NotImplemented,
+    refusals.RuntimeException,
+)
+"""What it raises for weights that it cannot load; they have no other base than Exception."""
 
 
 class Classifier:
     """The trained model. Safe to call from several threads; they take turns."""
 
     def __init__(self, model_dir: Path = MODEL_DIR, listed: Collection[str] | None = None) -> None:
-        """Raises UnlistedModel, before a parser sees them, for weights whose SHA-256 (0x) is not `listed`."""
+        """Raises UnlistedModel, before a parser sees them, for weights whose SHA-256 (0x) is not `listed`;
+        BrokenModel for weights that are no such network."""
         # Each file is read once: the hashes are of the bytes in use, also when a file is replaced meanwhile.
         weights, thresholds = ((model_dir / name).read_bytes() for name in (WEIGHTS, PREPROCESSING))
         self.model_sha256, self.thresholds_sha256 = digest(weights), digest(thresholds)
@@ -57,8 +83,9 @@ class Classifier:
             found = self.model_sha256
             raise UnlistedModel("the network is not listed: not loaded", found=found, listed=[*listed])
         self.preprocessing = Preprocessing.model_validate_json(thresholds)
-        self._net = cv2.dnn.readNetFromONNX(np.frombuffer(weights, np.uint8))
-        self._one_at_a_time = threading.Lock()  # a cv2.dnn.Net keeps its buffers between calls
+        self._session = _session(weights, self.preprocessing)
+        # A crowd of requests takes one core and the memory of one picture, however many there are.
+        self._one_at_a_time = threading.Lock()
 
     def classify(self, data: bytes, limits: ImageLimits = IMAGE_LIMITS) -> Classification:
         """An encoded photo (JPEG, PNG or WebP) -> what is in it. The one way from bytes to an answer.
@@ -73,7 +100,26 @@ class Classifier:
 
     def logits(self, image_bgr: np.ndarray) -> np.ndarray:
         """uint8 (h, w, 3) BGR -> float32 (classes + 1,): what the trained network is compared with."""
-        blob = to_input(image_bgr, self.preprocessing)
+        picture = to_input(image_bgr, self.preprocessing)
         with self._one_at_a_time:
-            self._net.setInput(blob)
-            return self._net.forward().reshape(-1).copy()
+            (logits,) = self._session.run([_LOGITS], {_IMAGE: picture})
+        return np.asarray(logits).reshape(-1)
+
+
+def _session(weights: bytes, preprocessing: Preprocessing) -> onnxruntime.InferenceSession:
+    """Raises BrokenModel."""
+    options = onnxruntime.SessionOptions()
+    # One thread computes, the caller's: the sums do not depend on the number of cores, nothing spins between
+    # two pictures, and a process may fork.
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    options.log_severity_level = _FATAL  # what it refuses is raised
+    try:
+        session = onnxruntime.InferenceSession(weights, options, providers=["CPUExecutionProvider"])
+    except _REFUSALS as error:
+        raise BrokenModel("onnxruntime does not load the weights", problem=str(error)[:300]) from error
+    found = {one.name: one.shape for one in (*session.get_inputs(), *session.get_outputs())}
+    side, classes = preprocessing.input_px, len(preprocessing.classes)
+    expected = {_IMAGE: [1, 3, side, side], _LOGITS: [1, classes + 1]}
+    if found != expected:
+        raise BrokenModel("the network is of another shape", found=found, expected=expected)
+    return session

@@ -16,7 +16,13 @@ from rodeo.checks.report import Finding, at_most, undecided
 from rodeo.evidence import Proof
 from rodeo.ros2 import types
 from rodeo.ros2.errors import MalformedMessage
-from rodeo.vision.classification import UnlistedModel, combined, model_sha256, thresholds_sha256
+from rodeo.vision.classification import (
+    BrokenModel,
+    UnlistedModel,
+    combined,
+    model_sha256,
+    thresholds_sha256,
+)
 from rodeo.vision.images import ImageError
 from rodeo.witness.statement import Classification
 
@@ -47,7 +53,7 @@ def shown(proof: Proof, bin_name: str, said: Classification, listed: Collection[
         found = combined([network().classify(picture) for picture in pictures])
     except ImageError as error:
         return Finding(passed=False, source=_SOURCE, detail=f"the bin signed no picture: {error.message}")
-    except UnlistedModel as error:
+    except (UnlistedModel, BrokenModel) as error:
         return undecided(str(error), "the oracle", source="the network's file here, and the kind's rules")
     answer = f"{found.label} ({found.confidence:.2f})"
     if said.model_sha256 not in listed:
@@ -110,7 +116,8 @@ def _pictures(proof: Proof, topic: str, hashes: Sequence[str]) -> list[bytes]:
 def network() -> "Classifier":
     """Loaded when it is first asked: OpenCV takes its time to import.
 
-    Raises UnlistedModel where the file is not the one in the rules' hash: somebody exchanged it meanwhile.
+    Raises UnlistedModel where the file is not the one in the rules' hash: somebody exchanged it meanwhile;
+    BrokenModel where it is no network.
     """
     from rodeo.vision.classifier import Classifier
 

@@ -1,7 +1,8 @@
 """The exported network with weights of 8 bits: half the file, the same sums.
 
-Each weight is stored as an integer and a scale for its output channel. OpenCV multiplies them when it loads
-the file, so that a picture takes as long as before. Needs the `train` extra (onnx).
+Each weight is stored as an integer and a scale for its output channel. onnxruntime multiplies them when it
+loads the file, so that a picture takes as long as before: it computes Cast and Mul then, DequantizeLinear
+again for each picture. Needs the `train` extra (onnx).
 """
 
 from __future__ import annotations
@@ -27,11 +28,10 @@ def compact(data: bytes) -> bytes:
         del stored[half.name]
         (name,) = node.output
         integers, scale = _rounded(numpy_helper.to_array(half).astype(np.float32))
-        inputs = []
-        for suffix, values in (("i8", integers), ("scale", scale), ("zero", np.zeros(len(scale), np.int8))):
-            inputs.append(f"{name}_{suffix}")
-            stored[inputs[-1]] = numpy_helper.from_array(values, inputs[-1])
-        nodes.append(onnx.helper.make_node("DequantizeLinear", inputs, [name], axis=0))
+        for suffix, values in (("i8", integers), ("scale", scale)):
+            stored[f"{name}_{suffix}"] = numpy_helper.from_array(values, f"{name}_{suffix}")
+        whole = onnx.helper.make_node("Cast", [f"{name}_i8"], [f"{name}_whole"], to=onnx.TensorProto.FLOAT)
+        nodes += [whole, onnx.helper.make_node("Mul", [f"{name}_whole", f"{name}_scale"], [name])]
     del graph.node[:], graph.initializer[:]
     graph.node.extend(nodes)
     graph.initializer.extend(stored.values())
@@ -40,8 +40,8 @@ def compact(data: bytes) -> bytes:
 
 
 def _rounded(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """int8 of the same shape, and the scale (outputs,) that makes weights of it."""
+    """int8 of the same shape, and the scale (outputs, 1, ...) that makes weights of it."""
     scale = np.abs(weights).reshape(len(weights), -1).max(axis=1) / _LEVELS
     scale = np.maximum(scale, np.finfo(np.float32).tiny).astype(np.float32)
-    shape = (-1, *[1] * (weights.ndim - 1))
-    return np.rint(weights / scale.reshape(shape)).astype(np.int8), scale
+    scale = scale.reshape(-1, *[1] * (weights.ndim - 1))
+    return np.rint(weights / scale).astype(np.int8), scale

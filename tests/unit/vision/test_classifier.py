@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import hashlib
+import multiprocessing
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -16,6 +18,7 @@ from rodeo.vision.classification import (
     PREPROCESSING,
     UNKNOWN,
     WEIGHTS,
+    BrokenModel,
     Preprocessing,
     UnlistedModel,
     combined,
@@ -111,13 +114,53 @@ def test_another_threshold_has_another_hash_and_the_same_weights(tmp_path: Path)
 
 def test_weights_that_are_not_listed_are_refused_before_they_are_parsed(tmp_path: Path) -> None:
     (tmp_path / PREPROCESSING).write_bytes((MODEL_DIR / PREPROCESSING).read_bytes())
-    (tmp_path / WEIGHTS).write_bytes(b"no network, which OpenCV would refuse in its own words")
+    (tmp_path / WEIGHTS).write_bytes(b"no network, which onnxruntime would refuse in its own words")
     with pytest.raises(UnlistedModel) as refused:
         Classifier(tmp_path, listed=[model_sha256()])
     assert refused.value.details == {"found": model_sha256(tmp_path), "listed": [model_sha256()]}
     (tmp_path / WEIGHTS).write_bytes((MODEL_DIR / WEIGHTS).read_bytes())
     listed = Classifier(tmp_path, listed=["0x" + "33" * 32, model_sha256()])
     assert listed.classify(RENDERINGS[0].read_bytes()).label == RENDERINGS[0].stem.rpartition("_")[0]
+
+
+def _model_with(folder: Path, weights: bytes, **changed: object) -> Path:
+    (folder / WEIGHTS).write_bytes(weights)
+    preprocessing = load_preprocessing().model_copy(update=changed)
+    (folder / PREPROCESSING).write_text(preprocessing.model_dump_json())
+    return folder
+
+
+@pytest.mark.parametrize("length", [0, 20, 100_000])
+def test_a_file_that_is_no_network_is_refused_in_words(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], length: int
+) -> None:
+    weights = (MODEL_DIR / WEIGHTS).read_bytes()[:length]
+    with pytest.raises(BrokenModel) as refused:
+        Classifier(_model_with(tmp_path, weights))
+    assert "ONNXRuntimeError" in refused.value.details["problem"]
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_network_of_another_shape_than_its_preprocessing_is_refused(tmp_path: Path) -> None:
+    weights = (MODEL_DIR / WEIGHTS).read_bytes()
+    with pytest.raises(BrokenModel) as refused:
+        Classifier(_model_with(tmp_path, weights, input_px=224))
+    assert refused.value.details["expected"] == {"image": [1, 3, 224, 224], "logits": [1, 7]}
+    assert refused.value.details["found"] == {"image": [1, 3, 256, 256], "logits": [1, 7]}
+
+
+def test_threads_and_forks_get_the_same_answer_to_the_last_bit(classifier: Classifier) -> None:
+    pictures = [decode_image(path.read_bytes()) for path in RENDERINGS]
+    alone = [classifier.logits(picture).tobytes() for picture in pictures]
+    with ThreadPoolExecutor(4) as threads:
+        assert list(threads.map(lambda one: classifier.logits(one).tobytes(), pictures)) == alone
+    fork = multiprocessing.get_context("fork")
+    answers = fork.SimpleQueue()
+    child = fork.Process(target=lambda: answers.put([classifier.logits(one).tobytes() for one in pictures]))
+    child.start()
+    child.join(60)
+    assert child.exitcode == 0
+    assert answers.get() == alone
 
 
 def test_a_computer_without_opencv_can_name_the_hashes_and_read_a_pictures_header() -> None:

@@ -137,8 +137,11 @@ def test_more_pictures_than_a_bin_takes_are_refused_before_they_are_read(tmp_pat
     assert (found.passed, found.limit) == (False, MAX_PICTURES)
 
 
-def test_the_checks_start_without_opencv() -> None:
-    program = "import sys, rodeo_kinds.waste_disposal.checks.picture; print('cv2' in sys.modules)"
+def test_the_checks_start_without_opencv_and_onnxruntime() -> None:
+    program = (
+        "import sys, rodeo_kinds.waste_disposal.checks.picture; "
+        "print(bool({'cv2', 'onnxruntime'} & set(sys.modules)))"
+    )
     answer = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
     assert answer.stdout.strip() == "False"
 

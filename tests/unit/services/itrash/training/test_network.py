@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
+import onnxruntime
 import pytest
 
 torch = pytest.importorskip("torch", reason="needs the train extra: pip install -e '.[train]'")
 
-from services.itrash.training.network import Network, export  # noqa: E402
+import onnx  # noqa: E402
+
+from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, BrokenModel  # noqa: E402
+from rodeo.vision.classifier import Classifier  # noqa: E402
+from services.itrash.training.network import Network, export, exported  # noqa: E402
 
 SIDE_PX = 64
 
@@ -24,11 +28,11 @@ def network() -> Network:
 def test_the_exported_file_answers_as_the_network_does(network: Network, tmp_path: Path) -> None:
     picture = np.random.default_rng(0).uniform(-1, 1, (1, 3, SIDE_PX, SIDE_PX)).astype(np.float32)
     export(network, tmp_path / "network.onnx", SIDE_PX)
-    exported = cv2.dnn.readNetFromONNX(str(tmp_path / "network.onnx"))
-    exported.setInput(picture)
+    exported = onnxruntime.InferenceSession(tmp_path / "network.onnx")
     with torch.inference_mode():
         expected = network(torch.from_numpy(picture)).numpy()
-    np.testing.assert_allclose(exported.forward(), expected, atol=0.01)  # weights are rounded to fp16
+    (answer,) = exported.run(None, {"image": picture})
+    np.testing.assert_allclose(answer, expected, atol=0.01)  # weights are rounded to fp16
 
 
 def test_a_copy_looks_at_its_own_features(network: Network) -> None:
@@ -63,8 +67,36 @@ def test_a_pool_that_is_left_out_counts_as_its_mean(network: Network, tmp_path: 
     assert network.pooled_blocks == (14, 20)
     torch.testing.assert_close(after, before)
     export(network, tmp_path / "network.onnx", SIDE_PX)
-    exported = cv2.dnn.readNetFromONNX(str(tmp_path / "network.onnx"))
-    exported.setInput(pictures[0, :1].numpy())
+    exported = onnxruntime.InferenceSession(tmp_path / "network.onnx")
     with torch.inference_mode():
         expected = network(pictures[0, :1]).numpy()
-    np.testing.assert_allclose(exported.forward(), expected, atol=0.01)
+    (answer,) = exported.run(None, {"image": pictures[0, :1].numpy()})
+    np.testing.assert_allclose(answer, expected, atol=0.01)
+
+
+def test_an_exported_network_is_read_back_as_it_is(network: Network, tmp_path: Path) -> None:
+    with torch.no_grad():
+        network.keep_pools((10, 14, 20), [torch.rand(1, 3, SIDE_PX, SIDE_PX)])
+    export(network, tmp_path / "first.onnx", SIDE_PX)
+    export(exported(tmp_path / "first.onnx").eval(), tmp_path / "second.onnx", SIDE_PX)
+    picture = np.random.default_rng(0).uniform(-1, 1, (1, 3, SIDE_PX, SIDE_PX)).astype(np.float32)
+    first, second = (
+        onnxruntime.InferenceSession(tmp_path / f"{name}.onnx").run(None, {"image": picture})[0]
+        for name in ("first", "second")
+    )
+    np.testing.assert_allclose(second, first, atol=0.01)
+
+
+def test_weights_in_another_file_are_not_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever lists a hash has seen what is hashed, and nothing beside it."""
+    (tmp_path / PREPROCESSING).write_bytes((MODEL_DIR / PREPROCESSING).read_bytes())
+    onnx.save(
+        onnx.load(MODEL_DIR / WEIGHTS),
+        tmp_path / WEIGHTS,
+        save_as_external_data=True,
+        location="beside.bin",
+        size_threshold=0,
+    )
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(BrokenModel):
+        Classifier(tmp_path)
