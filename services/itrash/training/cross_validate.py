@@ -3,10 +3,10 @@ shown.
 
     python -m services.itrash.training.cross_validate --data ../shared/data/trashnet --out FOLDER
 
-One core for five times as long as `train`. A run that was killed goes on where it was when it is started
-again; `--fold K` does one of them. Each network learns from the photos of the other folds but for a tenth of
-their groups, which chooses its temperature and threshold: nothing is chosen on the photos that measure it.
-Needs the `train` extra (torch, onnx).
+Real photos of other things must have been fetched (`others.py`). One core for five times as long as `train`.
+A run that was killed goes on where it was when it is started again; `--fold K` does one of them. Each network
+learns from the photos of the other folds but for a tenth of their groups, which chooses its temperature and
+threshold: nothing is chosen on the photos that measure it. Needs the `train` extra (torch, onnx).
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from services.itrash.training.crossed import TRAINING, Division, Training
 from services.itrash.training.dataset import Sample
 from services.itrash.training.folds import FOLDS, SEED, divided, groups
 from services.itrash.training.network import ARCHITECTURE, Network, export
+from services.itrash.training.others import FETCHED, World
 from services.itrash.training.train import (
     OUTPUTS,
     Recipe,
@@ -48,23 +49,29 @@ INNER = 10
 """One in so many groups of the photos to learn from chooses temperature and threshold instead."""
 
 
-def main(data: Path, out: Path, recipe: Recipe, only: Iterable[int]) -> None:
+def main(data: Path, fetched: Path, out: Path, recipe: Recipe, only: Iterable[int]) -> None:
     """Train the folds that are not there yet, and say what all that are there answer."""
     out.mkdir(parents=True, exist_ok=True)
-    photos = crossed.all_photos(data)
+    photos, world = crossed.all_photos(data), World.load(fetched)
     division = _division(photos, out)
     for fold in only:
         folder = crossed.folder_of(out, fold)
         if crossed.is_there(out, fold):
             log.info("fold %d is there", fold)
         else:
-            one_fold(photos, division, fold, data, folder, recipe)
+            one_fold(photos, world, division, fold, data, folder, recipe)
     for line in crossed.table(crossed.measured(out, data)):
         log.info("%s", line)
 
 
 def one_fold(
-    photos: list[Sample], division: Division, fold: int, data: Path, folder: Path, recipe: Recipe
+    photos: list[Sample],
+    world: World,
+    division: Division,
+    fold: int,
+    data: Path,
+    folder: Path,
+    recipe: Recipe,
 ) -> None:
     """Train, export and calibrate the network that has not seen `fold`. What is in the folder tells how far
     an earlier run got; the recipe is written last."""
@@ -72,10 +79,10 @@ def one_fold(
     learnt, inner = split(photos, division, fold)
     log.info("fold %d: %d photos to learn from, %d to calibrate on", fold, len(learnt), len(inner))
     rendered = renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class)
-    network = train(learnt, rendered, recipe, folder)
+    network = train(learnt, rendered, world, recipe, folder)
     export(network, folder / WEIGHTS, recipe.input_px)
     calibrate(folder, data, inner, recipe)
-    training = Training(architecture=ARCHITECTURE, recipe=asdict(recipe))
+    training = Training(architecture=ARCHITECTURE, recipe=asdict(recipe), others_sha256=world.sha256)
     (folder / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
     for stage in folder.glob("*.pt"):
         stage.unlink()
@@ -158,6 +165,7 @@ def seen_by_imagenet(photos: list[Sample]) -> np.ndarray:
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Cross-validate a recipe for the bin's classifier.")
     parser.add_argument("--data", type=Path, required=True, help="folder of train/<class>/ and val/<class>/")
+    parser.add_argument("--others", type=Path, default=FETCHED, help="folder of photos of other things")
     parser.add_argument("--out", type=Path, required=True, help="where networks and checkpoints are kept")
     parser.add_argument("--fold", type=int, choices=range(FOLDS), help="this one; all without it")
     parser.add_argument("--recipe", choices=RECIPES, default="shipped")
@@ -176,4 +184,4 @@ if __name__ == "__main__":
         pack(arguments.data, arguments.out, arguments.pack)
     else:
         folds = range(FOLDS) if arguments.fold is None else [arguments.fold]
-        main(arguments.data, arguments.out, chosen, folds)
+        main(arguments.data, arguments.others, arguments.out, chosen, folds)

@@ -46,6 +46,8 @@ class Training(BaseModel):
 
     architecture: str
     recipe: dict[str, Any]
+    others_sha256: str | None = None
+    """Of the photos that pictures of nothing were drawn from (`others.World`); None where all were drawn."""
 
 
 class Place(BaseModel):

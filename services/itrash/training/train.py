@@ -1,9 +1,11 @@
 """Trains the bin's classifier on photos, renderings and pictures of nothing, and writes
 `rodeo/vision/model/`. CPU only.
 
+    python -m services.itrash.training.others
     python -m services.itrash.training.train --data ../shared/data/trashnet
 
-One core for under an hour. Needs the `train` extra (torch, onnx); nothing at run time does.
+The first command fetches real photos of what is no waste. One core for under an hour. Needs the `train` extra
+(torch, onnx); nothing at run time does.
 """
 
 from __future__ import annotations
@@ -31,16 +33,18 @@ import numpy as np
 import torch
 from torch import nn
 
+from rodeo.errors import RodeoError
 from rodeo.vision.classification import MODEL_DIR, PREPROCESSING, WEIGHTS, Preprocessing, load_preprocessing
 from rodeo.vision.classifier import Classifier, to_input
 from services.itrash.training import crossed, metrics, renderings, scenery
 from services.itrash.training.abstention import RISK, threshold
-from services.itrash.training.augment import CHANCES, SELDOM, Chances, augment
+from services.itrash.training.augment import CHANCES, SELDOM, Chances, augment, drawn
 from services.itrash.training.card import held_out_samples, write_card
 from services.itrash.training.crossed import TRAINING, Training
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
 from services.itrash.training.evaluation import bare_board
 from services.itrash.training.network import ARCHITECTURE, KEPT_POOLS, MEAN, SCALE, Network, export
+from services.itrash.training.others import FETCHED, World
 
 log = logging.getLogger("itrash.train")
 
@@ -68,7 +72,9 @@ class Recipe:
     """Random crops enlarge what they show, so a network tested on whole photos wants a larger side there than
     in training (Touvron et al., 2019, arXiv:1906.06423)."""
     rendered_share: float = 0.12
-    nothing_share: float = 0.1
+    nothing_share: float = 0.13
+    real_nothing: float = 0.6
+    """So much of it comes from real photos: who knows only drawn pictures takes a portrait for metal."""
     learning_rate: float = 5e-4
     rate_decay: float = 0.75
     """The head learns at the full rate, each eighth of the blocks before it at so much of the next one's:
@@ -104,10 +110,12 @@ class Draws:
         self,
         photos: list[Sample],
         rendered: list[Sample],
+        world: World,
         recipe: Recipe,
         seed: int,
         chances: Chances,
     ) -> None:
+        self._world = world
         self._rng = np.random.default_rng(seed)
         self._chances = chances
         self._recipe = recipe
@@ -141,7 +149,7 @@ class Draws:
             chances = self._chances
             if source <= recipe.nothing_share + recipe.rendered_share:
                 chances = replace(chances, clutter=0.0)
-            view = augment(sample.image_bgr, side, rng, chances)
+            view = augment(sample.image_bgr, side, rng, chances, self._background)
             inputs[row] = (view[..., ::-1].transpose(2, 0, 1).astype(np.float32) - MEAN) * SCALE
             target = len(CLASSES) if sample.label is None else CLASSES.index(sample.label)
             targets[row, target] += 1 - recipe.label_smoothing
@@ -149,16 +157,37 @@ class Draws:
 
     def _nothing(self, side: int) -> np.ndarray:
         """A picture without an item."""
-        rng, which = self._rng, self._rng.random()
+        rng = self._rng
+        if rng.random() < self._recipe.real_nothing:
+            return self._real_nothing(side)
+        which = rng.random()
         if which < 0.45:
             return self._empty[rng.integers(len(self._empty))].image_bgr
         if which < 0.55:
-            board = bare_board(self._photos[rng.integers(len(self._photos))].image_bgr)
+            board = self._board()
             if board is not None:
                 return board
         if which < 0.75:
             return scenery.hand(side, rng)
         return scenery.TEXTURES[int(rng.integers(len(scenery.TEXTURES)))](side, rng)
+
+    def _real_nothing(self, side: int) -> np.ndarray:
+        """Part of a photo of something else, or a thing cut out of one: half of these before the board of a
+        photo of waste, so that the board does not tell."""
+        rng = self._rng
+        if rng.random() < 0.5:
+            return self._world.scene(rng)
+        behind = self._board() if rng.random() < 0.5 else None
+        if behind is None:
+            behind = self._background(rng)
+        return self._world.thing(cv2.resize(behind, (side, side), interpolation=cv2.INTER_AREA), rng)
+
+    def _board(self) -> np.ndarray | None:
+        return bare_board(self._photos[self._rng.integers(len(self._photos))].image_bgr)
+
+    def _background(self, rng: np.random.Generator) -> np.ndarray:
+        """What stands behind items and other things: half of it real, so that it tells nothing of either."""
+        return self._world.scene(rng) if rng.random() < 0.5 else drawn(rng)
 
 
 def _balanced(samples: list[Sample]) -> np.ndarray:
@@ -299,41 +328,48 @@ def prepare() -> None:
 
 
 def train(
-    photos: list[Sample], rendered: list[Sample], recipe: Recipe, checkpoints: Path | None = None
+    photos: list[Sample],
+    rendered: list[Sample],
+    world: World,
+    recipe: Recipe,
+    checkpoints: Path | None = None,
 ) -> Network:
     """Train to the end; the averaged network in evaluation mode. Goes on from what is in the folder
     `checkpoints`."""
     torch.manual_seed(recipe.seed)
-    often = Draws(photos, rendered, recipe, recipe.seed, CHANCES)
+    often = Draws(photos, rendered, world, recipe, recipe.seed, CHANCES)
     network = Network(OUTPUTS, recipe.drop_connect)
     kept = _checkpoint(checkpoints, "beginning")
     network = last(fit(network, often, beginning(recipe), recipe, recipe.ema_decay, kept))
-    return finished(network, photos, rendered, recipe, checkpoints)
+    return finished(network, photos, rendered, world, recipe, checkpoints)
 
 
 def finished(
     network: Network,
     photos: list[Sample],
     rendered: list[Sample],
+    world: World,
     recipe: Recipe,
     checkpoints: Path | None = None,
 ) -> Network:
     """After the last steps."""
     torch.manual_seed(recipe.seed + 1)  # these steps can be repeated alone
-    seldom = Draws(photos, rendered, recipe, recipe.seed + 1, SELDOM)
+    seldom = Draws(photos, rendered, world, recipe, recipe.seed + 1, SELDOM)
     kept = _checkpoint(checkpoints, "finish")
     network = last(fit(network, seldom, finish(recipe), recipe, recipe.finish_ema_decay, kept))
-    return settled(network, photos, rendered, recipe)
+    return settled(network, photos, rendered, world, recipe)
 
 
 def _checkpoint(folder: Path | None, stage: str) -> Checkpoint | None:
     return None if folder is None else Checkpoint(folder / f"{stage}.pt")
 
 
-def settled(network: Network, photos: list[Sample], rendered: list[Sample], recipe: Recipe) -> Network:
+def settled(
+    network: Network, photos: list[Sample], rendered: list[Sample], world: World, recipe: Recipe
+) -> Network:
     """Moved back towards ImageNet, its head cut to what is worth its time; in evaluation mode."""
     network.towards_pretrained(recipe.pretrained_share)
-    views = Draws(photos, rendered, recipe, recipe.seed + 2, SELDOM)
+    views = Draws(photos, rendered, world, recipe, recipe.seed + 2, SELDOM)
     pictures = (torch.from_numpy(views.batch(recipe.input_px)[0]) for _ in range(8))
     network.eval().keep_pools(KEPT_POOLS, pictures)
     return network
@@ -388,19 +424,23 @@ def uncalibrated(recipe: Recipe) -> Preprocessing:
     )
 
 
-def main(data: Path, out: Path, recipe: Recipe) -> None:
-    """Train, export, calibrate and write the model card, whose figures are of what the bin answers."""
+def main(data: Path, fetched: Path, out: Path, recipe: Recipe) -> None:
+    """Train, export, calibrate and write the model card, whose figures are of what the bin answers. `fetched`
+    is the folder that `others` fetched photos into. Raises NoSamples."""
+    world = World.load(fetched)
     train_photos = load_photos(data / "train")
     rendered = renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class)
     log.info("%d photos, %d renderings to learn from", len(train_photos), len(rendered))
-    publish(train(train_photos, rendered, recipe), data, out, recipe)
+    made_by = Training(architecture=ARCHITECTURE, recipe=asdict(recipe), others_sha256=world.sha256)
+    publish(train(train_photos, rendered, world, recipe), made_by, data, fetched, out, recipe)
 
 
-def publish(network: Network, data: Path, out: Path, recipe: Recipe) -> None:
+def publish(
+    network: Network, training: Training, data: Path, fetched: Path, out: Path, recipe: Recipe
+) -> None:
     """Export, calibrate, measure; write the model and its card into `out`."""
     out.mkdir(parents=True, exist_ok=True)
     val_photos = load_photos(data / "val")
-    training = Training(architecture=ARCHITECTURE, recipe=asdict(recipe))
     (out / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
     export(network, out / WEIGHTS, recipe.input_px)
     preprocessing = uncalibrated(recipe)
@@ -410,7 +450,7 @@ def publish(network: Network, data: Path, out: Path, recipe: Recipe) -> None:
     on_photos = metrics.answers_to_files(classifier, data / "val", val_photos)
     on_rendered = metrics.answers_to_samples(classifier, held_out_samples(training.recipe, val_photos)[0])
     write_preprocessing(out, calibrate(on_photos, on_rendered, preprocessing, recipe.known_rejected))
-    log.info("%s", write_card(out, data))
+    log.info("%s", write_card(out, data, fetched))
 
 
 def write_preprocessing(out: Path, preprocessing: Preprocessing) -> None:
@@ -431,9 +471,13 @@ def _assert_same(network: nn.Module, classifier: Classifier, sample: Sample) -> 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description="Train the bin's classifier.")
     parser.add_argument("--data", type=Path, required=True, help="folder of train/<class>/ and val/<class>/")
+    parser.add_argument("--others", type=Path, default=FETCHED, help="folder of photos of other things")
     parser.add_argument("--out", type=Path, default=MODEL_DIR)
     parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="fewer steps, to try it out")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     prepare()
-    main(arguments.data, arguments.out, Recipe().shortened(arguments.shorten))
+    try:
+        main(arguments.data, arguments.others, arguments.out, Recipe().shortened(arguments.shorten))
+    except RodeoError as error:
+        sys.exit(str(error))

@@ -20,11 +20,17 @@ from services.itrash.training import train as training  # noqa: E402
 from services.itrash.training.compact import compact  # noqa: E402
 from services.itrash.training.crossed import Division, Unfinished  # noqa: E402
 from services.itrash.training.dataset import CLASSES, Sample  # noqa: E402
+from services.itrash.training.others import World  # noqa: E402
 
 TINY = replace(
     training.Recipe(), stable_steps=2, cooldown_steps=1, finish_steps=2, batch=2, stable_px=64,
     cooldown_px=64, input_px=64, known_rejected=0.2,
 )  # fmt: skip
+WORLD = World(
+    scenes=(np.full((80, 90, 3), 120, np.uint8),),
+    cutouts=(np.full((40, 30, 4), 200, np.uint8),),
+    sha256="ab" * 32,
+)
 EACH = 12
 """Photos of each class."""
 
@@ -49,6 +55,7 @@ def drawn(each: int = EACH) -> list[Sample]:
 def photos(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Sample]:
     """In memory, in files, and as what is rendered."""
     empty = [Sample(np.full((64, 64, 3), 90, np.uint8), None)]
+    monkeypatch.setattr(World, "load", lambda _fetched: WORLD)
     monkeypatch.setattr(renderings, "render_samples", lambda _seed, _each: [*drawn(2), *empty])
     for photo in drawn():
         path = tmp_path / "data" / photo.name
@@ -82,7 +89,7 @@ def test_training_that_was_killed_goes_on_to_the_same_weights(
 ) -> None:
     monkeypatch.setattr(training, "LOG_EVERY_STEPS", 1)
     rendered = renderings.render_samples(0, 2)
-    whole = training.train(photos, rendered, TINY)
+    whole = training.train(photos, rendered, WORLD, TINY)
     save, steps = training.Checkpoint.save, []
 
     def killed(self: training.Checkpoint, step: int, *state: training.Draws) -> None:
@@ -94,8 +101,8 @@ def test_training_that_was_killed_goes_on_to_the_same_weights(
     monkeypatch.setattr(training.Checkpoint, "save", killed)
     for _ in range(2):
         with pytest.raises(KeyboardInterrupt):
-            training.train(photos, rendered, TINY, tmp_path)
-    resumed = training.train(photos, rendered, TINY, tmp_path)
+            training.train(photos, rendered, WORLD, TINY, tmp_path)
+    resumed = training.train(photos, rendered, WORLD, TINY, tmp_path)
     assert steps == [1, 2, 3, 1, 2]
     for name, value in whole.state_dict().items():
         assert torch.equal(value, resumed.state_dict()[name]), name
@@ -107,7 +114,7 @@ def test_a_fold_is_trained_once_and_measured_from_its_files(
     data, out = tmp_path / "data", tmp_path / "out"
     out.mkdir()
     (out / crossed.DIVISION).write_text(division.model_dump_json())
-    cross_validate.main(data, out, TINY, [3])
+    cross_validate.main(data, tmp_path / "others", out, TINY, [3])
     found = crossed.measured(out, data)
     own = sum(place.fold == 3 for place in division.photos.values())
     assert (found.folds, len(found.group)) == ((3,), own)
@@ -119,7 +126,7 @@ def test_a_fold_is_trained_once_and_measured_from_its_files(
         raise AssertionError("trained again")
 
     monkeypatch.setattr(cross_validate, "train", again)
-    cross_validate.main(data, out, TINY, [3])
+    cross_validate.main(data, tmp_path / "others", out, TINY, [3])
     cross_validate.pack(data, out, tmp_path / "small")
     assert crossed.measured(tmp_path / "small", data).folds == (3,)
 
