@@ -22,8 +22,10 @@ if __name__ == "__main__" and importlib.util.find_spec("torch") is None:
 from rodeo.config import Site
 from rodeo.errors import RodeoError
 from services.itrash.training import renderings
+from services.itrash.training.allowed import Allowed
 from services.itrash.training.card import FOLDS_DIR
 from services.itrash.training.corrected import GENTLE, add_corrections
+from services.itrash.training.others import FETCHED, World
 from services.itrash.training.train import Recipe, main, prepare
 
 if __name__ == "__main__":
@@ -39,23 +41,27 @@ if __name__ == "__main__":
     parser.add_argument(
         "--folds", type=Path, default=FOLDS_DIR, help="folder of the cross-validated networks"
     )
+    parser.add_argument("--others", type=Path, default=FETCHED, help="folder of photos of other things")
     parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="fewer steps, to try it out")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     prepare()
-    if arguments.add_corrections is None:
-        main(arguments.data, arguments.out, Recipe().shortened(arguments.shorten))
-    else:
-        recipe = GENTLE.shortened(arguments.shorten)
-        try:
+    try:
+        if arguments.add_corrections is None:
+            main(arguments.data, arguments.others, arguments.out, Recipe().shortened(arguments.shorten))
+        else:
+            recipe = GENTLE.shortened(arguments.shorten)
+            site = Site.load(arguments.add_corrections)
             report = add_corrections(
-                Site.load(arguments.add_corrections),
+                site,
+                Allowed.at(site),
                 arguments.data,
                 arguments.folds,
                 renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class),
+                World.load(arguments.others),
                 arguments.out,
                 recipe,
             )
-        except RodeoError as error:
-            sys.exit(str(error))
-        print("\n".join(report))
+            print("\n".join(report))
+    except RodeoError as error:
+        sys.exit(str(error))

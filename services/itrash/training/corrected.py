@@ -3,8 +3,9 @@
     python -m services.itrash.train --data ../shared/data/trashnet --add-corrections SITE --out FOLDER
 
 Fine-tunes the installed weights with the corrections that the bins of a site keep, and writes another model,
-which no bin uses yet: its word counts once the organization lists its hash in the kind's rules. Each
-signature is verified again; whose they are is shown, because a file does not tell who was an auditor.
+which no bin uses yet: its word counts once the organization lists its hash in the kind's rules. The site
+must run. Each signature is verified again, and whose it is: a correction counts if an auditor of the
+organization signed it, about what a key signed that was registered as the bin's then (`allowed.py`).
 
 The same fine-tuning is done to each cross-validated network. Where these name fewer of the photos of their
 own folds rightly than before, no model is written.
@@ -27,20 +28,23 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from rodeo.config import Site, bin_process
-from rodeo.errors import RodeoError
+from rodeo.errors import RodeoError, unreadable
 from rodeo.evidence.attestation import verify_attestation
 from rodeo.evidence.errors import BadAttestation
 from rodeo.vision.classification import MODEL_DIR, UNKNOWN, WEIGHTS, digest, load_preprocessing
 from rodeo.vision.classifier import Classifier, shrink
 from rodeo.vision.images import ImageError, decode_image
 from rodeo.witness.correction import Correction
+from rodeo.witness.statement import Classification
 from services.itrash.corrections import Kept
 from services.itrash.training import crossed
+from services.itrash.training.allowed import Allowed
 from services.itrash.training.augment import SELDOM
 from services.itrash.training.crossed import TRAINING, Crossed, Training
 from services.itrash.training.dataset import CLASSES, Sample
 from services.itrash.training.folds import FOLDS
 from services.itrash.training.network import ARCHITECTURE, Network, export, exported
+from services.itrash.training.others import World
 from services.itrash.training.train import (
     Draws,
     Recipe,
@@ -88,7 +92,7 @@ class Corrected:
         return Sample(shrink(decode_image(self.picture)), self.label, self.name)
 
 
-def gather(site: Site) -> tuple[list[Corrected], list[str]]:
+def gather(site: Site, allowed: Allowed) -> tuple[list[Corrected], list[str]]:
     """The sound corrections of all bins of the site, and why others are left out."""
     found: dict[str, list[tuple[str, str, bytes]]] = defaultdict(list)
     left_out: list[str] = []
@@ -96,8 +100,10 @@ def gather(site: Site) -> tuple[list[Corrected], list[str]]:
         folder = site.data_dir / bin_process(site, config.name) / "corrections"
         for path in sorted(folder.glob("*.json")):
             try:
-                said, signer, picture = _sound(path, config.name)
-            except (OSError, ValidationError, BadAttestation, ImageError, _Unsound) as error:
+                said, signer, picture = _sound(path, config.name, allowed)
+            except (OSError, ValidationError) as error:
+                left_out.append(f"{config.name}/{path.name}: {unreadable(error)}")
+            except (BadAttestation, ImageError, _Unsound) as error:
                 left_out.append(f"{config.name}/{path.name}: {error}")
             else:
                 found[said.image_sha256].append((said.item_class, signer, picture))
@@ -116,16 +122,22 @@ class _Unsound(Exception):
     """What is in the file does not belong together."""
 
 
-def _sound(path: Path, bin_name: str) -> tuple[Correction, str, bytes]:
+def _sound(path: Path, bin_name: str, allowed: Allowed) -> tuple[Correction, str, bytes]:
     kept = Kept.model_validate_json(path.read_bytes())
-    signer = verify_attestation(kept.correction)
-    verify_attestation(kept.classification)
-    said, told = Correction.model_validate(kept.correction.payload), kept.classification.payload
-    if said.bin != bin_name or told.get("device") != bin_name:
+    signer, teller = verify_attestation(kept.correction), verify_attestation(kept.classification)
+    said = Correction.model_validate(kept.correction.payload)
+    told = Classification.model_validate(kept.classification.payload)
+    if said.bin != bin_name or told.device != bin_name:
         raise _Unsound("it is about another bin")
-    for field in ("chain_id", "task_manager", "organization", "image_sha256"):
-        if str(told.get(field)).lower() != str(getattr(said, field)).lower():
-            raise _Unsound(f"it and the bin's statement differ in {field}")
+    for field, own in allowed.scope.model_dump().items():
+        if {str(getattr(one, field)).lower() for one in (said, told)} != {str(own).lower()}:
+            raise _Unsound(f"it, the bin's statement and the organization differ in {field}")
+    if said.image_sha256 != told.image_sha256:
+        raise _Unsound("it is about another picture than the bin's statement")
+    if signer.lower() not in allowed.auditors:
+        raise _Unsound(f"{signer} is no auditor of the organization")
+    if not allowed.speaks_for(teller, bin_name, told.shown_s):
+        raise _Unsound(f"{teller} was not registered as the bin's key when it signed")
     picture = (path.parent / said.image_sha256).read_bytes()
     if "0x" + sha256(picture).hexdigest() != said.image_sha256:
         raise _Unsound("the picture has another hash")
@@ -136,13 +148,20 @@ def _sound(path: Path, bin_name: str) -> tuple[Correction, str, bytes]:
 
 
 def add_corrections(
-    site: Site, data: Path, folds: Path, rendered: list[Sample], out: Path, recipe: Recipe
+    site: Site,
+    allowed: Allowed,
+    data: Path,
+    folds: Path,
+    rendered: list[Sample],
+    world: World,
+    out: Path,
+    recipe: Recipe,
 ) -> list[str]:
     """Write the model that learnt from them into `out`; the report as lines.
 
     `folds` holds the cross-validated networks. Raises NoCorrections, NotCrossValidated, WorseThanBefore.
     """
-    corrected, left_out = gather(site)
+    corrected, left_out = gather(site, allowed)
     if not corrected:
         raise NoCorrections("no bin keeps a sound correction", org=site.org, left_out=left_out)
     there = [fold for fold in range(FOLDS) if crossed.is_there(folds, fold)]
@@ -151,15 +170,15 @@ def add_corrections(
     out.mkdir(parents=True, exist_ok=True)
     photos = crossed.all_photos(data)
     before = crossed.measured(folds, data)
-    after = _cross_validated(photos, corrected, rendered, data, folds, out / "folds", recipe)
+    after = _cross_validated(photos, corrected, rendered, world, data, folds, out / "folds", recipe)
     was, now = before.answers.accuracy(), after.answers.accuracy()
     if now < was:
         raise WorseThanBefore("fewer photos are named rightly than before", before=was, after=now)
-    network = tuned(MODEL_DIR / WEIGHTS, photos, corrected, rendered, recipe)
+    network = tuned(MODEL_DIR / WEIGHTS, photos, corrected, rendered, world, recipe)
     export(network, out / WEIGHTS, recipe.input_px)
     changed = calibrated(after, out / "folds", recipe.known_rejected)
     write_preprocessing(out, load_preprocessing().model_copy(update=changed))
-    training = Training(architecture=ARCHITECTURE, recipe=asdict(recipe))
+    training = Training(architecture=ARCHITECTURE, recipe=asdict(recipe), others_sha256=world.sha256)
     (out / TRAINING).write_text(training.model_dump_json(indent=2) + "\n")
     people = Counter(person for one in corrected for person in one.people)
     return [
@@ -177,12 +196,13 @@ def tuned(
     photos: list[Sample],
     corrected: Sequence[Corrected],
     rendered: list[Sample],
+    world: World,
     recipe: Recipe,
 ) -> Network:
     """The network of `weights` after the recipe's last steps with the corrected pictures among the photos."""
     times = max(round(CORRECTED_SHARE * len(photos) / len(corrected)), 1)
     draws = Draws(
-        [*photos, *[one.sample for one in corrected] * times], rendered, recipe, recipe.seed, SELDOM
+        [*photos, *[one.sample for one in corrected] * times], rendered, world, recipe, recipe.seed, SELDOM
     )
     network = exported(weights, recipe.drop_connect)
     return last(fit(network, draws, finish(recipe), recipe, recipe.finish_ema_decay)).eval()
@@ -204,6 +224,7 @@ def _cross_validated(
     photos: list[Sample],
     corrected: Sequence[Corrected],
     rendered: list[Sample],
+    world: World,
     data: Path,
     folds: Path,
     out: Path,
@@ -219,7 +240,7 @@ def _cross_validated(
         folder.mkdir(exist_ok=True)
         others = [photo for photo in photos if division.of(photo.name).fold != fold]
         log.info("fold %d learns from the corrections", fold)
-        network = tuned(source / WEIGHTS, others, corrected, rendered, recipe)
+        network = tuned(source / WEIGHTS, others, corrected, rendered, world, recipe)
         export(network, folder / WEIGHTS, recipe.input_px)
         write_preprocessing(folder, load_preprocessing(source))
         (folder / TRAINING).write_text((source / TRAINING).read_text())

@@ -19,12 +19,15 @@ torch = pytest.importorskip("torch", reason="needs the train extra: pip install 
 
 from rodeo.config import Site, bin_process  # noqa: E402
 from rodeo.evidence import attest  # noqa: E402
+from rodeo.messages import Device  # noqa: E402
 from rodeo.vision.classification import MODEL_DIR, WEIGHTS, load_preprocessing  # noqa: E402
 from rodeo.vision.classifier import Classifier, to_input  # noqa: E402
 from rodeo.vision.images import decode_image  # noqa: E402
+from rodeo.witness.statement import Classification, Scope  # noqa: E402
 from rodeo_testing.recordings import RENDERINGS  # noqa: E402
 from services.itrash.corrections import Kept  # noqa: E402
 from services.itrash.training import corrected, crossed  # noqa: E402
+from services.itrash.training.allowed import Allowed  # noqa: E402
 from services.itrash.training.compact import compact  # noqa: E402
 from services.itrash.training.corrected import (  # noqa: E402
     NoCorrections,
@@ -36,10 +39,18 @@ from services.itrash.training.corrected import (  # noqa: E402
 from services.itrash.training.crossed import Division  # noqa: E402
 from services.itrash.training.dataset import CLASSES, Sample  # noqa: E402
 from services.itrash.training.network import exported  # noqa: E402
+from services.itrash.training.others import World  # noqa: E402
 
 ANNA, BERT, BIN = Account.create(), Account.create(), Account.create()
 SCOPE = {"chain_id": 1, "task_manager": "0x" + "11" * 20, "organization": "0x" + "22" * 20}
 CAN, PAPER = ((RENDERINGS / name).read_bytes() for name in ("metal_1.jpg", "paper_1.jpg"))
+SHOWN_S = 100.0
+THRESHOLDS = MODEL = "0x" + "33" * 32
+WORLD = World(
+    scenes=(np.full((80, 90, 3), 120, np.uint8),),
+    cutouts=(np.full((40, 30, 4), 200, np.uint8),),
+    sha256="ab" * 32,
+)
 TINY = replace(corrected.GENTLE, finish_steps=1, batch=2, finish_rate=1e-6, known_rejected=0.2)
 
 
@@ -48,8 +59,25 @@ def own(site: Site, tmp_path: Path) -> Site:
     return site.model_copy(update={"data_dir": tmp_path / "var"})
 
 
+def key(account: LocalAccount = BIN, **changed: Any) -> Device:
+    return Device(
+        address=account.address, role="bin", name="itrash", owner=ANNA.address, registered=10.0
+    ).model_copy(update=changed)
+
+
+def allowed(*keys: Device) -> Allowed:
+    """Anna and Bert are auditors."""
+    people = frozenset(one.address.lower() for one in (ANNA, BERT))
+    return Allowed(Scope.model_validate(SCOPE), people, keys or (key(),))
+
+
 def correct(
-    site: Site, who: LocalAccount, picture: bytes, was: str, about: dict[str, Any] | None = None
+    site: Site,
+    who: LocalAccount,
+    picture: bytes,
+    was: str,
+    about: dict[str, Any] | None = None,
+    teller: LocalAccount = BIN,
 ) -> Path:
     """What the bin keeps of a correction. `about` is changed in the bin's statement."""
     (config,) = site.bins
@@ -57,8 +85,25 @@ def correct(
     folder.mkdir(parents=True, exist_ok=True)
     name = "0x" + sha256(picture).hexdigest()
     said = {**SCOPE, "type": "bin.correction", "bin": config.name, "image_sha256": name, "class": was}
-    told = {**SCOPE, "device": config.name, "image_sha256": name, "class": "metal"} | (about or {})
-    kept = Kept(correction=attest(said, who), classification=attest(told, BIN))
+    told = Classification(
+        **SCOPE,
+        device=config.name,
+        seq=1,
+        previous=None,
+        time_s=SHOWN_S + 1,
+        inputs="closed_bus",
+        number=1,
+        item_class="metal",
+        probabilities={"metal": 1.0},
+        compartment="metal",
+        full=False,
+        image_sha256=name,
+        model_sha256=MODEL,
+        thresholds_sha256=THRESHOLDS,
+        claimants=(),
+        shown_s=SHOWN_S,
+    ).model_dump(mode="json", by_alias=True) | (about or {})
+    kept = Kept(correction=attest(said, who), classification=attest(told, teller))
     (folder / name).write_bytes(picture)
     path = folder / f"{name}-{who.address.lower()}.json"
     path.write_text(kept.model_dump_json())
@@ -69,7 +114,7 @@ def test_what_two_people_signed_of_a_picture_teaches_once(own: Site) -> None:
     correct(own, ANNA, CAN, "glass")
     correct(own, BERT, CAN, "glass")
     correct(own, ANNA, PAPER, "unknown")
-    found, left_out = gather(own)
+    found, left_out = gather(own, allowed())
     assert {(one.label, len(one.people)) for one in found} == {("glass", 2), (None, 1)}
     assert left_out == []
 
@@ -77,7 +122,7 @@ def test_what_two_people_signed_of_a_picture_teaches_once(own: Site) -> None:
 def test_where_people_disagree_nothing_is_learnt(own: Site) -> None:
     correct(own, ANNA, CAN, "glass")
     correct(own, BERT, CAN, "plastic")
-    found, left_out = gather(own)
+    found, left_out = gather(own, allowed())
     assert found == [] and "people disagree" in left_out[0]
 
 
@@ -86,7 +131,7 @@ def test_what_was_changed_after_it_was_signed_teaches_nothing(own: Site) -> None
     kept = json.loads(path.read_text())
     kept["correction"]["payload"]["class"] = "paper"
     path.write_text(json.dumps(kept))
-    found, left_out = gather(own)
+    found, left_out = gather(own, allowed())
     assert found == [] and "signature" in left_out[0]
 
 
@@ -94,23 +139,70 @@ def test_what_was_changed_after_it_was_signed_teaches_nothing(own: Site) -> None
     ("about", "reason"),
     [
         ({"device": "elsewhere"}, "another bin"),
-        ({"image_sha256": "0x" + "77" * 32}, "differ in image_sha256"),
+        ({"image_sha256": "0x" + "77" * 32}, "another picture"),
         ({"chain_id": 2}, "differ in chain_id"),
+        ({"class": 7}, "class: Input should be a valid string"),
     ],
 )
 def test_a_correction_of_another_statement_teaches_nothing(
     own: Site, about: dict[str, Any], reason: str
 ) -> None:
     correct(own, ANNA, CAN, "glass", about)
-    found, left_out = gather(own)
+    found, left_out = gather(own, allowed())
     assert found == [] and reason in left_out[0]
 
 
 def test_an_exchanged_picture_teaches_nothing(own: Site) -> None:
     path = correct(own, ANNA, CAN, "glass")
     (path.parent / ("0x" + sha256(CAN).hexdigest())).write_bytes(PAPER)
-    found, left_out = gather(own)
+    found, left_out = gather(own, allowed())
     assert found == [] and "another hash" in left_out[0]
+
+
+def test_what_somebody_else_than_an_auditor_signed_teaches_nothing(own: Site) -> None:
+    stranger = Account.create()
+    correct(own, stranger, CAN, "glass")
+    correct(own, ANNA, PAPER, "paper")
+    (found,), (reason,) = gather(own, allowed())
+    assert found.people == (ANNA.address,)
+    assert f"{stranger.address} is no auditor" in reason
+
+
+@pytest.mark.parametrize(
+    ("keys", "counts"),
+    [
+        ((key(),), True),
+        ((key(revoked=SHOWN_S + 50, revoked_because="superseded"),), True),
+        ((key(revoked=SHOWN_S - 50, revoked_because="superseded"),), False),
+        ((key(revoked=SHOWN_S + 50, revoked_because="compromised"),), False),
+        ((key(registered=SHOWN_S + 50),), False),
+        ((key(name="elsewhere"),), False),
+        ((key(role="robot"),), False),
+        ((key(Account.create()),), False),
+    ],
+)
+def test_a_statement_counts_if_its_key_was_the_bins_when_it_signed(
+    own: Site, keys: tuple[Device, ...], counts: bool
+) -> None:
+    correct(own, ANNA, CAN, "glass")
+    found, left_out = gather(own, allowed(*keys))
+    assert bool(found) is counts
+    assert counts or f"{BIN.address} was not registered as the bin's key" in left_out[0]
+
+
+def test_a_statement_that_was_forged_beside_a_picture_teaches_nothing(own: Site) -> None:
+    """Who can write into the bin's folder signs for the bin, and has an auditor's word from elsewhere."""
+    forger = Account.create()
+    correct(own, ANNA, CAN, "glass", teller=forger)
+    found, left_out = gather(own, allowed())
+    assert found == [] and f"{forger.address} was not registered" in left_out[0]
+
+
+def test_a_correction_for_another_organization_teaches_nothing(own: Site) -> None:
+    correct(own, ANNA, CAN, "glass")
+    elsewhere = replace(allowed(), scope=Scope.model_validate(SCOPE | {"organization": "0x" + "99" * 20}))
+    found, left_out = gather(own, elsewhere)
+    assert found == [] and "differ in organization" in left_out[0]
 
 
 @pytest.mark.parametrize("small", [False, True])
@@ -166,7 +258,7 @@ def rendered() -> list[Sample]:
 
 def test_a_site_without_corrections_is_told_so(own: Site, data: Path, folds: Path, tmp_path: Path) -> None:
     with pytest.raises(NoCorrections):
-        add_corrections(own, data, folds, rendered(), tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, rendered(), WORLD, tmp_path / "out", TINY)
 
 
 def test_without_all_cross_validated_networks_nothing_is_written(
@@ -175,7 +267,7 @@ def test_without_all_cross_validated_networks_nothing_is_written(
     correct(own, ANNA, CAN, "metal")
     shutil.rmtree(folds / "fold4")
     with pytest.raises(NotCrossValidated) as refused:
-        add_corrections(own, data, folds, rendered(), tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, rendered(), WORLD, tmp_path / "out", TINY)
     assert refused.value.details["there"] == [0, 1, 2, 3]
     assert not (tmp_path / "out").exists()
 
@@ -185,7 +277,7 @@ def test_another_model_is_written_with_a_table_of_answers_and_its_hash(
 ) -> None:
     correct(own, ANNA, CAN, "metal")
     out = tmp_path / "out"
-    report = add_corrections(own, data, folds, rendered(), out, TINY)
+    report = add_corrections(own, allowed(), data, folds, rendered(), WORLD, out, TINY)
     (row,) = [line for line in report if line.startswith("| 0x")]
     assert row.count("metal (") == 2
     assert f"{ANNA.address} judged 1 pictures" in report
@@ -207,6 +299,6 @@ def test_a_model_that_names_fewer_photos_rightly_is_not_written(
 
     monkeypatch.setattr(corrected, "tuned", spoilt)
     with pytest.raises(WorseThanBefore) as refused:
-        add_corrections(own, data, folds, rendered(), tmp_path / "out", TINY)
+        add_corrections(own, allowed(), data, folds, rendered(), WORLD, tmp_path / "out", TINY)
     assert refused.value.details["after"] < refused.value.details["before"]
     assert not (tmp_path / "out" / WEIGHTS).exists()
