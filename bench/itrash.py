@@ -25,6 +25,7 @@ from rodeo.vision.images import decode_image
 from rodeo_testing.recordings import RENDERINGS
 from services.itrash.training import crossed, evaluation, metrics, others, renderings
 from services.itrash.training.card import FOLDS_DIR
+from services.itrash.training.crossed import TRAINING, Training
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
 from services.itrash.training.looks import said_of
 from services.itrash.web import LIMITS, make_api
@@ -37,6 +38,7 @@ RENDERING_SEED = 1000
 NOTHING = 150
 VIEWED_PER_CLASS = 20
 CORRUPTED_EVERY = 3
+CORRUPTED_EVERY_OF_ALL = 20
 REPEATS = 500
 PHOTO_PX = (512, 384)
 CLIENTS, REQUESTS = 8, 25
@@ -52,9 +54,21 @@ def run() -> dict[str, float]:
     known: list[metrics.Answers] = []
     nothing: list[Sample] = []
     photos: list[Sample] = []
+    training = Training.model_validate_json((MODEL_DIR / TRAINING).read_bytes())
+    found = _crossed(training)
     if TRASHNET.is_dir():
         photos = load_photos(TRASHNET / "val")
-        known.append(_photo_figures(classifier, photos, figures))
+        answers = metrics.answers_to_files(classifier, TRASHNET / "val", photos)
+        figures["itrash_path_agreement"] = float(np.mean(answers.said == _printed(photos)))
+        if not training.learnt_all:
+            known.append(answers)
+            figures |= _photo_figures(classifier, photos, answers)
+        elif found is not None:
+            known.append(found.answers)
+            figures["itrash_ece"] = found.answers.calibration_error(1.0)
+            every_photo = crossed.all_photos(TRASHNET)
+            corrupted = crossed.corrupted(FOLDS_DIR, every_photo, every=CORRUPTED_EVERY_OF_ALL)
+            figures["itrash_corrupted_accuracy"] = float(np.mean(list(corrupted.values())))
     else:
         print(f"itrash: no photos at {TRASHNET}, so no itrash_said_accuracy_val")
     try:
@@ -70,7 +84,8 @@ def run() -> dict[str, float]:
         figures["itrash_multi_view_gain"] = _multi_view_gain(classifier)
     nothing += evaluation.nothing_samples(RENDERING_SEED, NOTHING, photos)
     figures |= _real_unknown(classifier)
-    figures |= _crossed_figures()
+    if found is not None:
+        figures |= {f"itrash_cv_{name}": share for name, share in crossed.figures(found).items()}
     figures["itrash_unknown_recall"] = metrics.answers_to_samples(classifier, nothing).unknown_share()
     if known:
         figures["itrash_known_rejected"] = max(one.unknown_share() for one in known)
@@ -81,19 +96,18 @@ def run() -> dict[str, float]:
 
 
 def _photo_figures(
-    classifier: Classifier, photos: list[Sample], figures: dict[str, float]
-) -> metrics.Answers:
-    answers = metrics.answers_to_files(classifier, TRASHNET / "val", photos)
-    figures["itrash_path_agreement"] = float(np.mean(answers.said == _printed(photos)))
-    figures["itrash_said_accuracy_val"] = answers.accuracy()
-    figures["itrash_said_compartment_val"] = answers.compartment_accuracy()
-    figures["itrash_grouped_accuracy_val"], _ = evaluation.grouped_accuracy(
-        answers, photos, load_photos(TRASHNET / "train")
-    )
-    figures["itrash_ece"] = answers.calibration_error(classifier.preprocessing.temperature)
+    classifier: Classifier, photos: list[Sample], answers: metrics.Answers
+) -> dict[str, float]:
+    """Of a network that did not learn from these photos."""
+    grouped, _ = evaluation.grouped_accuracy(answers, photos, load_photos(TRASHNET / "train"))
     corrupted = evaluation.corrupted_accuracy(classifier, photos, every=CORRUPTED_EVERY)
-    figures["itrash_corrupted_accuracy_val"] = float(np.mean(list(corrupted.values())))
-    return answers
+    return {
+        "itrash_said_accuracy_val": answers.accuracy(),
+        "itrash_said_compartment_val": answers.compartment_accuracy(),
+        "itrash_grouped_accuracy_val": grouped,
+        "itrash_ece": answers.calibration_error(classifier.preprocessing.temperature),
+        "itrash_corrupted_accuracy_val": float(np.mean(list(corrupted.values()))),
+    }
 
 
 def _real_unknown(classifier: Classifier) -> dict[str, float]:
@@ -112,15 +126,15 @@ def _real_unknown(classifier: Classifier) -> dict[str, float]:
     return {"itrash_unknown_recall_real": answers.unknown_share()}
 
 
-def _crossed_figures() -> dict[str, float]:
-    """What each cross-validated network answers to the photos that it did not learn from."""
-    if not crossed.complete(FOLDS_DIR):
-        print(f"itrash: not all cross-validated networks are in {FOLDS_DIR}, so no itrash_cv_said_accuracy")
-        return {}
-    if not TRASHNET.is_dir():
-        return {}
-    found = crossed.figures(crossed.measured(FOLDS_DIR, TRASHNET))
-    return {f"itrash_cv_{name}": share for name, share in found.items()}
+def _crossed(training: Training) -> crossed.Crossed | None:
+    """What each cross-validated network of the installed recipe answers to the photos that it did not learn
+    from; None where networks or photos are not there."""
+    try:
+        crossed.check(FOLDS_DIR, training)
+    except (crossed.Unfinished, crossed.OtherRecipe) as error:
+        print(f"itrash: {error}, so no itrash_cv_said_accuracy")
+        return None
+    return crossed.measured(FOLDS_DIR, TRASHNET) if TRASHNET.is_dir() else None
 
 
 def _multi_view_gain(classifier: Classifier) -> float:

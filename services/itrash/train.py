@@ -48,7 +48,8 @@ if __name__ == "__main__":
     prepare()
     try:
         if arguments.add_corrections is None:
-            main(arguments.data, arguments.others, arguments.out, Recipe().shortened(arguments.shorten))
+            recipe = Recipe().shortened(arguments.shorten)
+            main(arguments.data, arguments.others, arguments.out, recipe, arguments.folds)
         else:
             recipe = GENTLE.shortened(arguments.shorten)
             site = Site.load(arguments.add_corrections)

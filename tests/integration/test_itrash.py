@@ -31,6 +31,7 @@ from rodeo_testing import answers
 from rodeo_testing.recordings import RENDERINGS
 from services.itrash.behaviour import DropRecord, Memory
 from services.itrash.journal import Journal
+from services.itrash.training.allowed import Allowed
 from tests.support.site import WAIT_S, RunningSite
 
 TICK_S = 0.01
@@ -109,11 +110,17 @@ SCOPE = Scope(chain_id=31337, task_manager="0x" + "12" * 20, organization="0x" +
 ROBOT, AUDITOR = Account.create(), Account.create()
 
 
+def bin_key(site: RunningSite) -> str:
+    return wallets.address(site.site, f"{site.site.bins[0].name}-device")
+
+
 class Office:
     """Answers as the bridge does: for which organization one signs, and which devices there are."""
 
     def __init__(self, site: RunningSite) -> None:
-        robot = {"address": ROBOT.address, "role": "robot", "name": "panther1", "owner": "0x" + "56" * 20}
+        own = {"address": bin_key(site), "role": "bin", "name": site.site.bins[0].name}
+        robot = {"address": ROBOT.address, "role": "robot", "name": "panther1"}
+        registered = {"owner": "0x" + "56" * 20, "registered": 0.0, "revoked": None, "revoked_because": None}
         contracts = answers.CONTRACTS | {
             "TaskManager": SCOPE.task_manager,
             "Organization": SCOPE.organization,
@@ -123,7 +130,7 @@ class Office:
         answered = {
             "organization": answers.organization() | {"roles": listed},
             "chain": answers.chain(chain_id=SCOPE.chain_id, contracts=contracts),
-            "devices": {"devices": [robot | {"registered": 0.0, "revoked": None, "revoked_because": None}]},
+            "devices": {"devices": [own | registered, robot | registered]},
         }
         for what, answer in answered.items():
             site.bus.serve(topics.STATE.name(org=site.site.org, what=what), lambda _request, one=answer: one)
@@ -133,7 +140,7 @@ class Listener:
     """The bin's statements as they come over the bus, each with a valid signature of the bin's device."""
 
     def __init__(self, site: RunningSite) -> None:
-        self._signer = wallets.address(site.site, f"{site.site.bins[0].name}-device")
+        self._signer = bin_key(site)
         self.classifications: queue.SimpleQueue[Classification] = queue.SimpleQueue()
         self.drops: queue.SimpleQueue[Drop] = queue.SimpleQueue()
         key = topics.WITNESS_STATEMENT.name(org=site.site.org, device=site.site.bins[0].name)
@@ -244,6 +251,11 @@ def corrections(site: RunningSite, classified: Classification, photo: bytes) -> 
     assert "itrash was right in 0 of 1 (0%)" in listing.output
     confirmed = CliRunner().invoke(app, ["bin", "correct", "plastic", "--site", str(site.path)])
     assert "itrash was right in 1 of 2 (50%)" in confirmed.output
+    allowed = Allowed.at(site.site)
+    assert allowed.scope == SCOPE and AUDITOR.address.lower() in allowed.auditors
+    assert ROBOT.address.lower() not in allowed.auditors
+    own = (site.site.bins[0].name, classified.shown_s)
+    assert allowed.speaks_for(bin_key(site), *own) and not allowed.speaks_for(ROBOT.address, *own)
 
 
 def test_a_robot_that_presents_itself_is_named_and_a_stranger_is_not(

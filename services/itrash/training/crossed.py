@@ -5,6 +5,7 @@ out of which. All figures are measured here and now, through the code that runs 
 
     RodeoError
     ├── OtherPhotos           the division is of other photos
+    ├── OtherRecipe           the networks were made by another recipe
     └── Unfinished            not all networks are there
 """
 
@@ -20,7 +21,7 @@ from pydantic import BaseModel
 
 from rodeo.errors import RodeoError
 from rodeo.vision.classifier import Classifier
-from services.itrash.training import metrics
+from services.itrash.training import evaluation, metrics
 from services.itrash.training.dataset import Sample, load_photos
 from services.itrash.training.folds import FOLDS
 from services.itrash.training.metrics import Answers
@@ -37,6 +38,10 @@ class OtherPhotos(RodeoError):
     """The division is of other photos than those that are here."""
 
 
+class OtherRecipe(RodeoError):
+    """The networks were made by another recipe, so they tell nothing of this one."""
+
+
 class Unfinished(RodeoError):
     """Not all networks are there."""
 
@@ -48,6 +53,12 @@ class Training(BaseModel):
     recipe: dict[str, Any]
     others_sha256: str | None = None
     """Of the photos that pictures of nothing were drawn from (`others.World`); None where all were drawn."""
+    learnt: tuple[str, ...] = ("train",)
+    """Of `PARTS` those that it learnt from. Of both: what measures it are the cross-validated networks."""
+
+    @property
+    def learnt_all(self) -> bool:
+        return set(self.learnt) == set(PARTS)
 
 
 class Place(BaseModel):
@@ -92,6 +103,8 @@ class Crossed:
     group: np.ndarray
     """The group of each photo, (n,)."""
     folds: tuple[int, ...]
+    names: tuple[str, ...]
+    """Of the photos, below the data's folder."""
 
 
 def all_photos(data: Path) -> list[Sample]:
@@ -120,6 +133,20 @@ def complete(out: Path) -> bool:
     return division_in(out) is not None and all(is_there(out, fold) for fold in range(FOLDS))
 
 
+def check(out: Path, training: Training) -> None:
+    """That five networks by the same recipe are there. Raises Unfinished, OtherRecipe."""
+    if not complete(out):
+        raise Unfinished("cross-validated networks are missing", folder=str(out))
+    for fold in range(FOLDS):
+        found = Training.model_validate_json((folder_of(out, fold) / TRAINING).read_bytes())
+        # By way of JSON, as what was read came.
+        own = Training.model_validate_json(training.model_dump_json())
+        if (found.recipe, found.others_sha256) != (own.recipe, own.others_sha256):
+            raise OtherRecipe(
+                "the cross-validated networks are of another recipe", folder=str(out), fold=fold
+            )
+
+
 def measured(out: Path, data: Path) -> Crossed:
     """Ask each network that is there for the photos of its fold, from their encoded bytes.
 
@@ -129,7 +156,7 @@ def measured(out: Path, data: Path) -> Crossed:
     names = [f"{part}/{name}" for part in PARTS for name in _names(data / part)]
     division.check(names)
     there = tuple(n for n in range(FOLDS) if is_there(out, n))
-    answers, group = [], []
+    answers, group, shown = [], [], []
     for fold in there:
         own = [name for name in names if division.of(name).fold == fold]
         classifier = Classifier(folder_of(out, fold))
@@ -137,7 +164,19 @@ def measured(out: Path, data: Path) -> Crossed:
         found = metrics.answers_to(classifier, photos, [Path(name).parent.name for name in own])
         answers.append(replace(found, logits=found.logits / classifier.preprocessing.temperature))
         group += [division.of(name).group for name in own]
-    return Crossed(_joined(answers), np.array(group, int), there)
+        shown += own
+    return Crossed(_joined(answers), np.array(group, int), there, tuple(shown))
+
+
+def corrupted(out: Path, photos: Sequence[Sample], every: int) -> dict[str, float]:
+    """Accuracy under each corruption, each photo by the network that did not learn from it. `photos` are
+    `all_photos`. Every `every`-th photo of a fold is used, as in `evaluation.corrupted_accuracy`."""
+    division = Division.model_validate_json((out / DIVISION).read_bytes())
+    found = []
+    for fold in range(FOLDS):
+        own = [photo for photo in photos if division.of(photo.name).fold == fold]
+        found.append(evaluation.corrupted_accuracy(Classifier(folder_of(out, fold)), own, every=every))
+    return {name: float(np.mean([one[name] for one in found])) for name in found[0]}
 
 
 def figures(found: Crossed) -> dict[str, float]:

@@ -39,7 +39,7 @@ from rodeo.vision.classifier import Classifier, to_input
 from services.itrash.training import crossed, metrics, renderings, scenery
 from services.itrash.training.abstention import RISK, threshold
 from services.itrash.training.augment import CHANCES, SELDOM, Chances, augment, drawn
-from services.itrash.training.card import held_out_samples, write_card
+from services.itrash.training.card import FOLDS_DIR, held_out_samples, write_card
 from services.itrash.training.crossed import TRAINING, Training
 from services.itrash.training.dataset import CLASSES, Sample, load_photos
 from services.itrash.training.evaluation import bare_board
@@ -424,19 +424,48 @@ def uncalibrated(recipe: Recipe) -> Preprocessing:
     )
 
 
-def main(data: Path, fetched: Path, out: Path, recipe: Recipe) -> None:
+def main(
+    data: Path,
+    fetched: Path,
+    out: Path,
+    recipe: Recipe,
+    folds: Path,
+    learn_all: bool = False,
+    checkpoints: Path | None = None,
+) -> None:
     """Train, export, calibrate and write the model card, whose figures are of what the bin answers. `fetched`
-    is the folder that `others` fetched photos into. Raises NoSamples."""
+    is the folder that `others` fetched photos into.
+
+    With `learn_all` it learns from the val list too; then the cross-validated networks in `folds` choose
+    temperature and threshold and are measured in its place. Goes on from what is in the folder `checkpoints`.
+    Raises NoSamples, Unfinished, OtherRecipe.
+    """
     world = World.load(fetched)
-    train_photos = load_photos(data / "train")
+    made_by = Training(
+        architecture=ARCHITECTURE,
+        recipe=asdict(recipe),
+        others_sha256=world.sha256,
+        learnt=crossed.PARTS if learn_all else ("train",),
+    )
+    if learn_all:
+        crossed.check(folds, made_by)
+    photos = crossed.all_photos(data) if learn_all else load_photos(data / "train")
     rendered = renderings.render_samples(recipe.renderings_seed, recipe.renderings_per_class)
-    log.info("%d photos, %d renderings to learn from", len(train_photos), len(rendered))
-    made_by = Training(architecture=ARCHITECTURE, recipe=asdict(recipe), others_sha256=world.sha256)
-    publish(train(train_photos, rendered, world, recipe), made_by, data, fetched, out, recipe)
+    log.info("%d photos, %d renderings to learn from", len(photos), len(rendered))
+    if checkpoints is not None:
+        checkpoints.mkdir(parents=True, exist_ok=True)
+    network = train(photos, rendered, world, recipe, checkpoints)
+    publish(network, made_by, data, fetched, out, recipe, folds)
 
 
 def publish(
-    network: Network, training: Training, data: Path, fetched: Path, out: Path, recipe: Recipe
+    network: Network,
+    training: Training,
+    data: Path,
+    fetched: Path,
+    out: Path,
+    recipe: Recipe,
+    folds: Path,
 ) -> None:
     """Export, calibrate, measure; write the model and its card into `out`."""
     out.mkdir(parents=True, exist_ok=True)
@@ -447,10 +476,14 @@ def publish(
     write_preprocessing(out, preprocessing)
     classifier = Classifier(out)
     _assert_same(network, classifier, val_photos[0])
-    on_photos = metrics.answers_to_files(classifier, data / "val", val_photos)
-    on_rendered = metrics.answers_to_samples(classifier, held_out_samples(training.recipe, val_photos)[0])
-    write_preprocessing(out, calibrate(on_photos, on_rendered, preprocessing, recipe.known_rejected))
-    log.info("%s", write_card(out, data, fetched))
+    if training.learnt_all:
+        changed = calibrated(crossed.measured(folds, data), folds, recipe.known_rejected)
+        write_preprocessing(out, preprocessing.model_copy(update=changed))
+    else:
+        on_photos = metrics.answers_to_files(classifier, data / "val", val_photos)
+        on_rendered = metrics.answers_to_samples(classifier, held_out_samples(training.recipe, val_photos)[0])
+        write_preprocessing(out, calibrate(on_photos, on_rendered, preprocessing, recipe.known_rejected))
+    log.info("%s", write_card(out, data, fetched, folds))
 
 
 def write_preprocessing(out: Path, preprocessing: Preprocessing) -> None:
@@ -473,11 +506,28 @@ if __name__ == "__main__":
     parser.add_argument("--data", type=Path, required=True, help="folder of train/<class>/ and val/<class>/")
     parser.add_argument("--others", type=Path, default=FETCHED, help="folder of photos of other things")
     parser.add_argument("--out", type=Path, default=MODEL_DIR)
+    parser.add_argument(
+        "--all", action="store_true", help="learn from the val list too; the networks in --folds measure"
+    )
+    parser.add_argument(
+        "--folds", type=Path, default=FOLDS_DIR, help="folder of the cross-validated networks"
+    )
+    parser.add_argument(
+        "--checkpoints", type=Path, metavar="FOLDER", help="go on from here after it was killed"
+    )
     parser.add_argument("--shorten", type=int, default=1, metavar="TIMES", help="fewer steps, to try it out")
     arguments = parser.parse_args()
     logging.basicConfig(level=logging.INFO, format="%(message)s")
     prepare()
     try:
-        main(arguments.data, arguments.others, arguments.out, Recipe().shortened(arguments.shorten))
+        main(
+            arguments.data,
+            arguments.others,
+            arguments.out,
+            Recipe().shortened(arguments.shorten),
+            arguments.folds,
+            arguments.all,
+            arguments.checkpoints,
+        )
     except RodeoError as error:
         sys.exit(str(error))

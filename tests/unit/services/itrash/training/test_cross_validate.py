@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import cv2
@@ -15,10 +15,10 @@ torch = pytest.importorskip("torch", reason="needs the train extra: pip install 
 from rodeo.vision.classification import MODEL_DIR, WEIGHTS, load_preprocessing  # noqa: E402
 from rodeo.vision.classifier import Classifier  # noqa: E402
 from rodeo_testing.recordings import RENDERINGS  # noqa: E402
-from services.itrash.training import cross_validate, crossed, metrics, renderings  # noqa: E402
+from services.itrash.training import card, cross_validate, crossed, metrics, renderings  # noqa: E402
 from services.itrash.training import train as training  # noqa: E402
 from services.itrash.training.compact import compact  # noqa: E402
-from services.itrash.training.crossed import Division, Unfinished  # noqa: E402
+from services.itrash.training.crossed import Division, OtherRecipe, Unfinished  # noqa: E402
 from services.itrash.training.dataset import CLASSES, Sample  # noqa: E402
 from services.itrash.training.others import World  # noqa: E402
 
@@ -160,3 +160,42 @@ def test_all_networks_together_choose_the_threshold_of_the_model(
     shutil.rmtree(out / "fold2")
     with pytest.raises(Unfinished):
         cross_validate.choose(data, out, model, 0.1)
+
+
+def test_who_learns_from_all_photos_is_measured_by_networks_that_did_not(
+    photos: list[Sample], division: Division, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data, folds, out, others = (tmp_path / name for name in ("data", "folds", "out", "others"))
+    made_by = crossed.Training(architecture="any", recipe=asdict(TINY), others_sha256=WORLD.sha256)
+    for fold in range(5):
+        shutil.copytree(MODEL_DIR, folds / f"fold{fold}")
+        (folds / f"fold{fold}" / crossed.TRAINING).write_text(made_by.model_dump_json())
+    (folds / crossed.DIVISION).write_text(division.model_dump_json())
+    real = {"one": (RENDERINGS / "unknown_1.jpg").read_bytes()}
+    monkeypatch.setattr(card.others, "installed_photos", lambda: real)
+    monkeypatch.setattr(card.others, "measured_photos", lambda _fetched: real)
+    monkeypatch.setattr(card.evaluation, "corrupted_accuracy", lambda *_, **__: {"snow": 0.5})
+    monkeypatch.setattr(card, "held_out_samples", lambda *_: (drawn(1), [Sample(picture(1, 1), None)]))
+    monkeypatch.setattr(training, "load_photos", lambda _: photos)
+    training.main(data, others, out, TINY, folds, learn_all=True)
+    kept = crossed.Training.model_validate_json((out / crossed.TRAINING).read_bytes())
+    assert kept.learnt_all and kept.others_sha256 == WORLD.sha256
+    found = crossed.measured(folds, data)
+    told = (out / card.CARD).read_text()
+    assert f"by a network that did not learn from it ({len(photos)}) | {found.answers.accuracy():.1%}" in told
+    assert "val photos" not in told
+    expected = training.calibrated(found, folds, TINY.known_rejected)
+    assert load_preprocessing(out).model_dump().items() >= expected.items()
+
+
+def test_networks_of_another_recipe_tell_nothing_of_this_one(division: Division, tmp_path: Path) -> None:
+    for fold in range(5):
+        shutil.copytree(MODEL_DIR, tmp_path / f"fold{fold}")
+    (tmp_path / crossed.DIVISION).write_text(division.model_dump_json())
+    installed = crossed.Training.model_validate_json((MODEL_DIR / crossed.TRAINING).read_bytes())
+    crossed.check(tmp_path, installed)
+    with pytest.raises(OtherRecipe):
+        crossed.check(tmp_path, installed.model_copy(update={"others_sha256": "ab" * 32}))
+    shutil.rmtree(tmp_path / "fold3")
+    with pytest.raises(Unfinished):
+        crossed.check(tmp_path, installed)
