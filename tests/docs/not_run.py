@@ -41,6 +41,12 @@ NOT_RUN: dict[str, str] = {
     "python -m services.itrash.training.train --data ../shared/data/trashnet": (
         f"{_MINUTES}, and needs the extra"
     ),
+    "python -m services.itrash.training.others": (
+        "downloads packages: tests/unit/services/itrash/training/test_others.py"
+    ),
+    "python -m services.itrash.training.train --data ../shared/data/trashnet --all": (
+        "needs trained networks: tests/unit/services/itrash/training/test_cross_validate.py"
+    ),
     "python -m services.itrash.training.cross_validate --data ../shared/data/trashnet --out ~/itrash-folds": (
         "takes hours, and needs the extra: tests/unit/services/itrash/training/test_cross_validate.py"
     ),
